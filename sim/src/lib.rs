@@ -1,0 +1,2 @@
+//! The robot, its physics and its virtual cameras.
+pub mod cloud;

@@ -1,0 +1,3 @@
+//! Tendon-driven continuum robots: simulate, see, learn, predict, evaluate.
+pub use tdcr_learn as learn;
+pub use tdcr_sim as sim;

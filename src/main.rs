@@ -1,0 +1,2 @@
+//! The `tdcr` command line.
+fn main() {}
