@@ -1,1 +1,2 @@
 //! Clouds in, a trained shape predictor out.
+pub mod data;
