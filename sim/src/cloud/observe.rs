@@ -1,0 +1,57 @@
+//! From an equilibrium to the cloud that a ring of cameras sees.
+
+use super::{PointCloud, VoxelGrid};
+use crate::camera::Camera;
+use crate::render::{BaseVisibility, RgbdFrame, Scene};
+use crate::robot::Robot;
+use crate::statics::Equilibrium;
+
+/// Sees settled robots with several cameras and fuses the frames into one cloud, reusing memory.
+pub struct Observer<'a> {
+    robot: &'a Robot,
+    cameras: Vec<Camera>,
+    base: BaseVisibility,
+    grid: VoxelGrid,
+    frame: Option<RgbdFrame>,
+    fused: PointCloud,
+}
+
+impl<'a> Observer<'a> {
+    /// Watches `robot` with the camera ring of its specification.
+    pub fn new(robot: &'a Robot, base: BaseVisibility, grid: VoxelGrid) -> Self {
+        Self {
+            robot,
+            cameras: Camera::ring(&robot.spec().cameras),
+            base,
+            grid,
+            frame: None,
+            fused: PointCloud::default(),
+        }
+    }
+
+    /// The same cameras and grid, moved by half a pixel and half a voxel: what it sees of an
+    /// equilibrium is a second, independent sample of the same surface.
+    pub fn interleaved(&self) -> Self {
+        let mut other = Self::new(self.robot, self.base, self.grid);
+        for camera in &mut other.cameras {
+            camera.intrinsics.cx += 0.5;
+            camera.intrinsics.cy += 0.5;
+        }
+        for corner in &mut other.grid.origin {
+            *corner += 0.5 * self.grid.size;
+        }
+        other
+    }
+
+    /// The fused, voxel-downsampled cloud of the robot at rest.
+    pub fn observe(&mut self, equilibrium: &Equilibrium) -> PointCloud {
+        let scene = Scene::of_robot(self.robot, equilibrium, self.base);
+        self.fused.clear();
+        for camera in &self.cameras {
+            let frame = self.frame.get_or_insert_with(|| RgbdFrame::new(camera));
+            scene.render_into(camera, frame);
+            self.fused.add_frame(frame);
+        }
+        self.fused.voxel_downsample(self.grid)
+    }
+}

@@ -1,0 +1,120 @@
+//! What a robot's specification accepts, and what it says to what it does not.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+use tdcr_sim::robot::{CommandError, Density, Loads, Robot, RobotSpec};
+
+#[test]
+fn the_standard_robots_have_the_papers_dimensions() {
+    for (name, modules, height, lightest) in [
+        ("2m", 2, 0.33595, 25.0),
+        ("3m", 3, 0.40695, 25.0),
+        ("5m", 5, 0.56695, 5.0),
+    ] {
+        let robot = Robot::load(name).unwrap();
+        assert_eq!(robot.tendons().len(), 3 * modules);
+        assert_eq!(robot.dof(), 15 * modules);
+        let tip = 0.174 + robot.discs().iter().map(|disc| disc.offset.z).sum::<f64>();
+        assert!((tip - height).abs() < 1e-12, "{name}: {tip}");
+        let top = robot.discs().last().unwrap();
+        let volume = std::f64::consts::PI * top.radius.powi(2) * 2.0 * top.half_height;
+        assert!((top.mass / volume - lightest).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn a_specification_survives_its_files() {
+    let folder = std::env::temp_dir().join(format!("tdcr-robot-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let spec = RobotSpec::standard("5m").unwrap();
+    for (file, text) in [
+        ("robot.toml", toml::to_string(&spec).unwrap()),
+        ("robot.json", serde_json::to_string(&spec).unwrap()),
+    ] {
+        let path = folder.join(file);
+        std::fs::write(&path, text).unwrap();
+        assert_eq!(RobotSpec::load(path.to_str().unwrap()).unwrap(), spec);
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_wrong_field_is_named_with_its_value_and_what_is_expected() {
+    type Change = fn(&mut RobotSpec);
+    let cases: [(Change, &str); 9] = [
+        (
+            |s| s.modules[1].radius = -0.02,
+            "`modules[1].radius` is -0.02; expected a finite number above 0",
+        ),
+        (
+            |s| s.modules[0].pitch = f64::NAN,
+            "`modules[0].pitch` is NaN",
+        ),
+        (
+            |s| s.modules[0].discs = 0,
+            "`modules[0].discs` is 0; expected at least 1",
+        ),
+        (|s| s.modules.clear(), "`modules` is empty"),
+        (
+            |s| s.modules[1].density = Density::PerDisc(vec![1.0; 4]),
+            "`modules[1].density` is a list of 4",
+        ),
+        (
+            |s| s.modules[0].command_range = [0.04, 0.0],
+            "`modules[0].command_range` is [0.04, 0]",
+        ),
+        (|s| s.base.holes.truncate(2), "`base.holes` is a list of 2"),
+        (|s| s.cameras.fovy = 180.0, "`cameras.fovy` is 180"),
+        (
+            |s| s.cameras.resolution = [0, 720],
+            "`cameras.resolution` is [0, 720]",
+        ),
+    ];
+    for (change, expected) in cases {
+        let mut spec = RobotSpec::standard("2m").unwrap();
+        change(&mut spec);
+        let message = Robot::new(spec).unwrap_err().to_string();
+        assert!(
+            message.contains(expected),
+            "{message} does not contain {expected}"
+        );
+    }
+}
+
+#[test]
+fn an_unknown_robot_and_a_broken_file_are_told_apart() {
+    let message = |name: &str| RobotSpec::load(name).unwrap_err().to_string();
+    assert!(message("4m").contains("unknown robot `4m`: expected 2m, 3m, 5m"));
+    assert!(message("/no/such/robot.toml").contains("cannot read robot file /no/such/robot.toml"));
+    let path = std::env::temp_dir().join(format!("tdcr-broken-{}.toml", std::process::id()));
+    std::fs::write(&path, "name = \"x\"\ncolour = 3\n").unwrap();
+    let said = message(path.to_str().unwrap());
+    assert!(
+        said.contains("is not a robot specification") && said.contains("line 2"),
+        "{said}"
+    );
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn a_command_must_fit_the_tendons() {
+    let robot = Robot::load("2m").unwrap();
+    assert!(matches!(
+        robot.command(&[0.01; 5]),
+        Err(CommandError::Length {
+            expected: 6,
+            found: 5,
+            ..
+        })
+    ));
+    let refused = |value: f64| {
+        robot
+            .command(&[0.0, 0.0, value, 0.0, 0.0, 0.0])
+            .unwrap_err()
+    };
+    for value in [0.0401, -1e-9, f64::NAN, f64::INFINITY] {
+        assert!(refused(value).to_string().starts_with(&format!(
+            "command entry 2 is {value} m; tendon 2 takes 0 to 0.04 m"
+        )));
+    }
+    assert!(Loads::payload(-0.01).is_err() && Loads::payload(f64::NAN).is_err());
+}
