@@ -1,4 +1,41 @@
 //! Data sets: (command, point cloud) pairs, on disk and in memory.
+//!
+//! A data set is a folder:
+//!
+//! ```text
+//! meta.json                                    what it was made with; written last
+//! global_motors_scope-all.json                 {"all": {"min": [...], "max": [...], "scale": [...]}}
+//! global_norm_scope-all_anchor-origin.json     {"all": {"center": [0, 0, 0], "scale": s}}
+//! train/shard-00000.h5, ..., val/..., test/... B samples each, N points a cloud, D motors:
+//!     data         (B, N, 3)  f32   points, world frame (m)
+//!     rgb          (B, N, 3)  u8    colours
+//!     motors       (B, D)     f32   commands (m)
+//!     motors_norm  (B, D)     f32   commands, min-max scaled to [0, 1]
+//!     data_norm    (B, N, 3)  f32   points divided by s
+//!     center       (B, 3)     f32   zeros
+//!     scale        (B,)       f32   s (m)
+//! ```
+//!
+//! [`Collector`] makes one, and takes up an interrupted one; [`DataSet`] reads one, `meta.json` or not.
+
+mod atomic;
+mod collector;
+mod dataset;
+mod error;
+mod meta;
+mod normalisation;
+mod sample;
+mod shard;
+mod shard_file;
+mod split;
+
+pub use collector::Collector;
+pub use dataset::DataSet;
+pub use error::DataError;
+pub use meta::Meta;
+pub use normalisation::Normalisation;
+pub use sample::Sample;
+pub use split::{Split, SplitIndices, split_indices};
 
 /// Conditions and clouds in the normalised units that a network sees.
 ///
@@ -36,5 +73,54 @@ impl CloudSet {
     pub fn cloud(&self, index: usize) -> &[f32] {
         let stride = 3 * self.points_per_cloud;
         &self.points[index * stride..][..stride]
+    }
+
+    /// Index of the cloud whose condition is nearest to `condition` (length `D`) in the Euclidean norm, the lowest
+    /// such index if several are; `None` if the set is empty.
+    ///
+    /// # Panics
+    /// If `condition` has another length.
+    pub fn nearest_condition(&self, condition: &[f32]) -> Option<usize> {
+        assert_eq!(
+            condition.len(),
+            self.condition_dim,
+            "one component per motor"
+        );
+        let squared_distance = |index: usize| -> f32 {
+            std::iter::zip(self.condition(index), condition)
+                .map(|(a, b)| (a - b) * (a - b))
+                .sum()
+        };
+        (0..self.len()).min_by(|&a, &b| squared_distance(a).total_cmp(&squared_distance(b)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_condition_is_the_first_of_the_nearest() {
+        let set = CloudSet {
+            condition_dim: 2,
+            points_per_cloud: 1,
+            conditions: vec![0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0],
+            points: vec![0.0; 12],
+        };
+        assert_eq!(set.nearest_condition(&[0.9, 0.8]), Some(3));
+        assert_eq!(set.nearest_condition(&[0.5, 0.0]), Some(0));
+        assert_eq!(set.nearest_condition(&[0.5, 0.5]), Some(0));
+        assert_eq!(set.nearest_condition(&[1.0, 0.1]), Some(1));
+    }
+
+    #[test]
+    fn an_empty_set_has_no_nearest_condition() {
+        let set = CloudSet {
+            condition_dim: 1,
+            points_per_cloud: 1,
+            conditions: vec![],
+            points: vec![],
+        };
+        assert_eq!(set.nearest_condition(&[0.5]), None);
     }
 }

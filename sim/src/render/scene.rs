@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use parry3d_f64::math::Vec3;
 use parry3d_f64::query::{Ray, RayCast};
 use parry3d_f64::shape::{Cuboid, Shape as _};
+use serde::{Deserialize, Serialize};
 
 use super::{Hit, Instance};
 use crate::robot::Robot;
@@ -43,7 +44,8 @@ pub struct Scene {
 
 /// Whether the rigid base below the first module is part of a scene: the paper's "with base" (WB)
 /// and "no base" (NB) data sets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum BaseVisibility {
     /// The base is seen.
     Shown,

@@ -1,0 +1,352 @@
+//! Making a data set on disk, a block of samples at a time.
+
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use super::atomic::{TEMPORARY, write_atomically};
+use super::meta::{META_FILE, Meta};
+use super::normalisation::NormalisationFit;
+use super::shard::{Batch, Dataset, Sizes};
+use super::shard_file::ShardFile;
+use super::{DataError, Normalisation, Sample, Split, split_indices};
+
+/// Samples in a block, the last excepted: what is made, and at worst lost, at once.
+const BLOCK: usize = 8;
+
+/// Folder of the blocks, inside the data set's.
+pub(super) const STAGING: &str = ".partial";
+const LOCK_FILE: &str = "lock";
+
+/// A data set being made.
+///
+/// Samples are written as they come, in blocks of consecutive indices and in any order, to a staging folder; when
+/// all are there, [`finish`](Self::finish) writes the shards. `meta.json` comes last: a folder that holds it holds a
+/// complete data set. Every file appears whole or not at all, so collecting may be killed at any time; opening the
+/// folder again with the same [`Meta`] takes it up where it stopped, and the files come out the same, byte for byte.
+///
+/// The largest need of disk space, while finishing, is 42 bytes a point: 15 staged and 27 in the shards.
+#[derive(Debug)]
+pub struct Collector {
+    dir: PathBuf,
+    meta: Meta,
+    progress: Progress,
+}
+
+#[derive(Debug)]
+enum Progress {
+    Complete,
+    /// Holds the lock that keeps other collectors out.
+    Collecting {
+        _lock: File,
+    },
+}
+
+impl Collector {
+    /// Opens the data set `meta` in the folder `dir`, which is made if it is not there, or taken up where collecting
+    /// was interrupted.
+    ///
+    /// # Errors
+    /// [`DataError::InvalidMeta`] and [`DataError::TooFewSamples`]; [`DataError::OtherSet`] if `dir` holds a data set
+    /// with another meta, [`DataError::ForeignFolder`] if it holds anything else; [`DataError::InUse`] while another
+    /// collector has it open; [`DataError::Io`] if it cannot be written.
+    pub fn open(dir: &Path, meta: &Meta) -> Result<Self, DataError> {
+        meta.validate()?;
+        let staging = dir.join(STAGING);
+        let progress = if let Some(found) = Meta::load(&dir.join(META_FILE))? {
+            meta.require_same(&found, dir)?;
+            remove_staging(&staging)?;
+            Progress::Complete
+        } else {
+            let found = Meta::load(&staging.join(META_FILE))?;
+            match &found {
+                Some(found) => meta.require_same(found, dir)?,
+                None => require_fresh(dir)?,
+            }
+            fs::create_dir_all(&staging).map_err(DataError::io("create", &staging))?;
+            let lock = lock(dir)?;
+            if found.is_none() {
+                write_meta(&staging, meta)?;
+            }
+            Progress::Collecting { _lock: lock }
+        };
+        Ok(Self {
+            dir: dir.to_owned(),
+            meta: meta.clone(),
+            progress,
+        })
+    }
+
+    /// Index ranges of the blocks that are still to be made, in ascending order.
+    ///
+    /// A block whose file is there but truncated counts as missing.
+    pub fn missing_blocks(&self) -> Vec<Range<usize>> {
+        match self.progress {
+            Progress::Complete => vec![],
+            Progress::Collecting { .. } => self
+                .blocks()
+                .filter(|block| !self.is_whole(block))
+                .collect(),
+        }
+    }
+
+    /// Stores one block: `samples` are those of index `first_index` and following. May be called from several
+    /// threads at once, for different blocks. When it returns, the block is on the disk.
+    ///
+    /// # Errors
+    /// [`DataError::NotABlock`] unless the indices are one of [`missing_blocks`](Self::missing_blocks)' ranges;
+    /// [`DataError::InvalidSample`] for a sample with other than `N` points or `D` motors, or one that is not finite;
+    /// [`DataError::Complete`]; [`DataError::Io`], in which case all earlier blocks remain usable.
+    pub fn write_block(&self, first_index: usize, samples: &[Sample]) -> Result<(), DataError> {
+        if let Progress::Complete = self.progress {
+            return Err(DataError::Complete {
+                path: self.dir.clone(),
+            });
+        }
+        let block = first_index..first_index.saturating_add(samples.len());
+        if !self.blocks().any(|known| known == block) {
+            return Err(DataError::NotABlock {
+                first: block.start,
+                end: block.end,
+            });
+        }
+        let mut batch = Batch::new(self.meta.points_per_cloud, self.meta.motors);
+        for (index, sample) in block.clone().zip(samples) {
+            self.check(sample)
+                .map_err(|problem| DataError::InvalidSample { index, problem })?;
+            batch.push(sample);
+        }
+        batch.write_block(&self.block_path(&block))
+    }
+
+    /// Completes the data set: fits the normalisation, writes the shards of each split in index order, and removes
+    /// the staging folder. Nothing is to be done for a data set that is complete already.
+    ///
+    /// `progress` is called with the steps done and the steps in all. Memory is needed for one shard of each split.
+    ///
+    /// # Errors
+    /// [`DataError::Incomplete`] while blocks are missing; [`DataError::Io`] and what reading a damaged block brings.
+    /// After an error the blocks are still there, and finishing can be tried again.
+    pub fn finish(self, mut progress: impl FnMut(usize, usize)) -> Result<(), DataError> {
+        if let Progress::Complete = self.progress {
+            return Ok(());
+        }
+        if !self.missing_blocks().is_empty() {
+            return Err(DataError::Incomplete { path: self.dir });
+        }
+        let mut done = 0;
+        let steps = 2 * self.blocks().count();
+        let mut step = || {
+            done += 1;
+            progress(done, steps);
+        };
+        let normalisation = self.fit_normalisation(&mut step)?;
+        self.write_shards(&normalisation, &mut step)?;
+        normalisation.save(&self.dir)?;
+        write_meta(&self.dir, &self.meta)?;
+        remove_staging(&self.dir.join(STAGING))
+    }
+
+    fn fit_normalisation(&self, step: &mut impl FnMut()) -> Result<Normalisation, DataError> {
+        let mut fit = NormalisationFit::new(self.meta.motors);
+        for block in self.blocks() {
+            let file = self.open_block(&block)?;
+            fit.include(
+                &file.read_floats(Dataset::Motors)?,
+                &file.read_floats(Dataset::Data)?,
+            );
+            step();
+        }
+        Ok(fit.finish())
+    }
+
+    fn write_shards(
+        &self,
+        normalisation: &Normalisation,
+        step: &mut impl FnMut(),
+    ) -> Result<(), DataError> {
+        let splits = split_indices(self.meta.count, self.meta.seed)?;
+        let mut writers = vec![];
+        for split in Split::ALL {
+            writers.push(SplitWriter::create(
+                &self.dir.join(split.folder()),
+                &self.meta,
+                normalisation,
+            )?);
+        }
+        for block in self.blocks() {
+            let batch = self.open_block(&block)?.read_batch()?;
+            for (row, index) in block.enumerate() {
+                let split = Split::ALL
+                    .iter()
+                    .position(|&split| splits.of(split).binary_search(&index).is_ok());
+                writers[split.expect("every sample is in a split")].push_row(&batch, row)?;
+            }
+            step();
+        }
+        writers.iter_mut().try_for_each(SplitWriter::flush)
+    }
+
+    /// Index ranges of all blocks.
+    fn blocks(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        let count = self.meta.count;
+        (0..count)
+            .step_by(BLOCK)
+            .map(move |first| first..count.min(first + BLOCK))
+    }
+
+    fn block_path(&self, block: &Range<usize>) -> PathBuf {
+        self.dir
+            .join(STAGING)
+            .join(format!("block-{:08}.h5", block.start))
+    }
+
+    fn open_block(&self, block: &Range<usize>) -> Result<ShardFile, DataError> {
+        ShardFile::open(&self.block_path(block), &Dataset::BLOCK)
+    }
+
+    fn is_whole(&self, block: &Range<usize>) -> bool {
+        let sizes = Sizes {
+            samples: block.len(),
+            points: self.meta.points_per_cloud,
+            motors: self.meta.motors,
+        };
+        self.open_block(block)
+            .is_ok_and(|file| file.sizes() == sizes && file.is_whole())
+    }
+
+    /// Says what is wrong with a sample.
+    fn check(&self, sample: &Sample) -> Result<(), String> {
+        let Meta {
+            motors,
+            points_per_cloud,
+            ..
+        } = self.meta;
+        let Sample {
+            motors: command,
+            cloud,
+        } = sample;
+        if command.len() != motors {
+            return Err(format!("{} motors, expected {motors}", command.len()));
+        }
+        if [cloud.points.len(), cloud.colors.len()] != [points_per_cloud; 2] {
+            let (points, colors) = (cloud.points.len(), cloud.colors.len());
+            return Err(format!(
+                "{points} points and {colors} colours, expected {points_per_cloud} of each"
+            ));
+        }
+        match command
+            .iter()
+            .chain(cloud.points.as_flattened())
+            .find(|value| !value.is_finite())
+        {
+            Some(value) => Err(format!("it holds {value}, expected finite numbers")),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Gathers the samples of one split into shards.
+struct SplitWriter<'a> {
+    dir: PathBuf,
+    shards: usize,
+    pending: Batch,
+    samples_per_shard: usize,
+    normalisation: &'a Normalisation,
+}
+
+impl<'a> SplitWriter<'a> {
+    fn create(
+        dir: &Path,
+        meta: &Meta,
+        normalisation: &'a Normalisation,
+    ) -> Result<Self, DataError> {
+        fs::create_dir_all(dir).map_err(DataError::io("create", dir))?;
+        Ok(Self {
+            dir: dir.to_owned(),
+            shards: 0,
+            pending: Batch::new(meta.points_per_cloud, meta.motors),
+            samples_per_shard: meta.samples_per_shard,
+            normalisation,
+        })
+    }
+
+    fn push_row(&mut self, batch: &Batch, row: usize) -> Result<(), DataError> {
+        self.pending.push_row(batch, row);
+        if self.pending.sizes.samples == self.samples_per_shard {
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Writes the pending samples, if any, as the next shard.
+    fn flush(&mut self) -> Result<(), DataError> {
+        if self.pending.sizes.samples > 0 {
+            let path = self.dir.join(format!("shard-{:05}.h5", self.shards));
+            self.pending.write_shard(&path, self.normalisation)?;
+            self.shards += 1;
+            self.pending.clear();
+        }
+        Ok(())
+    }
+}
+
+/// Refuses a folder that holds anything, except what an interrupted [`Collector::open`] leaves.
+fn require_fresh(dir: &Path) -> Result<(), DataError> {
+    let leftovers = [LOCK_FILE.to_owned(), format!("{META_FILE}.{TEMPORARY}")];
+    let foreign = match foreign_entry(dir, &[STAGING.to_owned()])? {
+        None => foreign_entry(&dir.join(STAGING), &leftovers)?,
+        foreign => foreign,
+    };
+    match foreign {
+        None => Ok(()),
+        Some(found) => Err(DataError::ForeignFolder {
+            path: dir.to_owned(),
+            found,
+        }),
+    }
+}
+
+/// Name of the first entry of `dir`, in name order, that is not `known`; none where there is no such folder.
+fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<String>, DataError> {
+    let entries = match fs::read_dir(dir) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        entries => entries.map_err(DataError::io("list", dir))?,
+    };
+    let mut foreign = vec![];
+    for entry in entries {
+        let name = entry.map_err(DataError::io("list", dir))?.file_name();
+        foreign.push(name.to_string_lossy().into_owned());
+    }
+    foreign.retain(|name| !known.contains(name));
+    Ok(foreign.into_iter().min())
+}
+
+/// Keeps other collectors out of `dir` for as long as the file is open.
+fn lock(dir: &Path) -> Result<File, DataError> {
+    let path = dir.join(STAGING).join(LOCK_FILE);
+    let file = File::create(&path).map_err(DataError::io("create", &path))?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(DataError::InUse {
+            path: dir.to_owned(),
+        }),
+        // A file system without locks loses this protection and nothing else.
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
+    }
+}
+
+fn write_meta(dir: &Path, meta: &Meta) -> Result<(), DataError> {
+    write_atomically(&dir.join(META_FILE), |file| {
+        io::Write::write_all(file, &meta.to_json())
+    })
+}
+
+fn remove_staging(staging: &Path) -> Result<(), DataError> {
+    match fs::remove_dir_all(staging) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            Err(DataError::io("remove", staging)(error))
+        }
+        _ => Ok(()),
+    }
+}

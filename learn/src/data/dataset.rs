@@ -1,0 +1,177 @@
+//! Reading a data set from disk.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::collector::STAGING;
+use super::meta::{META_FILE, Meta};
+use super::shard::{Dataset, Sizes};
+use super::shard_file::ShardFile;
+use super::{CloudSet, DataError, Normalisation, Sample, Split, split_indices};
+
+/// How far a normalised copy may stray from what the normalisation files say: far above rounding, far below a
+/// difference in meaning. Dimensionless; for a scale, a fraction of it.
+const TOLERANCE: f32 = 1e-4;
+
+/// A data set on disk: one of ours, or another program's in the same layout.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DataSet {
+    dir: PathBuf,
+    meta: Option<Meta>,
+    normalisation: Normalisation,
+}
+
+impl DataSet {
+    /// Opens the data set in the folder `dir`.
+    ///
+    /// # Errors
+    /// [`DataError::Incomplete`] if collecting was interrupted; else as [`Normalisation::load`], and the same for a
+    /// `meta.json` that is there.
+    pub fn open(dir: &Path) -> Result<Self, DataError> {
+        let meta = Meta::load(&dir.join(META_FILE))?;
+        if meta.is_none() && dir.join(STAGING).exists() {
+            return Err(DataError::Incomplete {
+                path: dir.to_owned(),
+            });
+        }
+        Ok(Self {
+            dir: dir.to_owned(),
+            meta,
+            normalisation: Normalisation::load(dir)?,
+        })
+    }
+
+    /// What the data set was made with; `None` for another program's.
+    pub fn meta(&self) -> Option<&Meta> {
+        self.meta.as_ref()
+    }
+
+    /// The normalisation over all splits.
+    pub fn normalisation(&self) -> &Normalisation {
+        &self.normalisation
+    }
+
+    /// Reads a split in metres: 15 bytes of memory a point.
+    ///
+    /// # Errors
+    /// [`DataError::NoShards`], [`DataError::SampleCount`], and whatever is wrong with a shard, by file and data set.
+    pub fn read_split(&self, split: Split) -> Result<Vec<Sample>, DataError> {
+        let shards = self.shards(split)?;
+        let mut samples = Vec::with_capacity(shards.sizes.samples);
+        for path in &shards.paths {
+            let batch = ShardFile::open(path, &Dataset::SHARD)?.read_batch()?;
+            samples.extend(batch.samples());
+        }
+        Ok(samples)
+    }
+
+    /// Reads a split in the units that a network sees, without colours: 12 bytes of memory a point.
+    ///
+    /// Points and commands are normalised as they are read; the copies `motors_norm` and `scale` in the shards serve
+    /// to check that their writer meant the same normalisation.
+    ///
+    /// # Errors
+    /// As [`read_split`](Self::read_split), and [`DataError::Disagrees`] for a copy that does not match.
+    pub fn cloud_set(&self, split: Split) -> Result<CloudSet, DataError> {
+        let shards = self.shards(split)?;
+        let Sizes {
+            samples,
+            points,
+            motors,
+        } = shards.sizes;
+        let mut set = CloudSet {
+            condition_dim: motors,
+            points_per_cloud: points,
+            conditions: Vec::with_capacity(samples * motors),
+            points: Vec::with_capacity(samples * points * 3),
+        };
+        for path in &shards.paths {
+            let shard = ShardFile::open(path, &Dataset::SHARD)?;
+            let conditions = self
+                .normalisation
+                .conditions(&shard.read_floats(Dataset::Motors)?);
+            let scale = self.normalisation.scale as f32;
+            let samples = shard.sizes().samples;
+            shard.require_values(Dataset::MotorsNorm, &conditions, TOLERANCE)?;
+            shard.require_values(Dataset::Center, &vec![0.0; 3 * samples], TOLERANCE * scale)?;
+            shard.require_values(Dataset::Scale, &vec![scale; samples], TOLERANCE * scale)?;
+            set.conditions.extend(conditions);
+            set.points.extend(shard.read_floats(Dataset::Data)?);
+        }
+        self.normalisation.normalise_points(&mut set.points);
+        Ok(set)
+    }
+
+    /// Finds a split's shards and checks that they fit together.
+    fn shards(&self, split: Split) -> Result<Shards, DataError> {
+        let dir = self.dir.join(split.folder());
+        let paths = shard_paths(&dir)?;
+        let mut points = self.meta.as_ref().map(|meta| meta.points_per_cloud);
+        let motors = self.normalisation.motor_min.len();
+        let mut samples = 0;
+        for path in &paths {
+            let found = ShardFile::open(path, &Dataset::SHARD)?.sizes();
+            let expected = Sizes {
+                samples: found.samples,
+                points: *points.get_or_insert(found.points),
+                motors,
+            };
+            for dataset in [Dataset::Data, Dataset::Motors] {
+                if dataset.shape(found) != dataset.shape(expected) {
+                    return Err(DataError::WrongShape {
+                        path: path.clone(),
+                        dataset: dataset.name(),
+                        expected: format!(
+                            "{:?} as in the rest of the data set",
+                            dataset.shape(expected)
+                        ),
+                        found: dataset.shape(found),
+                    });
+                }
+            }
+            samples += found.samples;
+        }
+        let Some(points) = points.filter(|_| samples > 0) else {
+            return Err(DataError::NoShards { path: dir });
+        };
+        if let Some(meta) = &self.meta {
+            let expected = split_indices(meta.count, meta.seed)?.of(split).len();
+            if samples != expected {
+                return Err(DataError::SampleCount {
+                    path: dir,
+                    expected,
+                    found: samples,
+                });
+            }
+        }
+        Ok(Shards {
+            paths,
+            sizes: Sizes {
+                samples,
+                points,
+                motors,
+            },
+        })
+    }
+}
+
+/// The shards of one split.
+struct Shards {
+    paths: Vec<PathBuf>,
+    /// Samples in all of them.
+    sizes: Sizes,
+}
+
+/// Paths of `shard-*.h5` in `dir`, in name order.
+fn shard_paths(dir: &Path) -> Result<Vec<PathBuf>, DataError> {
+    let mut paths = vec![];
+    for entry in fs::read_dir(dir).map_err(DataError::io("list", dir))? {
+        let path = entry.map_err(DataError::io("list", dir))?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with("shard-") && name.ends_with(".h5") {
+            paths.push(path);
+        }
+    }
+    paths.sort_unstable();
+    Ok(paths)
+}

@@ -1,0 +1,225 @@
+//! What can be wrong with a data set.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::split::MIN_SAMPLES;
+
+/// Why a data set could not be made or read. Every variant says what was found, where, and what would be right.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DataError {
+    /// The operating system refused: a missing or unwritable path, a full disk, an I/O error.
+    #[error("cannot {action} {}: {source}", .path.display())]
+    Io {
+        /// What was tried, as a verb.
+        action: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// The operating system's reason.
+        source: io::Error,
+    },
+    /// A file is not HDF5, is truncated or is corrupt.
+    #[error("{}: cannot read {what}: {reason}", .path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// The part that could not be read: the file, or a named data set in it.
+        what: String,
+        /// The HDF5 reader's reason.
+        reason: String,
+    },
+    /// A data set that the layout demands is not in the file.
+    #[error("{}: no data set `{dataset}`, expected one of shape {expected}", .path.display())]
+    MissingDataset {
+        /// The file.
+        path: PathBuf,
+        /// The data set's name.
+        dataset: &'static str,
+        /// The shape it should have, in symbols.
+        expected: &'static str,
+    },
+    /// A data set's shape differs from the layout's, or from the other data sets' in the file.
+    #[error("{}: data set `{dataset}` has shape {found:?}, expected {expected}", .path.display())]
+    WrongShape {
+        /// The file.
+        path: PathBuf,
+        /// The data set's name.
+        dataset: &'static str,
+        /// The shape it should have.
+        expected: String,
+        /// The shape it has.
+        found: Vec<u64>,
+    },
+    /// A data set's element type differs from the layout's.
+    #[error("{}: data set `{dataset}` has elements of type {found}, expected {expected}", .path.display())]
+    WrongType {
+        /// The file.
+        path: PathBuf,
+        /// The data set's name.
+        dataset: &'static str,
+        /// The type it should have.
+        expected: &'static str,
+        /// The type it has.
+        found: String,
+    },
+    /// A data set claims more bytes than its file can hold.
+    #[error("{}: data set `{dataset}` claims shape {found:?}, more than a file of {file_bytes} bytes can hold", .path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// The data set's name.
+        dataset: &'static str,
+        /// The shape it claims.
+        found: Vec<u64>,
+        /// The file's length (bytes).
+        file_bytes: u64,
+    },
+    /// A data set holds a NaN or an infinity.
+    #[error("{}: data set `{dataset}`: sample {sample} holds {found}, expected finite numbers", .path.display())]
+    NotFinite {
+        /// The file.
+        path: PathBuf,
+        /// The data set's name.
+        dataset: &'static str,
+        /// Row of the first such value, counted within the file.
+        sample: usize,
+        /// The value.
+        found: f32,
+    },
+    /// A normalised copy does not follow from the raw values and the data set's normalisation.
+    #[error("{}: data set `{dataset}`: sample {sample} holds {found}, expected {expected} by the normalisation files", .path.display())]
+    Disagrees {
+        /// The file.
+        path: PathBuf,
+        /// The data set's name.
+        dataset: &'static str,
+        /// Row of the first such value, counted within the file.
+        sample: usize,
+        /// What the normalisation files say.
+        expected: f32,
+        /// The value.
+        found: f32,
+    },
+    /// A JSON file does not parse, or lacks a field.
+    #[error("{}: {source}", .path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// Line, column and reason.
+        source: serde_json::Error,
+    },
+    /// A JSON file parses but its values make no sense.
+    #[error("{}: {problem}", .path.display())]
+    InvalidJson {
+        /// The file.
+        path: PathBuf,
+        /// What was found, and what would be right.
+        problem: String,
+    },
+    /// A field of [`Meta`](super::Meta) makes no sense.
+    #[error("data set field `{field}` is {found}, expected {expected}")]
+    InvalidMeta {
+        /// The field.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// The values it may take.
+        expected: &'static str,
+    },
+    /// Too few samples to fill the three splits.
+    #[error("{count} samples cannot be split 80/10/10, expected at least {MIN_SAMPLES}")]
+    TooFewSamples {
+        /// The number of samples.
+        count: usize,
+    },
+    /// The folder holds a data set made with other settings.
+    #[error("{} holds another data set: its `{field}` is {found}, not {wanted}", .path.display())]
+    OtherSet {
+        /// The folder.
+        path: PathBuf,
+        /// The first field that differs, as a dotted path into `meta.json`.
+        field: String,
+        /// The value asked for.
+        wanted: String,
+        /// The value found.
+        found: String,
+    },
+    /// The folder holds something that is not a data set.
+    #[error("{} holds `{found}` and is no data set of ours, expected a new, an empty or a data set's folder", .path.display())]
+    ForeignFolder {
+        /// The folder.
+        path: PathBuf,
+        /// An entry that does not belong to a data set.
+        found: String,
+    },
+    /// Another collector is writing to the folder.
+    #[error("{} is being written by another process, expected to be the only one", .path.display())]
+    InUse {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The data set is complete: nothing can be added.
+    #[error("{} holds a complete data set, which takes no more samples", .path.display())]
+    Complete {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The data set is not complete: samples are missing, or collecting was interrupted before the shards were made.
+    #[error("{} holds an unfinished data set, expected a complete one; collect again to resume", .path.display())]
+    Incomplete {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Samples were handed over that do not form a block.
+    #[error("samples {first}..{end} are not one block, expected a range of `missing_blocks`")]
+    NotABlock {
+        /// Index of the first sample.
+        first: usize,
+        /// One past the index of the last sample.
+        end: usize,
+    },
+    /// A sample does not fit the data set.
+    #[error("sample {index}: {problem}")]
+    InvalidSample {
+        /// Index of the sample.
+        index: usize,
+        /// What was found, and what would be right.
+        problem: String,
+    },
+    /// A folder holds no shard.
+    #[error("{} holds no shard, expected shard-00000.h5 and so on", .path.display())]
+    NoShards {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A split does not hold the number of samples that `meta.json` calls for.
+    #[error("{} holds {found} samples, expected {expected} by meta.json", .path.display())]
+    SampleCount {
+        /// The split's folder.
+        path: PathBuf,
+        /// Samples called for.
+        expected: usize,
+        /// Samples found.
+        found: usize,
+    },
+    /// A condition's dimension differs from the data set's.
+    #[error("the condition has {found} components, expected {expected}")]
+    ConditionLength {
+        /// Dimension of the data set's conditions.
+        expected: usize,
+        /// Dimension given.
+        found: usize,
+    },
+}
+
+impl DataError {
+    /// For `map_err`: an operating-system error while doing `action` (a verb) to `path`.
+    pub(super) fn io(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::Io {
+            action,
+            path: path.to_owned(),
+            source,
+        }
+    }
+}

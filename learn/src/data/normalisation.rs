@@ -1,0 +1,221 @@
+//! From metres to the units that a network sees, and back.
+
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::DataError;
+use super::atomic::write_atomically;
+
+const MOTORS_FILE: &str = "global_motors_scope-all.json";
+const POINTS_FILE: &str = "global_norm_scope-all_anchor-origin.json";
+
+/// A data set's normalisation: motors min-max scaled to `[0, 1]`, points divided by one length.
+///
+/// Motors: `(m - min) / (max - min)` per dimension (paper, Eq. motor_normalization). A motor that never moves has
+/// `max = min`; it is divided by 1 instead, so it maps to 0. Points: `X / s`, not translated, so that the base stays
+/// where it is (paper, Eq. point_normalization).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Normalisation {
+    /// Smallest command of each motor (m), length `D`.
+    pub motor_min: Vec<f64>,
+    /// Largest command of each motor (m), length `D`.
+    pub motor_max: Vec<f64>,
+    /// Scale `s` (m): the largest distance of a point from the world's origin.
+    pub scale: f64,
+}
+
+impl Normalisation {
+    /// The condition, dimensionless and of length `D`, that stands for a command (m).
+    ///
+    /// # Errors
+    /// [`DataError::ConditionLength`] unless there is one component per motor.
+    pub fn condition(&self, command: &[f64]) -> Result<Vec<f32>, DataError> {
+        if command.len() != self.motor_min.len() {
+            return Err(DataError::ConditionLength {
+                expected: self.motor_min.len(),
+                found: command.len(),
+            });
+        }
+        let normalise = |(j, &motor)| self.normalise_motor(j, motor);
+        Ok(command.iter().enumerate().map(normalise).collect())
+    }
+
+    /// Conditions, row-major `(B, D)`, that stand for commands (m), row-major `(B, D)`.
+    pub(super) fn conditions(&self, commands: &[f32]) -> Vec<f32> {
+        let normalise = |(k, &motor): (usize, &f32)| {
+            self.normalise_motor(k % self.motor_min.len(), motor.into())
+        };
+        commands.iter().enumerate().map(normalise).collect()
+    }
+
+    fn normalise_motor(&self, j: usize, motor: f64) -> f32 {
+        ((motor - self.motor_min[j]) / self.motor_scale(j)) as f32
+    }
+
+    /// Divisor of motor `j` (m): its range, or 1 where it never moves.
+    fn motor_scale(&self, j: usize) -> f64 {
+        match self.motor_max[j] - self.motor_min[j] {
+            0.0 => 1.0,
+            range => range,
+        }
+    }
+
+    /// Turns coordinates in metres, in place, into dimensionless ones.
+    pub fn normalise_points(&self, coordinates: &mut [f32]) {
+        for x in coordinates {
+            *x = (f64::from(*x) / self.scale) as f32;
+        }
+    }
+
+    /// Turns dimensionless coordinates, in place, into metres.
+    pub fn denormalise_points(&self, coordinates: &mut [f32]) {
+        for x in coordinates {
+            *x = (f64::from(*x) * self.scale) as f32;
+        }
+    }
+
+    /// Reads the two normalisation files in the folder `dir`. Their motor `scale` follows from `min` and `max` and is
+    /// not used.
+    ///
+    /// # Errors
+    /// [`DataError::Io`], [`DataError::Json`]; [`DataError::InvalidJson`] for lists of unequal length, values that are
+    /// not finite, a range or scale that is not positive, or a center that is not the origin.
+    pub fn load(dir: &Path) -> Result<Self, DataError> {
+        let (motors_path, points_path) = (dir.join(MOTORS_FILE), dir.join(POINTS_FILE));
+        let Scoped { all: motors } = read_json::<Scoped<MotorRange>>(&motors_path)?;
+        let Scoped { all: points } = read_json::<Scoped<PointScale>>(&points_path)?;
+        let refuse = |path: &Path, problem: String| {
+            Err(DataError::InvalidJson {
+                path: path.to_owned(),
+                problem,
+            })
+        };
+        let lengths = [motors.min.len(), motors.max.len(), motors.scale.len()];
+        if lengths != [lengths[0].max(1); 3] {
+            let problem =
+                format!("min, max and scale have {lengths:?} values, expected one per motor each");
+            return refuse(&motors_path, problem);
+        }
+        for (j, (min, max)) in std::iter::zip(&motors.min, &motors.max).enumerate() {
+            if !(min.is_finite() && max.is_finite() && min <= max) {
+                return refuse(
+                    &motors_path,
+                    format!("motor {j} runs from {min} to {max}, expected min <= max, finite"),
+                );
+            }
+        }
+        if points.center != [0.0; 3] {
+            return refuse(
+                &points_path,
+                format!("center is {:?}, expected the origin", points.center),
+            );
+        }
+        if !(points.scale.is_finite() && points.scale > 0.0) {
+            return refuse(
+                &points_path,
+                format!("scale is {}, expected a positive length", points.scale),
+            );
+        }
+        Ok(Self {
+            motor_min: motors.min,
+            motor_max: motors.max,
+            scale: points.scale,
+        })
+    }
+
+    /// Writes the two normalisation files into the folder `dir`, each atomically.
+    ///
+    /// # Errors
+    /// [`DataError::Io`].
+    pub fn save(&self, dir: &Path) -> Result<(), DataError> {
+        let motors = MotorRange {
+            min: self.motor_min.clone(),
+            max: self.motor_max.clone(),
+            scale: (0..self.motor_min.len())
+                .map(|j| self.motor_scale(j))
+                .collect(),
+        };
+        let points = PointScale {
+            center: [0.0; 3],
+            scale: self.scale,
+        };
+        write_json(&dir.join(MOTORS_FILE), &Scoped { all: motors })?;
+        write_json(&dir.join(POINTS_FILE), &Scoped { all: points })
+    }
+}
+
+/// Finds a [`Normalisation`] in one pass over the samples.
+pub(super) struct NormalisationFit {
+    motor_min: Vec<f64>,
+    motor_max: Vec<f64>,
+    squared_radius: f64,
+}
+
+impl NormalisationFit {
+    pub(super) fn new(motors: usize) -> Self {
+        Self {
+            motor_min: vec![f64::INFINITY; motors],
+            motor_max: vec![f64::NEG_INFINITY; motors],
+            squared_radius: 0.0,
+        }
+    }
+
+    /// Takes in commands, row-major `(B, D)` (m), and coordinates, row-major `(B, N, 3)` (m).
+    pub(super) fn include(&mut self, commands: &[f32], coordinates: &[f32]) {
+        for command in commands.chunks_exact(self.motor_min.len()) {
+            for (j, &motor) in command.iter().enumerate() {
+                self.motor_min[j] = self.motor_min[j].min(motor.into());
+                self.motor_max[j] = self.motor_max[j].max(motor.into());
+            }
+        }
+        for point in coordinates.as_chunks::<3>().0 {
+            let squared_radius: f64 = point.iter().map(|&x| f64::from(x) * f64::from(x)).sum();
+            self.squared_radius = self.squared_radius.max(squared_radius);
+        }
+    }
+
+    /// The scale is rounded to `f32`, so that the shards, which store it as `f32`, and the JSON file agree.
+    /// It is 1 where every point is the origin.
+    pub(super) fn finish(self) -> Normalisation {
+        let radius = f64::from(self.squared_radius.sqrt() as f32);
+        Normalisation {
+            motor_min: self.motor_min,
+            motor_max: self.motor_max,
+            scale: if radius > 0.0 { radius } else { 1.0 },
+        }
+    }
+}
+
+/// Statistics over all splits: the only scope that is written.
+#[derive(Serialize, Deserialize)]
+struct Scoped<T> {
+    all: T,
+}
+
+#[derive(Serialize, Deserialize)]
+struct MotorRange {
+    min: Vec<f64>,
+    max: Vec<f64>,
+    scale: Vec<f64>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct PointScale {
+    center: [f64; 3],
+    scale: f64,
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, DataError> {
+    let bytes = std::fs::read(path).map_err(DataError::io("read", path))?;
+    serde_json::from_slice(&bytes).map_err(|source| DataError::Json {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn write_json(path: &Path, value: &impl Serialize) -> Result<(), DataError> {
+    let bytes = serde_json::to_vec_pretty(value).expect("a struct of plain values serialises");
+    write_atomically(path, |file| std::io::Write::write_all(file, &bytes))
+}

@@ -1,0 +1,156 @@
+//! Which samples train, validate and test.
+
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use super::DataError;
+
+/// Fewest samples for which no split is empty.
+pub(super) const MIN_SAMPLES: usize = 10;
+
+/// Shares of [`Split::ALL`], in tenths.
+const TENTHS: [usize; 3] = [8, 1, 1];
+
+/// A part of a data set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Split {
+    /// Fits the network's weights (80 %).
+    Train,
+    /// Chooses among networks (10 %).
+    Val,
+    /// Seen once, for the figures that are reported (10 %).
+    Test,
+}
+
+impl Split {
+    /// All splits, in the order of their declaration.
+    pub const ALL: [Self; 3] = [Self::Train, Self::Val, Self::Test];
+
+    /// Name of the split's folder in a data set.
+    pub fn folder(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Val => "val",
+            Self::Test => "test",
+        }
+    }
+}
+
+/// Sample indices of each split, each ascending; together they hold `0..count` once.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SplitIndices {
+    /// Indices of [`Split::Train`].
+    pub train: Vec<usize>,
+    /// Indices of [`Split::Val`].
+    pub val: Vec<usize>,
+    /// Indices of [`Split::Test`].
+    pub test: Vec<usize>,
+}
+
+impl SplitIndices {
+    /// Indices of one split.
+    pub fn of(&self, split: Split) -> &[usize] {
+        match split {
+            Split::Train => &self.train,
+            Split::Val => &self.val,
+            Split::Test => &self.test,
+        }
+    }
+}
+
+/// Assigns samples `0..count` to the splits by a random permutation that depends on `seed` alone.
+///
+/// Sizes are 80/10/10 % rounded by largest remainder (ties to the earlier split), which no integers come closer to.
+///
+/// # Errors
+/// [`DataError::TooFewSamples`] below 10, where a split would be empty.
+pub fn split_indices(count: usize, seed: u64) -> Result<SplitIndices, DataError> {
+    if count < MIN_SAMPLES {
+        return Err(DataError::TooFewSamples { count });
+    }
+    let mut indices: Vec<usize> = (0..count).collect();
+    indices.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+    let [train_size, val_size, _] = split_sizes(count);
+    let mut test = indices.split_off(train_size + val_size);
+    let mut val = indices.split_off(train_size);
+    let mut train = indices;
+    for split in [&mut train, &mut val, &mut test] {
+        split.sort_unstable();
+    }
+    Ok(SplitIndices { train, val, test })
+}
+
+/// Largest-remainder rounding of `count * TENTHS / 10`.
+fn split_sizes(count: usize) -> [usize; 3] {
+    let (tens, ones) = (count / 10, count % 10);
+    let mut sizes = TENTHS.map(|share| share * tens + share * ones / 10);
+    let mut by_remainder = [0, 1, 2];
+    by_remainder.sort_by_key(|&k| std::cmp::Reverse(TENTHS[k] * ones % 10));
+    let left_over = count - sizes.iter().sum::<usize>();
+    for &k in &by_remainder[..left_over] {
+        sizes[k] += 1;
+    }
+    sizes
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn every_sample_is_in_exactly_one_split(count in 10_usize..3000, seed: u64) {
+            let splits = split_indices(count, seed).unwrap();
+            let mut all: Vec<usize> = Split::ALL.iter().flat_map(|&split| splits.of(split).to_vec()).collect();
+            all.sort_unstable();
+            prop_assert_eq!(all, (0..count).collect::<Vec<_>>());
+            for split in Split::ALL {
+                prop_assert!(!splits.of(split).is_empty());
+                prop_assert!(splits.of(split).is_sorted());
+            }
+            prop_assert_eq!(split_indices(count, seed).unwrap(), splits);
+        }
+    }
+
+    #[test]
+    fn no_integers_are_nearer_to_80_10_10() {
+        let error = |count: usize, sizes: [usize; 3]| -> usize {
+            std::iter::zip(sizes, TENTHS)
+                .map(|(size, share)| (10 * size).abs_diff(share * count))
+                .sum()
+        };
+        for count in 10..120 {
+            let sizes = split_sizes(count);
+            for train in 0..=count {
+                for val in 0..=count - train {
+                    assert!(
+                        error(count, sizes) <= error(count, [train, val, count - train - val]),
+                        "{count}: {sizes:?}"
+                    );
+                }
+            }
+        }
+        assert_eq!(split_sizes(5000), [4000, 500, 500]);
+    }
+
+    #[test]
+    fn the_seed_chooses_the_split() {
+        assert_ne!(
+            split_indices(100, 1).unwrap(),
+            split_indices(100, 2).unwrap()
+        );
+    }
+
+    #[test]
+    fn fewer_than_ten_samples_are_refused() {
+        assert!(matches!(
+            split_indices(9, 0),
+            Err(DataError::TooFewSamples { count: 9 })
+        ));
+    }
+}
