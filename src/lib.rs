@@ -1,3 +1,5 @@
 //! Tendon-driven continuum robots: simulate, see, learn, predict, evaluate.
+pub mod report;
+
 pub use tdcr_learn as learn;
 pub use tdcr_sim as sim;

@@ -1,0 +1,170 @@
+//! The page's charts: all test commands, training, time.
+
+use super::axis::Spacing;
+use super::chart::{AxisStyle, Role, Series, duration_bars, line_chart};
+use super::html::duration;
+use super::sections::{CD_TITLE, CD_UNIT, figure, missing};
+use super::{Report, Stage};
+
+/// Points of a drawn curve at most.
+const CURVE_POINTS: usize = 300;
+
+/// A chart with its caption, or what stands for it where there is nothing to draw.
+fn chart_figure(class: &str, chart: Option<String>, caption: &str) -> String {
+    chart.map_or_else(missing, |chart| figure(class, &chart, caption))
+}
+
+/// The share of test commands below each Chamfer distance.
+pub(crate) fn distribution(report: &Report) -> String {
+    let Some(per_test) = &report.per_test else {
+        return missing();
+    };
+    let mut series = vec![
+        Series {
+            name: "Network",
+            role: Role::Network,
+            points: cumulative_share(&per_test.network),
+        },
+        Series {
+            name: "Nearest training command",
+            role: Role::Nearest,
+            points: cumulative_share(&per_test.nearest),
+        },
+    ];
+    if let Some(floor) = &report.floor {
+        series.push(floor_line(vec![
+            (floor.cd / CD_UNIT, 0.0),
+            (floor.cd / CD_UNIT, 100.0),
+        ]));
+    }
+    let chart = line_chart(
+        "Share of test commands below each Chamfer distance",
+        &AxisStyle {
+            title: CD_TITLE,
+            spacing: Spacing::Log,
+        },
+        &AxisStyle {
+            title: "Test commands below (%)",
+            spacing: Spacing::Linear,
+        },
+        &series,
+    );
+    chart_figure(
+        "single",
+        chart,
+        "Cumulative distribution over the test commands: the height of a curve is the share of \
+         commands with a Chamfer distance of at most the value below it. The further left, the \
+         better; a long run to the right shows commands that are predicted badly.",
+    )
+}
+
+/// Points `(CD in the table's unit, share of values up to it in %)`, ascending.
+fn cumulative_share(values: &[f64]) -> Vec<(f64, f64)> {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let count = sorted.len();
+    let stride = count.div_ceil(CURVE_POINTS).max(1);
+    // Counted from the end, so that the curve reaches 100 % at the largest value.
+    let mut points: Vec<(f64, f64)> = (0..count)
+        .rev()
+        .step_by(stride)
+        .map(|k| (sorted[k] / CD_UNIT, 100.0 * (k + 1) as f64 / count as f64))
+        .collect();
+    points.reverse();
+    points
+}
+
+fn floor_line(points: Vec<(f64, f64)>) -> Series<'static> {
+    Series {
+        name: "Sampling floor",
+        role: Role::Floor,
+        points,
+    }
+}
+
+/// The curves of training loss and validation error.
+pub(crate) fn training(report: &Report) -> String {
+    let step_axis = AxisStyle {
+        title: "Training step",
+        spacing: Spacing::Linear,
+    };
+    let log_axis = |title| AxisStyle {
+        title,
+        spacing: Spacing::Log,
+    };
+    let stride = report.loss_curve.len().div_ceil(CURVE_POINTS).max(1);
+    let loss = line_chart(
+        "Training loss",
+        &step_axis,
+        &log_axis("Flow-matching loss (normalised units)"),
+        &[Series {
+            name: "Training",
+            role: Role::Network,
+            points: binned(&report.loss_curve, stride),
+        }],
+    );
+    let mut loss_caption =
+        "Mean squared error of the predicted velocity on training clouds.".to_owned();
+    if stride > 1 {
+        loss_caption += &format!(" Each point is the mean of up to {stride} recorded values.");
+    }
+    let validation: Vec<(f64, f64)> = report
+        .validation_curve
+        .iter()
+        .map(|&(step, cd)| (step as f64, cd / CD_UNIT))
+        .collect();
+    let ends = validation.first().zip(validation.last());
+    let floor = report
+        .floor
+        .as_ref()
+        .zip(ends)
+        .map(|(floor, (first, last))| {
+            let cd = floor.cd / CD_UNIT;
+            floor_line(vec![(first.0, cd), (last.0, cd)])
+        });
+    let mut series = vec![Series {
+        name: "Network",
+        role: Role::Network,
+        points: validation,
+    }];
+    series.extend(floor);
+    let cd = line_chart(
+        "Chamfer distance on validation commands",
+        &step_axis,
+        &log_axis(CD_TITLE),
+        &series,
+    );
+    format!(
+        "<div class=\"pair\">{}{}</div>",
+        chart_figure("", loss, &loss_caption),
+        chart_figure(
+            "",
+            cd,
+            "Chamfer distance between predicted and true clouds of validation commands, which are \
+             not trained on. The dashed line is the sampling floor of the test commands.",
+        ),
+    )
+}
+
+/// Means of every `stride` points of a curve; a value that is not finite makes its mean a gap.
+fn binned(curve: &[(u64, f64)], stride: usize) -> Vec<(f64, f64)> {
+    let mean = |bin: &[(u64, f64)]| {
+        let count = bin.len() as f64;
+        (
+            bin.iter().map(|&(step, _)| step as f64).sum::<f64>() / count,
+            bin.iter().map(|&(_, loss)| loss).sum::<f64>() / count,
+        )
+    };
+    curve.chunks(stride).map(mean).collect()
+}
+
+/// The time of each stage.
+pub(crate) fn stages(stages: &[Stage]) -> String {
+    let bars: Vec<(&str, f64)> = stages
+        .iter()
+        .map(|s| (s.name.as_str(), s.seconds))
+        .collect();
+    let total: f64 = bars.iter().map(|bar| bar.1).filter(|s| s.is_finite()).sum();
+    let caption = format!("Wall-clock time of each stage; {} in all.", duration(total));
+    chart_figure("", duration_bars("Time per stage", &bars), &caption)
+}

@@ -1,0 +1,124 @@
+//! The report on a trained network: one self-contained HTML page, and a picture for a README.
+//!
+//! Plain data in, text or PNG bytes out: nothing here computes a score or reads a file. The page
+//! loads nothing: its style, script, pictures and point clouds are inside it, and its content
+//! security policy forbids anything else.
+
+mod axis;
+mod chart;
+mod curves;
+mod html;
+mod picture;
+mod raster;
+mod sections;
+mod viewer;
+
+pub use picture::{contact_sheet, scale_bar};
+
+use tdcr_sim::cloud::PointCloud;
+
+/// All that the page shows. Whatever is empty or not finite appears as "not available".
+#[derive(Clone, Debug, Default)]
+pub struct Report {
+    /// Title of the page.
+    pub title: String,
+    /// The result, in one sentence.
+    pub headline: String,
+    /// Settings, as `(name, value)`: robot, commands per split, network, seed, version, ...
+    pub summary: Vec<(String, String)>,
+    /// Scores of the network and of what it is compared with, in the order of the
+    /// table; the first, the network's, stands out.
+    pub scores: Vec<Score>,
+    /// Score of two independent samples of the same surface: what a perfect predictor would reach.
+    /// The table's last row, and the unit of its ratios.
+    pub floor: Option<Score>,
+    /// How the scores were computed, a sentence each: numbers of points and of commands, ...
+    pub score_notes: Vec<String>,
+    /// Scores of each test command.
+    pub per_test: Option<PerTest>,
+    /// Training loss as `(step, loss)`, by ascending step.
+    pub loss_curve: Vec<(u64, f64)>,
+    /// Chamfer distance on the validation commands as `(step, m^2)`, by ascending step.
+    pub validation_curve: Vec<(u64, f64)>,
+    /// Wall-clock time of each stage, in the order in which they ran.
+    pub stages: Vec<Stage>,
+    /// Test commands whose clouds are shown.
+    pub examples: Vec<Example>,
+}
+
+/// Mean distances of a method's clouds from the true ones.
+#[derive(Clone, Debug)]
+pub struct Score {
+    /// Name of the method.
+    pub name: String,
+    /// Squared Chamfer distance (m^2).
+    pub cd: f64,
+    /// Earth mover's distance (m).
+    pub emd: f64,
+}
+
+/// Chamfer distances (m^2) of every test command, in any order.
+#[derive(Clone, Debug, Default)]
+pub struct PerTest {
+    /// Of the network's predictions.
+    pub network: Vec<f64>,
+    /// Of the clouds of the nearest training commands.
+    pub nearest: Vec<f64>,
+}
+
+/// A stage of the run.
+#[derive(Clone, Debug)]
+pub struct Stage {
+    /// What was done.
+    pub name: String,
+    /// Wall-clock time (s).
+    pub seconds: f64,
+}
+
+/// A test command and the clouds that belong to it, all in the world frame.
+#[derive(Clone, Debug)]
+pub struct Example {
+    /// Name of the example.
+    pub label: String,
+    /// Rest lengths of the tendons (m).
+    pub command: Vec<f64>,
+    /// The cloud that was observed.
+    pub truth: PointCloud,
+    /// The cloud that the network predicts.
+    pub prediction: PointCloud,
+    /// The cloud of the nearest training command.
+    pub nearest: PointCloud,
+    /// Chamfer distance of the prediction from the truth (m^2).
+    pub cd: f64,
+    /// Chamfer distance of the nearest command's cloud from the truth (m^2).
+    pub cd_nearest: f64,
+}
+
+impl Example {
+    fn clouds(&self) -> [&PointCloud; 3] {
+        [&self.truth, &self.prediction, &self.nearest]
+    }
+}
+
+impl Report {
+    /// The report as one HTML page, the same text for the same data.
+    ///
+    /// Eight examples make about one megabyte: the viewer holds at most 3,000 points of each cloud.
+    pub fn to_html(&self) -> String {
+        html::fill(
+            include_str!("page.html"),
+            &[
+                ("title", &html::escape(&self.title)),
+                ("headline", &html::escape(&self.headline)),
+                ("style", &sections::style()),
+                ("scores", &sections::scores(self)),
+                ("viewer", &sections::viewer(&self.examples)),
+                ("pictures", &sections::pictures(&self.examples)),
+                ("distribution", &curves::distribution(self)),
+                ("training", &curves::training(self)),
+                ("stages", &curves::stages(&self.stages)),
+                ("settings", &sections::settings(&self.summary)),
+            ],
+        )
+    }
+}

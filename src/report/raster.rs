@@ -1,0 +1,372 @@
+//! A small software renderer of point clouds: orthographic, depth-buffered balls on white.
+
+use tdcr_sim::cloud::PointCloud;
+
+/// Samples per pixel and direction.
+const SUPERSAMPLE: usize = 2;
+
+/// Brightness of the farthest point; the nearest has 1.
+const FAR_BRIGHTNESS: f64 = 0.72;
+
+/// Levels of brightness: few enough for the pictures to compress well, too many to be seen.
+const BRIGHTNESS_LEVELS: f64 = 24.0;
+
+/// Depth difference to a neighbouring sample that shades a sample by a factor of 1/e (m).
+const EDGE_DEPTH: f64 = 0.02;
+
+/// An 8-bit RGB image, row-major from the top left.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Image {
+    pub width: usize,
+    pub height: usize,
+    /// `3 * width * height` bytes.
+    pub rgb: Vec<u8>,
+}
+
+impl Image {
+    /// A white image; both sides are at least one pixel.
+    pub fn white(width: usize, height: usize) -> Self {
+        let (width, height) = (width.max(1), height.max(1));
+        Self {
+            width,
+            height,
+            rgb: vec![255; 3 * width * height],
+        }
+    }
+
+    /// Copies `other` with its top left corner at `(x, y)`; what falls outside is dropped.
+    pub fn paste(&mut self, other: &Image, x: usize, y: usize) {
+        if x >= self.width {
+            return;
+        }
+        let columns = other.width.min(self.width - x);
+        for row in 0..other.height.min(self.height.saturating_sub(y)) {
+            let from = 3 * row * other.width;
+            let to = 3 * ((y + row) * self.width + x);
+            self.rgb[to..to + 3 * columns].copy_from_slice(&other.rgb[from..from + 3 * columns]);
+        }
+    }
+
+    /// Encodes the image as PNG.
+    pub fn to_png(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::High);
+        // Areas of few colours compress best without a filter.
+        encoder.set_filter(png::Filter::NoFilter);
+        encoder
+            .write_header()
+            .and_then(|mut writer| writer.write_image_data(&self.rgb))
+            .expect("an image of at least one pixel encodes into memory");
+        bytes
+    }
+}
+
+/// Axes of an orthographic picture: orthonormal, right-handed, in the world frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct View {
+    right: [f64; 3],
+    up: [f64; 3],
+    toward: [f64; 3],
+}
+
+impl View {
+    /// The view whose right is the horizontal direction at angle `azimuth` from x (rad), from a
+    /// camera at angle `elevation` above the horizon (rad).
+    pub fn turned(azimuth: f64, elevation: f64) -> Self {
+        let (sa, ca) = azimuth.sin_cos();
+        let (se, ce) = elevation.sin_cos();
+        Self {
+            right: [ca, sa, 0.0],
+            up: [-sa * se, ca * se, ce],
+            toward: [sa * ce, -ca * ce, se],
+        }
+    }
+
+    /// Coordinates `(right, up, toward the camera)` of a world point (m).
+    pub fn project(&self, point: [f32; 3]) -> [f64; 3] {
+        let p = point.map(f64::from);
+        [self.right, self.up, self.toward]
+            .map(|axis| axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2])
+    }
+}
+
+/// The part of the picture plane that an image shows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frame {
+    /// Width of the image (pixels).
+    pub width: usize,
+    /// Height of the image (pixels).
+    pub height: usize,
+    /// Side of a pixel (m).
+    pub metres_per_pixel: f64,
+    /// Point `(right, up)` of the picture plane at the image's centre (m).
+    pub center: [f64; 2],
+}
+
+/// Where a layer's colours come from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Paint {
+    /// Each point has its own colour.
+    Own,
+    /// All points have this colour.
+    Flat([u8; 3]),
+}
+
+/// A cloud drawn as balls.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Layer<'a> {
+    pub cloud: &'a PointCloud,
+    pub paint: Paint,
+    /// Radius of a ball (m).
+    pub radius: f64,
+}
+
+/// Renders layers into one picture, each by itself; where several cover each other, the picture
+/// shows `shared` instead of their colours. Points that are not finite, or have no colour, are left
+/// out.
+pub(crate) fn render(layers: &[Layer], shared: [u8; 3], view: &View, frame: &Frame) -> Image {
+    let buffers: Vec<DepthBuffer> = layers
+        .iter()
+        .map(|layer| DepthBuffer::of(layer, view, frame))
+        .collect();
+    let sample = |x, y| {
+        let mut surfaces = buffers.iter().filter_map(|buffer| buffer.surface(x, y));
+        match (surfaces.next(), surfaces.next()) {
+            (None, _) => [255.0; 3],
+            (Some((brightness, color)), None) => color.map(|c| brightness * f64::from(c)),
+            (Some((brightness, _)), Some((other, _))) => {
+                shared.map(|c| 0.5 * (brightness + other) * f64::from(c))
+            }
+        }
+    };
+    let mut image = Image::white(frame.width, frame.height);
+    let samples = (SUPERSAMPLE * SUPERSAMPLE) as f64;
+    for (index, pixel) in image.rgb.chunks_exact_mut(3).enumerate() {
+        let (row, column) = (index / frame.width, index % frame.width);
+        let mut sum = [0.0; 3];
+        for sub in 0..SUPERSAMPLE * SUPERSAMPLE {
+            let x = column * SUPERSAMPLE + sub % SUPERSAMPLE;
+            let y = row * SUPERSAMPLE + sub / SUPERSAMPLE;
+            for (total, channel) in sum.iter_mut().zip(sample(x, y)) {
+                *total += channel;
+            }
+        }
+        for (channel, total) in pixel.iter_mut().zip(sum) {
+            *channel = (total / samples).round() as u8;
+        }
+    }
+    image
+}
+
+/// Nearest surface of a layer at each sample of a supersampled picture.
+struct DepthBuffer {
+    width: usize,
+    height: usize,
+    /// Coordinate toward the camera (m); minus infinity where there is background.
+    depth: Vec<f64>,
+    color: Vec<[u8; 3]>,
+    /// Least and greatest depth of the surface (m).
+    range: [f64; 2],
+}
+
+impl DepthBuffer {
+    fn of(layer: &Layer, view: &View, frame: &Frame) -> Self {
+        let (width, height) = (frame.width * SUPERSAMPLE, frame.height * SUPERSAMPLE);
+        let mut buffer = Self {
+            width,
+            height,
+            depth: vec![f64::NEG_INFINITY; width * height],
+            color: vec![[255; 3]; width * height],
+            range: [f64::INFINITY, f64::NEG_INFINITY],
+        };
+        let sample = frame.metres_per_pixel / SUPERSAMPLE as f64;
+        for (index, &point) in layer.cloud.points.iter().enumerate() {
+            let color = match layer.paint {
+                Paint::Own => layer.cloud.colors.get(index).copied(),
+                Paint::Flat(color) => Some(color),
+            };
+            let [u, v, w] = view.project(point);
+            let x = (u - frame.center[0]) / sample + 0.5 * width as f64;
+            let y = (frame.center[1] - v) / sample + 0.5 * height as f64;
+            if let Some(color) = color
+                && [x, y, w].iter().all(|c| c.is_finite())
+            {
+                buffer.splat([x, y], w, layer.radius, sample, color);
+            }
+        }
+        for depth in buffer.depth.iter().filter(|d| d.is_finite()) {
+            buffer.range = [buffer.range[0].min(*depth), buffer.range[1].max(*depth)];
+        }
+        buffer
+    }
+
+    /// Draws the near half of a ball of `radius` (m) at `[x, y]` (samples) and depth `w` (m), with
+    /// samples `sample` wide (m).
+    fn splat(&mut self, [x, y]: [f64; 2], w: f64, radius: f64, sample: f64, color: [u8; 3]) {
+        let r = radius / sample;
+        // Casts to usize saturate, so a ball beyond the left or top edge starts at 0.
+        for row in (y - r) as usize..((y + r + 1.0) as usize).min(self.height) {
+            for column in (x - r) as usize..((x + r + 1.0) as usize).min(self.width) {
+                let [dx, dy] = [column as f64 + 0.5 - x, row as f64 + 0.5 - y];
+                let squared = r * r - dx * dx - dy * dy;
+                let depth = w + squared.max(0.0).sqrt() * sample;
+                let index = row * self.width + column;
+                if squared >= 0.0 && depth > self.depth[index] {
+                    self.depth[index] = depth;
+                    self.color[index] = color;
+                }
+            }
+        }
+    }
+
+    /// Brightness in `[0, 1]` and colour of the surface at a sample: darker with distance, and where
+    /// a neighbour stands in front (eye-dome lighting: Boucheny, 2009), which draws the outlines.
+    fn surface(&self, x: usize, y: usize) -> Option<(f64, [u8; 3])> {
+        let index = y * self.width + x;
+        let depth = self.depth[index];
+        if !depth.is_finite() {
+            return None;
+        }
+        let [far, near] = self.range;
+        let nearness = (depth - far) / (near - far).max(f64::MIN_POSITIVE);
+        let neighbours = [
+            (x.wrapping_sub(SUPERSAMPLE), y),
+            (x + SUPERSAMPLE, y),
+            (x, y.wrapping_sub(SUPERSAMPLE)),
+            (x, y + SUPERSAMPLE),
+        ];
+        let in_front: f64 = neighbours
+            .into_iter()
+            .filter(|&(x, y)| x < self.width && y < self.height)
+            .map(|(x, y)| (self.depth[y * self.width + x] - depth).clamp(0.0, EDGE_DEPTH))
+            .sum();
+        let edge = (-in_front / (neighbours.len() as f64 * EDGE_DEPTH)).exp();
+        let brightness = (FAR_BRIGHTNESS + (1.0 - FAR_BRIGHTNESS) * nearness) * edge;
+        let level = (brightness * BRIGHTNESS_LEVELS).round() / BRIGHTNESS_LEVELS;
+        Some((level, self.color[index]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BLUE: [u8; 3] = [0, 0, 255];
+    const RED: [u8; 3] = [255, 0, 0];
+    const GREY: [u8; 3] = [200, 200, 200];
+
+    /// 40 x 30 pixels of 1 mm around the world's origin.
+    const FRAME: Frame = Frame {
+        width: 40,
+        height: 30,
+        metres_per_pixel: 1e-3,
+        center: [0.0, 0.0],
+    };
+
+    fn cloud(points: &[[f32; 3]]) -> PointCloud {
+        PointCloud {
+            points: points.to_vec(),
+            colors: vec![RED; points.len()],
+        }
+    }
+
+    fn picture(clouds: &[(&PointCloud, Paint)]) -> Image {
+        let layer = |&(cloud, paint)| Layer {
+            cloud,
+            paint,
+            radius: 3e-3,
+        };
+        let layers: Vec<Layer> = clouds.iter().map(layer).collect();
+        render(&layers, GREY, &View::turned(0.0, 0.0), &FRAME)
+    }
+
+    fn pixel(image: &Image, x: usize, y: usize) -> [u8; 3] {
+        let start = 3 * (y * image.width + x);
+        [0, 1, 2].map(|k| image.rgb[start + k])
+    }
+
+    #[test]
+    fn a_ball_is_a_disc_of_its_radius_where_the_view_puts_it() {
+        // 8 mm to the right of the centre and 5 mm above it.
+        let image = picture(&[(&cloud(&[[0.008, 0.3, 0.005]]), Paint::Own)]);
+        let inked: Vec<(usize, usize)> = (0..30)
+            .flat_map(|y| (0..40).map(move |x| (x, y)))
+            .filter(|&(x, y)| pixel(&image, x, y) != [255; 3])
+            .collect();
+        for &(x, y) in &inked {
+            let distance = (x as f64 + 0.5 - 28.0).hypot(y as f64 + 0.5 - 10.0);
+            assert!(distance < 3.0 + 0.75, "({x}, {y})");
+        }
+        let area = std::f64::consts::PI * 9.0;
+        assert!(inked.len() as f64 >= area, "{} pixels", inked.len());
+    }
+
+    #[test]
+    fn the_nearer_ball_hides_the_farther_one() {
+        // Seen along y, from the negative side.
+        let mut two = cloud(&[[0.0, -0.1, 0.0], [0.0, 0.1, 0.0]]);
+        two.colors = vec![RED, BLUE];
+        let [red, _, blue] = pixel(&picture(&[(&two, Paint::Own)]), 20, 15);
+        assert!(red > 200 && blue == 0);
+        two.points.reverse();
+        let [red, _, blue] = pixel(&picture(&[(&two, Paint::Own)]), 20, 15);
+        assert!(red == 0 && blue > 200);
+    }
+
+    #[test]
+    fn layers_that_cover_each_other_are_drawn_in_the_shared_colour() {
+        let [left, middle] = [cloud(&[[-0.01, 0.0, 0.0], [0.0; 3]]), cloud(&[[0.0; 3]])];
+        let image = picture(&[(&left, Paint::Own), (&middle, Paint::Flat(BLUE))]);
+        let [red, _, blue] = pixel(&image, 10, 15);
+        assert!(red > 150 && blue == 0);
+        let [red, green, blue] = pixel(&image, 20, 15);
+        assert!(red == green && green == blue && red > 150);
+    }
+
+    #[test]
+    fn balls_beyond_the_edges_and_beyond_numbers_are_left_out() {
+        let far = [
+            [-9.0, 0.0, 0.0],
+            [9.0, 0.0, 0.0],
+            [0.0, 0.0, 9.0],
+            [0.0, 0.0, -9.0],
+        ];
+        let wild = [
+            [f32::NAN, 0.0, 0.0],
+            [0.0, 0.0, f32::INFINITY],
+            [f32::MAX; 3],
+        ];
+        let image = picture(&[(&cloud(&far), Paint::Own), (&cloud(&wild), Paint::Own)]);
+        assert_eq!(image, Image::white(40, 30));
+    }
+
+    #[test]
+    fn views_have_orthonormal_right_handed_axes() {
+        let view = View::turned(0.7, 0.4);
+        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let [r, u, t] = [view.right, view.up, view.toward];
+        let cross = [
+            r[1] * u[2] - r[2] * u[1],
+            r[2] * u[0] - r[0] * u[2],
+            r[0] * u[1] - r[1] * u[0],
+        ];
+        assert!((dot(r, r) - 1.0).abs() < 1e-12 && (dot(u, u) - 1.0).abs() < 1e-12);
+        assert!(dot(r, u).abs() < 1e-12 && (dot(cross, t) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_png_decodes_to_the_image() {
+        let image = picture(&[(&cloud(&[[0.0; 3]]), Paint::Own)]);
+        let png = image.to_png();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(&png))
+            .read_info()
+            .expect("a PNG header");
+        let mut rgb = vec![0; image.rgb.len()];
+        let info = reader.next_frame(&mut rgb).expect("PNG pixels");
+        assert_eq!((info.width, info.height), (40, 30));
+        assert_eq!(rgb, image.rgb);
+    }
+}

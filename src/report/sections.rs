@@ -1,0 +1,197 @@
+//! The sections of the page, each from the part of the report that it shows.
+
+use super::html::{NOT_AVAILABLE, base64, column_decimals, escape, fill, fixed};
+use super::picture::{BOTH, Framing, NEAREST, PREDICTION, Subject, TRUTH};
+use super::{Example, Report, Score, viewer as viewer_data};
+
+/// Units of the table and the charts: 1e-4 m^2 and 1 mm.
+pub(crate) const CD_UNIT: f64 = 1e-4;
+const EMD_UNIT: f64 = 1e-3;
+pub(crate) const CD_TITLE: &str = "CD (10⁻⁴ m²)";
+
+/// Width of a picture (pixels).
+const PICTURE_WIDTH: usize = 340;
+
+/// Style sheet of the page.
+pub(crate) fn style() -> String {
+    let hex = |[r, g, b]: [u8; 3]| format!("#{r:02x}{g:02x}{b:02x}");
+    fill(
+        include_str!("style.css"),
+        &[
+            ("truth", &hex(TRUTH)),
+            ("prediction", &hex(PREDICTION)),
+            ("nearest", &hex(NEAREST)),
+            ("both", &hex(BOTH)),
+        ],
+    )
+}
+
+/// What stands for an empty section.
+pub(crate) fn missing() -> String {
+    format!("<p class=\"missing\">{NOT_AVAILABLE}</p>")
+}
+
+/// A figure with its caption (HTML both).
+pub(crate) fn figure(class: &str, body: &str, caption: &str) -> String {
+    format!("<figure class=\"{class}\">{body}<figcaption>{caption}</figcaption></figure>")
+}
+
+/// The table of scores.
+pub(crate) fn scores(report: &Report) -> String {
+    let rows: Vec<&Score> = report.scores.iter().chain(&report.floor).collect();
+    if rows.is_empty() {
+        return missing();
+    }
+    let floor_cd = report.floor.as_ref().map_or(f64::NAN, |floor| floor.cd);
+    let floor_emd = report.floor.as_ref().map_or(f64::NAN, |floor| floor.emd);
+    let cd_decimals = column_decimals(rows.iter().map(|s| s.cd / CD_UNIT));
+    let emd_decimals = column_decimals(rows.iter().map(|s| s.emd / EMD_UNIT));
+    let row = |score: &Score, class: &str| {
+        format!(
+            "<tr{class}><th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            escape(&score.name),
+            fixed(score.cd / CD_UNIT, cd_decimals),
+            fixed(score.cd / floor_cd, 1),
+            fixed(score.emd / EMD_UNIT, emd_decimals),
+            fixed(score.emd / floor_emd, 1),
+        )
+    };
+    let mut body: String = report.scores.iter().map(|score| row(score, "")).collect();
+    if let Some(floor) = &report.floor {
+        body += &row(floor, " class=\"floor\"");
+    }
+    let notes: Vec<String> = report.score_notes.iter().map(|note| escape(note)).collect();
+    let notes = notes.join(" ");
+    format!(
+        "<div class=\"scroll\"><table><thead><tr><th scope=\"col\">Method</th>\
+         <th scope=\"col\">{CD_TITLE}</th><th scope=\"col\">CD ÷ floor</th>\
+         <th scope=\"col\">EMD (mm)</th><th scope=\"col\">EMD ÷ floor</th></tr></thead>\
+         <tbody>{body}</tbody></table></div>\
+         <p class=\"note\">Lower is better. CD, the squared Chamfer distance: the mean squared \
+         distance from each predicted point to the nearest true point, plus the same from true to \
+         predicted. EMD, the earth mover’s distance: the mean distance between the points of both \
+         clouds when they are matched one to one at the least total distance. The sampling floor \
+         is what two independent samples of the same surface score: no prediction can be expected \
+         to score less. {notes}</p>"
+    )
+}
+
+/// The 3-D viewer; nothing without examples.
+pub(crate) fn viewer(examples: &[Example]) -> String {
+    if examples.is_empty() {
+        return String::new();
+    }
+    let option = |example: &Example| format!("<option>{}</option>", escape(&example.label));
+    let options: String = examples.iter().map(option).collect();
+    fill(
+        include_str!("viewer.html"),
+        &[
+            ("options", &options),
+            ("data", &viewer_data::data(examples)),
+            ("script", include_str!("viewer.js")),
+        ],
+    )
+}
+
+/// A row of still pictures for each example.
+pub(crate) fn pictures(examples: &[Example]) -> String {
+    if examples.is_empty() {
+        return missing();
+    }
+    let framing = Framing::of(examples, PICTURE_WIDTH);
+    let decimals = column_decimals(
+        examples
+            .iter()
+            .flat_map(|example| [example.cd / CD_UNIT, example.cd_nearest / CD_UNIT]),
+    );
+    let rows: String = examples
+        .iter()
+        .map(|example| picture_row(example, &framing, decimals))
+        .collect();
+    let bar_cm = 100.0 * framing.bar;
+    format!(
+        "<ul class=\"legend\"><li><i class=\"dot truth\"></i>True cloud alone</li>\
+         <li><i class=\"dot network\"></i>Prediction alone</li>\
+         <li><i class=\"dot nearest\"></i>Nearest training command’s cloud alone</li>\
+         <li><i class=\"dot both\"></i>Both</li></ul>{rows}\
+         <p class=\"note\">Each row is one test command. Left: the true cloud in its own colours. \
+         Middle and right: grey where the outlines of both clouds agree, a colour where one cloud \
+         stands out. A row is seen across its plane of bending, all pictures have the same scale, \
+         and the bar at the lower left of each is {bar_cm}\u{a0}cm long. CD is the squared Chamfer \
+         distance from the true cloud. The command is the rest length of each tendon.</p>"
+    )
+}
+
+fn picture_row(example: &Example, framing: &Framing, decimals: usize) -> String {
+    let label = escape(&example.label);
+    let figures: String = Subject::ALL
+        .into_iter()
+        .map(|subject| {
+            let (alt, caption) = match subject {
+                Subject::Truth => ("true cloud in its own colours", "Truth".to_owned()),
+                Subject::Prediction => (
+                    "predicted cloud against the true cloud",
+                    format!("Prediction, CD\u{a0}{}", cd_text(example.cd, decimals)),
+                ),
+                Subject::Nearest => (
+                    "cloud of the nearest training command against the true cloud",
+                    format!(
+                        "Nearest training command, CD\u{a0}{}",
+                        cd_text(example.cd_nearest, decimals)
+                    ),
+                ),
+            };
+            let image = framing.picture(example, subject);
+            let tag = format!(
+                "<img src=\"data:image/png;base64,{}\" width=\"{}\" height=\"{}\" alt=\"{label}: {alt}\">",
+                base64(&image.to_png()),
+                image.width,
+                image.height,
+            );
+            figure("", &tag, &caption)
+        })
+        .collect();
+    format!(
+        "<article class=\"example\"><h3>{label}</h3><p>Command (mm): {}</p>\
+         <div class=\"triple\">{figures}</div></article>",
+        command_text(&example.command),
+    )
+}
+
+/// A squared distance in the table's unit, kept on one line.
+fn cd_text(cd: f64, decimals: usize) -> String {
+    if cd.is_finite() {
+        let value = fixed(cd / CD_UNIT, decimals);
+        format!("{value}\u{a0}×\u{a0}10⁻⁴\u{a0}m²")
+    } else {
+        NOT_AVAILABLE.to_owned()
+    }
+}
+
+/// Tendon lengths in millimetres, three of a module together.
+fn command_text(command: &[f64]) -> String {
+    if command.is_empty() {
+        return NOT_AVAILABLE.to_owned();
+    }
+    let module = |lengths: &[f64]| {
+        let texts: Vec<String> = lengths.iter().map(|x| fixed(x / 1e-3, 1)).collect();
+        texts.join(", ")
+    };
+    let modules: Vec<String> = command.chunks(3).map(module).collect();
+    modules.join(" | ")
+}
+
+/// The list of settings.
+pub(crate) fn settings(summary: &[(String, String)]) -> String {
+    if summary.is_empty() {
+        return missing();
+    }
+    let entry = |(name, value): &(String, String)| {
+        format!(
+            "<div><dt>{}</dt><dd>{}</dd></div>",
+            escape(name),
+            escape(value)
+        )
+    };
+    format!("<dl>{}</dl>", summary.iter().map(entry).collect::<String>())
+}

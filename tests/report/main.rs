@@ -1,0 +1,282 @@
+//! The report's page and contact sheet, from a report of made-up numbers.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod sample;
+
+use sample::{bent_tube, example, full_report};
+use std::sync::LazyLock;
+use tdcr::report::{PerTest, Report, Score, Stage, contact_sheet, scale_bar};
+
+static PAGE: LazyLock<String> = LazyLock::new(|| full_report().to_html());
+
+/// Elements of HTML without an end tag, and those of SVG that the page closes with "/>".
+const VOID: [&str; 4] = ["meta", "img", "input", "br"];
+
+/// Panics unless each start tag has its end tag, properly nested.
+fn assert_balanced(page: &str) {
+    let mut open: Vec<&str> = Vec::new();
+    let mut rest = page;
+    while let Some((_, tail)) = rest.split_once('<') {
+        let (tag, after) = tail.split_once('>').unwrap();
+        rest = after;
+        if tag.starts_with('!') || tag.ends_with('/') {
+            continue;
+        }
+        if let Some(name) = tag.strip_prefix('/') {
+            assert_eq!(open.pop(), Some(name), "end tag");
+            continue;
+        }
+        let name = tag.split_whitespace().next().unwrap();
+        if name == "script" || name == "style" {
+            rest = rest.split_once(&format!("</{name}>")).unwrap().1;
+        } else if !VOID.contains(&name) {
+            open.push(name);
+        }
+    }
+    assert!(open.is_empty(), "open at the end: {open:?}");
+}
+
+/// Width, height and RGB of a PNG.
+fn decode(png: &[u8]) -> (usize, usize, Vec<u8>) {
+    let mut reader = png::Decoder::new(std::io::Cursor::new(png))
+        .read_info()
+        .unwrap();
+    let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut rgb).unwrap();
+    assert_eq!(info.color_type, png::ColorType::Rgb);
+    (info.width as usize, info.height as usize, rgb)
+}
+
+/// Decodes base64, by the position of each digit in the alphabet.
+fn from_base64(text: &str) -> Vec<u8> {
+    const ALPHABET: &str = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let digits = text.bytes().filter_map(|b| ALPHABET.find(char::from(b)));
+    let bits: Vec<u8> = digits
+        .flat_map(|d| (0..6).rev().map(move |k| (d >> k & 1) as u8))
+        .collect();
+    bits.chunks_exact(8)
+        .map(|byte| byte.iter().fold(0, |sum, bit| 2 * sum + bit))
+        .collect()
+}
+
+/// What stands between `before` and `after`.
+fn between<'a>(text: &'a str, before: &str, after: &str) -> &'a str {
+    text.split_once(before)
+        .unwrap()
+        .1
+        .split_once(after)
+        .unwrap()
+        .0
+}
+
+#[test]
+fn the_page_loads_nothing_and_says_so() {
+    for forbidden in [
+        "http:", "https:", "@import", "url(", "<link", " src=\"/", "{{",
+    ] {
+        assert!(!PAGE.contains(forbidden), "{forbidden}");
+    }
+    assert!(PAGE.contains("default-src 'none'"));
+    assert_eq!(
+        PAGE.matches(" src=\"").count(),
+        PAGE.matches(" src=\"data:image/png;base64,").count()
+    );
+}
+
+#[test]
+fn the_page_is_well_formed_and_the_same_each_time() {
+    assert_balanced(&PAGE);
+    assert_eq!(*PAGE, full_report().to_html());
+}
+
+#[test]
+fn eight_examples_fit_in_a_megabyte_and_a_half() {
+    assert_eq!(full_report().examples.len(), 8);
+    assert!(PAGE.len() < 1_500_000, "{} bytes", PAGE.len());
+}
+
+#[test]
+fn scores_are_shown_in_their_units_and_relative_to_the_floor() {
+    let row = |name: &str| -> Vec<String> {
+        let cells = between(&PAGE, &format!("{name}</th>"), "</tr>");
+        cells
+            .split("</td>")
+            .map(|cell| cell.replace("<td>", ""))
+            .take(4)
+            .collect()
+    };
+    assert_eq!(row("Network"), ["0.330", "12.2", "5.2", "2.2"]);
+    assert_eq!(row("Sampling floor"), ["0.027", "1.0", "2.4", "1.0"]);
+}
+
+#[test]
+fn every_picture_and_chart_has_a_text_alternative() {
+    assert_eq!(PAGE.matches("<img ").count(), 24);
+    assert_eq!(PAGE.matches("alt=\"Test command ").count(), 24);
+    assert_eq!(PAGE.matches("<svg ").count(), 4);
+    assert_eq!(PAGE.matches("role=\"img\" aria-label=\"").count(), 5);
+}
+
+#[test]
+fn the_viewer_gets_the_points_of_the_clouds() {
+    let json = between(&PAGE, "id=\"viewer-data\">", "</script>");
+    let data: serde_json::Value = serde_json::from_str(json).unwrap();
+    let number = |value: &serde_json::Value| value.as_f64().unwrap();
+    let step = number(&data["step"]);
+    assert!(step < 2e-5, "{step} m");
+    let bytes = from_base64(data["examples"][0]["truth"].as_str().unwrap());
+    assert_eq!(bytes.len(), 6 * 3000);
+    let truth = &full_report().examples[0].truth;
+    for (k, point) in bytes.chunks_exact(6).enumerate() {
+        let original = truth.points[k * truth.len() / 3000];
+        for axis in 0..3 {
+            let q = u16::from_le_bytes([point[2 * axis], point[2 * axis + 1]]);
+            let x = number(&data["origin"][axis]) + step * f64::from(q);
+            assert!((x - f64::from(original[axis])).abs() <= 0.5 * step + 1e-12);
+        }
+    }
+}
+
+#[test]
+fn text_is_escaped_wherever_it_stands() {
+    let evil = "</script><b a=\"'&{{scores}}";
+    let mut report = full_report();
+    report.title = evil.to_owned();
+    report.headline = evil.to_owned();
+    report.summary = vec![(evil.to_owned(), evil.to_owned())];
+    report.score_notes = vec![evil.to_owned()];
+    report.scores[0].name = evil.to_owned();
+    report.stages[0].name = evil.to_owned();
+    report.examples.truncate(1);
+    report.examples[0].label = evil.to_owned();
+    let page = report.to_html();
+    assert!(!page.contains("<b a"));
+    assert!(page.contains("&lt;/script&gt;&lt;b a=&quot;&#39;&amp;{{scores}}"));
+    assert_balanced(&page);
+}
+
+#[test]
+fn an_empty_report_is_a_page_that_says_what_is_missing() {
+    let page = Report::default().to_html();
+    assert_balanced(&page);
+    assert_eq!(page.matches("not available").count(), 7);
+    assert!(!page.contains("<canvas"));
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_not_available() {
+    let mut broken = example("broken", 0.0, 0.5, 1.0);
+    broken.truth.points[0] = [f32::NAN, f32::INFINITY, 0.0];
+    broken.prediction = Default::default();
+    broken.command = vec![f64::NAN];
+    (broken.cd, broken.cd_nearest) = (f64::NAN, f64::INFINITY);
+    let score = |cd, emd| Score {
+        name: "n".to_owned(),
+        cd,
+        emd,
+    };
+    let report = Report {
+        scores: vec![score(f64::NAN, f64::INFINITY), score(1e-4, 1e-3)],
+        floor: Some(score(0.0, f64::NAN)),
+        loss_curve: vec![(0, f64::NAN), (1, -1.0), (2, 0.5), (3, f64::INFINITY)],
+        validation_curve: vec![(0, f64::NAN)],
+        per_test: Some(PerTest {
+            network: vec![f64::NAN, 0.0],
+            nearest: vec![],
+        }),
+        stages: vec![
+            Stage {
+                name: "a".to_owned(),
+                seconds: f64::NAN,
+            },
+            Stage {
+                name: "b".to_owned(),
+                seconds: 1.0,
+            },
+        ],
+        examples: vec![broken],
+        ..Report::default()
+    };
+    let page = report.to_html();
+    assert_balanced(&page);
+    let data = between(&page, "id=\"viewer-data\">", "</script>");
+    assert!(serde_json::from_str::<serde_json::Value>(data).is_ok());
+    // What remains without the packed points, the script and the pictures.
+    let mut text = page
+        .replace(data, "")
+        .replace(between(&page, "<script>", "</script>"), "");
+    for source in page.split("src=\"").skip(1) {
+        text = text.replace(source.split('"').next().unwrap(), "");
+    }
+    assert!(!text.contains("NaN") && !text.contains("inf"));
+    assert!(page.matches("not available").count() >= 8);
+}
+
+#[test]
+fn clouds_without_points_make_white_pictures() {
+    let mut empty = example("empty", 0.0, 0.5, 1.0);
+    for cloud in [&mut empty.truth, &mut empty.prediction, &mut empty.nearest] {
+        *cloud = Default::default();
+    }
+    let report = Report {
+        examples: vec![empty],
+        ..Report::default()
+    };
+    assert_balanced(&report.to_html());
+    assert_eq!(decode(&contact_sheet(&[], 100)).0, 100);
+}
+
+#[test]
+fn a_contact_sheet_has_a_column_per_example_with_its_robot_in_it() {
+    let examples = [example("a", 0.3, 0.4, 1.0), example("b", 2.0, 0.8, -1.0)];
+    let (width, height, rgb) = decode(&contact_sheet(&examples, 200));
+    assert_eq!(width, 2 * 200 + 8);
+    let panel = (height - 2 * 8) / 3;
+    assert_eq!(3 * panel + 2 * 8, height);
+    for column in 0..2 {
+        for row in 0..3 {
+            let inside = (0..panel * 200).filter(|k| {
+                let (x, y) = (column * 208 + k % 200, row * (panel + 8) + k / 200);
+                rgb[3 * (y * width + x)..][..3] != [255; 3]
+            });
+            let share = inside.count() as f64 / (panel * 200) as f64;
+            assert!(
+                (0.05..0.5).contains(&share),
+                "panel {column}, {row}: {share}"
+            );
+        }
+    }
+    for y in 0..height {
+        assert!(
+            rgb[3 * (y * width + 200)..][..24]
+                .iter()
+                .all(|&byte| byte == 255),
+            "gap"
+        );
+    }
+}
+
+#[test]
+fn the_robot_in_a_picture_is_as_long_as_the_scale_bar_says() {
+    // A straight tube: 0.25 m long, seen from 0.21 rad above the horizon, with 3 mm round its points.
+    let mut straight = example("straight", 0.0, 0.0, 0.0);
+    straight.truth = bent_tube(0.0, 0.0, 0.0, 0.0, 1);
+    straight.prediction = straight.truth.clone();
+    straight.nearest = straight.truth.clone();
+    let examples = [straight];
+    let (width, height, rgb) = decode(&contact_sheet(&examples, 300));
+    let panel = (height - 2 * 8) / 3;
+    let inked = |x: usize, y: usize| rgb[3 * (y * width + x)..][..3] != [255; 3];
+    let bar_row = panel - 12;
+    let bar = (0..width).filter(|&x| inked(x, bar_row)).count() as f64;
+    let metres_per_pixel = scale_bar(&examples, 300) / bar;
+    let rows: Vec<usize> = (0..bar_row - 5)
+        .filter(|&y| (0..width).any(|x| inked(x, y)))
+        .collect();
+    let seen = (rows[rows.len() - 1] - rows[0] + 1) as f64 * metres_per_pixel;
+    let expected = 0.25 * 0.21f64.cos() + 2.0 * 0.02 * 0.21f64.sin() + 2.0 * 0.003;
+    assert!(
+        (seen / expected - 1.0).abs() < 0.03,
+        "{seen} m, expected {expected} m"
+    );
+}
