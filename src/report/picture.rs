@@ -5,8 +5,8 @@ use super::axis::mark_at_or_below;
 use super::raster::{Frame, Image, Layer, Paint, View, render};
 use tdcr_sim::cloud::PointCloud;
 
-/// Colours of the true, the predicted and the nearest cloud where they stand alone: blue, vermilion and a purple, told
-/// apart with any colour vision (after Okabe and Ito, 2008).
+/// Colours of the true, the predicted and the nearest cloud where they stand alone: blue, vermilion
+/// and a purple, told apart with any colour vision (after Okabe and Ito, 2008).
 pub(crate) const TRUTH: [u8; 3] = [0x00, 0x72, 0xb2];
 pub(crate) const PREDICTION: [u8; 3] = [0xd5, 0x5e, 0x00];
 pub(crate) const NEAREST: [u8; 3] = [0xc4, 0x6a, 0x9b];
@@ -40,25 +40,16 @@ impl Subject {
     pub const ALL: [Subject; 3] = [Subject::Truth, Subject::Prediction, Subject::Nearest];
 
     fn layers(self, example: &Example) -> Vec<Layer<'_>> {
-        let compared = |cloud, color| Layer {
+        let layer = |cloud, paint| Layer {
             cloud,
-            paint: Paint::Flat(color),
+            paint,
             radius: POINT_RADIUS,
         };
+        let truth = layer(&example.truth, Paint::Flat(TRUTH));
         match self {
-            Subject::Truth => vec![Layer {
-                cloud: &example.truth,
-                paint: Paint::Own,
-                radius: POINT_RADIUS,
-            }],
-            Subject::Prediction => vec![
-                compared(&example.truth, TRUTH),
-                compared(&example.prediction, PREDICTION),
-            ],
-            Subject::Nearest => vec![
-                compared(&example.truth, TRUTH),
-                compared(&example.nearest, NEAREST),
-            ],
+            Subject::Truth => vec![layer(&example.truth, Paint::Own)],
+            Subject::Prediction => vec![truth, layer(&example.prediction, Paint::Flat(PREDICTION))],
+            Subject::Nearest => vec![truth, layer(&example.nearest, Paint::Flat(NEAREST))],
         }
     }
 }
@@ -74,7 +65,7 @@ pub(crate) struct Framing {
 impl Framing {
     /// The frame `width` pixels wide that holds every example in its own view.
     pub fn of(examples: &[Example], width: usize) -> Self {
-        let width = width.max(4 * BORDER as usize);
+        let width = width.max(8 * BORDER as usize);
         let [[left, right], [bottom, top]] = bounds(examples);
         let inner = width as f64 - 2.0 * BORDER;
         let margins = 2.0 * BORDER + BAR_STRIP;
@@ -118,7 +109,7 @@ impl Framing {
 /// prediction (vermilion) against the truth (blue), and the cloud of the nearest training command
 /// (purple) against the truth; where the outlines of both agree, they are grey.
 ///
-/// Each panel is `panel_width` pixels wide (at least 40). Each column is seen across its plane of
+/// Each panel is `panel_width` pixels wide (at least 80). Each column is seen across its plane of
 /// bending; all panels have one scale, that of the bar at their lower left, whose length (m) is
 /// [`scale_bar`]. No example gives one white panel.
 pub fn contact_sheet(examples: &[Example], panel_width: usize) -> Vec<u8> {

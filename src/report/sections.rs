@@ -7,7 +7,7 @@ use super::{Example, Report, Score, viewer as viewer_data};
 /// Units of the table and the charts: 1e-4 m^2 and 1 mm.
 pub(crate) const CD_UNIT: f64 = 1e-4;
 const EMD_UNIT: f64 = 1e-3;
-pub(crate) const CD_TITLE: &str = "CD (10⁻⁴ m²)";
+pub(crate) const CD_TITLE: &str = "CD (10⁻⁴\u{a0}m²)";
 
 /// Width of a picture (pixels).
 const PICTURE_WIDTH: usize = 340;

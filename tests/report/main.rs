@@ -9,7 +9,7 @@ use tdcr::report::{PerTest, Report, Score, Stage, contact_sheet, scale_bar};
 
 static PAGE: LazyLock<String> = LazyLock::new(|| full_report().to_html());
 
-/// Elements of HTML without an end tag, and those of SVG that the page closes with "/>".
+/// Elements of HTML without an end tag.
 const VOID: [&str; 4] = ["meta", "img", "input", "br"];
 
 /// Panics unless each start tag has its end tag, properly nested.
