@@ -1,0 +1,105 @@
+//! Commands, and how they report: results on stdout, everything else on stderr.
+
+mod collect;
+mod console;
+mod settle;
+
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::{Args, Parser, Subcommand};
+use tdcr::pipeline::PipelineError;
+use tracing_subscriber::filter::LevelFilter;
+
+use console::Console;
+
+/// Tendon-driven continuum robots: simulate, see, learn, predict, evaluate.
+#[derive(Debug, Parser)]
+#[command(name = "tdcr", version, propagate_version = true)]
+struct Cli {
+    #[command(flatten)]
+    global: Global,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Args)]
+struct Global {
+    /// Print the result as JSON on stdout
+    #[arg(long, global = true)]
+    json: bool,
+    /// Threads to use [default: all processors]
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+    /// Say nothing but errors and the result
+    #[arg(long, short, global = true)]
+    quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Settle(settle::SettleArgs),
+    Collect(collect::CollectArgs),
+}
+
+/// Exit status after an interruption, as shells report SIGINT.
+const INTERRUPTED: u8 = 130;
+
+/// Runs the command line; the exit status is 0, 1 after an error, 2 for wrong usage, 130 when
+/// interrupted.
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    match execute(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if console::is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            match error.downcast_ref() {
+                Some(PipelineError::Interrupted) => ExitCode::from(INTERRUPTED),
+                _ => ExitCode::FAILURE,
+            }
+        }
+    }
+}
+
+fn execute(cli: &Cli) -> anyhow::Result<()> {
+    let level = if cli.global.quiet {
+        LevelFilter::ERROR
+    } else {
+        LevelFilter::INFO
+    };
+    tracing_subscriber::fmt()
+        .with_max_level(level)
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .without_time()
+        .init();
+    if let Some(threads) = cli.global.threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global()
+            .context("cannot start the threads")?;
+    }
+    let console = Console::new(&cli.global)?;
+    match &cli.command {
+        Command::Settle(args) => settle::run(args, &console),
+        Command::Collect(args) => collect::run(args, &console),
+    }
+}
+
+/// Parses a whole number above 0.
+fn at_least_one(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) => Err("expected 1 or more".to_owned()),
+        Ok(number) => Ok(number),
+        Err(_) => Err("expected a whole number, 1 or more".to_owned()),
+    }
+}
+
+/// Parses a finite number above 0.
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if f64::is_finite(number) && number > 0.0 => Ok(number),
+        _ => Err("expected a finite number above 0".to_owned()),
+    }
+}
