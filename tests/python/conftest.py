@@ -1,0 +1,39 @@
+"""Fixtures: the tdcr binary, and random commands."""
+
+import json
+import os
+import pathlib
+import subprocess
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope="session")
+def tdcr():
+    """Runs the tdcr binary with the given arguments and `--json`; returns the parsed result."""
+    binary = os.environ.get("TDCR") or str(pathlib.Path(__file__).parents[2] / "target/release/tdcr")
+
+    def run(*arguments):
+        command = [binary, *map(str, arguments), "--json", "--quiet"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    return run
+
+
+@pytest.fixture
+def settle(tdcr):
+    """Settles one command (m) of a standard robot with the tdcr binary."""
+
+    def run(robot, command, payload=0.0):
+        text = ",".join(repr(float(c)) for c in command)
+        return tdcr("settle", "--robot", robot, "--command", text, "--payload", payload)
+
+    return run
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20260101)
