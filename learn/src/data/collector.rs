@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use super::atomic::{TEMPORARY, write_atomically};
 use super::meta::{META_FILE, Meta};
 use super::normalisation::NormalisationFit;
-use super::shard::{Batch, Dataset, Sizes};
+use super::shard::{Array, Batch, Sizes};
 use super::shard_file::ShardFile;
 use super::{DataError, Normalisation, Sample, Split, split_indices};
 
@@ -31,11 +31,11 @@ const LOCK_FILE: &str = "lock";
 pub struct Collector {
     dir: PathBuf,
     meta: Meta,
-    progress: Progress,
+    state: State,
 }
 
 #[derive(Debug)]
-enum Progress {
+enum State {
     Complete,
     /// Holds the lock that keeps other collectors out.
     Collecting {
@@ -54,10 +54,10 @@ impl Collector {
     pub fn open(dir: &Path, meta: &Meta) -> Result<Self, DataError> {
         meta.validate()?;
         let staging = dir.join(STAGING);
-        let progress = if let Some(found) = Meta::load(&dir.join(META_FILE))? {
+        let state = if let Some(found) = Meta::load(&dir.join(META_FILE))? {
             meta.require_same(&found, dir)?;
             remove_staging(&staging)?;
-            Progress::Complete
+            State::Complete
         } else {
             let found = Meta::load(&staging.join(META_FILE))?;
             match &found {
@@ -69,12 +69,12 @@ impl Collector {
             if found.is_none() {
                 write_meta(&staging, meta)?;
             }
-            Progress::Collecting { _lock: lock }
+            State::Collecting { _lock: lock }
         };
         Ok(Self {
             dir: dir.to_owned(),
             meta: meta.clone(),
-            progress,
+            state,
         })
     }
 
@@ -82,9 +82,9 @@ impl Collector {
     ///
     /// A block whose file is there but truncated counts as missing.
     pub fn missing_blocks(&self) -> Vec<Range<usize>> {
-        match self.progress {
-            Progress::Complete => vec![],
-            Progress::Collecting { .. } => self
+        match self.state {
+            State::Complete => vec![],
+            State::Collecting { .. } => self
                 .blocks()
                 .filter(|block| !self.is_whole(block))
                 .collect(),
@@ -99,7 +99,7 @@ impl Collector {
     /// [`DataError::InvalidSample`] for a sample with other than `N` points or `D` motors, or one that is not finite;
     /// [`DataError::Complete`]; [`DataError::Io`], in which case all earlier blocks remain usable.
     pub fn write_block(&self, first_index: usize, samples: &[Sample]) -> Result<(), DataError> {
-        if let Progress::Complete = self.progress {
+        if let State::Complete = self.state {
             return Err(DataError::Complete {
                 path: self.dir.clone(),
             });
@@ -127,9 +127,10 @@ impl Collector {
     ///
     /// # Errors
     /// [`DataError::Incomplete`] while blocks are missing; [`DataError::Io`] and what reading a damaged block brings.
-    /// After an error the blocks are still there, and finishing can be tried again.
+    /// After an error the blocks are still there, and finishing can be tried again. A damaged block is made again once
+    /// its file is removed.
     pub fn finish(self, mut progress: impl FnMut(usize, usize)) -> Result<(), DataError> {
-        if let Progress::Complete = self.progress {
+        if let State::Complete = self.state {
             return Ok(());
         }
         if !self.missing_blocks().is_empty() {
@@ -145,7 +146,10 @@ impl Collector {
         self.write_shards(&normalisation, &mut step)?;
         normalisation.save(&self.dir)?;
         write_meta(&self.dir, &self.meta)?;
-        remove_staging(&self.dir.join(STAGING))
+        let staging = self.dir.join(STAGING);
+        // Not every system removes an open file, and the lock is one.
+        drop(self.state);
+        remove_staging(&staging)
     }
 
     fn fit_normalisation(&self, step: &mut impl FnMut()) -> Result<Normalisation, DataError> {
@@ -153,8 +157,8 @@ impl Collector {
         for block in self.blocks() {
             let file = self.open_block(&block)?;
             fit.include(
-                &file.read_floats(Dataset::Motors)?,
-                &file.read_floats(Dataset::Data)?,
+                &file.read_floats(Array::Motors)?,
+                &file.read_floats(Array::Data)?,
             );
             step();
         }
@@ -203,7 +207,7 @@ impl Collector {
     }
 
     fn open_block(&self, block: &Range<usize>) -> Result<ShardFile, DataError> {
-        ShardFile::open(&self.block_path(block), &Dataset::BLOCK)
+        ShardFile::open(&self.block_path(block), &Array::BLOCK)
     }
 
     fn is_whole(&self, block: &Range<usize>) -> bool {
@@ -213,7 +217,7 @@ impl Collector {
             motors: self.meta.motors,
         };
         self.open_block(block)
-            .is_ok_and(|file| file.sizes() == sizes && file.is_whole())
+            .is_ok_and(|file| file.sizes() == sizes)
     }
 
     /// Says what is wrong with a sample.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::collector::STAGING;
 use super::meta::{META_FILE, Meta};
-use super::shard::{Dataset, Sizes};
+use super::shard::{Array, Sizes};
 use super::shard_file::ShardFile;
 use super::{CloudSet, DataError, Normalisation, Sample, Split, split_indices};
 
@@ -54,12 +54,12 @@ impl DataSet {
     /// Reads a split in metres: 15 bytes of memory a point.
     ///
     /// # Errors
-    /// [`DataError::NoShards`], [`DataError::SampleCount`], and whatever is wrong with a shard, by file and data set.
+    /// [`DataError::NoShards`], [`DataError::SampleCount`], and whatever is wrong with a shard, by file and dataset.
     pub fn read_split(&self, split: Split) -> Result<Vec<Sample>, DataError> {
         let shards = self.shards(split)?;
         let mut samples = Vec::with_capacity(shards.sizes.samples);
         for path in &shards.paths {
-            let batch = ShardFile::open(path, &Dataset::SHARD)?.read_batch()?;
+            let batch = ShardFile::open(path, &Array::SHARD)?.read_batch()?;
             samples.extend(batch.samples());
         }
         Ok(samples)
@@ -86,17 +86,17 @@ impl DataSet {
             points: Vec::with_capacity(samples * points * 3),
         };
         for path in &shards.paths {
-            let shard = ShardFile::open(path, &Dataset::SHARD)?;
+            let shard = ShardFile::open(path, &Array::SHARD)?;
             let conditions = self
                 .normalisation
-                .conditions(&shard.read_floats(Dataset::Motors)?);
+                .conditions(&shard.read_floats(Array::Motors)?);
             let scale = self.normalisation.scale as f32;
             let samples = shard.sizes().samples;
-            shard.require_values(Dataset::MotorsNorm, &conditions, TOLERANCE)?;
-            shard.require_values(Dataset::Center, &vec![0.0; 3 * samples], TOLERANCE * scale)?;
-            shard.require_values(Dataset::Scale, &vec![scale; samples], TOLERANCE * scale)?;
+            shard.require_values(Array::MotorsNorm, &conditions, TOLERANCE)?;
+            shard.require_values(Array::Center, &vec![0.0; 3 * samples], TOLERANCE * scale)?;
+            shard.require_values(Array::Scale, &vec![scale; samples], TOLERANCE * scale)?;
             set.conditions.extend(conditions);
-            set.points.extend(shard.read_floats(Dataset::Data)?);
+            set.points.extend(shard.read_floats(Array::Data)?);
         }
         self.normalisation.normalise_points(&mut set.points);
         Ok(set)
@@ -110,22 +110,22 @@ impl DataSet {
         let motors = self.normalisation.motor_min.len();
         let mut samples = 0;
         for path in &paths {
-            let found = ShardFile::open(path, &Dataset::SHARD)?.sizes();
+            let found = ShardFile::open(path, &Array::SHARD)?.sizes();
             let expected = Sizes {
                 samples: found.samples,
                 points: *points.get_or_insert(found.points),
                 motors,
             };
-            for dataset in [Dataset::Data, Dataset::Motors] {
-                if dataset.shape(found) != dataset.shape(expected) {
+            for array in [Array::Data, Array::Motors] {
+                if array.shape(found) != array.shape(expected) {
                     return Err(DataError::WrongShape {
                         path: path.clone(),
-                        dataset: dataset.name(),
+                        dataset: array.name(),
                         expected: format!(
                             "{:?} as in the rest of the data set",
-                            dataset.shape(expected)
+                            array.shape(expected)
                         ),
-                        found: dataset.shape(found),
+                        found: array.shape(found),
                     });
                 }
             }

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use super::split::MIN_SAMPLES;
 
 /// Why a data set could not be made or read. Every variant says what was found, where, and what would be right.
+///
+/// A data set is a folder, a `dataset` an array in an HDF5 file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DataError {
@@ -24,63 +26,63 @@ pub enum DataError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// The part that could not be read: the file, or a named data set in it.
+        /// The part that could not be read: the file, or a named dataset in it.
         what: String,
         /// The HDF5 reader's reason.
         reason: String,
     },
-    /// A data set that the layout demands is not in the file.
-    #[error("{}: no data set `{dataset}`, expected one of shape {expected}", .path.display())]
+    /// A dataset that the layout demands is not in the file.
+    #[error("{}: no dataset `{dataset}`, expected one of shape {expected}", .path.display())]
     MissingDataset {
         /// The file.
         path: PathBuf,
-        /// The data set's name.
+        /// The dataset's name.
         dataset: &'static str,
         /// The shape it should have, in symbols.
         expected: &'static str,
     },
-    /// A data set's shape differs from the layout's, or from the other data sets' in the file.
-    #[error("{}: data set `{dataset}` has shape {found:?}, expected {expected}", .path.display())]
+    /// A dataset's shape differs from the layout's, or from the other datasets' in the file.
+    #[error("{}: dataset `{dataset}` has shape {found:?}, expected {expected}", .path.display())]
     WrongShape {
         /// The file.
         path: PathBuf,
-        /// The data set's name.
+        /// The dataset's name.
         dataset: &'static str,
         /// The shape it should have.
         expected: String,
         /// The shape it has.
         found: Vec<u64>,
     },
-    /// A data set's element type differs from the layout's.
-    #[error("{}: data set `{dataset}` has elements of type {found}, expected {expected}", .path.display())]
+    /// A dataset's element type differs from the layout's.
+    #[error("{}: dataset `{dataset}` has elements of type {found}, expected {expected}", .path.display())]
     WrongType {
         /// The file.
         path: PathBuf,
-        /// The data set's name.
+        /// The dataset's name.
         dataset: &'static str,
         /// The type it should have.
         expected: &'static str,
         /// The type it has.
         found: String,
     },
-    /// A data set claims more bytes than its file can hold.
-    #[error("{}: data set `{dataset}` claims shape {found:?}, more than a file of {file_bytes} bytes can hold", .path.display())]
+    /// A dataset claims more bytes than its file can hold.
+    #[error("{}: dataset `{dataset}` claims shape {found:?}, more than a file of {file_bytes} bytes can hold", .path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
-        /// The data set's name.
+        /// The dataset's name.
         dataset: &'static str,
         /// The shape it claims.
         found: Vec<u64>,
         /// The file's length (bytes).
         file_bytes: u64,
     },
-    /// A data set holds a NaN or an infinity.
-    #[error("{}: data set `{dataset}`: sample {sample} holds {found}, expected finite numbers", .path.display())]
+    /// A dataset holds a NaN or an infinity.
+    #[error("{}: dataset `{dataset}`: sample {sample} holds {found}, expected finite numbers", .path.display())]
     NotFinite {
         /// The file.
         path: PathBuf,
-        /// The data set's name.
+        /// The dataset's name.
         dataset: &'static str,
         /// Row of the first such value, counted within the file.
         sample: usize,
@@ -88,11 +90,11 @@ pub enum DataError {
         found: f32,
     },
     /// A normalised copy does not follow from the raw values and the data set's normalisation.
-    #[error("{}: data set `{dataset}`: sample {sample} holds {found}, expected {expected} by the normalisation files", .path.display())]
+    #[error("{}: dataset `{dataset}`: sample {sample} holds {found}, expected {expected} by the normalisation files", .path.display())]
     Disagrees {
         /// The file.
         path: PathBuf,
-        /// The data set's name.
+        /// The dataset's name.
         dataset: &'static str,
         /// Row of the first such value, counted within the file.
         sample: usize,

@@ -1,5 +1,6 @@
 //! From metres to the units that a network sees, and back.
 
+use std::iter::zip;
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
@@ -38,28 +39,19 @@ impl Normalisation {
                 found: command.len(),
             });
         }
-        let normalise = |(j, &motor)| self.normalise_motor(j, motor);
-        Ok(command.iter().enumerate().map(normalise).collect())
+        Ok(self.normalise(command.iter().copied()).collect())
     }
 
     /// Conditions, row-major `(B, D)`, that stand for commands (m), row-major `(B, D)`.
     pub(super) fn conditions(&self, commands: &[f32]) -> Vec<f32> {
-        let normalise = |(k, &motor): (usize, &f32)| {
-            self.normalise_motor(k % self.motor_min.len(), motor.into())
-        };
-        commands.iter().enumerate().map(normalise).collect()
+        let rows = commands.chunks_exact(self.motor_min.len());
+        rows.flat_map(|row| self.normalise(row.iter().map(|&motor| motor.into())))
+            .collect()
     }
 
-    fn normalise_motor(&self, j: usize, motor: f64) -> f32 {
-        ((motor - self.motor_min[j]) / self.motor_scale(j)) as f32
-    }
-
-    /// Divisor of motor `j` (m): its range, or 1 where it never moves.
-    fn motor_scale(&self, j: usize) -> f64 {
-        match self.motor_max[j] - self.motor_min[j] {
-            0.0 => 1.0,
-            range => range,
-        }
+    fn normalise(&self, command: impl Iterator<Item = f64>) -> impl Iterator<Item = f32> {
+        zip(command, zip(&self.motor_min, &self.motor_max))
+            .map(|(motor, (min, max))| ((motor - min) / divisor(*min, *max)) as f32)
     }
 
     /// Turns coordinates in metres, in place, into dimensionless ones.
@@ -98,7 +90,7 @@ impl Normalisation {
                 format!("min, max and scale have {lengths:?} values, expected one per motor each");
             return refuse(&motors_path, problem);
         }
-        for (j, (min, max)) in std::iter::zip(&motors.min, &motors.max).enumerate() {
+        for (j, (min, max)) in zip(&motors.min, &motors.max).enumerate() {
             if !(min.is_finite() && max.is_finite() && min <= max) {
                 return refuse(
                     &motors_path,
@@ -133,8 +125,8 @@ impl Normalisation {
         let motors = MotorRange {
             min: self.motor_min.clone(),
             max: self.motor_max.clone(),
-            scale: (0..self.motor_min.len())
-                .map(|j| self.motor_scale(j))
+            scale: zip(&self.motor_min, &self.motor_max)
+                .map(|(min, max)| divisor(*min, *max))
                 .collect(),
         };
         let points = PointScale {
@@ -143,6 +135,14 @@ impl Normalisation {
         };
         write_json(&dir.join(MOTORS_FILE), &Scoped { all: motors })?;
         write_json(&dir.join(POINTS_FILE), &Scoped { all: points })
+    }
+}
+
+/// What a motor's distance from `min` is divided by (m): its range, or 1 where it never moves.
+fn divisor(min: f64, max: f64) -> f64 {
+    match max - min {
+        0.0 => 1.0,
+        range => range,
     }
 }
 

@@ -11,7 +11,7 @@ use super::{DataError, Normalisation, Sample};
 
 /// The arrays of a shard: `B` samples, `N` points each, `D` motors.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Dataset {
+pub(super) enum Array {
     /// Points (m), `(B, N, 3)`.
     Data,
     /// Colours, 8-bit, `(B, N, 3)`.
@@ -28,7 +28,7 @@ pub(super) enum Dataset {
     Scale,
 }
 
-impl Dataset {
+impl Array {
     /// What a shard of a complete data set holds.
     pub(super) const SHARD: [Self; 7] = [
         Self::Data,
@@ -166,12 +166,12 @@ impl Batch {
         })
     }
 
-    /// Writes the samples to `path`, as [`Dataset::BLOCK`].
+    /// Writes the samples to `path`, as [`Array::BLOCK`].
     pub(super) fn write_block(&self, path: &Path) -> Result<(), DataError> {
         write(path, self.raw_arrays())
     }
 
-    /// Writes the samples and their normalised copies to `path`, as [`Dataset::SHARD`].
+    /// Writes the samples and their normalised copies to `path`, as [`Array::SHARD`].
     pub(super) fn write_shard(
         &self,
         path: &Path,
@@ -181,32 +181,32 @@ impl Batch {
         normalisation.normalise_points(&mut points);
         let samples = self.sizes.samples;
         let mut builder = self.raw_arrays();
-        for (dataset, values) in [
-            (Dataset::MotorsNorm, normalisation.conditions(&self.motors)),
-            (Dataset::DataNorm, points),
-            (Dataset::Center, vec![0.0; 3 * samples]),
-            (Dataset::Scale, vec![normalisation.scale as f32; samples]),
+        for (array, values) in [
+            (Array::MotorsNorm, normalisation.conditions(&self.motors)),
+            (Array::DataNorm, points),
+            (Array::Center, vec![0.0; 3 * samples]),
+            (Array::Scale, vec![normalisation.scale as f32; samples]),
         ] {
-            add(&mut builder, dataset, self.sizes, &values);
+            add(&mut builder, array, self.sizes, &values);
         }
         write(path, builder)
     }
 
     fn raw_arrays(&self) -> FileBuilder {
         let mut builder = FileBuilder::new();
-        add(&mut builder, Dataset::Data, self.sizes, &self.data);
-        add(&mut builder, Dataset::Rgb, self.sizes, &self.rgb);
-        add(&mut builder, Dataset::Motors, self.sizes, &self.motors);
+        add(&mut builder, Array::Data, self.sizes, &self.data);
+        add(&mut builder, Array::Rgb, self.sizes, &self.rgb);
+        add(&mut builder, Array::Motors, self.sizes, &self.motors);
         builder
     }
 }
 
 /// Adds an array to a file, uncompressed and in one run: noise in the last bits of a float does not compress.
-fn add<T: H5Element>(builder: &mut FileBuilder, dataset: Dataset, sizes: Sizes, values: &[T]) {
+fn add<T: H5Element>(builder: &mut FileBuilder, array: Array, sizes: Sizes, values: &[T]) {
     builder
-        .create_dataset(dataset.name())
+        .create_dataset(array.name())
         .with_data(values)
-        .with_shape(&dataset.shape(sizes));
+        .with_shape(&array.shape(sizes));
 }
 
 fn write(path: &Path, builder: FileBuilder) -> Result<(), DataError> {

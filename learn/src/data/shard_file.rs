@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use hdf5_pure::{DType, Error, File, FormatError};
 
 use super::DataError;
-use super::shard::{Batch, Dataset, Sizes};
+use super::shard::{Array, Batch, Sizes};
 
 /// Deflate, the densest filter that is read, shrinks nothing further than this.
 const MAX_COMPRESSION: u64 = 1032;
@@ -18,12 +18,17 @@ pub(super) struct ShardFile {
 }
 
 impl ShardFile {
-    /// Opens `path` and checks that it holds `datasets`, each of the right type and shape.
-    pub(super) fn open(path: &Path, datasets: &[Dataset]) -> Result<Self, DataError> {
+    /// Opens `path` and checks that it holds `arrays`, each of the right type and shape.
+    pub(super) fn open(path: &Path, arrays: &[Array]) -> Result<Self, DataError> {
         let file = File::open_streaming(path).map_err(|error| match error {
             Error::Io(error) => DataError::io("open", path)(error),
             error => unreadable(path, "the file", error),
         })?;
+        let (length, header_length) = (file.file_size(), file.superblock().eof_address);
+        if length < header_length {
+            let reason = format!("truncated to {length} of {header_length} bytes");
+            return Err(unreadable(path, "the file", reason));
+        }
         let mut shard = Self {
             path: path.to_owned(),
             file,
@@ -34,8 +39,9 @@ impl ShardFile {
             },
         };
         shard.sizes = shard.find_sizes()?;
-        for &dataset in datasets {
-            shard.check(dataset)?;
+        for &array in arrays {
+            shard.check(array)?;
+            shard.check_chunks(array)?;
         }
         Ok(shard)
     }
@@ -45,51 +51,46 @@ impl ShardFile {
         self.sizes
     }
 
-    /// Whether the file is as long as its header says.
-    pub(super) fn is_whole(&self) -> bool {
-        self.file.superblock().eof_address == self.file.file_size()
-    }
-
     /// Reads the samples.
     pub(super) fn read_batch(&self) -> Result<Batch, DataError> {
         Ok(Batch {
             sizes: self.sizes,
-            data: self.read_floats(Dataset::Data)?,
-            rgb: self.read(Dataset::Rgb, hdf5_pure::Dataset::read_u8)?,
-            motors: self.read_floats(Dataset::Motors)?,
+            data: self.read_floats(Array::Data)?,
+            rgb: self.read(Array::Rgb, hdf5_pure::Dataset::read_u8)?,
+            motors: self.read_floats(Array::Motors)?,
         })
     }
 
     /// Reads an array of floats, all of which are finite.
-    pub(super) fn read_floats(&self, dataset: Dataset) -> Result<Vec<f32>, DataError> {
-        let values = self.read(dataset, hdf5_pure::Dataset::read_f32)?;
+    pub(super) fn read_floats(&self, array: Array) -> Result<Vec<f32>, DataError> {
+        let values = self.read(array, hdf5_pure::Dataset::read_f32)?;
         match values.iter().position(|value| !value.is_finite()) {
             None => Ok(values),
             Some(position) => Err(DataError::NotFinite {
                 path: self.path.clone(),
-                dataset: dataset.name(),
+                dataset: array.name(),
                 sample: position / (values.len() / self.sizes.samples),
                 found: values[position],
             }),
         }
     }
 
-    /// Refuses the shard unless `dataset` holds what `expected` says, row-major and as long as the array, up to
+    /// Refuses the shard unless `array` holds what `expected` says, row-major and as long as the array, up to
     /// `tolerance` in each value.
     pub(super) fn require_values(
         &self,
-        dataset: Dataset,
+        array: Array,
         expected: &[f32],
         tolerance: f32,
     ) -> Result<(), DataError> {
-        let values = self.read_floats(dataset)?;
+        let values = self.read_floats(array)?;
         let differing =
             std::iter::zip(&values, expected).position(|(a, b)| (a - b).abs() > tolerance);
         match differing {
             None => Ok(()),
             Some(position) => Err(DataError::Disagrees {
                 path: self.path.clone(),
-                dataset: dataset.name(),
+                dataset: array.name(),
                 sample: position / (values.len() / self.sizes.samples),
                 expected: expected[position],
                 found: values[position],
@@ -98,49 +99,36 @@ impl ShardFile {
     }
 
     fn find_sizes(&self) -> Result<Sizes, DataError> {
-        let data = self.shape(Dataset::Data)?;
+        let data = self.shape(Array::Data)?;
         let [samples, points, 3] = *data else {
             return Err(self.wrong_shape(
-                Dataset::Data,
-                Dataset::Data.symbolic_shape().to_owned(),
+                Array::Data,
+                Array::Data.symbolic_shape().to_owned(),
                 data,
             ));
         };
-        let motors_shape = self.shape(Dataset::Motors)?;
+        let motors_shape = self.shape(Array::Motors)?;
         let [_, motors] = *motors_shape else {
             return Err(self.wrong_shape(
-                Dataset::Motors,
-                Dataset::Motors.symbolic_shape().to_owned(),
+                Array::Motors,
+                Array::Motors.symbolic_shape().to_owned(),
                 motors_shape,
             ));
         };
-        for (dataset, size, shape) in [
-            (Dataset::Data, samples.min(points), data),
-            (Dataset::Motors, motors, motors_shape),
+        for (array, size, shape) in [
+            (Array::Data, samples.min(points), data),
+            (Array::Motors, motors, motors_shape),
         ] {
             if size == 0 {
                 return Err(self.wrong_shape(
-                    dataset,
-                    format!("{}, none 0", dataset.symbolic_shape()),
+                    array,
+                    format!("{}, none 0", array.symbolic_shape()),
                     shape,
                 ));
             }
-            let file_bytes = self.file.file_size();
-            let elements = shape
-                .iter()
-                .try_fold(1_u64, |product, &size| product.checked_mul(size));
-            if elements.is_none_or(|elements| elements > file_bytes.saturating_mul(MAX_COMPRESSION))
-            {
-                return Err(DataError::TooLarge {
-                    path: self.path.clone(),
-                    dataset: dataset.name(),
-                    found: shape,
-                    file_bytes,
-                });
-            }
+            self.require_plausible(array, &shape)?;
         }
-        let size =
-            |size: u64| usize::try_from(size).expect("it was found to be smaller than the file");
+        let size = |size: u64| usize::try_from(size).expect("a plausible array is addressable");
         Ok(Sizes {
             samples: size(samples),
             points: size(points),
@@ -148,23 +136,43 @@ impl ShardFile {
         })
     }
 
-    fn check(&self, dataset: Dataset) -> Result<(), DataError> {
-        let (found, expected) = (self.shape(dataset)?, dataset.shape(self.sizes));
-        if found != expected {
-            return Err(self.wrong_shape(dataset, format!("{expected:?}"), found));
+    /// Refuses an array, or a chunk of one, larger than the file can hold: memory is allocated by these shapes.
+    fn require_plausible(&self, array: Array, shape: &[u64]) -> Result<(), DataError> {
+        let file_bytes = self.file.file_size();
+        let elements = shape
+            .iter()
+            .try_fold(1_u64, |product, &size| product.checked_mul(size));
+        // An element takes at least a byte in memory and at most eight.
+        let addressable = isize::MAX as u64 / 8;
+        let limit = file_bytes.saturating_mul(MAX_COMPRESSION).min(addressable);
+        match elements {
+            Some(elements) if elements <= limit => Ok(()),
+            _ => Err(DataError::TooLarge {
+                path: self.path.clone(),
+                dataset: array.name(),
+                found: shape.to_vec(),
+                file_bytes,
+            }),
         }
-        let found = self
-            .find(dataset)?
-            .dtype()
-            .map_err(|error| self.unreadable(dataset, error))?;
-        let (expected, fits) = match dataset {
-            Dataset::Rgb => ("u8", found == DType::U8),
+    }
+
+    /// Checks an array's shape and element type.
+    fn check(&self, array: Array) -> Result<(), DataError> {
+        let stored = self.find(array)?;
+        let unreadable = |error| self.unreadable(array, error);
+        let (found, expected) = (stored.shape().map_err(unreadable)?, array.shape(self.sizes));
+        if found != expected {
+            return Err(self.wrong_shape(array, format!("{expected:?}"), found));
+        }
+        let found = stored.dtype().map_err(unreadable)?;
+        let (expected, fits) = match array {
+            Array::Rgb => ("u8", found == DType::U8),
             _ => ("f32 or f64", matches!(found, DType::F32 | DType::F64)),
         };
         if !fits {
             return Err(DataError::WrongType {
                 path: self.path.clone(),
-                dataset: dataset.name(),
+                dataset: array.name(),
                 expected,
                 found: found.to_string(),
             });
@@ -172,55 +180,71 @@ impl ShardFile {
         Ok(())
     }
 
-    fn find(&self, dataset: Dataset) -> Result<hdf5_pure::Dataset, DataError> {
+    /// Checks that the chunks of an array, if it is chunked, fit into the file.
+    fn check_chunks(&self, array: Array) -> Result<(), DataError> {
+        let stored = self.find(array)?;
+        let unreadable = |error| self.unreadable(array, error);
+        let Some(chunk_shape) = stored.chunk_shape().map_err(unreadable)? else {
+            return Ok(());
+        };
+        self.require_plausible(array, &chunk_shape)?;
+        let file_bytes = self.file.file_size();
+        let chunks = stored.chunks().map_err(unreadable)?;
+        match chunks.iter().find(|chunk| chunk.storage_size > file_bytes) {
+            None => Ok(()),
+            Some(chunk) => {
+                let size = chunk.storage_size;
+                let reason = format!("a chunk of {size} bytes in a file of {file_bytes}");
+                Err(self.unreadable(array, reason))
+            }
+        }
+    }
+
+    fn find(&self, array: Array) -> Result<hdf5_pure::Dataset, DataError> {
         self.file
-            .dataset(dataset.name())
+            .dataset(array.name())
             .map_err(|error| match error {
                 Error::Format(FormatError::PathNotFound(_)) => DataError::MissingDataset {
                     path: self.path.clone(),
-                    dataset: dataset.name(),
-                    expected: dataset.symbolic_shape(),
+                    dataset: array.name(),
+                    expected: array.symbolic_shape(),
                 },
-                error => self.unreadable(dataset, error),
+                error => self.unreadable(array, error),
             })
     }
 
-    fn shape(&self, dataset: Dataset) -> Result<Vec<u64>, DataError> {
-        self.find(dataset)?
+    fn shape(&self, array: Array) -> Result<Vec<u64>, DataError> {
+        self.find(array)?
             .shape()
-            .map_err(|error| self.unreadable(dataset, error))
+            .map_err(|error| self.unreadable(array, error))
     }
 
     /// Reads an array whose shape has been checked.
     fn read<T>(
         &self,
-        dataset: Dataset,
+        array: Array,
         read: impl FnOnce(&hdf5_pure::Dataset) -> Result<Vec<T>, Error>,
     ) -> Result<Vec<T>, DataError> {
-        let values = read(&self.find(dataset)?).map_err(|error| self.unreadable(dataset, error))?;
-        let expected: u64 = dataset.shape(self.sizes).iter().product();
+        let values = read(&self.find(array)?).map_err(|error| self.unreadable(array, error))?;
+        let expected: u64 = array.shape(self.sizes).iter().product();
         if values.len() as u64 != expected {
             let problem = format!("{} elements stored, {expected} by its shape", values.len());
-            return Err(self.unreadable(dataset, problem));
+            return Err(self.unreadable(array, problem));
         }
         Ok(values)
     }
 
-    fn wrong_shape(&self, dataset: Dataset, expected: String, found: Vec<u64>) -> DataError {
+    fn wrong_shape(&self, array: Array, expected: String, found: Vec<u64>) -> DataError {
         DataError::WrongShape {
             path: self.path.clone(),
-            dataset: dataset.name(),
+            dataset: array.name(),
             expected,
             found,
         }
     }
 
-    fn unreadable(&self, dataset: Dataset, reason: impl ToString) -> DataError {
-        unreadable(
-            &self.path,
-            &format!("data set `{}`", dataset.name()),
-            reason,
-        )
+    fn unreadable(&self, array: Array, reason: impl ToString) -> DataError {
+        unreadable(&self.path, &format!("dataset `{}`", array.name()), reason)
     }
 }
 
