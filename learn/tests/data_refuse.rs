@@ -7,8 +7,8 @@ mod common;
 use std::fs;
 
 use common::{collect, files, meta, restore, sample};
-use serde_json::json;
 use tdcr_learn::data::{Collector, DataError, Meta, Sample};
+use tdcr_sim::render::BaseVisibility;
 use tempfile::tempdir;
 
 #[test]
@@ -17,23 +17,25 @@ fn another_set_in_the_folder_is_refused_by_the_field_that_differs() {
     let _collector = Collector::open(dir.path(), &meta()).unwrap();
     let complete = tempdir().unwrap();
     collect(complete.path(), &meta());
+    let mut heavier = meta().robot;
+    heavier.modules[1].tendon_gain = 500.0f64.next_up();
     for (changed, field, values) in [
         (Meta { seed: 8, ..meta() }, "seed", ["8", "7"]),
         (
             Meta {
-                robot: json!({"name": "2m", "gains": [500.0, 0.3]}),
+                robot: heavier,
                 ..meta()
             },
-            "robot.gains[1]",
-            ["0.3", "0.30000000000000004"],
+            "robot.modules[1].tendon_gain",
+            ["500.00000000000006", "500.0"],
         ),
         (
             Meta {
-                cameras: json!({"radius": 0.5}),
+                base: BaseVisibility::Shown,
                 ..meta()
             },
-            "cameras.count",
-            ["null", "8"],
+            "base",
+            ["\"shown\"", "\"hidden\""],
         ),
     ] {
         for dir in [&dir, &complete] {

@@ -10,15 +10,16 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use serde_json::json;
 use tdcr_learn::data::{Collector, Meta, Sample};
 use tdcr_sim::cloud::PointCloud;
+use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::robot::RobotSpec;
 use tempfile::{TempDir, tempdir};
 
 pub const MOTORS: usize = 2;
 pub const POINTS: usize = 6;
 
-/// Written by `tests/python/make_chunked_set.py`, that is by h5py and the HDF5 C library.
+/// Written by `tests/data/make_chunked_set.py`, that is by h5py and the HDF5 C library.
 pub const CHUNKED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/chunked");
 
 /// A copy of h5py's data set, to be damaged.
@@ -38,8 +39,8 @@ pub fn meta() -> Meta {
         points_per_cloud: POINTS,
         samples_per_shard: 10,
         voxel_size: 0.002,
-        robot: json!({"name": "2m", "gains": [500.0, 0.1 + 0.2]}),
-        cameras: json!({"radius": 0.5, "count": 8}),
+        robot: RobotSpec::standard("2m").unwrap(),
+        base: BaseVisibility::Hidden,
     }
 }
 

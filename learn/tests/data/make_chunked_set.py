@@ -1,4 +1,4 @@
-"""Writes ../data/chunked, a data set as another program would: by h5py, points and colours in gzipped chunks, no meta.json.
+"""Writes chunked/ beside this file, a data set as another program would: by h5py, points and colours in gzipped chunks, no meta.json.
 
 Sample i of a split, point k: motors[j] = 0.01 (i + j), data = (0.1 k, 0.01 i, -0.2), rgb = (k, i, 255).
 """
@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 POINTS, MOTORS = 5, 2
-FOLDER = pathlib.Path(__file__).parent.parent / "data" / "chunked"
+FOLDER = pathlib.Path(__file__).parent / "chunked"
 COMPRESSED = {"chunks": (1, POINTS, 3), "compression": "gzip", "shuffle": True}
 SAMPLES = {"train": [3, 2], "val": [1], "test": [1]}  # per shard
 
