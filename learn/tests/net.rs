@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use reference::{Cloud, Reference, loss_gradient};
+use tdcr_learn::flow::VelocityField;
 use tdcr_learn::net::{Batch, Mlp, MlpShape, ShapeError, Workspace};
 
 /// A width that no vector unit divides.

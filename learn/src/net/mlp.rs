@@ -4,6 +4,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use crate::flow::VelocityField;
+
 use super::conditioner::{Conditioner, ConditionerTape};
 use super::pool::Pool;
 use super::shape::{DIM, MlpShape, ShapeError};
@@ -81,13 +83,14 @@ impl Mlp {
     pub fn params_mut(&mut self) -> &mut [f32] {
         &mut self.params
     }
+}
 
-    /// Velocities `(N, 3)` of one cloud's points `(N, 3)` at flow time `t` in [0, 1] under `condition` `(D)`, all in
-    /// normalised units. Tiles of points run in parallel; the result does not depend on the number of threads.
+impl VelocityField for Mlp {
+    /// Tiles of points run in parallel; the result does not depend on the number of threads.
     ///
     /// # Panics
-    /// Where a slice's length is not the one stated.
-    pub fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]) {
+    /// Where a slice's length does not fit the others or the network.
+    fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]) {
         assert_eq!(
             condition.len(),
             self.shape.condition_dim,
