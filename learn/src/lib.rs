@@ -1,2 +1,5 @@
 //! Clouds in, a trained shape predictor out.
 pub mod data;
+pub mod flow;
+pub mod net;
+pub mod train;

@@ -1,0 +1,39 @@
+//! Flow matching: the straight path from prior to data, random streams, and the sampler that integrates a learned flow.
+
+mod path;
+mod random;
+mod sampler;
+
+pub use path::FlowPath;
+pub use random::{Stream, rng};
+pub use sampler::{Heun, TimeGrid, VelocityField};
+
+/// A flow setting out of bounds.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{field} is {found}, expected {expected}")]
+pub struct FlowError {
+    /// The setting.
+    pub field: &'static str,
+    /// Its value.
+    pub found: f64,
+    /// What would be right.
+    pub expected: &'static str,
+}
+
+/// Refuses `found` unless it is `accepted`.
+fn require(
+    accepted: bool,
+    field: &'static str,
+    found: f64,
+    expected: &'static str,
+) -> Result<(), FlowError> {
+    if accepted {
+        Ok(())
+    } else {
+        Err(FlowError {
+            field,
+            found,
+            expected,
+        })
+    }
+}

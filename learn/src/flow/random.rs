@@ -1,0 +1,29 @@
+//! Random numbers that are a pure function of a seed and of what they are for.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+/// What random numbers are drawn for. No two purposes share numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stream {
+    /// Initial parameters of a network.
+    Parameters,
+    /// The batch of a training step.
+    Step(u64),
+    /// The noise of a predicted cloud.
+    Sample(u64),
+}
+
+/// The generator of `stream` under `seed`.
+///
+/// Resuming at step `k` needs no saved generator: it is `rng(seed, Stream::Step(k))` again. Indices are below `2^62`.
+pub fn rng(seed: u64, stream: Stream) -> ChaCha8Rng {
+    let (purpose, index) = match stream {
+        Stream::Parameters => (0, 0),
+        Stream::Step(index) => (1, index),
+        Stream::Sample(index) => (2, index),
+    };
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream((purpose << 62) | index);
+    rng
+}

@@ -1,0 +1,152 @@
+//! The network itself: parameters, initialisation, inference.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use crate::flow::VelocityField;
+
+use super::conditioner::{Conditioner, ConditionerTape};
+use super::pool::Pool;
+use super::shape::{DIM, MlpShape, ShapeError};
+use super::trunk::{TILE, Trunk, TrunkTape};
+
+/// The paper's MLP velocity network (Sec. Method, Eq. mlp_velocity): every point alone, weights shared.
+#[derive(Clone, Debug)]
+pub struct Mlp {
+    shape: MlpShape,
+    params: Vec<f32>,
+    pub(super) conditioner: Conditioner,
+    pub(super) trunk: Trunk,
+    pub(super) tapes: Pool<TrunkTape>,
+    conditioner_tapes: Pool<ConditionerTape>,
+}
+
+impl Mlp {
+    /// A network with fresh parameters drawn from `rng`.
+    ///
+    /// Dense layers start as PyTorch's do, weight and bias uniform in `+-1/sqrt(inputs)`; LayerNorms start as the
+    /// identity. The FiLM heads start at zero (gamma = beta = 0): every block starts as a plain residual block and
+    /// `e` enters by the input layer alone, so no command or time starts with an accidental gain.
+    ///
+    /// # Errors
+    /// [`ShapeError::Size`] where `shape` is out of bounds.
+    pub fn new(shape: MlpShape, rng: &mut ChaCha8Rng) -> Result<Self, ShapeError> {
+        shape.check()?;
+        let mut params = vec![0.0; shape.parameter_count()];
+        for tensor in shape.tensors() {
+            let values = &mut params[tensor.range.clone()];
+            match shape.initial(&tensor.name) {
+                Initial::Constant(value) => values.fill(value),
+                Initial::Uniform(bound) => {
+                    values.fill_with(|| rng.random_range(-bound..=bound));
+                }
+            }
+        }
+        Self::from_params(shape, params)
+    }
+
+    /// A network with given parameters, in the order of [`MlpShape::tensors`].
+    ///
+    /// # Errors
+    /// [`ShapeError`] where `shape` is out of bounds or `params` has another length than it needs.
+    pub fn from_params(shape: MlpShape, params: Vec<f32>) -> Result<Self, ShapeError> {
+        shape.check()?;
+        let expected = shape.parameter_count();
+        if params.len() != expected {
+            return Err(ShapeError::ParameterCount {
+                found: params.len(),
+                expected,
+            });
+        }
+        Ok(Self {
+            conditioner: Conditioner::new(&shape),
+            trunk: Trunk::new(&shape),
+            shape,
+            params,
+            tapes: Pool::default(),
+            conditioner_tapes: Pool::default(),
+        })
+    }
+
+    /// The network's shape.
+    pub fn shape(&self) -> MlpShape {
+        self.shape
+    }
+
+    /// The flat parameter vector, in the order of [`MlpShape::tensors`].
+    pub fn params(&self) -> &[f32] {
+        &self.params
+    }
+
+    /// The flat parameter vector, to be changed in place.
+    pub fn params_mut(&mut self) -> &mut [f32] {
+        &mut self.params
+    }
+}
+
+impl VelocityField for Mlp {
+    /// Tiles of points run in parallel; the result does not depend on the number of threads.
+    ///
+    /// # Panics
+    /// Where a slice's length does not fit the others or the network.
+    fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]) {
+        assert_eq!(
+            condition.len(),
+            self.shape.condition_dim,
+            "condition dimension"
+        );
+        assert_eq!(points.len(), velocities.len(), "one velocity per point");
+        self.conditioner_tapes
+            .with(ConditionerTape::default, |tape| {
+                self.conditioner
+                    .forward(&self.params, &[t], condition, tape);
+                points
+                    .par_chunks(TILE * DIM)
+                    .zip(velocities.par_chunks_mut(TILE * DIM))
+                    .for_each(|(points, velocities)| {
+                        self.tapes.with(
+                            || self.trunk.tape(),
+                            |scratch| {
+                                let params = &self.params[self.trunk.start..];
+                                self.trunk.forward(
+                                    params,
+                                    &tape.modulation,
+                                    points,
+                                    scratch,
+                                    velocities,
+                                );
+                            },
+                        );
+                    });
+            });
+    }
+}
+
+/// How a tensor starts.
+enum Initial {
+    Constant(f32),
+    /// Uniform in plus and minus this bound.
+    Uniform(f32),
+}
+
+impl MlpShape {
+    fn initial(&self, name: &str) -> Initial {
+        let Self {
+            width,
+            embedding,
+            condition_dim,
+            ..
+        } = *self;
+        let fan_in = |inputs: usize| Initial::Uniform(1.0 / (inputs as f32).sqrt());
+        match name.split('.').collect::<Vec<_>>()[..] {
+            [.., "film", _] | [.., "norm", "bias"] => Initial::Constant(0.0),
+            [.., "norm", _] => Initial::Constant(1.0),
+            ["time", _] => fan_in(embedding),
+            ["condition", _] => fan_in(condition_dim),
+            // Two shares of one layer of [x | e].
+            ["shift" | "input", _] => fan_in(DIM + embedding),
+            _ => fan_in(width),
+        }
+    }
+}

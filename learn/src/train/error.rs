@@ -1,0 +1,144 @@
+//! What can go wrong in training and with its files.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::settings::SettingsError;
+use crate::net::ShapeError;
+
+/// Why a training run cannot start or go on.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TrainError {
+    /// A setting is out of bounds, or does not suit the data.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The network's shape is out of bounds.
+    #[error(transparent)]
+    Shape(#[from] ShapeError),
+    /// A data set cannot be trained on or validated with.
+    #[error("{set} set: {reason}")]
+    Data {
+        /// `training` or `validation`.
+        set: &'static str,
+        /// What is wrong, and what would be right.
+        reason: String,
+    },
+    /// The loss, its gradient or the validation's distance is NaN or infinite.
+    #[error(
+        "training diverged at step {step}: {quantity} is {value}; a smaller learning rate may help"
+    )]
+    Diverged {
+        /// The step, the first is 1.
+        step: u64,
+        /// What is not finite.
+        quantity: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A state belongs to another run.
+    #[error("the training state is of another run: {what} was {found}, expected {expected}")]
+    OtherRun {
+        /// What differs.
+        what: String,
+        /// The state's.
+        found: String,
+        /// This run's.
+        expected: String,
+    },
+}
+
+/// Why a model or a training state could not be written or read.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {problem}", .path.display())]
+pub struct FileError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub problem: FileProblem,
+}
+
+/// What is wrong with a file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FileProblem {
+    /// The operating system refused.
+    #[error("cannot {action}: {source}")]
+    Io {
+        /// What was tried, as a verb.
+        action: &'static str,
+        /// The operating system's reason.
+        source: io::Error,
+    },
+    /// Not a safetensors file, or a truncated or damaged one.
+    #[error("not a whole safetensors file ({0})")]
+    NotSafetensors(String),
+    /// The header that says what the file holds is missing or unreadable.
+    #[error("header `tdcr`: {0}")]
+    Header(String),
+    /// Written in another version of the format.
+    #[error("format version {found}, expected {expected}")]
+    Version {
+        /// The file's, as it stands in the header.
+        found: String,
+        /// This program's.
+        expected: u32,
+    },
+    /// A model where a training state was expected, or the reverse.
+    #[error("holds a {found}, expected a {expected}")]
+    Kind {
+        /// What it holds.
+        found: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// A tensor is not there.
+    #[error("no tensor `{name}`, expected one of type {expected}")]
+    MissingTensor {
+        /// The tensor.
+        name: String,
+        /// Type and shape it should have.
+        expected: String,
+    },
+    /// A tensor is of another type or shape.
+    #[error("tensor `{name}` is {found}, expected {expected}")]
+    WrongTensor {
+        /// The tensor.
+        name: String,
+        /// Type and shape it has.
+        found: String,
+        /// Type and shape it should have.
+        expected: String,
+    },
+    /// A tensor that nothing in the header calls for.
+    #[error("unexpected tensor `{0}`")]
+    ExtraTensor(String),
+    /// A NaN or infinite value.
+    #[error("tensor `{name}` is {value} at index {index}, expected finite values")]
+    NotFinite {
+        /// The tensor.
+        name: String,
+        /// Where in it, row-major.
+        index: usize,
+        /// What stands there.
+        value: f64,
+    },
+}
+
+impl FileProblem {
+    pub(super) fn io(action: &'static str) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::Io { action, source }
+    }
+
+    /// A value of the header is out of bounds.
+    pub(super) fn header(reason: impl ToString) -> Self {
+        Self::Header(reason.to_string())
+    }
+
+    pub(super) fn at(self, path: &Path) -> FileError {
+        FileError {
+            path: path.to_owned(),
+            problem: self,
+        }
+    }
+}

@@ -1,0 +1,17 @@
+//! Training a velocity network by flow matching, and the files that training leaves.
+//!
+//! [`Trainer`] takes steps; [`TrainingState`] is all of it on disk, for exact resumption; [`Model`] is what predicts.
+
+mod error;
+mod format;
+mod model;
+mod optimizer;
+mod settings;
+mod state;
+mod trainer;
+
+pub use error::{FileError, FileProblem, TrainError};
+pub use model::{Model, Normalization, PredictError, Provenance};
+pub use settings::{SettingsError, TrainSettings};
+pub use state::{Best, TrainingState};
+pub use trainer::{Distance, Trainer};

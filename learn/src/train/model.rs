@@ -1,0 +1,229 @@
+//! What predicts: averaged weights, and what their numbers mean.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::error::{FileError, FileProblem};
+use super::format::{Kind, Reader, Writer, read};
+use super::settings::TrainSettings;
+use crate::flow::{Heun, Stream, rng};
+use crate::net::{DIM, Mlp, MlpShape};
+
+/// The map between physical and normalised units (paper, Eq. motor_normalization and Eq. point_normalization).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Normalization {
+    /// Smallest value of every condition dimension, physical units, `(D)`.
+    pub min: Vec<f64>,
+    /// Largest value of every condition dimension, physical units, `(D)`.
+    pub max: Vec<f64>,
+    /// Scale of the points `s` (m).
+    pub scale: f64,
+}
+
+impl Normalization {
+    /// A command `(D)` in physical units, min-max scaled.
+    fn condition(&self, command: &[f64]) -> Vec<f32> {
+        let ranges = self.min.iter().zip(&self.max);
+        let scaled = command.iter().zip(ranges);
+        scaled
+            .map(|(m, (min, max))| ((m - min) / (max - min)) as f32)
+            .collect()
+    }
+
+    /// Refuses bounds that scale nothing, or another number of dimensions than `condition_dim`.
+    fn check(&self, condition_dim: usize) -> Result<(), FileProblem> {
+        let Self { min, max, scale } = self;
+        if min.len() != condition_dim || max.len() != condition_dim {
+            let found = format!("{} minima and {} maxima", min.len(), max.len());
+            return Err(FileProblem::header(format!(
+                "{found} of the condition, expected {condition_dim} each"
+            )));
+        }
+        let ordered = |(min, max): (&f64, &f64)| min.is_finite() && max.is_finite() && min < max;
+        if let Some(j) = min.iter().zip(max).position(|bounds| !ordered(bounds)) {
+            let found = format!("condition {j} runs from {} to {}", min[j], max[j]);
+            return Err(FileProblem::header(format!(
+                "{found}, expected a finite interval"
+            )));
+        }
+        if !(scale.is_finite() && *scale > 0.0) {
+            return Err(FileProblem::header(format!(
+                "scale is {scale}, expected a positive length in m"
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// What a network was trained on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// The robot's specification, as the simulator serialises it.
+    pub robot: Value,
+    /// The data set's normalisation.
+    pub normalization: Normalization,
+}
+
+/// A trained shape predictor.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// What it was trained on.
+    pub provenance: Provenance,
+    /// How it was trained.
+    pub settings: TrainSettings,
+    /// Step at which its weights were taken.
+    pub step: u64,
+    /// Their mean Chamfer distance in validation, in normalised units squared; times `s^2` for m^2.
+    pub validation_distance: f64,
+    /// The network, with averaged weights.
+    pub network: Mlp,
+}
+
+/// A command that no cloud can be predicted for.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PredictError {
+    /// Another number of values than the model was trained with.
+    #[error("the command has {found} values, expected {expected}")]
+    Dimension {
+        /// Number given.
+        found: usize,
+        /// Number expected.
+        expected: usize,
+    },
+    /// A value is NaN or infinite.
+    #[error("value {index} of the command is {value}, expected a finite number")]
+    NotFinite {
+        /// Where in the command.
+        index: usize,
+        /// What stands there.
+        value: f64,
+    },
+}
+
+/// A model's header on disk.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    provenance: Provenance,
+    shape: MlpShape,
+    settings: TrainSettings,
+    step: u64,
+    validation_distance: f64,
+}
+
+impl Model {
+    /// A cloud of `points` points (m, world frame) for `command` `(D)` in physical units.
+    ///
+    /// The noise that the cloud starts from is a function of `seed`. Commands outside the training range are
+    /// extrapolated, without warrant.
+    ///
+    /// # Errors
+    /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity.
+    pub fn predict(
+        &self,
+        command: &[f64],
+        points: usize,
+        seed: u64,
+        sampler: &Heun,
+    ) -> Result<Vec<[f32; 3]>, PredictError> {
+        let expected = self.network.shape().condition_dim;
+        if command.len() != expected {
+            return Err(PredictError::Dimension {
+                found: command.len(),
+                expected,
+            });
+        }
+        if let Some(index) = command.iter().position(|value| !value.is_finite()) {
+            return Err(PredictError::NotFinite {
+                index,
+                value: command[index],
+            });
+        }
+        let condition = self.provenance.normalization.condition(command);
+        let mut cloud = vec![[0.0; DIM]; points];
+        let components = cloud.as_flattened_mut();
+        self.settings
+            .path
+            .sample_prior(&mut rng(seed, Stream::Sample(0)), components);
+        sampler.integrate(&self.network, &condition, components);
+        let scale = self.provenance.normalization.scale as f32;
+        components.iter_mut().for_each(|x| *x *= scale);
+        Ok(cloud)
+    }
+
+    /// Writes the model to `path`, in one step.
+    pub fn save(&self, path: &Path) -> Result<(), FileError> {
+        let mut writer = Writer::new(Kind::Model);
+        put_params(&mut writer, "", self.network.shape(), self.network.params());
+        let header = Header {
+            provenance: self.provenance.clone(),
+            shape: self.network.shape(),
+            settings: self.settings.clone(),
+            step: self.step,
+            validation_distance: self.validation_distance,
+        };
+        writer.write(path, &header)
+    }
+
+    /// Reads a model.
+    ///
+    /// # Errors
+    /// [`FileError`] where the file cannot be read, or is anything but a whole, finite and consistent model.
+    pub fn load(path: &Path) -> Result<Self, FileError> {
+        read(path, Kind::Model, |header: Header, reader| {
+            check_header(&header.provenance, &header.shape, &header.settings)?;
+            let params = take_params(reader, "", header.shape)?;
+            let network = Mlp::from_params(header.shape, params).map_err(FileProblem::header)?;
+            Ok(Self {
+                provenance: header.provenance,
+                settings: header.settings,
+                step: header.step,
+                validation_distance: header.validation_distance,
+                network,
+            })
+        })
+    }
+}
+
+/// Refuses headers of which no network can be made.
+pub(super) fn check_header(
+    provenance: &Provenance,
+    shape: &MlpShape,
+    settings: &TrainSettings,
+) -> Result<(), FileProblem> {
+    shape.check().map_err(FileProblem::header)?;
+    settings.check().map_err(FileProblem::header)?;
+    provenance.normalization.check(shape.condition_dim)
+}
+
+/// Adds a flat parameter vector as its tensors, their names after `prefix`.
+pub(super) fn put_params(writer: &mut Writer, prefix: &str, shape: MlpShape, params: &[f32]) {
+    for tensor in shape.tensors() {
+        writer.put(
+            format!("{prefix}{}", tensor.name),
+            &tensor.shape,
+            &params[tensor.range],
+        );
+    }
+}
+
+/// The flat parameter vector that [`put_params`] added.
+pub(super) fn take_params(
+    reader: &mut Reader,
+    prefix: &str,
+    shape: MlpShape,
+) -> Result<Vec<f32>, FileProblem> {
+    let mut params = Vec::new();
+    for tensor in shape.tensors() {
+        reader.take(
+            &format!("{prefix}{}", tensor.name),
+            &tensor.shape,
+            &mut params,
+        )?;
+    }
+    Ok(params)
+}

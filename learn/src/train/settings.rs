@@ -1,0 +1,228 @@
+//! Settings of a training run, its learning-rate schedule and its weight averaging.
+
+use std::f64::consts::PI;
+
+use serde::{Deserialize, Serialize};
+
+use crate::flow::{FlowError, FlowPath, Heun};
+
+/// Settings of a training run. The defaults are the authors' (AdamW, clipping, averaging, warm-up, cosine), with a batch
+/// that suits a CPU.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainSettings {
+    /// Optimiser steps in all.
+    pub steps: u64,
+    /// Clouds per step.
+    pub clouds: usize,
+    /// Points per cloud and step, a fresh random subset each time.
+    pub points: usize,
+    /// Learning rate after warm-up.
+    pub learning_rate: f64,
+    /// Learning rate at the last step.
+    pub final_learning_rate: f64,
+    /// Steps of linear warm-up.
+    pub warmup_steps: u64,
+    /// Decoupled weight decay (per unit of learning rate).
+    pub weight_decay: f64,
+    /// Largest global norm of the gradient.
+    pub clip_norm: f64,
+    /// Decay of the exponential moving average of the weights (EMA).
+    pub average_decay: f64,
+    /// Prior, path and flow times.
+    pub path: FlowPath,
+    /// Seed of everything random in the run.
+    pub seed: u64,
+    /// Steps between validations.
+    pub validate_every: u64,
+    /// Clouds per validation, spread over the validation set.
+    pub validation_clouds: usize,
+    /// Points predicted and compared per validation cloud.
+    pub validation_points: usize,
+    /// Sampler of the validation's predictions.
+    pub sampler: Heun,
+}
+
+impl Default for TrainSettings {
+    fn default() -> Self {
+        Self {
+            steps: 20_000,
+            clouds: 16,
+            points: 1024,
+            learning_rate: 3e-4,
+            final_learning_rate: 1e-6,
+            warmup_steps: 1000,
+            weight_decay: 1e-4,
+            clip_norm: 1.0,
+            average_decay: 0.999,
+            path: FlowPath::default(),
+            seed: 0,
+            validate_every: 1000,
+            validation_clouds: 16,
+            validation_points: 2048,
+            sampler: Heun::default(),
+        }
+    }
+}
+
+/// A setting out of bounds.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// A setting of the run itself.
+    #[error("{field} is {found}, expected {expected}")]
+    Value {
+        /// Field of [`TrainSettings`].
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What would be right.
+        expected: String,
+    },
+    /// A setting of the path or of the sampler.
+    #[error(transparent)]
+    Flow(#[from] FlowError),
+}
+
+impl SettingsError {
+    pub(super) fn new(field: &'static str, found: impl ToString, expected: impl ToString) -> Self {
+        Self::Value {
+            field,
+            found: found.to_string(),
+            expected: expected.to_string(),
+        }
+    }
+}
+
+impl TrainSettings {
+    /// Refuses settings with which no run can be made.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        for (field, value) in [
+            ("steps", self.steps),
+            ("clouds", self.clouds as u64),
+            ("points", self.points as u64),
+            ("validate_every", self.validate_every),
+            ("validation_clouds", self.validation_clouds as u64),
+            ("validation_points", self.validation_points as u64),
+        ] {
+            if value == 0 {
+                return Err(SettingsError::new(field, value, "at least 1"));
+            }
+        }
+        if self.warmup_steps >= self.steps {
+            let expected = format!("fewer than the {} steps", self.steps);
+            return Err(SettingsError::new(
+                "warmup_steps",
+                self.warmup_steps,
+                expected,
+            ));
+        }
+        for (field, value, least) in [
+            ("learning_rate", self.learning_rate, f64::MIN_POSITIVE),
+            ("final_learning_rate", self.final_learning_rate, 0.0),
+            ("weight_decay", self.weight_decay, 0.0),
+            ("clip_norm", self.clip_norm, f64::MIN_POSITIVE),
+        ] {
+            if !(value.is_finite() && value >= least) {
+                let sign = if least > 0.0 {
+                    "positive"
+                } else {
+                    "non-negative"
+                };
+                return Err(SettingsError::new(field, value, format!("a {sign} number")));
+            }
+        }
+        if !(0.0..1.0).contains(&self.average_decay) {
+            return Err(SettingsError::new(
+                "average_decay",
+                self.average_decay,
+                "0 or more, below 1",
+            ));
+        }
+        self.path.check()?;
+        Ok(self.sampler.check()?)
+    }
+
+    /// Learning rate of step `step` (the first is 1): linear from 0 to [`Self::learning_rate`] at the end of warm-up,
+    /// then half a cosine to [`Self::final_learning_rate`] at the last step.
+    pub fn learning_rate_at(&self, step: u64) -> f64 {
+        if step <= self.warmup_steps {
+            return self.learning_rate * step as f64 / self.warmup_steps as f64;
+        }
+        let progress = (step - self.warmup_steps) as f64 / (self.steps - self.warmup_steps) as f64;
+        let descent = self.learning_rate - self.final_learning_rate;
+        self.final_learning_rate + 0.5 * descent * (1.0 + (PI * progress).cos())
+    }
+
+    /// Decay of the weight average at step `step` (the first is 1): `min(decay, (1 + step) / (10 + step))`, so that the
+    /// early average is not held at the initial weights.
+    pub fn average_decay_at(&self, step: u64) -> f64 {
+        let step = step as f64;
+        self.average_decay.min((1.0 + step) / (10.0 + step))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn learning_rate_warms_up_linearly_and_falls_by_half_a_cosine() {
+        let settings = TrainSettings {
+            steps: 110,
+            warmup_steps: 10,
+            learning_rate: 1.0,
+            final_learning_rate: 0.2,
+            ..TrainSettings::default()
+        };
+        for (step, expected) in [(1, 0.1), (5, 0.5), (10, 1.0), (60, 0.6), (110, 0.2)] {
+            assert!(
+                (settings.learning_rate_at(step) - expected).abs() < 1e-12,
+                "step {step}"
+            );
+        }
+    }
+
+    #[test]
+    fn average_decay_rises_to_its_limit() {
+        let settings = TrainSettings::default();
+        assert_eq!(settings.average_decay_at(1), 2.0 / 11.0);
+        assert_eq!(settings.average_decay_at(90), 0.91);
+        assert_eq!(settings.average_decay_at(1_000_000), 0.999);
+    }
+
+    #[test]
+    fn bad_settings_are_refused_by_name() {
+        let good = TrainSettings::default();
+        assert_eq!(good.check(), Ok(()));
+        let error =
+            |settings: TrainSettings| settings.check().expect_err("bad settings").to_string();
+        assert_eq!(
+            error(TrainSettings {
+                clouds: 0,
+                ..good.clone()
+            }),
+            "clouds is 0, expected at least 1"
+        );
+        assert_eq!(
+            error(TrainSettings {
+                warmup_steps: 30_000,
+                ..good.clone()
+            }),
+            "warmup_steps is 30000, expected fewer than the 20000 steps"
+        );
+        assert!(
+            error(TrainSettings {
+                learning_rate: f64::NAN,
+                ..good.clone()
+            })
+            .starts_with("learning_rate is NaN")
+        );
+        assert!(
+            error(TrainSettings {
+                average_decay: 1.0,
+                ..good
+            })
+            .starts_with("average_decay is 1")
+        );
+    }
+}

@@ -1,0 +1,400 @@
+//! The training loop (paper, Alg. tdcr-training), one step at a time.
+
+use rand::RngExt;
+use rand::seq::index;
+use serde_json::Value;
+
+use super::error::TrainError;
+use super::model::{Model, Provenance};
+use super::optimizer::{AdamW, Update, norm};
+use super::settings::{SettingsError, TrainSettings};
+use super::state::{Best, TrainingState, fingerprint};
+use crate::data::CloudSet;
+use crate::flow::{Stream, rng};
+use crate::net::{Batch, DIM, Mlp, MlpShape, Workspace};
+
+/// A distance between two clouds, the Chamfer distance in the paper.
+pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
+
+/// A training run.
+///
+/// Everything random in step `k` follows from the settings' seed and `k`, so a run that is stopped and resumed equals
+/// one that was not, bit for bit, on any number of threads.
+#[derive(Debug)]
+pub struct Trainer<'a> {
+    training: &'a CloudSet,
+    validation: &'a CloudSet,
+    /// Fingerprints of the two sets.
+    data: [u64; 2],
+    settings: TrainSettings,
+    network: Mlp,
+    /// Running average of the network's weights.
+    average: Mlp,
+    optimizer: AdamW,
+    step: u64,
+    best: Option<Best>,
+    losses: Vec<f32>,
+    validations: Vec<(u64, f64)>,
+    samples: Samples,
+    gradient: Vec<f32>,
+    workspace: Workspace,
+}
+
+/// A step's batch: `B` clouds of `N` points.
+#[derive(Debug, Default)]
+struct Samples {
+    times: Vec<f32>,
+    conditions: Vec<f32>,
+    points: Vec<f32>,
+    targets: Vec<f32>,
+}
+
+impl<'a> Trainer<'a> {
+    /// A run at its start.
+    ///
+    /// # Errors
+    /// [`TrainError`] where settings or shape are out of bounds, or the sets do not suit them.
+    pub fn new(
+        shape: MlpShape,
+        settings: TrainSettings,
+        training: &'a CloudSet,
+        validation: &'a CloudSet,
+    ) -> Result<Self, TrainError> {
+        settings.check()?;
+        check_set("training", training, &shape, settings.points)?;
+        check_set("validation", validation, &shape, settings.validation_points)?;
+        if settings.validation_clouds > validation.len() {
+            let expected = format!(
+                "at most the {} clouds of the validation set",
+                validation.len()
+            );
+            return Err(SettingsError::new(
+                "validation_clouds",
+                settings.validation_clouds,
+                expected,
+            )
+            .into());
+        }
+        let network = Mlp::new(shape, &mut rng(settings.seed, Stream::Parameters))?;
+        let parameters = network.params().len();
+        Ok(Self {
+            training,
+            validation,
+            data: [training, validation].map(fingerprint),
+            settings,
+            average: network.clone(),
+            network,
+            optimizer: AdamW::new(parameters),
+            step: 0,
+            best: None,
+            losses: Vec::new(),
+            validations: Vec::new(),
+            samples: Samples::default(),
+            gradient: vec![0.0; parameters],
+            workspace: Workspace::default(),
+        })
+    }
+
+    /// The run that `state` was saved from.
+    ///
+    /// # Errors
+    /// [`TrainError::OtherRun`] where `state` is of another shape, other settings or other data; else as
+    /// [`Trainer::new`].
+    pub fn resume(
+        state: TrainingState,
+        shape: MlpShape,
+        settings: TrainSettings,
+        training: &'a CloudSet,
+        validation: &'a CloudSet,
+    ) -> Result<Self, TrainError> {
+        let as_value = |value: serde_json::Result<Value>| value.expect("plain values serialise");
+        require_same(
+            "shape",
+            as_value(serde_json::to_value(state.shape)),
+            as_value(serde_json::to_value(shape)),
+        )?;
+        let [found, expected] =
+            [&state.settings, &settings].map(|s| as_value(serde_json::to_value(s)));
+        require_same("settings", found, expected)?;
+        let mut trainer = Self::new(shape, settings, training, validation)?;
+        for (set, found, expected) in [
+            ("training set's fingerprint", state.data[0], trainer.data[0]),
+            (
+                "validation set's fingerprint",
+                state.data[1],
+                trainer.data[1],
+            ),
+        ] {
+            require_same(set, found.into(), expected.into())?;
+        }
+        trainer.network = Mlp::from_params(shape, state.params)?;
+        trainer.average = Mlp::from_params(shape, state.average)?;
+        trainer.optimizer = AdamW {
+            first_moment: state.first_moment,
+            second_moment: state.second_moment,
+        };
+        trainer.step = state.step;
+        trainer.best = state.best;
+        trainer.losses = state.losses;
+        trainer.validations = state.validations;
+        Ok(trainer)
+    }
+
+    /// All of the run, to be saved. `provenance` is of the data sets.
+    pub fn state(&self, provenance: Provenance) -> TrainingState {
+        TrainingState {
+            provenance,
+            shape: self.network.shape(),
+            settings: self.settings.clone(),
+            data: self.data,
+            step: self.step,
+            params: self.network.params().to_vec(),
+            average: self.average.params().to_vec(),
+            first_moment: self.optimizer.first_moment.clone(),
+            second_moment: self.optimizer.second_moment.clone(),
+            best: self.best.clone(),
+            losses: self.losses.clone(),
+            validations: self.validations.clone(),
+        }
+    }
+
+    /// The predictor: the best averaged weights so far. None before the first validation.
+    pub fn model(&self, provenance: Provenance) -> Option<Model> {
+        let best = self.best.as_ref()?;
+        let network = Mlp::from_params(self.network.shape(), best.params.clone());
+        Some(Model {
+            provenance,
+            settings: self.settings.clone(),
+            step: best.step,
+            validation_distance: best.distance,
+            network: network.expect("the best weights are this network's"),
+        })
+    }
+
+    /// Settings of the run.
+    pub fn settings(&self) -> &TrainSettings {
+        &self.settings
+    }
+
+    /// Steps taken.
+    pub fn steps_taken(&self) -> u64 {
+        self.step
+    }
+
+    /// Whether all steps are taken.
+    pub fn is_finished(&self) -> bool {
+        self.step >= self.settings.steps
+    }
+
+    /// Whether the averaged weights of this step should be validated: every [`TrainSettings::validate_every`] steps and
+    /// at the end.
+    pub fn validation_is_due(&self) -> bool {
+        let due = self.step.is_multiple_of(self.settings.validate_every) || self.is_finished();
+        due && self.step > 0
+            && self
+                .validations
+                .last()
+                .is_none_or(|(step, _)| *step < self.step)
+    }
+
+    /// Loss of every step taken.
+    pub fn losses(&self) -> &[f32] {
+        &self.losses
+    }
+
+    /// Step and mean distance of every validation.
+    pub fn validations(&self) -> &[(u64, f64)] {
+        &self.validations
+    }
+
+    /// Takes one step; returns its loss, the mean squared velocity error before the step.
+    ///
+    /// # Errors
+    /// [`TrainError::Diverged`] where the loss or its gradient is not finite; the run stays as it was before the step.
+    pub fn step(&mut self) -> Result<f32, TrainError> {
+        let step = self.step + 1;
+        self.samples.draw(&self.settings, self.training, step);
+        let batch = self.samples.batch();
+        let loss = self
+            .network
+            .loss_and_gradient(&batch, &mut self.workspace, &mut self.gradient)
+            as f32;
+        let gradient_norm = norm(&self.gradient);
+        require_finite(step, "the loss", loss.into())?;
+        require_finite(step, "the gradient's norm", gradient_norm)?;
+        let update = Update {
+            step,
+            learning_rate: self.settings.learning_rate_at(step),
+            weight_decay: self.settings.weight_decay,
+            average_decay: self.settings.average_decay_at(step),
+            gradient_scale: (self.settings.clip_norm / gradient_norm).min(1.0),
+        };
+        let average = self.average.params_mut();
+        self.optimizer
+            .update(&update, &self.gradient, self.network.params_mut(), average);
+        self.step = step;
+        self.losses.push(loss);
+        Ok(loss)
+    }
+
+    /// Mean `distance` between validation clouds and their predictions by the averaged weights, in the distance's power
+    /// of normalised units. Keeps the weights where they are the best so far.
+    ///
+    /// Noise and subsets of points depend on the seed alone, so validations of different steps compare.
+    ///
+    /// # Errors
+    /// [`TrainError::Diverged`] where the distance is not finite.
+    pub fn validate(&mut self, distance: Distance) -> Result<f64, TrainError> {
+        let clouds = self.settings.validation_clouds;
+        let spread = |k: usize| k * self.validation.len() / clouds;
+        let sum: f64 = (0..clouds)
+            .map(|k| self.validate_cloud(spread(k), distance))
+            .sum();
+        let mean = sum / clouds as f64;
+        require_finite(self.step, "the validation distance", mean)?;
+        self.validations.push((self.step, mean));
+        if self.best.as_ref().is_none_or(|best| mean < best.distance) {
+            self.best = Some(Best {
+                step: self.step,
+                distance: mean,
+                params: self.average.params().to_vec(),
+            });
+        }
+        Ok(mean)
+    }
+
+    /// `distance` between validation cloud `cloud` and its prediction.
+    fn validate_cloud(&self, cloud: usize, distance: Distance) -> f64 {
+        let Self {
+            settings,
+            validation,
+            ..
+        } = self;
+        let mut rng = rng(settings.seed, Stream::Sample(cloud as u64));
+        let mut predicted = vec![[0.0; DIM]; settings.validation_points];
+        let components = predicted.as_flattened_mut();
+        settings.path.sample_prior(&mut rng, components);
+        settings
+            .sampler
+            .integrate(&self.average, validation.condition(cloud), components);
+        let (points, _) = validation.cloud(cloud).as_chunks::<DIM>();
+        let subset = index::sample(&mut rng, points.len(), settings.validation_points);
+        let truth: Vec<[f32; DIM]> = subset.iter().map(|k| points[k]).collect();
+        distance(&predicted, &truth)
+    }
+}
+
+impl Samples {
+    /// Draws the batch of step `step`: clouds with replacement, points of each without.
+    fn draw(&mut self, settings: &TrainSettings, set: &CloudSet, step: u64) {
+        let mut rng = rng(settings.seed, Stream::Step(step));
+        let stride = settings.points * DIM;
+        self.times.clear();
+        self.conditions.clear();
+        self.points.resize(settings.clouds * stride, 0.0);
+        self.targets.clear();
+        for points in self.points.chunks_exact_mut(stride) {
+            let cloud = rng.random_range(0..set.len());
+            let time = settings.path.sample_time(&mut rng);
+            let (data, _) = set.cloud(cloud).as_chunks::<DIM>();
+            let start = self.targets.len();
+            for k in index::sample(&mut rng, data.len(), settings.points) {
+                self.targets.extend_from_slice(&data[k]);
+            }
+            settings.path.sample_prior(&mut rng, points);
+            settings
+                .path
+                .follow(time, points, &mut self.targets[start..]);
+            self.times.push(time);
+            self.conditions.extend_from_slice(set.condition(cloud));
+        }
+    }
+
+    fn batch(&self) -> Batch<'_> {
+        Batch {
+            times: &self.times,
+            conditions: &self.conditions,
+            points: &self.points,
+            targets: &self.targets,
+        }
+    }
+}
+
+/// Refuses sets that are inconsistent, hold a value that is not finite, or have fewer than `points` points per cloud.
+fn check_set(
+    name: &'static str,
+    set: &CloudSet,
+    shape: &MlpShape,
+    points: usize,
+) -> Result<(), TrainError> {
+    let refuse = |reason: String| Err(TrainError::Data { set: name, reason });
+    if set.condition_dim != shape.condition_dim {
+        let expected = shape.condition_dim;
+        return refuse(format!(
+            "conditions of dimension {}, expected the network's {expected}",
+            set.condition_dim
+        ));
+    }
+    if set.conditions.is_empty() {
+        return refuse("no cloud, expected at least 1".to_owned());
+    }
+    let clouds = set.conditions.len() / set.condition_dim;
+    if set.conditions.len() != clouds * set.condition_dim
+        || set.points.len() != clouds * set.points_per_cloud * DIM
+    {
+        let (conditions, components) = (set.conditions.len(), set.points.len());
+        return refuse(format!(
+            "{conditions} condition values and {components} point coordinates, expected {clouds} clouds of {} and {}",
+            set.condition_dim,
+            set.points_per_cloud * DIM
+        ));
+    }
+    if points > set.points_per_cloud {
+        return refuse(format!(
+            "{} points per cloud, expected at least {points}",
+            set.points_per_cloud
+        ));
+    }
+    for (what, values) in [
+        ("condition value", &set.conditions),
+        ("point coordinate", &set.points),
+    ] {
+        if let Some(index) = values.iter().position(|x| !x.is_finite()) {
+            return refuse(format!(
+                "{what} {index} is {}, expected finite values",
+                values[index]
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a `found` of the state that is not the run's `expected`; objects are compared field by field.
+fn require_same(what: &str, found: Value, expected: Value) -> Result<(), TrainError> {
+    if let (Value::Object(found), Value::Object(expected)) = (&found, &expected) {
+        return expected.iter().try_for_each(|(field, expected)| {
+            let found = found.get(field).cloned().unwrap_or(Value::Null);
+            require_same(&format!("{what}.{field}"), found, expected.clone())
+        });
+    }
+    if found == expected {
+        return Ok(());
+    }
+    Err(TrainError::OtherRun {
+        what: what.to_owned(),
+        found: found.to_string(),
+        expected: expected.to_string(),
+    })
+}
+
+fn require_finite(step: u64, quantity: &'static str, value: f64) -> Result<(), TrainError> {
+    if value.is_finite() {
+        Ok(())
+    } else {
+        Err(TrainError::Diverged {
+            step,
+            quantity,
+            value,
+        })
+    }
+}

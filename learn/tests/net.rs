@@ -1,0 +1,306 @@
+//! The velocity network against a plain f64 version of the paper's equations.
+#![allow(clippy::unwrap_used, reason = "a test may stop where it fails")]
+
+mod reference;
+
+use proptest::prelude::*;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use reference::{Cloud, Reference, loss_gradient};
+use tdcr_learn::flow::VelocityField;
+use tdcr_learn::net::{Batch, Mlp, MlpShape, ShapeError, Workspace};
+
+/// A width that no vector unit divides.
+const SHAPE: MlpShape = MlpShape {
+    width: 19,
+    depth: 3,
+    embedding: 8,
+    condition_dim: 3,
+};
+
+fn rng(seed: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(seed)
+}
+
+fn uniform(rng: &mut impl Rng, len: usize) -> Vec<f32> {
+    (0..len).map(|_| rng.random_range(-1.0..1.0)).collect()
+}
+
+fn to_f64(values: &[f32]) -> Vec<f64> {
+    values.iter().copied().map(f64::from).collect()
+}
+
+/// A network with no parameter at a special value.
+fn network(shape: MlpShape) -> Mlp {
+    let params = uniform(&mut rng(1), shape.parameter_count());
+    Mlp::from_params(shape, params.iter().map(|p| 0.5 * p).collect()).unwrap()
+}
+
+/// Random `times`, `conditions`, `points` and `targets`.
+struct Samples {
+    times: Vec<f32>,
+    conditions: Vec<f32>,
+    points: Vec<f32>,
+    targets: Vec<f32>,
+}
+
+impl Samples {
+    fn new(condition_dim: usize, clouds: usize, points: usize) -> Self {
+        let rng = &mut rng(2);
+        Self {
+            times: (0..clouds).map(|_| rng.random_range(0.0..1.0)).collect(),
+            conditions: uniform(rng, clouds * condition_dim),
+            points: uniform(rng, clouds * points * 3),
+            targets: uniform(rng, clouds * points * 3),
+        }
+    }
+
+    fn batch(&self) -> Batch<'_> {
+        Batch {
+            times: &self.times,
+            conditions: &self.conditions,
+            points: &self.points,
+            targets: &self.targets,
+        }
+    }
+
+    fn clouds(&self) -> Vec<Cloud> {
+        let clouds = self.times.len();
+        let triples = |values: &[f32], cloud: usize| {
+            let cloud = values.chunks(values.len() / clouds).nth(cloud).unwrap();
+            cloud
+                .as_chunks()
+                .0
+                .iter()
+                .map(|p: &[f32; 3]| p.map(f64::from))
+                .collect()
+        };
+        let condition_dim = self.conditions.len() / clouds;
+        (0..clouds)
+            .map(|cloud| Cloud {
+                time: self.times[cloud].into(),
+                condition: to_f64(&self.conditions[cloud * condition_dim..][..condition_dim]),
+                points: triples(&self.points, cloud),
+                targets: triples(&self.targets, cloud),
+            })
+            .collect()
+    }
+}
+
+fn loss_and_gradient(network: &Mlp, batch: &Batch) -> (f64, Vec<f32>) {
+    let mut gradient = vec![f32::NAN; network.params().len()];
+    let loss = network.loss_and_gradient(batch, &mut Workspace::default(), &mut gradient);
+    (loss, gradient)
+}
+
+fn norm(values: impl Iterator<Item = f64>) -> f64 {
+    values.map(|v| v * v).sum::<f64>().sqrt()
+}
+
+#[test]
+fn velocity_is_the_equations() {
+    let network = network(SHAPE);
+    let reference = Reference::new(SHAPE, &to_f64(network.params()));
+    let points = uniform(&mut rng(3), 300 * 3);
+    let condition = [0.1, 0.7, 0.4];
+    let mut velocities = vec![0.0; points.len()];
+    network.velocity(0.3, &condition, &points, &mut velocities);
+    for (point, velocity) in points.chunks(3).zip(velocities.chunks(3)) {
+        let point = [point[0], point[1], point[2]].map(f64::from);
+        let exact = reference.velocity(0.3f32.into(), &to_f64(&condition), point);
+        for (v, exact) in velocity.iter().zip(exact) {
+            assert!((f64::from(*v) - exact).abs() < 1e-5, "{v} for {exact}");
+        }
+    }
+}
+
+#[test]
+fn every_tensors_gradient_is_the_finite_difference() {
+    let network = network(SHAPE);
+    let samples = Samples::new(SHAPE.condition_dim, 2, 5);
+    let (loss, gradient) = loss_and_gradient(&network, &samples.batch());
+    let (params, clouds) = (to_f64(network.params()), samples.clouds());
+    assert!((loss - Reference::new(SHAPE, &params).loss(&clouds)).abs() < 1e-6 * loss);
+    let exact = loss_gradient(SHAPE, &params, &clouds);
+    for tensor in SHAPE.tensors() {
+        let pairs = gradient[tensor.range.clone()]
+            .iter()
+            .zip(&exact[tensor.range.clone()]);
+        let error = norm(pairs.map(|(g, exact)| f64::from(*g) - exact));
+        let size = norm(exact[tensor.range.clone()].iter().copied());
+        assert!(
+            error < 1e-4 * size,
+            "{}: error {error} of {size}",
+            tensor.name
+        );
+    }
+}
+
+#[test]
+fn gradient_of_many_tiles_and_shares_is_the_finite_difference() {
+    let shape = MlpShape {
+        width: 16,
+        depth: 2,
+        embedding: 4,
+        condition_dim: 2,
+    };
+    let network = network(shape);
+    let samples = Samples::new(shape.condition_dim, 2, 1100);
+    let (loss, gradient) = loss_and_gradient(&network, &samples.batch());
+    let (params, clouds) = (to_f64(network.params()), samples.clouds());
+    let moved = |step: f64| {
+        let params: Vec<f64> = params
+            .iter()
+            .zip(&gradient)
+            .map(|(p, g)| p + step * f64::from(*g))
+            .collect();
+        Reference::new(shape, &params).loss(&clouds)
+    };
+    assert!((loss - moved(0.0)).abs() < 1e-6 * loss);
+    let slope = (moved(1e-4) - moved(-1e-4)) / 2e-4;
+    let exact: f64 = gradient.iter().map(|g| f64::from(*g).powi(2)).sum();
+    assert!((slope - exact).abs() < 1e-4 * exact, "{slope} for {exact}");
+}
+
+#[test]
+fn a_network_of_depth_one_has_a_gradient_too() {
+    let shape = MlpShape { depth: 1, ..SHAPE };
+    let network = network(shape);
+    let samples = Samples::new(shape.condition_dim, 1, 4);
+    let (_, gradient) = loss_and_gradient(&network, &samples.batch());
+    let exact = loss_gradient(shape, &to_f64(network.params()), &samples.clouds());
+    let error = norm(
+        gradient
+            .iter()
+            .zip(&exact)
+            .map(|(g, exact)| f64::from(*g) - exact),
+    );
+    assert!(error < 1e-4 * norm(exact.into_iter()));
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let shape = MlpShape { width: 32, ..SHAPE };
+    let network = network(shape);
+    let samples = Samples::new(shape.condition_dim, 3, 1500);
+    let results = [1, 2].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| {
+            let mut velocities = vec![0.0; samples.points.len()];
+            network.velocity(0.5, &[0.2, 0.3, 0.4], &samples.points, &mut velocities);
+            (loss_and_gradient(&network, &samples.batch()), velocities)
+        })
+    });
+    assert_eq!(results[0], results[1]);
+}
+
+#[test]
+fn a_workspace_can_be_used_again_with_another_batch() {
+    let network = network(SHAPE);
+    let (large, small) = (Samples::new(3, 3, 1100), Samples::new(3, 1, 7));
+    let (mut workspace, mut gradient) = (Workspace::default(), vec![0.0; SHAPE.parameter_count()]);
+    network.loss_and_gradient(&large.batch(), &mut workspace, &mut gradient);
+    let loss = network.loss_and_gradient(&small.batch(), &mut workspace, &mut gradient);
+    assert_eq!(
+        (loss, gradient),
+        loss_and_gradient(&network, &small.batch())
+    );
+}
+
+#[test]
+fn a_fresh_network_starts_as_documented() {
+    let shape = MlpShape {
+        width: 64,
+        depth: 3,
+        embedding: 32,
+        condition_dim: 4,
+    };
+    let network = Mlp::new(shape, &mut rng(0)).unwrap();
+    for tensor in shape.tensors() {
+        let values = &network.params()[tensor.range.clone()];
+        let largest = values.iter().fold(0.0f32, |max, v| max.max(v.abs()));
+        match tensor.name.as_str() {
+            name if name.contains("film") || name.ends_with("norm.bias") => {
+                assert_eq!(largest, 0.0)
+            }
+            name if name.ends_with("norm.weight") => assert!(values.iter().all(|v| *v == 1.0)),
+            "input.weight" | "shift.weight" => {
+                assert!(largest <= 35f32.sqrt().recip() && largest > 0.16)
+            }
+            name if name.ends_with("linear.weight") => assert!(largest <= 0.125 && largest > 0.12),
+            _ => assert!(largest > 0.0 && largest <= 0.5),
+        }
+    }
+}
+
+#[test]
+fn tensors_tile_the_parameter_vector() {
+    let mut end = 0;
+    for tensor in SHAPE.tensors() {
+        assert_eq!(tensor.range.start, end);
+        assert_eq!(tensor.range.len(), tensor.shape.iter().product::<usize>());
+        end = tensor.range.end;
+    }
+    assert_eq!(end, SHAPE.parameter_count());
+}
+
+#[test]
+fn impossible_shapes_are_refused_by_name() {
+    let error = |shape: MlpShape| shape.check().unwrap_err().to_string();
+    assert_eq!(
+        error(MlpShape { width: 0, ..SHAPE }),
+        "network width is 0, expected 1 to 8192"
+    );
+    assert_eq!(
+        error(MlpShape { depth: 0, ..SHAPE }),
+        "network depth is 0, expected 1 to 64"
+    );
+    assert!(
+        error(MlpShape {
+            embedding: 7,
+            ..SHAPE
+        })
+        .contains("embedding is 7")
+    );
+    assert!(
+        error(MlpShape {
+            condition_dim: 0,
+            ..SHAPE
+        })
+        .contains("condition_dim is 0")
+    );
+    let short = Mlp::from_params(SHAPE, vec![0.0; 3]).unwrap_err();
+    assert_eq!(
+        short,
+        ShapeError::ParameterCount {
+            found: 3,
+            expected: SHAPE.parameter_count()
+        }
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    /// The paper's Sec. Method: permutation equivariance.
+    #[test]
+    fn permuted_points_have_permuted_velocities(count in 1usize..400, by in 0usize..400, time in 0f32..1.0) {
+        let network = network(SHAPE);
+        let points = uniform(&mut rng(4), count * 3);
+        let velocities = |points: &[f32]| {
+            let mut velocities = vec![0.0; points.len()];
+            network.velocity(time, &[0.5, 0.1, 0.9], points, &mut velocities);
+            velocities
+        };
+        let mut rotated = points.clone();
+        rotated.rotate_left(by % count * 3);
+        let mut expected = velocities(&points);
+        expected.rotate_left(by % count * 3);
+        for (v, expected) in velocities(&rotated).iter().zip(expected) {
+            prop_assert!((v - expected).abs() < 1e-5);
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The network of the paper once more: plain, slow, in f64, written from the equations alone.
+
+use std::collections::HashMap;
+
+use tdcr_learn::net::MlpShape;
+
+/// Parameters by tensor name.
+pub struct Reference {
+    shape: MlpShape,
+    tensors: HashMap<String, Vec<f64>>,
+}
+
+/// One cloud of a batch.
+pub struct Cloud {
+    pub time: f64,
+    pub condition: Vec<f64>,
+    pub points: Vec<[f64; 3]>,
+    pub targets: Vec<[f64; 3]>,
+}
+
+fn silu(x: f64) -> f64 {
+    x / (1.0 + (-x).exp())
+}
+
+impl Reference {
+    pub fn new(shape: MlpShape, params: &[f64]) -> Self {
+        let tensors = shape.tensors().into_iter();
+        let tensors = tensors.map(|tensor| (tensor.name, params[tensor.range].to_vec()));
+        Self {
+            shape,
+            tensors: tensors.collect(),
+        }
+    }
+
+    fn tensor(&self, name: &str) -> &[f64] {
+        &self.tensors[name]
+    }
+
+    /// `W x`, `W` row-major.
+    fn product(&self, name: &str, x: &[f64]) -> Vec<f64> {
+        let rows = self.tensor(&format!("{name}.weight")).chunks(x.len());
+        rows.map(|row| row.iter().zip(x).map(|(w, x)| w * x).sum())
+            .collect()
+    }
+
+    fn linear(&self, name: &str, x: &[f64]) -> Vec<f64> {
+        let bias = self.tensor(&format!("{name}.bias"));
+        self.product(name, x)
+            .iter()
+            .zip(bias)
+            .map(|(y, b)| y + b)
+            .collect()
+    }
+
+    fn embedding(&self, time: f64, condition: &[f64]) -> Vec<f64> {
+        let half = self.shape.embedding / 2;
+        let angle = |k: usize| time * (-(1e4f64.ln()) * k as f64 / half as f64).exp();
+        let cosines = (0..half).map(|k| angle(k).cos());
+        let features: Vec<f64> = cosines.chain((0..half).map(|k| angle(k).sin())).collect();
+        let (time, condition) = (
+            self.linear("time", &features),
+            self.linear("condition", condition),
+        );
+        time.iter()
+            .zip(&condition)
+            .map(|(t, c)| silu(*t) + silu(*c))
+            .collect()
+    }
+
+    pub fn velocity(&self, time: f64, condition: &[f64], point: [f64; 3]) -> Vec<f64> {
+        let width = self.shape.width;
+        let e = self.embedding(time, condition);
+        let shift = self.linear("shift", &e);
+        let mut h: Vec<f64> = self
+            .product("input", &point)
+            .iter()
+            .zip(shift)
+            .map(|(x, s)| x + s)
+            .collect();
+        for l in 0..self.shape.depth - 1 {
+            let mean = h.iter().sum::<f64>() / width as f64;
+            let variance = h.iter().map(|h| (h - mean).powi(2)).sum::<f64>() / width as f64;
+            let film = self.linear(&format!("blocks.{l}.film"), &e);
+            let weight = self.tensor(&format!("blocks.{l}.norm.weight"));
+            let bias = self.tensor(&format!("blocks.{l}.norm.bias"));
+            let modulated: Vec<f64> = (0..width)
+                .map(|k| {
+                    let norm = (h[k] - mean) / (variance + 1e-5).sqrt() * weight[k] + bias[k];
+                    norm * (1.0 + film[k]) + film[width + k]
+                })
+                .collect();
+            let activated: Vec<f64> = modulated.iter().map(|m| silu(*m)).collect();
+            let residual = self.linear(&format!("blocks.{l}.linear"), &activated);
+            h = modulated.iter().zip(residual).map(|(m, r)| m + r).collect();
+        }
+        let activated: Vec<f64> = h.iter().map(|h| silu(*h)).collect();
+        self.linear("output", &activated)
+    }
+
+    /// Mean squared velocity error over all components.
+    pub fn loss(&self, clouds: &[Cloud]) -> f64 {
+        let mut sum = 0.0;
+        let mut components = 0;
+        for cloud in clouds {
+            for (point, target) in cloud.points.iter().zip(&cloud.targets) {
+                let velocity = self.velocity(cloud.time, &cloud.condition, *point);
+                sum += velocity
+                    .iter()
+                    .zip(target)
+                    .map(|(v, u)| (v - u).powi(2))
+                    .sum::<f64>();
+                components += 3;
+            }
+        }
+        sum / components as f64
+    }
+}
+
+/// Gradient of the reference's loss by every parameter, by central differences.
+pub fn loss_gradient(shape: MlpShape, params: &[f64], clouds: &[Cloud]) -> Vec<f64> {
+    const STEP: f64 = 1e-5;
+    let loss = |index: usize, step: f64| {
+        let mut params = params.to_vec();
+        params[index] += step;
+        Reference::new(shape, &params).loss(clouds)
+    };
+    let derivative = |index| (loss(index, STEP) - loss(index, -STEP)) / (2.0 * STEP);
+    (0..params.len()).map(derivative).collect()
+}
