@@ -1,4 +1,5 @@
 //! Clouds in, a trained shape predictor out.
+mod atomic;
 pub mod data;
 pub mod flow;
 pub mod net;

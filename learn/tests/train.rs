@@ -11,13 +11,11 @@ use rand::RngExt;
 use rand::seq::index;
 use reference::{Cloud, loss_gradient};
 use serde_json::json;
-use tdcr_learn::data::CloudSet;
+use tdcr_learn::data::{CloudSet, Normalisation};
 use tdcr_learn::flow::{FlowPath, Heun, Stream, TimeGrid, rng};
 use tdcr_learn::net::MlpShape;
-use tdcr_learn::train::{
-    Model, Normalization, PredictError, Provenance, TrainError, TrainSettings, Trainer,
-    TrainingState,
-};
+use tdcr_learn::train::{Model, Provenance, TrainError, TrainSettings, Trainer, TrainingState};
+use tdcr_sim::robot::RobotSpec;
 use tempfile::TempDir;
 
 const SHAPE: MlpShape = MlpShape {
@@ -78,10 +76,10 @@ fn chamfer(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
 
 fn provenance() -> Provenance {
     Provenance {
-        robot: json!({"modules": 1, "mass": 0.1}),
-        normalization: Normalization {
-            min: vec![0.0, 0.01],
-            max: vec![0.04, 0.03],
+        robot: RobotSpec::standard("2m"),
+        normalisation: Normalisation {
+            motor_min: vec![0.0, 0.01],
+            motor_max: vec![0.04, 0.03],
             scale: 0.4,
         },
     }
@@ -376,18 +374,12 @@ fn commands_that_do_not_fit_are_refused() {
     let (model, _folder) = model();
     let predict = |command: &[f64]| model.predict(command, 10, 0, &Heun::default()).unwrap_err();
     assert_eq!(
-        predict(&[0.0]),
-        PredictError::Dimension {
-            found: 1,
-            expected: 2
-        }
+        predict(&[0.0]).to_string(),
+        "the command has 1 values, expected 2"
     );
     assert_eq!(
-        predict(&[0.0, f64::INFINITY]),
-        PredictError::NotFinite {
-            index: 1,
-            value: f64::INFINITY
-        }
+        predict(&[0.0, f64::INFINITY]).to_string(),
+        "value 1 of the command is inf, expected a finite number"
     );
 }
 
@@ -478,11 +470,11 @@ fn files_that_are_no_model_are_refused_with_what_is_wrong() {
         content("shape", shape),
         "header `tdcr`: network width is 0, expected 1 to 8192"
     );
-    let normalization = json!({"min": [0.0, 1.0], "max": [1.0, 1.0], "scale": 0.4});
-    let provenance = json!({"robot": null, "normalization": normalization});
+    let normalisation = json!({"motor_min": [0.0, 1.1], "motor_max": [1.0, 1.0], "scale": 0.4});
+    let provenance = json!({"robot": null, "normalisation": normalisation});
     assert_eq!(
         content("provenance", provenance),
-        "header `tdcr`: condition 1 runs from 1 to 1, expected a finite interval"
+        "header `tdcr`: motor 1 runs from 1.1 to 1, expected min <= max, finite"
     );
 }
 

@@ -5,12 +5,12 @@ use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::atomic::{TEMPORARY, write_atomically};
 use super::meta::{META_FILE, Meta};
 use super::normalisation::NormalisationFit;
 use super::shard::{Array, Batch, Sizes};
 use super::shard_file::ShardFile;
 use super::{DataError, Normalisation, Sample, Split, split_indices};
+use crate::atomic::{TEMPORARY, write_atomically};
 
 /// Samples in a block, the last excepted: what is made, and at worst lost, at once.
 const BLOCK: usize = 8;
@@ -341,9 +341,9 @@ fn lock(dir: &Path) -> Result<File, DataError> {
 }
 
 fn write_meta(dir: &Path, meta: &Meta) -> Result<(), DataError> {
-    write_atomically(&dir.join(META_FILE), |file| {
-        io::Write::write_all(file, &meta.to_json())
-    })
+    let path = dir.join(META_FILE);
+    write_atomically(&path, |file| io::Write::write_all(file, &meta.to_json()))
+        .map_err(DataError::io("write", &path))
 }
 
 fn remove_staging(staging: &Path) -> Result<(), DataError> {

@@ -205,8 +205,8 @@ pub enum DataError {
         /// Samples found.
         found: usize,
     },
-    /// A condition's dimension differs from the data set's.
-    #[error("the condition has {found} components, expected {expected}")]
+    /// A command's length differs from the data set's.
+    #[error("the command has {found} values, expected {expected}")]
     ConditionLength {
         /// Dimension of the data set's conditions.
         expected: usize,

@@ -18,7 +18,6 @@
 //!
 //! [`Collector`] makes one, and takes up an interrupted one; [`DataSet`] reads one, `meta.json` or not.
 
-mod atomic;
 mod collector;
 mod dataset;
 mod error;

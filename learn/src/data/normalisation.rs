@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::DataError;
-use super::atomic::write_atomically;
+use crate::atomic::write_atomically;
 
 const MOTORS_FILE: &str = "global_motors_scope-all.json";
 const POINTS_FILE: &str = "global_norm_scope-all_anchor-origin.json";
@@ -18,6 +18,7 @@ const POINTS_FILE: &str = "global_norm_scope-all_anchor-origin.json";
 /// `max = min`; it is divided by 1 instead, so it maps to 0. Points: `X / s`, not translated, so that the base stays
 /// where it is (paper, Eq. point_normalization).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Normalisation {
     /// Smallest command of each motor (m), length `D`.
     pub motor_min: Vec<f64>,
@@ -78,43 +79,57 @@ impl Normalisation {
         let (motors_path, points_path) = (dir.join(MOTORS_FILE), dir.join(POINTS_FILE));
         let Scoped { all: motors } = read_json::<Scoped<MotorRange>>(&motors_path)?;
         let Scoped { all: points } = read_json::<Scoped<PointScale>>(&points_path)?;
-        let refuse = |path: &Path, problem: String| {
-            Err(DataError::InvalidJson {
-                path: path.to_owned(),
-                problem,
-            })
+        let refuse = |path: &Path, problem: String| DataError::InvalidJson {
+            path: path.to_owned(),
+            problem,
         };
         let lengths = [motors.min.len(), motors.max.len(), motors.scale.len()];
         if lengths != [lengths[0].max(1); 3] {
             let problem =
                 format!("min, max and scale have {lengths:?} values, expected one per motor each");
-            return refuse(&motors_path, problem);
-        }
-        for (j, (min, max)) in zip(&motors.min, &motors.max).enumerate() {
-            if !(min.is_finite() && max.is_finite() && min <= max) {
-                return refuse(
-                    &motors_path,
-                    format!("motor {j} runs from {min} to {max}, expected min <= max, finite"),
-                );
-            }
+            return Err(refuse(&motors_path, problem));
         }
         if points.center != [0.0; 3] {
-            return refuse(
-                &points_path,
-                format!("center is {:?}, expected the origin", points.center),
-            );
+            let problem = format!("center is {:?}, expected the origin", points.center);
+            return Err(refuse(&points_path, problem));
         }
-        if !(points.scale.is_finite() && points.scale > 0.0) {
-            return refuse(
-                &points_path,
-                format!("scale is {}, expected a positive length", points.scale),
-            );
-        }
-        Ok(Self {
+        let normalisation = Self {
             motor_min: motors.min,
             motor_max: motors.max,
             scale: points.scale,
-        })
+        };
+        normalisation
+            .check_motors()
+            .map_err(|problem| refuse(&motors_path, problem))?;
+        normalisation
+            .check_scale()
+            .map_err(|problem| refuse(&points_path, problem))?;
+        Ok(normalisation)
+    }
+
+    /// Says what is wrong with the bounds of the motors, if anything.
+    pub(crate) fn check_motors(&self) -> Result<(), String> {
+        let ordered = |min: &f64, max: &f64| min.is_finite() && max.is_finite() && min <= max;
+        let mut bounds = zip(&self.motor_min, &self.motor_max);
+        match bounds.position(|(min, max)| !ordered(min, max)) {
+            None => Ok(()),
+            Some(j) => Err(format!(
+                "motor {j} runs from {} to {}, expected min <= max, finite",
+                self.motor_min[j], self.motor_max[j]
+            )),
+        }
+    }
+
+    /// Says what is wrong with the scale, if anything.
+    pub(crate) fn check_scale(&self) -> Result<(), String> {
+        if self.scale.is_finite() && self.scale > 0.0 {
+            Ok(())
+        } else {
+            Err(format!(
+                "scale is {}, expected a positive length",
+                self.scale
+            ))
+        }
     }
 
     /// Writes the two normalisation files into the folder `dir`, each atomically.
@@ -218,4 +233,5 @@ fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, DataError> {
 fn write_json(path: &Path, value: &impl Serialize) -> Result<(), DataError> {
     let bytes = serde_json::to_vec_pretty(value).expect("a struct of plain values serialises");
     write_atomically(path, |file| std::io::Write::write_all(file, &bytes))
+        .map_err(DataError::io("write", path))
 }

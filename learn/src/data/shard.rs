@@ -6,8 +6,8 @@ use std::path::Path;
 use hdf5_pure::{Error, FileBuilder, H5Element};
 use tdcr_sim::cloud::PointCloud;
 
-use super::atomic::write_atomically;
 use super::{DataError, Normalisation, Sample};
+use crate::atomic::write_atomically;
 
 /// The arrays of a shard: `B` samples, `N` points each, `D` motors.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -216,4 +216,5 @@ fn write(path: &Path, builder: FileBuilder) -> Result<(), DataError> {
             error => io::Error::other(error.to_string()),
         })
     })
+    .map_err(DataError::io("write", path))
 }

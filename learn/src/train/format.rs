@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::fs::{self, File};
+use std::fs;
 use std::io::Write;
 use std::path::Path;
 
@@ -12,6 +12,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
 use super::error::{FileError, FileProblem};
+use crate::atomic::write_atomically;
 
 /// Version of the format that this crate reads and writes.
 const VERSION: u32 = 1;
@@ -127,24 +128,12 @@ impl Writer {
         let metadata = HashMap::from([(KEY.to_owned(), header)]);
         safetensors::serialize(self.tensors, Some(metadata))
             .map_err(FileProblem::header)
-            .and_then(|bytes| replace(path, &bytes))
+            .and_then(|bytes| {
+                write_atomically(path, |file| file.write_all(&bytes))
+                    .map_err(FileProblem::io("write"))
+            })
             .map_err(|problem| problem.at(path))
     }
-}
-
-/// Puts `bytes` in the place of the file `path`, in one step, and sees them onto the disk.
-fn replace(path: &Path, bytes: &[u8]) -> Result<(), FileProblem> {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".part");
-    let part = Path::new(&name);
-    let written = File::create(part)
-        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-        .and_then(|()| fs::rename(part, path));
-    if written.is_err() {
-        // Best effort: the error to report is the first one.
-        let _ = fs::remove_file(part);
-    }
-    written.map_err(FileProblem::io("write"))
 }
 
 /// A file's tensors, handed out one by one.

@@ -11,7 +11,7 @@ mod state;
 mod trainer;
 
 pub use error::{FileError, FileProblem, TrainError};
-pub use model::{Model, Normalization, PredictError, Provenance};
+pub use model::{Model, PredictError, Provenance};
 pub use settings::{SettingsError, TrainSettings};
 pub use state::{Best, TrainingState};
 pub use trainer::{Distance, Trainer};

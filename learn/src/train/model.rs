@@ -3,69 +3,23 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use tdcr_sim::robot::RobotSpec;
 
 use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
 use super::settings::TrainSettings;
+use crate::data::{DataError, Normalisation};
 use crate::flow::{Heun, Stream, rng};
 use crate::net::{DIM, Mlp, MlpShape};
-
-/// The map between physical and normalised units (paper, Eq. motor_normalization and Eq. point_normalization).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Normalization {
-    /// Smallest value of every condition dimension, physical units, `(D)`.
-    pub min: Vec<f64>,
-    /// Largest value of every condition dimension, physical units, `(D)`.
-    pub max: Vec<f64>,
-    /// Scale of the points `s` (m).
-    pub scale: f64,
-}
-
-impl Normalization {
-    /// A command `(D)` in physical units, min-max scaled.
-    fn condition(&self, command: &[f64]) -> Vec<f32> {
-        let ranges = self.min.iter().zip(&self.max);
-        let scaled = command.iter().zip(ranges);
-        scaled
-            .map(|(m, (min, max))| ((m - min) / (max - min)) as f32)
-            .collect()
-    }
-
-    /// Refuses bounds that scale nothing, or another number of dimensions than `condition_dim`.
-    fn check(&self, condition_dim: usize) -> Result<(), FileProblem> {
-        let Self { min, max, scale } = self;
-        if min.len() != condition_dim || max.len() != condition_dim {
-            let found = format!("{} minima and {} maxima", min.len(), max.len());
-            return Err(FileProblem::header(format!(
-                "{found} of the condition, expected {condition_dim} each"
-            )));
-        }
-        let ordered = |(min, max): (&f64, &f64)| min.is_finite() && max.is_finite() && min < max;
-        if let Some(j) = min.iter().zip(max).position(|bounds| !ordered(bounds)) {
-            let found = format!("condition {j} runs from {} to {}", min[j], max[j]);
-            return Err(FileProblem::header(format!(
-                "{found}, expected a finite interval"
-            )));
-        }
-        if !(scale.is_finite() && *scale > 0.0) {
-            return Err(FileProblem::header(format!(
-                "scale is {scale}, expected a positive length in m"
-            )));
-        }
-        Ok(())
-    }
-}
 
 /// What a network was trained on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
-    /// The robot's specification, as the simulator serialises it.
-    pub robot: Value,
+    /// The robot; `None` where the data set does not say.
+    pub robot: Option<RobotSpec>,
     /// The data set's normalisation.
-    pub normalization: Normalization,
+    pub normalisation: Normalisation,
 }
 
 /// A trained shape predictor.
@@ -84,16 +38,11 @@ pub struct Model {
 }
 
 /// A command that no cloud can be predicted for.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum PredictError {
     /// Another number of values than the model was trained with.
-    #[error("the command has {found} values, expected {expected}")]
-    Dimension {
-        /// Number given.
-        found: usize,
-        /// Number expected.
-        expected: usize,
-    },
+    #[error(transparent)]
+    Length(#[from] DataError),
     /// A value is NaN or infinite.
     #[error("value {index} of the command is {value}, expected a finite number")]
     NotFinite {
@@ -130,28 +79,20 @@ impl Model {
         seed: u64,
         sampler: &Heun,
     ) -> Result<Vec<[f32; 3]>, PredictError> {
-        let expected = self.network.shape().condition_dim;
-        if command.len() != expected {
-            return Err(PredictError::Dimension {
-                found: command.len(),
-                expected,
-            });
-        }
+        let condition = self.provenance.normalisation.condition(command)?;
         if let Some(index) = command.iter().position(|value| !value.is_finite()) {
             return Err(PredictError::NotFinite {
                 index,
                 value: command[index],
             });
         }
-        let condition = self.provenance.normalization.condition(command);
         let mut cloud = vec![[0.0; DIM]; points];
         let components = cloud.as_flattened_mut();
         self.settings
             .path
             .sample_prior(&mut rng(seed, Stream::Sample(0)), components);
         sampler.integrate(&self.network, &condition, components);
-        let scale = self.provenance.normalization.scale as f32;
-        components.iter_mut().for_each(|x| *x *= scale);
+        self.provenance.normalisation.denormalise_points(components);
         Ok(cloud)
     }
 
@@ -197,7 +138,16 @@ pub(super) fn check_header(
 ) -> Result<(), FileProblem> {
     shape.check().map_err(FileProblem::header)?;
     settings.check().map_err(FileProblem::header)?;
-    provenance.normalization.check(shape.condition_dim)
+    let normalisation = &provenance.normalisation;
+    let motors = [&normalisation.motor_min, &normalisation.motor_max].map(Vec::len);
+    if motors != [shape.condition_dim; 2] {
+        return Err(FileProblem::header(format!(
+            "{} minima and {} maxima of the motors, expected {} each",
+            motors[0], motors[1], shape.condition_dim
+        )));
+    }
+    normalisation.check_motors().map_err(FileProblem::header)?;
+    normalisation.check_scale().map_err(FileProblem::header)
 }
 
 /// Adds a flat parameter vector as its tensors, their names after `prefix`.

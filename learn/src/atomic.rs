@@ -4,20 +4,18 @@ use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 
-use super::DataError;
-
 /// Extension added to a file's name while it is being written.
-pub(super) const TEMPORARY: &str = "tmp";
+pub(crate) const TEMPORARY: &str = "tmp";
 
 /// Writes `path` through a temporary file beside it, which is flushed to the disk and then renamed: whenever the
 /// process or the machine stops, `path` holds the old contents or the new, never a part. A failed write leaves no
 /// temporary file behind, a killed one leaves it to be overwritten by the next.
 ///
 /// Concurrent writers of one path must be kept apart by the caller.
-pub(super) fn write_atomically(
+pub(crate) fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut File) -> io::Result<()>,
-) -> Result<(), DataError> {
+) -> io::Result<()> {
     let temporary = path.with_added_extension(TEMPORARY);
     let written = File::create(&temporary).and_then(|mut file| {
         write(&mut file)?;
@@ -26,5 +24,4 @@ pub(super) fn write_atomically(
     written
         .and_then(|()| fs::rename(&temporary, path))
         .inspect_err(|_| drop(fs::remove_file(&temporary)))
-        .map_err(DataError::io("write", path))
 }
