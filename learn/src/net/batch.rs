@@ -8,7 +8,7 @@ use super::conditioner::ConditionerTape;
 use super::kernels::add;
 use super::mlp::Mlp;
 use super::shape::DIM;
-use super::trunk::{TILE, TrunkGradient, TrunkTape};
+use super::trunk::{Keep, TILE, TrunkGradient, TrunkTape};
 
 /// Points per share: the unit of parallel work. Fixed, so that sums are grouped alike for any number of threads.
 const SHARE: usize = 8 * TILE;
@@ -130,8 +130,14 @@ impl Mlp {
         let mut velocities = [0.0; TILE * DIM];
         for (points, targets) in points.zip(batch.targets[components].chunks(TILE * DIM)) {
             let velocities = &mut velocities[..points.len()];
-            self.trunk
-                .forward(params, modulation, points, tape, velocities);
+            self.trunk.forward(
+                params,
+                modulation,
+                points,
+                Keep::EveryBlock,
+                tape,
+                velocities,
+            );
             share.squared_error += to_loss_gradient(velocities, targets, batch.points.len());
             self.trunk.backward(
                 params,

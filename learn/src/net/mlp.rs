@@ -9,7 +9,7 @@ use crate::flow::VelocityField;
 use super::conditioner::{Conditioner, ConditionerTape};
 use super::pool::Pool;
 use super::shape::{DIM, MlpShape, ShapeError};
-use super::trunk::{TILE, Trunk, TrunkTape};
+use super::trunk::{Keep, TILE, Trunk, TrunkTape};
 
 /// The paper's MLP velocity network (Sec. Method, Eq. mlp_velocity): every point alone, weights shared.
 #[derive(Clone, Debug)]
@@ -113,6 +113,7 @@ impl VelocityField for Mlp {
                                     params,
                                     &tape.modulation,
                                     points,
+                                    Keep::Nothing,
                                     scratch,
                                     velocities,
                                 );

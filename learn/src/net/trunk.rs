@@ -33,6 +33,15 @@ pub(super) struct TrunkTape {
     d_activated: Vec<f32>,
 }
 
+/// What a forward pass keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Keep {
+    /// All that a backward pass needs.
+    EveryBlock,
+    /// Nothing beyond a block: the blocks share memory, which then stays in the cache (a tenth faster).
+    Nothing,
+}
+
 /// Gradients of the loss that a trunk's backward pass adds to.
 #[derive(Debug, Default)]
 pub(super) struct TrunkGradient {
@@ -94,6 +103,7 @@ impl Trunk {
         params: &[f32],
         modulation: &[f32],
         points: &[f32],
+        keep: Keep,
         tape: &mut TrunkTape,
         velocities: &mut [f32],
     ) {
@@ -103,8 +113,11 @@ impl Trunk {
         fill_rows(features, shift);
         self.input.add_product(params, points, features);
         let modulations = blocks.chunks_exact(2 * self.width);
-        for ((layer, tape), modulation) in self.blocks.iter().zip(&mut tape.blocks).zip(modulations)
-        {
+        for (l, (layer, modulation)) in self.blocks.iter().zip(modulations).enumerate() {
+            let tape = match keep {
+                Keep::EveryBlock => &mut tape.blocks[l],
+                Keep::Nothing => &mut tape.blocks[0],
+            };
             let (scale, offset) = modulation.split_at(self.width);
             let bias = &params[layer.bias.clone()];
             Arch::new().dispatch(Modulate {

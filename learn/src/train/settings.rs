@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::flow::{FlowError, FlowPath, Heun};
 
+/// Largest batch; far above any useful one.
+const MAX_CLOUDS: usize = 65_536;
+
 /// Settings of a training run. The defaults are the authors' (AdamW, clipping, averaging, warm-up, cosine), with a batch
 /// that suits a CPU.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -107,6 +110,10 @@ impl TrainSettings {
             if value == 0 {
                 return Err(SettingsError::new(field, value, "at least 1"));
             }
+        }
+        if self.clouds > MAX_CLOUDS {
+            let expected = format!("at most {MAX_CLOUDS}");
+            return Err(SettingsError::new("clouds", self.clouds, expected));
         }
         if self.warmup_steps >= self.steps {
             let expected = format!("fewer than the {} steps", self.steps);

@@ -1,0 +1,260 @@
+//! Models and states as files: what is saved predicts the same, and what does not fit is refused.
+#![allow(clippy::unwrap_used, reason = "a test may stop where it fails")]
+
+mod toy;
+
+use std::fs;
+use std::path::PathBuf;
+
+use proptest::prelude::*;
+use serde_json::json;
+use tdcr_learn::flow::{FlowPath, Heun, Stream, rng};
+use tdcr_learn::train::{Model, Trainer, TrainingState};
+use tempfile::TempDir;
+use toy::{SHAPE, bars, provenance, run, settings};
+
+/// A trained model and the folder that it may be saved in.
+fn model() -> (Model, TempDir) {
+    let (training, validation) = (bars(5, 1), bars(3, 2));
+    let trainer = run(
+        Trainer::new(SHAPE, settings(), &training, &validation).unwrap(),
+        3,
+    );
+    (
+        trainer.model(provenance()).unwrap(),
+        TempDir::new().unwrap(),
+    )
+}
+
+#[test]
+fn a_saved_model_predicts_the_same_cloud() {
+    let (model, folder) = model();
+    let file = folder.path().join("model.safetensors");
+    model.save(&file).unwrap();
+    let loaded = Model::load(&file).unwrap();
+    assert_eq!(loaded.provenance, model.provenance);
+    assert_eq!(
+        (loaded.step, loaded.validation_distance),
+        (model.step, model.validation_distance)
+    );
+    let predict = |model: &Model| {
+        model
+            .predict(&[0.02, 0.02], 50, 7, &Heun::default())
+            .unwrap()
+    };
+    assert_eq!(predict(&loaded), predict(&model));
+    assert_eq!(
+        fs::read_dir(folder.path()).unwrap().count(),
+        1,
+        "no temporary file is left"
+    );
+}
+
+#[test]
+fn a_prediction_is_the_integrated_noise_in_metres() {
+    let (model, _folder) = model();
+    let mut expected = vec![0.0; 30];
+    FlowPath::default().sample_prior(&mut rng(7, Stream::Sample(0)), &mut expected);
+    Heun::default().integrate(&model.network, &[0.25, 0.5], &mut expected);
+    let predicted = model
+        .predict(&[0.01, 0.02], 10, 7, &Heun::default())
+        .unwrap();
+    for (x, expected) in predicted.as_flattened().iter().zip(expected) {
+        assert!((x - 0.4 * expected).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn commands_that_do_not_fit_are_refused() {
+    let (model, _folder) = model();
+    let predict = |command: &[f64]| model.predict(command, 10, 0, &Heun::default()).unwrap_err();
+    assert_eq!(
+        predict(&[0.0]).to_string(),
+        "the command has 1 values, expected 2"
+    );
+    assert_eq!(
+        predict(&[0.0, f64::INFINITY]).to_string(),
+        "value 1 of the command is inf, expected a finite number"
+    );
+}
+
+/// A model's file, rewritten by `change` of its header and its tensors, and the error of loading it.
+fn refusal(
+    change: impl FnOnce(&mut serde_json::Value, &mut Vec<(String, Vec<usize>, Vec<f32>)>),
+) -> String {
+    let (model, folder) = model();
+    let mut header = json!({
+        "format": 1,
+        "kind": "model",
+        "content": {
+            "provenance": model.provenance,
+            "shape": model.network.shape(),
+            "settings": model.settings,
+            "step": 3,
+            "validation_distance": 0.1,
+        },
+    });
+    let params = model.network.params();
+    let tensors = SHAPE.tensors().into_iter();
+    let mut tensors = tensors
+        .map(|t| (t.name, t.shape, params[t.range].to_vec()))
+        .collect();
+    change(&mut header, &mut tensors);
+    let bytes: Vec<Vec<u8>> = tensors
+        .iter()
+        .map(|t| t.2.iter().flat_map(|x| x.to_le_bytes()).collect())
+        .collect();
+    let views = tensors.iter().zip(&bytes).map(|((name, shape, _), bytes)| {
+        (
+            name,
+            safetensors::tensor::TensorView::new(safetensors::Dtype::F32, shape.clone(), bytes)
+                .unwrap(),
+        )
+    });
+    let metadata = [("tdcr".to_owned(), header.to_string())].into();
+    let file = folder.path().join("model.safetensors");
+    fs::write(
+        &file,
+        safetensors::serialize(views, Some(metadata)).unwrap(),
+    )
+    .unwrap();
+    match Model::load(&file) {
+        Ok(_) => "accepted".to_owned(),
+        Err(error) => {
+            let message = error.to_string();
+            message
+                .strip_prefix(&format!("{}: ", file.display()))
+                .expect("an error names its file")
+                .to_owned()
+        }
+    }
+}
+
+#[test]
+fn files_that_are_no_model_are_refused_with_what_is_wrong() {
+    assert_eq!(refusal(|_, _| ()), "accepted");
+    assert_eq!(
+        refusal(|header, _| header["format"] = json!(2)),
+        "format version 2, expected 1"
+    );
+    assert_eq!(
+        refusal(|header, _| header["kind"] = json!("training state")),
+        "holds a training state, expected a model"
+    );
+    assert_eq!(
+        refusal(|_, tensors| drop(tensors.remove(0))),
+        "no tensor `time.weight`, expected one of type F32 [8, 8]"
+    );
+    assert_eq!(
+        refusal(|_, tensors| tensors[0].1 = vec![4, 16]),
+        "tensor `time.weight` is F32 [4, 16], expected F32 [8, 8]"
+    );
+    assert_eq!(
+        refusal(|_, tensors| tensors.push(("other".to_owned(), vec![1], vec![0.0]))),
+        "unexpected tensor `other`"
+    );
+    assert_eq!(
+        refusal(|_, tensors| tensors[1].2[3] = f32::NAN),
+        "tensor `time.bias` is NaN at index 3, expected finite values"
+    );
+    let content =
+        |field: &'static str, value| refusal(move |header, _| header["content"][field] = value);
+    assert!(content("shape", json!({"width": 0})).starts_with("header `tdcr`: missing field"));
+    let shape = json!({"width": 0, "depth": 2, "embedding": 8, "condition_dim": 2});
+    assert_eq!(
+        content("shape", shape),
+        "header `tdcr`: network width is 0, expected 1 to 8192"
+    );
+    let normalisation = json!({"motor_min": [0.0, 1.1], "motor_max": [1.0, 1.0], "scale": 0.4});
+    let provenance = json!({"robot": null, "normalisation": normalisation});
+    assert_eq!(
+        content("provenance", provenance),
+        "header `tdcr`: motor 1 runs from 1.1 to 1, expected min <= max, finite"
+    );
+}
+
+#[test]
+fn what_is_not_safetensors_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("model.safetensors");
+    assert!(
+        Model::load(&file)
+            .unwrap_err()
+            .to_string()
+            .contains("cannot read")
+    );
+    fs::write(&file, b"a letter").unwrap();
+    assert!(
+        Model::load(&file)
+            .unwrap_err()
+            .to_string()
+            .contains("not a whole safetensors file")
+    );
+}
+
+#[test]
+fn a_failed_save_leaves_the_old_file() {
+    let (model, folder) = model();
+    let missing = folder.path().join("missing/model.safetensors");
+    assert!(
+        model
+            .save(&missing)
+            .unwrap_err()
+            .to_string()
+            .contains("cannot write")
+    );
+}
+
+/// A valid model and a valid training state.
+fn files() -> [Vec<u8>; 2] {
+    let (training, validation) = (bars(5, 1), bars(3, 2));
+    let trainer = run(
+        Trainer::new(SHAPE, settings(), &training, &validation).unwrap(),
+        3,
+    );
+    let folder = TempDir::new().unwrap();
+    let [model, state] = ["model", "state"].map(|name| folder.path().join(name));
+    trainer.model(provenance()).unwrap().save(&model).unwrap();
+    trainer.state(provenance()).save(&state).unwrap();
+    [model, state].map(|file: PathBuf| fs::read(file).unwrap())
+}
+
+#[test]
+fn damaged_files_never_panic() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("damaged");
+    let load = |bytes: &[u8]| {
+        fs::write(&file, bytes).unwrap();
+        (
+            Model::load(&file).is_ok(),
+            TrainingState::load(&file).is_ok(),
+        )
+    };
+    let files = files();
+    assert_eq!(
+        [load(&files[0]), load(&files[1])],
+        [(true, false), (false, true)]
+    );
+    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(300));
+    let strategy = (
+        0..2usize,
+        any::<prop::sample::Index>(),
+        0..8u32,
+        any::<bool>(),
+    );
+    let damage = |(which, at, bit, truncate): (usize, prop::sample::Index, u32, bool)| {
+        let mut bytes = files[which].clone();
+        // Headers are where the structure is: half of the flips go there.
+        let span = if bit % 2 == 0 { bytes.len() } else { 3000 };
+        let at = at.index(span.min(bytes.len()));
+        if truncate {
+            bytes.truncate(at);
+            prop_assert_eq!(load(&bytes), (false, false));
+        } else {
+            bytes[at] ^= 1 << bit;
+            load(&bytes);
+        }
+        Ok(())
+    };
+    runner.run(&strategy, damage).unwrap();
+}
