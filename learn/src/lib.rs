@@ -1,2 +1,3 @@
 //! Clouds in, a trained shape predictor out.
 pub mod data;
+pub mod metrics;
