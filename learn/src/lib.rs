@@ -2,5 +2,6 @@
 mod atomic;
 pub mod data;
 pub mod flow;
+pub mod metrics;
 pub mod net;
 pub mod train;

@@ -1,0 +1,82 @@
+//! Distances between point clouds: Chamfer and exact earth mover's.
+//!
+//! A cloud is a slice of positions `[x, y, z]` (m) in any frame that both clouds share. Sums run in
+//! `f64`. Results do not depend on threads: every call is sequential, and many calls may run at once.
+
+mod assignment;
+mod chamfer;
+mod emd;
+mod kdtree;
+mod priced_tree;
+
+pub use chamfer::chamfer;
+pub use emd::{Emd, GroundCost, emd, emd_squared, emd_with};
+
+use std::fmt;
+
+/// Which argument of a metric an error is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The first cloud, `p`.
+    First,
+    /// The second cloud, `q`.
+    Second,
+}
+
+impl fmt::Display for Side {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::First => "first cloud",
+            Self::Second => "second cloud",
+        })
+    }
+}
+
+/// Why two clouds have no distance.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum MetricError {
+    /// A cloud holds no point.
+    #[error("the {side} is empty; a distance needs at least one point in each cloud")]
+    EmptyCloud {
+        /// The empty cloud.
+        side: Side,
+    },
+    /// No bijection exists between clouds of different sizes.
+    #[error(
+        "the clouds hold {first} and {second} points; the earth mover's distance needs equal sizes"
+    )]
+    UnequalSizes {
+        /// Points of the first cloud.
+        first: usize,
+        /// Points of the second cloud.
+        second: usize,
+    },
+    /// A coordinate is NaN or infinite.
+    #[error("point {index} of the {side} is {point:?} m; coordinates must be finite")]
+    NonFinite {
+        /// The cloud that holds the point.
+        side: Side,
+        /// The first such point.
+        index: usize,
+        /// Its coordinates (m).
+        point: [f32; 3],
+    },
+}
+
+/// The points of `cloud` in double precision (m), once it is known to be a cloud.
+fn checked(cloud: &[[f32; 3]], side: Side) -> Result<Vec<[f64; 3]>, MetricError> {
+    if cloud.is_empty() {
+        return Err(MetricError::EmptyCloud { side });
+    }
+    if let Some(index) = cloud
+        .iter()
+        .position(|point| point.iter().any(|x| !x.is_finite()))
+    {
+        return Err(MetricError::NonFinite {
+            side,
+            index,
+            point: cloud[index],
+        });
+    }
+    Ok(cloud.iter().map(|point| point.map(f64::from)).collect())
+}
