@@ -35,7 +35,7 @@ pub(super) struct CollectArgs {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Folder of the data set
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, default_value = "data", value_name = "DIR")]
     out: PathBuf,
 }
 

@@ -2,12 +2,17 @@
 
 mod collect;
 mod console;
+mod demo;
+mod eval;
+mod predict;
 mod settle;
+mod train;
 
 use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand};
+use tdcr::learn::flow::{Heun, TimeGrid};
 use tdcr::pipeline::PipelineError;
 use tracing_subscriber::filter::LevelFilter;
 
@@ -40,6 +45,33 @@ struct Global {
 enum Command {
     Settle(settle::SettleArgs),
     Collect(collect::CollectArgs),
+    Train(train::TrainArgs),
+    Predict(predict::PredictArgs),
+    Eval(eval::EvalArgs),
+    Demo(demo::DemoArgs),
+}
+
+/// How the network's flow is integrated.
+#[derive(Debug, Args)]
+struct SamplerArgs {
+    /// Steps of Heun's method, two evaluations of the network each
+    #[arg(long, default_value_t = 16, value_name = "N")]
+    sampler_steps: usize,
+    /// Exponent p of the time grid 1 - (1 - k/n)^p; 1 is uniform, as in the paper
+    #[arg(long, default_value_t = 2.0, value_name = "P")]
+    sampler_power: f32,
+}
+
+impl SamplerArgs {
+    fn sampler(&self) -> anyhow::Result<Heun> {
+        let grid = TimeGrid::Power(self.sampler_power);
+        let sampler = Heun {
+            steps: self.sampler_steps,
+            grid,
+        };
+        sampler.check()?;
+        Ok(sampler)
+    }
 }
 
 /// Exit status after an interruption, as shells report SIGINT.
@@ -84,6 +116,10 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
     match &cli.command {
         Command::Settle(args) => settle::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),
+        Command::Train(args) => train::run(args, &console),
+        Command::Predict(args) => predict::run(args, &console),
+        Command::Eval(args) => eval::run(args, &console),
+        Command::Demo(args) => demo::run(args, &console),
     }
 }
 

@@ -132,7 +132,6 @@ fn sample(
     let equilibrium = settler.settle(&command, Loads::default());
     if !equilibrium.converged {
         return Err(PipelineError::NotSettled {
-            index,
             residual: equilibrium.residual,
             command: command.as_slice().to_vec(),
         });

@@ -1,0 +1,305 @@
+//! `tdcr demo`: the whole road once, ending in a report.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Context;
+use clap::Args;
+use serde::Serialize;
+use tdcr::learn::data::{Split, split_indices};
+use tdcr::learn::flow::Heun;
+use tdcr::learn::train::TrainSettings;
+use tdcr::pipeline::{
+    CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Trained,
+    collect, train,
+};
+use tdcr::report::{Example, PerTest, Report, Score, Stage, contact_sheet, scale_bar};
+use tdcr::sim::cloud::PointCloud;
+use tdcr::sim::render::BaseVisibility;
+use tdcr::sim::robot::RobotSpec;
+
+use super::console::Console;
+use super::eval::{Metrics, table};
+
+/// Simulate, see, learn, predict and evaluate the paper's 2m robot, and write a report
+///
+/// Interrupted, the same command goes on where it stopped.
+#[derive(Debug, Args)]
+pub(super) struct DemoArgs {
+    /// Folder of everything that the demo makes
+    #[arg(long, default_value = "demo_out", value_name = "DIR")]
+    out: PathBuf,
+    /// Commands to simulate, split 80/10/10
+    #[arg(long, default_value_t = 1500, value_name = "N")]
+    samples: usize,
+    /// Optimiser steps
+    #[arg(long, default_value_t = 6000, value_name = "N")]
+    steps: u64,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+const POINTS: usize = 10_000;
+const EMD_POINTS: usize = 2000;
+const NETWORK: NetworkSize = NetworkSize {
+    width: 128,
+    depth: 6,
+    embedding: 128,
+};
+/// Test commands that the report shows, from the best prediction to the worst.
+const EXAMPLES: usize = 6;
+const SHEET_PANEL_WIDTH: usize = 260;
+
+#[derive(Serialize)]
+struct DemoMetrics {
+    #[serde(flatten)]
+    metrics: Metrics,
+    /// Wall-clock time of all stages, those before an interruption included (s).
+    seconds: f64,
+    stages: BTreeMap<String, f64>,
+}
+
+pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
+    std::fs::create_dir_all(&args.out)
+        .with_context(|| format!("cannot make the folder {}", args.out.display()))?;
+    let (data, run) = (args.out.join("data"), args.out.join("run"));
+    let mut clock = StageClock::open(args.out.join("stages.json"));
+
+    let settings = CollectSettings {
+        robot: RobotSpec::standard("2m").expect("2m is a standard robot"),
+        base: BaseVisibility::Hidden,
+        count: args.samples,
+        points: POINTS,
+        voxel_size: 0.002,
+        seed: args.seed,
+    };
+    clock.time("collect", || collect(&settings, &data, console))?;
+
+    let training = TrainSettings {
+        steps: args.steps,
+        clouds: 64,
+        points: 256,
+        learning_rate: 3e-3,
+        warmup_steps: (args.steps / 10).min(500),
+        validate_every: (args.steps / 12).max(1),
+        seed: args.seed,
+        ..TrainSettings::default()
+    };
+    let trained = clock.time("train", || train(&data, &run, NETWORK, &training, console))?;
+
+    let scoring = EvalSettings {
+        points: POINTS,
+        emd_points: EMD_POINTS,
+        sampler: Heun::default(),
+        seed: args.seed,
+    };
+    let (evaluation, examples) = clock.time("evaluate", || {
+        let evaluator = Evaluator::new(&trained.model, &data, scoring)?;
+        let evaluation = evaluator.run(Some(&args.out.join("evaluation.jsonl")), console)?;
+        let examples = examples(&evaluator, &evaluation)?;
+        Ok((evaluation, examples))
+    })?;
+
+    let metrics = DemoMetrics {
+        metrics: Metrics::new(&evaluation, &scoring),
+        seconds: clock.seconds.values().sum(),
+        stages: clock.seconds.clone(),
+    };
+    let report = report(args, &settings, &trained, &evaluation, examples, &metrics)?;
+    let json = serde_json::to_vec_pretty(&metrics).context("cannot write the metrics as JSON")?;
+    let sheet = &report.examples[..report.examples.len().min(4)];
+    for (name, bytes) in [
+        ("metrics.json", json),
+        ("report.html", report.to_html().into_bytes()),
+        ("shapes.png", contact_sheet(sheet, SHEET_PANEL_WIDTH)),
+    ] {
+        let path = args.out.join(name);
+        std::fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    tracing::info!(
+        "shapes.png: test commands from the best prediction to the worst; the bar is {:.0} cm",
+        100.0 * scale_bar(sheet, SHEET_PANEL_WIDTH)
+    );
+    console.result(&metrics, |m| {
+        format!(
+            "{}\nmeans over {} test commands, {:.1} times better than the nearest training command; {:.0} s in all\n\
+             see {}",
+            table(&evaluation),
+            m.metrics.tests,
+            m.metrics.cd_nearest / m.metrics.cd,
+            m.seconds,
+            args.out.join("report.html").display()
+        )
+    })
+}
+
+/// Adds up the time of each stage over all the runs that it took.
+struct StageClock {
+    path: PathBuf,
+    seconds: BTreeMap<String, f64>,
+}
+
+impl StageClock {
+    fn open(path: PathBuf) -> Self {
+        // Times are for the report alone: without them, or with others, the work goes on as well.
+        let seconds = std::fs::read(&path)
+            .ok()
+            .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        Self {
+            seconds: seconds.unwrap_or_default(),
+            path,
+        }
+    }
+
+    fn time<T>(
+        &mut self,
+        stage: &str,
+        work: impl FnOnce() -> Result<T, PipelineError>,
+    ) -> Result<T, PipelineError> {
+        let start = Instant::now();
+        let result = work();
+        *self.seconds.entry(stage.to_owned()).or_default() += start.elapsed().as_secs_f64();
+        if let Ok(json) = serde_json::to_vec(&self.seconds)
+            && let Err(error) = std::fs::write(&self.path, json)
+        {
+            tracing::warn!(
+                "cannot note the time of a stage in {}: {error}",
+                self.path.display()
+            );
+        }
+        result
+    }
+}
+
+fn examples(evaluator: &Evaluator, evaluation: &Evaluation) -> Result<Vec<Example>, PipelineError> {
+    let shown = evaluation.spread(EXAMPLES);
+    let last = shown.len() - 1;
+    let example = |(rank, index): (usize, usize)| {
+        let scores = &evaluation.per_test[index];
+        let sample = &evaluator.test()[index];
+        Ok(Example {
+            label: match rank {
+                0 => format!("test {index}, the best"),
+                rank if rank == last => format!("test {index}, the worst"),
+                _ => format!("test {index}"),
+            },
+            command: sample.motors.iter().map(|m| f64::from(*m)).collect(),
+            truth: sample.cloud.clone(),
+            prediction: colorless(evaluator.predict(index)?),
+            nearest: colorless(evaluator.nearest(index)?),
+            cd: scores.network.cd,
+            cd_nearest: scores.nearest.cd,
+        })
+    };
+    shown.into_iter().enumerate().map(example).collect()
+}
+
+fn colorless(points: Vec<[f32; 3]>) -> PointCloud {
+    let colors = vec![[128; 3]; points.len()];
+    PointCloud { points, colors }
+}
+
+fn report(
+    args: &DemoArgs,
+    settings: &CollectSettings,
+    trained: &Trained,
+    evaluation: &Evaluation,
+    examples: Vec<Example>,
+    metrics: &DemoMetrics,
+) -> anyhow::Result<Report> {
+    let scores = evaluation.mean();
+    let score = |name: &str, distances: tdcr::pipeline::Distances| Score {
+        name: name.to_owned(),
+        cd: distances.cd,
+        emd: distances.emd,
+    };
+    let splits = split_indices(args.samples, args.seed)?;
+    let [train_count, val_count, test_count] = Split::ALL.map(|split| splits.of(split).len());
+    let model = &trained.model;
+    let stage_seconds = |name: &str| metrics.stages.get(name).copied().unwrap_or(f64::NAN);
+    Ok(Report {
+        title: "The shape of a 2-module tendon-driven continuum robot, learned from its commands"
+            .to_owned(),
+        headline: format!(
+            "For {test_count} commands that the network has never seen, its clouds are {:.1} times nearer to the true \
+             shape (Chamfer distance) than those of the nearest training command.",
+            scores.nearest.cd / scores.network.cd
+        ),
+        summary: vec![
+            (
+                "Robot".to_owned(),
+                format!("{} of the paper, without base", settings.robot.name),
+            ),
+            (
+                "Commands".to_owned(),
+                format!("{train_count} train, {val_count} validation, {test_count} test"),
+            ),
+            (
+                "Cameras".to_owned(),
+                format!("ring of {}", settings.robot.cameras.count),
+            ),
+            (
+                "Points per cloud".to_owned(),
+                format!("{POINTS}, from {} mm voxels", settings.voxel_size * 1e3),
+            ),
+            (
+                "Network".to_owned(),
+                format!(
+                    "MLP, width {}, depth {}, {} parameters",
+                    NETWORK.width,
+                    NETWORK.depth,
+                    model.network.params().len()
+                ),
+            ),
+            (
+                "Training".to_owned(),
+                format!(
+                    "{} steps of {} clouds of {} points; best at step {}",
+                    model.settings.steps, model.settings.clouds, model.settings.points, model.step
+                ),
+            ),
+            (
+                "Sampler".to_owned(),
+                format!("Heun, {} steps, grid 1 - (1 - k/n)²", Heun::default().steps),
+            ),
+            ("Seed".to_owned(), args.seed.to_string()),
+            ("tdcr".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ],
+        scores: [
+            Some(score("Network", scores.network)),
+            Some(score("Nearest training command", scores.nearest)),
+            scores.mean.map(|mean| score("Mean command", mean)),
+        ]
+        .into_iter()
+        .flatten()
+        .collect(),
+        floor: scores.floor.map(|floor| score("Sampling floor", floor)),
+        score_notes: vec![
+            format!("Means over {test_count} test commands."),
+            format!(
+                "Chamfer distance on {POINTS} points of each cloud, earth mover's distance on {EMD_POINTS}."
+            ),
+        ],
+        per_test: Some(PerTest {
+            network: evaluation.per_test.iter().map(|s| s.network.cd).collect(),
+            nearest: evaluation.per_test.iter().map(|s| s.nearest.cd).collect(),
+        }),
+        loss_curve: (1u64..)
+            .zip(trained.losses.iter().map(|loss| f64::from(*loss)))
+            .collect(),
+        validation_curve: trained.validations.clone(),
+        stages: [
+            ("Simulate and see", "collect"),
+            ("Train", "train"),
+            ("Predict and evaluate", "evaluate"),
+        ]
+        .map(|(name, key)| Stage {
+            name: name.to_owned(),
+            seconds: stage_seconds(key),
+        })
+        .into(),
+        examples,
+    })
+}

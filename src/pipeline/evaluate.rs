@@ -1,0 +1,379 @@
+//! From a network to its scores, beside those of trivial predictors and the sampling floor.
+
+use std::path::Path;
+
+use rand::seq::index;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use tdcr_learn::data::{CloudSet, DataSet, Meta, Sample, Split};
+use tdcr_learn::flow::Heun;
+use tdcr_learn::metrics::{chamfer, emd};
+use tdcr_learn::train::Model;
+use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid};
+use tdcr_sim::robot::{Command, Loads, Robot};
+use tdcr_sim::statics::Settler;
+
+use super::journal::Journal;
+use super::{Monitor, PipelineError};
+
+/// How a network is scored.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EvalSettings {
+    /// Points of each cloud that the Chamfer distance is computed on.
+    pub points: usize,
+    /// Points of each cloud that the earth mover's distance is computed on, no more than `points`.
+    pub emd_points: usize,
+    /// Sampler of the predictions.
+    pub sampler: Heun,
+    /// Seed of noise and subsets.
+    pub seed: u64,
+}
+
+/// Distances between two clouds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Distances {
+    /// Squared Chamfer distance (m², paper, Eq. cd).
+    pub cd: f64,
+    /// Earth mover's distance (m, paper, Eq. emd).
+    pub emd: f64,
+}
+
+/// Distances of several predictors' clouds from the true one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// Of the network's prediction.
+    pub network: Distances,
+    /// Of the training cloud whose command is nearest.
+    pub nearest: Distances,
+    /// Of the cloud of the mean training command; `None` where the data set names no robot.
+    pub mean: Option<Distances>,
+    /// Of a second, independent sample of the true surface: what a perfect predictor would reach.
+    /// `None` where the data set names no robot.
+    pub floor: Option<Distances>,
+}
+
+/// The scores of every test command.
+#[derive(Clone, Debug)]
+pub struct Evaluation {
+    /// Scores by index in the test split.
+    pub per_test: Vec<Scores>,
+}
+
+/// A finished piece of the evaluation.
+#[derive(Serialize, Deserialize)]
+struct Entry {
+    index: usize,
+    scores: Scores,
+}
+
+impl Evaluation {
+    /// Mean scores over all test commands.
+    pub fn mean(&self) -> Scores {
+        let over = |distances: &dyn Fn(&Scores) -> Option<Distances>| -> Option<Distances> {
+            let all = self
+                .per_test
+                .iter()
+                .map(distances)
+                .collect::<Option<Vec<_>>>()?;
+            let mean =
+                |pick: fn(&Distances) -> f64| all.iter().map(pick).sum::<f64>() / all.len() as f64;
+            Some(Distances {
+                cd: mean(|d| d.cd),
+                emd: mean(|d| d.emd),
+            })
+        };
+        Scores {
+            network: over(&|s| Some(s.network)).expect("every test has it"),
+            nearest: over(&|s| Some(s.nearest)).expect("every test has it"),
+            mean: over(&|s| s.mean),
+            floor: over(&|s| s.floor),
+        }
+    }
+
+    /// Indices of `count` test commands, from the network's best to its worst, evenly spread.
+    pub fn spread(&self, count: usize) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.per_test.len()).collect();
+        let cd = |index: &usize| self.per_test[*index].network.cd;
+        order.sort_by(|a, b| cd(a).total_cmp(&cd(b)));
+        let last = (order.len() - 1) as f64;
+        let mut ranks: Vec<usize> = (0..count)
+            .map(|k| (last * k as f64 / (count.max(2) - 1) as f64).round() as usize)
+            .collect();
+        ranks.dedup();
+        ranks.into_iter().map(|rank| order[rank]).collect()
+    }
+}
+
+/// A model, and the data set that it is tested on.
+pub struct Evaluator<'a> {
+    model: &'a Model,
+    settings: EvalSettings,
+    seed: u64,
+    /// Normalised training commands.
+    training: CloudSet,
+    test: Vec<Sample>,
+    simulation: Option<Simulation>,
+}
+
+/// The simulated robot of a data set, to see true shapes again.
+struct Simulation {
+    robot: Robot,
+    meta: Meta,
+    /// Cloud of the mean training command.
+    mean: PointCloud,
+}
+
+impl<'a> Evaluator<'a> {
+    /// Prepares to test `model` on the data set in the folder `data`.
+    ///
+    /// # Errors
+    /// [`PipelineError`] where the data set cannot be read, is of another robot than the model, or has
+    /// fewer points per cloud than are to be compared.
+    pub fn new(
+        model: &'a Model,
+        data: &Path,
+        settings: EvalSettings,
+    ) -> Result<Self, PipelineError> {
+        let set = DataSet::open(data)?;
+        let meta = set.meta().cloned();
+        if let (Some(of_model), Some(meta)) = (&model.provenance.robot, &meta)
+            && *of_model != meta.robot
+        {
+            return Err(PipelineError::OtherRobot {
+                model: of_model.name.clone(),
+                data: meta.robot.name.clone(),
+            });
+        }
+        let (training, test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
+        let available = test
+            .iter()
+            .map(|sample| sample.cloud.len())
+            .min()
+            .unwrap_or(0);
+        if settings.points == 0 || settings.points > available {
+            return Err(PipelineError::EvalPoints {
+                wanted: settings.points,
+                available,
+            });
+        }
+        if settings.emd_points == 0 || settings.emd_points > settings.points {
+            return Err(PipelineError::EvalPoints {
+                wanted: settings.emd_points,
+                available: settings.points,
+            });
+        }
+        let seed = settings.seed;
+        let simulation = meta
+            .map(|meta| Simulation::new(meta, &set, &training, seed))
+            .transpose()?;
+        Ok(Self {
+            model,
+            settings,
+            seed,
+            training,
+            test,
+            simulation,
+        })
+    }
+
+    /// The samples of the test split.
+    pub fn test(&self) -> &[Sample] {
+        &self.test
+    }
+
+    /// The network's cloud for test command `index`, `points` points.
+    ///
+    /// # Errors
+    /// [`PipelineError::Predict`] where the command does not fit the model.
+    pub fn predict(&self, index: usize) -> Result<Vec<[f32; 3]>, PipelineError> {
+        let command: Vec<f64> = self.test[index]
+            .motors
+            .iter()
+            .map(|m| f64::from(*m))
+            .collect();
+        let seed = self.seed.wrapping_add(index as u64);
+        Ok(self
+            .model
+            .predict(&command, self.settings.points, seed, &self.settings.sampler)?)
+    }
+
+    /// The cloud (m) of the training command nearest to test command `index`.
+    ///
+    /// # Errors
+    /// [`PipelineError::Data`] where the command does not fit the data set.
+    pub fn nearest(&self, index: usize) -> Result<Vec<[f32; 3]>, PipelineError> {
+        let command: Vec<f64> = self.test[index]
+            .motors
+            .iter()
+            .map(|m| f64::from(*m))
+            .collect();
+        let normalisation = &self.model.provenance.normalisation;
+        let condition = normalisation.condition(&command)?;
+        let nearest = self
+            .training
+            .nearest_condition(&condition)
+            .expect("a data set has training samples");
+        let mut points = self.training.cloud(nearest).to_vec();
+        normalisation.denormalise_points(&mut points);
+        Ok(points.as_chunks().0.to_vec())
+    }
+
+    /// Scores every test command. Finished ones are kept in the file `journal`, from which an
+    /// interrupted evaluation is taken up.
+    ///
+    /// # Errors
+    /// [`PipelineError`] for an interruption, or a journal that cannot be written.
+    pub fn run(
+        &self,
+        journal: Option<&Path>,
+        monitor: &dyn Monitor,
+    ) -> Result<Evaluation, PipelineError> {
+        let count = self.test.len();
+        let key = json!({
+            "settings": self.settings,
+            "model": {"step": self.model.step, "validation": self.model.validation_distance},
+            "tests": count,
+        });
+        let (journal, entries) = match journal {
+            Some(path) => {
+                let (journal, entries) = Journal::open::<Entry>(path, &key)?;
+                (Some(journal), entries)
+            }
+            None => (None, Vec::new()),
+        };
+        let mut done: Vec<Option<Scores>> = vec![None; count];
+        for entry in entries.into_iter().filter(|entry| entry.index < count) {
+            done[entry.index] = Some(entry.scores);
+        }
+        let missing: Vec<usize> = (0..count).filter(|&index| done[index].is_none()).collect();
+        if !missing.is_empty() {
+            monitor.begin("evaluate", count as u64, (count - missing.len()) as u64);
+        }
+        let scored: Vec<(usize, Scores)> = missing
+            .into_par_iter()
+            .map(|index| {
+                if monitor.interrupted() {
+                    return Err(PipelineError::Interrupted);
+                }
+                let scores = self.score(index)?;
+                if let Some(journal) = &journal {
+                    journal.add(&Entry { index, scores })?;
+                }
+                monitor.advance(1);
+                Ok((index, scores))
+            })
+            .collect::<Result<_, _>>()?;
+        monitor.end();
+        for (index, scores) in scored {
+            done[index] = Some(scores);
+        }
+        let per_test = done
+            .into_iter()
+            .map(|scores| scores.expect("scored, or kept"))
+            .collect();
+        Ok(Evaluation { per_test })
+    }
+
+    fn score(&self, index: usize) -> Result<Scores, PipelineError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_stream(index as u64);
+        let truth = self.subset(&self.test[index].cloud.points, &mut rng);
+        let nearest = self.nearest(index)?;
+        let mut against =
+            |points: &[[f32; 3]]| self.distances(&self.subset(points, &mut rng), &truth);
+        let simulated = match &self.simulation {
+            Some(simulation) => Some(simulation.see_again(&self.test[index], self.seed)?),
+            None => None,
+        };
+        Ok(Scores {
+            network: against(&self.predict(index)?)?,
+            nearest: against(&nearest)?,
+            mean: self
+                .simulation
+                .as_ref()
+                .map(|s| against(&s.mean.points))
+                .transpose()?,
+            floor: simulated.map(|cloud| against(&cloud.points)).transpose()?,
+        })
+    }
+
+    /// As many points as are compared, drawn without replacement, in random order.
+    fn subset(&self, points: &[[f32; 3]], rng: &mut impl Rng) -> Vec<[f32; 3]> {
+        let count = self.settings.points.min(points.len());
+        index::sample(rng, points.len(), count)
+            .iter()
+            .map(|k| points[k])
+            .collect()
+    }
+
+    fn distances(
+        &self,
+        cloud: &[[f32; 3]],
+        truth: &[[f32; 3]],
+    ) -> Result<Distances, PipelineError> {
+        let few = self.settings.emd_points;
+        Ok(Distances {
+            cd: chamfer(cloud, truth)?,
+            emd: emd(&cloud[..few], &truth[..few])?.value,
+        })
+    }
+}
+
+impl Simulation {
+    fn new(
+        meta: Meta,
+        set: &DataSet,
+        training: &CloudSet,
+        seed: u64,
+    ) -> Result<Self, PipelineError> {
+        let robot = Robot::new(meta.robot.clone())?;
+        let normalisation = set.normalisation();
+        let mean_of = |motor: usize| -> f32 {
+            let sum: f64 = (0..training.len())
+                .map(|k| f64::from(training.condition(k)[motor]))
+                .sum();
+            let (low, high) = (
+                normalisation.motor_min[motor],
+                normalisation.motor_max[motor],
+            );
+            (low + (high - low) * sum / training.len() as f64) as f32
+        };
+        let motors: Vec<f32> = (0..training.condition_dim).map(mean_of).collect();
+        let mut observer = Observer::new(&robot, meta.base, VoxelGrid::new(meta.voxel_size));
+        let mean = see(&robot, &meta, &motors, &mut observer, seed)?;
+        Ok(Self { robot, meta, mean })
+    }
+
+    /// A second sample of the surface that a test sample was seen as.
+    fn see_again(&self, sample: &Sample, seed: u64) -> Result<PointCloud, PipelineError> {
+        let grid = VoxelGrid::new(self.meta.voxel_size);
+        let mut observer = Observer::new(&self.robot, self.meta.base, grid).interleaved();
+        see(&self.robot, &self.meta, &sample.motors, &mut observer, seed)
+    }
+}
+
+/// The robot under a command as a data set of `meta` would show it.
+fn see(
+    robot: &Robot,
+    meta: &Meta,
+    motors: &[f32],
+    observer: &mut Observer,
+    seed: u64,
+) -> Result<PointCloud, PipelineError> {
+    let lengths: Vec<f64> = motors.iter().map(|m| f64::from(*m)).collect();
+    let command: Command = robot.command(&lengths)?;
+    let equilibrium = Settler::new(robot).settle(&command, Loads::default());
+    if !equilibrium.converged {
+        return Err(PipelineError::NotSettled {
+            residual: equilibrium.residual,
+            command: lengths,
+        });
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    Ok(observer
+        .observe(&equilibrium)
+        .sample_or_pad(meta.points_per_cloud, &mut rng))
+}

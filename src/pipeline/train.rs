@@ -1,0 +1,148 @@
+//! From a data set to a network.
+
+use std::path::{Path, PathBuf};
+
+use tdcr_learn::data::{CloudSet, DataSet, Split};
+use tdcr_learn::metrics::chamfer;
+use tdcr_learn::net::MlpShape;
+use tdcr_learn::train::{Model, Provenance, TrainSettings, Trainer, TrainingState};
+
+use super::{Monitor, PipelineError};
+
+/// Steps between two looks at the monitor, and so what is told at once.
+const STEPS_PER_REPORT: u64 = 10;
+
+/// Size of a network, but for what the data set says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NetworkSize {
+    /// Features per layer.
+    pub width: usize,
+    /// Layers: the input layer and `depth - 1` residual blocks.
+    pub depth: usize,
+    /// Features of the embedding of time and condition.
+    pub embedding: usize,
+}
+
+/// A finished training run.
+#[derive(Clone, Debug)]
+pub struct Trained {
+    /// The network with the best validation distance.
+    pub model: Model,
+    /// Loss of every step.
+    pub losses: Vec<f32>,
+    /// Step and validation Chamfer distance (m²).
+    pub validations: Vec<(u64, f64)>,
+}
+
+/// The model's file in a run's folder.
+pub fn model_path(run: &Path) -> PathBuf {
+    run.join("model.safetensors")
+}
+
+fn state_path(run: &Path) -> PathBuf {
+    run.join("state.safetensors")
+}
+
+/// Trains a network on the data set in `data`, keeping model and state in the folder `run`.
+///
+/// The state is saved at every validation and at an interruption; a run that is taken up ends with
+/// the network of an uninterrupted one, bit for bit.
+///
+/// # Errors
+/// [`PipelineError`]: a data set or files that do not fit, training that diverges, or an
+/// interruption.
+pub fn train(
+    data: &Path,
+    run: &Path,
+    size: NetworkSize,
+    settings: &TrainSettings,
+    monitor: &dyn Monitor,
+) -> Result<Trained, PipelineError> {
+    let set = DataSet::open(data)?;
+    let (training, validation) = (set.cloud_set(Split::Train)?, set.cloud_set(Split::Val)?);
+    let provenance = Provenance {
+        robot: set.meta().map(|meta| meta.robot.clone()),
+        normalisation: set.normalisation().clone(),
+    };
+    std::fs::create_dir_all(run).map_err(|source| PipelineError::Folder {
+        path: run.to_owned(),
+        source,
+    })?;
+    let mut trainer = open(run, size, settings, &training, &validation)?;
+    if !trainer.is_finished() {
+        monitor.begin("train", settings.steps, trainer.steps_taken());
+        finish(&mut trainer, run, &provenance, monitor)?;
+        monitor.end();
+    }
+    let scale = provenance.normalisation.scale;
+    Ok(Trained {
+        losses: trainer.losses().to_vec(),
+        validations: (trainer.validations().iter())
+            .map(|(step, distance)| (*step, distance * scale * scale))
+            .collect(),
+        model: trainer
+            .model(provenance)
+            .expect("the last step is validated"),
+    })
+}
+
+/// The run in the folder `run`, or a new one.
+fn open<'a>(
+    run: &Path,
+    size: NetworkSize,
+    settings: &TrainSettings,
+    training: &'a CloudSet,
+    validation: &'a CloudSet,
+) -> Result<Trainer<'a>, PipelineError> {
+    let shape = MlpShape {
+        width: size.width,
+        depth: size.depth,
+        embedding: size.embedding,
+        condition_dim: training.condition_dim,
+    };
+    let path = state_path(run);
+    if !path.exists() {
+        return Ok(Trainer::new(shape, settings.clone(), training, validation)?);
+    }
+    let state = TrainingState::load(&path)?;
+    let resumed = Trainer::resume(state, shape, settings.clone(), training, validation);
+    resumed.map_err(|source| PipelineError::OtherRun { path, source })
+}
+
+fn finish(
+    trainer: &mut Trainer,
+    run: &Path,
+    provenance: &Provenance,
+    monitor: &dyn Monitor,
+) -> Result<(), PipelineError> {
+    let save = |trainer: &Trainer| -> Result<(), PipelineError> {
+        if let Some(model) = trainer.model(provenance.clone()) {
+            model.save(&model_path(run))?;
+        }
+        Ok(trainer.state(provenance.clone()).save(&state_path(run))?)
+    };
+    let distance = |a: &[[f32; 3]], b: &[[f32; 3]]| chamfer(a, b).unwrap_or(f64::NAN);
+    let mut told = trainer.steps_taken();
+    while !trainer.is_finished() {
+        trainer.step()?;
+        let step = trainer.steps_taken();
+        if step.is_multiple_of(STEPS_PER_REPORT) {
+            monitor.advance(step - told);
+            told = step;
+        }
+        if trainer.validation_is_due() {
+            let distance = trainer.validate(&distance)?;
+            let scale = provenance.normalisation.scale;
+            monitor.note(&format!(
+                "validation CD {:.3e} m²",
+                distance * scale * scale
+            ));
+            save(trainer)?;
+        }
+        if monitor.interrupted() && !trainer.is_finished() {
+            save(trainer)?;
+            return Err(PipelineError::Interrupted);
+        }
+    }
+    Ok(())
+}
