@@ -1,4 +1,39 @@
 //! Tendon-driven continuum robots: simulate, see, learn, predict, evaluate.
+//!
+//! The library behind the `tdcr` command line. [`sim`] settles robots and sees them with virtual
+//! RGB-D cameras; [`learn`] turns clouds into a shape predictor; [`pipeline`] joins the two into
+//! stages that resume where they were interrupted; [`report`] shows the result.
+//!
+//! ```
+//! use tdcr::learn::train::TrainSettings;
+//! use tdcr::pipeline::{CollectSettings, NetworkSize, Silent, collect, train};
+//! use tdcr::sim::render::BaseVisibility;
+//! use tdcr::sim::robot::RobotSpec;
+//!
+//! # let folder = tempfile::tempdir()?;
+//! # let folder = folder.path();
+//! let (data, run) = (folder.join("data"), folder.join("run"));
+//! let settings = CollectSettings {
+//!     robot: RobotSpec::load("2m")?,
+//!     base: BaseVisibility::Hidden,
+//!     count: 20,
+//!     points: 1000,
+//!     voxel_size: 0.002,
+//!     seed: 0,
+//! };
+//! collect(&settings, &data, &Silent)?;
+//!
+//! // A toy: good shapes take thousands of steps, and a few minutes.
+//! let size = NetworkSize { width: 32, depth: 3, embedding: 32 };
+//! let settings = TrainSettings { steps: 50, warmup_steps: 5, validate_every: 25, ..TrainSettings::default() };
+//! let trained = train(&data, &run, size, &settings, &Silent)?;
+//!
+//! let command = [0.034, 0.007, 0.001, 0.026, 0.015, 0.019];
+//! let cloud = trained.model.predict(&command, 500, 0, &trained.model.settings.sampler)?;
+//! assert_eq!(cloud.len(), 500);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
 pub mod pipeline;
 pub mod report;
 

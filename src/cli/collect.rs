@@ -26,7 +26,7 @@ pub(super) struct CollectArgs {
     #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::at_least_one)]
     points: usize,
     /// Edge of the voxels that thin the fused clouds (m)
-    #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive)]
+    #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, allow_hyphen_values = true)]
     voxel: f64,
     /// Show the robot's base to the cameras
     #[arg(long)]

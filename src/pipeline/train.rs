@@ -68,7 +68,13 @@ pub fn train(
         path: run.to_owned(),
         source,
     })?;
-    let mut trainer = open(run, size, settings, &training, &validation)?;
+    // A validation looks at no cloud twice, and at no more points than a cloud has.
+    let settings = TrainSettings {
+        validation_clouds: settings.validation_clouds.min(validation.len()),
+        validation_points: settings.validation_points.min(validation.points_per_cloud),
+        ..settings.clone()
+    };
+    let mut trainer = open(run, size, &settings, &training, &validation)?;
     if !trainer.is_finished() {
         monitor.begin("train", settings.steps, trainer.steps_taken());
         finish(&mut trainer, run, &provenance, monitor)?;

@@ -1,0 +1,94 @@
+//! The `tdcr` binary as a user meets it: what it prints, what it says to wrong input, how it takes up
+//! interrupted work.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+mod refusals;
+mod resume;
+mod road;
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+/// The binary, ready to be given arguments.
+fn tdcr(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tdcr"));
+    command.args(arguments);
+    command
+}
+
+/// Runs the binary; it must succeed. Returns its stdout.
+fn succeed(arguments: &[&str]) -> String {
+    let output = tdcr(arguments).output().unwrap();
+    assert!(
+        output.status.success(),
+        "{arguments:?}: {}",
+        stderr(&output)
+    );
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Runs the binary with `--json`; it must succeed. Returns the parsed result.
+fn succeed_json(arguments: &[&str]) -> Value {
+    let text = succeed(&[arguments, &["--json", "--quiet"]].concat());
+    serde_json::from_str(&text).unwrap()
+}
+
+/// Runs the binary; it must fail with `status` and say `expected` on stderr, and nothing on stdout.
+fn refuse(arguments: &[&str], status: i32, expected: &str) {
+    let output = tdcr(arguments).output().unwrap();
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(status), "{arguments:?}: {said}");
+    assert!(
+        said.contains(expected),
+        "{arguments:?} said\n{said}\nnot\n{expected}"
+    );
+    assert!(!said.contains("panicked"), "{said}");
+    assert!(output.stdout.is_empty());
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// A path as an argument.
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Collects a small data set of robot 2m into `folder`.
+fn collect_small(folder: &Path) -> Value {
+    succeed_json(&[
+        "collect",
+        "--samples",
+        "20",
+        "--points",
+        "400",
+        "--out",
+        text(folder),
+    ])
+}
+
+/// Trains a tiny network on `data` in the folder `run`.
+fn train_tiny(data: &Path, run: &Path) -> Value {
+    let sizes = [
+        "--width",
+        "16",
+        "--depth",
+        "2",
+        "--embedding",
+        "16",
+        "--steps",
+        "40",
+        "--validate-every",
+        "20",
+    ];
+    succeed_json(
+        &[
+            &["train", "--data", text(data), "--out", text(run)],
+            &sizes[..],
+        ]
+        .concat(),
+    )
+}

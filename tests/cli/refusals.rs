@@ -1,0 +1,229 @@
+//! What wrong input is told: what was wrong, where, and what would be right.
+
+use std::fs;
+use std::path::PathBuf;
+
+use crate::{collect_small, refuse, text, train_tiny};
+
+const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
+
+#[test]
+fn a_wrong_robot_is_named() {
+    let expected =
+        "unknown robot `4m`: expected 2m, 3m, 5m or the path of a .toml or .json robot file";
+    refuse(
+        &["settle", "--robot", "4m", "--command", COMMAND],
+        1,
+        expected,
+    );
+    refuse(
+        &["collect", "--robot", "4m", "--out", "/tmp/never"],
+        1,
+        expected,
+    );
+    refuse(
+        &["settle", "--robot", "/no/such.toml", "--command", COMMAND],
+        1,
+        "cannot read robot file /no/such.toml",
+    );
+}
+
+#[test]
+fn a_wrong_command_is_named() {
+    let settle = |command: &str, status, expected: &str| {
+        refuse(&["settle", "--command", command], status, expected);
+    };
+    settle(
+        "0.01,0.02",
+        1,
+        "the command has 2 entries; robot `2m` has 6 tendons",
+    );
+    settle(
+        "0.01,0.02,0.05,0,0,0",
+        1,
+        "command entry 2 is 0.05 m; tendon 2 takes 0 to 0.04 m",
+    );
+    settle(
+        "0.01,-0.02,0.01,0,0,0",
+        1,
+        "command entry 1 is -0.02 m; tendon 1 takes 0 to 0.04 m",
+    );
+    settle(
+        "NaN,0.02,0.01,0,0,0",
+        1,
+        "command entry 0 is NaN m; tendon 0 takes 0 to 0.04 m",
+    );
+    settle("0.01,inf,0.01,0,0,0", 1, "command entry 1 is inf m");
+    settle("0.01,two,0.01,0,0,0", 2, "invalid value 'two'");
+    refuse(&["settle"], 2, "--command");
+    refuse(
+        &["settle", "--command", COMMAND, "--payload", "-1"],
+        1,
+        "the payload is -1 kg; expected a finite mass",
+    );
+}
+
+#[test]
+fn wrong_numbers_and_sizes_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let collect = |option: &str, value: &str, status, expected: &str| {
+        refuse(
+            &["collect", "--out", text(&out), option, value],
+            status,
+            expected,
+        );
+    };
+    collect("--samples", "5", 1, "5");
+    collect("--points", "0", 2, "expected 1 or more");
+    collect("--voxel", "-0.002", 2, "expected a finite number above 0");
+    collect("--voxel", "NaN", 2, "expected a finite number above 0");
+    refuse(
+        &["settle", "--command", COMMAND, "--threads", "0"],
+        2,
+        "--threads",
+    );
+    assert!(!out.exists(), "nothing was written");
+}
+
+#[test]
+fn an_unwritable_folder_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    fs::write(&file, "not a folder").unwrap();
+    let inside: PathBuf = file.join("data");
+    refuse(
+        &["collect", "--samples", "10", "--out", text(&inside)],
+        1,
+        text(&inside),
+    );
+    refuse(
+        &["demo", "--samples", "10", "--out", text(&inside)],
+        1,
+        text(&inside),
+    );
+    assert_eq!(fs::read_to_string(&file).unwrap(), "not a folder");
+}
+
+#[test]
+fn a_folder_with_something_else_in_it_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("thesis.tex"), "precious").unwrap();
+    refuse(
+        &["collect", "--samples", "10", "--out", text(folder.path())],
+        1,
+        "thesis.tex",
+    );
+    let data = folder.path().join("data");
+    collect_small(&data);
+    refuse(
+        &[
+            "collect",
+            "--samples",
+            "20",
+            "--points",
+            "401",
+            "--out",
+            text(&data),
+        ],
+        1,
+        "points_per_cloud",
+    );
+}
+
+#[test]
+fn a_truncated_data_file_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    collect_small(&data);
+    let shard = data.join("train/shard-00000.h5");
+    let bytes = fs::read(&shard).unwrap();
+    fs::write(&shard, &bytes[..bytes.len() / 2]).unwrap();
+    refuse(
+        &["train", "--data", text(&data), "--out", text(&run)],
+        1,
+        text(&shard),
+    );
+    refuse(
+        &["train", "--data", "/no/such/set", "--out", text(&run)],
+        1,
+        "/no/such/set",
+    );
+}
+
+#[test]
+fn a_broken_or_foreign_model_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    collect_small(&data);
+    train_tiny(&data, &run);
+    let model = run.join("model.safetensors");
+    let predict = |command: &str, expected: &str| {
+        refuse(
+            &[
+                "predict",
+                "--model",
+                text(&model),
+                "--command",
+                command,
+                "--out",
+                "/no/folder/x.ply",
+            ],
+            1,
+            expected,
+        );
+    };
+    predict(
+        "0.01,0.02",
+        "the command has 2 entries; robot `2m` has 6 tendons",
+    );
+    predict("0.01,0.02,0.05,0,0,0", "command entry 2 is 0.05 m");
+    predict(COMMAND, "cannot write point cloud /no/folder/x.ply");
+    refuse(
+        &["eval", "--model", text(&model), "--data", text(&data)],
+        1,
+        "10000 points are to be compared; expected 1 to 400",
+    );
+    let other = folder.path().join("other");
+    crate::succeed_json(&[
+        "collect",
+        "--robot",
+        "3m",
+        "--samples",
+        "10",
+        "--points",
+        "400",
+        "--out",
+        text(&other),
+    ]);
+    refuse(
+        &[
+            "eval",
+            "--model",
+            text(&model),
+            "--data",
+            text(&other),
+            "--points",
+            "400",
+            "--emd-points",
+            "100",
+        ],
+        1,
+        "the model is of robot `2m`, the data set of a different robot, `3m`",
+    );
+    let run_again = [
+        "train",
+        "--data",
+        text(&data),
+        "--out",
+        text(&run),
+        "--steps",
+        "41",
+    ];
+    refuse(&run_again, 1, "cannot be taken up");
+    let bytes = fs::read(&model).unwrap();
+    fs::write(&model, &bytes[..bytes.len() - 7]).unwrap();
+    predict(COMMAND, "model.safetensors: not a whole safetensors file");
+    fs::write(&model, "a letter").unwrap();
+    predict(COMMAND, "model.safetensors: not a whole safetensors file");
+}

@@ -1,0 +1,199 @@
+//! The stages, one after the other.
+
+use std::process::Stdio;
+
+use crate::{collect_small, succeed, succeed_json, tdcr, text, train_tiny};
+
+const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
+
+#[test]
+fn every_command_explains_itself() {
+    let overview = succeed(&["--help"]);
+    for command in ["settle", "collect", "train", "predict", "eval", "demo"] {
+        assert!(overview.contains(command));
+        let help = succeed(&[command, "--help"]);
+        assert!(help.contains("Usage:") && help.contains("--json"), "{help}");
+    }
+    assert!(succeed(&["--version"]).contains(env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn settle_prints_the_equilibrium_as_json() {
+    let settled = succeed_json(&[
+        "settle",
+        "--robot",
+        "2m",
+        "--command",
+        COMMAND,
+        "--payload",
+        "0.02",
+    ]);
+    let rows = |key: &str| settled[key].as_array().unwrap().clone();
+    assert_eq!(
+        (rows("positions").len(), rows("orientations").len()),
+        (10, 10)
+    );
+    assert_eq!(
+        (rows("tendon_lengths").len(), rows("tendon_tensions").len()),
+        (6, 6)
+    );
+    for quaternion in rows("orientations") {
+        let parts = quaternion.as_array().unwrap();
+        let norm: f64 = parts.iter().map(|x| x.as_f64().unwrap().powi(2)).sum();
+        assert!((norm - 1.0).abs() < 1e-12);
+    }
+    assert!(settled["residual"].as_f64().unwrap() <= 1e-9);
+    assert!(settled["min_eigenvalue"].as_f64().unwrap() > 0.0);
+    assert!(settled["iterations"].as_u64().unwrap() > 0);
+    assert_eq!(settled["converged"], true);
+    let unloaded = succeed_json(&["settle", "--command", COMMAND]);
+    let height = |value: &serde_json::Value| value["positions"][9][2].as_f64().unwrap();
+    assert!(height(&settled) < height(&unloaded));
+}
+
+#[test]
+fn settle_takes_a_robot_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("one-module.toml");
+    std::fs::write(&file, include_str!("one-module.toml")).unwrap();
+    let settled = succeed_json(&[
+        "settle",
+        "--robot",
+        text(&file),
+        "--command",
+        "0.03,0.01,0.01",
+    ]);
+    assert_eq!(settled["positions"].as_array().unwrap().len(), 4);
+    assert_eq!(settled["converged"], true);
+}
+
+#[test]
+fn settle_prints_a_table_for_people() {
+    let table = succeed(&["settle", "--command", COMMAND]);
+    assert!(
+        table.contains("x (m)") && table.contains("tension (N)") && table.contains("settled in")
+    );
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let mut child = tdcr(&["settle", "--command", COMMAND])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success());
+    assert!(
+        output.stderr.is_empty(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
+
+#[test]
+fn data_set_network_prediction_and_scores_follow_one_from_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    let collected = collect_small(&data);
+    assert_eq!(
+        [&collected["train"], &collected["val"], &collected["test"]],
+        [16, 2, 2]
+    );
+    let trained = train_tiny(&data, &run);
+    let model = trained["model"].as_str().unwrap();
+    assert!(trained["validation_cd"].as_f64().unwrap() > 0.0);
+    assert!(trained["best_step"].as_u64().unwrap() <= 40);
+
+    let cloud = folder.path().join("cloud.ply");
+    let predicted = succeed_json(&[
+        "predict",
+        "--model",
+        model,
+        "--command",
+        COMMAND,
+        "--points",
+        "300",
+        "--out",
+        text(&cloud),
+    ]);
+    assert_eq!(predicted["points"], 300);
+    let ply = std::fs::read(&cloud).unwrap();
+    assert!(ply.starts_with(b"ply\nformat binary_little_endian 1.0\n"));
+    assert!(String::from_utf8_lossy(&ply).contains("element vertex 300\n"));
+
+    let scores = succeed_json(&[
+        "eval",
+        "--model",
+        model,
+        "--data",
+        text(&data),
+        "--points",
+        "400",
+        "--emd-points",
+        "100",
+    ]);
+    for key in [
+        "cd",
+        "cd_floor",
+        "cd_nearest",
+        "cd_mean",
+        "emd",
+        "emd_floor",
+        "emd_nearest",
+        "emd_mean",
+    ] {
+        assert!(scores[key].as_f64().unwrap() > 0.0, "{key}");
+    }
+    assert!(scores["cd_floor"].as_f64() < scores["cd_nearest"].as_f64());
+    assert!(scores["cd_floor"].as_f64() < scores["cd"].as_f64());
+    assert_eq!(scores["tests"], 2);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_files_on_one_thread_and_on_two() {
+    let folder = tempfile::tempdir().unwrap();
+    let made = ["1", "2"].map(|threads| {
+        let (data, run) = (
+            folder.path().join(threads),
+            folder.path().join(format!("run{threads}")),
+        );
+        let size = ["--samples", "20", "--points", "400"];
+        succeed_json(
+            &[
+                &["collect", "--threads", threads, "--out", text(&data)],
+                &size[..],
+            ]
+            .concat(),
+        );
+        let size = [
+            "--width",
+            "16",
+            "--depth",
+            "2",
+            "--embedding",
+            "16",
+            "--steps",
+            "20",
+        ];
+        succeed_json(
+            &[
+                &[
+                    "train",
+                    "--threads",
+                    threads,
+                    "--data",
+                    text(&data),
+                    "--out",
+                    text(&run),
+                ],
+                &size[..],
+            ]
+            .concat(),
+        );
+        let shard = std::fs::read(data.join("train/shard-00000.h5")).unwrap();
+        (shard, std::fs::read(run.join("model.safetensors")).unwrap())
+    });
+    assert!(made[0] == made[1]);
+}
