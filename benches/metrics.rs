@@ -9,7 +9,7 @@
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use tdcr_learn::metrics::{chamfer, emd, emd_squared};
+use tdcr::learn::metrics::{chamfer, emd, emd_squared};
 
 type Cloud = Vec<[f32; 3]>;
 
