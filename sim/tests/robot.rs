@@ -51,7 +51,7 @@ fn a_wrong_field_is_named_with_its_value_and_what_is_expected() {
         ),
         (
             |s| s.modules[0].discs = 0,
-            "`modules[0].discs` is 0; expected at least 1",
+            "`modules[0].discs` is 0; expected 1 to 1000",
         ),
         (|s| s.modules.clear(), "`modules` is empty"),
         (

@@ -20,10 +20,10 @@ pub(super) struct CollectArgs {
     #[arg(long, default_value = "2m")]
     robot: String,
     /// Number of commands, split 80/10/10 into train, val and test
-    #[arg(long, default_value_t = 1000, value_name = "N")]
+    #[arg(long, default_value_t = 1000, value_name = "N", value_parser = super::amount)]
     samples: usize,
     /// Points per cloud
-    #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::at_least_one)]
+    #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::amount)]
     points: usize,
     /// Edge of the voxels that thin the fused clouds (m)
     #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, allow_hyphen_values = true)]

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::Context;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde::Serialize;
 use tdcr::pipeline::Monitor;
 
@@ -116,8 +116,17 @@ impl Monitor for Console {
             Bars::Live => ProgressDrawTarget::stderr_with_hz(10),
             Bars::Lines | Bars::None => ProgressDrawTarget::hidden(),
         };
-        let style = "{prefix:12} {bar:32} {human_pos}/{human_len}  {per_sec}  {elapsed} of ~{duration}  {msg}";
-        let style = ProgressStyle::with_template(style).expect("the template is well formed");
+        let style =
+            "{prefix:12} {bar:32} {human_pos}/{human_len}  {rate}  {elapsed} of ~{duration}  {msg}";
+        let style = ProgressStyle::with_template(style)
+            .expect("the template is well formed")
+            .with_key(
+                "rate",
+                |state: &ProgressState, out: &mut dyn std::fmt::Write| {
+                    // A progress bar has no way to report that it could not be written.
+                    let _ = write!(out, "{:.1}/s", state.per_sec());
+                },
+            );
         let bar = ProgressBar::with_draw_target(Some(steps), target)
             .with_style(style)
             .with_position(done);

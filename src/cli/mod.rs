@@ -123,12 +123,11 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
     }
 }
 
-/// Parses a whole number above 0.
-fn at_least_one(text: &str) -> Result<usize, String> {
+/// Parses a number of things that are held in memory or counted on disk.
+fn amount(text: &str) -> Result<usize, String> {
     match text.parse() {
-        Ok(0) => Err("expected 1 or more".to_owned()),
-        Ok(number) => Ok(number),
-        Err(_) => Err("expected a whole number, 1 or more".to_owned()),
+        Ok(number) if (1..=10_000_000).contains(&number) => Ok(number),
+        _ => Err("expected a whole number, 1 to 10000000".to_owned()),
     }
 }
 

@@ -28,7 +28,7 @@ pub(super) struct PredictArgs {
     )]
     command: Vec<f64>,
     /// Points of the cloud
-    #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::at_least_one)]
+    #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::amount)]
     points: usize,
     #[command(flatten)]
     sampler: SamplerArgs,

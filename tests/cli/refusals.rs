@@ -75,7 +75,13 @@ fn wrong_numbers_and_sizes_are_named() {
         );
     };
     collect("--samples", "5", 1, "5");
-    collect("--points", "0", 2, "expected 1 or more");
+    collect("--points", "0", 2, "expected a whole number, 1 to 10000000");
+    collect(
+        "--samples",
+        "10000000000000",
+        2,
+        "expected a whole number, 1 to 10000000",
+    );
     collect("--voxel", "-0.002", 2, "expected a finite number above 0");
     collect("--voxel", "NaN", 2, "expected a finite number above 0");
     refuse(

@@ -9,6 +9,9 @@ use crate::flow::{FlowError, FlowPath, Heun};
 /// Largest batch; far above any useful one.
 const MAX_CLOUDS: usize = 65_536;
 
+/// Points in a step: what a few gigabytes hold.
+const MAX_BATCH: usize = 100_000_000;
+
 /// Settings of a training run. The defaults are the authors' (AdamW, clipping, averaging, warm-up, cosine), with a batch
 /// that suits a CPU.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -114,6 +117,11 @@ impl TrainSettings {
         if self.clouds > MAX_CLOUDS {
             let expected = format!("at most {MAX_CLOUDS}");
             return Err(SettingsError::new("clouds", self.clouds, expected));
+        }
+        let batch = self.clouds.saturating_mul(self.points);
+        if batch > MAX_BATCH {
+            let expected = format!("at most {MAX_BATCH} points in a step");
+            return Err(SettingsError::new("clouds times points", batch, expected));
         }
         if self.warmup_steps >= self.steps {
             let expected = format!("fewer than the {} steps", self.steps);

@@ -56,7 +56,7 @@ pub struct BaseSpec {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModuleSpec {
-    /// Number of discs, at least 1.
+    /// Number of discs, at least 1; at most 1000 in all modules together.
     pub discs: usize,
     /// Distance of the first disc's origin from the origin of the body below, along z (m).
     pub first_offset: f64,
@@ -217,13 +217,21 @@ impl RobotSpec {
         for (index, module) in self.modules.iter().enumerate() {
             self.validate_module(index, module)?;
         }
+        let discs: usize = self.modules.iter().map(|module| module.discs).sum();
+        if discs > MAX_DISCS {
+            return Err(refuse(
+                "modules",
+                format!("{discs} discs"),
+                "1000 discs in all at most",
+            ));
+        }
         self.cameras.validate()
     }
 
     fn validate_module(&self, index: usize, module: &ModuleSpec) -> Result<(), SpecError> {
         let at = |field: &str| format!("modules[{index}].{field}");
-        if module.discs == 0 {
-            return Err(refuse(&at("discs"), 0, "at least 1"));
+        if !(1..=MAX_DISCS).contains(&module.discs) {
+            return Err(refuse(&at("discs"), module.discs, "1 to 1000"));
         }
         check_positive(&at("first_offset"), module.first_offset)?;
         check_positive(&at("pitch"), module.pitch)?;
@@ -277,8 +285,8 @@ impl RobotSpec {
 
 impl RingSpec {
     fn validate(&self) -> Result<(), SpecError> {
-        if self.count == 0 {
-            return Err(refuse("cameras.count", 0, "at least 1"));
+        if !(1..=MAX_CAMERAS).contains(&self.count) {
+            return Err(refuse("cameras.count", self.count, "1 to 1000"));
         }
         check_positive("cameras.radius", self.radius)?;
         check_finite("cameras.height", &[self.height])?;
@@ -306,6 +314,9 @@ impl RingSpec {
     }
 }
 
+/// Far above any robot built, and small enough that every product of sizes fits in memory.
+const MAX_DISCS: usize = 1000;
+const MAX_CAMERAS: usize = 1000;
 const MAX_IMAGE_SIDE: u32 = 16_384;
 
 fn refuse(field: &str, value: impl ToString, expected: &'static str) -> SpecError {
