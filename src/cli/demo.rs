@@ -31,10 +31,10 @@ pub(super) struct DemoArgs {
     #[arg(long, default_value = "demo_out", value_name = "DIR")]
     out: PathBuf,
     /// Commands to simulate, split 80/10/10
-    #[arg(long, default_value_t = 1500, value_name = "N")]
+    #[arg(long, default_value_t = 2000, value_name = "N")]
     samples: usize,
     /// Optimiser steps
-    #[arg(long, default_value_t = 6000, value_name = "N")]
+    #[arg(long, default_value_t = 9000, value_name = "N")]
     steps: u64,
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
@@ -44,7 +44,7 @@ pub(super) struct DemoArgs {
 const POINTS: usize = 10_000;
 const EMD_POINTS: usize = 2000;
 const NETWORK: NetworkSize = NetworkSize {
-    width: 128,
+    width: 96,
     depth: 6,
     embedding: 128,
 };
@@ -79,10 +79,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
 
     let training = TrainSettings {
         steps: args.steps,
-        clouds: 64,
-        points: 256,
-        learning_rate: 3e-3,
-        warmup_steps: (args.steps / 10).min(500),
+        warmup_steps: TrainSettings::default().warmup_steps.min(args.steps / 10),
         validate_every: (args.steps / 12).max(1),
         seed: args.seed,
         ..TrainSettings::default()
@@ -109,18 +106,18 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     };
     let report = report(args, &settings, &trained, &evaluation, examples, &metrics)?;
     let json = serde_json::to_vec_pretty(&metrics).context("cannot write the metrics as JSON")?;
-    let sheet = &report.examples[..report.examples.len().min(4)];
+    let sheet = contact_sheet_examples(&report.examples);
     for (name, bytes) in [
         ("metrics.json", json),
         ("report.html", report.to_html().into_bytes()),
-        ("shapes.png", contact_sheet(sheet, SHEET_PANEL_WIDTH)),
+        ("shapes.png", contact_sheet(&sheet, SHEET_PANEL_WIDTH)),
     ] {
         let path = args.out.join(name);
         std::fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
     }
     tracing::info!(
         "shapes.png: test commands from the best prediction to the worst; the bar is {:.0} cm",
-        100.0 * scale_bar(sheet, SHEET_PANEL_WIDTH)
+        100.0 * scale_bar(&sheet, SHEET_PANEL_WIDTH)
     );
     console.result(&metrics, |m| {
         format!(
@@ -194,6 +191,13 @@ fn examples(evaluator: &Evaluator, evaluation: &Evaluation) -> Result<Vec<Exampl
         })
     };
     shown.into_iter().enumerate().map(example).collect()
+}
+
+/// At most four of the report's examples, the best and the worst among them.
+fn contact_sheet_examples(examples: &[Example]) -> Vec<Example> {
+    let count = examples.len().min(4);
+    let rank = |k: usize| k * (examples.len() - 1) / (count.max(2) - 1);
+    (0..count).map(|k| examples[rank(k)].clone()).collect()
 }
 
 fn colorless(points: Vec<[f32; 3]>) -> PointCloud {
@@ -290,6 +294,10 @@ fn report(
             .zip(trained.losses.iter().map(|loss| f64::from(*loss)))
             .collect(),
         validation_curve: trained.validations.clone(),
+        validation_note: format!(
+            "Computed on {} points of {} clouds: fewer points than in the table, which makes it larger.",
+            model.settings.validation_points, model.settings.validation_clouds
+        ),
         stages: [
             ("Simulate and see", "collect"),
             ("Train", "train"),

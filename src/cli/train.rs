@@ -21,7 +21,7 @@ pub(super) struct TrainArgs {
     #[arg(long, default_value = "run", value_name = "DIR")]
     out: PathBuf,
     /// Features per layer
-    #[arg(long, default_value_t = 128, value_name = "N")]
+    #[arg(long, default_value_t = 96, value_name = "N")]
     width: usize,
     /// Layers
     #[arg(long, default_value_t = 6, value_name = "N")]
@@ -30,19 +30,19 @@ pub(super) struct TrainArgs {
     #[arg(long, default_value_t = 128, value_name = "N")]
     embedding: usize,
     /// Optimiser steps
-    #[arg(long, default_value_t = 10_000, value_name = "N")]
+    #[arg(long, default_value_t = TrainSettings::default().steps, value_name = "N")]
     steps: u64,
     /// Clouds per step
-    #[arg(long, default_value_t = 64, value_name = "N")]
+    #[arg(long, default_value_t = TrainSettings::default().clouds, value_name = "N")]
     clouds: usize,
     /// Points per cloud and step
-    #[arg(long, default_value_t = 256, value_name = "N")]
+    #[arg(long, default_value_t = TrainSettings::default().points, value_name = "N")]
     points: usize,
     /// Learning rate after warm-up
-    #[arg(long, default_value_t = 3e-3, value_name = "RATE")]
+    #[arg(long, default_value_t = TrainSettings::default().learning_rate, value_name = "RATE")]
     learning_rate: f64,
     /// Steps between validations
-    #[arg(long, default_value_t = 500, value_name = "N")]
+    #[arg(long, default_value_t = TrainSettings::default().validate_every, value_name = "N")]
     validate_every: u64,
     /// Seed of weights, noise and subsets
     #[arg(long, default_value_t = 0)]

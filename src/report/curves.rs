@@ -2,7 +2,7 @@
 
 use super::axis::Spacing;
 use super::chart::{AxisStyle, Role, Series, duration_bars, line_chart};
-use super::html::duration;
+use super::html::{duration, escape};
 use super::sections::{CD_TITLE, CD_UNIT, figure, missing};
 use super::{Report, Stage};
 
@@ -113,26 +113,15 @@ pub(crate) fn training(report: &Report) -> String {
         .iter()
         .map(|&(step, cd)| (step as f64, cd / CD_UNIT))
         .collect();
-    let ends = validation.first().zip(validation.last());
-    let floor = report
-        .floor
-        .as_ref()
-        .zip(ends)
-        .map(|(floor, (first, last))| {
-            let cd = floor.cd / CD_UNIT;
-            floor_line(vec![(first.0, cd), (last.0, cd)])
-        });
-    let mut series = vec![Series {
-        name: "Network",
-        role: Role::Network,
-        points: validation,
-    }];
-    series.extend(floor);
     let cd = line_chart(
         "Chamfer distance on validation commands",
         &step_axis,
         &log_axis(CD_TITLE),
-        &series,
+        &[Series {
+            name: "Network",
+            role: Role::Network,
+            points: validation,
+        }],
     );
     format!(
         "<div class=\"pair\">{}{}</div>",
@@ -140,8 +129,11 @@ pub(crate) fn training(report: &Report) -> String {
         chart_figure(
             "",
             cd,
-            "Chamfer distance between predicted and true clouds of validation commands, which are \
-             not trained on. The dashed line is the sampling floor of the test commands.",
+            &format!(
+                "Chamfer distance between predicted and true clouds of validation commands, which \
+                 are not trained on. {}",
+                escape(&report.validation_note)
+            ),
         ),
     )
 }

@@ -40,6 +40,8 @@ pub struct Report {
     pub loss_curve: Vec<(u64, f64)>,
     /// Chamfer distance on the validation commands as `(step, m^2)`, by ascending step.
     pub validation_curve: Vec<(u64, f64)>,
+    /// How these were computed, a sentence: fewer points than in the table make them larger.
+    pub validation_note: String,
     /// Wall-clock time of each stage, in the order in which they ran.
     pub stages: Vec<Stage>,
     /// Test commands whose clouds are shown.

@@ -180,6 +180,7 @@ fn numbers_that_are_not_finite_are_not_available() {
         floor: Some(score(0.0, f64::NAN)),
         loss_curve: vec![(0, f64::NAN), (1, -1.0), (2, 0.5), (3, f64::INFINITY)],
         validation_curve: vec![(0, f64::NAN)],
+        validation_note: "On <few> points.".to_owned(),
         per_test: Some(PerTest {
             network: vec![f64::NAN, 0.0],
             nearest: vec![],

@@ -128,6 +128,7 @@ pub fn full_report() -> Report {
         }),
         loss_curve: (0..4000).map(|k| (10 * k, loss(10 * k))).collect(),
         validation_curve: (1..=20).map(|k| (2000 * k, 3.0e-5 + 9e-4 / (k as f64).powf(1.7))).collect(),
+        validation_note: "On 2,048 points of 16 clouds.".to_owned(),
         stages: stages
             .map(|(name, seconds)| Stage {
                 name: name.to_owned(),
