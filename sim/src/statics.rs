@@ -334,3 +334,41 @@ impl<'a> Settler<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    /// No standard robot needs continuation, so it is asked for here.
+    #[test]
+    fn continuation_settles_too_and_comes_to_the_same_place() {
+        let robot = Robot::load("3m").expect("a standard robot");
+        let mut settler = Settler::new(&robot);
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut elsewhere = 0;
+        for _ in 0..200 {
+            let command = robot.random_command(&mut rng);
+            let direct = settler.settle(&command, Loads::default());
+            let (descent, _) = settler.continue_from_mean(&command, Loads::default());
+            assert!(matches!(descent, Descent::Settled));
+            assert!(settler.derivatives.residual() <= TOLERANCE);
+            let apart = (settler.chain.positions[14] - direct.positions[14]).norm();
+            elsewhere += usize::from(apart > 1e-7);
+        }
+        // Some commands have two equilibria, and another way may lead to the other one.
+        assert!(elsewhere <= 10, "{elsewhere} of 200 came to rest elsewhere");
+    }
+
+    #[test]
+    fn a_descent_that_cannot_settle_says_so() {
+        let robot = Robot::load("2m").expect("a standard robot");
+        let command = robot.mean_command();
+        let mut settler = Settler::new(&robot);
+        settler.start_straight();
+        settler.chain.positions[3].x = f64::NAN;
+        let (descent, _) = settler.descend(&Potential::new(&robot, &command, Loads::default()));
+        assert!(matches!(descent, Descent::Stalled));
+    }
+}
