@@ -86,13 +86,25 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if console::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", describe(&error));
             match error.downcast_ref() {
                 Some(PipelineError::Interrupted) => ExitCode::from(INTERRUPTED),
                 _ => ExitCode::FAILURE,
             }
         }
     }
+}
+
+/// An error and its causes, each said once: a message may quote its cause already.
+fn describe(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text.push_str(": ");
+            text.push_str(&cause);
+        }
+    }
+    text
 }
 
 fn execute(cli: &Cli) -> anyhow::Result<()> {
