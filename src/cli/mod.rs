@@ -52,6 +52,20 @@ enum Command {
     Demo(demo::DemoArgs),
 }
 
+/// What the tendons are asked for.
+#[derive(Debug, Args)]
+struct CommandArg {
+    /// Rest length of every tendon (m), separated by commas
+    #[arg(
+        long = "command",
+        value_delimiter = ',',
+        required = true,
+        allow_hyphen_values = true,
+        value_name = "M,M,..."
+    )]
+    lengths: Vec<f64>,
+}
+
 /// How the network's flow is integrated.
 #[derive(Debug, Args)]
 struct SamplerArgs {

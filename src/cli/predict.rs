@@ -9,8 +9,8 @@ use tdcr::learn::train::Model;
 use tdcr::sim::cloud::{PointCloud, write_ply};
 use tdcr::sim::robot::Robot;
 
-use super::SamplerArgs;
 use super::console::Console;
+use super::{CommandArg, SamplerArgs};
 
 /// Predict the cloud of a settled robot for one command, and write it as PLY
 #[derive(Debug, Args)]
@@ -18,15 +18,8 @@ pub(super) struct PredictArgs {
     /// The trained model
     #[arg(long, default_value = "run/model.safetensors", value_name = "FILE")]
     model: PathBuf,
-    /// Rest length of every tendon (m), separated by commas
-    #[arg(
-        long,
-        value_delimiter = ',',
-        required = true,
-        allow_hyphen_values = true,
-        value_name = "M,M,..."
-    )]
-    command: Vec<f64>,
+    #[command(flatten)]
+    command: CommandArg,
     /// Points of the cloud
     #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::amount)]
     points: usize,
@@ -57,10 +50,10 @@ pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
     let sampler = args.sampler.sampler()?;
     let model = Model::load(&args.model)?;
     if let Some(spec) = &model.provenance.robot {
-        Robot::new(spec.clone())?.command(&args.command)?;
+        Robot::new(spec.clone())?.command(&args.command.lengths)?;
     }
     let start = Instant::now();
-    let points = model.predict(&args.command, args.points, args.seed, &sampler)?;
+    let points = model.predict(&args.command.lengths, args.points, args.seed, &sampler)?;
     let seconds = start.elapsed().as_secs_f64();
     let bound = |pick: fn(f32, f32) -> f32, from: f32| {
         points.iter().fold([from; 3], |b, p| {

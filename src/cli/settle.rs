@@ -7,6 +7,7 @@ use clap::Args;
 use serde::Serialize;
 use tdcr::sim::robot::{Loads, Robot};
 
+use super::CommandArg;
 use super::console::Console;
 
 /// Settle a robot under one command: where its discs come to rest
@@ -15,15 +16,8 @@ pub(super) struct SettleArgs {
     /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
     #[arg(long, default_value = "2m")]
     robot: String,
-    /// Rest length of every tendon (m), separated by commas
-    #[arg(
-        long,
-        value_delimiter = ',',
-        required = true,
-        allow_hyphen_values = true,
-        value_name = "M,M,..."
-    )]
-    command: Vec<f64>,
+    #[command(flatten)]
+    command: CommandArg,
     /// Mass hung from the tip disc (kg)
     #[arg(
         long,
@@ -50,7 +44,7 @@ struct Settled {
 
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     let robot = Robot::load(&args.robot)?;
-    let command = robot.command(&args.command)?;
+    let command = robot.command(&args.command.lengths)?;
     let loads = Loads::payload(args.payload)?;
     let equilibrium = robot.settle(&command, loads);
     let settled = Settled {

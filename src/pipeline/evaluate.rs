@@ -13,7 +13,7 @@ use tdcr_learn::flow::Heun;
 use tdcr_learn::metrics::{chamfer, emd};
 use tdcr_learn::train::Model;
 use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid};
-use tdcr_sim::robot::{Command, Loads, Robot};
+use tdcr_sim::robot::{Loads, Robot};
 use tdcr_sim::statics::Settler;
 
 use super::journal::Journal;
@@ -111,7 +111,6 @@ impl Evaluation {
 pub struct Evaluator<'a> {
     model: &'a Model,
     settings: EvalSettings,
-    seed: u64,
     /// Normalised training commands.
     training: CloudSet,
     test: Vec<Sample>,
@@ -165,14 +164,12 @@ impl<'a> Evaluator<'a> {
                 available: settings.points,
             });
         }
-        let seed = settings.seed;
         let simulation = meta
-            .map(|meta| Simulation::new(meta, &set, &training, seed))
+            .map(|meta| Simulation::new(meta, &set, &training, settings.seed))
             .transpose()?;
         Ok(Self {
             model,
             settings,
-            seed,
             training,
             test,
             simulation,
@@ -189,12 +186,8 @@ impl<'a> Evaluator<'a> {
     /// # Errors
     /// [`PipelineError::Predict`] where the command does not fit the model.
     pub fn predict(&self, index: usize) -> Result<Vec<[f32; 3]>, PipelineError> {
-        let command: Vec<f64> = self.test[index]
-            .motors
-            .iter()
-            .map(|m| f64::from(*m))
-            .collect();
-        let seed = self.seed.wrapping_add(index as u64);
+        let command = lengths(&self.test[index].motors);
+        let seed = self.settings.seed.wrapping_add(index as u64);
         Ok(self
             .model
             .predict(&command, self.settings.points, seed, &self.settings.sampler)?)
@@ -205,11 +198,7 @@ impl<'a> Evaluator<'a> {
     /// # Errors
     /// [`PipelineError::Data`] where the command does not fit the data set.
     pub fn nearest(&self, index: usize) -> Result<Vec<[f32; 3]>, PipelineError> {
-        let command: Vec<f64> = self.test[index]
-            .motors
-            .iter()
-            .map(|m| f64::from(*m))
-            .collect();
+        let command = lengths(&self.test[index].motors);
         let normalisation = &self.model.provenance.normalisation;
         let condition = normalisation.condition(&command)?;
         let nearest = self
@@ -278,14 +267,14 @@ impl<'a> Evaluator<'a> {
     }
 
     fn score(&self, index: usize) -> Result<Scores, PipelineError> {
-        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
         rng.set_stream(index as u64);
         let truth = self.subset(&self.test[index].cloud.points, &mut rng);
         let nearest = self.nearest(index)?;
         let mut against =
             |points: &[[f32; 3]]| self.distances(&self.subset(points, &mut rng), &truth);
         let simulated = match &self.simulation {
-            Some(simulation) => Some(simulation.see_again(&self.test[index], self.seed)?),
+            Some(simulation) => Some(simulation.see_again(&self.test[index], self.settings.seed)?),
             None => None,
         };
         Ok(Scores {
@@ -355,6 +344,11 @@ impl Simulation {
     }
 }
 
+/// A stored command (m) in double precision.
+fn lengths(motors: &[f32]) -> Vec<f64> {
+    motors.iter().map(|motor| f64::from(*motor)).collect()
+}
+
 /// The robot under a command as a data set of `meta` would show it.
 fn see(
     robot: &Robot,
@@ -363,13 +357,12 @@ fn see(
     observer: &mut Observer,
     seed: u64,
 ) -> Result<PointCloud, PipelineError> {
-    let lengths: Vec<f64> = motors.iter().map(|m| f64::from(*m)).collect();
-    let command: Command = robot.command(&lengths)?;
+    let command = robot.command(&lengths(motors))?;
     let equilibrium = Settler::new(robot).settle(&command, Loads::default());
     if !equilibrium.converged {
         return Err(PipelineError::NotSettled {
             residual: equilibrium.residual,
-            command: lengths,
+            command: lengths(motors),
         });
     }
     let mut rng = ChaCha8Rng::seed_from_u64(seed);

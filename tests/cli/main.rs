@@ -57,37 +57,48 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// Collects a small data set of robot 2m into `folder`.
-fn collect_small(folder: &Path) -> Value {
-    succeed_json(&[
-        "collect",
-        "--samples",
-        "20",
-        "--points",
-        "400",
-        "--out",
-        text(folder),
-    ])
+/// Options of a data set that is made in a moment.
+const SMALL_SET: [&str; 5] = ["collect", "--samples", "20", "--points", "400"];
+
+/// Options of a network that is trained in a moment.
+const TINY_NETWORK: [&str; 11] = [
+    "train",
+    "--width",
+    "16",
+    "--depth",
+    "2",
+    "--embedding",
+    "16",
+    "--steps",
+    "40",
+    "--validate-every",
+    "20",
+];
+
+/// Keys of the mean scores.
+const SCORES: [&str; 8] = [
+    "cd",
+    "cd_floor",
+    "cd_nearest",
+    "cd_mean",
+    "emd",
+    "emd_floor",
+    "emd_nearest",
+    "emd_mean",
+];
+
+/// Collects a small data set of robot 2m into `folder`, with more options.
+fn collect_small(folder: &Path, options: &[&str]) -> Value {
+    succeed_json(&[&SMALL_SET[..], &["--out", text(folder)], options].concat())
 }
 
-/// Trains a tiny network on `data` in the folder `run`.
-fn train_tiny(data: &Path, run: &Path) -> Value {
-    let sizes = [
-        "--width",
-        "16",
-        "--depth",
-        "2",
-        "--embedding",
-        "16",
-        "--steps",
-        "40",
-        "--validate-every",
-        "20",
-    ];
+/// Trains a tiny network on `data` in the folder `run`, with more options.
+fn train_tiny(data: &Path, run: &Path, options: &[&str]) -> Value {
     succeed_json(
         &[
-            &["train", "--data", text(data), "--out", text(run)],
-            &sizes[..],
+            &TINY_NETWORK[..],
+            &["--data", text(data), "--out", text(run)],
+            options,
         ]
         .concat(),
     )

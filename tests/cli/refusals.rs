@@ -121,7 +121,7 @@ fn a_folder_with_something_else_in_it_is_left_alone() {
         "thesis.tex",
     );
     let data = folder.path().join("data");
-    collect_small(&data);
+    collect_small(&data, &[]);
     refuse(
         &[
             "collect",
@@ -141,7 +141,7 @@ fn a_folder_with_something_else_in_it_is_left_alone() {
 fn a_truncated_data_file_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let (data, run) = (folder.path().join("data"), folder.path().join("run"));
-    collect_small(&data);
+    collect_small(&data, &[]);
     let shard = data.join("train/shard-00000.h5");
     let bytes = fs::read(&shard).unwrap();
     fs::write(&shard, &bytes[..bytes.len() / 2]).unwrap();
@@ -161,8 +161,8 @@ fn a_truncated_data_file_is_named() {
 fn a_broken_or_foreign_model_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let (data, run) = (folder.path().join("data"), folder.path().join("run"));
-    collect_small(&data);
-    train_tiny(&data, &run);
+    collect_small(&data, &[]);
+    train_tiny(&data, &run, &[]);
     let model = run.join("model.safetensors");
     let predict = |command: &str, expected: &str| {
         refuse(

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::{tdcr, text};
+use crate::{SCORES, tdcr, text};
 
 fn demo(out: &Path) -> Command {
     let mut command = tdcr(&[
@@ -80,16 +80,7 @@ fn a_demo_that_is_interrupted_or_killed_ends_as_one_that_is_not() {
         assert!(demo_with_interruptions(out, signal) > 0);
         assert!(results(out) == expected, "after {signal}");
     }
-    for key in [
-        "cd",
-        "cd_floor",
-        "cd_nearest",
-        "cd_mean",
-        "emd",
-        "emd_floor",
-        "emd_nearest",
-        "emd_mean",
-    ] {
+    for key in SCORES {
         assert!(expected.2[key].as_f64().unwrap() > 0.0, "{key}");
     }
 }

@@ -2,7 +2,7 @@
 
 use std::process::Stdio;
 
-use crate::{collect_small, succeed, succeed_json, tdcr, text, train_tiny};
+use crate::{SCORES, collect_small, succeed, succeed_json, tdcr, text, train_tiny};
 
 const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
 
@@ -96,12 +96,12 @@ fn a_reader_that_goes_away_is_no_error() {
 fn data_set_network_prediction_and_scores_follow_one_from_another() {
     let folder = tempfile::tempdir().unwrap();
     let (data, run) = (folder.path().join("data"), folder.path().join("run"));
-    let collected = collect_small(&data);
+    let collected = collect_small(&data, &[]);
     assert_eq!(
         [&collected["train"], &collected["val"], &collected["test"]],
         [16, 2, 2]
     );
-    let trained = train_tiny(&data, &run);
+    let trained = train_tiny(&data, &run, &[]);
     let model = trained["model"].as_str().unwrap();
     assert!(trained["validation_cd"].as_f64().unwrap() > 0.0);
     assert!(trained["best_step"].as_u64().unwrap() <= 40);
@@ -134,16 +134,7 @@ fn data_set_network_prediction_and_scores_follow_one_from_another() {
         "--emd-points",
         "100",
     ]);
-    for key in [
-        "cd",
-        "cd_floor",
-        "cd_nearest",
-        "cd_mean",
-        "emd",
-        "emd_floor",
-        "emd_nearest",
-        "emd_mean",
-    ] {
+    for key in SCORES {
         assert!(scores[key].as_f64().unwrap() > 0.0, "{key}");
     }
     assert!(scores["cd_floor"].as_f64() < scores["cd_nearest"].as_f64());
@@ -159,39 +150,8 @@ fn the_same_seed_gives_the_same_files_on_one_thread_and_on_two() {
             folder.path().join(threads),
             folder.path().join(format!("run{threads}")),
         );
-        let size = ["--samples", "20", "--points", "400"];
-        succeed_json(
-            &[
-                &["collect", "--threads", threads, "--out", text(&data)],
-                &size[..],
-            ]
-            .concat(),
-        );
-        let size = [
-            "--width",
-            "16",
-            "--depth",
-            "2",
-            "--embedding",
-            "16",
-            "--steps",
-            "20",
-        ];
-        succeed_json(
-            &[
-                &[
-                    "train",
-                    "--threads",
-                    threads,
-                    "--data",
-                    text(&data),
-                    "--out",
-                    text(&run),
-                ],
-                &size[..],
-            ]
-            .concat(),
-        );
+        collect_small(&data, &["--threads", threads]);
+        train_tiny(&data, &run, &["--threads", threads]);
         let shard = std::fs::read(data.join("train/shard-00000.h5")).unwrap();
         (shard, std::fs::read(run.join("model.safetensors")).unwrap())
     });
