@@ -132,6 +132,13 @@ fn settings_of_which_no_data_set_can_be_made_are_refused_by_name() {
             },
             "voxel_size",
         ),
+        (
+            Meta {
+                voxel_size: 0.0,
+                ..meta()
+            },
+            "voxel_size",
+        ),
     ] {
         let error = Collector::open(tempdir().unwrap().path(), &changed).unwrap_err();
         assert!(

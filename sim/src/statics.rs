@@ -145,6 +145,11 @@ impl<'a> Settler<'a> {
             (descent, steps) = self.continue_from_mean(command, loads);
             iterations += steps;
         }
+        if let Descent::Stalled = descent {
+            // The last derivatives may be of another configuration or command than the reported ones.
+            let potential = Potential::new(self.robot, command, loads);
+            potential.differentiate(&self.chain, &mut self.derivatives);
+        }
         self.report(command, iterations, matches!(descent, Descent::Settled))
     }
 

@@ -31,7 +31,7 @@ pub struct Meta {
     pub points_per_cloud: usize,
     /// Samples in each shard, the last of a split excepted.
     pub samples_per_shard: usize,
-    /// Edge length of the voxel grid that thinned the clouds (m); 0 for none.
+    /// Edge length of the voxel grid that thinned the clouds (m).
     pub voxel_size: f64,
     /// The robot, and the cameras that saw it.
     pub robot: RobotSpec,
@@ -92,12 +92,8 @@ impl Meta {
                 return invalid(field, &value, "at least 1");
             }
         }
-        if !(self.voxel_size.is_finite() && self.voxel_size >= 0.0) {
-            return invalid(
-                "voxel_size",
-                &self.voxel_size,
-                "a finite length, at least 0",
-            );
+        if !(self.voxel_size.is_finite() && self.voxel_size > 0.0) {
+            return invalid("voxel_size", &self.voxel_size, "a finite length above 0");
         }
         Ok(())
     }
