@@ -123,7 +123,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         format!(
             "{}\nmeans over {} test commands, {:.1} times better than the nearest training command; {:.0} s in all\n\
              see {}",
-            table(&evaluation),
+            table(&m.metrics),
             m.metrics.tests,
             m.metrics.cd_nearest / m.metrics.cd,
             m.seconds,

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::train::Model;
-use tdcr::pipeline::{Distances, EvalSettings, Evaluation, Evaluator, Scores};
+use tdcr::pipeline::{EvalSettings, Evaluation, Evaluator, Scores};
 
 use super::SamplerArgs;
 use super::console::Console;
@@ -91,33 +91,30 @@ impl Metrics {
     }
 }
 
-/// The table of mean scores, in the order network, nearest, mean, floor.
-pub(super) fn table(evaluation: &Evaluation) -> String {
-    let Scores {
-        network,
-        nearest,
-        mean,
-        floor,
-    } = evaluation.mean();
+/// The table of mean scores.
+pub(super) fn table(metrics: &Metrics) -> String {
     let mut text =
         String::from("                           CD (1e-4 m²)   EMD (mm)   CD / floor\n");
-    let mut row = |name: &str, distances: Option<Distances>| {
-        let Some(Distances { cd, emd }) = distances else {
-            return;
-        };
-        let ratio = floor.map_or("-".to_owned(), |floor| format!("{:.1}", cd / floor.cd));
+    let mut row = |name: &str, cd: f64, emd: f64| {
+        let ratio = (metrics.cd_floor).map_or("-".to_owned(), |floor| format!("{:.1}", cd / floor));
+        let (cd, emd) = (cd * 1e4, emd * 1e3);
         // Writing to a string cannot fail.
-        let _ = writeln!(
-            text,
-            "{name:26} {:12.4} {:10.3} {ratio:>12}",
-            cd * 1e4,
-            emd * 1e3
-        );
+        let _ = writeln!(text, "{name:26} {cd:12.4} {emd:10.3} {ratio:>12}");
     };
-    row("network", Some(network));
-    row("nearest training command", Some(nearest));
-    row("mean command", mean);
-    row("sampling floor", floor);
+    row("network", metrics.cd, metrics.emd);
+    row(
+        "nearest training command",
+        metrics.cd_nearest,
+        metrics.emd_nearest,
+    );
+    for (name, cd, emd) in [
+        ("mean command", metrics.cd_mean, metrics.emd_mean),
+        ("sampling floor", metrics.cd_floor, metrics.emd_floor),
+    ] {
+        if let (Some(cd), Some(emd)) = (cd, emd) {
+            row(name, cd, emd);
+        }
+    }
     text
 }
 
@@ -128,7 +125,7 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     console.result(&Metrics::new(&evaluation, &settings), |m| {
         format!(
             "{}\nmeans over {} test commands; CD on {} points, EMD on {}",
-            table(&evaluation),
+            table(m),
             m.tests,
             m.points,
             m.emd_points

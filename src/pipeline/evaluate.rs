@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use tdcr_learn::data::{CloudSet, DataSet, Meta, Sample, Split};
+use tdcr_learn::data::{CloudSet, DataSet, Meta, Normalisation, Sample, Split};
 use tdcr_learn::flow::Heun;
 use tdcr_learn::metrics::{chamfer, emd};
 use tdcr_learn::train::Model;
@@ -111,8 +111,10 @@ impl Evaluation {
 pub struct Evaluator<'a> {
     model: &'a Model,
     settings: EvalSettings,
-    /// Normalised training commands.
+    /// Training commands and clouds, in the units of the data set's `normalisation`, which is not the
+    /// model's where that was trained on another set.
     training: CloudSet,
+    normalisation: Normalisation,
     test: Vec<Sample>,
     simulation: Option<Simulation>,
 }
@@ -171,6 +173,7 @@ impl<'a> Evaluator<'a> {
             model,
             settings,
             training,
+            normalisation: set.normalisation().clone(),
             test,
             simulation,
         })
@@ -199,14 +202,13 @@ impl<'a> Evaluator<'a> {
     /// [`PipelineError::Data`] where the command does not fit the data set.
     pub fn nearest(&self, index: usize) -> Result<Vec<[f32; 3]>, PipelineError> {
         let command = lengths(&self.test[index].motors);
-        let normalisation = &self.model.provenance.normalisation;
-        let condition = normalisation.condition(&command)?;
+        let condition = self.normalisation.condition(&command)?;
         let nearest = self
             .training
             .nearest_condition(&condition)
             .expect("a data set has training samples");
         let mut points = self.training.cloud(nearest).to_vec();
-        normalisation.denormalise_points(&mut points);
+        self.normalisation.denormalise_points(&mut points);
         Ok(points.as_chunks().0.to_vec())
     }
 

@@ -157,3 +157,28 @@ fn the_same_seed_gives_the_same_files_on_one_thread_and_on_two() {
     });
     assert!(made[0] == made[1]);
 }
+
+#[test]
+fn what_a_network_is_compared_with_does_not_depend_on_the_network() {
+    let folder = tempfile::tempdir().unwrap();
+    let [other, data] = ["other", "data"].map(|name| folder.path().join(name));
+    collect_small(&other, &["--seed", "1"]);
+    collect_small(&data, &["--seed", "2"]);
+    let scores = [&other, &data].map(|trained_on| {
+        let run = trained_on.with_extension("run");
+        let trained = train_tiny(trained_on, &run, &[]);
+        let model = trained["model"].as_str().unwrap();
+        let points = ["--points", "400", "--emd-points", "100"];
+        succeed_json(
+            &[
+                &["eval", "--model", model, "--data", text(&data)],
+                &points[..],
+            ]
+            .concat(),
+        )
+    });
+    assert_ne!(scores[0]["cd"], scores[1]["cd"]);
+    for key in SCORES.iter().filter(|key| key.contains('_')) {
+        assert_eq!(scores[0][key], scores[1][key], "{key}");
+    }
+}
