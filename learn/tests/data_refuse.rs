@@ -18,7 +18,7 @@ fn another_set_in_the_folder_is_refused_by_the_field_that_differs() {
     let complete = tempdir().unwrap();
     collect(complete.path(), &meta());
     let mut heavier = meta().robot;
-    heavier.modules[1].tendon_gain = 500.0f64.next_up();
+    heavier.modules[1].pitch = 0.017f64.next_up();
     for (changed, field, values) in [
         (Meta { seed: 8, ..meta() }, "seed", ["8", "7"]),
         (
@@ -26,8 +26,8 @@ fn another_set_in_the_folder_is_refused_by_the_field_that_differs() {
                 robot: heavier,
                 ..meta()
             },
-            "robot.modules[1].tendon_gain",
-            ["500.00000000000006", "500.0"],
+            "robot.modules[1].pitch",
+            ["0.017000000000000005", "0.017"],
         ),
         (
             Meta {

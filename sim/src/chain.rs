@@ -51,7 +51,7 @@ impl Chain {
         let mut below = Matrix3::identity();
         let mut origin = robot.base;
         for (i, (disc, joint)) in robot.discs.iter().zip(&q.0).enumerate() {
-            origin += below * disc.offset;
+            origin += below * disc.joint_offset;
             let rotation = *joint.to_rotation_matrix().matrix();
             below *= rotation;
             self.joints[i] = rotation;

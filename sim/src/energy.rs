@@ -16,7 +16,7 @@ use crate::tendon::tendon_lengths;
 pub(crate) struct Potential<'a> {
     robot: &'a Robot,
     command: &'a [f64],
-    loads: Loads,
+    loads: &'a Loads,
 }
 
 /// Gradient and Hessian of the potential, and what is needed to compute them without allocating.
@@ -56,12 +56,12 @@ impl Derivatives {
 
 impl<'a> Potential<'a> {
     /// The potential of `robot` under `command` and `loads`.
-    pub fn new(robot: &'a Robot, command: &'a Command, loads: Loads) -> Self {
+    pub fn new(robot: &'a Robot, command: &'a Command, loads: &'a Loads) -> Self {
         Self::along(robot, command.as_slice(), loads)
     }
 
     /// The same for rest lengths that need not be within the tendons' ranges.
-    pub fn along(robot: &'a Robot, command: &'a [f64], loads: Loads) -> Self {
+    pub fn along(robot: &'a Robot, command: &'a [f64], loads: &'a Loads) -> Self {
         Self {
             robot,
             command,
@@ -73,7 +73,7 @@ impl<'a> Potential<'a> {
     fn mass(&self, index: usize) -> f64 {
         let own = self.robot.discs[index].mass;
         if index + 1 == self.robot.discs.len() {
-            own + self.loads.payload_mass()
+            own + self.loads.tip_payload().mass
         } else {
             own
         }
@@ -84,7 +84,7 @@ impl<'a> Potential<'a> {
         tendon_lengths(self.robot, chain, lengths);
         let stretched: f64 = (self.robot.tendons.iter())
             .zip(lengths.iter().zip(self.command))
-            .map(|(tendon, (length, rest))| 0.5 * tendon.gain * (length - rest).powi(2))
+            .map(|(tendon, (length, rest))| 0.5 * tendon.stiffness * (length - rest).powi(2))
             .sum();
         let lifted: f64 = (chain.positions.iter().enumerate())
             .map(|(i, position)| self.mass(i) * self.robot.gravity.dot(position))
@@ -111,7 +111,7 @@ impl<'a> Potential<'a> {
         for segment in &self.robot.segments {
             let (tendon, joint) = (segment.tendon, segment.joint);
             let tension =
-                self.robot.tendons[tendon].gain * (out.lengths[tendon] - self.command[tendon]);
+                self.robot.tendons[tendon].stiffness * (out.lengths[tendon] - self.command[tendon]);
             let derivatives = segment.derivatives(&chain.joints[joint]);
             out.length_gradients[tendon * dof + 3 * joint..][..3]
                 .copy_from_slice(derivatives.gradient.as_slice());
@@ -124,7 +124,7 @@ impl<'a> Potential<'a> {
         let dof = self.robot.dof();
         for (t, tendon) in self.robot.tendons.iter().enumerate() {
             let slope = &out.length_gradients[t * dof..][..dof];
-            let tension = tendon.gain * (out.lengths[t] - self.command[t]);
+            let tension = tendon.stiffness * (out.lengths[t] - self.command[t]);
             // A module's tendon moves its own joints only: the rest of its slope is zero.
             let first = slope.iter().position(|s| *s != 0.0).unwrap_or(dof);
             let end = slope
@@ -133,7 +133,7 @@ impl<'a> Potential<'a> {
                 .map_or(first, |last| last + 1);
             for column in first..end {
                 out.gradient[column] += tension * slope[column];
-                let pull = tendon.gain * slope[column];
+                let pull = tendon.stiffness * slope[column];
                 let target = &mut out.hessian.col_as_slice_mut(column)[column..end];
                 for (h, s) in target.iter_mut().zip(&slope[column..end]) {
                     *h += pull * s;
@@ -247,14 +247,14 @@ mod tests {
             let mut chain = Chain::new(self.robot);
             chain.place(self.robot, &moved);
             let mut lengths = vec![0.0; self.robot.tendons.len()];
-            Potential::new(self.robot, &self.command, self.loads).energy(&chain, &mut lengths)
+            Potential::new(self.robot, &self.command, &self.loads).energy(&chain, &mut lengths)
         }
 
         fn derivatives(&self) -> Derivatives {
             let mut chain = Chain::new(self.robot);
             chain.place(self.robot, &self.bent);
             let mut derivatives = Derivatives::new(self.robot);
-            Potential::new(self.robot, &self.command, self.loads)
+            Potential::new(self.robot, &self.command, &self.loads)
                 .differentiate(&chain, &mut derivatives);
             derivatives
         }

@@ -14,7 +14,7 @@
 //!
 //! let robot = Robot::load("2m")?;
 //! let command = robot.command(&[0.034, 0.007, 0.001, 0.026, 0.015, 0.019])?;
-//! let equilibrium = robot.settle(&command, Loads::payload(0.02)?);
+//! let equilibrium = robot.settle(&command, &Loads::payload(0.02)?);
 //! assert!(equilibrium.converged);
 //! println!("tip at {:?} m", equilibrium.positions[9]);
 //!

@@ -54,12 +54,12 @@ impl Robot {
     /// Settles the robot under a command and loads.
     ///
     /// Never fails in silence: look at [`Equilibrium::converged`] and [`Equilibrium::residual`].
-    pub fn settle(&self, command: &Command, loads: Loads) -> Equilibrium {
+    pub fn settle(&self, command: &Command, loads: &Loads) -> Equilibrium {
         Settler::new(self).settle(command, loads)
     }
 
     /// Settles many commands, in parallel; the result does not depend on the number of threads.
-    pub fn settle_batch(&self, commands: &[Command], loads: Loads) -> Vec<Equilibrium> {
+    pub fn settle_batch(&self, commands: &[Command], loads: &Loads) -> Vec<Equilibrium> {
         let settle = |settler: &mut Settler, command| settler.settle(command, loads);
         commands
             .par_iter()
@@ -72,7 +72,7 @@ impl Robot {
     pub fn smallest_stiffness(
         &self,
         command: &Command,
-        loads: Loads,
+        loads: &Loads,
         configuration: &Configuration,
     ) -> f64 {
         let mut chain = Chain::new(self);
@@ -136,7 +136,7 @@ impl<'a> Settler<'a> {
     }
 
     /// Settles the robot under `command` and `loads`, as [`Robot::settle`].
-    pub fn settle(&mut self, command: &Command, loads: Loads) -> Equilibrium {
+    pub fn settle(&mut self, command: &Command, loads: &Loads) -> Equilibrium {
         self.start_straight();
         let (mut descent, mut iterations) =
             self.descend(&Potential::new(self.robot, command, loads));
@@ -278,11 +278,11 @@ impl<'a> Settler<'a> {
     }
 
     /// Leads the command from the mean over each module's tendons to its goal.
-    fn continue_from_mean(&mut self, command: &Command, loads: Loads) -> (Descent, usize) {
+    fn continue_from_mean(&mut self, command: &Command, loads: &Loads) -> (Descent, usize) {
         let goal = command.as_slice();
         let mut start = Vec::with_capacity(goal.len());
         for module in &self.robot.spec().modules {
-            let own = &goal[start.len()..][..module.holes.len()];
+            let own = &goal[start.len()..][..module.holes.count()];
             let mean = own.iter().sum::<f64>() / own.len() as f64;
             start.extend(std::iter::repeat_n(mean, own.len()));
         }
@@ -322,7 +322,7 @@ impl<'a> Settler<'a> {
         crate::tendon::tendon_lengths(self.robot, &self.chain, &mut lengths);
         let tensions = (self.robot.tendons.iter())
             .zip(lengths.iter().zip(command.as_slice()))
-            .map(|(tendon, (length, rest))| tendon.gain * (length - rest))
+            .map(|(tendon, (length, rest))| tendon.stiffness * (length - rest))
             .collect();
         let quaternion = |rotation: &_| {
             UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation))
@@ -355,8 +355,8 @@ mod tests {
         let mut elsewhere = 0;
         for _ in 0..200 {
             let command = robot.random_command(&mut rng);
-            let direct = settler.settle(&command, Loads::default());
-            let (descent, _) = settler.continue_from_mean(&command, Loads::default());
+            let direct = settler.settle(&command, &Loads::default());
+            let (descent, _) = settler.continue_from_mean(&command, &Loads::default());
             assert!(matches!(descent, Descent::Settled));
             assert!(settler.derivatives.residual() <= TOLERANCE);
             let apart = (settler.chain.positions[14] - direct.positions[14]).norm();
@@ -373,7 +373,7 @@ mod tests {
         let mut settler = Settler::new(&robot);
         settler.start_straight();
         settler.chain.positions[3].x = f64::NAN;
-        let (descent, _) = settler.descend(&Potential::new(&robot, &command, Loads::default()));
+        let (descent, _) = settler.descend(&Potential::new(&robot, &command, &Loads::default()));
         assert!(matches!(descent, Descent::Stalled));
     }
 }

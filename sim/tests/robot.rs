@@ -1,7 +1,7 @@
 //! What a robot's specification accepts, and what it says to what it does not.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
-use tdcr_sim::robot::{CommandError, Density, Loads, Robot, RobotSpec};
+use tdcr_sim::robot::{CommandError, Holes, Loads, MassSpec, PerDisc, Robot, RobotSpec};
 
 #[test]
 fn the_standard_robots_have_the_papers_dimensions() {
@@ -55,14 +55,17 @@ fn a_wrong_field_is_named_with_its_value_and_what_is_expected() {
         ),
         (|s| s.modules.clear(), "`modules` is empty"),
         (
-            |s| s.modules[1].density = Density::PerDisc(vec![1.0; 4]),
-            "`modules[1].density` is a list of 4",
+            |s| s.modules[1].mass = MassSpec::Density(PerDisc::Each(vec![1.0; 4])),
+            "`modules[1].mass.density` is a list of 4",
         ),
         (
-            |s| s.modules[0].command_range = [0.04, 0.0],
-            "`modules[0].command_range` is [0.04, 0]",
+            |s| s.modules[0].tendons.as_mut().unwrap().range = [0.04, 0.0],
+            "`modules[0].tendons.range` is [0.04, 0]",
         ),
-        (|s| s.base.holes.truncate(2), "`base.holes` is a list of 2"),
+        (
+            |s| s.base.holes = Holes::At(vec![[0.01, 0.0]; 2]),
+            "`base.holes` is a list of 2",
+        ),
         (|s| s.cameras.fovy = 180.0, "`cameras.fovy` is 180"),
         (
             |s| s.cameras.resolution = [0, 720],

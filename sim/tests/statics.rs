@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tdcr_sim::robot::{Loads, Robot, RobotSpec, Routing};
+use tdcr_sim::robot::{HoleCircle, Holes, Loads, Robot, RobotSpec, Routing};
 use tdcr_sim::statics::Equilibrium;
 
 fn standard_robots() -> impl Iterator<Item = Robot> {
@@ -20,7 +20,7 @@ fn ten_thousand_random_commands_of_each_robot_settle() {
         let commands: Vec<_> = (0..10_000)
             .map(|_| robot.random_command(&mut rng))
             .collect();
-        let equilibria = robot.settle_batch(&commands, Loads::default());
+        let equilibria = robot.settle_batch(&commands, &Loads::default());
         let missed = equilibria
             .iter()
             .filter(|e| !e.converged || e.residual > 1e-9)
@@ -46,7 +46,7 @@ fn corner_commands_settle() {
             .collect();
         for (command, equilibrium) in commands
             .iter()
-            .zip(robot.settle_batch(&commands, Loads::default()))
+            .zip(robot.settle_batch(&commands, &Loads::default()))
         {
             assert!(
                 equilibrium.converged,
@@ -54,7 +54,7 @@ fn corner_commands_settle() {
                 equilibrium.residual
             );
             let softest =
-                robot.smallest_stiffness(command, Loads::default(), &equilibrium.configuration);
+                robot.smallest_stiffness(command, &Loads::default(), &equilibrium.configuration);
             assert!(softest > 0.0, "{command:?}: {softest}");
         }
     }
@@ -71,7 +71,7 @@ fn routes(spec: &RobotSpec) -> Vec<Vec<(usize, usize)>> {
         } else {
             below
         };
-        for hole in 0..module.holes.len() {
+        for hole in 0..module.holes.count() {
             routes.push(
                 (start..=below + module.discs)
                     .map(|body| (body, hole))
@@ -94,14 +94,18 @@ fn assert_every_disc_is_balanced(robot: &Robot, equilibrium: &Equilibrium, paylo
         match body.checked_sub(1) {
             None => {
                 base + Vector3::new(
-                    spec.base.holes[hole][0],
-                    spec.base.holes[hole][1],
+                    spec.base.holes.positions()[hole][0],
+                    spec.base.holes.positions()[hole][1],
                     spec.base.hole_height,
                 )
             }
             Some(disc) => {
                 let module = &spec.modules[disc / spec.modules[0].discs];
-                let local = Vector3::new(module.holes[hole][0], module.holes[hole][1], 0.0);
+                let local = Vector3::new(
+                    module.holes.positions()[hole][0],
+                    module.holes.positions()[hole][1],
+                    0.0,
+                );
                 equilibrium.positions[disc] + equilibrium.orientations[disc] * local
             }
         }
@@ -148,7 +152,7 @@ fn tensions_weight_and_payload_balance_at_every_disc() {
             robot = Robot::new(spec).unwrap();
             for payload in [0.0, 0.02, 0.03] {
                 let command = robot.random_command(&mut rng);
-                let equilibrium = robot.settle(&command, Loads::payload(payload).unwrap());
+                let equilibrium = robot.settle(&command, &Loads::payload(payload).unwrap());
                 assert!(equilibrium.converged);
                 assert_every_disc_is_balanced(&robot, &equilibrium, payload);
             }
@@ -162,7 +166,7 @@ fn tension_is_gain_times_stretch() {
     let command = robot
         .command(&[0.034, 0.007, 0.001, 0.026, 0.015, 0.019])
         .unwrap();
-    let equilibrium = robot.settle(&command, Loads::default());
+    let equilibrium = robot.settle(&command, &Loads::default());
     for (t, rest) in command.as_slice().iter().enumerate() {
         let stretch = equilibrium.tendon_lengths[t] - rest;
         assert!((equilibrium.tendon_tensions[t] - 500.0 * stretch).abs() < 1e-12);
@@ -172,10 +176,12 @@ fn tension_is_gain_times_stretch() {
 /// The 3m robot with holes at exactly 120 degrees; the standard ones are rounded to 1e-6 m.
 fn symmetric_spec() -> RobotSpec {
     let mut spec = RobotSpec::standard("3m").unwrap();
-    let circle: Vec<[f64; 2]> = (0..3)
-        .map(|k| (std::f64::consts::TAU * f64::from(k) / 3.0).sin_cos())
-        .map(|(sin, cos)| [0.0125 * cos, 0.0125 * sin])
-        .collect();
+    let circle = Holes::Circle(HoleCircle {
+        radius: 0.0125,
+        angles: (0..3)
+            .map(|k| std::f64::consts::TAU * f64::from(k) / 3.0)
+            .collect(),
+    });
     spec.base.holes.clone_from(&circle);
     spec.modules
         .iter_mut()
@@ -191,7 +197,7 @@ fn equal_commands_keep_a_hanging_robot_straight() {
         let mut spec = symmetric_spec();
         spec.gravity = [0.0, 0.0, gravity];
         let robot = Robot::new(spec).unwrap();
-        let equilibrium = robot.settle(&robot.mean_command(), Loads::default());
+        let equilibrium = robot.settle(&robot.mean_command(), &Loads::default());
         assert!(equilibrium.converged);
         for (disc, position) in equilibrium.positions.iter().enumerate() {
             assert!(position.xy().norm() < 1e-9, "disc {disc}: {position:?}");
@@ -203,10 +209,12 @@ fn equal_commands_keep_a_hanging_robot_straight() {
 fn an_upright_robot_does_not_rest_on_its_unstable_straight_pose() {
     let robot = Robot::new(symmetric_spec()).unwrap();
     let command = robot.mean_command();
-    let equilibrium = robot.settle(&command, Loads::default());
+    let equilibrium = robot.settle(&command, &Loads::default());
     assert!(equilibrium.converged);
     assert!(equilibrium.positions[14].xy().norm() > 1e-4);
-    assert!(robot.smallest_stiffness(&command, Loads::default(), &equilibrium.configuration) > 0.0);
+    assert!(
+        robot.smallest_stiffness(&command, &Loads::default(), &equilibrium.configuration) > 0.0
+    );
 }
 
 #[test]
@@ -214,7 +222,8 @@ fn turning_the_command_turns_the_shape() {
     let robot = Robot::new(symmetric_spec()).unwrap();
     let command = [0.03, 0.01, 0.0, 0.02, 0.04, 0.01, 0.0, 0.035, 0.02];
     let turned: Vec<f64> = (0..9).map(|t| command[3 * (t / 3) + (t + 2) % 3]).collect();
-    let settle = |lengths: &[f64]| robot.settle(&robot.command(lengths).unwrap(), Loads::default());
+    let settle =
+        |lengths: &[f64]| robot.settle(&robot.command(lengths).unwrap(), &Loads::default());
     let third =
         nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::TAU / 3.0);
     let (before, after) = (settle(&command), settle(&turned));
@@ -229,7 +238,7 @@ fn a_payload_lowers_the_tip_of_a_bent_robot() {
     let command = [0.04, 0.0, 0.0].repeat(5);
     let command = robot.command(&command).unwrap();
     let tip = |payload: f64| {
-        let equilibrium = robot.settle(&command, Loads::payload(payload).unwrap());
+        let equilibrium = robot.settle(&command, &Loads::payload(payload).unwrap());
         assert!(equilibrium.converged);
         equilibrium.positions[24].z
     };
@@ -244,7 +253,7 @@ fn a_batch_is_what_single_solves_are() {
     let commands: Vec<_> = (0..50).map(|_| robot.random_command(&mut rng)).collect();
     let one_by_one: Vec<_> = commands
         .iter()
-        .map(|c| robot.settle(c, Loads::default()))
+        .map(|c| robot.settle(c, &Loads::default()))
         .collect();
-    assert_eq!(robot.settle_batch(&commands, Loads::default()), one_by_one);
+    assert_eq!(robot.settle_batch(&commands, &Loads::default()), one_by_one);
 }

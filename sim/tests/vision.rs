@@ -15,7 +15,7 @@ fn bent_robot() -> (Robot, Equilibrium) {
     let command = robot
         .command(&[0.034, 0.007, 0.001, 0.026, 0.015, 0.019])
         .unwrap();
-    let equilibrium = robot.settle(&command, Loads::default());
+    let equilibrium = robot.settle(&command, &Loads::default());
     (robot, equilibrium)
 }
 
@@ -133,7 +133,7 @@ fn nearer_discs_hide_farther_ones() {
 #[test]
 fn a_reused_frame_keeps_nothing_of_the_picture_before() {
     let (robot, equilibrium) = bent_robot();
-    let straight = robot.settle(&robot.mean_command(), Loads::default());
+    let straight = robot.settle(&robot.mean_command(), &Loads::default());
     let camera = &Camera::ring(&robot.spec().cameras)[2];
     let bent = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
     let upright = Scene::of_robot(&robot, &straight, BaseVisibility::Hidden);

@@ -46,9 +46,9 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     let robot = Robot::load(&args.robot)?;
     let command = robot.command(&args.command.lengths)?;
     let loads = Loads::payload(args.payload)?;
-    let equilibrium = robot.settle(&command, loads);
+    let equilibrium = robot.settle(&command, &loads);
     let settled = Settled {
-        min_eigenvalue: robot.smallest_stiffness(&command, loads, &equilibrium.configuration),
+        min_eigenvalue: robot.smallest_stiffness(&command, &loads, &equilibrium.configuration),
         positions: equilibrium
             .positions
             .iter()

@@ -40,12 +40,7 @@ impl CollectSettings {
             tdcr_version: env!("CARGO_PKG_VERSION").to_owned(),
             seed: self.seed,
             count: self.count,
-            motors: self
-                .robot
-                .modules
-                .iter()
-                .map(|module| module.holes.len())
-                .sum(),
+            motors: self.robot.tendon_count(),
             points_per_cloud: self.points,
             samples_per_shard: SAMPLES_PER_SHARD,
             voxel_size: self.voxel_size,
@@ -129,7 +124,7 @@ fn sample(
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     rng.set_stream(index as u64);
     let command = stored(robot, &robot.random_command(&mut rng));
-    let equilibrium = settler.settle(&command, Loads::default());
+    let equilibrium = settler.settle(&command, &Loads::default());
     if !equilibrium.converged {
         return Err(PipelineError::NotSettled {
             residual: equilibrium.residual,
@@ -153,7 +148,7 @@ fn sample(
 fn stored(robot: &Robot, command: &Command) -> Command {
     let rounded: Vec<f64> = (command.as_slice().iter().zip(robot.tendons()))
         .map(|(length, tendon)| {
-            let [low, high] = tendon.command_range;
+            let [low, high] = tendon.range;
             f64::from(*length as f32).clamp(low, high)
         })
         .collect();

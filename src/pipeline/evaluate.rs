@@ -360,7 +360,7 @@ fn see(
     seed: u64,
 ) -> Result<PointCloud, PipelineError> {
     let command = robot.command(&lengths(motors))?;
-    let equilibrium = Settler::new(robot).settle(&command, Loads::default());
+    let equilibrium = Settler::new(robot).settle(&command, &Loads::default());
     if !equilibrium.converged {
         return Err(PipelineError::NotSettled {
             residual: equilibrium.residual,

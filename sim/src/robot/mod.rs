@@ -1,12 +1,21 @@
 //! The robot: what the user writes ([`RobotSpec`]) and what it is compiled into ([`Robot`]).
 
 mod command;
+mod compile;
+mod file;
+mod loads;
 mod spec;
+mod validate;
 
-pub use command::{Command, CommandError, Loads, PayloadError};
-pub use spec::{BaseSpec, Density, ModuleSpec, RingSpec, RobotSpec, Routing, SpecError};
+pub use command::{Command, CommandError};
+pub use file::SpecError;
+pub use loads::{Frame, LoadError, Loads, Payload, Wrench};
+pub use spec::{
+    Backbone, BaseSpec, Body, Drive, Friction, HoleCircle, Holes, Limit, MassSpec, ModuleSpec,
+    PerDisc, Pull, RigidMass, RingSpec, RobotSpec, RouteSpec, Routing, TendonSpec, Waypoint,
+};
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 /// A validated robot, laid out for computation.
 ///
@@ -19,32 +28,62 @@ pub struct Robot {
     pub(crate) gravity: Vector3<f64>,
     /// Base origin, world frame (m).
     pub(crate) base: Vector3<f64>,
+    /// Base orientation in the world frame.
+    pub(crate) base_orientation: UnitQuaternion<f64>,
     pub(crate) discs: Vec<Disc>,
     pub(crate) tendons: Vec<Tendon>,
-    /// Tendon segments, ordered by joint.
+    /// Tendon segments between neighbouring bodies, ordered by joint.
     pub(crate) segments: Vec<Segment>,
+    /// Tendon segments that pass discs by.
+    pub(crate) spans: Vec<Span>,
 }
 
 /// One disc of the chain.
 #[derive(Clone, Debug)]
 pub struct Disc {
-    /// Origin in the frame of the body below (m).
+    /// Origin in the frame of the body below, in the straight pose (m).
     pub offset: Vector3<f64>,
+    /// Centre of the ball joint seen from that of the joint below (joint 0: from the base origin),
+    /// in the frame of the body below (m).
+    pub joint_offset: Vector3<f64>,
+    /// Origin seen from the centre of the disc's ball joint, in the disc's frame (m).
+    pub origin: Vector3<f64>,
     /// Mass (kg), the centre of mass being at the disc's origin.
     pub mass: f64,
+    /// Moments of inertia about the disc's origin and axes (kg m²).
+    pub inertia: Vector3<f64>,
     /// Radius (m).
     pub radius: f64,
     /// Half of the height (m).
     pub half_height: f64,
+    /// Viscous damping of the disc's joint (N m s/rad).
+    pub damping: f64,
+    /// Armature inertia of the disc's joint (kg m²).
+    pub armature: f64,
+    /// Elastic backbone at the disc's joint.
+    pub backbone: Option<Backbone>,
+    /// Soft limit of the disc's joint.
+    pub limit: Option<Limit>,
 }
 
-/// One tendon, driven by an actuator that pulls with `gain * (length - command)`.
+/// One tendon.
 #[derive(Clone, Debug)]
 pub struct Tendon {
-    /// Actuator gain kp (N/m).
-    pub gain: f64,
-    /// Smallest and largest command (m).
-    pub command_range: [f64; 2],
+    /// What a command means to it.
+    pub drive: Drive,
+    /// Smallest and largest command (m, or N for a tension drive).
+    pub range: [f64; 2],
+    /// Whether it can push.
+    pub pull: Pull,
+    /// Stiffness of drive and tendon in series (N/m); infinite for a length drive on an
+    /// inextensible tendon, 0 for a tension drive.
+    pub stiffness: f64,
+    /// Friction in its holes.
+    pub friction: Option<Friction>,
+    /// The holes it goes through, from the servo to where it is fastened.
+    pub route: Vec<Waypoint>,
+    /// Length of the pieces between holes of one and the same body (m).
+    pub(crate) fixed_length: f64,
 }
 
 /// The straight piece of a tendon between a hole of the body below joint `joint` and a hole of the
@@ -53,40 +92,33 @@ pub struct Tendon {
 pub(crate) struct Segment {
     pub joint: usize,
     pub tendon: usize,
+    /// The piece's number on the tendon's route, from the servo.
+    pub place: usize,
     /// The lower hole as seen from the joint's centre, in the lower body's frame (m).
     pub from: Vector3<f64>,
-    /// The upper hole, in the disc's frame (m).
+    /// The upper hole as seen from the joint's centre, in the disc's frame (m).
+    pub to: Vector3<f64>,
+}
+
+/// The straight piece of a tendon between bodies that are not neighbours. Its length depends on the
+/// joints above `lower` up to `upper`.
+#[derive(Clone, Debug)]
+pub(crate) struct Span {
+    pub tendon: usize,
+    /// The piece's number on the tendon's route, from the servo.
+    pub place: usize,
+    /// The lower disc; `None` for the base.
+    pub lower: Option<usize>,
+    /// The upper disc.
+    pub upper: usize,
+    /// The lower hole as seen from the joint centre of its disc (or the base origin), in its body's
+    /// frame (m).
+    pub from: Vector3<f64>,
+    /// The upper hole as seen from the joint centre of its disc, in its frame (m).
     pub to: Vector3<f64>,
 }
 
 impl Robot {
-    /// Compiles a specification.
-    ///
-    /// # Errors
-    /// [`SpecError`] when the specification is not valid, or a tendon has a segment of no length in
-    /// the straight pose (its direction would be undefined).
-    pub fn new(spec: RobotSpec) -> Result<Self, SpecError> {
-        spec.validate()?;
-        let discs = discs(&spec);
-        let tendons = tendons(&spec);
-        let segments = segments(&spec, &discs);
-        if let Some(segment) = segments.iter().find(|s| (s.to - s.from).norm() < 1e-6) {
-            return Err(SpecError::Field {
-                field: format!("tendon {}", segment.tendon),
-                value: format!("of no length below disc {}", segment.joint),
-                expected: "holes of neighbouring bodies at least 1e-6 m apart in the straight pose",
-            });
-        }
-        Ok(Self {
-            gravity: spec.gravity.into(),
-            base: spec.base.position.into(),
-            spec,
-            discs,
-            tendons,
-            segments,
-        })
-    }
-
     /// A standard robot by name, or a robot file: [`RobotSpec::load`], compiled.
     ///
     /// # Errors
@@ -105,7 +137,8 @@ impl Robot {
         &self.discs
     }
 
-    /// The tendons, module by module; a command has one entry for each.
+    /// The tendons: those of the modules, from the base up, then those with routes of their own. A
+    /// command has one entry for each.
     pub fn tendons(&self) -> &[Tendon] {
         &self.tendons
     }
@@ -114,80 +147,4 @@ impl Robot {
     pub fn dof(&self) -> usize {
         3 * self.discs.len()
     }
-}
-
-fn discs(spec: &RobotSpec) -> Vec<Disc> {
-    let module_discs = |module: &ModuleSpec| -> Vec<Disc> {
-        let volume =
-            std::f64::consts::PI * module.radius * module.radius * 2.0 * module.half_height;
-        (0..module.discs)
-            .map(|index| {
-                let step = if index == 0 {
-                    module.first_offset
-                } else {
-                    module.pitch
-                };
-                let density = module
-                    .density
-                    .of_disc(index)
-                    .expect("validated: one per disc");
-                Disc {
-                    offset: Vector3::new(0.0, 0.0, step),
-                    mass: density * volume,
-                    radius: module.radius,
-                    half_height: module.half_height,
-                }
-            })
-            .collect()
-    };
-    spec.modules.iter().flat_map(module_discs).collect()
-}
-
-fn tendons(spec: &RobotSpec) -> Vec<Tendon> {
-    let module_tendons = |module: &ModuleSpec| {
-        let tendon = Tendon {
-            gain: module.tendon_gain,
-            command_range: module.command_range,
-        };
-        vec![tendon; module.holes.len()]
-    };
-    spec.modules.iter().flat_map(module_tendons).collect()
-}
-
-fn segments(spec: &RobotSpec, discs: &[Disc]) -> Vec<Segment> {
-    let module_of_disc: Vec<usize> = (0..spec.modules.len())
-        .flat_map(|m| std::iter::repeat_n(m, spec.modules[m].discs))
-        .collect();
-    let hole = |body: Option<usize>, hole: usize| match body {
-        None => {
-            let [x, y] = spec.base.holes[hole];
-            Vector3::new(x, y, spec.base.hole_height)
-        }
-        Some(disc) => {
-            let [x, y] = spec.modules[module_of_disc[disc]].holes[hole];
-            Vector3::new(x, y, 0.0)
-        }
-    };
-    let mut segments = Vec::new();
-    let mut first_tendon = 0;
-    let mut first_disc = 0;
-    for module in &spec.modules {
-        let end = first_disc + module.discs;
-        let start = match spec.routing {
-            Routing::ModuleBelow => first_disc,
-            Routing::Base => 0,
-        };
-        for index in 0..module.holes.len() {
-            segments.extend((start..end).map(|joint| Segment {
-                joint,
-                tendon: first_tendon + index,
-                from: hole(joint.checked_sub(1), index) - discs[joint].offset,
-                to: hole(Some(joint), index),
-            }));
-        }
-        first_tendon += module.holes.len();
-        first_disc = end;
-    }
-    segments.sort_by_key(|segment| segment.joint);
-    segments
 }

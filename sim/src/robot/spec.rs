@@ -1,36 +1,49 @@
-//! What the user writes: the robot's specification, its files and its validation.
-
-use std::path::{Path, PathBuf};
+//! What the user writes: the robot's specification.
 
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 /// A disc-and-ball-joint tendon-driven continuum robot.
 ///
-/// A chain of cylindrical discs stands on a base; each disc turns about its own origin on a ball
-/// joint carried by the body below. Lengths are in metres, in the frame of the body they belong to;
-/// every body's z axis points along the backbone, towards the tip, in the straight pose.
+/// A chain of cylindrical discs stands on a base; each disc turns on a ball joint carried by the
+/// body below. Lengths are in metres, in the frame of the body they belong to; every body's z axis
+/// points along the backbone, towards the tip, in the straight pose.
 ///
 /// Read from TOML or JSON with [`RobotSpec::load`]; the paper's robots are
-/// [`RobotSpec::standard`].
+/// [`RobotSpec::standard`]. In Rust, change a standard robot, or build one field by field:
+///
+/// ```
+/// use tdcr_sim::robot::{Backbone, PerDisc, Robot, RobotSpec};
+///
+/// let mut spec = RobotSpec::standard("2m").expect("a standard robot");
+/// spec.name = "2m on a spring".into();
+/// for module in &mut spec.modules {
+///     module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(0.05)));
+/// }
+/// let robot = Robot::new(spec)?;
+/// # Ok::<(), tdcr_sim::robot::SpecError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RobotSpec {
     /// Name, used in reports and files.
     pub name: String,
-    /// Gravitational acceleration in the world frame (m/s²).
+    /// Gravitational acceleration in the world frame (m/s²), in any direction.
     pub gravity: [f64; 3],
-    /// Where the tendons of a module come from.
+    /// Where the tendons that modules bring along come from.
     pub routing: Routing,
     /// The fixed base.
     pub base: BaseSpec,
-    /// The modules, from the base to the tip.
+    /// The modules, from the base to the tip: 1 to 1000 discs in all.
     pub modules: Vec<ModuleSpec>,
+    /// Tendons with routes of their own; in a command they follow the modules' tendons.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub routes: Vec<RouteSpec>,
     /// The cameras that watch the robot.
     pub cameras: RingSpec,
 }
 
-/// Where the tendons of a module start. Every tendon ends at the last disc of its own module.
+/// Where the tendons that a module brings along start. Each goes through the holes of its own
+/// number, and ends at the last disc of its own module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Routing {
@@ -40,19 +53,23 @@ pub enum Routing {
     Base,
 }
 
-/// The fixed base body, upright: its frame has the axes of the world.
+/// The fixed base body.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BaseSpec {
     /// Origin in the world frame (m).
     pub position: [f64; 3],
-    /// Tendon holes, x and y in the base frame (m).
-    pub holes: Vec<[f64; 2]>,
+    /// Orientation in the world frame: a quaternion (w, x, y, z), normalised on use. Upright where
+    /// the file does not give it.
+    #[serde(default = "upright", skip_serializing_if = "is_upright")]
+    pub orientation: [f64; 4],
+    /// Tendon holes in the base frame.
+    pub holes: Holes,
     /// Height of the holes in the base frame (m).
     pub hole_height: f64,
 }
 
-/// Equal discs in a row, with the tendons that end at the last of them: one per hole.
+/// Discs in a row, and the tendons that end at the last of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModuleSpec {
@@ -62,41 +79,274 @@ pub struct ModuleSpec {
     pub first_offset: f64,
     /// Distance of each next disc's origin from the one before, along z (m).
     pub pitch: f64,
+    /// Distance of each disc's ball joint below the disc's origin, along the disc's z axis (m).
+    /// 0, as in the paper, where the file does not give it; half the pitch makes a chain of discs
+    /// converge to a continuous rod fastest.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub joint_below: f64,
     /// Disc radius (m).
     pub radius: f64,
     /// Half of the disc's height (m).
     pub half_height: f64,
-    /// Disc density (kg/m³).
-    pub density: Density,
-    /// Tendon holes, x and y in the disc frame, at z = 0 (m).
-    pub holes: Vec<[f64; 2]>,
+    /// Mass of the discs, centred at the disc's origin.
+    pub mass: MassSpec,
+    /// Tendon holes in the disc frame, at z = 0.
+    pub holes: Holes,
     /// Viscous damping of each ball joint (N m s/rad). Has no effect on an equilibrium.
-    pub damping: f64,
+    pub damping: PerDisc<f64>,
     /// Armature inertia of each ball joint (kg m²). Has no effect on an equilibrium.
-    pub armature: f64,
-    /// Actuator gain kp (N/m): a tendon of length `L` under command `c` is pulled with
-    /// `kp (L - c)`.
-    pub tendon_gain: f64,
-    /// Smallest and largest command of the module's tendons (m).
-    pub command_range: [f64; 2],
+    pub armature: PerDisc<f64>,
+    /// Elastic backbone; joints without one turn freely.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub backbone: Option<PerDisc<Backbone>>,
+    /// Soft limit of each joint's turn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limit: Option<PerDisc<Limit>>,
+    /// The tendons that the module brings along, one for each of its holes; none where the file
+    /// does not give them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tendons: Option<TendonSpec>,
 }
 
-/// Density of a module's discs (kg/m³).
+/// One value for all discs of a module, or one for each, from the lowest to the highest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub enum Density {
+#[serde(
+    untagged,
+    expecting = "expected one value, or a list with one per disc"
+)]
+pub enum PerDisc<T> {
     /// The same for every disc.
-    Uniform(f64),
-    /// One value per disc, from the lowest to the highest.
-    PerDisc(Vec<f64>),
+    Uniform(T),
+    /// One value per disc.
+    Each(Vec<T>),
 }
 
-impl Density {
-    /// Density of the module's disc `index` (kg/m³); `None` when the list is too short.
-    pub fn of_disc(&self, index: usize) -> Option<f64> {
+impl<T> PerDisc<T> {
+    /// The value of the module's disc `index`; `None` when the list is too short.
+    pub fn of_disc(&self, index: usize) -> Option<&T> {
         match self {
-            Density::Uniform(density) => Some(*density),
-            Density::PerDisc(densities) => densities.get(index).copied(),
+            Self::Uniform(value) => Some(value),
+            Self::Each(values) => values.get(index),
+        }
+    }
+}
+
+/// Tendon holes of a body, x and y in its frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected a list of [x, y] in metres, or { radius = metres, angles = [radians] }"
+)]
+pub enum Holes {
+    /// Each hole's x and y (m).
+    At(Vec<[f64; 2]>),
+    /// Holes on a circle around the z axis.
+    Circle(HoleCircle),
+}
+
+/// Holes on a circle around the z axis.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HoleCircle {
+    /// Radius of the circle (m).
+    pub radius: f64,
+    /// Angle of each hole from the x axis, about z (rad).
+    pub angles: Vec<f64>,
+}
+
+impl Holes {
+    /// Number of holes.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::At(holes) => holes.len(),
+            Self::Circle(circle) => circle.angles.len(),
+        }
+    }
+
+    /// The holes' x and y in the body's frame (m).
+    pub fn positions(&self) -> Vec<[f64; 2]> {
+        match self {
+            Self::At(holes) => holes.clone(),
+            Self::Circle(HoleCircle { radius, angles }) => (angles.iter())
+                .map(|angle| [radius * angle.cos(), radius * angle.sin()])
+                .collect(),
+        }
+    }
+}
+
+/// Mass of a module's discs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MassSpec {
+    /// Density of the solid cylinder that the disc is (kg/m³).
+    Density(PerDisc<f64>),
+    /// Mass and moments of inertia of each disc.
+    Rigid(PerDisc<RigidMass>),
+}
+
+/// Mass and moments of inertia of a disc about its origin, where its centre of mass is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigidMass {
+    /// Mass (kg).
+    pub mass: f64,
+    /// Moments of inertia about the disc's x, y and z axes (kg m²).
+    pub inertia: [f64; 3],
+}
+
+/// Elastic backbone of one joint. With `R` the joint's rotation and `R0` that of its rest bend, the
+/// energy is `1/2 phi' K phi`, `phi = log(R0' R)`, `K` diagonal in the disc's axes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Backbone {
+    /// Bending stiffness about the disc's x and y axes (N m/rad).
+    pub bending: [f64; 2],
+    /// Torsion stiffness about the disc's z axis (N m/rad).
+    pub torsion: f64,
+    /// Rotation vector of the joint at rest (rad); straight where the file does not give it.
+    #[serde(default, skip_serializing_if = "is_straight")]
+    pub rest: [f64; 3],
+}
+
+impl Backbone {
+    /// The same stiffness (N m/rad) about every axis, straight at rest.
+    pub fn isotropic(stiffness: f64) -> Self {
+        Self {
+            bending: [stiffness; 2],
+            torsion: stiffness,
+            rest: [0.0; 3],
+        }
+    }
+
+    /// A piece of a round rod, straight at rest: bending stiffness `E I / h` and torsion stiffness
+    /// `G J / h` of length `h` (m), for Young's and shear moduli `E`, `G` (Pa) and the rod's radius
+    /// (m).
+    pub fn round_rod(youngs_modulus: f64, shear_modulus: f64, radius: f64, length: f64) -> Self {
+        let second_moment = std::f64::consts::FRAC_PI_4 * radius.powi(4);
+        Self {
+            bending: [youngs_modulus * second_moment / length; 2],
+            torsion: shear_modulus * 2.0 * second_moment / length,
+            rest: [0.0; 3],
+        }
+    }
+}
+
+/// Soft limit of a joint: beyond the angle it is pushed back like a spring.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limit {
+    /// Largest free angle between the disc and the body below, bending and torsion together (rad).
+    pub angle: f64,
+    /// Stiffness beyond it (N m/rad).
+    pub stiffness: f64,
+}
+
+/// A tendon and its drive.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TendonSpec {
+    /// What a command means to the tendon.
+    pub drive: Drive,
+    /// Smallest and largest command (m, or N for a tension drive).
+    pub range: [f64; 2],
+    /// Whether the tendon can push.
+    #[serde(default, skip_serializing_if = "is_bilateral")]
+    pub pull: Pull,
+    /// Axial stiffness of the tendon itself (N/m), in series with the servo's; inextensible where
+    /// the file does not give it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axial_stiffness: Option<f64>,
+    /// Friction in the holes; none where the file does not give it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub friction: Option<Friction>,
+}
+
+/// What a command means to a tendon of length `L`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Drive {
+    /// A rest length `c` (m), through the servo's gain kp (N/m): the tension is `kp (L - c)`.
+    Gain(f64),
+    /// The length itself (m): `L = c`, by whatever tension it takes.
+    Length,
+    /// The tension (N), whatever the length.
+    Tension,
+}
+
+/// Whether a tendon can push.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pull {
+    /// It pulls and pushes, as MuJoCo's position actuator does.
+    #[default]
+    Bilateral,
+    /// It only pulls, and is slack when shorter than commanded.
+    TensionOnly,
+}
+
+/// Friction of a tendon in its holes (capstan law): over a hole at which it turns by the angle
+/// `theta`, its tension may change by a factor up to `exp(mu theta)`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Friction {
+    /// Coefficient of friction `mu`.
+    pub coefficient: f64,
+    /// Stiffness of a sticking contact (N/m): before it slips, the tendon gives way by the friction
+    /// force divided by this.
+    #[serde(default = "contact_stiffness")]
+    pub contact_stiffness: f64,
+}
+
+/// A tendon with a route of its own.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RouteSpec {
+    /// The holes it goes through, from the servo to where it is fastened; at least two.
+    pub through: Vec<Waypoint>,
+    /// The tendon.
+    pub tendon: TendonSpec,
+}
+
+/// A hole on a tendon's route, in files `[body, hole]`: the hole's number in its body's list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Waypoint(pub Body, pub usize);
+
+/// A body of the robot; in files `"base"`, or the disc's number counted from the base.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "BodyName", into = "BodyName")]
+pub enum Body {
+    /// The fixed base.
+    Base,
+    /// Disc `i`, from 0 at the base.
+    Disc(usize),
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected \"base\" or a disc's number")]
+enum BodyName {
+    Disc(usize),
+    Name(String),
+}
+
+impl TryFrom<BodyName> for Body {
+    type Error = String;
+
+    fn try_from(name: BodyName) -> Result<Self, String> {
+        match name {
+            BodyName::Disc(index) => Ok(Self::Disc(index)),
+            BodyName::Name(name) if name == "base" => Ok(Self::Base),
+            BodyName::Name(name) => Err(format!(
+                "unknown body `{name}`: expected \"base\" or a disc's number"
+            )),
+        }
+    }
+}
+
+impl From<Body> for BodyName {
+    fn from(body: Body) -> Self {
+        match body {
+            Body::Base => Self::Name("base".to_owned()),
+            Body::Disc(index) => Self::Disc(index),
         }
     }
 }
@@ -119,233 +369,57 @@ pub struct RingSpec {
     pub resolution: [u32; 2],
 }
 
-/// Why a robot specification was refused.
-#[derive(Debug, Error)]
-pub enum SpecError {
-    /// The name is neither a standard robot nor a file.
-    #[error("unknown robot `{0}`: expected 2m, 3m, 5m or the path of a .toml or .json robot file")]
-    Unknown(String),
-    /// The file could not be read.
-    #[error("cannot read robot file {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the operating system said.
-        source: std::io::Error,
-    },
-    /// The file is not a robot specification.
-    #[error("robot file {} is not a robot specification: {reason}", path.display())]
-    Parse {
-        /// The file.
-        path: PathBuf,
-        /// Where in the file, and what was expected there.
-        reason: String,
-    },
-    /// A field has a value that no robot can have.
-    #[error("robot field `{field}` is {value}; expected {expected}")]
-    Field {
-        /// The field's path, e.g. `modules[1].radius`.
-        field: String,
-        /// The value found.
-        value: String,
-        /// What would be right.
-        expected: &'static str,
-    },
-}
-
-const TWO_MODULES: &str = include_str!("../../robots/2m.toml");
-const THREE_MODULES: &str = include_str!("../../robots/3m.toml");
-const FIVE_MODULES: &str = include_str!("../../robots/5m.toml");
-
 impl RobotSpec {
-    /// Names of the paper's simulated robots.
-    pub const STANDARD: [&str; 3] = ["2m", "3m", "5m"];
-
-    /// One of the paper's simulated robots, by its name; `None` for any other name.
-    pub fn standard(name: &str) -> Option<Self> {
-        let text = match name {
-            "2m" => TWO_MODULES,
-            "3m" => THREE_MODULES,
-            "5m" => FIVE_MODULES,
-            _ => return None,
-        };
-        Some(toml::from_str(text).expect("the standard robots parse: a test loads each"))
+    /// Number of discs of all modules.
+    pub fn disc_count(&self) -> usize {
+        self.modules.iter().map(|module| module.discs).sum()
     }
 
-    /// A standard robot by name, or a robot file (TOML, or JSON by its extension), validated.
-    ///
-    /// # Errors
-    /// [`SpecError`] when there is no such robot, or the file cannot be read, parsed or accepted.
-    pub fn load(name_or_path: &str) -> Result<Self, SpecError> {
-        if let Some(spec) = Self::standard(name_or_path) {
-            return Ok(spec);
-        }
-        let path = Path::new(name_or_path);
-        let is_json = path.extension().is_some_and(|e| e == "json");
-        if !is_json && path.extension().is_none_or(|e| e != "toml") {
-            return Err(SpecError::Unknown(name_or_path.to_owned()));
-        }
-        let text = std::fs::read_to_string(path).map_err(|source| SpecError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        let parsed: Result<Self, String> = if is_json {
-            serde_json::from_str(&text).map_err(|e| e.to_string())
-        } else {
-            toml::from_str(&text).map_err(|e| e.to_string())
-        };
-        let spec = parsed.map_err(|reason| SpecError::Parse {
-            path: path.to_owned(),
-            reason,
-        })?;
-        spec.validate()?;
-        Ok(spec)
+    /// Number of tendons: those of the modules, and those with routes of their own.
+    pub fn tendon_count(&self) -> usize {
+        let of_module =
+            |module: &ModuleSpec| module.tendons.as_ref().map_or(0, |_| module.holes.count());
+        self.modules.iter().map(of_module).sum::<usize>() + self.routes.len()
     }
 
-    /// Checks every field.
-    ///
-    /// # Errors
-    /// [`SpecError::Field`] for the first field that no robot can have.
-    pub fn validate(&self) -> Result<(), SpecError> {
-        check_finite("gravity", &self.gravity)?;
-        check_finite("base.position", &self.base.position)?;
-        check_finite("base.hole_height", &[self.base.hole_height])?;
-        check_finite("base.holes", self.base.holes.as_flattened())?;
-        if self.modules.is_empty() {
-            return Err(refuse("modules", "empty", "at least one module"));
+    /// Holes of a body (m); `None` for a disc that the robot does not have.
+    pub fn holes(&self, body: Body) -> Option<&Holes> {
+        match body {
+            Body::Base => Some(&self.base.holes),
+            Body::Disc(disc) => self.module_of(disc).map(|m| &self.modules[m].holes),
         }
-        for (index, module) in self.modules.iter().enumerate() {
-            self.validate_module(index, module)?;
-        }
-        let discs: usize = self.modules.iter().map(|module| module.discs).sum();
-        if discs > MAX_DISCS {
-            return Err(refuse(
-                "modules",
-                format!("{discs} discs"),
-                "1000 discs in all at most",
-            ));
-        }
-        self.cameras.validate()
     }
 
-    fn validate_module(&self, index: usize, module: &ModuleSpec) -> Result<(), SpecError> {
-        let at = |field: &str| format!("modules[{index}].{field}");
-        if !(1..=MAX_DISCS).contains(&module.discs) {
-            return Err(refuse(&at("discs"), module.discs, "1 to 1000"));
-        }
-        check_positive(&at("first_offset"), module.first_offset)?;
-        check_positive(&at("pitch"), module.pitch)?;
-        check_positive(&at("radius"), module.radius)?;
-        check_positive(&at("half_height"), module.half_height)?;
-        check_positive(&at("tendon_gain"), module.tendon_gain)?;
-        check_not_negative(&at("damping"), module.damping)?;
-        check_not_negative(&at("armature"), module.armature)?;
-        check_finite(&at("holes"), module.holes.as_flattened())?;
-        match &module.density {
-            Density::Uniform(density) => check_not_negative(&at("density"), *density)?,
-            Density::PerDisc(densities) => {
-                if densities.len() != module.discs {
-                    let expected = "one density per disc, or a single number for all";
-                    let found = format!("a list of {}", densities.len());
-                    return Err(refuse(&at("density"), found, expected));
-                }
-                for (disc, density) in densities.iter().enumerate() {
-                    check_not_negative(&at(&format!("density[{disc}]")), *density)?;
-                }
-            }
-        }
-        let [low, high] = module.command_range;
-        if !(low.is_finite() && high.is_finite() && 0.0 <= low && low < high) {
-            let expected = "[smallest, largest] in metres with 0 <= smallest < largest";
-            return Err(refuse(
-                &at("command_range"),
-                format!("[{low}, {high}]"),
-                expected,
-            ));
-        }
-        let lower_bodies = std::iter::once(("base.holes".to_owned(), self.base.holes.len())).chain(
-            self.modules[..index]
-                .iter()
-                .enumerate()
-                .map(|(below, module)| (format!("modules[{below}].holes"), module.holes.len())),
-        );
-        let passed = match self.routing {
-            Routing::Base => lower_bodies.collect::<Vec<_>>(),
-            Routing::ModuleBelow => lower_bodies.last().into_iter().collect(),
-        };
-        for (field, holes) in passed {
-            if holes < module.holes.len() {
-                let expected = "at least as many holes as each module whose tendons pass here";
-                return Err(refuse(&field, format!("a list of {holes}"), expected));
-            }
-        }
-        Ok(())
+    /// Index of the module that disc `disc` belongs to; `None` for a disc the robot does not have.
+    pub fn module_of(&self, disc: usize) -> Option<usize> {
+        let mut end = 0;
+        self.modules.iter().position(|module| {
+            end += module.discs;
+            disc < end
+        })
     }
 }
 
-impl RingSpec {
-    fn validate(&self) -> Result<(), SpecError> {
-        if !(1..=MAX_CAMERAS).contains(&self.count) {
-            return Err(refuse("cameras.count", self.count, "1 to 1000"));
-        }
-        check_positive("cameras.radius", self.radius)?;
-        check_finite("cameras.height", &[self.height])?;
-        check_finite("cameras.pitch", &[self.pitch])?;
-        if !(self.fovy > 0.0 && self.fovy < 180.0) {
-            return Err(refuse(
-                "cameras.fovy",
-                self.fovy,
-                "degrees between 0 and 180",
-            ));
-        }
-        if self
-            .resolution
-            .iter()
-            .any(|&side| side == 0 || side > MAX_IMAGE_SIDE)
-        {
-            let found = format!("{:?}", self.resolution);
-            return Err(refuse(
-                "cameras.resolution",
-                found,
-                "[width, height], 1 to 16384 pixels each",
-            ));
-        }
-        Ok(())
-    }
+fn upright() -> [f64; 4] {
+    [1.0, 0.0, 0.0, 0.0]
 }
 
-/// Far above any robot built, and small enough that every product of sizes fits in memory.
-const MAX_DISCS: usize = 1000;
-const MAX_CAMERAS: usize = 1000;
-const MAX_IMAGE_SIDE: u32 = 16_384;
-
-fn refuse(field: &str, value: impl ToString, expected: &'static str) -> SpecError {
-    SpecError::Field {
-        field: field.to_owned(),
-        value: value.to_string(),
-        expected,
-    }
+fn is_upright(orientation: &[f64; 4]) -> bool {
+    *orientation == upright()
 }
 
-fn check_finite(field: &str, values: &[f64]) -> Result<(), SpecError> {
-    match values.iter().find(|value| !value.is_finite()) {
-        Some(value) => Err(refuse(field, value, "finite numbers")),
-        None => Ok(()),
-    }
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
-fn check_positive(field: &str, value: f64) -> Result<(), SpecError> {
-    if value.is_finite() && value > 0.0 {
-        Ok(())
-    } else {
-        Err(refuse(field, value, "a finite number above 0"))
-    }
+fn is_straight(rest: &[f64; 3]) -> bool {
+    *rest == [0.0; 3]
 }
 
-fn check_not_negative(field: &str, value: f64) -> Result<(), SpecError> {
-    if value.is_finite() && value >= 0.0 {
-        Ok(())
-    } else {
-        Err(refuse(field, value, "a finite number, 0 or above"))
-    }
+fn is_bilateral(pull: &Pull) -> bool {
+    *pull == Pull::Bilateral
+}
+
+fn contact_stiffness() -> f64 {
+    1e5
 }

@@ -1,0 +1,248 @@
+//! From the specification to the robot laid out for computation.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use super::file::refuse;
+use super::spec::{Body, Drive, MassSpec, ModuleSpec, PerDisc, RobotSpec, Routing, TendonSpec};
+use super::{Disc, Robot, Segment, Span, SpecError, Tendon, Waypoint};
+
+/// Tendons (and pieces of tendon that pass discs by, counted twice) at one joint.
+const MAX_TENDONS_AT_JOINT: usize = 64;
+
+impl Robot {
+    /// Compiles a specification.
+    ///
+    /// # Errors
+    /// [`SpecError`] when the specification is not valid, or a tendon has a segment of no length in
+    /// the straight pose (its direction would be undefined) that does not lie in a joint's centre.
+    pub fn new(spec: RobotSpec) -> Result<Self, SpecError> {
+        spec.validate()?;
+        let [w, x, y, z] = spec.base.orientation;
+        let mut robot = Self {
+            gravity: spec.gravity.into(),
+            base: spec.base.position.into(),
+            base_orientation: UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
+            discs: discs(&spec),
+            tendons: tendons(&spec),
+            segments: Vec::new(),
+            spans: Vec::new(),
+            spec,
+        };
+        robot.lay_tendons()?;
+        robot.check_crowding()?;
+        Ok(robot)
+    }
+
+    /// Cuts every tendon's route into segments.
+    fn lay_tendons(&mut self) -> Result<(), SpecError> {
+        for tendon in 0..self.tendons.len() {
+            let route = self.tendons[tendon].route.clone();
+            for (place, ends) in route.windows(2).enumerate() {
+                let (lower, upper) = match (ends[0].0, ends[1].0) {
+                    (Body::Disc(a), Body::Disc(b)) if a > b => (ends[1], ends[0]),
+                    (Body::Disc(_), Body::Base) => (ends[1], ends[0]),
+                    _ => (ends[0], ends[1]),
+                };
+                self.lay_segment(tendon, place, lower, upper)?;
+            }
+        }
+        self.segments.sort_by_key(|segment| segment.joint);
+        Ok(())
+    }
+
+    fn lay_segment(
+        &mut self,
+        tendon: usize,
+        place: usize,
+        lower: Waypoint,
+        upper: Waypoint,
+    ) -> Result<(), SpecError> {
+        let (from, to) = (self.hole(lower), self.hole(upper));
+        let lower_disc = match lower.0 {
+            Body::Base => None,
+            Body::Disc(disc) => Some(disc),
+        };
+        let Body::Disc(joint) = upper.0 else {
+            self.tendons[tendon].fixed_length += (to - from).norm();
+            return Ok(());
+        };
+        if lower.0 == upper.0 {
+            self.tendons[tendon].fixed_length += (to - from).norm();
+            return Ok(());
+        }
+        let first = lower_disc.map_or(0, |disc| disc + 1);
+        let between: Vector3<f64> = (first..=joint).map(|j| self.discs[j].joint_offset).sum();
+        let in_joint = first == joint && (from - between).norm() < 1e-12 && to.norm() < 1e-12;
+        if (between + to - from).norm() < 1e-6 && !in_joint {
+            let found = format!("of no length below disc {joint}");
+            let expected = "successive holes at least 1e-6 m apart in the straight pose";
+            return Err(refuse(&format!("tendon {tendon}"), found, expected));
+        }
+        if first == joint {
+            self.segments.push(Segment {
+                joint,
+                tendon,
+                place,
+                from: from - between,
+                to,
+            });
+        } else {
+            self.spans.push(Span {
+                tendon,
+                place,
+                lower: lower_disc,
+                upper: joint,
+                from,
+                to,
+            });
+        }
+        Ok(())
+    }
+
+    /// A hole as seen from the centre of its body's joint (or the base origin), in its frame (m).
+    fn hole(&self, waypoint: Waypoint) -> Vector3<f64> {
+        let holes = self.spec.holes(waypoint.0).expect("validated: a body");
+        let [x, y] = holes.positions()[waypoint.1];
+        match waypoint.0 {
+            Body::Base => Vector3::new(x, y, self.spec.base.hole_height),
+            Body::Disc(disc) => self.discs[disc].origin + Vector3::new(x, y, 0.0),
+        }
+    }
+
+    fn check_crowding(&self) -> Result<(), SpecError> {
+        let mut columns = vec![0; self.discs.len()];
+        for tendon in &self.tendons {
+            for joint in joints_along(&tendon.route) {
+                columns[joint] += 1;
+            }
+        }
+        for span in &self.spans {
+            for joint in span.lower.map_or(0, |disc| disc + 1)..=span.upper {
+                columns[joint] += 2;
+            }
+        }
+        match columns.iter().position(|&c| c > MAX_TENDONS_AT_JOINT) {
+            Some(joint) => Err(refuse(
+                &format!("tendons at joint {joint}"),
+                columns[joint],
+                "64 at most, pieces that pass discs by counted three times",
+            )),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The joints that a route spans, from its lowest to its highest.
+pub(crate) fn joints_along(route: &[Waypoint]) -> std::ops::Range<usize> {
+    // Joint `i` lies below disc `i`: a route between discs `a < b` spans the joints `a + 1` to `b`.
+    let height = |waypoint: &Waypoint| match waypoint.0 {
+        Body::Base => 0,
+        Body::Disc(disc) => disc + 1,
+    };
+    let low = route.iter().map(height).min().unwrap_or(0);
+    let high = route.iter().map(height).max().unwrap_or(0);
+    low..high
+}
+
+fn of<T: Clone>(values: &PerDisc<T>, index: usize) -> T {
+    values
+        .of_disc(index)
+        .expect("validated: one per disc")
+        .clone()
+}
+
+fn discs(spec: &RobotSpec) -> Vec<Disc> {
+    let mut discs: Vec<Disc> = Vec::with_capacity(spec.disc_count());
+    for module in &spec.modules {
+        for index in 0..module.discs {
+            // What lies between the joint below and the origin of the body below.
+            let origin_below = discs.last().map_or(Vector3::zeros(), |disc| disc.origin);
+            discs.push(disc(module, index, origin_below));
+        }
+    }
+    discs
+}
+
+fn disc(module: &ModuleSpec, index: usize, origin_below: Vector3<f64>) -> Disc {
+    let step = if index == 0 {
+        module.first_offset
+    } else {
+        module.pitch
+    };
+    let (offset, origin) = (
+        Vector3::new(0.0, 0.0, step),
+        Vector3::new(0.0, 0.0, module.joint_below),
+    );
+    let (mass, inertia) = match &module.mass {
+        MassSpec::Density(density) => {
+            let (r, h) = (module.radius, module.half_height);
+            let mass = of(density, index) * (std::f64::consts::PI * r * r * 2.0 * h);
+            // A solid cylinder (Goldstein, Classical Mechanics, ch. 5).
+            let across = mass * (3.0 * r * r + 4.0 * h * h) / 12.0;
+            (mass, Vector3::new(across, across, mass * r * r / 2.0))
+        }
+        MassSpec::Rigid(rigid) => {
+            let rigid = of(rigid, index);
+            (rigid.mass, rigid.inertia.into())
+        }
+    };
+    Disc {
+        offset,
+        joint_offset: origin_below + offset - origin,
+        origin,
+        mass,
+        inertia,
+        radius: module.radius,
+        half_height: module.half_height,
+        damping: of(&module.damping, index),
+        armature: of(&module.armature, index),
+        backbone: module.backbone.as_ref().map(|b| of(b, index)),
+        limit: module.limit.as_ref().map(|l| of(l, index)),
+    }
+}
+
+fn tendons(spec: &RobotSpec) -> Vec<Tendon> {
+    let mut tendons = Vec::new();
+    let mut first_disc = 0;
+    for module in &spec.modules {
+        let end = first_disc + module.discs;
+        let start = match spec.routing {
+            Routing::ModuleBelow => first_disc,
+            Routing::Base => 0,
+        };
+        if let Some(tendon) = &module.tendons {
+            for hole in 0..module.holes.count() {
+                let lowest = match start.checked_sub(1) {
+                    None => Waypoint(Body::Base, hole),
+                    Some(disc) => Waypoint(Body::Disc(disc), hole),
+                };
+                let guides = (start..end).map(|disc| Waypoint(Body::Disc(disc), hole));
+                let route = std::iter::once(lowest).chain(guides).collect();
+                tendons.push(self::tendon(tendon, route));
+            }
+        }
+        first_disc = end;
+    }
+    let own = spec.routes.iter();
+    tendons.extend(own.map(|route| tendon(&route.tendon, route.through.clone())));
+    tendons
+}
+
+fn tendon(spec: &TendonSpec, route: Vec<Waypoint>) -> Tendon {
+    let stiffness = match (spec.drive, spec.axial_stiffness) {
+        (Drive::Tension, _) => 0.0,
+        (Drive::Length, None) => f64::INFINITY,
+        (Drive::Length, Some(axial)) => axial,
+        (Drive::Gain(gain), None) => gain,
+        (Drive::Gain(gain), Some(axial)) => gain * axial / (gain + axial),
+    };
+    Tendon {
+        drive: spec.drive,
+        range: spec.range,
+        pull: spec.pull,
+        stiffness,
+        friction: spec.friction,
+        route,
+        fixed_length: 0.0,
+    }
+}

@@ -1,0 +1,175 @@
+//! Loads on a robot besides its own weight.
+
+use nalgebra::Vector3;
+use thiserror::Error;
+
+use super::Robot;
+
+/// Loads on a robot besides its own weight: a tip payload, wrenches at discs, a load along the
+/// backbone. None by default.
+///
+/// ```
+/// use tdcr_sim::robot::{Frame, Loads, Payload, Robot, Wrench};
+///
+/// let robot = Robot::load("2m")?;
+/// let push = Wrench { force: [0.05, 0.0, 0.0], ..Wrench::none(4, Frame::World) };
+/// let loads = Loads::payload(0.02)?.with_wrench(push)?;
+/// let settled = robot.settle(&robot.mean_command(), &loads);
+/// assert!(settled.converged);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Loads {
+    payload: Payload,
+    wrenches: Vec<Wrench>,
+    line: Vector3<f64>,
+}
+
+/// A mass hung from the distal disc: a force along gravity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Payload {
+    /// Mass (kg).
+    pub mass: f64,
+    /// Where it hangs, in the distal disc's frame (m).
+    pub offset: [f64; 3],
+}
+
+/// A force and a moment on a disc.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wrench {
+    /// The disc, from 0 at the base.
+    pub disc: usize,
+    /// Force (N) on the disc's origin.
+    pub force: [f64; 3],
+    /// Moment (N m).
+    pub moment: [f64; 3],
+    /// The frame that force and moment are given in.
+    pub frame: Frame,
+}
+
+/// The frame that a wrench is given in, and keeps its direction in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Frame {
+    /// The world's.
+    World,
+    /// The disc's: the wrench turns with it.
+    Disc,
+}
+
+/// Why a load was refused.
+#[derive(Clone, Copy, Debug, Error, PartialEq)]
+pub enum LoadError {
+    /// A mass that is negative or not a number.
+    #[error("the payload is {0} kg; expected a finite mass, 0 or above")]
+    Mass(f64),
+    /// A component that is not a finite number.
+    #[error("the {what} is {value}; expected finite numbers")]
+    NotFinite {
+        /// Of which load.
+        what: &'static str,
+        /// The component.
+        value: f64,
+    },
+    /// A disc that the robot does not have.
+    #[error("a wrench acts on disc {disc}; the robot has {discs} discs, counted from 0")]
+    Disc {
+        /// The disc asked for.
+        disc: usize,
+        /// Number of discs.
+        discs: usize,
+    },
+}
+
+impl Wrench {
+    /// No force and no moment on `disc`; to be filled in.
+    pub fn none(disc: usize, frame: Frame) -> Self {
+        Self {
+            disc,
+            force: [0.0; 3],
+            moment: [0.0; 3],
+            frame,
+        }
+    }
+}
+
+impl Loads {
+    /// A payload (kg) at the origin of the distal disc: a force `p g` along gravity.
+    ///
+    /// # Errors
+    /// [`LoadError`] for a negative or non-finite mass.
+    pub fn payload(mass: f64) -> Result<Self, LoadError> {
+        Self::default().with_payload(Payload {
+            mass,
+            offset: [0.0; 3],
+        })
+    }
+
+    /// These loads with another payload.
+    ///
+    /// # Errors
+    /// [`LoadError`] for a negative or non-finite mass, or a non-finite offset.
+    pub fn with_payload(mut self, payload: Payload) -> Result<Self, LoadError> {
+        if !(payload.mass.is_finite() && payload.mass >= 0.0) {
+            return Err(LoadError::Mass(payload.mass));
+        }
+        finite("payload's offset (m)", &payload.offset)?;
+        self.payload = payload;
+        Ok(self)
+    }
+
+    /// These loads and one more wrench.
+    ///
+    /// # Errors
+    /// [`LoadError`] for components that are not finite.
+    pub fn with_wrench(mut self, wrench: Wrench) -> Result<Self, LoadError> {
+        finite("force (N)", &wrench.force)?;
+        finite("moment (N m)", &wrench.moment)?;
+        self.wrenches.push(wrench);
+        Ok(self)
+    }
+
+    /// These loads with a force per length of the backbone (N/m), world frame. Every disc carries
+    /// that of half the backbone to each neighbour.
+    ///
+    /// # Errors
+    /// [`LoadError`] for components that are not finite.
+    pub fn with_line_load(mut self, force_per_length: [f64; 3]) -> Result<Self, LoadError> {
+        finite("line load (N/m)", &force_per_length)?;
+        self.line = force_per_length.into();
+        Ok(self)
+    }
+
+    /// Whether every wrench acts on a disc that `robot` has.
+    ///
+    /// # Errors
+    /// [`LoadError::Disc`] for the first that does not.
+    pub fn check(&self, robot: &Robot) -> Result<(), LoadError> {
+        let discs = robot.discs.len();
+        match self.wrenches.iter().find(|wrench| wrench.disc >= discs) {
+            Some(Wrench { disc, .. }) => Err(LoadError::Disc { disc: *disc, discs }),
+            None => Ok(()),
+        }
+    }
+
+    /// The payload.
+    pub fn tip_payload(&self) -> Payload {
+        self.payload
+    }
+
+    /// The wrenches.
+    pub fn wrenches(&self) -> &[Wrench] {
+        &self.wrenches
+    }
+
+    /// Force per length of the backbone, world frame (N/m).
+    pub fn line_load(&self) -> Vector3<f64> {
+        self.line
+    }
+}
+
+fn finite(what: &'static str, values: &[f64]) -> Result<(), LoadError> {
+    match values.iter().find(|value| !value.is_finite()) {
+        Some(&value) => Err(LoadError::NotFinite { what, value }),
+        None => Ok(()),
+    }
+}
