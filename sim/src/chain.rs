@@ -16,21 +16,43 @@ impl Configuration {
 
     /// Writes `self * exp(step)` to `out`: joint `i` turned by the rotation vector
     /// `step[3 i .. 3 i + 3]` (rad), given in its disc's own frame.
-    pub(crate) fn retract(&self, step: &[f64], out: &mut Self) {
+    pub fn retract(&self, step: &[f64], out: &mut Self) {
         for ((from, to), turn) in self.0.iter().zip(&mut out.0).zip(step.chunks_exact(3)) {
-            *to = *from * UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(turn));
-            to.renormalize();
+            *to = turned(from, &Vector3::from_column_slice(turn));
         }
     }
 }
 
-/// World poses of all discs in one configuration, with the joint rotations as matrices.
+/// `q exp(turn)`, normalised.
+pub(crate) fn turned(q: &UnitQuaternion<f64>, turn: &Vector3<f64>) -> UnitQuaternion<f64> {
+    let squared = turn.norm_squared();
+    // cos(|turn| / 2) and sin(|turn| / 2) / |turn|, by their series where a turn is small: the next
+    // terms are below 1e-17.
+    let (cos, sinc) = if squared < 1e-4 {
+        let x = squared / 4.0;
+        (
+            1.0 - x * (0.5 - x * (1.0 / 24.0 - x * (1.0 / 720.0))),
+            0.5 - x * (1.0 / 12.0 - x * (1.0 / 240.0 - x * (1.0 / 10080.0))),
+        )
+    } else {
+        let angle = squared.sqrt();
+        let (sin, cos) = (0.5 * angle).sin_cos();
+        (cos, sin / angle)
+    };
+    let (w, v) = (q.w, q.imag());
+    let u = turn * sinc;
+    let product =
+        nalgebra::Quaternion::from_parts(w * cos - v.dot(&u), u * w + v * cos + v.cross(&u));
+    UnitQuaternion::new_normalize(product)
+}
+
+/// World poses of all discs in one configuration.
 #[derive(Clone, Debug)]
 pub(crate) struct Chain {
-    /// Rotation of each disc relative to the body below.
-    pub joints: Vec<Matrix3<f64>>,
-    /// Orientation of each disc in the world.
+    /// Orientation of the base, then of each disc, in the world.
     pub orientations: Vec<Matrix3<f64>>,
+    /// Centre of each disc's joint in the world (m).
+    pub centres: Vec<Vector3<f64>>,
     /// Origin of each disc in the world (m).
     pub positions: Vec<Vector3<f64>>,
 }
@@ -39,24 +61,42 @@ impl Chain {
     /// Room for the poses of a robot's discs.
     pub fn new(robot: &Robot) -> Self {
         let n = robot.discs.len();
+        let base = *robot.base_orientation.to_rotation_matrix().matrix();
         Self {
-            joints: vec![Matrix3::identity(); n],
-            orientations: vec![Matrix3::identity(); n],
+            orientations: vec![base; n + 1],
+            centres: vec![Vector3::zeros(); n],
             positions: vec![Vector3::zeros(); n],
         }
     }
 
     /// Forward kinematics: the poses of all discs in configuration `q`.
     pub fn place(&mut self, robot: &Robot, q: &Configuration) {
-        let mut below = Matrix3::identity();
-        let mut origin = robot.base;
-        for (i, (disc, joint)) in robot.discs.iter().zip(&q.0).enumerate() {
-            origin += below * disc.joint_offset;
-            let rotation = *joint.to_rotation_matrix().matrix();
-            below *= rotation;
-            self.joints[i] = rotation;
-            self.orientations[i] = below;
-            self.positions[i] = origin;
+        let mut below = self.orientations[0];
+        let mut centre = robot.base;
+        let poses = (self.orientations[1..].iter_mut())
+            .zip(self.centres.iter_mut().zip(&mut self.positions));
+        for ((disc, joint), (orientation, (joint_centre, position))) in
+            robot.discs.iter().zip(&q.0).zip(poses)
+        {
+            centre += below * disc.joint_offset;
+            below *= joint.to_rotation_matrix().matrix();
+            *orientation = below;
+            *joint_centre = centre;
+            *position = centre + below * disc.origin;
+        }
+    }
+
+    /// Orientation of disc `index`.
+    pub fn disc(&self, index: usize) -> &Matrix3<f64> {
+        &self.orientations[index + 1]
+    }
+
+    /// A point of a disc (`None`: of the base) given from its joint's centre (the base origin) in
+    /// its frame, in the world (m).
+    pub fn point(&self, robot: &Robot, disc: Option<usize>, local: &Vector3<f64>) -> Vector3<f64> {
+        match disc {
+            None => robot.base + self.orientations[0] * local,
+            Some(index) => self.centres[index] + self.disc(index) * local,
         }
     }
 }

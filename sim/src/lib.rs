@@ -44,9 +44,14 @@
 //! modelled: the joints are free, and what is computed is where the robot rests.
 
 pub mod camera;
+#[cfg(test)]
+extern crate self as tdcr_sim;
+
+mod backbone;
 pub mod chain;
 pub mod cloud;
 mod energy;
+mod newton;
 pub mod render;
 pub mod robot;
 pub mod statics;

@@ -1,52 +1,177 @@
-//! Lengths of routed tendons and their derivatives.
+//! Lengths of routed tendons, their derivatives, and the law that turns a length into a tension.
 //!
-//! A tendon is a chain of straight segments, each between holes of neighbouring bodies, so each
-//! depends on one ball joint alone: its length is a sum over joints.
+//! Almost every tendon is a chain of straight segments between holes of neighbouring bodies, each of
+//! which depends on one ball joint alone: its length is a sum over joints. Vectors are in the world
+//! frame; derivatives are taken along a turn `w` of the joint, and of everything above it, about the
+//! joint's centre.
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::chain::Chain;
-use crate::robot::{Robot, Segment};
+use crate::chain::{Chain, Configuration};
+use crate::robot::{Drive, Pull, Robot, Segment, Span, Tendon};
 
-/// Derivatives of a segment's length by the joint's rotation vector in the disc's frame.
-pub(crate) struct SegmentDerivatives {
-    /// Gradient (m/rad).
-    pub gradient: Vector3<f64>,
-    /// Hessian (m/rad²), symmetric.
-    pub hessian: Matrix3<f64>,
+/// A segment's upper hole from the joint's centre, and what lies between its holes.
+#[derive(Clone, Debug)]
+pub(crate) struct Stretch {
+    /// The upper hole from the joint's centre (m).
+    pub hole: Vector3<f64>,
+    /// Unit vector from the lower to the upper hole; zero where they coincide.
+    pub direction: Vector3<f64>,
+    /// Length (m).
+    pub length: f64,
+}
+
+impl Stretch {
+    fn new(hole: Vector3<f64>, span: Vector3<f64>) -> Self {
+        let length = span.norm();
+        let inverse = if length > 0.0 { 1.0 / length } else { 0.0 };
+        Self {
+            hole,
+            direction: span * inverse,
+            length,
+        }
+    }
+
+    /// Gradient of the length (m/rad).
+    pub fn gradient(&self) -> Vector3<f64> {
+        self.hole.cross(&self.direction)
+    }
+
+    /// Hessian of the length (m/rad²), symmetric: that of the norm of a vector that turns.
+    pub fn hessian(&self, gradient: &Vector3<f64>) -> Matrix3<f64> {
+        let (h, u) = (&self.hole, &self.direction);
+        let inverse = if self.length > 0.0 {
+            1.0 / self.length
+        } else {
+            0.0
+        };
+        let half = h * 0.5;
+        let isotropic = h.norm_squared() * inverse - h.dot(u);
+        let hh = h * inverse;
+        let gg = gradient * inverse;
+        let entry = |i: usize, j: usize| {
+            half[i] * u[j] + half[j] * u[i] - hh[i] * h[j] - gg[i] * gradient[j]
+        };
+        let (xy, xz, yz) = (entry(0, 1), entry(0, 2), entry(1, 2));
+        Matrix3::new(
+            entry(0, 0) + isotropic,
+            xy,
+            xz,
+            xy,
+            entry(1, 1) + isotropic,
+            yz,
+            xz,
+            yz,
+            entry(2, 2) + isotropic,
+        )
+    }
 }
 
 impl Segment {
-    /// Length (m) with the joint at `rotation`.
-    pub fn length(&self, rotation: &Matrix3<f64>) -> f64 {
-        (rotation * self.to - self.from).norm()
+    /// The segment in the poses of `chain`.
+    pub fn stretch(&self, chain: &Chain) -> Stretch {
+        let hole = chain.orientations[self.joint + 1] * self.to;
+        let span = hole - chain.orientations[self.joint] * self.from;
+        Stretch::new(hole, span)
+    }
+}
+
+impl Span {
+    /// The lower hole, the upper hole (m), and the piece between them seen from the joint of the
+    /// upper disc.
+    pub fn stretch(&self, robot: &Robot, chain: &Chain) -> (Vector3<f64>, Vector3<f64>, Stretch) {
+        let lower = chain.point(robot, self.lower, &self.from);
+        let upper = chain.point(robot, Some(self.upper), &self.to);
+        let hole = upper - chain.centres[self.upper];
+        (lower, upper, Stretch::new(hole, upper - lower))
+    }
+}
+
+/// A robot in one configuration: the poses of its discs, and the paths of its tendons.
+#[derive(Clone, Debug)]
+pub(crate) struct Posture {
+    pub chain: Chain,
+    /// One for each of the robot's segments.
+    pub stretches: Vec<Stretch>,
+    /// Length of each tendon (m).
+    pub lengths: Vec<f64>,
+}
+
+impl Posture {
+    /// Room for the postures of a robot.
+    pub fn new(robot: &Robot) -> Self {
+        let none = Stretch::new(Vector3::zeros(), Vector3::zeros());
+        Self {
+            chain: Chain::new(robot),
+            stretches: vec![none; robot.segments.len()],
+            lengths: vec![0.0; robot.tendons.len()],
+        }
     }
 
-    /// The first two derivatives of the length at `rotation`, along `rotation * exp(xi)` at `xi = 0`.
-    ///
-    /// With `h` the upper hole and `u` the segment's unit vector, both in the disc's frame,
-    /// `dl = (h x u) . xi`; the second derivative is that of the norm of a vector that turns.
-    pub fn derivatives(&self, rotation: &Matrix3<f64>) -> SegmentDerivatives {
-        let h = self.to;
-        let span = h - rotation.tr_mul(&self.from);
-        let length = span.norm();
-        let u = span / length;
-        let gradient = h.cross(&u);
-        let identity = Matrix3::identity();
-        let turning = (h * u.transpose() + u * h.transpose()) * 0.5 - identity * h.dot(&u);
-        let stretching =
-            identity * h.norm_squared() - h * h.transpose() - gradient * gradient.transpose();
-        SegmentDerivatives {
-            gradient,
-            hessian: turning + stretching / length,
+    /// Places the discs in configuration `q`, and the tendons through their holes.
+    pub fn place(&mut self, robot: &Robot, q: &Configuration) {
+        self.chain.place(robot, q);
+        for (length, tendon) in self.lengths.iter_mut().zip(&robot.tendons) {
+            *length = tendon.fixed_length;
+        }
+        for (stretch, segment) in self.stretches.iter_mut().zip(&robot.segments) {
+            *stretch = segment.stretch(&self.chain);
+            self.lengths[segment.tendon] += stretch.length;
+        }
+        for span in &robot.spans {
+            self.lengths[span.tendon] += span.stretch(robot, &self.chain).2.length;
         }
     }
 }
 
-/// Writes the length of every tendon (m) to `lengths`.
-pub(crate) fn tendon_lengths(robot: &Robot, chain: &Chain, lengths: &mut [f64]) {
-    lengths.fill(0.0);
-    for segment in &robot.segments {
-        lengths[segment.tendon] += segment.length(&chain.joints[segment.joint]);
+/// What a tendon of some length does under some command.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct TendonState {
+    /// Energy (J), its own and its drive's.
+    pub energy: f64,
+    /// Tension (N), the energy's derivative by the length.
+    pub tension: f64,
+    /// Stiffness (N/m), its second derivative.
+    pub stiffness: f64,
+}
+
+/// Stiffness (N/m) that stands for that of an inextensible tendon on a length drive; the statics
+/// move the rest length until the tendon has the commanded length.
+pub(crate) const LENGTH_PENALTY: f64 = 1e4;
+
+impl Tendon {
+    /// Whether a command is the tendon's length, by whatever tension it takes.
+    pub(crate) fn holds_length(&self) -> bool {
+        self.stiffness.is_infinite()
+    }
+
+    /// Stiffness used in the energy (N/m): finite.
+    pub(crate) fn spring(&self) -> f64 {
+        if self.holds_length() {
+            LENGTH_PENALTY
+        } else {
+            self.stiffness
+        }
+    }
+
+    /// Energy, tension and stiffness at `length` (m) under `command` (m or N).
+    pub(crate) fn state(&self, length: f64, command: f64) -> TendonState {
+        if let Drive::Tension = self.drive {
+            return TendonState {
+                energy: command * length,
+                tension: command,
+                stiffness: 0.0,
+            };
+        }
+        let stretch = length - command;
+        if stretch < 0.0 && self.pull == Pull::TensionOnly {
+            return TendonState::default();
+        }
+        let stiffness = self.spring();
+        TendonState {
+            energy: 0.5 * stiffness * stretch * stretch,
+            tension: stiffness * stretch,
+            stiffness,
+        }
     }
 }

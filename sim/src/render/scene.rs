@@ -86,7 +86,7 @@ fn base_solids(robot: &Robot) -> Vec<Solid> {
     const PLATE: (f64, f64) = (0.055, 0.002);
     const SERVO_HALF_SIZE: [f64; 3] = [0.017, 0.010, 0.013];
     const SERVO_RADIUS: f64 = 0.034;
-    let [x, y, top] = robot.spec().base.position;
+    let top = robot.base.z;
     let height = top + robot.spec().base.hole_height;
     if height <= 0.0 {
         return Vec::new();
@@ -94,8 +94,11 @@ fn base_solids(robot: &Robot) -> Vec<Solid> {
     let layers = robot.spec().modules.len();
     let layer_height = height / layers as f64;
     let solid = |shape, z: f64, offset: f64, angle: f64| {
-        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
-        let position = Vector3::new(x, y, z) + rotation * Vector3::new(offset, 0.0, 0.0);
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+        // Built on the floor under an upright base; another base carries it along.
+        let below = turn * Vector3::new(offset, 0.0, 0.0) + Vector3::new(0.0, 0.0, z - top);
+        let rotation = robot.base_orientation * turn;
+        let position = robot.base + robot.base_orientation * below;
         Solid {
             shape,
             pose: Isometry3::from_parts(Translation3::from(position), rotation),

@@ -8,6 +8,7 @@ mod spec;
 mod validate;
 
 pub use command::{Command, CommandError};
+pub(crate) use compile::joints_along;
 pub use file::SpecError;
 pub use loads::{Frame, LoadError, Loads, Payload, Wrench};
 pub use spec::{

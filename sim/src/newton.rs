@@ -1,0 +1,294 @@
+//! Solving with the potential's Hessian in O(n).
+//!
+//! Going down the chain, the joints' turns are eliminated one by one, as in dynamic programming: what
+//! lies above joint `i` enters as a quadratic of the turn `Omega` of the disc and of the partial sums
+//! `s_c` of the columns (tendons) that pass the joint. That is a block Cholesky factorisation of the
+//! Hessian from the tip to the base, so its pivots are positive exactly where the Hessian is positive
+//! definite.
+
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+
+use crate::energy::{Columns, Expansion, noncommuting};
+
+/// What the factorisation says of the Hessian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Curvature {
+    /// Positive definite.
+    Positive,
+    /// Not positive definite: the factor is of a positive definite matrix near it.
+    Modified,
+}
+
+/// Factorisation of a potential's Hessian.
+#[derive(Clone, Debug)]
+pub(crate) struct Factor {
+    columns: Columns,
+    /// Inverse of each joint's pivot.
+    pivots: Vec<Matrix3<f64>>,
+    /// Of each joint, how its turn depends on that of the disc below.
+    below: Vec<Matrix3<f64>>,
+    /// The same for each slot's partial sum.
+    partial: Vec<Vector3<f64>>,
+    /// The columns, as in [`Expansion::slopes`].
+    slopes: Vec<Vector3<f64>>,
+    /// Scratch of a solve.
+    moments: Vec<Vector3<f64>>,
+    /// The pivot that first was not positive, from the tip: its joint, smallest eigenvalue relative
+    /// to its largest, and eigenvector.
+    negative: Option<(usize, f64, Vector3<f64>)>,
+}
+
+/// Calls a method with the smallest compiled number of slots that is large enough. Compiling has seen
+/// to it that there are at most 64.
+macro_rules! with_slots {
+    ($self:ident . $method:ident ( $($argument:expr),* )) => {
+        match $self.columns.slots {
+            0..=3 => $self.$method::<3>($($argument),*),
+            4..=6 => $self.$method::<6>($($argument),*),
+            7..=9 => $self.$method::<9>($($argument),*),
+            10..=15 => $self.$method::<15>($($argument),*),
+            16..=32 => $self.$method::<32>($($argument),*),
+            _ => $self.$method::<64>($($argument),*),
+        }
+    };
+}
+
+impl Factor {
+    /// Room for the factor of a Hessian like that of `expansion`.
+    pub fn new(expansion: &Expansion) -> Self {
+        let n = expansion.joint_blocks.len();
+        let columns = expansion.columns.clone();
+        Self {
+            pivots: vec![Matrix3::zeros(); n],
+            below: vec![Matrix3::zeros(); n],
+            partial: vec![Vector3::zeros(); n * columns.slots],
+            slopes: vec![Vector3::zeros(); n * columns.slots],
+            moments: vec![Vector3::zeros(); n],
+            negative: None,
+            columns,
+        }
+    }
+
+    /// Factorises the Hessian of `expansion`, with `stiffness` (N m/rad) added to every joint. Where it
+    /// is not positive definite, the pivots' negative eigenvalues change their sign, so that solving
+    /// still gives a direction of descent.
+    pub fn factorise(&mut self, expansion: &Expansion, stiffness: f64) -> Curvature {
+        self.slopes.copy_from_slice(&expansion.slopes);
+        with_slots!(self.eliminate(expansion, stiffness))
+    }
+
+    fn eliminate<const A: usize>(&mut self, expansion: &Expansion, stiffness: f64) -> Curvature {
+        let slots = self.columns.slots;
+        self.negative = None;
+        // The quadratic of what lies above: by turn and turn, partial sum and turn, sum and sum.
+        let mut turns = Matrix3::zeros();
+        let mut moment = Vector3::zeros();
+        let mut mixed = [Vector3::zeros(); A];
+        let mut sums = [[0.0; A]; A];
+        for joint in (0..self.pivots.len()).rev() {
+            turns += expansion.disc_blocks[joint];
+            moment += expansion.disc_gradient[joint];
+            for &column in &self.columns.top[joint] {
+                let slot = self.columns.slot[column];
+                sums[slot][slot] = expansion.weights[column];
+            }
+            let mut slopes = [Vector3::zeros(); A];
+            slopes[..slots].copy_from_slice(&self.slopes[joint * slots..][..slots]);
+            // How a turn of this joint couples to the turn below and to the partial sums.
+            let mut below = turns;
+            let mut partial = mixed;
+            for s in 0..A {
+                below += mixed[s] * slopes[s].transpose();
+                for r in 0..A {
+                    partial[s] += slopes[r] * sums[s][r];
+                }
+            }
+            let mut pivot = expansion.joint_blocks[joint] + below;
+            for axis in 0..3 {
+                pivot[(axis, axis)] += stiffness;
+            }
+            for s in 0..A {
+                pivot += slopes[s] * partial[s].transpose();
+            }
+            let inverse = invert_positive(&pivot).unwrap_or_else(|| {
+                let (inverse, eigenvalue, eigenvector) = invert_reflected(&pivot);
+                self.negative
+                    .get_or_insert((joint, eigenvalue, eigenvector));
+                inverse
+            });
+            below += noncommuting(&moment);
+            let reduced = inverse * below.transpose();
+            turns -= below * reduced;
+            for s in 0..A {
+                let eased = inverse * partial[s];
+                mixed[s] -= below * eased;
+                for r in 0..=s {
+                    sums[s][r] -= eased.dot(&partial[r]);
+                    sums[r][s] = sums[s][r];
+                }
+            }
+            for &column in &self.columns.bottom[joint] {
+                let slot = self.columns.slot[column];
+                mixed[slot] = Vector3::zeros();
+                for r in 0..A {
+                    sums[slot][r] = 0.0;
+                    sums[r][slot] = 0.0;
+                }
+            }
+            self.pivots[joint] = inverse;
+            self.below[joint] = below;
+            self.partial[joint * slots..][..slots].copy_from_slice(&partial[..slots]);
+        }
+        match self.negative {
+            None => Curvature::Positive,
+            Some(_) => Curvature::Modified,
+        }
+    }
+
+    /// Whether the Hessian has a negative eigenvalue beyond rounding. If so, writes turns of the
+    /// joints to `step` (world axes) along which the energy falls to second order: the eigenvector of
+    /// the first negative pivot, with the joints above following as they like best.
+    pub fn falling_direction(&self, step: &mut [Vector3<f64>]) -> bool {
+        let Some((joint, eigenvalue, eigenvector)) = self.negative else {
+            return false;
+        };
+        if eigenvalue > -1e-12 {
+            return false;
+        }
+        with_slots!(self.follow(joint, &eigenvector, step));
+        true
+    }
+
+    fn follow<const A: usize>(
+        &self,
+        start: usize,
+        first: &Vector3<f64>,
+        step: &mut [Vector3<f64>],
+    ) {
+        let slots = self.columns.slots;
+        step.fill(Vector3::zeros());
+        let mut turn = Vector3::zeros();
+        let mut sums = [0.0; A];
+        for joint in start..self.pivots.len() {
+            let slopes = &self.slopes[joint * slots..][..slots];
+            let own = if joint == start {
+                *first
+            } else {
+                let partial = &self.partial[joint * slots..][..slots];
+                let terms = partial
+                    .iter()
+                    .zip(&sums)
+                    .map(|(partial, sum)| partial * *sum);
+                -(self.pivots[joint]
+                    * (self.below[joint].tr_mul(&turn) + terms.sum::<Vector3<f64>>()))
+            };
+            turn += own;
+            for (slope, sum) in slopes.iter().zip(&mut sums) {
+                *sum += slope.dot(&own);
+            }
+            for &column in &self.columns.top[joint] {
+                sums[self.columns.slot[column]] = 0.0;
+            }
+            step[joint] = own;
+        }
+    }
+
+    /// Writes `-H⁻¹ g` to `step`: the joints' turns in world axes (rad), for the gradient of
+    /// `joint` terms and `disc` terms as in [`Expansion`].
+    pub fn descend(
+        &mut self,
+        joint: &[Vector3<f64>],
+        disc: &[Vector3<f64>],
+        step: &mut [Vector3<f64>],
+    ) {
+        with_slots!(self.substitute(joint, disc, step));
+    }
+
+    fn substitute<const A: usize>(
+        &mut self,
+        joint_gradient: &[Vector3<f64>],
+        disc_gradient: &[Vector3<f64>],
+        step: &mut [Vector3<f64>],
+    ) {
+        let slots = self.columns.slots;
+        let n = self.pivots.len();
+        let mut by_turn = Vector3::zeros();
+        let mut by_sum = [0.0; A];
+        for joint in (0..n).rev() {
+            by_turn += disc_gradient[joint];
+            let slopes = &self.slopes[joint * slots..][..slots];
+            let partial = &self.partial[joint * slots..][..slots];
+            let mut moment = joint_gradient[joint] + by_turn;
+            for (slope, sum) in slopes.iter().zip(&by_sum) {
+                moment += slope * *sum;
+            }
+            let eased = self.pivots[joint] * moment;
+            by_turn -= self.below[joint] * eased;
+            for (sum, partial) in by_sum.iter_mut().zip(partial) {
+                *sum -= partial.dot(&eased);
+            }
+            for &column in &self.columns.bottom[joint] {
+                by_sum[self.columns.slot[column]] = 0.0;
+            }
+            self.moments[joint] = moment;
+        }
+        let mut turn = Vector3::zeros();
+        let mut sums = [0.0; A];
+        for joint in 0..n {
+            let slopes = &self.slopes[joint * slots..][..slots];
+            let partial = &self.partial[joint * slots..][..slots];
+            let mut moment = self.moments[joint] + self.below[joint].tr_mul(&turn);
+            for (partial, sum) in partial.iter().zip(&sums) {
+                moment += partial * *sum;
+            }
+            let own = -(self.pivots[joint] * moment);
+            turn += own;
+            for (slope, sum) in slopes.iter().zip(&mut sums) {
+                *sum += slope.dot(&own);
+            }
+            for &column in &self.columns.top[joint] {
+                sums[self.columns.slot[column]] = 0.0;
+            }
+            step[joint] = own;
+        }
+    }
+}
+
+/// Inverse of a symmetric matrix, by its factors `L D L'`, if it is positive definite beyond rounding.
+fn invert_positive(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    let (a, b, c) = (m[(0, 0)], m[(0, 1)], m[(0, 2)]);
+    let (d, e, f) = (m[(1, 1)], m[(1, 2)], m[(2, 2)]);
+    let floor = f64::EPSILON * (a.abs() + d.abs() + f.abs());
+    let first = 1.0 / a;
+    let (l10, l20) = (b * first, c * first);
+    let second_pivot = d - l10 * b;
+    let second = 1.0 / second_pivot;
+    let below = e - l10 * c;
+    let l21 = below * second;
+    let third_pivot = f - l20 * c - l21 * below;
+    if !(a > floor && second_pivot > floor && third_pivot > floor) {
+        return None;
+    }
+    let third = 1.0 / third_pivot;
+    // Rows of the inverse of `L`: (1), (-l10, 1), (r, -l21, 1).
+    let r = l10 * l21 - l20;
+    let (zx, zy) = (r * third, -l21 * third);
+    let (yx, yy) = (zy * r - l10 * second, second - l21 * zy);
+    let xx = first - l10 * (-l10 * second) + r * zx;
+    Some(Matrix3::new(xx, yx, zx, yx, yy, zy, zx, zy, third))
+}
+
+/// Inverse of a symmetric matrix with its eigenvalues made positive; also the smallest eigenvalue,
+/// relative to the largest absolute one, and its eigenvector.
+fn invert_reflected(m: &Matrix3<f64>) -> (Matrix3<f64>, f64, Vector3<f64>) {
+    let eigen = SymmetricEigen::new(*m);
+    let largest = eigen.eigenvalues.amax().max(f64::MIN_POSITIVE);
+    let inverse = (eigen.eigenvalues).map(|value| 1.0 / value.abs().max(1e-6 * largest));
+    let vectors = &eigen.eigenvectors;
+    let smallest = eigen.eigenvalues.imin();
+    (
+        vectors * Matrix3::from_diagonal(&inverse) * vectors.transpose(),
+        eigen.eigenvalues[smallest] / largest,
+        vectors.column(smallest).into_owned(),
+    )
+}

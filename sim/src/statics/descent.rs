@@ -1,0 +1,205 @@
+//! Newton's method on the potential, from one configuration down to an equilibrium.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::TOLERANCE;
+use crate::chain::{Configuration, turned};
+use crate::energy::{Expansion, Potential};
+use crate::newton::{Curvature, Factor};
+use crate::robot::Robot;
+use crate::tendon::Posture;
+
+/// Newton steps before a descent counts as stalled.
+const MAX_ITERATIONS: usize = 100;
+/// Largest turn of a joint in one step (rad).
+const MAX_TURN: f64 = 0.5;
+/// Turn of the joint that turns most when a saddle is left (rad).
+const SADDLE_TURN: f64 = 0.1;
+/// Stiffness first given to the joints where the Hessian is indefinite, for each N m left (1/rad).
+const STIFFENING: f64 = 0.1;
+/// Attempts at making the Hessian positive definite, each four times as stiff as the one before.
+const MAX_STIFFENINGS: usize = 10;
+/// Halvings of a step before it counts as failed.
+const MAX_HALVINGS: usize = 30;
+
+/// A robot on its way down the potential, with the memory that takes.
+#[derive(Clone, Debug)]
+pub(super) struct Descent<'a> {
+    robot: &'a Robot,
+    pub configuration: Configuration,
+    pub posture: Posture,
+    pub expansion: Expansion,
+    pub factor: Factor,
+    trial: Configuration,
+    trial_posture: Posture,
+    gradient: Vec<Vector3<f64>>,
+    step: Vec<Vector3<f64>>,
+}
+
+/// How a descent ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    /// In a stable equilibrium.
+    Settled,
+    /// Somewhere else.
+    Stalled,
+}
+
+impl<'a> Descent<'a> {
+    pub fn new(robot: &'a Robot) -> Self {
+        let configuration = Configuration::straight(robot);
+        let mut posture = Posture::new(robot);
+        posture.place(robot, &configuration);
+        let expansion = Expansion::new(robot);
+        let zero = vec![Vector3::zeros(); robot.discs.len()];
+        Self {
+            robot,
+            trial: configuration.clone(),
+            configuration,
+            trial_posture: posture.clone(),
+            posture,
+            factor: Factor::new(&expansion),
+            expansion,
+            gradient: zero.clone(),
+            step: zero,
+        }
+    }
+
+    /// Starts from the straight pose.
+    pub fn start_straight(&mut self) {
+        self.configuration.0.fill(UnitQuaternion::identity());
+        self.posture.place(self.robot, &self.configuration);
+    }
+
+    /// Starts from `q`.
+    pub fn start_at(&mut self, q: &Configuration) {
+        self.configuration.0.copy_from_slice(&q.0);
+        self.posture.place(self.robot, &self.configuration);
+    }
+
+    /// Descends to an equilibrium; also returns the Newton steps taken. The expansion is that of the
+    /// last configuration.
+    pub fn run(&mut self, potential: &Potential) -> (End, usize) {
+        let mut energy = potential.energy(&self.configuration, &self.posture);
+        for iteration in 0..MAX_ITERATIONS {
+            potential.expand(&self.configuration, &self.posture, &mut self.expansion);
+            let curvature = self.factor.factorise(&self.expansion, 0.0);
+            let at_rest = self.expansion.residual() <= TOLERANCE;
+            if at_rest {
+                if curvature == Curvature::Positive
+                    || !self.factor.falling_direction(&mut self.step)
+                {
+                    return (End::Settled, iteration);
+                }
+                self.scale_saddle_step();
+            } else {
+                self.stiffen(curvature);
+                let (joint, disc) = (
+                    &self.expansion.joint_gradient,
+                    &self.expansion.disc_gradient,
+                );
+                self.factor.descend(joint, disc, &mut self.step);
+                self.limit_step();
+            }
+            match self.advance(potential, energy) {
+                Some(lower) => energy = lower,
+                None => return (End::Stalled, iteration),
+            }
+        }
+        potential.expand(&self.configuration, &self.posture, &mut self.expansion);
+        (End::Stalled, MAX_ITERATIONS)
+    }
+
+    /// Where the Hessian is not positive definite, factorises it with the joints stiffened alike, in
+    /// proportion to the moments left (Levenberg and Marquardt): the step then spreads bends evenly
+    /// over the joints, as constant curvature would.
+    fn stiffen(&mut self, mut curvature: Curvature) {
+        let mut stiffness = STIFFENING * self.expansion.residual();
+        for _ in 0..MAX_STIFFENINGS {
+            if curvature == Curvature::Positive {
+                break;
+            }
+            curvature = self.factor.factorise(&self.expansion, stiffness);
+            stiffness *= 4.0;
+        }
+    }
+
+    /// A falling direction has no preferred sense; the one in which its largest component, in the
+    /// discs' axes, is positive is taken.
+    fn scale_saddle_step(&mut self) {
+        let mut largest: f64 = 0.0;
+        for (i, turn) in self.step.iter().enumerate() {
+            for component in self.posture.chain.disc(i).tr_mul(turn).iter() {
+                if component.abs() > largest.abs() {
+                    largest = *component;
+                }
+            }
+        }
+        let scale = SADDLE_TURN / largest;
+        self.step.iter_mut().for_each(|turn| *turn *= scale);
+    }
+
+    fn limit_step(&mut self) {
+        let squared = self.step.iter().map(Vector3::norm_squared);
+        let largest = squared.fold(0.0, f64::max).sqrt();
+        if largest > MAX_TURN {
+            let scale = MAX_TURN / largest;
+            self.step.iter_mut().for_each(|turn| *turn *= scale);
+        }
+    }
+
+    /// Takes the step, halved until the energy falls enough (Armijo); returns the energy there, or
+    /// `None` if it never falls.
+    fn advance(&mut self, potential: &Potential, energy: f64) -> Option<f64> {
+        self.expansion.gradient(&mut self.gradient);
+        let slope: f64 = (self.step.iter().zip(&self.gradient))
+            .map(|(step, gradient)| step.dot(gradient))
+            .sum();
+        // Energy differences below this are rounding; there a Newton step is right as it is.
+        let rounding = 1e-13 * energy.abs().max(1e-3);
+        let mut share = 1.0;
+        for _ in 0..MAX_HALVINGS {
+            for (i, (to, from)) in self
+                .trial
+                .0
+                .iter_mut()
+                .zip(&self.configuration.0)
+                .enumerate()
+            {
+                let own_axes = self.posture.chain.disc(i).tr_mul(&self.step[i]);
+                *to = turned(from, &(own_axes * share));
+            }
+            self.trial_posture.place(self.robot, &self.trial);
+            let lower = potential.energy(&self.trial, &self.trial_posture);
+            if lower <= energy + 1e-4 * share * slope.min(0.0) + rounding {
+                std::mem::swap(&mut self.configuration, &mut self.trial);
+                std::mem::swap(&mut self.posture, &mut self.trial_posture);
+                return Some(lower);
+            }
+            share *= 0.5;
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::energy::DeadForces;
+    use crate::robot::Loads;
+
+    #[test]
+    fn a_descent_that_cannot_settle_says_so() {
+        let robot = Robot::load("2m").expect("a standard robot");
+        let command = robot.mean_command();
+        let mut dead = DeadForces::new(&robot);
+        dead.set(&robot, &Loads::default());
+        dead.at_origin[3].x = f64::NAN;
+        let potential = Potential {
+            robot: &robot,
+            command: command.as_slice(),
+            dead: &dead,
+        };
+        assert_eq!(Descent::new(&robot).run(&potential).0, End::Stalled);
+    }
+}

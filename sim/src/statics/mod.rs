@@ -1,0 +1,103 @@
+//! From command to equilibrium: Newton's method on the potential energy over SO(3)^n.
+//!
+//! A solve starts from the straight pose and descends: a Newton step where the Hessian is positive
+//! definite, otherwise one with all joints stiffened until it is; steps are limited in angle and
+//! halved until the energy falls. An equilibrium whose Hessian has a negative
+//! pivot is a saddle, and is left downhill. A solve that stalls is repeated by continuation: the
+//! command is led from the mean over each group of tendons, under which the robot stands straight, to
+//! its goal. So the reported equilibrium is a function of the command and the loads alone; where
+//! there are several, it is the one that this descent from the straight pose finds.
+//! [`Settler::settle_from`] starts elsewhere.
+
+mod descent;
+mod settler;
+
+pub use settler::Settler;
+
+use faer::Side;
+use nalgebra::{UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use crate::chain::Configuration;
+use crate::energy::{DeadForces, Expansion, Potential};
+use crate::robot::{Command, Loads, Robot};
+use crate::tendon::Posture;
+
+/// Largest moment left on a joint (N m) at which a configuration counts as settled.
+pub const TOLERANCE: f64 = 1e-10;
+/// Largest error (m) of a tendon whose length is commanded.
+pub const LENGTH_TOLERANCE: f64 = 1e-11;
+
+/// Where a robot comes to rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Equilibrium {
+    /// Rotation of each disc relative to the body below.
+    pub configuration: Configuration,
+    /// Origin of each disc, world frame (m).
+    pub positions: Vec<Vector3<f64>>,
+    /// Orientation of each disc, world frame.
+    pub orientations: Vec<UnitQuaternion<f64>>,
+    /// Length of each tendon (m).
+    pub tendon_lengths: Vec<f64>,
+    /// Tension of each tendon (N), positive when it pulls.
+    pub tendon_tensions: Vec<f64>,
+    /// Largest moment that is left on a joint (N m): the energy gradient's largest Euclidean norm.
+    pub residual: f64,
+    /// Newton steps taken, those of continuation included.
+    pub iterations: usize,
+    /// Whether the residual is within [`TOLERANCE`] and the equilibrium stable: no eigenvalue of the
+    /// Hessian below zero.
+    pub converged: bool,
+}
+
+impl Robot {
+    /// Settles the robot under a command and loads.
+    ///
+    /// Never fails in silence: look at [`Equilibrium::converged`] and [`Equilibrium::residual`].
+    /// [`Settler`] settles many commands faster, and [`Robot::settle_batch`] on all cores.
+    ///
+    /// # Panics
+    /// If the command or the loads are of another robot, with fewer tendons or more discs.
+    pub fn settle(&self, command: &Command, loads: &Loads) -> Equilibrium {
+        Settler::new(self).settle(command, loads).clone()
+    }
+
+    /// Settles many commands, in parallel; the result does not depend on the number of threads.
+    ///
+    /// # Panics
+    /// As [`Robot::settle`].
+    pub fn settle_batch(&self, commands: &[Command], loads: &Loads) -> Vec<Equilibrium> {
+        let settle = |settler: &mut Settler, command| settler.settle(command, loads).clone();
+        commands
+            .par_iter()
+            .map_init(|| Settler::new(self), settle)
+            .collect()
+    }
+
+    /// The smallest eigenvalue (N m/rad) of the energy's Hessian at `configuration`: the stiffness
+    /// of the softest mode, positive at a stable equilibrium. `NaN` if it cannot be computed.
+    ///
+    /// # Panics
+    /// As [`Robot::settle`].
+    pub fn smallest_stiffness(
+        &self,
+        command: &Command,
+        loads: &Loads,
+        configuration: &Configuration,
+    ) -> f64 {
+        let mut dead = DeadForces::new(self);
+        dead.set(self, loads);
+        let mut posture = Posture::new(self);
+        posture.place(self, configuration);
+        let mut expansion = Expansion::new(self);
+        let command = command.as_slice();
+        let potential = Potential {
+            robot: self,
+            command,
+            dead: &dead,
+        };
+        potential.expand(configuration, &posture, &mut expansion);
+        let eigenvalues = expansion.dense().self_adjoint_eigenvalues(Side::Lower);
+        eigenvalues.map_or(f64::NAN, |values| values[0])
+    }
+}

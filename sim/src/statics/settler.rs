@@ -1,0 +1,269 @@
+//! From command to equilibrium: where a solve starts, and what it does when a descent stalls.
+
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+
+use super::descent::{Descent, End};
+use super::{Equilibrium, LENGTH_TOLERANCE};
+use crate::chain::Configuration;
+use crate::energy::{DeadForces, Potential};
+use crate::robot::{Command, Drive, Loads, Robot};
+
+/// Smallest part of the way that continuation goes in one solve.
+const MIN_CONTINUATION_STEP: f64 = 1e-4;
+/// Corrections of the rest lengths of tendons whose length is commanded.
+const MAX_CORRECTIONS: usize = 60;
+
+/// Settles commands of one robot one after another. Reuses its memory: after the first, a solve
+/// allocates nothing.
+///
+/// ```
+/// use tdcr_sim::robot::{Loads, Robot};
+/// use tdcr_sim::statics::Settler;
+///
+/// let robot = Robot::load("3m")?;
+/// let mut settler = Settler::new(&robot);
+/// let from = robot.command(&[0.03, 0.01, 0.0, 0.02, 0.04, 0.01, 0.0, 0.035, 0.02])?;
+/// let to = robot.command(&[0.031, 0.01, 0.0, 0.02, 0.04, 0.01, 0.0, 0.035, 0.02])?;
+/// let start = settler.settle(&from, &Loads::default()).configuration.clone();
+/// let settled = settler.settle_from(&start, &to, &Loads::default());
+/// assert!(settled.converged && settled.iterations <= 4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Settler<'a> {
+    robot: &'a Robot,
+    pub(super) descent: Descent<'a>,
+    pub(super) dead: DeadForces,
+    /// The command, with the rest lengths of tendons whose length is commanded corrected.
+    pub(super) command: Vec<f64>,
+    equilibrium: Equilibrium,
+}
+
+impl<'a> Settler<'a> {
+    /// Prepares to settle `robot`.
+    pub fn new(robot: &'a Robot) -> Self {
+        let n = robot.discs.len();
+        Self {
+            robot,
+            descent: Descent::new(robot),
+            dead: DeadForces::new(robot),
+            command: vec![0.0; robot.tendons.len()],
+            equilibrium: Equilibrium {
+                configuration: Configuration::straight(robot),
+                positions: vec![Vector3::zeros(); n],
+                orientations: vec![UnitQuaternion::identity(); n],
+                tendon_lengths: vec![0.0; robot.tendons.len()],
+                tendon_tensions: vec![0.0; robot.tendons.len()],
+                residual: f64::INFINITY,
+                iterations: 0,
+                converged: false,
+            },
+        }
+    }
+
+    /// Settles the robot under `command` and `loads` from the straight pose, as [`Robot::settle`].
+    ///
+    /// # Panics
+    /// If the command or the loads are of another robot, with fewer tendons or more discs.
+    pub fn settle(&mut self, command: &Command, loads: &Loads) -> &Equilibrium {
+        self.descent.start_straight();
+        self.solve(command, loads)
+    }
+
+    /// Settles the robot from the configuration `start`: fast when that is near the equilibrium, and
+    /// the way to follow one equilibrium along a path.
+    ///
+    /// # Panics
+    /// As [`Settler::settle`]; also if `start` has another number of joints than the robot.
+    pub fn settle_from(
+        &mut self,
+        start: &Configuration,
+        command: &Command,
+        loads: &Loads,
+    ) -> &Equilibrium {
+        self.descent.start_at(start);
+        self.solve(command, loads)
+    }
+
+    /// Settles `command` from wherever the descent stands.
+    fn solve(&mut self, command: &Command, loads: &Loads) -> &Equilibrium {
+        self.dead.set(self.robot, loads);
+        self.command.copy_from_slice(command.as_slice());
+        let (mut end, mut iterations) = self.descend();
+        if end == End::Stalled {
+            let steps;
+            (end, steps) = self.continue_from_mean(command);
+            iterations += steps;
+        }
+        if end == End::Settled
+            && self
+                .robot
+                .tendons
+                .iter()
+                .any(|tendon| tendon.holds_length())
+        {
+            let steps;
+            (end, steps) = self.hold_lengths(command);
+            iterations += steps;
+        }
+        self.report(end, iterations)
+    }
+
+    fn descend(&mut self) -> (End, usize) {
+        self.descent.run(&Potential {
+            robot: self.robot,
+            command: &self.command,
+            dead: &self.dead,
+        })
+    }
+
+    /// Moves the rest lengths of the tendons whose length is commanded until they have it: the method
+    /// of multipliers (Nocedal and Wright, Numerical Optimization, ch. 17.3), the multiplier being the
+    /// tension.
+    fn hold_lengths(&mut self, command: &Command) -> (End, usize) {
+        let mut iterations = 0;
+        for _ in 0..MAX_CORRECTIONS {
+            let mut largest: f64 = 0.0;
+            for (t, tendon) in self.robot.tendons.iter().enumerate() {
+                if !tendon.holds_length() {
+                    continue;
+                }
+                let error = self.descent.posture.lengths[t] - command.as_slice()[t];
+                let slack = error < 0.0 && self.descent.expansion.tensions[t] == 0.0;
+                if slack {
+                    self.command[t] = command.as_slice()[t];
+                } else {
+                    self.command[t] -= error;
+                    largest = largest.max(error.abs());
+                }
+            }
+            if largest <= LENGTH_TOLERANCE {
+                return (End::Settled, iterations);
+            }
+            let (end, steps) = self.descend();
+            iterations += steps;
+            if end == End::Stalled {
+                return (end, iterations);
+            }
+        }
+        (End::Stalled, iterations)
+    }
+
+    /// Leads the command from one under which the robot stands straight, or nearly so, to its goal.
+    fn continue_from_mean(&mut self, command: &Command) -> (End, usize) {
+        let goal = command.as_slice();
+        let start = self.group_means(goal);
+        self.descent.start_straight();
+        let (mut done, mut stride, mut iterations) = (0.0, 0.25, 0);
+        let mut settled = self.descent.configuration.clone();
+        while done < 1.0 {
+            let part = f64::min(done + stride, 1.0);
+            for (between, (from, to)) in self.command.iter_mut().zip(start.iter().zip(goal)) {
+                *between = from + part * (to - from);
+            }
+            if part == 1.0 {
+                self.command.copy_from_slice(goal);
+            }
+            let (end, steps) = self.descend();
+            iterations += steps;
+            match end {
+                End::Settled => {
+                    done = part;
+                    stride *= 2.0;
+                    settled.clone_from(&self.descent.configuration);
+                }
+                End::Stalled if stride < MIN_CONTINUATION_STEP => {
+                    self.command.copy_from_slice(goal);
+                    self.expand();
+                    return (End::Stalled, iterations);
+                }
+                End::Stalled => {
+                    stride /= 4.0;
+                    self.descent.start_at(&settled);
+                }
+            }
+        }
+        (End::Settled, iterations)
+    }
+
+    /// For each tendon the mean command of those that end at the same body and are driven alike.
+    fn group_means(&self, goal: &[f64]) -> Vec<f64> {
+        let tendons = &self.robot.tendons;
+        let group = |t: usize| {
+            let kind = std::mem::discriminant::<Drive>(&tendons[t].drive);
+            (tendons[t].route.last().map(|waypoint| waypoint.0), kind)
+        };
+        (0..goal.len())
+            .map(|t| {
+                let alike = (0..goal.len()).filter(|&other| group(other) == group(t));
+                let (sum, count) =
+                    alike.fold((0.0, 0.0), |(s, c), other| (s + goal[other], c + 1.0));
+                sum / count
+            })
+            .collect()
+    }
+
+    /// The expansion at the current configuration, under the current command.
+    fn expand(&mut self) {
+        let potential = Potential {
+            robot: self.robot,
+            command: &self.command,
+            dead: &self.dead,
+        };
+        let Descent {
+            configuration,
+            posture,
+            expansion,
+            ..
+        } = &mut self.descent;
+        potential.expand(configuration, posture, expansion);
+    }
+
+    fn report(&mut self, end: End, iterations: usize) -> &Equilibrium {
+        let (descent, out) = (&self.descent, &mut self.equilibrium);
+        let chain = &descent.posture.chain;
+        out.configuration
+            .0
+            .copy_from_slice(&descent.configuration.0);
+        out.positions.copy_from_slice(&chain.positions);
+        for (to, orientation) in out.orientations.iter_mut().zip(&chain.orientations[1..]) {
+            let rotation = Rotation3::from_matrix_unchecked(*orientation);
+            *to = UnitQuaternion::from_rotation_matrix(&rotation);
+        }
+        out.tendon_lengths.copy_from_slice(&descent.posture.lengths);
+        out.tendon_tensions
+            .copy_from_slice(&descent.expansion.tensions);
+        out.residual = descent.expansion.residual();
+        out.iterations = iterations;
+        out.converged = end == End::Settled;
+        &self.equilibrium
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::statics::TOLERANCE;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    /// No standard robot needs continuation, so it is asked for here.
+    #[test]
+    fn continuation_settles_too_and_comes_to_the_same_place() {
+        let robot = Robot::load("3m").expect("a standard robot");
+        let mut settler = Settler::new(&robot);
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut elsewhere = 0;
+        for _ in 0..200 {
+            let command = robot.random_command(&mut rng);
+            let direct = settler.settle(&command, &Loads::default()).positions[14];
+            let (end, _) = settler.continue_from_mean(&command);
+            assert_eq!(end, End::Settled);
+            assert!(settler.descent.expansion.residual() <= TOLERANCE);
+            let apart = (settler.descent.posture.chain.positions[14] - direct).norm();
+            elsewhere += usize::from(apart > 1e-7);
+        }
+        // Some commands have two equilibria, and another way may lead to the other one.
+        assert!(elsewhere <= 10, "{elsewhere} of 200 came to rest elsewhere");
+    }
+}
