@@ -326,7 +326,8 @@ impl Lever {
     }
 }
 
-fn add_block(hessian: &mut Mat<f64>, row: usize, column: usize, block: &Matrix3<f64>) {
+/// Adds a block to that of joints `row` and `column`.
+pub(crate) fn add_block(hessian: &mut Mat<f64>, row: usize, column: usize, block: &Matrix3<f64>) {
     for c in 0..3 {
         for r in 0..3 {
             hessian[(3 * row + r, 3 * column + c)] += block[(r, c)];

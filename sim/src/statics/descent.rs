@@ -1,5 +1,7 @@
 //! Newton's method on the potential, from one configuration down to an equilibrium.
 
+use faer::Mat;
+use faer::linalg::solvers::Solve;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::TOLERANCE;
@@ -108,6 +110,30 @@ impl<'a> Descent<'a> {
         }
         potential.expand(&self.configuration, &self.posture, &mut self.expansion);
         (End::Stalled, MAX_ITERATIONS)
+    }
+
+    /// Moves the rest lengths of tendons that are longer than they should be by `errors` (tendon, m),
+    /// such that to first order the errors vanish at the equilibrium that follows.
+    pub fn correct_rest_lengths(&mut self, errors: &[(usize, f64)], rest: &mut [f64]) {
+        self.factor.factorise(&self.expansion, 0.0);
+        let n = self.robot.discs.len();
+        let none = vec![Vector3::zeros(); n];
+        let columns = self.expansion.dense_columns();
+        // How much each length grows for each tendon's pull (m/N).
+        let mut compliance = Mat::zeros(errors.len(), errors.len());
+        for (j, (pulled, _)) in errors.iter().enumerate() {
+            self.factor
+                .descend(&columns[*pulled].1, &none, &mut self.step);
+            for (i, (tendon, _)) in errors.iter().enumerate() {
+                let growth = columns[*tendon].1.iter().zip(&self.step);
+                compliance[(i, j)] = growth.map(|(a, w)| -a.dot(w)).sum::<f64>();
+            }
+        }
+        let wanted = Mat::from_fn(errors.len(), 1, |i, _| errors[i].1);
+        let pulls = compliance.partial_piv_lu().solve(&wanted);
+        for (i, (tendon, _)) in errors.iter().enumerate() {
+            rest[*tendon] -= pulls[(i, 0)] / self.expansion.weights[*tendon];
+        }
     }
 
     /// Where the Hessian is not positive definite, factorises it with the joints stiffened alike, in

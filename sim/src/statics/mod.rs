@@ -8,8 +8,12 @@
 //! its goal. So the reported equilibrium is a function of the command and the loads alone; where
 //! there are several, it is the one that this descent from the straight pose finds.
 //! [`Settler::settle_from`] starts elsewhere.
+//!
+//! Moments, and forces that turn with their disc, have no potential: they are brought on from the
+//! equilibrium without them, by Newton's method on the moments left.
 
 mod descent;
+mod follower;
 mod settler;
 
 pub use settler::Settler;
@@ -46,7 +50,7 @@ pub struct Equilibrium {
     /// Newton steps taken, those of continuation included.
     pub iterations: usize,
     /// Whether the residual is within [`TOLERANCE`] and the equilibrium stable: no eigenvalue of the
-    /// Hessian below zero.
+    /// Hessian (with moments and following forces: no real part of one of the Jacobian) below zero.
     pub converged: bool,
 }
 

@@ -3,10 +3,11 @@
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::descent::{Descent, End};
+use super::follower::{bring_on, follows};
 use super::{Equilibrium, LENGTH_TOLERANCE};
 use crate::chain::Configuration;
 use crate::energy::{DeadForces, Potential};
-use crate::robot::{Command, Drive, Loads, Robot};
+use crate::robot::{Command, Drive, Loads, Robot, Tendon};
 
 /// Smallest part of the way that continuation goes in one solve.
 const MIN_CONTINUATION_STEP: f64 = 1e-4;
@@ -95,15 +96,14 @@ impl<'a> Settler<'a> {
             (end, steps) = self.continue_from_mean(command);
             iterations += steps;
         }
-        if end == End::Settled
-            && self
-                .robot
-                .tendons
-                .iter()
-                .any(|tendon| tendon.holds_length())
-        {
+        if end == End::Settled && loads.wrenches().iter().any(follows) {
             let steps;
-            (end, steps) = self.hold_lengths(command);
+            (end, steps) = self.rest(loads);
+            iterations += steps;
+        }
+        if end == End::Settled && self.robot.tendons.iter().any(Tendon::holds_length) {
+            let steps;
+            (end, steps) = self.hold_lengths(command, loads);
             iterations += steps;
         }
         self.report(end, iterations)
@@ -117,30 +117,43 @@ impl<'a> Settler<'a> {
         })
     }
 
+    /// Settles from the present configuration under all loads, those without a potential included.
+    fn rest(&mut self, loads: &Loads) -> (End, usize) {
+        if !loads.wrenches().iter().any(follows) {
+            return self.descend();
+        }
+        self.dead.set(self.robot, loads);
+        let (descent, dead) = (&mut self.descent, &mut self.dead);
+        bring_on(descent, self.robot, &self.command, dead, loads)
+    }
+
     /// Moves the rest lengths of the tendons whose length is commanded until they have it: the method
-    /// of multipliers (Nocedal and Wright, Numerical Optimization, ch. 17.3), the multiplier being the
-    /// tension.
-    fn hold_lengths(&mut self, command: &Command) -> (End, usize) {
+    /// of multipliers, the multiplier being the tension, with Newton's step on the dual problem
+    /// (Nocedal and Wright, Numerical Optimization, ch. 17).
+    fn hold_lengths(&mut self, command: &Command, loads: &Loads) -> (End, usize) {
+        let goal = command.as_slice();
         let mut iterations = 0;
         for _ in 0..MAX_CORRECTIONS {
-            let mut largest: f64 = 0.0;
+            let mut taut = Vec::new();
             for (t, tendon) in self.robot.tendons.iter().enumerate() {
-                if !tendon.holds_length() {
-                    continue;
-                }
-                let error = self.descent.posture.lengths[t] - command.as_slice()[t];
-                let slack = error < 0.0 && self.descent.expansion.tensions[t] == 0.0;
-                if slack {
-                    self.command[t] = command.as_slice()[t];
-                } else {
-                    self.command[t] -= error;
-                    largest = largest.max(error.abs());
+                if tendon.holds_length() {
+                    let error = self.descent.posture.lengths[t] - goal[t];
+                    if error < 0.0 && self.descent.expansion.weights[t] == 0.0 {
+                        self.command[t] = goal[t];
+                    } else {
+                        taut.push((t, error));
+                    }
                 }
             }
+            let largest = taut
+                .iter()
+                .map(|(_, error)| error.abs())
+                .fold(0.0, f64::max);
             if largest <= LENGTH_TOLERANCE {
                 return (End::Settled, iterations);
             }
-            let (end, steps) = self.descend();
+            self.descent.correct_rest_lengths(&taut, &mut self.command);
+            let (end, steps) = self.rest(loads);
             iterations += steps;
             if end == End::Stalled {
                 return (end, iterations);

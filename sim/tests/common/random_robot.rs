@@ -60,7 +60,7 @@ pub fn random_spec(kind: Kind, rng: &mut impl Rng) -> RobotSpec {
         module.backbone = random_backbone(kind, rng);
         if kind == Kind::Elastic && rng.random() {
             module.limit = Some(PerDisc::Uniform(Limit {
-                angle: within(0.1, 0.3, rng),
+                angle: within(0.02, 0.2, rng),
                 stiffness: within(0.1, 1.0, rng),
             }));
         }
@@ -95,14 +95,15 @@ fn random_holes(count: usize, rng: &mut impl Rng) -> Holes {
 }
 
 fn random_backbone(kind: Kind, rng: &mut impl Rng) -> Option<PerDisc<Backbone>> {
-    let stiffness = within(0.05, 0.3, rng);
+    // Stiff enough that tendons do not turn discs so far that holes meet.
+    let stiffness = within(0.3, 1.0, rng);
     match kind {
         Kind::Mujoco => rng
             .random::<bool>()
             .then(|| PerDisc::Uniform(Backbone::isotropic(stiffness))),
         Kind::Elastic => Some(PerDisc::Uniform(Backbone {
-            bending: [stiffness, within(0.05, 0.3, rng)],
-            torsion: within(0.05, 0.3, rng),
+            bending: [stiffness, within(0.3, 1.0, rng)],
+            torsion: within(0.3, 1.0, rng),
             rest: std::array::from_fn(|_| within(-0.1, 0.1, rng)),
         })),
     }
@@ -110,7 +111,7 @@ fn random_backbone(kind: Kind, rng: &mut impl Rng) -> Option<PerDisc<Backbone>> 
 
 fn random_tendon(kind: Kind, rng: &mut impl Rng) -> TendonSpec {
     let gain = TendonSpec {
-        drive: Drive::Gain(within(100.0, 600.0, rng)),
+        drive: Drive::Gain(within(20.0, 100.0, rng)),
         range: [0.0, 0.04],
         pull: Pull::Bilateral,
         axial_stiffness: rng.random::<bool>().then(|| within(1e3, 1e4, rng)),
@@ -122,7 +123,7 @@ fn random_tendon(kind: Kind, rng: &mut impl Rng) -> TendonSpec {
     match rng.random_range(0..4) {
         0 => TendonSpec {
             drive: Drive::Tension,
-            range: [0.0, 3.0],
+            range: [0.0, 2.0],
             ..gain
         },
         1 => TendonSpec {
