@@ -47,6 +47,18 @@ impl Backbone {
         rotation_vector(&(rest.inverse() * q))
     }
 
+    /// Change of the energy's gradient (N m, disc frame) at rotation `q` for a change of the stiffness.
+    pub(crate) fn gradient_by_stiffness(
+        &self,
+        q: &UnitQuaternion<f64>,
+        change: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        let phi = self.strain(q);
+        inverse_right_jacobian(&phi)
+            .0
+            .tr_mul(&change.component_mul(&phi))
+    }
+
     /// `V = 1/2 phi' K phi`. A turn `xi` moves `phi` by `F xi`, `F` the inverse right Jacobian of
     /// the exponential map (Sola et al., A micro Lie theory, eq. 144), and by `1/2 DF[F xi] xi` to
     /// second order.

@@ -54,5 +54,6 @@ mod energy;
 mod newton;
 pub mod render;
 pub mod robot;
+pub mod sensitivity;
 pub mod statics;
 mod tendon;

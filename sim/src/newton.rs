@@ -5,6 +5,10 @@
 //! `s_c` of the columns (tendons) that pass the joint. That is a block Cholesky factorisation of the
 //! Hessian from the tip to the base, so its pivots are positive exactly where the Hessian is positive
 //! definite.
+#![allow(
+    clippy::needless_range_loop,
+    reason = "an index names one joint or slot in several arrays"
+)]
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
@@ -31,8 +35,6 @@ pub(crate) struct Factor {
     partial: Vec<Vector3<f64>>,
     /// The columns, as in [`Expansion::slopes`].
     slopes: Vec<Vector3<f64>>,
-    /// Scratch of a solve.
-    moments: Vec<Vector3<f64>>,
     /// The pivot that first was not positive, from the tip: its joint, smallest eigenvalue relative
     /// to its largest, and eigenvector.
     negative: Option<(usize, f64, Vector3<f64>)>,
@@ -63,7 +65,6 @@ impl Factor {
             below: vec![Matrix3::zeros(); n],
             partial: vec![Vector3::zeros(); n * columns.slots],
             slopes: vec![Vector3::zeros(); n * columns.slots],
-            moments: vec![Vector3::zeros(); n],
             negative: None,
             columns,
         }
@@ -196,29 +197,41 @@ impl Factor {
     /// Writes `-H⁻¹ g` to `step`: the joints' turns in world axes (rad), for the gradient of
     /// `joint` terms and `disc` terms as in [`Expansion`].
     pub fn descend(
-        &mut self,
+        &self,
         joint: &[Vector3<f64>],
         disc: &[Vector3<f64>],
         step: &mut [Vector3<f64>],
     ) {
-        with_slots!(self.substitute(joint, disc, step));
+        self.solve(joint, disc, step);
+        step.iter_mut().for_each(|turn| *turn = -*turn);
+    }
+
+    /// Writes `H⁻¹ r` to `solution`, for a right-hand side of `joint` terms and `disc` terms as in
+    /// [`Expansion`].
+    pub fn solve(
+        &self,
+        joint: &[Vector3<f64>],
+        disc: &[Vector3<f64>],
+        solution: &mut [Vector3<f64>],
+    ) {
+        with_slots!(self.substitute(joint, disc, solution));
     }
 
     fn substitute<const A: usize>(
-        &mut self,
-        joint_gradient: &[Vector3<f64>],
-        disc_gradient: &[Vector3<f64>],
-        step: &mut [Vector3<f64>],
+        &self,
+        joint_terms: &[Vector3<f64>],
+        disc_terms: &[Vector3<f64>],
+        solution: &mut [Vector3<f64>],
     ) {
         let slots = self.columns.slots;
         let n = self.pivots.len();
         let mut by_turn = Vector3::zeros();
         let mut by_sum = [0.0; A];
         for joint in (0..n).rev() {
-            by_turn += disc_gradient[joint];
+            by_turn += disc_terms[joint];
             let slopes = &self.slopes[joint * slots..][..slots];
             let partial = &self.partial[joint * slots..][..slots];
-            let mut moment = joint_gradient[joint] + by_turn;
+            let mut moment = joint_terms[joint] + by_turn;
             for (slope, sum) in slopes.iter().zip(&by_sum) {
                 moment += slope * *sum;
             }
@@ -230,18 +243,18 @@ impl Factor {
             for &column in &self.columns.bottom[joint] {
                 by_sum[self.columns.slot[column]] = 0.0;
             }
-            self.moments[joint] = moment;
+            solution[joint] = moment;
         }
         let mut turn = Vector3::zeros();
         let mut sums = [0.0; A];
         for joint in 0..n {
             let slopes = &self.slopes[joint * slots..][..slots];
             let partial = &self.partial[joint * slots..][..slots];
-            let mut moment = self.moments[joint] + self.below[joint].tr_mul(&turn);
+            let mut moment = solution[joint] - self.below[joint].tr_mul(&turn);
             for (partial, sum) in partial.iter().zip(&sums) {
-                moment += partial * *sum;
+                moment -= partial * *sum;
             }
-            let own = -(self.pivots[joint] * moment);
+            let own = self.pivots[joint] * moment;
             turn += own;
             for (slope, sum) in slopes.iter().zip(&mut sums) {
                 *sum += slope.dot(&own);
@@ -249,7 +262,7 @@ impl Factor {
             for &column in &self.columns.top[joint] {
                 sums[self.columns.slot[column]] = 0.0;
             }
-            step[joint] = own;
+            solution[joint] = own;
         }
     }
 }

@@ -45,13 +45,18 @@ impl DeadForces {
                 self.at_origin[wrench.disc] += Vector3::from(wrench.force);
             }
         }
-        let payload = loads.tip_payload();
-        self.payload = robot.gravity * payload.mass;
+        let weight = robot.gravity * loads.tip_payload().mass;
+        self.set_payload(robot, loads, weight);
+    }
+
+    /// Sets the payload's force, acting where the payload of `loads` hangs.
+    pub fn set_payload(&mut self, robot: &Robot, loads: &Loads, force: Vector3<f64>) {
+        self.payload = force;
         let origin = robot
             .discs
             .last()
             .map_or(Vector3::zeros(), |disc| disc.origin);
-        self.payload_arm = origin + Vector3::from(payload.offset);
+        self.payload_arm = origin + Vector3::from(loads.tip_payload().offset);
     }
 
     /// Their potential (J) in the poses of `chain`.

@@ -82,7 +82,7 @@ impl Expansion {
             above += disc;
             let squared = (own + above).norm_squared();
             // Not `max`: a NaN must not get lost.
-            if !(squared <= largest) {
+            if squared > largest || squared.is_nan() {
                 largest = squared;
             }
         }

@@ -3,7 +3,7 @@
 use super::*;
 use crate::newton::{Curvature, Factor};
 use crate::robot::{Command, Frame, Loads, Payload, RobotSpec, Wrench};
-use rand::{Rng, RngExt, SeedableRng};
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 #[path = "../../tests/common/random_robot.rs"]

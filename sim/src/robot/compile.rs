@@ -17,6 +17,14 @@ impl Robot {
     /// the straight pose (its direction would be undefined) that does not lie in a joint's centre.
     pub fn new(spec: RobotSpec) -> Result<Self, SpecError> {
         spec.validate()?;
+        let robot = Self::lay_out(spec);
+        robot.check_segments()?;
+        robot.check_crowding()?;
+        Ok(robot)
+    }
+
+    /// The layout of a specification whose lists have been validated; numbers may be anything.
+    pub(crate) fn lay_out(spec: RobotSpec) -> Self {
         let [w, x, y, z] = spec.base.orientation;
         let mut robot = Self {
             gravity: spec.gravity.into(),
@@ -28,13 +36,12 @@ impl Robot {
             spans: Vec::new(),
             spec,
         };
-        robot.lay_tendons()?;
-        robot.check_crowding()?;
-        Ok(robot)
+        robot.lay_tendons();
+        robot
     }
 
     /// Cuts every tendon's route into segments.
-    fn lay_tendons(&mut self) -> Result<(), SpecError> {
+    fn lay_tendons(&mut self) {
         for tendon in 0..self.tendons.len() {
             let route = self.tendons[tendon].route.clone();
             for (place, ends) in route.windows(2).enumerate() {
@@ -43,47 +50,31 @@ impl Robot {
                     (Body::Disc(_), Body::Base) => (ends[1], ends[0]),
                     _ => (ends[0], ends[1]),
                 };
-                self.lay_segment(tendon, place, lower, upper)?;
+                self.lay_segment(tendon, place, lower, upper);
             }
         }
         self.segments.sort_by_key(|segment| segment.joint);
-        Ok(())
     }
 
-    fn lay_segment(
-        &mut self,
-        tendon: usize,
-        place: usize,
-        lower: Waypoint,
-        upper: Waypoint,
-    ) -> Result<(), SpecError> {
+    fn lay_segment(&mut self, tendon: usize, place: usize, lower: Waypoint, upper: Waypoint) {
         let (from, to) = (self.hole(lower), self.hole(upper));
         let lower_disc = match lower.0 {
             Body::Base => None,
             Body::Disc(disc) => Some(disc),
         };
-        let Body::Disc(joint) = upper.0 else {
-            self.tendons[tendon].fixed_length += (to - from).norm();
-            return Ok(());
+        let upper = match upper.0 {
+            Body::Disc(disc) if Some(disc) != lower_disc => disc,
+            _ => {
+                self.tendons[tendon].fixed_length += (to - from).norm();
+                return;
+            }
         };
-        if lower.0 == upper.0 {
-            self.tendons[tendon].fixed_length += (to - from).norm();
-            return Ok(());
-        }
-        let first = lower_disc.map_or(0, |disc| disc + 1);
-        let between: Vector3<f64> = (first..=joint).map(|j| self.discs[j].joint_offset).sum();
-        let in_joint = first == joint && (from - between).norm() < 1e-12 && to.norm() < 1e-12;
-        if (between + to - from).norm() < 1e-6 && !in_joint {
-            let found = format!("of no length below disc {joint}");
-            let expected = "successive holes at least 1e-6 m apart in the straight pose";
-            return Err(refuse(&format!("tendon {tendon}"), found, expected));
-        }
-        if first == joint {
+        if lower_disc.map_or(0, |disc| disc + 1) == upper {
             self.segments.push(Segment {
-                joint,
+                joint: upper,
                 tendon,
                 place,
-                from: from - between,
+                from: from - self.discs[upper].joint_offset,
                 to,
             });
         } else {
@@ -91,10 +82,34 @@ impl Robot {
                 tendon,
                 place,
                 lower: lower_disc,
-                upper: joint,
+                upper,
                 from,
                 to,
             });
+        }
+    }
+
+    /// A segment of no length in the straight pose has no direction, unless it lies in the joint's
+    /// centre and stays of no length.
+    fn check_segments(&self) -> Result<(), SpecError> {
+        let refuse = |tendon: usize, disc: usize| {
+            let found = format!("of no length below disc {disc}");
+            let expected = "successive holes at least 1e-6 m apart in the straight pose";
+            Err(refuse(&format!("tendon {tendon}"), found, expected))
+        };
+        for segment in &self.segments {
+            let in_joint = segment.from.norm() < 1e-12 && segment.to.norm() < 1e-12;
+            if (segment.to - segment.from).norm() < 1e-6 && !in_joint {
+                return refuse(segment.tendon, segment.joint);
+            }
+        }
+        for span in &self.spans {
+            let first = span.lower.map_or(0, |disc| disc + 1);
+            let joints = first..=span.upper;
+            let between: Vector3<f64> = joints.map(|j| self.discs[j].joint_offset).sum();
+            if (between + span.to - span.from).norm() < 1e-6 {
+                return refuse(span.tendon, span.upper);
+            }
         }
         Ok(())
     }
@@ -117,9 +132,10 @@ impl Robot {
             }
         }
         for span in &self.spans {
-            for joint in span.lower.map_or(0, |disc| disc + 1)..=span.upper {
-                columns[joint] += 2;
-            }
+            // The columns across a piece reach down to the base: see `energy::Columns`.
+            columns[..=span.upper]
+                .iter_mut()
+                .for_each(|count| *count += 2);
         }
         match columns.iter().position(|&c| c > MAX_TENDONS_AT_JOINT) {
             Some(joint) => Err(refuse(
@@ -198,6 +214,18 @@ fn disc(module: &ModuleSpec, index: usize, origin_below: Vector3<f64>) -> Disc {
         armature: of(&module.armature, index),
         backbone: module.backbone.as_ref().map(|b| of(b, index)),
         limit: module.limit.as_ref().map(|l| of(l, index)),
+    }
+}
+
+impl Robot {
+    /// What a tendon was specified as.
+    pub(crate) fn tendon_spec(&self, tendon: usize) -> &TendonSpec {
+        let spec = &self.spec;
+        let of_modules =
+            (spec.modules.iter()).filter_map(|m| Some((m.tendons.as_ref()?, m.holes.count())));
+        let of_modules = of_modules.flat_map(|(tendon, count)| std::iter::repeat_n(tendon, count));
+        let mut all = of_modules.chain(spec.routes.iter().map(|route| &route.tendon));
+        all.nth(tendon).expect("a tendon of this robot")
     }
 }
 

@@ -37,16 +37,17 @@ fn follower(wrench: &Wrench, orientation: &Matrix3<f64>) -> (Vector3<f64>, Vecto
     }
 }
 
-/// Adds to `dead` and to the expansion's gradient what `share` of the loads without a potential is in
-/// this posture. The forces must be in `dead` before the expansion is made: see [`add_forces`].
-fn add_moments(loads: &Loads, share: f64, posture: &Posture, expansion: &mut Expansion) {
+/// Adds to the expansion's gradient what `share` of the moments is in this posture. The forces must be
+/// in its dead forces: see [`add_forces`].
+pub(crate) fn add_moments(loads: &Loads, share: f64, posture: &Posture, expansion: &mut Expansion) {
     for wrench in loads.wrenches().iter().filter(|wrench| follows(wrench)) {
         let (_, moment) = follower(wrench, posture.chain.disc(wrench.disc));
         expansion.disc_gradient[wrench.disc] -= moment * share;
     }
 }
 
-fn add_forces(loads: &Loads, share: f64, posture: &Posture, dead: &mut DeadForces) {
+/// Adds to `dead` what `share` of the forces without a potential is in this posture.
+pub(crate) fn add_forces(loads: &Loads, share: f64, posture: &Posture, dead: &mut DeadForces) {
     for wrench in loads.wrenches().iter().filter(|wrench| follows(wrench)) {
         let (force, _) = follower(wrench, posture.chain.disc(wrench.disc));
         dead.at_origin[wrench.disc] += force * share;

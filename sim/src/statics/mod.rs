@@ -13,7 +13,7 @@
 //! equilibrium without them, by Newton's method on the moments left.
 
 mod descent;
-mod follower;
+pub(crate) mod follower;
 mod settler;
 
 pub use settler::Settler;

@@ -1,0 +1,359 @@
+//! Derivatives of an equilibrium by anything that it depends on.
+//!
+//! At an equilibrium the gradient `g(q, p)` of the potential vanishes, so `dq/dp = -H⁻¹ dg/dp` with
+//! the Hessian `H` (implicit function theorem). The factor of `H` takes O(n) to build and to solve
+//! with, so a Jacobian by the command costs less than settling, and a vector-Jacobian product by any
+//! number of parameters one solve.
+//!
+//! ```
+//! use tdcr_sim::robot::{Loads, Robot};
+//! use tdcr_sim::sensitivity::Parameter;
+//!
+//! let robot = Robot::load("2m")?;
+//! let (command, loads) = (robot.mean_command(), Loads::payload(0.02)?);
+//! let settled = robot.settle(&command, &loads);
+//! let sensitivity = robot.sensitivity(&command, &loads, &settled)?;
+//! let jacobian = sensitivity.jacobian(&[Parameter::Command(0), Parameter::Payload])?;
+//! // Six rows a disc: how far the tip (disc 9) sinks per kg.
+//! assert!(jacobian[(6 * 9 + 2, 1)] < 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Where a tendon is just about to go slack, or a joint just touches its limit, derivatives differ
+//! from one side to the other; those of the side where the equilibrium lies are given. Friction of
+//! tendons is left out.
+
+mod parameter;
+mod tangent;
+
+pub use parameter::{Axis, Parameter, SensitivityError};
+
+use faer::Mat;
+use faer::linalg::solvers::{PartialPivLu, Solve};
+use nalgebra::{DMatrix, Vector3};
+
+use crate::energy::{DeadForces, Expansion, Potential};
+use crate::newton::{Curvature, Factor};
+use crate::robot::{Command, Loads, Robot};
+use crate::statics::{Equilibrium, follower};
+use crate::tendon::{LENGTH_PENALTY, Posture};
+use parameter::ModelTangent;
+
+/// A change of a disc's pose, or what a cost changes by for one: world frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PoseTangent {
+    /// Of the origin (m).
+    pub position: Vector3<f64>,
+    /// Of the orientation: a rotation vector (rad).
+    pub rotation: Vector3<f64>,
+}
+
+/// An equilibrium made ready to be differentiated: [`Robot::sensitivity`].
+#[derive(Clone, Debug)]
+pub struct Sensitivity<'a> {
+    robot: &'a Robot,
+    loads: Loads,
+    q: crate::chain::Configuration,
+    posture: Posture,
+    expansion: Expansion,
+    dead: DeadForces,
+    /// The command, or where a length is commanded the rest length that gives the tension.
+    command: Vec<f64>,
+    system: System,
+    /// Tendons whose length is commanded and which are taut.
+    held: Held,
+}
+
+/// The linear system of the equilibrium.
+#[derive(Clone, Debug)]
+enum System {
+    /// With a potential.
+    Chain(Box<Factor>),
+    /// With moments or following forces: the Jacobian's and its transpose's factors.
+    Dense(Box<[PartialPivLu<f64>; 2]>),
+}
+
+/// Constraints that tendons keep their commanded lengths.
+#[derive(Clone, Debug)]
+struct Held {
+    tendons: Vec<usize>,
+    /// Gradients of their lengths, by joint.
+    slopes: Vec<Vec<Vector3<f64>>>,
+    /// `J⁻¹` of these, and `J⁻ᵀ`.
+    responses: [Vec<Vec<Vector3<f64>>>; 2],
+    /// Slopes times responses.
+    compliance: Option<[PartialPivLu<f64>; 2]>,
+}
+
+/// Which of the system's matrices to solve with.
+#[derive(Clone, Copy)]
+enum Side {
+    Jacobian = 0,
+    Transpose = 1,
+}
+
+impl Robot {
+    /// Prepares to differentiate the equilibrium of `command` and `loads`.
+    ///
+    /// # Errors
+    /// [`SensitivityError`] if the robot has not settled there, or not stably.
+    pub fn sensitivity(
+        &self,
+        command: &Command,
+        loads: &Loads,
+        equilibrium: &Equilibrium,
+    ) -> Result<Sensitivity<'_>, SensitivityError> {
+        if !equilibrium.converged {
+            return Err(SensitivityError::NotSettled(equilibrium.residual));
+        }
+        let mut sensitivity = Sensitivity::expand(self, command, loads, equilibrium);
+        sensitivity.factorise()?;
+        sensitivity.hold_lengths();
+        Ok(sensitivity)
+    }
+}
+
+impl<'a> Sensitivity<'a> {
+    fn expand(
+        robot: &'a Robot,
+        command: &Command,
+        loads: &Loads,
+        equilibrium: &Equilibrium,
+    ) -> Self {
+        let mut posture = Posture::new(robot);
+        posture.place(robot, &equilibrium.configuration);
+        let mut dead = DeadForces::new(robot);
+        dead.set(robot, loads);
+        follower::add_forces(loads, 1.0, &posture, &mut dead);
+        let mut effective = command.as_slice().to_vec();
+        for (t, tendon) in robot.tendons.iter().enumerate() {
+            if tendon.holds_length() {
+                effective[t] = posture.lengths[t] - equilibrium.tendon_tensions[t] / LENGTH_PENALTY;
+            }
+        }
+        let mut expansion = Expansion::new(robot);
+        let potential = Potential {
+            robot,
+            command: &effective,
+            dead: &dead,
+        };
+        potential.expand(&equilibrium.configuration, &posture, &mut expansion);
+        follower::add_moments(loads, 1.0, &posture, &mut expansion);
+        Self {
+            robot,
+            loads: loads.clone(),
+            q: equilibrium.configuration.clone(),
+            system: System::Chain(Box::new(Factor::new(&expansion))),
+            held: Held {
+                tendons: Vec::new(),
+                slopes: Vec::new(),
+                responses: [Vec::new(), Vec::new()],
+                compliance: None,
+            },
+            posture,
+            expansion,
+            dead,
+            command: effective,
+        }
+    }
+
+    fn factorise(&mut self) -> Result<(), SensitivityError> {
+        if self.loads.wrenches().iter().any(follower::follows) {
+            let jacobian = follower::jacobian(&self.loads, 1.0, &self.posture, &self.expansion);
+            let transpose = jacobian.transpose().to_owned();
+            let factors = [jacobian.partial_piv_lu(), transpose.partial_piv_lu()];
+            self.system = System::Dense(Box::new(factors));
+            return Ok(());
+        }
+        let mut factor = Factor::new(&self.expansion);
+        if factor.factorise(&self.expansion, 0.0) == Curvature::Modified {
+            return Err(SensitivityError::Unstable);
+        }
+        self.system = System::Chain(Box::new(factor));
+        Ok(())
+    }
+
+    fn hold_lengths(&mut self) {
+        let taut =
+            |t: &usize| self.robot.tendons[*t].holds_length() && self.expansion.weights[*t] > 0.0;
+        let tendons: Vec<usize> = (0..self.robot.tendons.len()).filter(taut).collect();
+        if tendons.is_empty() {
+            return;
+        }
+        let columns = self.expansion.dense_columns();
+        let slopes: Vec<_> = tendons.iter().map(|&t| columns[t].1.clone()).collect();
+        let none = vec![Vector3::zeros(); self.robot.discs.len()];
+        let responses = [Side::Jacobian, Side::Transpose].map(|side| {
+            let solve = |slope: &Vec<Vector3<f64>>| self.solve_free(slope, &none, side);
+            slopes.iter().map(solve).collect::<Vec<_>>()
+        });
+        let compliance = |responses: &Vec<Vec<Vector3<f64>>>| {
+            let entry = |i: usize, j: usize| dot(&slopes[i], &responses[j]);
+            Mat::from_fn(tendons.len(), tendons.len(), entry).partial_piv_lu()
+        };
+        self.held = Held {
+            compliance: Some([compliance(&responses[0]), compliance(&responses[1])]),
+            tendons,
+            slopes,
+            responses,
+        };
+    }
+
+    /// Solves with the Jacobian (or its transpose), lengths free.
+    fn solve_free(
+        &self,
+        joint: &[Vector3<f64>],
+        disc: &[Vector3<f64>],
+        side: Side,
+    ) -> Vec<Vector3<f64>> {
+        let n = joint.len();
+        match &self.system {
+            System::Chain(factor) => {
+                let mut solution = vec![Vector3::zeros(); n];
+                factor.solve(joint, disc, &mut solution);
+                solution
+            }
+            System::Dense(factors) => {
+                let mut total = joint.to_vec();
+                let mut above = Vector3::zeros();
+                for (total, disc) in total.iter_mut().zip(disc).rev() {
+                    above += disc;
+                    *total += above;
+                }
+                let rhs = Mat::from_fn(3 * n, 1, |i, _| total[i / 3][i % 3]);
+                let solution = factors[side as usize].solve(&rhs);
+                let turn = |i| Vector3::from_fn(|axis, _| solution[(3 * i + axis, 0)]);
+                (0..n).map(turn).collect()
+            }
+        }
+    }
+
+    /// Solves with the Jacobian, the held tendons' lengths growing by `growth`; also returns the
+    /// multipliers of those constraints.
+    fn solve(
+        &self,
+        joint: &[Vector3<f64>],
+        disc: &[Vector3<f64>],
+        growth: &[f64],
+        side: Side,
+    ) -> (Vec<Vector3<f64>>, Vec<f64>) {
+        let mut solution = self.solve_free(joint, disc, side);
+        let Some(compliance) = &self.held.compliance else {
+            return (solution, Vec::new());
+        };
+        let excess = |i: usize| dot(&self.held.slopes[i], &solution) - growth[i];
+        let excess = Mat::from_fn(growth.len(), 1, |i, _| excess(i));
+        let multipliers = compliance[side as usize].solve(&excess);
+        for (i, response) in self.held.responses[side as usize].iter().enumerate() {
+            for (turn, response) in solution.iter_mut().zip(response) {
+                *turn -= response * multipliers[(i, 0)];
+            }
+        }
+        let multipliers = (0..growth.len()).map(|i| multipliers[(i, 0)]).collect();
+        (solution, multipliers)
+    }
+
+    /// Jacobian of all disc poses by `parameters`: `6 n` rows, for each disc its origin (m, world
+    /// frame) and its rotation (rad, a rotation vector in the world frame); one column per parameter.
+    ///
+    /// # Errors
+    /// [`SensitivityError::Parameter`] for one that the robot does not have.
+    pub fn jacobian(&self, parameters: &[Parameter]) -> Result<DMatrix<f64>, SensitivityError> {
+        let mut jacobian = DMatrix::zeros(6 * self.robot.discs.len(), parameters.len());
+        for (column, &parameter) in parameters.iter().enumerate() {
+            let tangent = ModelTangent::new(self.robot, &self.loads, parameter)?;
+            for (disc, pose) in self.poses(&tangent).iter().enumerate() {
+                for axis in 0..3 {
+                    jacobian[(6 * disc + axis, column)] = pose.position[axis];
+                    jacobian[(6 * disc + 3 + axis, column)] = pose.rotation[axis];
+                }
+            }
+        }
+        Ok(jacobian)
+    }
+
+    /// The Jacobian by the command, one column per tendon.
+    pub fn command_jacobian(&self) -> DMatrix<f64> {
+        let n = self.robot.discs.len();
+        let mut jacobian = DMatrix::zeros(6 * n, self.robot.tendons.len());
+        let mut tangent = ModelTangent::zero(self.robot);
+        for tendon in 0..self.robot.tendons.len() {
+            tangent.command[tendon] = 1.0;
+            for (disc, pose) in self.poses(&tangent).iter().enumerate() {
+                let mut rows = jacobian.view_mut((6 * disc, tendon), (6, 1));
+                rows.fixed_rows_mut::<3>(0).copy_from(&pose.position);
+                rows.fixed_rows_mut::<3>(3).copy_from(&pose.rotation);
+            }
+            tangent.command[tendon] = 0.0;
+        }
+        jacobian
+    }
+
+    /// Change of all disc poses when the parameters change together at the given rates.
+    ///
+    /// # Errors
+    /// [`SensitivityError::Parameter`] for one that the robot does not have.
+    pub fn jvp(
+        &self,
+        direction: &[(Parameter, f64)],
+    ) -> Result<Vec<PoseTangent>, SensitivityError> {
+        let mut total = vec![PoseTangent::default(); self.robot.discs.len()];
+        for &(parameter, rate) in direction {
+            let tangent = ModelTangent::new(self.robot, &self.loads, parameter)?;
+            for (total, pose) in total.iter_mut().zip(self.poses(&tangent)) {
+                total.position += pose.position * rate;
+                total.rotation += pose.rotation * rate;
+            }
+        }
+        Ok(total)
+    }
+
+    /// Change of a cost by each of the parameters, given its change by each disc's pose: one solve,
+    /// whatever the number of parameters.
+    ///
+    /// # Errors
+    /// [`SensitivityError::Parameter`] for one that the robot does not have.
+    ///
+    /// # Panics
+    /// If there is not one cotangent for each disc.
+    pub fn vjp(
+        &self,
+        cotangents: &[PoseTangent],
+        parameters: &[Parameter],
+    ) -> Result<Vec<f64>, SensitivityError> {
+        let n = self.robot.discs.len();
+        assert_eq!(cotangents.len(), n, "one cotangent for each disc");
+        let none = vec![Vector3::zeros(); n];
+        let levers = self.levers(cotangents);
+        let growth = vec![0.0; self.held.tendons.len()];
+        let (adjoint, multipliers) = self.solve(&none, &levers, &growth, Side::Transpose);
+        let cost = |&parameter: &Parameter| {
+            let tangent = ModelTangent::new(self.robot, &self.loads, parameter)?;
+            let change = self.gradient_tangent(&tangent);
+            let held = self.held.tendons.iter().zip(&multipliers);
+            let held: f64 = held
+                .map(|(&t, multiplier)| multiplier * (tangent.command[t] - change.lengths[t]))
+                .sum();
+            let explicit: f64 = (self.explicit_positions(&tangent).iter().zip(cotangents))
+                .map(|(moved, cotangent)| moved.dot(&cotangent.position))
+                .sum();
+            Ok(explicit + held - change.work(&adjoint))
+        };
+        parameters.iter().map(cost).collect()
+    }
+
+    /// Change of all disc poses for a change of the model.
+    fn poses(&self, tangent: &ModelTangent) -> Vec<PoseTangent> {
+        let change = self.gradient_tangent(tangent);
+        let growth: Vec<f64> = (self.held.tendons.iter())
+            .map(|&t| change.lengths[t] - tangent.command[t])
+            .collect();
+        let (turns, _) = self.solve(&change.joint, &change.disc, &growth, Side::Jacobian);
+        // That solved for the turns that balance the change; the robot makes the opposite ones.
+        self.move_discs(tangent, &turns)
+    }
+}
+
+fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+}

@@ -1,0 +1,262 @@
+//! How the potential's gradient, and the discs' poses, change with the model.
+
+use nalgebra::Vector3;
+
+use super::parameter::ModelTangent;
+use super::{PoseTangent, Sensitivity};
+use crate::robot::Drive;
+
+/// Change of the potential's gradient in a fixed configuration.
+pub(super) struct GradientTangent {
+    /// Of each joint's own terms (N m).
+    pub joint: Vec<Vector3<f64>>,
+    /// Of each disc's terms (N m).
+    pub disc: Vec<Vector3<f64>>,
+    /// Of each tendon's length (m).
+    pub lengths: Vec<f64>,
+}
+
+impl GradientTangent {
+    /// Its work for turns of the joints.
+    pub fn work(&self, turns: &[Vector3<f64>]) -> f64 {
+        let mut turn = Vector3::zeros();
+        let mut work = 0.0;
+        for (own, (joint, disc)) in turns.iter().zip(self.joint.iter().zip(&self.disc)) {
+            turn += own;
+            work += own.dot(joint) + turn.dot(disc);
+        }
+        work
+    }
+}
+
+/// Change of a piece of tendon in a fixed configuration.
+struct PieceTangent {
+    /// Of the upper hole's place (m).
+    upper: Vector3<f64>,
+    /// Of the lower hole's place (m).
+    lower: Vector3<f64>,
+}
+
+impl Sensitivity<'_> {
+    /// Change of the gradient when the model changes and the configuration does not.
+    pub(super) fn gradient_tangent(&self, tangent: &ModelTangent) -> GradientTangent {
+        let robot = self.robot;
+        let n = robot.discs.len();
+        let mut out = GradientTangent {
+            joint: vec![Vector3::zeros(); n],
+            disc: vec![Vector3::zeros(); n],
+            lengths: vec![0.0; robot.tendons.len()],
+        };
+        let centres = self.moved_centres(tangent);
+        let spans: Vec<_> = (0..robot.spans.len())
+            .map(|i| self.moved_span(tangent, &centres, i))
+            .collect();
+        self.lengthen(tangent, &spans, &mut out);
+        let pull = self.pull(tangent, &out.lengths);
+        self.add_segments(tangent, &pull, &mut out);
+        self.add_spans(&centres, &spans, &pull, &mut out);
+        self.add_dead(tangent, &mut out);
+        self.add_backbone(tangent, &mut out);
+        out
+    }
+
+    /// Change of the joints' centres in a fixed configuration (m).
+    fn moved_centres(&self, tangent: &ModelTangent) -> Vec<Vector3<f64>> {
+        let mut moved = Vector3::zeros();
+        let offsets = self
+            .posture
+            .chain
+            .orientations
+            .iter()
+            .zip(&tangent.joint_offsets);
+        offsets
+            .map(|(below, offset)| {
+                moved += below * offset;
+                moved
+            })
+            .collect()
+    }
+
+    /// Change of the discs' origins in a fixed configuration (m): the parameters do not move a disc on
+    /// its joint.
+    pub(super) fn explicit_positions(&self, tangent: &ModelTangent) -> Vec<Vector3<f64>> {
+        self.moved_centres(tangent)
+    }
+
+    fn moved_segment(&self, tangent: &ModelTangent, index: usize) -> PieceTangent {
+        let joint = self.robot.segments[index].joint;
+        let orientations = &self.posture.chain.orientations;
+        let [from, to] = &tangent.segments[index];
+        PieceTangent {
+            upper: orientations[joint + 1] * to,
+            lower: orientations[joint] * from,
+        }
+    }
+
+    fn moved_span(
+        &self,
+        tangent: &ModelTangent,
+        centres: &[Vector3<f64>],
+        index: usize,
+    ) -> PieceTangent {
+        let span = &self.robot.spans[index];
+        let chain = &self.posture.chain;
+        let [from, to] = &tangent.spans[index];
+        PieceTangent {
+            upper: centres[span.upper] + chain.disc(span.upper) * to,
+            lower: match span.lower {
+                None => chain.orientations[0] * from,
+                Some(disc) => centres[disc] + chain.disc(disc) * from,
+            },
+        }
+    }
+
+    fn lengthen(&self, tangent: &ModelTangent, spans: &[PieceTangent], out: &mut GradientTangent) {
+        for (i, segment) in self.robot.segments.iter().enumerate() {
+            let moved = self.moved_segment(tangent, i);
+            let direction = self.posture.stretches[i].direction;
+            out.lengths[segment.tendon] += direction.dot(&(moved.upper - moved.lower));
+        }
+        for (span, moved) in self.robot.spans.iter().zip(spans) {
+            let (_, _, stretch) = span.stretch(self.robot, &self.posture.chain);
+            out.lengths[span.tendon] += stretch.direction.dot(&(moved.upper - moved.lower));
+        }
+    }
+
+    /// Change of the tensions (N) in a fixed configuration.
+    fn pull(&self, tangent: &ModelTangent, lengths: &[f64]) -> Vec<f64> {
+        let change = |t: usize| {
+            let tendon = &self.robot.tendons[t];
+            let weight = self.expansion.weights[t];
+            match tendon.drive {
+                Drive::Tension => tangent.command[t],
+                // The rest length that stands for a commanded length is an unknown of the solve.
+                _ if tendon.holds_length() => weight * lengths[t],
+                _ if weight == 0.0 => 0.0,
+                _ => {
+                    let stretch = self.posture.lengths[t] - self.command[t];
+                    weight * (lengths[t] - tangent.command[t]) + tangent.stiffness[t] * stretch
+                }
+            }
+        };
+        (0..lengths.len()).map(change).collect()
+    }
+
+    fn add_segments(&self, tangent: &ModelTangent, pull: &[f64], out: &mut GradientTangent) {
+        for (i, segment) in self.robot.segments.iter().enumerate() {
+            let stretch = &self.posture.stretches[i];
+            let moved = self.moved_segment(tangent, i);
+            let turned = turned_direction(&stretch.direction, stretch.length, &moved);
+            let slope = moved.upper.cross(&stretch.direction) + stretch.hole.cross(&turned);
+            out.joint[segment.joint] += stretch.gradient() * pull[segment.tendon]
+                + slope * self.expansion.tensions[segment.tendon];
+        }
+    }
+
+    fn add_spans(
+        &self,
+        centres: &[Vector3<f64>],
+        spans: &[PieceTangent],
+        pull: &[f64],
+        out: &mut GradientTangent,
+    ) {
+        let chain = &self.posture.chain;
+        for (span, moved) in self.robot.spans.iter().zip(spans) {
+            let (_, upper, stretch) = span.stretch(self.robot, chain);
+            let tension = self.expansion.tensions[span.tendon];
+            let u = stretch.direction;
+            let turned = turned_direction(&u, stretch.length, moved);
+            let first = span.lower.map_or(0, |disc| disc + 1);
+            for (joint, centre) in centres.iter().enumerate().take(span.upper + 1).skip(first) {
+                let arm = upper - chain.centres[joint];
+                let moved_arm = moved.upper - centre;
+                out.joint[joint] += arm.cross(&u) * pull[span.tendon]
+                    + (moved_arm.cross(&u) + arm.cross(&turned)) * tension;
+            }
+        }
+    }
+
+    fn add_dead(&self, tangent: &ModelTangent, out: &mut GradientTangent) {
+        let chain = &self.posture.chain;
+        let n = chain.positions.len();
+        let (mut above, mut more_above) = (Vector3::zeros(), Vector3::zeros());
+        for k in (0..n).rev() {
+            let arm = chain.positions[k] - chain.centres[k];
+            let more = tangent.dead.at_origin[k];
+            let mut change = more.cross(&arm) - tangent.moments[k];
+            if k + 1 == n {
+                let hung = chain.disc(k) * self.dead.payload_arm;
+                change += tangent.dead.payload.cross(&hung);
+                above += self.dead.payload;
+                more_above += tangent.dead.payload;
+            } else {
+                let arm = chain.centres[k + 1] - chain.centres[k];
+                let moved = chain.disc(k) * tangent.joint_offsets[k + 1];
+                change += more_above.cross(&arm) + above.cross(&moved);
+            }
+            above += self.dead.at_origin[k];
+            more_above += more;
+            out.disc[k] += change;
+        }
+    }
+
+    fn add_backbone(&self, tangent: &ModelTangent, out: &mut GradientTangent) {
+        for (i, disc) in self.robot.discs.iter().enumerate() {
+            if let Some(backbone) = &disc.backbone {
+                let stiffer = &tangent.backbone[i];
+                let change = backbone.gradient_by_stiffness(&self.q.0[i], stiffer);
+                out.joint[i] += self.posture.chain.disc(i) * change;
+            }
+        }
+    }
+
+    /// Change of the discs' poses when the model changes and the joints turn by `-turns`.
+    pub(super) fn move_discs(
+        &self,
+        tangent: &ModelTangent,
+        turns: &[Vector3<f64>],
+    ) -> Vec<PoseTangent> {
+        let chain = &self.posture.chain;
+        let (mut rotation, mut centre) = (Vector3::zeros(), Vector3::zeros());
+        let mut below = self.robot.base;
+        (0..turns.len())
+            .map(|i| {
+                let explicit = chain.orientations[i] * tangent.joint_offsets[i];
+                centre += rotation.cross(&(chain.centres[i] - below)) + explicit;
+                below = chain.centres[i];
+                rotation -= turns[i];
+                let arm = chain.positions[i] - chain.centres[i];
+                PoseTangent {
+                    position: centre + rotation.cross(&arm),
+                    rotation,
+                }
+            })
+            .collect()
+    }
+
+    /// What a cost changes by for each disc's turn in the world, given its change by the poses.
+    pub(super) fn levers(&self, cotangents: &[PoseTangent]) -> Vec<Vector3<f64>> {
+        let chain = &self.posture.chain;
+        let n = cotangents.len();
+        let mut levers = vec![Vector3::zeros(); n];
+        let mut above = Vector3::zeros();
+        for k in (0..n).rev() {
+            let arm = chain.positions[k] - chain.centres[k];
+            levers[k] = arm.cross(&cotangents[k].position) + cotangents[k].rotation;
+            if k + 1 < n {
+                levers[k] += (chain.centres[k + 1] - chain.centres[k]).cross(&above);
+            }
+            above += cotangents[k].position;
+        }
+        levers
+    }
+}
+
+/// Change of a piece's direction when its ends move.
+fn turned_direction(u: &Vector3<f64>, length: f64, moved: &PieceTangent) -> Vector3<f64> {
+    if length == 0.0 {
+        return Vector3::zeros();
+    }
+    let apart = moved.upper - moved.lower;
+    (apart - u * u.dot(&apart)) / length
+}
