@@ -27,7 +27,7 @@ lint:
 	cargo clippy $(WORKSPACE) --all-targets --release --locked -- -D warnings
 
 docs:
-	RUSTDOCFLAGS="-D warnings" cargo doc $(WORKSPACE) --no-deps --locked
+	RUSTDOCFLAGS="-D warnings" cargo doc $(WORKSPACE) --no-deps --release --locked
 
 # In release mode: the tests settle tens of thousands of robots and train small networks.
 test-rust:
