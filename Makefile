@@ -3,7 +3,10 @@
 PYTHON := .venv/bin/python
 TDCR := $(CURDIR)/target/release/tdcr
 
-.PHONY: demo build test setup format lint docs test-rust test-python bench clean
+# All but the crate that calls MuJoCo's C library: `make test-mujoco` alone needs MuJoCo and libclang.
+WORKSPACE := --workspace --exclude tdcr-mujoco
+
+.PHONY: demo build test setup format lint docs test-rust test-mujoco test-python bench clean
 
 demo: build
 	$(TDCR) demo --out demo_out
@@ -12,7 +15,7 @@ build:
 	cargo build --release --locked
 
 # Everything that must hold at every commit.
-test: setup format lint docs test-rust test-python
+test: setup format lint docs test-rust test-mujoco test-python
 
 setup:
 	@scripts/setup.sh
@@ -21,20 +24,30 @@ format:
 	cargo fmt --all --check
 
 lint:
-	cargo clippy --workspace --all-targets --release --locked -- -D warnings
+	cargo clippy $(WORKSPACE) --all-targets --release --locked -- -D warnings
 
 docs:
-	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
+	RUSTDOCFLAGS="-D warnings" cargo doc $(WORKSPACE) --no-deps --release --locked
 
 # In release mode: the tests settle tens of thousands of robots and train small networks.
 test-rust:
-	cargo test --workspace --release --locked
+	cargo test $(WORKSPACE) --release --locked
+
+# With the MuJoCo of MUJOCO_DIR, or else Debian's; then with the newer one of the Python environment.
+# Both packages in one command share their dependencies.
+WITH_MUJOCO := -p tdcr -p tdcr-mujoco --features tdcr/mujoco --release --locked
+TEST_MUJOCO := cargo test $(WITH_MUJOCO) --test mujoco --test closed_forms
+test-mujoco:
+	cargo clippy $(WITH_MUJOCO) --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc $(WITH_MUJOCO) --no-deps
+	$(TEST_MUJOCO)
+	MUJOCO_DIR="$$($(PYTHON) -c 'import mujoco; print(mujoco.__path__[0])')" $(TEST_MUJOCO)
 
 test-python: build
 	TDCR=$(TDCR) $(PYTHON) -m pytest -q tests/python
 
 bench:
-	cargo bench --workspace --locked
+	cargo bench $(WORKSPACE) --locked
 
 clean:
 	cargo clean

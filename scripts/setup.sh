@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
 # Makes ready what `make test` needs, or says what is missing before anything else runs:
-# a Rust toolchain, a C compiler, and a Python virtual environment for the cross-checks.
+# a Rust toolchain, a C compiler, and for the cross-checks MuJoCo, libclang (which reads MuJoCo's
+# header), and a Python virtual environment. MUJOCO_DIR and LIBCLANG_PATH, when set, stand for
+# MuJoCo's and libclang's packages.
 set -u
 cd "$(dirname "$0")/.."
 
@@ -16,6 +18,8 @@ fi
 need cc gcc
 need python3 python3
 python3 -c 'import ensurepip, venv' 2>/dev/null || missing+=(python3-venv)
+[ -n "${MUJOCO_DIR:-}" ] || [ -f /usr/include/mujoco/mujoco.h ] || missing+=(libmujoco-dev)
+[ -n "${LIBCLANG_PATH:-}" ] || compgen -G '/usr/lib/llvm-*/lib/libclang.so' >/dev/null || missing+=(libclang-dev)
 
 if [ ${#missing[@]} -gt 0 ]; then
     echo "setup: missing Debian packages: ${missing[*]}"
@@ -36,7 +40,7 @@ if ! cmp -s "$requirements" "$stamp"; then
     echo "setup: making the Python environment .venv"
     if ! { python3 -m venv .venv && .venv/bin/python -m pip install -q --disable-pip-version-check -r "$requirements"; }; then
         echo "setup: could not install the packages of $requirements into .venv; is there a network?" >&2
-        echo "setup: without them, 'make format lint docs test-rust' runs all checks but the Python ones" >&2
+        echo "setup: without them, 'make format lint docs test-rust' runs all checks but those against MuJoCo, h5py and SciPy" >&2
         exit 1
     fi
     cp "$requirements" "$stamp"
