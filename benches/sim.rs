@@ -26,7 +26,7 @@ fn settle(criterion: &mut Criterion) {
         criterion.bench_function(&format!("settle a random command of {name}"), |bencher| {
             bencher.iter(|| {
                 let command = commands.next().expect("an endless cycle");
-                black_box(settler.settle(&command, &Loads::default()))
+                black_box(settler.settle(&command, &Loads::default()).residual)
             });
         });
     }
@@ -37,7 +37,7 @@ fn observe(criterion: &mut Criterion) {
     let mut settler = Settler::new(&robot);
     let equilibria: Vec<_> = commands(&robot)
         .iter()
-        .map(|command| settler.settle(command, &Loads::default()))
+        .map(|command| settler.settle(command, &Loads::default()).clone())
         .collect();
     for (base, name) in [
         (BaseVisibility::Hidden, "without base"),

@@ -1,23 +1,41 @@
 //! `tdcr settle`.
 
 use std::fmt::Write;
+use std::time::Instant;
 
 use anyhow::bail;
 use clap::Args;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
+use tdcr::pipeline::{Monitor, PipelineError};
 use tdcr::sim::robot::{Loads, Robot};
+use tdcr::sim::statics::Settler;
 
-use super::CommandArg;
 use super::console::Console;
 
-/// Settle a robot under one command: where its discs come to rest
+/// Settle a robot under a command: where its discs come to rest
 #[derive(Debug, Args)]
 pub(super) struct SettleArgs {
     /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
     #[arg(long, default_value = "2m")]
     robot: String,
-    #[command(flatten)]
-    command: CommandArg,
+    /// Command of every tendon (m, or N for a tension drive), separated by commas
+    #[arg(
+        long = "command",
+        value_delimiter = ',',
+        required_unless_present = "random",
+        conflicts_with = "random",
+        allow_hyphen_values = true,
+        value_name = "C,C,..."
+    )]
+    command: Vec<f64>,
+    /// Settle N random commands instead, on one thread, and say how well and how fast
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    random: Option<u64>,
+    /// Seed of the random commands
+    #[arg(long, default_value_t = 0, requires = "random")]
+    seed: u64,
     /// Mass hung from the tip disc (kg)
     #[arg(
         long,
@@ -42,10 +60,25 @@ struct Settled {
     converged: bool,
 }
 
+/// How settling random commands went.
+#[derive(Serialize)]
+struct Survey {
+    count: u64,
+    converged: u64,
+    /// Largest moment left on a joint (N m).
+    max_residual: f64,
+    /// Time of one solve from the straight pose.
+    median_us: f64,
+    p99_us: f64,
+}
+
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     let robot = Robot::load(&args.robot)?;
-    let command = robot.command(&args.command.lengths)?;
     let loads = Loads::payload(args.payload)?;
+    if let Some(count) = args.random {
+        return survey(&robot, &loads, count, args.seed, console);
+    }
+    let command = robot.command(&args.command)?;
     let equilibrium = robot.settle(&command, &loads);
     let settled = Settled {
         min_eigenvalue: robot.smallest_stiffness(&command, &loads, &equilibrium.configuration),
@@ -71,6 +104,62 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
             "the robot did not settle: residual {:e} N m",
             settled.residual
         );
+    }
+    Ok(())
+}
+
+/// Settles random commands one after another and reports figures over all of them.
+fn survey(
+    robot: &Robot,
+    loads: &Loads,
+    count: u64,
+    seed: u64,
+    console: &Console,
+) -> anyhow::Result<()> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut settler = Settler::new(robot);
+    let (mut converged, mut max_residual) = (0, 0.0_f64);
+    // Four bytes a solve: the one thing that grows with their number.
+    let mut times: Vec<f32> = Vec::new();
+    console.begin("settle", count, 0);
+    for done in 0..count {
+        let command = robot.random_command(&mut rng);
+        let began = Instant::now();
+        let settled = settler.settle(&command, loads);
+        times.push(began.elapsed().as_nanos() as f32 / 1e3);
+        converged += u64::from(settled.converged);
+        max_residual = max_residual.max(settled.residual);
+        if done % 1024 == 1023 {
+            console.advance(1024);
+            if console.interrupted() {
+                break;
+            }
+        }
+    }
+    console.end();
+    let stopped = (times.len() as u64) < count;
+    let count = times.len() as u64;
+    times.sort_by(f32::total_cmp);
+    let quantile =
+        |share: f64| f64::from(times[((times.len() - 1) as f64 * share).round() as usize]);
+    let survey = Survey {
+        count,
+        converged,
+        max_residual,
+        median_us: quantile(0.5),
+        p99_us: quantile(0.99),
+    };
+    console.result(&survey, |survey| {
+        format!(
+            "{} commands, {} settled, largest residual {:.1e} N m\nper command: median {:.1} us, 99th percentile {:.1} us\n",
+            survey.count, survey.converged, survey.max_residual, survey.median_us, survey.p99_us
+        )
+    })?;
+    if stopped {
+        return Err(PipelineError::Interrupted.into());
+    }
+    if converged < count {
+        bail!("{} of {count} commands did not settle", count - converged);
     }
     Ok(())
 }

@@ -14,7 +14,6 @@ use tdcr_learn::metrics::{chamfer, emd};
 use tdcr_learn::train::Model;
 use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid};
 use tdcr_sim::robot::{Loads, Robot};
-use tdcr_sim::statics::Settler;
 
 use super::journal::Journal;
 use super::{Monitor, PipelineError};
@@ -360,7 +359,7 @@ fn see(
     seed: u64,
 ) -> Result<PointCloud, PipelineError> {
     let command = robot.command(&lengths(motors))?;
-    let equilibrium = Settler::new(robot).settle(&command, &Loads::default());
+    let equilibrium = robot.settle(&command, &Loads::default());
     if !equilibrium.converged {
         return Err(PipelineError::NotSettled {
             residual: equilibrium.residual,

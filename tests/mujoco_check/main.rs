@@ -25,9 +25,9 @@ fn mujoco_finds_no_force_at_our_equilibria() {
             let loads = Loads::payload(payload).unwrap();
             for _ in 0..100 {
                 let command = robot.random_command(&mut rng);
-                let ours = robot.settle(&command, loads);
+                let ours = robot.settle(&command, &loads);
                 assert!(ours.converged && ours.residual <= 1e-9);
-                let mut probe = Probe::new(&model, &robot, &command, loads);
+                let mut probe = Probe::new(&model, &robot, &command, &loads);
                 let force = probe.force_at(&ours.configuration);
                 assert!(force <= 1e-9, "{} {command:?}: {force}", robot.spec().name);
 
@@ -52,8 +52,8 @@ fn mujocos_own_way_leads_to_our_equilibria() {
         let model = probe::model(&robot);
         for _ in 0..2 {
             let command = robot.random_command(&mut rng);
-            let ours = robot.settle(&command, Loads::default());
-            let mut probe = Probe::new(&model, &robot, &command, Loads::default());
+            let ours = robot.settle(&command, &Loads::default());
+            let mut probe = Probe::new(&model, &robot, &command, &Loads::default());
             probe.step(5_000);
             probe.refine();
             for (disc, position) in ours.positions.iter().enumerate() {
@@ -74,15 +74,15 @@ fn a_payload_bends_the_robot_as_in_mujoco() {
     let model = probe::model(&robot);
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let command = robot.random_command(&mut rng);
-    let unloaded = robot.settle(&command, Loads::default());
-    let mut probe = Probe::new(&model, &robot, &command, Loads::default());
+    let unloaded = robot.settle(&command, &Loads::default());
+    let mut probe = Probe::new(&model, &robot, &command, &Loads::default());
     probe.place(&unloaded.configuration);
     // Soft modes: Newton's method follows a payload that grows in steps.
     for step in 1..=10 {
-        probe.load(Loads::payload(0.003 * f64::from(step)).unwrap());
+        probe.load(&Loads::payload(0.003 * f64::from(step)).unwrap());
         probe.refine();
     }
-    let ours = robot.settle(&command, Loads::payload(0.03).unwrap());
+    let ours = robot.settle(&command, &Loads::payload(0.03).unwrap());
     let tip = ours.positions.len() - 1;
     assert!((ours.positions[tip] - unloaded.positions[tip]).norm() > 1e-4);
     for (disc, position) in ours.positions.iter().enumerate() {

@@ -24,7 +24,7 @@ pub struct Probe<'a> {
 
 impl<'a> Probe<'a> {
     /// The robot in its straight pose, at rest.
-    pub fn new(model: &'a Model, robot: &Robot, command: &Command, loads: Loads) -> Self {
+    pub fn new(model: &'a Model, robot: &Robot, command: &Command, loads: &Loads) -> Self {
         let mut data = model.data().unwrap();
         data.ctrl_mut().copy_from_slice(command.as_slice());
         let (discs, gravity) = (robot.discs().len(), robot.spec().gravity.into());
@@ -38,8 +38,8 @@ impl<'a> Probe<'a> {
     }
 
     /// Hangs other loads on the robot.
-    pub fn load(&mut self, loads: Loads) {
-        let weight = self.gravity * loads.payload_mass();
+    pub fn load(&mut self, loads: &Loads) {
+        let weight = self.gravity * loads.tip_payload().mass;
         self.data
             .set_xfrc_applied(&disc_name(self.discs - 1), weight, Vector3::zeros())
             .unwrap();

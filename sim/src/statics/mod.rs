@@ -15,8 +15,10 @@
 mod descent;
 pub(crate) mod follower;
 mod settler;
+mod sweep;
 
 pub use settler::Settler;
+pub use sweep::Sweep;
 
 use faer::Side;
 use nalgebra::{UnitQuaternion, Vector3};

@@ -86,6 +86,11 @@ impl<'a> Settler<'a> {
         self.solve(command, loads)
     }
 
+    /// The last equilibrium.
+    pub(super) fn into_equilibrium(self) -> Equilibrium {
+        self.equilibrium
+    }
+
     /// Settles `command` from wherever the descent stands.
     fn solve(&mut self, command: &Command, loads: &Loads) -> &Equilibrium {
         self.dead.set(self.robot, loads);

@@ -1,0 +1,30 @@
+//! What runs in inner loops allocates nothing after its first call.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use tdcr_sim::robot::{Frame, Loads, Robot, RobotSpec, Wrench};
+use tdcr_sim::statics::Settler;
+
+#[test]
+fn settling_allocates_nothing_after_the_first_call() {
+    let push = Wrench {
+        force: [0.01, 0.02, -0.03],
+        ..Wrench::none(3, Frame::World)
+    };
+    let loads = Loads::payload(0.01).unwrap().with_wrench(push).unwrap();
+    for name in RobotSpec::STANDARD {
+        let robot = Robot::load(name).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let commands: Vec<_> = (0..500).map(|_| robot.random_command(&mut rng)).collect();
+        let mut settler = Settler::new(&robot);
+        let start = settler.settle(&commands[0], &loads).configuration.clone();
+        let counted = allocation_counter::measure(|| {
+            for command in &commands {
+                assert!(settler.settle(command, &loads).converged);
+            }
+            assert!(settler.settle_from(&start, &commands[1], &loads).converged);
+        });
+        assert_eq!(counted.count_total, 0, "{name}");
+    }
+}
