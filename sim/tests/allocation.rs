@@ -23,6 +23,9 @@ fn settling_allocates_nothing_after_the_first_call() {
             for command in &commands {
                 assert!(settler.settle(command, &loads).converged);
             }
+            for command in &commands {
+                assert!(settler.follow(command, &loads).converged);
+            }
             assert!(settler.settle_from(&start, &commands[1], &loads).converged);
         });
         assert_eq!(counted.count_total, 0, "{name}");

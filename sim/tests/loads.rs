@@ -333,10 +333,14 @@ fn cold_and_warm_solves_agree() {
             .configuration
             .clone();
         let warm = settler.settle_from(&start, &to, &Loads::default()).clone();
+        settler.settle(&from, &Loads::default());
+        let followed = settler.follow(&to, &Loads::default()).clone();
         let cold = settler.settle(&to, &Loads::default());
-        assert!(warm.converged && cold.converged);
-        for (p, q) in warm.positions.iter().zip(&cold.positions) {
-            assert!((p - q).norm() < 1e-8, "{p} {q}");
+        for other in [&warm, &followed] {
+            assert!(other.converged && cold.converged);
+            for (p, q) in other.positions.iter().zip(&cold.positions) {
+                assert!((p - q).norm() < 1e-8, "{p} {q}");
+            }
         }
     }
 }

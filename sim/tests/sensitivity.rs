@@ -516,10 +516,9 @@ fn the_command_jacobian_is_that_of_the_command_parameters() {
         .sensitivity(&command, &Loads::default(), &settled)
         .unwrap();
     let all: Vec<_> = (0..15).map(Parameter::Command).collect();
-    assert_eq!(
-        sensitivity.command_jacobian(),
-        sensitivity.jacobian(&all).unwrap()
-    );
+    let by_parameters = sensitivity.jacobian(&all).unwrap();
+    let difference = sensitivity.command_jacobian() - &by_parameters;
+    assert!(difference.amax() <= 1e-12 * by_parameters.amax());
 }
 
 #[test]

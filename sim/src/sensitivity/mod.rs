@@ -34,7 +34,7 @@ use nalgebra::{DMatrix, Vector3};
 
 use crate::energy::{DeadForces, Expansion, Potential};
 use crate::newton::{Curvature, Factor};
-use crate::robot::{Command, Loads, Robot};
+use crate::robot::{Command, Drive, Loads, Robot, joints_along};
 use crate::statics::{Equilibrium, follower};
 use crate::tendon::{LENGTH_PENALTY, Posture};
 use parameter::ModelTangent;
@@ -272,21 +272,67 @@ impl<'a> Sensitivity<'a> {
         Ok(jacobian)
     }
 
-    /// The Jacobian by the command, one column per tendon.
+    /// The Jacobian by the command, one column per tendon: rows as in [`Sensitivity::jacobian`].
     pub fn command_jacobian(&self) -> DMatrix<f64> {
         let n = self.robot.discs.len();
         let mut jacobian = DMatrix::zeros(6 * n, self.robot.tendons.len());
-        let mut tangent = ModelTangent::zero(self.robot);
+        let mut pull = vec![Vector3::zeros(); n];
+        let none = vec![Vector3::zeros(); n];
+        let mut turns = vec![Vector3::zeros(); n];
         for tendon in 0..self.robot.tendons.len() {
-            tangent.command[tendon] = 1.0;
-            for (disc, pose) in self.poses(&tangent).iter().enumerate() {
-                let mut rows = jacobian.view_mut((6 * disc, tendon), (6, 1));
-                rows.fixed_rows_mut::<3>(0).copy_from(&pose.position);
-                rows.fixed_rows_mut::<3>(3).copy_from(&pose.rotation);
+            self.pull_by_command(tendon, &mut pull);
+            match (&self.system, &self.held.compliance) {
+                (System::Chain(factor), None) => factor.solve(&pull, &none, &mut turns),
+                _ => {
+                    turns = self
+                        .solve(
+                            &pull,
+                            &none,
+                            &self.growth_by_command(tendon),
+                            Side::Jacobian,
+                        )
+                        .0
+                }
             }
-            tangent.command[tendon] = 0.0;
+            self.write_poses(&turns, jacobian.column_mut(tendon).as_mut_slice());
         }
         jacobian
+    }
+
+    /// Change of the gradient by a tendon's command: its length's gradient times the change of its
+    /// tension. The rest length that stands for a commanded length is an unknown of the solve.
+    fn pull_by_command(&self, tendon: usize, pull: &mut [Vector3<f64>]) {
+        let columns = &self.expansion.columns;
+        let change = match self.robot.tendons[tendon].drive {
+            Drive::Tension => 1.0,
+            _ if self.robot.tendons[tendon].holds_length() => 0.0,
+            _ => -self.expansion.weights[tendon],
+        };
+        pull.fill(Vector3::zeros());
+        for joint in joints_along(&self.robot.tendons[tendon].route) {
+            let slope = self.expansion.slopes[joint * columns.slots + columns.slot[tendon]];
+            pull[joint] = slope * change;
+        }
+    }
+
+    fn growth_by_command(&self, tendon: usize) -> Vec<f64> {
+        let grows = |&held: &usize| if held == tendon { -1.0 } else { 0.0 };
+        self.held.tendons.iter().map(grows).collect()
+    }
+
+    /// Writes the change of the discs' poses when the joints turn by `-turns`, six numbers a disc.
+    fn write_poses(&self, turns: &[Vector3<f64>], rows: &mut [f64]) {
+        let chain = &self.posture.chain;
+        let (mut rotation, mut centre) = (Vector3::zeros(), Vector3::zeros());
+        let mut below = self.robot.base;
+        for (i, row) in rows.chunks_exact_mut(6).enumerate() {
+            centre += rotation.cross(&(chain.centres[i] - below));
+            below = chain.centres[i];
+            rotation -= turns[i];
+            let position = centre + rotation.cross(&(chain.positions[i] - below));
+            row[..3].copy_from_slice(position.as_slice());
+            row[3..].copy_from_slice(rotation.as_slice());
+        }
     }
 
     /// Change of all disc poses when the parameters change together at the given rates.

@@ -8,7 +8,7 @@ use super::TOLERANCE;
 use crate::chain::{Configuration, turned};
 use crate::energy::{Expansion, Potential};
 use crate::newton::{Curvature, Factor};
-use crate::robot::Robot;
+use crate::robot::{Robot, joints_along};
 use crate::tendon::Posture;
 
 /// Newton steps before a descent counts as stalled.
@@ -35,6 +35,8 @@ pub(super) struct Descent<'a> {
     trial: Configuration,
     trial_posture: Posture,
     gradient: Vec<Vector3<f64>>,
+    /// No terms of discs.
+    none: Vec<Vector3<f64>>,
     step: Vec<Vector3<f64>>,
 }
 
@@ -63,6 +65,7 @@ impl<'a> Descent<'a> {
             factor: Factor::new(&expansion),
             expansion,
             gradient: zero.clone(),
+            none: zero.clone(),
             step: zero,
         }
     }
@@ -76,6 +79,31 @@ impl<'a> Descent<'a> {
     /// Starts from `q`.
     pub fn start_at(&mut self, q: &Configuration) {
         self.configuration.0.copy_from_slice(&q.0);
+        self.posture.place(self.robot, &self.configuration);
+    }
+
+    /// Moves from an equilibrium, where the last descent ended, to where the next one is to first order
+    /// when the command changes: a step with the factor that is there already.
+    pub fn predict(&mut self, command: &[f64]) {
+        let slots = self.expansion.columns.slots;
+        self.gradient.fill(Vector3::zeros());
+        for (t, tendon) in self.robot.tendons.iter().enumerate() {
+            let state = tendon.state(self.posture.lengths[t], command[t]);
+            let change = state.tension - self.expansion.tensions[t];
+            if change == 0.0 {
+                continue;
+            }
+            let slot = self.expansion.columns.slot[t];
+            for joint in joints_along(&tendon.route) {
+                self.gradient[joint] += self.expansion.slopes[joint * slots + slot] * change;
+            }
+        }
+        self.factor
+            .descend(&self.gradient, &self.none, &mut self.step);
+        self.limit_step();
+        for (i, q) in self.configuration.0.iter_mut().enumerate() {
+            *q = turned(q, &self.posture.chain.disc(i).tr_mul(&self.step[i]));
+        }
         self.posture.place(self.robot, &self.configuration);
     }
 
@@ -116,14 +144,12 @@ impl<'a> Descent<'a> {
     /// such that to first order the errors vanish at the equilibrium that follows.
     pub fn correct_rest_lengths(&mut self, errors: &[(usize, f64)], rest: &mut [f64]) {
         self.factor.factorise(&self.expansion, 0.0);
-        let n = self.robot.discs.len();
-        let none = vec![Vector3::zeros(); n];
         let columns = self.expansion.dense_columns();
         // How much each length grows for each tendon's pull (m/N).
         let mut compliance = Mat::zeros(errors.len(), errors.len());
         for (j, (pulled, _)) in errors.iter().enumerate() {
             self.factor
-                .descend(&columns[*pulled].1, &none, &mut self.step);
+                .descend(&columns[*pulled].1, &self.none, &mut self.step);
             for (i, (tendon, _)) in errors.iter().enumerate() {
                 let growth = columns[*tendon].1.iter().zip(&self.step);
                 compliance[(i, j)] = growth.map(|(a, w)| -a.dot(w)).sum::<f64>();

@@ -23,11 +23,13 @@ const MAX_CORRECTIONS: usize = 60;
 ///
 /// let robot = Robot::load("3m")?;
 /// let mut settler = Settler::new(&robot);
-/// let from = robot.command(&[0.03, 0.01, 0.0, 0.02, 0.04, 0.01, 0.0, 0.035, 0.02])?;
-/// let to = robot.command(&[0.031, 0.01, 0.0, 0.02, 0.04, 0.01, 0.0, 0.035, 0.02])?;
-/// let start = settler.settle(&from, &Loads::default()).configuration.clone();
-/// let settled = settler.settle_from(&start, &to, &Loads::default());
-/// assert!(settled.converged && settled.iterations <= 4);
+/// // Along a path of commands each solve starts from the last one.
+/// let mut command = [0.03, 0.01, 0.0, 0.02, 0.04, 0.01, 0.0, 0.035, 0.02];
+/// for _ in 0..50 {
+///     command[0] -= 2e-4;
+///     let settled = settler.follow(&robot.command(&command)?, &Loads::default());
+///     assert!(settled.converged);
+/// }
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -83,6 +85,25 @@ impl<'a> Settler<'a> {
         loads: &Loads,
     ) -> &Equilibrium {
         self.descent.start_at(start);
+        self.solve(command, loads)
+    }
+
+    /// Settles the robot from its last equilibrium: the way to follow one equilibrium along a path of
+    /// commands, with a first step to first order that costs next to nothing.
+    /// Before anything has settled, the same as [`Settler::settle`].
+    ///
+    /// # Panics
+    /// As [`Settler::settle`].
+    pub fn follow(&mut self, command: &Command, loads: &Loads) -> &Equilibrium {
+        if !self.equilibrium.converged {
+            return self.settle(command, loads);
+        }
+        // With moments, following forces or commanded lengths the factor is of another problem.
+        let predictable = !loads.wrenches().iter().any(follows)
+            && !self.robot.tendons.iter().any(Tendon::holds_length);
+        if predictable {
+            self.descent.predict(command.as_slice());
+        }
         self.solve(command, loads)
     }
 
