@@ -46,8 +46,10 @@ test-mujoco:
 test-python: build
 	TDCR=$(TDCR) $(PYTHON) -m pytest -q tests/python
 
-bench:
-	cargo bench $(WORKSPACE) --locked
+# Ours alone, then the table of ours beside MuJoCo's.
+bench: setup
+	cargo bench --locked --bench sim --bench metrics
+	$(PYTHON) benches/peers.py
 
 clean:
 	cargo clean

@@ -1,4 +1,4 @@
-//! Tendon-driven continuum robots (TDCRs): their statics, and the virtual RGB-D cameras that see
+//! Tendon-driven continuum robots (TDCRs): their statics with derivatives, and the virtual RGB-D cameras that see
 //! them.
 //!
 //! A [`Robot`](robot::Robot) is a chain of discs on ball joints, pulled by tendons that run through
@@ -33,15 +33,16 @@
 //!
 //! - [`robot`]: what the user writes, validated and compiled; commands and loads.
 //! - [`chain`]: configurations on SO(3)^n.
-//! - [`statics`]: command to equilibrium.
+//! - [`statics`]: command to equilibrium, one at a time, along paths, in batches and sweeps.
+//! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
 //! - [`camera`]: the pinhole model and rings of cameras.
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
 //!
 //! # What it is not for
 //!
-//! Motion in time, contact, friction of the tendons in their holes and elastic backbones are not
-//! modelled: the joints are free, and what is computed is where the robot rests.
+//! Motion in time, contact and friction of the tendons in their holes are not modelled: what is
+//! computed is where the robot rests.
 
 pub mod camera;
 #[cfg(test)]
