@@ -50,6 +50,7 @@ extern crate self as tdcr_sim;
 mod backbone;
 pub mod chain;
 pub mod cloud;
+pub mod dynamics;
 mod energy;
 mod newton;
 pub mod render;
