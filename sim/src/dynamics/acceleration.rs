@@ -2,46 +2,50 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::DynamicsError;
 use super::articulated::ArticulatedBodies;
 use super::forces::Forces;
-use super::interim;
 use super::links::{Link, Motion, PointMass, set_in_motion};
-use super::state::{Energy, State};
-use super::symmetric::{times, transpose_times};
-use crate::chain::{Chain, Configuration};
+use super::symmetric::transpose_times;
+use super::{DynamicsError, Energy, State};
+use crate::chain::Configuration;
 use crate::robot::{Command, Loads, Robot};
+use crate::tendon::Posture;
 
 /// The equations of motion of one robot; reuses its memory.
 #[derive(Clone, Debug)]
 pub(super) struct EquationsOfMotion<'a> {
     pub robot: &'a Robot,
-    pub base: Matrix3<f64>,
     pub links: Vec<Link>,
     pub payload: PointMass,
     pub forces: Forces<'a>,
-    pub chain: Chain,
-    pub motions: Vec<Motion>,
+    pub posture: Posture,
+    motions: Vec<Motion>,
     /// Torque on every joint but that of its armature (N m), world axes.
-    pub torques: Vec<Vector3<f64>>,
+    torques: Vec<Vector3<f64>>,
     bodies: ArticulatedBodies,
     /// Acceleration of every joint (rad/s²), world axes.
     accelerations: Vec<Vector3<f64>>,
 }
 
 impl<'a> EquationsOfMotion<'a> {
-    pub fn new(robot: &'a Robot) -> Result<Self, DynamicsError> {
-        if let Some(tendon) = robot.tendons.iter().position(|t| t.stiffness.is_infinite()) {
+    /// The equations of `robot`, whose joints have `armatures` (kg m²), implicit damping included.
+    pub fn new(robot: &'a Robot, armatures: &[f64]) -> Result<Self, DynamicsError> {
+        if let Some(tendon) = robot.tendons.iter().position(|t| t.holds_length()) {
             return Err(DynamicsError::Inextensible { tendon });
         }
-        let n = robot.discs.len();
+        let links = Link::all(robot);
+        let inert =
+            |(armature, link): (&f64, &Link)| *armature == 0.0 && link.has_axis_without_inertia();
+        if let Some(joint) = armatures.iter().zip(&links).position(inert) {
+            return Err(DynamicsError::NoInertia { joint });
+        }
+        let n = links.len();
         Ok(Self {
             robot,
-            base: *robot.base_orientation.to_rotation_matrix().matrix(),
-            links: Link::all(robot),
+            links,
             payload: PointMass::payload(robot, &Loads::default()),
             forces: Forces::new(robot),
-            chain: Chain::new(robot),
+            posture: Posture::new(robot),
             motions: vec![Motion::default(); n],
             torques: vec![Vector3::zeros(); n],
             bodies: ArticulatedBodies::new(n),
@@ -49,9 +53,9 @@ impl<'a> EquationsOfMotion<'a> {
         })
     }
 
-    /// Whether state, command and loads are of this robot.
-    pub fn check(
-        &self,
+    /// Takes the loads, if state, command and loads are of this robot.
+    pub fn accept(
+        &mut self,
         state: &State,
         command: &Command,
         loads: &Loads,
@@ -59,12 +63,18 @@ impl<'a> EquationsOfMotion<'a> {
         let dof = self.robot.dof();
         self.check_size("configuration", state.configuration.0.len(), dof / 3)?;
         self.check_size("velocity", state.velocity.len(), dof)?;
-        let tendons = self.robot.tendons.len();
-        self.check_size("command", command.as_slice().len(), tendons)?;
-        Ok(loads.check(self.robot)?)
+        self.check_size(
+            "command",
+            command.as_slice().len(),
+            self.robot.tendons.len(),
+        )?;
+        loads.check(self.robot)?;
+        self.payload = PointMass::payload(self.robot, loads);
+        self.forces.set_loads(loads);
+        Ok(())
     }
 
-    pub fn check_size(
+    fn check_size(
         &self,
         what: &'static str,
         found: usize,
@@ -81,32 +91,30 @@ impl<'a> EquationsOfMotion<'a> {
         })
     }
 
-    pub fn set_loads(&mut self, loads: &Loads) {
-        self.payload = PointMass::payload(self.robot, loads);
-        self.forces.set_loads(loads);
+    /// Orientations of the discs at the last state.
+    pub fn orientations(&self) -> &[Matrix3<f64>] {
+        &self.posture.chain.orientations[1..]
     }
 
-    /// Poses, motions and torques, damping included, in a state.
-    pub fn enter(&mut self, q: &Configuration, velocity: &[f64], command: &[f64]) {
-        self.chain.place(self.robot, q);
-        let orientations = interim::discs(&self.chain);
+    /// Takes a state: postures, motions, and the torques, those of damping included.
+    fn enter(&mut self, q: &Configuration, velocity: &[f64], command: &[f64]) {
+        self.posture.place(self.robot, q);
         set_in_motion(
             &self.links,
-            &self.base,
-            orientations,
+            &self.posture.chain.orientations,
             velocity,
             &mut self.motions,
         );
         self.forces
-            .torques(q, &self.chain, command, &mut self.torques);
-        for ((torque, link), motion) in self.torques.iter_mut().zip(&self.links).zip(&self.motions)
-        {
+            .torques(q, &self.posture, command, &mut self.torques);
+        let moving = self.links.iter().zip(&self.motions);
+        for (torque, (link, motion)) in self.torques.iter_mut().zip(moving) {
             *torque -= motion.rate * link.damping;
         }
     }
 
-    /// Writes the accelerations in a state, each in its disc's frame (rad/s²), to `out`:
-    /// `(M + diag(armatures - armature))^-1 (torques - bias)`.
+    /// Writes the accelerations in a state, each in its disc's frame (rad/s²), to `out`; `armatures`
+    /// may hold implicit damping besides.
     pub fn accelerate(
         &mut self,
         q: &Configuration,
@@ -116,7 +124,7 @@ impl<'a> EquationsOfMotion<'a> {
         out: &mut [f64],
     ) {
         self.enter(q, velocity, command);
-        let orientations = interim::discs(&self.chain);
+        let orientations = &self.posture.chain.orientations[1..];
         self.bodies.accelerate(
             &self.links,
             &self.payload,
@@ -126,46 +134,53 @@ impl<'a> EquationsOfMotion<'a> {
             &self.torques,
             &mut self.accelerations,
         );
-        let world = orientations.iter().zip(&self.accelerations);
-        for (out, (orientation, acceleration)) in out.as_chunks_mut::<3>().0.iter_mut().zip(world) {
-            *out = transpose_times(orientation, acceleration).into();
-        }
+        to_discs(orientations, &self.accelerations, out);
+    }
+
+    /// Writes the torques in a state, those of damping included, each in its disc's frame (N m), to
+    /// `out`.
+    pub fn torques(
+        &mut self,
+        q: &Configuration,
+        velocity: &[f64],
+        command: &[f64],
+        out: &mut [f64],
+    ) {
+        self.enter(q, velocity, command);
+        to_discs(&self.posture.chain.orientations[1..], &self.torques, out);
     }
 
     /// Energy in a state.
     pub fn energy(&mut self, state: &State, command: &[f64]) -> Energy {
         self.enter(&state.configuration, &state.velocity, command);
-        let orientations = interim::discs(&self.chain);
         let mut kinetic = 0.0;
-        let mut below = Motion::default();
-        let mut shift = Vector3::zeros();
+        let (mut spin_below, mut velocity) = (Vector3::zeros(), Vector3::zeros());
         let last = self.links.len() - 1;
         for (i, (link, motion)) in self.links.iter().zip(&self.motions).enumerate() {
-            shift += below.spin.cross(&motion.arm);
-            let mut body = link.body(&orientations[i]);
+            velocity += spin_below.cross(&motion.arm);
+            let mut body = link.body(&self.orientations()[i]);
             if i == last {
-                body = body.with(&self.payload.body(&orientations[i]));
+                body = body.with(&self.payload.body(&self.orientations()[i]));
             }
             let spin = &motion.spin;
-            kinetic += 0.5 * body.mass * shift.norm_squared()
-                + shift.dot(&spin.cross(&body.moment))
+            kinetic += 0.5 * body.mass * velocity.norm_squared()
+                + velocity.dot(&spin.cross(&body.moment))
                 + 0.5 * spin.dot(&body.inertia.times(spin))
                 + 0.5 * link.armature * motion.rate.norm_squared();
-            below = *motion;
+            spin_below = *spin;
         }
+        let potential = self.forces.potential(command);
         Energy {
             kinetic,
-            potential: self.forces.potential(command).energy(&self.chain),
+            potential: potential.energy(&state.configuration, &self.posture),
         }
     }
+}
 
-    /// World vectors from the discs' frames.
-    pub fn to_world(&self, local: &[f64], out: &mut [Vector3<f64>]) {
-        let turned = interim::discs(&self.chain)
-            .iter()
-            .zip(local.as_chunks::<3>().0);
-        for (out, (orientation, local)) in out.iter_mut().zip(turned) {
-            *out = times(orientation, &Vector3::from(*local));
-        }
+/// World vectors, one per disc, in the discs' own frames.
+fn to_discs(orientations: &[Matrix3<f64>], world: &[Vector3<f64>], out: &mut [f64]) {
+    let turned = orientations.iter().zip(world);
+    for (out, (orientation, world)) in out.as_chunks_mut::<3>().0.iter_mut().zip(turned) {
+        *out = transpose_times(orientation, world).into();
     }
 }

@@ -2,53 +2,63 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::interim::{self, DeadForces, Potential, Slopes};
 use crate::chain::{Chain, Configuration};
+use crate::energy::{DeadForces, Potential};
 use crate::robot::{Frame, Loads, Robot, Wrench};
+use crate::tendon::Posture;
 
 /// The forces on one robot under one set of loads; reuses its memory.
 #[derive(Clone, Debug)]
 pub(super) struct Forces<'a> {
     robot: &'a Robot,
-    base: Matrix3<f64>,
     dead: DeadForces,
-    live: Vec<LiveWrench>,
-    slopes: Slopes,
+    /// The loads that have no potential.
+    pub live: Vec<LiveWrench>,
+    tensions: Vec<f64>,
 }
 
 /// A load that has no potential: a moment, or a force that turns with its disc.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LiveWrench {
+    /// The disc that it acts on.
     pub disc: usize,
-    /// Force on the disc's origin, in the disc's frame (N).
-    pub follower: Vector3<f64>,
-    /// Moment (N m), and the frame that it is in.
-    pub moment: Vector3<f64>,
+    /// Whether it turns with the disc.
     pub frame: Frame,
+    /// Force on the disc's origin (N); none in the world frame, where it has a potential.
+    force: Vector3<f64>,
+    /// Moment (N m).
+    moment: Vector3<f64>,
 }
 
 impl LiveWrench {
     fn of(wrench: &Wrench) -> Option<Self> {
-        let follower = match wrench.frame {
+        let force = match wrench.frame {
             Frame::World => [0.0; 3],
             Frame::Disc => wrench.force,
         };
-        let live = follower != [0.0; 3] || wrench.moment != [0.0; 3];
+        let live = force != [0.0; 3] || wrench.moment != [0.0; 3];
         live.then(|| Self {
             disc: wrench.disc,
-            follower: follower.into(),
-            moment: wrench.moment.into(),
             frame: wrench.frame,
+            force: force.into(),
+            moment: wrench.moment.into(),
         })
     }
 
-    /// Force and moment in the world, on a disc turned to `orientation`.
+    /// Force on the disc's origin and moment, world axes.
     pub fn in_world(&self, orientation: &Matrix3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-        let moment = match self.frame {
-            Frame::World => self.moment,
-            Frame::Disc => orientation * self.moment,
-        };
-        (orientation * self.follower, moment)
+        match self.frame {
+            Frame::World => (self.force, self.moment),
+            Frame::Disc => (orientation * self.force, orientation * self.moment),
+        }
+    }
+
+    fn add(&self, chain: &Chain, torques: &mut [Vector3<f64>]) {
+        let (force, moment) = self.in_world(chain.disc(self.disc));
+        let origin = chain.positions[self.disc];
+        for (torque, centre) in torques.iter_mut().zip(&chain.centres).take(self.disc + 1) {
+            *torque += moment + (origin - centre).cross(&force);
+        }
     }
 }
 
@@ -56,10 +66,9 @@ impl<'a> Forces<'a> {
     pub fn new(robot: &'a Robot) -> Self {
         Self {
             robot,
-            base: *robot.base_orientation.to_rotation_matrix().matrix(),
             dead: DeadForces::new(robot),
             live: Vec::new(),
-            slopes: Slopes::new(robot),
+            tensions: vec![0.0; robot.tendons.len()],
         }
     }
 
@@ -80,16 +89,11 @@ impl<'a> Forces<'a> {
         }
     }
 
-    /// The loads that have no potential.
-    pub fn live(&self) -> &[LiveWrench] {
-        &self.live
-    }
-
-    /// Torque on every joint (N m, world axes) in the configuration `q`, whose poses are in `chain`.
+    /// Torque on every joint (N m, world axes) at `q`, whose posture is `posture`.
     pub fn torques(
         &mut self,
         q: &Configuration,
-        chain: &Chain,
+        posture: &Posture,
         command: &[f64],
         out: &mut [Vector3<f64>],
     ) {
@@ -98,16 +102,10 @@ impl<'a> Forces<'a> {
             command,
             dead: &self.dead,
         };
-        potential.gradient(q, chain, &self.base, &mut self.slopes, out);
+        potential.gradient(q, posture, &mut self.tensions, out);
         out.iter_mut().for_each(|torque| *torque = -*torque);
-        for wrench in &self.live {
-            let orientation = &interim::discs(chain)[wrench.disc];
-            let (force, moment) = wrench.in_world(orientation);
-            let centres = interim::centres(chain);
-            let origin = centres[wrench.disc] + orientation * self.robot.discs[wrench.disc].origin;
-            for (torque, centre) in out.iter_mut().zip(centres).take(wrench.disc + 1) {
-                *torque += moment + (origin - centre).cross(&force);
-            }
-        }
+        self.live
+            .iter()
+            .for_each(|wrench| wrench.add(&posture.chain, out));
     }
 }

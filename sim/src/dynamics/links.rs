@@ -122,20 +122,20 @@ pub(super) struct Motion {
     pub swinging: Vector3<f64>,
 }
 
-/// Sets the motions of all links: `orientations` of the discs in the world, `velocity` the joints'
-/// rates in the discs' frames.
+/// Sets the motions of all links: `orientations` of the base and the discs in the world, `velocity`
+/// the joints' rates in the discs' frames.
 pub(super) fn set_in_motion(
     links: &[Link],
-    base: &Matrix3<f64>,
     orientations: &[Matrix3<f64>],
     velocity: &[f64],
     motions: &mut [Motion],
 ) {
-    let (mut below, mut spin) = (base, Vector3::zeros());
-    let poses = orientations.iter().zip(velocity.as_chunks::<3>().0);
-    for ((motion, link), (orientation, velocity)) in motions.iter_mut().zip(links).zip(poses) {
+    let mut spin = Vector3::zeros();
+    let moving = (motions.iter_mut().zip(links)).zip(velocity.as_chunks::<3>().0);
+    for (((motion, link), velocity), pair) in moving.zip(orientations.array_windows()) {
+        let [below, own]: &[Matrix3<f64>; 2] = pair;
         let arm = times(below, &link.joint_offset);
-        let rate = times(orientation, &Vector3::from(*velocity));
+        let rate = times(own, &Vector3::from(*velocity));
         *motion = Motion {
             arm,
             rate,
@@ -144,6 +144,5 @@ pub(super) fn set_in_motion(
             swinging: spin.cross(&spin.cross(&arm)),
         };
         spin += rate;
-        below = orientation;
     }
 }

@@ -30,16 +30,23 @@
 //! would be constraints: such robots are refused.
 
 mod acceleration;
+mod adjoint;
 mod articulated;
+mod composite;
 mod error;
 mod forces;
-mod interim;
+mod implicit;
+mod linearise;
 mod links;
+mod rollout;
 mod runge_kutta;
 mod state;
 mod stepper;
 mod symmetric;
 
+pub use adjoint::{RolloutGradient, rollout_gradient};
 pub use error::DynamicsError;
+pub use linearise::{Linearisation, Lineariser};
+pub use rollout::{Rollout, rollout_batch};
 pub use state::{Energy, State};
 pub use stepper::{Integrator, Stepper};

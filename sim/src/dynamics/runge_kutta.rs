@@ -4,8 +4,7 @@ use nalgebra::Vector3;
 
 use super::State;
 use super::acceleration::EquationsOfMotion;
-use super::interim::turned;
-use crate::chain::Configuration;
+use crate::chain::{Configuration, turned};
 use crate::robot::Robot;
 
 /// Memory of the method.

@@ -2,7 +2,6 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::interim;
 use crate::chain::{Chain, Configuration};
 use crate::robot::Robot;
 
@@ -58,7 +57,7 @@ impl State {
         );
         let mut chain = Chain::new(robot);
         chain.place(robot, &self.configuration);
-        interim::origins(robot, &chain)
+        chain.positions
     }
 
     /// Whether all entries are finite numbers.

@@ -3,9 +3,10 @@
 use nalgebra::Vector3;
 
 use super::acceleration::EquationsOfMotion;
-use super::interim::turned;
+use super::implicit::ImplicitEuler;
 use super::runge_kutta::RungeKutta;
 use super::{DynamicsError, Energy, State};
+use crate::chain::turned;
 use crate::robot::{Command, Loads, Robot};
 
 /// How a step is taken.
@@ -19,13 +20,18 @@ pub enum Integrator {
     /// Applied Numerical Mathematics 29, 1999). MuJoCo's RK4 leaves the commutators out, which makes
     /// it second order where joints change the axis that they turn about.
     RungeKutta4,
+    /// First order, linearly implicit in the joint damping and in the stiffness `K` of the potential:
+    /// `(M + h D + h² K) (v+ - v) = h (tau - D v - bias - h K v)`. For stiff backbones and tendons;
+    /// it damps what is faster than the time step. Takes O(n³) time, and falls back on
+    /// [`Integrator::SemiImplicitEuler`] in steps where the matrix is not positive definite.
+    ImplicitEuler,
 }
 
 /// Moves states of one robot through time, reusing its memory.
 #[derive(Clone, Debug)]
 pub struct Stepper<'a> {
     timestep: f64,
-    pub(super) equations: EquationsOfMotion<'a>,
+    equations: EquationsOfMotion<'a>,
     /// Per joint, what resists its acceleration besides the discs (kg m²).
     armatures: Vec<f64>,
     scheme: Scheme,
@@ -38,6 +44,7 @@ pub struct Stepper<'a> {
 enum Scheme {
     SemiImplicitEuler,
     RungeKutta4(Box<RungeKutta>),
+    ImplicitEuler(Box<ImplicitEuler>),
 }
 
 impl<'a> Stepper<'a> {
@@ -54,20 +61,17 @@ impl<'a> Stepper<'a> {
         if !(timestep.is_finite() && timestep > 0.0) {
             return Err(DynamicsError::Timestep(timestep));
         }
-        let equations = EquationsOfMotion::new(robot)?;
         let (scheme, implicit) = match integrator {
             Integrator::SemiImplicitEuler => (Scheme::SemiImplicitEuler, timestep),
             Integrator::RungeKutta4 => (Scheme::RungeKutta4(RungeKutta::new(robot)), 0.0),
+            Integrator::ImplicitEuler => {
+                (Scheme::ImplicitEuler(ImplicitEuler::new(robot)), timestep)
+            }
         };
         let armatures: Vec<f64> = (robot.discs.iter())
             .map(|disc| disc.armature + implicit * disc.damping)
             .collect();
-        let inert = |(armature, link): (&f64, &super::links::Link)| {
-            *armature == 0.0 && link.has_axis_without_inertia()
-        };
-        if let Some(joint) = armatures.iter().zip(&equations.links).position(inert) {
-            return Err(DynamicsError::NoInertia { joint });
-        }
+        let equations = EquationsOfMotion::new(robot, &armatures)?;
         Ok(Self {
             timestep,
             equations,
@@ -88,7 +92,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// Moves `state` by one time step under `command` and `loads`, both constant meanwhile. Takes
-    /// O(n) time and allocates nothing.
+    /// O(n) time and allocates nothing, but for [`Integrator::ImplicitEuler`].
     ///
     /// # Errors
     /// [`DynamicsError`] when state, command or loads are not of this robot (the state is left as it
@@ -99,8 +103,7 @@ impl<'a> Stepper<'a> {
         command: &Command,
         loads: &Loads,
     ) -> Result<(), DynamicsError> {
-        self.equations.check(state, command, loads)?;
-        self.equations.set_loads(loads);
+        self.equations.accept(state, command, loads)?;
         let (h, command) = (self.timestep, command.as_slice());
         let equations = &mut self.equations;
         match &mut self.scheme {
@@ -111,6 +114,15 @@ impl<'a> Stepper<'a> {
             }
             Scheme::RungeKutta4(scheme) => {
                 scheme.step(equations, state, command, &self.armatures, h);
+            }
+            Scheme::ImplicitEuler(scheme) => {
+                let (q, v) = (&state.configuration, &state.velocity);
+                let accelerations = &mut self.accelerations;
+                if !scheme.accelerate(equations, state, command, &self.armatures, h, accelerations)
+                {
+                    equations.accelerate(q, v, command, &self.armatures, accelerations);
+                }
+                advance(state, accelerations, h);
             }
         }
         if state.velocity.iter().sum::<f64>().is_finite() {
@@ -130,8 +142,7 @@ impl<'a> Stepper<'a> {
         command: &Command,
         loads: &Loads,
     ) -> Result<Energy, DynamicsError> {
-        self.equations.check(state, command, loads)?;
-        self.equations.set_loads(loads);
+        self.equations.accept(state, command, loads)?;
         Ok(self.equations.energy(state, command.as_slice()))
     }
 }
