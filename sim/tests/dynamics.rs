@@ -157,29 +157,29 @@ fn the_linearisation_is_the_central_difference_of_a_step() {
     }
 }
 
-/// Random robots without damping, their commands and loads fixed: the largest change of the energy
-/// in a while, taken in steps of `h`.
+/// The largest departure of the energy from its start along a motion in steps of `h` (s).
 fn energy_drift(robot: &Robot, start: &State, loads: &Loads, h: f64) -> f64 {
     let mut stepper = Stepper::new(robot, h, Integrator::RungeKutta4).unwrap();
     let command = robot.mean_command();
     let mut state = start.clone();
     let before = stepper.energy(&state, &command, loads).unwrap();
-    assert!(before.kinetic > 1e-3);
-    for _ in 0..(0.1 / h).round() as usize {
+    let (mut drift, mut exchanged) = (0.0_f64, 0.0_f64);
+    for _ in 0..(0.2 / h).round() as usize {
         stepper.step(&mut state, &command, loads).unwrap();
+        let now = stepper.energy(&state, &command, loads).unwrap();
+        drift = drift.max((now.total() - before.total()).abs());
+        exchanged = exchanged.max((now.kinetic - before.kinetic).abs());
     }
-    let after = stepper.energy(&state, &command, loads).unwrap();
     assert!(
-        (after.kinetic - before.kinetic).abs() > 1e-4,
-        "it should exchange energy"
+        before.kinetic > 0.01 && exchanged > 0.005,
+        "{exchanged} of {before:?}"
     );
-    (after.total() - before.total()).abs()
+    drift
 }
 
 #[test]
 fn without_damping_runge_kutta_keeps_the_energy_to_fourth_order() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
-    let mut orders = Vec::new();
     for _ in 0..6 {
         let mut spec = random_spec(Kind::Mujoco, &mut rng);
         for module in &mut spec.modules {
@@ -188,13 +188,10 @@ fn without_damping_runge_kutta_keeps_the_energy_to_fourth_order() {
         let robot = Robot::new(spec).unwrap();
         let start = random_state(&robot, &mut rng);
         let loads = dead_loads(&robot, &mut rng);
-        let [coarse, fine] = [1e-3, 0.5e-3].map(|h| energy_drift(&robot, &start, &loads, h));
-        assert!(coarse < 1e-4, "{coarse} J");
-        orders.push((coarse / fine).log2());
+        let [coarse, fine] = [4e-3, 2e-3].map(|h| energy_drift(&robot, &start, &loads, h));
+        assert!(coarse < 1e-7, "{coarse} J");
+        assert!((coarse / fine).log2() > 3.7, "{coarse} J and {fine} J");
     }
-    // The energy's error is that of the path, which may happen to cancel in its leading order.
-    orders.sort_by(f64::total_cmp);
-    assert!(orders[0] > 3.7, "orders {orders:?}");
 }
 
 #[test]

@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
+use nalgebra::DMatrix;
 use serde::Serialize;
 use tdcr::pipeline::{Monitor, PipelineError};
-use tdcr::sim::dynamics::{Integrator, State, Stepper};
+use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
 use tdcr::sim::robot::{Command, Loads, Robot};
 
 use super::console::Console;
@@ -40,6 +41,10 @@ pub(super) struct SimulateArgs {
     /// Write the disc origins (m) after every step to this CSV file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Write the derivative of a semi-implicit step from the final state under the last command to
+    /// this JSON file: matrices a and b, in rows
+    #[arg(long, value_name = "FILE")]
+    linearise: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -48,6 +53,8 @@ enum Method {
     SemiImplicitEuler,
     /// Fourth order, explicit
     RungeKutta4,
+    /// First order, stiffness implicit too: for stiff robots
+    ImplicitEuler,
 }
 
 impl From<Method> for Integrator {
@@ -55,6 +62,7 @@ impl From<Method> for Integrator {
         match method {
             Method::SemiImplicitEuler => Self::SemiImplicitEuler,
             Method::RungeKutta4 => Self::RungeKutta4,
+            Method::ImplicitEuler => Self::ImplicitEuler,
         }
     }
 }
@@ -95,6 +103,10 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     if let Some(path) = path {
         path.finish()?;
     }
+    if let (Some(file), Some(command)) = (&args.linearise, commands.last()) {
+        let linear = Lineariser::new(&robot, args.dt)?.linearise(&state, command, &loads)?;
+        write_matrices(file, &linear)?;
+    }
     let simulated = Simulated {
         steps: commands.len(),
         time: commands.len() as f64 * args.dt,
@@ -109,6 +121,18 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         velocity: state.velocity,
     };
     console.result(&simulated, table)
+}
+
+fn write_matrices(file: &Path, linear: &Linearisation) -> anyhow::Result<()> {
+    let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> {
+        matrix
+            .row_iter()
+            .map(|row| row.iter().copied().collect())
+            .collect()
+    };
+    let matrices = serde_json::json!({ "a": rows(&linear.a), "b": rows(&linear.b) });
+    std::fs::write(file, matrices.to_string())
+        .with_context(|| format!("cannot write to {}", file.display()))
 }
 
 /// Reads one command per line; empty lines and lines that begin with `#` are passed over.

@@ -1,4 +1,6 @@
-"""Motion against MuJoCo: the same commands lead the same way."""
+"""Motion against MuJoCo: the same commands lead the same way, and steps have the same derivatives."""
+
+import json
 
 import mujoco
 import numpy as np
@@ -77,3 +79,19 @@ def test_runge_kutta_is_the_limit_of_mujocos_small_steps(simulate, rng):
     m.opt.timestep = 0.0002
     _, path = roll(m, np.repeat(commands, 10, axis=0))
     np.testing.assert_allclose(ours, path[9::10, 2:], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_linearisation_is_mujocos_finite_difference(robot, simulate, rng, tmp_path):
+    commands = moving_commands(robot, 300, rng)
+    final, _ = simulate(robot, commands, "--linearise", tmp_path / "step.json")
+    ours = json.loads((tmp_path / "step.json").read_text())
+    m = model(robot)
+    d = mujoco.MjData(m)
+    d.qpos[:], d.qvel[:], d.ctrl[:] = np.ravel(final["rotations"]), final["velocity"], commands[-1]
+    a, b = np.zeros((2 * m.nv, 2 * m.nv)), np.zeros((2 * m.nv, m.nu))
+    # Central differences of 1e-6: rounding of 1e-16 in the state leaves 1e-10, amplified by the gains in B.
+    mujoco.mjd_transitionFD(m, d, 1e-6, True, a, b, None, None)
+    assert np.abs(a - np.eye(2 * m.nv)).max() > 0.01 and np.abs(b).max() > 0.1
+    np.testing.assert_allclose(ours["a"], a, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(ours["b"], b, rtol=0, atol=1e-8)

@@ -3,15 +3,16 @@
 use faer::Side;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, MatMut};
-use nalgebra::{DMatrix, Matrix3, Matrix6x3, Vector3, Vector6};
+use nalgebra::{DMatrix, Matrix3, Matrix6x3, Vector3};
 
 use super::acceleration::EquationsOfMotion;
 use super::composite::{Composite, compose, cross_motion, cross_with_force};
-use super::forces::LiveWrench;
 use super::implicit::{in_discs, mass_matrix};
 use super::{DynamicsError, State};
-use crate::energy::Expansion;
-use crate::robot::{Command, Drive, Frame, Loads, Robot};
+use crate::chain::Configuration;
+use crate::energy::{Expansion, Potential};
+use crate::robot::{Command, Drive, Loads, Robot};
+use crate::statics::follower::{add_forces, add_moments, jacobian};
 
 /// A step to first order: `x+ + dx+`, `dx+ = A dx + B du`.
 ///
@@ -79,16 +80,10 @@ impl<'a> Lineariser<'a> {
             .accelerate(q, v, command, &self.armatures, accelerations);
         // Implicit damping acts on the change of the rates, as an armature would.
         compose(&self.equations, v, accelerations, &mut self.composites);
-        let potential = self.equations.forces.potential(command);
-        potential.expand(q, &self.equations.posture, &mut self.expansion);
-
         let dof = self.equations.robot.dof();
         let mut forces = Mat::zeros(dof, 2 * dof + command.len());
-        self.add_potential(&mut forces);
+        self.add_loads(q, command, loads, &mut forces);
         self.add_commands(&mut forces);
-        for wrench in &self.equations.forces.live {
-            self.add_wrench(wrench, &mut forces);
-        }
         self.subtract_inertia(&mut forces);
         let mass = mass_matrix(&self.composites, &self.armatures);
         let Ok(factor) = Llt::new(mass.as_ref(), Side::Lower) else {
@@ -99,14 +94,31 @@ impl<'a> Lineariser<'a> {
         Ok(self.through_step(v, &forces))
     }
 
-    /// Minus the derivative of the potential's gradient `g` in the discs' frames: along `q exp(dq)`
-    /// that is the Hessian and, since turns do not commute, `1/2 [g]x`.
-    fn add_potential(&self, forces: &mut Mat<f64>) {
+    /// Minus the derivative of the moments left on the joints, `g`, in the discs' frames: along
+    /// `q exp(dq)` that is their Jacobian by turns and, since turns do not commute, `1/2 [g]x`.
+    fn add_loads(
+        &mut self,
+        q: &Configuration,
+        command: &[f64],
+        loads: &Loads,
+        forces: &mut Mat<f64>,
+    ) {
+        let posture = &self.equations.posture;
+        let mut dead = self.equations.forces.dead.clone();
+        add_forces(loads, 1.0, posture, &mut dead);
+        let potential = Potential {
+            robot: self.equations.robot,
+            command,
+            dead: &dead,
+        };
+        potential.expand(q, posture, &mut self.expansion);
+        add_moments(loads, 1.0, posture, &mut self.expansion);
+        let jacobian = jacobian(loads, 1.0, posture, &self.expansion);
         let orientations = self.equations.orientations();
-        let hessian = in_discs(&self.expansion.dense(), orientations);
-        let dof = hessian.nrows();
+        let by_turns = in_discs(&jacobian, orientations);
+        let dof = by_turns.nrows();
         let mut by_turn: MatMut<'_, f64> = forces.as_mut().subcols_mut(0, dof);
-        by_turn -= &hessian;
+        by_turn -= &by_turns;
         let mut gradient = vec![Vector3::zeros(); orientations.len()];
         self.expansion.gradient(&mut gradient);
         for (joint, (gradient, orientation)) in gradient.iter().zip(orientations).enumerate() {
@@ -129,32 +141,6 @@ impl<'a> Lineariser<'a> {
                 let torque = orientation.tr_mul(slope) * -tension;
                 for axis in 0..3 {
                     forces[(3 * joint + axis, first + t)] = torque[axis];
-                }
-            }
-        }
-    }
-
-    /// A wrench that turns with its disc changes on the joints below the one that turned; one that
-    /// keeps its direction changes in the frames of the discs above.
-    fn add_wrench(&self, wrench: &LiveWrench, forces: &mut Mat<f64>) {
-        let chain = &self.equations.posture.chain;
-        let (force, moment) = wrench.in_world(chain.disc(wrench.disc));
-        let origin = chain.positions[wrench.disc] - self.equations.robot.base;
-        let moment = moment + origin.cross(&force);
-        let turning = cross_with_force(&Vector6::from_iterator(
-            moment.iter().chain(force.iter()).copied(),
-        ));
-        for (j, turned) in self.composites[..=wrench.disc].iter().enumerate() {
-            let change = turning * turned.axes;
-            for (i, joint) in self.composites[..=wrench.disc].iter().enumerate() {
-                match wrench.frame {
-                    Frame::Disc if i < j => {
-                        add_block(forces, 3 * i, 3 * j, &joint.axes.tr_mul(&change));
-                    }
-                    Frame::World if i >= j => {
-                        add_block(forces, 3 * i, 3 * j, &-joint.axes.tr_mul(&change));
-                    }
-                    _ => (),
                 }
             }
         }
