@@ -17,8 +17,7 @@ pub enum Integrator {
     #[default]
     SemiImplicitEuler,
     /// Fourth order, explicit: the classical Runge-Kutta method on the rotation group (Munthe-Kaas,
-    /// Applied Numerical Mathematics 29, 1999). MuJoCo's RK4 leaves the commutators out, which makes
-    /// it second order where joints change the axis that they turn about.
+    /// Applied Numerical Mathematics 29, 1999). MuJoCo's RK4, but for terms of higher order.
     RungeKutta4,
     /// First order, linearly implicit in the joint damping and in the stiffness `K` of the potential:
     /// `(M + h D + h² K) (v+ - v) = h (tau - D v - bias - h K v)`. For stiff backbones and tendons;
