@@ -1,10 +1,11 @@
-//! Tendon-driven continuum robots (TDCRs): their statics, and the virtual RGB-D cameras that see
-//! them.
+//! Tendon-driven continuum robots (TDCRs): their statics and dynamics, and the virtual RGB-D cameras
+//! that see them.
 //!
 //! A [`Robot`](robot::Robot) is a chain of discs on ball joints, pulled by tendons that run through
 //! holes in the discs. A [`Command`](robot::Command) gives each tendon a rest length; under it the
 //! robot settles into an [`Equilibrium`](statics::Equilibrium) of tendon tensions and weight, where
-//! its potential energy has a minimum. [`Camera`](camera::Camera)s see the settled robot as
+//! its potential energy has a minimum, and a [`Stepper`](dynamics::Stepper) computes the motion on
+//! the way. [`Camera`](camera::Camera)s see the settled robot as
 //! [`RgbdFrame`](render::RgbdFrame)s, which fuse into a [`PointCloud`](cloud::PointCloud).
 //!
 //! ```
@@ -34,14 +35,15 @@
 //! - [`robot`]: what the user writes, validated and compiled; commands and loads.
 //! - [`chain`]: configurations on SO(3)^n.
 //! - [`statics`]: command to equilibrium.
+//! - [`dynamics`]: motion in time: steps, rollouts, and their derivatives.
 //! - [`camera`]: the pinhole model and rings of cameras.
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
 //!
 //! # What it is not for
 //!
-//! Motion in time, contact, friction of the tendons in their holes and elastic backbones are not
-//! modelled: the joints are free, and what is computed is where the robot rests.
+//! Contact of the robot with itself or its surroundings is not modelled, nor friction of the tendons in
+//! their holes.
 
 pub mod camera;
 #[cfg(test)]

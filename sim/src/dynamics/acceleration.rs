@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::articulated::ArticulatedBodies;
 use super::forces::Forces;
-use super::links::{Link, Motion, PointMass, set_in_motion};
+use super::links::{Link, Motion, MovingChain, PointMass, set_in_motion};
 use super::symmetric::transpose_times;
 use super::{DynamicsError, Energy, State};
 use crate::chain::Configuration;
@@ -125,15 +125,14 @@ impl<'a> EquationsOfMotion<'a> {
     ) {
         self.enter(q, velocity, command);
         let orientations = &self.posture.chain.orientations[1..];
-        self.bodies.accelerate(
-            &self.links,
-            &self.payload,
-            armatures,
+        let chain = MovingChain {
+            links: &self.links,
+            payload: &self.payload,
             orientations,
-            &self.motions,
-            &self.torques,
-            &mut self.accelerations,
-        );
+            motions: &self.motions,
+        };
+        let accelerations = &mut self.accelerations;
+        (self.bodies).accelerate(&chain, armatures, &self.torques, accelerations);
         to_discs(orientations, &self.accelerations, out);
     }
 

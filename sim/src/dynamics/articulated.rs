@@ -11,7 +11,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::links::{Link, Motion, PointMass};
+use super::links::{Link, Motion, MovingChain, PointMass};
 use super::symmetric::{
     Symmetric, cross_symmetric, symmetric, times, times_cross, transpose_times,
     twice_symmetric_part,
@@ -59,33 +59,23 @@ impl ArticulatedBodies {
     /// `armatures` is each joint's `k`.
     pub fn accelerate(
         &mut self,
-        links: &[Link],
-        payload: &PointMass,
+        chain: &MovingChain,
         armatures: &[f64],
-        orientations: &[Matrix3<f64>],
-        motions: &[Motion],
         torques: &[Vector3<f64>],
         out: &mut [Vector3<f64>],
     ) {
-        self.gather(links, payload, armatures, orientations, motions, torques);
-        self.spread(motions, out);
+        self.gather(chain, armatures, torques);
+        self.spread(chain.motions, out);
     }
 
     /// From the tip to the base: how each joint answers.
-    fn gather(
-        &mut self,
-        links: &[Link],
-        payload: &PointMass,
-        armatures: &[f64],
-        orientations: &[Matrix3<f64>],
-        motions: &[Motion],
-        torques: &[Vector3<f64>],
-    ) {
-        let (Some(tip), Some(motion)) = (orientations.last(), motions.last()) else {
+    fn gather(&mut self, chain: &MovingChain, armatures: &[f64], torques: &[Vector3<f64>]) {
+        let (Some(tip), Some(motion)) = (chain.orientations.last(), chain.motions.last()) else {
             return;
         };
-        let mut above = Above::payload(payload, tip, motion);
-        let joints = (links.iter().zip(armatures)).zip(orientations.iter().zip(motions));
+        let mut above = Above::payload(chain.payload, tip, motion);
+        let poses = chain.orientations.iter().zip(chain.motions);
+        let joints = (chain.links.iter().zip(armatures)).zip(poses);
         let answers = self.answers.iter_mut().zip(torques);
         for (((link, armature), (orientation, motion)), (answer, torque)) in
             joints.zip(answers).rev()

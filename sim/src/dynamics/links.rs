@@ -38,7 +38,7 @@ impl Link {
     /// Whether the disc turns about some axis through its joint without resistance.
     pub fn has_axis_without_inertia(&self) -> bool {
         let body = self.body(&Matrix3::identity());
-        !(body.inertia.matrix().determinant() > 0.0)
+        body.inertia.matrix().determinant() <= 0.0
     }
 
     /// The disc as a rigid body, turned to `orientation`.
@@ -120,6 +120,16 @@ pub(super) struct Motion {
     pub turning: Vector3<f64>,
     /// Acceleration of the joint's centre from that of the joint below due to the spin (m/s²).
     pub swinging: Vector3<f64>,
+}
+
+/// A chain of links in motion.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MovingChain<'a> {
+    pub links: &'a [Link],
+    pub payload: &'a PointMass,
+    /// Orientations of the discs in the world.
+    pub orientations: &'a [Matrix3<f64>],
+    pub motions: &'a [Motion],
 }
 
 /// Sets the motions of all links: `orientations` of the base and the discs in the world, `velocity`

@@ -32,8 +32,10 @@ impl Potential<'_> {
         for span in &self.robot.spans {
             let (_, upper, stretch) = span.stretch(self.robot, &posture.chain);
             let pull = stretch.direction * tensions[span.tendon];
-            for joint in span.lower.map_or(0, |disc| disc + 1)..=span.upper {
-                out[joint] += (upper - posture.chain.centres[joint]).cross(&pull);
+            let joints = span.lower.map_or(0, |disc| disc + 1)..=span.upper;
+            let centres = &posture.chain.centres[joints.clone()];
+            for (out, centre) in out[joints].iter_mut().zip(centres) {
+                *out += (upper - centre).cross(&pull);
             }
         }
         for ((out, disc), (q, orientation)) in (out.iter_mut().zip(&self.robot.discs))
