@@ -1,10 +1,11 @@
-//! Tendon-driven continuum robots (TDCRs): their statics with derivatives, and the virtual RGB-D cameras that see
-//! them.
+//! Tendon-driven continuum robots (TDCRs): their statics and dynamics, both with derivatives, and the
+//! virtual RGB-D cameras that see them.
 //!
 //! A [`Robot`](robot::Robot) is a chain of discs on ball joints, pulled by tendons that run through
 //! holes in the discs. A [`Command`](robot::Command) gives each tendon a rest length; under it the
 //! robot settles into an [`Equilibrium`](statics::Equilibrium) of tendon tensions and weight, where
-//! its potential energy has a minimum. [`Camera`](camera::Camera)s see the settled robot as
+//! its potential energy has a minimum, and a [`Stepper`](dynamics::Stepper) computes the motion on
+//! the way. [`Camera`](camera::Camera)s see the settled robot as
 //! [`RgbdFrame`](render::RgbdFrame)s, which fuse into a [`PointCloud`](cloud::PointCloud).
 //!
 //! ```
@@ -35,14 +36,15 @@
 //! - [`chain`]: configurations on SO(3)^n.
 //! - [`statics`]: command to equilibrium, one at a time, along paths, in batches and sweeps.
 //! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
+//! - [`dynamics`]: motion in time: steps, rollouts, and their derivatives.
 //! - [`camera`]: the pinhole model and rings of cameras.
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
 //!
 //! # What it is not for
 //!
-//! Motion in time, contact and friction of the tendons in their holes are not modelled: what is
-//! computed is where the robot rests.
+//! Contact of the robot with itself or its surroundings is not modelled, nor friction of the tendons in
+//! their holes.
 
 pub mod camera;
 #[cfg(test)]
@@ -51,6 +53,7 @@ extern crate self as tdcr_sim;
 mod backbone;
 pub mod chain;
 pub mod cloud;
+pub mod dynamics;
 mod energy;
 mod newton;
 pub mod render;

@@ -6,6 +6,7 @@ mod demo;
 mod eval;
 mod predict;
 mod settle;
+mod simulate;
 mod train;
 
 use std::io::IsTerminal;
@@ -45,6 +46,7 @@ struct Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Settle(settle::SettleArgs),
+    Simulate(simulate::SimulateArgs),
     Collect(collect::CollectArgs),
     Train(train::TrainArgs),
     Predict(predict::PredictArgs),
@@ -143,6 +145,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
     let console = Console::new(&cli.global)?;
     match &cli.command {
         Command::Settle(args) => settle::run(args, &console),
+        Command::Simulate(args) => simulate::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),
         Command::Train(args) => train::run(args, &console),
         Command::Predict(args) => predict::run(args, &console),

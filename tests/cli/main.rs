@@ -5,6 +5,7 @@
 mod refusals;
 mod resume;
 mod road;
+mod simulate;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -15,6 +15,7 @@
 
 mod columns;
 mod dead;
+mod gradient;
 #[cfg(test)]
 mod tests;
 

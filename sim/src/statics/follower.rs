@@ -29,7 +29,10 @@ pub(crate) fn follows(wrench: &Wrench) -> bool {
 }
 
 /// Force and moment of the part of a wrench without a potential, world axes.
-fn follower(wrench: &Wrench, orientation: &Matrix3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+pub(crate) fn follower(
+    wrench: &Wrench,
+    orientation: &Matrix3<f64>,
+) -> (Vector3<f64>, Vector3<f64>) {
     let (force, moment) = (Vector3::from(wrench.force), Vector3::from(wrench.moment));
     match wrench.frame {
         Frame::World => (Vector3::zeros(), moment),

@@ -1,0 +1,185 @@
+//! From state and command to accelerations.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::articulated::ArticulatedBodies;
+use super::forces::Forces;
+use super::links::{Link, Motion, MovingChain, PointMass, set_in_motion};
+use super::symmetric::transpose_times;
+use super::{DynamicsError, Energy, State};
+use crate::chain::Configuration;
+use crate::robot::{Command, Loads, Robot};
+use crate::tendon::Posture;
+
+/// The equations of motion of one robot; reuses its memory.
+#[derive(Clone, Debug)]
+pub(super) struct EquationsOfMotion<'a> {
+    pub robot: &'a Robot,
+    pub links: Vec<Link>,
+    pub payload: PointMass,
+    pub forces: Forces<'a>,
+    pub posture: Posture,
+    motions: Vec<Motion>,
+    /// Torque on every joint but that of its armature (N m), world axes.
+    torques: Vec<Vector3<f64>>,
+    bodies: ArticulatedBodies,
+    /// Acceleration of every joint (rad/s²), world axes.
+    accelerations: Vec<Vector3<f64>>,
+}
+
+impl<'a> EquationsOfMotion<'a> {
+    /// The equations of `robot`, whose joints have `armatures` (kg m²), implicit damping included.
+    pub fn new(robot: &'a Robot, armatures: &[f64]) -> Result<Self, DynamicsError> {
+        if let Some(tendon) = robot.tendons.iter().position(|t| t.holds_length()) {
+            return Err(DynamicsError::Inextensible { tendon });
+        }
+        let links = Link::all(robot);
+        let inert =
+            |(armature, link): (&f64, &Link)| *armature == 0.0 && link.has_axis_without_inertia();
+        if let Some(joint) = armatures.iter().zip(&links).position(inert) {
+            return Err(DynamicsError::NoInertia { joint });
+        }
+        let n = links.len();
+        Ok(Self {
+            robot,
+            links,
+            payload: PointMass::payload(robot, &Loads::default()),
+            forces: Forces::new(robot),
+            posture: Posture::new(robot),
+            motions: vec![Motion::default(); n],
+            torques: vec![Vector3::zeros(); n],
+            bodies: ArticulatedBodies::new(n),
+            accelerations: vec![Vector3::zeros(); n],
+        })
+    }
+
+    /// Takes the loads, if state, command and loads are of this robot.
+    pub fn accept(
+        &mut self,
+        state: &State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<(), DynamicsError> {
+        let dof = self.robot.dof();
+        self.check_size("configuration", state.configuration.0.len(), dof / 3)?;
+        self.check_size("velocity", state.velocity.len(), dof)?;
+        self.check_size(
+            "command",
+            command.as_slice().len(),
+            self.robot.tendons.len(),
+        )?;
+        loads.check(self.robot)?;
+        self.payload = PointMass::payload(self.robot, loads);
+        self.forces.set_loads(loads);
+        Ok(())
+    }
+
+    fn check_size(
+        &self,
+        what: &'static str,
+        found: usize,
+        expected: usize,
+    ) -> Result<(), DynamicsError> {
+        if found == expected {
+            return Ok(());
+        }
+        Err(DynamicsError::Size {
+            what,
+            robot: self.robot.spec().name.clone(),
+            expected,
+            found,
+        })
+    }
+
+    /// Orientations of the discs at the last state.
+    pub fn orientations(&self) -> &[Matrix3<f64>] {
+        &self.posture.chain.orientations[1..]
+    }
+
+    /// Takes a state: postures, motions, and the torques, those of damping included.
+    fn enter(&mut self, q: &Configuration, velocity: &[f64], command: &[f64]) {
+        self.posture.place(self.robot, q);
+        set_in_motion(
+            &self.links,
+            &self.posture.chain.orientations,
+            velocity,
+            &mut self.motions,
+        );
+        self.forces
+            .torques(q, &self.posture, command, &mut self.torques);
+        let moving = self.links.iter().zip(&self.motions);
+        for (torque, (link, motion)) in self.torques.iter_mut().zip(moving) {
+            *torque -= motion.rate * link.damping;
+        }
+    }
+
+    /// Writes the accelerations in a state, each in its disc's frame (rad/s²), to `out`; `armatures`
+    /// may hold implicit damping besides.
+    pub fn accelerate(
+        &mut self,
+        q: &Configuration,
+        velocity: &[f64],
+        command: &[f64],
+        armatures: &[f64],
+        out: &mut [f64],
+    ) {
+        self.enter(q, velocity, command);
+        let orientations = &self.posture.chain.orientations[1..];
+        let chain = MovingChain {
+            links: &self.links,
+            payload: &self.payload,
+            orientations,
+            motions: &self.motions,
+        };
+        let accelerations = &mut self.accelerations;
+        (self.bodies).accelerate(&chain, armatures, &self.torques, accelerations);
+        to_discs(orientations, &self.accelerations, out);
+    }
+
+    /// Writes the torques in a state, those of damping included, each in its disc's frame (N m), to
+    /// `out`.
+    pub fn torques(
+        &mut self,
+        q: &Configuration,
+        velocity: &[f64],
+        command: &[f64],
+        out: &mut [f64],
+    ) {
+        self.enter(q, velocity, command);
+        to_discs(&self.posture.chain.orientations[1..], &self.torques, out);
+    }
+
+    /// Energy in a state.
+    pub fn energy(&mut self, state: &State, command: &[f64]) -> Energy {
+        self.enter(&state.configuration, &state.velocity, command);
+        let mut kinetic = 0.0;
+        let (mut spin_below, mut velocity) = (Vector3::zeros(), Vector3::zeros());
+        let last = self.links.len() - 1;
+        for (i, (link, motion)) in self.links.iter().zip(&self.motions).enumerate() {
+            velocity += spin_below.cross(&motion.arm);
+            let mut body = link.body(&self.orientations()[i]);
+            if i == last {
+                body = body.with(&self.payload.body(&self.orientations()[i]));
+            }
+            let spin = &motion.spin;
+            kinetic += 0.5 * body.mass * velocity.norm_squared()
+                + velocity.dot(&spin.cross(&body.moment))
+                + 0.5 * spin.dot(&body.inertia.times(spin))
+                + 0.5 * link.armature * motion.rate.norm_squared();
+            spin_below = *spin;
+        }
+        let potential = self.forces.potential(command);
+        Energy {
+            kinetic,
+            potential: potential.energy(&state.configuration, &self.posture),
+        }
+    }
+}
+
+/// World vectors, one per disc, in the discs' own frames.
+fn to_discs(orientations: &[Matrix3<f64>], world: &[Vector3<f64>], out: &mut [f64]) {
+    let turned = orientations.iter().zip(world);
+    for (out, (orientation, world)) in out.as_chunks_mut::<3>().0.iter_mut().zip(turned) {
+        *out = transpose_times(orientation, world).into();
+    }
+}

@@ -1,0 +1,139 @@
+//! Composite bodies: everything from a disc up taken as one, for the mass matrix, the bias and the
+//! derivatives of the inverse dynamics.
+//!
+//! Spatial vectors (Featherstone, Rigid Body Dynamics Algorithms, ch. 2), in world axes about the
+//! base's origin: motions `[angular; linear]`, forces `[moment; force]`.
+//!
+//! Turning joint `j` by `X` moves everything above like a rigid body, so in the moved axes only the
+//! motion of what is below has changed: the velocities by the constant `U = V_(j-1) x X`, and the
+//! forces of body `k` by `I_k (A_(j-1) x X + V_(j-1) x U) + B_k U`, with
+//! `B_k U = U x* I_k V_k + V_k x* I_k U - I_k (V_k x U)`. Sums over the bodies above give the
+//! derivatives of the inverse dynamics in O(n²) (in the spirit of Singh, Russell and Wensing, IEEE
+//! Robotics and Automation Letters 7, 2022).
+
+use nalgebra::{Matrix3, Matrix6, Matrix6x3, Vector3, Vector6};
+
+use super::acceleration::EquationsOfMotion;
+use super::links::RigidBody;
+
+/// A joint, and the bodies from its disc up.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Composite {
+    /// Motion of the disc per rate of the joint, in the disc's axes.
+    pub axes: Matrix6x3<f64>,
+    /// Velocity of the disc, and of the body below.
+    pub velocity: Vector6<f64>,
+    pub velocity_below: Vector6<f64>,
+    /// Acceleration of the body below.
+    pub acceleration_below: Vector6<f64>,
+    /// Sums over the bodies above: inertia, `B`, and the force that accelerates them.
+    pub inertia: Matrix6<f64>,
+    pub coriolis: Matrix6<f64>,
+    pub force: Vector6<f64>,
+}
+
+/// Fills `out` for the posture that `equations` are in, joint rates and accelerations in the discs'
+/// frames.
+pub(super) fn compose(
+    equations: &EquationsOfMotion,
+    velocity: &[f64],
+    acceleration: &[f64],
+    out: &mut Vec<Composite>,
+) {
+    out.clear();
+    let (mut v, mut a) = (Vector6::zeros(), Vector6::zeros());
+    let chain = &equations.posture.chain;
+    let rates = velocity
+        .as_chunks::<3>()
+        .0
+        .iter()
+        .zip(acceleration.as_chunks::<3>().0);
+    let last = equations.links.len() - 1;
+    for (i, (velocity, acceleration)) in rates.enumerate() {
+        let orientation = chain.disc(i);
+        let centre = chain.centres[i] - equations.robot.base;
+        let axes = stack(orientation, &(centre.cross_matrix() * orientation));
+        let (velocity_below, acceleration_below) = (v, a);
+        let rate = axes * Vector3::from(*velocity);
+        v += rate;
+        a += axes * Vector3::from(*acceleration) + cross_motion(&v) * rate;
+        let mut body = equations.links[i].body(orientation);
+        if i == last {
+            body = body.with(&equations.payload.body(orientation));
+        }
+        let inertia = spatial_inertia(&body, &centre);
+        let momentum = inertia * v;
+        out.push(Composite {
+            axes,
+            velocity: v,
+            velocity_below,
+            acceleration_below,
+            inertia,
+            coriolis: cross_force(&v) * inertia - inertia * cross_motion(&v)
+                + cross_with_force(&momentum),
+            force: inertia * a + cross_force(&v) * momentum,
+        });
+    }
+    for i in (0..last).rev() {
+        let above = out[i + 1];
+        out[i].inertia += above.inertia;
+        out[i].coriolis += above.coriolis;
+        out[i].force += above.force;
+    }
+}
+
+/// Inertia about the base's origin of a body given about a joint's `centre`.
+fn spatial_inertia(body: &RigidBody, centre: &Vector3<f64>) -> Matrix6<f64> {
+    let moment = body.moment + centre * body.mass;
+    let shift =
+        centre * (centre * body.mass + body.moment).transpose() + body.moment * centre.transpose();
+    let rotational = body.inertia.matrix() + Matrix3::identity() * shift.trace() - shift;
+    let coupling = moment.cross_matrix();
+    blocks(
+        &rotational,
+        &coupling,
+        &-coupling,
+        &(Matrix3::identity() * body.mass),
+    )
+}
+
+/// `[v]x` on motions.
+pub(super) fn cross_motion(v: &Vector6<f64>) -> Matrix6<f64> {
+    let (angular, linear) = halves(v);
+    let spin = angular.cross_matrix();
+    blocks(&spin, &Matrix3::zeros(), &linear.cross_matrix(), &spin)
+}
+
+/// `[v]x*` on forces.
+fn cross_force(v: &Vector6<f64>) -> Matrix6<f64> {
+    let (angular, linear) = halves(v);
+    let spin = angular.cross_matrix();
+    blocks(&spin, &linear.cross_matrix(), &Matrix3::zeros(), &spin)
+}
+
+/// `x* f`: what takes a motion `u` to `u x* f`.
+pub(super) fn cross_with_force(f: &Vector6<f64>) -> Matrix6<f64> {
+    let (moment, force) = halves(f);
+    let force = -force.cross_matrix();
+    blocks(&-moment.cross_matrix(), &force, &force, &Matrix3::zeros())
+}
+
+fn halves(v: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    (v.fixed_rows::<3>(0).into(), v.fixed_rows::<3>(3).into())
+}
+
+fn stack(upper: &Matrix3<f64>, lower: &Matrix3<f64>) -> Matrix6x3<f64> {
+    let mut out = Matrix6x3::zeros();
+    out.fixed_view_mut::<3, 3>(0, 0).copy_from(upper);
+    out.fixed_view_mut::<3, 3>(3, 0).copy_from(lower);
+    out
+}
+
+fn blocks(a: &Matrix3<f64>, b: &Matrix3<f64>, c: &Matrix3<f64>, d: &Matrix3<f64>) -> Matrix6<f64> {
+    let mut out = Matrix6::zeros();
+    out.fixed_view_mut::<3, 3>(0, 0).copy_from(a);
+    out.fixed_view_mut::<3, 3>(0, 3).copy_from(b);
+    out.fixed_view_mut::<3, 3>(3, 0).copy_from(c);
+    out.fixed_view_mut::<3, 3>(3, 3).copy_from(d);
+    out
+}

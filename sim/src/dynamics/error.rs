@@ -1,0 +1,55 @@
+//! Why a motion cannot be computed.
+
+use thiserror::Error;
+
+use crate::robot::LoadError;
+
+/// Why a motion cannot be computed.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum DynamicsError {
+    /// A time step that is not a finite number above 0.
+    #[error("the time step is {0} s; expected a finite number above 0")]
+    Timestep(f64),
+    /// A joint that has nothing to accelerate.
+    #[error(
+        "joint {joint} has no armature and its disc no moment of inertia about some axis; expected \
+         one or the other"
+    )]
+    NoInertia {
+        /// The joint, from 0 at the base.
+        joint: usize,
+    },
+    /// A tendon whose length is imposed.
+    #[error(
+        "tendon {tendon} is inextensible and its length is commanded; for motion give it an \
+         `axial_stiffness`, or a drive with a gain"
+    )]
+    Inextensible {
+        /// The tendon, from 0.
+        tendon: usize,
+    },
+    /// A state, command or gradient made for another robot.
+    #[error("the {what} has {found} entries; robot `{robot}` needs {expected}")]
+    Size {
+        /// What does not fit.
+        what: &'static str,
+        /// Name of the robot.
+        robot: String,
+        /// Entries that fit.
+        expected: usize,
+        /// Entries found.
+        found: usize,
+    },
+    /// A load that does not fit the robot.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// A motion that left the finite numbers.
+    #[error(
+        "the motion diverged: joint rates are no longer finite; expected a shorter time step than \
+         {timestep} s or an implicit integrator"
+    )]
+    Diverged {
+        /// The time step (s).
+        timestep: f64,
+    },
+}

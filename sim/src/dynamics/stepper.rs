@@ -1,0 +1,161 @@
+//! Stepping a state through time.
+
+use nalgebra::Vector3;
+
+use super::acceleration::EquationsOfMotion;
+use super::implicit::ImplicitEuler;
+use super::runge_kutta::RungeKutta;
+use super::{DynamicsError, Energy, State};
+use crate::chain::turned;
+use crate::robot::{Command, Loads, Robot};
+
+/// How a step is taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Integrator {
+    /// First order: `v+ = v + h (M + h D)^-1 (tau - D v - bias)`, then `q+ = q exp(h v+)`; the joint
+    /// damping `D` is implicit. MuJoCo's Euler integrator, step for step.
+    #[default]
+    SemiImplicitEuler,
+    /// Fourth order, explicit: the classical Runge-Kutta method on the rotation group (Munthe-Kaas,
+    /// Applied Numerical Mathematics 29, 1999). MuJoCo's RK4, but for terms of higher order.
+    RungeKutta4,
+    /// First order, linearly implicit in the joint damping and in the stiffness `K` of the potential:
+    /// `(M + h D + h² K) (v+ - v) = h (tau - D v - bias - h K v)`. For stiff backbones and tendons;
+    /// it damps what is faster than the time step. Takes O(n³) time, and falls back on
+    /// [`Integrator::SemiImplicitEuler`] in steps where the matrix is not positive definite.
+    ImplicitEuler,
+}
+
+/// Moves states of one robot through time, reusing its memory.
+#[derive(Clone, Debug)]
+pub struct Stepper<'a> {
+    timestep: f64,
+    equations: EquationsOfMotion<'a>,
+    /// Per joint, what resists its acceleration besides the discs (kg m²).
+    armatures: Vec<f64>,
+    scheme: Scheme,
+    /// Accelerations in the discs' frames (rad/s²).
+    accelerations: Vec<f64>,
+}
+
+/// An integrator and its memory.
+#[derive(Clone, Debug)]
+enum Scheme {
+    SemiImplicitEuler,
+    RungeKutta4(Box<RungeKutta>),
+    ImplicitEuler(Box<ImplicitEuler>),
+}
+
+impl<'a> Stepper<'a> {
+    /// A stepper of `robot` by `timestep` (s).
+    ///
+    /// # Errors
+    /// [`DynamicsError`] for a time step that is not positive, a joint without inertia, or an
+    /// inextensible tendon whose length is commanded.
+    pub fn new(
+        robot: &'a Robot,
+        timestep: f64,
+        integrator: Integrator,
+    ) -> Result<Self, DynamicsError> {
+        if !(timestep.is_finite() && timestep > 0.0) {
+            return Err(DynamicsError::Timestep(timestep));
+        }
+        let (scheme, implicit) = match integrator {
+            Integrator::SemiImplicitEuler => (Scheme::SemiImplicitEuler, timestep),
+            Integrator::RungeKutta4 => (Scheme::RungeKutta4(RungeKutta::new(robot)), 0.0),
+            Integrator::ImplicitEuler => {
+                (Scheme::ImplicitEuler(ImplicitEuler::new(robot)), timestep)
+            }
+        };
+        let armatures: Vec<f64> = (robot.discs.iter())
+            .map(|disc| disc.armature + implicit * disc.damping)
+            .collect();
+        let equations = EquationsOfMotion::new(robot, &armatures)?;
+        Ok(Self {
+            timestep,
+            equations,
+            armatures,
+            scheme,
+            accelerations: vec![0.0; robot.dof()],
+        })
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &'a Robot {
+        self.equations.robot
+    }
+
+    /// The time step (s).
+    pub fn timestep(&self) -> f64 {
+        self.timestep
+    }
+
+    /// Moves `state` by one time step under `command` and `loads`, both constant meanwhile. Takes
+    /// O(n) time and allocates nothing, but for [`Integrator::ImplicitEuler`].
+    ///
+    /// # Errors
+    /// [`DynamicsError`] when state, command or loads are not of this robot (the state is left as it
+    /// was), or the motion diverged.
+    pub fn step(
+        &mut self,
+        state: &mut State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<(), DynamicsError> {
+        self.equations.accept(state, command, loads)?;
+        let (h, command) = (self.timestep, command.as_slice());
+        let equations = &mut self.equations;
+        match &mut self.scheme {
+            Scheme::SemiImplicitEuler => {
+                let (q, v) = (&state.configuration, &state.velocity);
+                equations.accelerate(q, v, command, &self.armatures, &mut self.accelerations);
+                advance(state, &self.accelerations, h);
+            }
+            Scheme::RungeKutta4(scheme) => {
+                scheme.step(equations, state, command, &self.armatures, h);
+            }
+            Scheme::ImplicitEuler(scheme) => {
+                let (q, v) = (&state.configuration, &state.velocity);
+                let accelerations = &mut self.accelerations;
+                if !scheme.accelerate(equations, state, command, &self.armatures, h, accelerations)
+                {
+                    equations.accelerate(q, v, command, &self.armatures, accelerations);
+                }
+                advance(state, accelerations, h);
+            }
+        }
+        if state.velocity.iter().sum::<f64>().is_finite() {
+            Ok(())
+        } else {
+            Err(DynamicsError::Diverged { timestep: h })
+        }
+    }
+
+    /// Energy of `state` under `command` and `loads`.
+    ///
+    /// # Errors
+    /// [`DynamicsError`] when they are not of this robot.
+    pub fn energy(
+        &mut self,
+        state: &State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<Energy, DynamicsError> {
+        self.equations.accept(state, command, loads)?;
+        Ok(self.equations.energy(state, command.as_slice()))
+    }
+}
+
+/// `v+ = v + h a`, then `q+ = q exp(h v+)`.
+fn advance(state: &mut State, accelerations: &[f64], h: f64) {
+    let joints = state
+        .configuration
+        .0
+        .iter_mut()
+        .zip(state.velocity.as_chunks_mut::<3>().0);
+    for ((q, velocity), acceleration) in joints.zip(accelerations.as_chunks::<3>().0) {
+        let next = Vector3::from(*velocity) + Vector3::from(*acceleration) * h;
+        *velocity = next.into();
+        *q = turned(q, &(next * h));
+    }
+}

@@ -1,0 +1,205 @@
+//! Energy, order and rest of the integrators.
+
+use nalgebra::Vector3;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
+use tdcr_sim::robot::{Backbone, Loads, PerDisc, Robot, RobotSpec};
+
+use crate::random_robot::{Kind, random_spec};
+use crate::{all_loads, dead_loads, difference, random_robots, random_state, without_kinks};
+
+/// The largest departure of the energy from its start along a motion in steps of `h` (s).
+fn energy_drift(robot: &Robot, start: &State, loads: &Loads, h: f64) -> f64 {
+    let mut stepper = Stepper::new(robot, h, Integrator::RungeKutta4).unwrap();
+    let command = robot.mean_command();
+    let mut state = start.clone();
+    let before = stepper.energy(&state, &command, loads).unwrap();
+    let (mut drift, mut exchanged) = (0.0_f64, 0.0_f64);
+    for _ in 0..(0.2 / h).round() as usize {
+        stepper.step(&mut state, &command, loads).unwrap();
+        let now = stepper.energy(&state, &command, loads).unwrap();
+        drift = drift.max((now.total() - before.total()).abs());
+        exchanged = exchanged.max((now.kinetic - before.kinetic).abs());
+    }
+    assert!(
+        before.kinetic > 0.01 && exchanged > 0.005,
+        "{exchanged} of {before:?}"
+    );
+    drift
+}
+
+#[test]
+fn without_damping_runge_kutta_keeps_the_energy_to_fourth_order() {
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    for _ in 0..6 {
+        let mut spec = random_spec(Kind::Mujoco, &mut rng);
+        for module in &mut spec.modules {
+            module.damping = PerDisc::Uniform(0.0);
+        }
+        let robot = Robot::new(spec).unwrap();
+        let start = random_state(&robot, &mut rng);
+        let loads = dead_loads(&robot, &mut rng);
+        let [coarse, fine] = [4e-3, 2e-3].map(|h| energy_drift(&robot, &start, &loads, h));
+        assert!(coarse < 1e-7, "{coarse} J");
+        assert!((coarse / fine).log2() > 3.7, "{coarse} J and {fine} J");
+    }
+}
+
+#[test]
+fn runge_kutta_converges_to_fourth_order_and_the_euler_methods_to_first() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    for robot in random_robots(3, &mut rng) {
+        let (start, loads) = (random_state(&robot, &mut rng), all_loads(&robot, &mut rng));
+        let robot = without_kinks(&robot);
+        let end = |integrator, h: f64| {
+            let mut stepper = Stepper::new(&robot, h, integrator).unwrap();
+            let mut state = start.clone();
+            for _ in 0..(0.02 / h).round() as usize {
+                stepper
+                    .step(&mut state, &robot.mean_command(), &loads)
+                    .unwrap();
+            }
+            state
+        };
+        let exact = end(Integrator::RungeKutta4, 0.5e-4);
+        for (integrator, order) in [
+            (Integrator::RungeKutta4, 4.0),
+            (Integrator::SemiImplicitEuler, 1.0),
+            (Integrator::ImplicitEuler, 1.0),
+        ] {
+            let errors = [1e-3, 0.5e-3].map(|h| {
+                let apart = difference(&exact, &end(integrator, h));
+                apart.iter().map(|d| d * d).sum::<f64>().sqrt()
+            });
+            let found = (errors[0] / errors[1]).log2();
+            assert!(
+                (found - order).abs() < 0.3,
+                "{integrator:?}: order {found}, {errors:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn damping_takes_energy_at_every_step() {
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let mut checked = 0;
+    for robot in random_robots(6, &mut rng) {
+        let mut spec = robot.spec().clone();
+        for module in &mut spec.modules {
+            module.damping = PerDisc::Uniform(0.05);
+        }
+        let robot = Robot::new(spec).unwrap();
+        let loads = dead_loads(&robot, &mut rng);
+        let command = robot.random_command(&mut rng);
+        let mut state = random_state(&robot, &mut rng);
+        let mut stepper = Stepper::new(&robot, 1e-4, Integrator::RungeKutta4).unwrap();
+        let mut last = stepper.energy(&state, &command, &loads).unwrap().total();
+        for _ in 0..200 {
+            // What damping takes in a step, by the trapezoidal rule.
+            let rate = |state: &State| -> f64 { state.velocity.iter().map(|v| 0.05 * v * v).sum() };
+            let mut taken = rate(&state);
+            stepper.step(&mut state, &command, &loads).unwrap();
+            taken += rate(&state);
+            let energy = stepper.energy(&state, &command, &loads).unwrap().total();
+            let lost = last - energy;
+            assert!(lost > 0.0);
+            assert!(
+                (lost / (0.5e-4 * taken) - 1.0).abs() < 0.02,
+                "{lost} {taken}"
+            );
+            last = energy;
+            checked += 1;
+        }
+    }
+    assert_eq!(checked, 1200);
+}
+
+#[test]
+fn a_settled_robot_stays_where_it_is() {
+    let mut rng = ChaCha8Rng::seed_from_u64(21);
+    for name in RobotSpec::STANDARD {
+        let robot = Robot::load(name).unwrap();
+        let command = robot.random_command(&mut rng);
+        let loads = Loads::payload(0.01).unwrap();
+        let settled = robot.settle(&command, &loads);
+        assert!(settled.converged);
+        for integrator in [
+            Integrator::SemiImplicitEuler,
+            Integrator::RungeKutta4,
+            Integrator::ImplicitEuler,
+        ] {
+            let mut stepper = Stepper::new(&robot, 0.002, integrator).unwrap();
+            let mut state = State::at_rest(settled.configuration.clone());
+            for _ in 0..500 {
+                stepper.step(&mut state, &command, &loads).unwrap();
+            }
+            for (now, then) in state.positions(&robot).iter().zip(&settled.positions) {
+                assert!(
+                    (now - then).norm() < 1e-8,
+                    "{name}, {integrator:?}: {now} {then}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_moving_robot_comes_to_rest_where_the_statics_say() {
+    let mut spec = RobotSpec::standard("2m").unwrap();
+    for module in &mut spec.modules {
+        module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(0.1)));
+    }
+    let robot = Robot::new(spec).unwrap();
+    let command = robot
+        .command(&[0.03, 0.02, 0.01, 0.01, 0.015, 0.02])
+        .unwrap();
+    let settled = robot.settle(&command, &Loads::default());
+    let mut stepper = Stepper::new(&robot, 0.002, Integrator::SemiImplicitEuler).unwrap();
+    let mut state = State::straight(&robot);
+    for _ in 0..20_000 {
+        stepper
+            .step(&mut state, &command, &Loads::default())
+            .unwrap();
+    }
+    let tip = state.positions(&robot)[9];
+    assert!((tip - settled.positions[9]).norm() < 1e-9, "{tip}");
+    assert!((tip - Vector3::new(0.0, 0.0, tip.z)).norm() > 0.01);
+}
+
+#[test]
+fn the_implicit_integrator_holds_a_backbone_that_explicit_ones_cannot() {
+    let mut spec = RobotSpec::standard("2m").unwrap();
+    for module in &mut spec.modules {
+        module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(5e4)));
+    }
+    let robot = Robot::new(spec).unwrap();
+    let command = robot
+        .command(&[0.03, 0.02, 0.01, 0.01, 0.015, 0.02])
+        .unwrap();
+    let settled = robot.settle(&command, &Loads::default());
+    let end = |integrator| {
+        let mut stepper = Stepper::new(&robot, 0.002, integrator).unwrap();
+        let mut state = State::straight(&robot);
+        for _ in 0..500 {
+            stepper.step(&mut state, &command, &Loads::default())?;
+        }
+        Ok(state.positions(&robot)[9])
+    };
+    let implicit = end(Integrator::ImplicitEuler).unwrap();
+    assert!(
+        (implicit - settled.positions[9]).norm() < 1e-9,
+        "{implicit}"
+    );
+    for explicit in [Integrator::SemiImplicitEuler, Integrator::RungeKutta4] {
+        match end(explicit) {
+            Err(DynamicsError::Diverged { timestep }) => assert_eq!(timestep, 0.002),
+            Err(other) => panic!("{other}"),
+            Ok(tip) => assert!(
+                (tip - settled.positions[9]).norm() > 1e-3,
+                "{explicit:?}: {tip}"
+            ),
+        }
+    }
+}

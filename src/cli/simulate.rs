@@ -1,0 +1,227 @@
+//! `tdcr simulate`.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
+use nalgebra::DMatrix;
+use serde::Serialize;
+use tdcr::pipeline::{Monitor, PipelineError};
+use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
+use tdcr::sim::robot::{Command, Loads, Robot};
+
+use super::console::Console;
+
+/// Move a robot through a sequence of commands, from the straight pose at rest
+#[derive(Debug, Args)]
+pub(super) struct SimulateArgs {
+    /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
+    #[arg(long, default_value = "2m")]
+    robot: String,
+    /// Commands as CSV: a line per time step, an entry per tendon (m, or N for a tension drive)
+    #[arg(long, value_name = "FILE")]
+    commands: PathBuf,
+    /// Time step (s)
+    #[arg(long, default_value_t = 0.002, value_name = "S", value_parser = super::positive)]
+    dt: f64,
+    /// How a step is taken
+    #[arg(long, value_enum, default_value_t = Method::SemiImplicitEuler)]
+    integrator: Method,
+    /// Point mass on the tip disc (kg)
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        allow_hyphen_values = true,
+        value_name = "KG"
+    )]
+    payload: f64,
+    /// Write the disc origins (m) after every step to this CSV file
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Write the derivative of a semi-implicit step from the final state under the last command to
+    /// this JSON file: matrices a and b, in rows
+    #[arg(long, value_name = "FILE")]
+    linearise: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Method {
+    /// First order, joint damping implicit, as MuJoCo's Euler
+    SemiImplicitEuler,
+    /// Fourth order, explicit
+    RungeKutta4,
+    /// First order, stiffness implicit too: for stiff robots
+    ImplicitEuler,
+}
+
+impl From<Method> for Integrator {
+    fn from(method: Method) -> Self {
+        match method {
+            Method::SemiImplicitEuler => Self::SemiImplicitEuler,
+            Method::RungeKutta4 => Self::RungeKutta4,
+            Method::ImplicitEuler => Self::ImplicitEuler,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Simulated {
+    steps: usize,
+    /// Simulated time (s).
+    time: f64,
+    /// Disc origins at the end, world frame (m).
+    positions: Vec<[f64; 3]>,
+    /// Rotation of each disc relative to the body below at the end: quaternions (w, x, y, z).
+    rotations: Vec<[f64; 4]>,
+    /// Joint rates at the end, in the discs' own frames (rad/s).
+    velocity: Vec<f64>,
+}
+
+pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> {
+    let robot = Robot::load(&args.robot)?;
+    let commands = read_commands(&args.commands, &robot)?;
+    let loads = Loads::payload(args.payload)?;
+    let mut stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
+    let mut path = args
+        .out
+        .as_deref()
+        .map(|file| PathFile::create(file, &robot))
+        .transpose()?;
+    let mut state = State::straight(&robot);
+    for (step, command) in commands.iter().enumerate() {
+        if console.interrupted() {
+            return Err(PipelineError::Interrupted.into());
+        }
+        (stepper.step(&mut state, command, &loads)).with_context(|| format!("step {step}"))?;
+        if let Some(path) = &mut path {
+            path.write((step + 1) as f64 * args.dt, &state, &robot)?;
+        }
+    }
+    if let Some(path) = path {
+        path.finish()?;
+    }
+    if let (Some(file), Some(command)) = (&args.linearise, commands.last()) {
+        let linear = Lineariser::new(&robot, args.dt)?.linearise(&state, command, &loads)?;
+        write_matrices(file, &linear)?;
+    }
+    let simulated = Simulated {
+        steps: commands.len(),
+        time: commands.len() as f64 * args.dt,
+        positions: state
+            .positions(&robot)
+            .iter()
+            .map(|p| [p.x, p.y, p.z])
+            .collect(),
+        rotations: (state.configuration.0.iter())
+            .map(|q| [q.w, q.i, q.j, q.k])
+            .collect(),
+        velocity: state.velocity,
+    };
+    console.result(&simulated, table)
+}
+
+fn write_matrices(file: &Path, linear: &Linearisation) -> anyhow::Result<()> {
+    let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> {
+        matrix
+            .row_iter()
+            .map(|row| row.iter().copied().collect())
+            .collect()
+    };
+    let matrices = serde_json::json!({ "a": rows(&linear.a), "b": rows(&linear.b) });
+    std::fs::write(file, matrices.to_string())
+        .with_context(|| format!("cannot write to {}", file.display()))
+}
+
+/// Reads one command per line; empty lines and lines that begin with `#` are passed over.
+fn read_commands(file: &Path, robot: &Robot) -> anyhow::Result<Vec<Command>> {
+    let text = std::fs::read_to_string(file)
+        .with_context(|| format!("cannot read commands from {}", file.display()))?;
+    let mut commands = Vec::new();
+    for (number, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let command = parse_command(line, robot);
+        commands.push(command.with_context(|| format!("{} line {}", file.display(), number + 1))?);
+    }
+    if commands.is_empty() {
+        bail!(
+            "{} has no commands; expected one line per time step",
+            file.display()
+        );
+    }
+    Ok(commands)
+}
+
+fn parse_command(line: &str, robot: &Robot) -> anyhow::Result<Command> {
+    let entry = |text: &str| {
+        let text = text.trim();
+        (text.parse::<f64>()).with_context(|| format!("`{text}` is not a number"))
+    };
+    let values: Vec<f64> = line.split(',').map(entry).collect::<anyhow::Result<_>>()?;
+    Ok(robot.command(&values)?)
+}
+
+/// The CSV file of the discs' path.
+struct PathFile {
+    out: BufWriter<File>,
+    name: PathBuf,
+}
+
+impl PathFile {
+    fn create(file: &Path, robot: &Robot) -> anyhow::Result<Self> {
+        let created =
+            File::create(file).with_context(|| format!("cannot create {}", file.display()))?;
+        let mut path = Self {
+            out: BufWriter::new(created),
+            name: file.to_owned(),
+        };
+        let mut header = String::from("time");
+        for disc in 0..robot.discs().len() {
+            // Writing to a string cannot fail.
+            let _ = write!(header, ",x{disc},y{disc},z{disc}");
+        }
+        path.line(&header)?;
+        Ok(path)
+    }
+
+    fn write(&mut self, time: f64, state: &State, robot: &Robot) -> anyhow::Result<()> {
+        let mut row = time.to_string();
+        for position in state.positions(robot) {
+            let _ = write!(row, ",{},{},{}", position.x, position.y, position.z);
+        }
+        self.line(&row)
+    }
+
+    fn line(&mut self, text: &str) -> anyhow::Result<()> {
+        writeln!(self.out, "{text}")
+            .with_context(|| format!("cannot write to {}", self.name.display()))
+    }
+
+    fn finish(mut self) -> anyhow::Result<()> {
+        self.out
+            .flush()
+            .with_context(|| format!("cannot write to {}", self.name.display()))
+    }
+}
+
+fn table(simulated: &Simulated) -> String {
+    let mut text = String::from("disc       x (m)      y (m)      z (m)\n");
+    for (disc, [x, y, z]) in simulated.positions.iter().enumerate() {
+        let _ = writeln!(text, "{disc:4}  {x:10.6} {y:10.6} {z:10.6}");
+    }
+    let fastest = simulated
+        .velocity
+        .iter()
+        .fold(0.0, |fastest: f64, v| fastest.max(v.abs()));
+    let _ = writeln!(
+        text,
+        "\n{} steps, {:.3} s; the fastest joint turns at {fastest:.3e} rad/s",
+        simulated.steps, simulated.time
+    );
+    text
+}

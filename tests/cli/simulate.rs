@@ -1,0 +1,87 @@
+//! `tdcr simulate`: robots in motion.
+
+use std::path::PathBuf;
+
+use crate::{refuse, succeed, succeed_json, text};
+
+/// A folder with a file of commands.
+fn commands(lines: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("commands.csv");
+    std::fs::write(&file, lines).unwrap();
+    (folder, file)
+}
+
+const PULL: &str = "0.03,0.01,0.01,0.02,0.02,0.02\n";
+
+#[test]
+fn simulate_moves_the_robot_and_writes_its_path() {
+    let (folder, file) = commands(&format!("# one command a step\n\n{}", PULL.repeat(50)));
+    let path = folder.path().join("path.csv");
+    let arguments = ["simulate", "--commands", text(&file), "--out", text(&path)];
+    let simulated = succeed_json(&arguments);
+    assert_eq!(simulated["steps"], 50);
+    assert!((simulated["time"].as_f64().unwrap() - 0.1).abs() < 1e-12);
+    let tip = &simulated["positions"][9];
+    assert!(tip[0].as_f64().unwrap().abs() > 1e-4, "{tip}");
+    assert_eq!(simulated["velocity"].as_array().unwrap().len(), 30);
+
+    let rows = std::fs::read_to_string(&path).unwrap();
+    let rows: Vec<&str> = rows.lines().collect();
+    assert_eq!(rows.len(), 51);
+    assert!(rows[0].starts_with("time,x0,y0,z0,x1"));
+    let last: Vec<f64> = rows[50].split(',').map(|x| x.parse().unwrap()).collect();
+    assert_eq!(last.len(), 31);
+    for axis in 0..3 {
+        assert_eq!(last[28 + axis], tip[axis].as_f64().unwrap());
+    }
+    let table = succeed(&arguments);
+    assert!(table.contains("50 steps, 0.100 s"), "{table}");
+}
+
+#[test]
+fn the_integrators_agree_to_first_order_and_a_payload_is_felt() {
+    let (_folder, file) = commands(&PULL.repeat(100));
+    let height = |options: &[&str]| {
+        let arguments = [&["simulate", "--commands", text(&file)], options].concat();
+        succeed_json(&arguments)["positions"][9][2]
+            .as_f64()
+            .unwrap()
+    };
+    let euler = height(&[]);
+    let runge_kutta = height(&["--integrator", "runge-kutta4"]);
+    assert!(euler != runge_kutta && (euler - runge_kutta).abs() < 1e-4);
+    assert!((height(&["--payload", "0.02"]) - euler).abs() > 1e-5);
+}
+
+#[test]
+fn wrong_commands_are_named_with_their_line() {
+    let simulate = |lines: &str, expected: &str| {
+        let (_folder, file) = commands(lines);
+        refuse(&["simulate", "--commands", text(&file)], 1, expected);
+    };
+    simulate(
+        &format!("{PULL}0.1,0,0,0,0,0\n"),
+        "line 2: command entry 0 is 0.1 m; tendon 0 takes",
+    );
+    simulate(
+        "0.1,0,0\n",
+        "line 1: the command has 3 entries; robot `2m` has 6 tendons",
+    );
+    simulate(
+        &format!("{PULL}\n0.01,x,0,0,0,0\n"),
+        "line 3: `x` is not a number",
+    );
+    simulate(
+        "# nothing\n",
+        "has no commands; expected one line per time step",
+    );
+    refuse(
+        &["simulate", "--commands", "/no/such.csv"],
+        1,
+        "cannot read commands from /no/such.csv",
+    );
+    let (_folder, file) = commands(PULL);
+    let arguments = ["simulate", "--commands", text(&file), "--dt", "0"];
+    refuse(&arguments, 2, "expected a finite number above 0");
+}
