@@ -37,6 +37,7 @@
 //! - [`camera`]: the pinhole model and rings of cameras.
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
+//! - [`mjcf`], [`urdf`]: robots written to and read from files of other tools ([`exchange`]).
 //!
 //! # What it is not for
 //!
@@ -47,7 +48,10 @@ pub mod camera;
 pub mod chain;
 pub mod cloud;
 mod energy;
+pub mod exchange;
+pub mod mjcf;
 pub mod render;
 pub mod robot;
 pub mod statics;
 mod tendon;
+pub mod urdf;

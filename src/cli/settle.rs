@@ -13,7 +13,7 @@ use super::console::Console;
 /// Settle a robot under one command: where its discs come to rest
 #[derive(Debug, Args)]
 pub(super) struct SettleArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
+    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
     #[arg(long, default_value = "2m")]
     robot: String,
     #[command(flatten)]
@@ -43,7 +43,7 @@ struct Settled {
 }
 
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
-    let robot = Robot::load(&args.robot)?;
+    let robot = Robot::new(super::load_robot(&args.robot)?)?;
     let command = robot.command(&args.command.lengths)?;
     let loads = Loads::payload(args.payload)?;
     let equilibrium = robot.settle(&command, &loads);
