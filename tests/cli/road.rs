@@ -9,7 +9,9 @@ const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
 #[test]
 fn every_command_explains_itself() {
     let overview = succeed(&["--help"]);
-    for command in ["settle", "collect", "train", "predict", "eval", "demo"] {
+    for command in [
+        "settle", "collect", "train", "predict", "eval", "demo", "export",
+    ] {
         assert!(overview.contains(command));
         let help = succeed(&[command, "--help"]);
         assert!(help.contains("Usage:") && help.contains("--json"), "{help}");

@@ -145,6 +145,8 @@ impl<'a> BodyReader<'a> {
                 Drive::Tension => "tension (N)",
                 Drive::Gain(_) | Drive::Length => "rest length (m)",
             };
+            // Adding 0 makes -0 a 0.
+            let shift = shift + 0.0;
             let text = format!("a command is the {what}, {slope} ctrl + {shift}");
             self.note(index, text);
         }

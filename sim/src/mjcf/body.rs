@@ -33,6 +33,18 @@ pub(super) struct RigidGroup<'a> {
     pub payload: Option<PartMass>,
     /// Bodies on joints that the group carries.
     pub carried: Vec<Carried<'a>>,
+    /// Geoms of bodies that are fixed in the world.
+    still_geoms: Vec<usize>,
+}
+
+/// One body of a group.
+#[derive(Clone, Copy)]
+struct Member<'a> {
+    body: usize,
+    /// Its pose in the group's frame.
+    pose: Isometry3<f64>,
+    /// Default class of the elements within.
+    childclass: Option<&'a str>,
 }
 
 /// A site on a body of a group.
@@ -54,7 +66,7 @@ pub(super) struct Carried<'a> {
     /// Pose of the carrier in its group's frame.
     pub carrier_pose: Isometry3<f64>,
     /// Default class of the elements within.
-    childclass: Option<&'a str>,
+    pub childclass: Option<&'a str>,
 }
 
 /// A ball joint, in its body's frame.
@@ -101,69 +113,115 @@ impl<'a> BodyReader<'a> {
     ) -> Result<RigidGroup<'a>, ImportError> {
         let document = self.document;
         let mut group = RigidGroup::default();
-        let mut open = vec![(root, Isometry3::identity(), childclass)];
-        while let Some((body, pose, inherited)) = open.pop() {
-            let class = Attributes::own(document, body)
-                .text("childclass")
-                .or(inherited);
+        let mut open = vec![Member {
+            body: root,
+            pose: Isometry3::identity(),
+            childclass,
+        }];
+        while let Some(mut member) = open.pop() {
+            let own = Attributes::own(document, member.body);
+            member.childclass = own.text("childclass").or(member.childclass);
             let mut masses = BodyMasses::default();
             let mut fastened = Vec::new();
-            for (index, element) in document.children(body) {
-                match element.tag.as_str() {
-                    "body" if self.is_payload(index) && body != root => {
-                        fastened.push((index, pose * self.pose(index)?, class));
-                    }
-                    "body" if self.is_payload(index) && group.payload.is_none() => {
-                        group.payload = Some(self.payload(index)?);
-                    }
-                    "body" if self.has_joint(index) => group.carried.push(Carried {
-                        element: index,
-                        carrier: body,
-                        carrier_pose: pose,
-                        childclass: class,
-                    }),
-                    "body" => fastened.push((index, pose * self.pose(index)?, class)),
-                    "joint" if body == root && group.joint.is_none() => {
-                        group.joint = Some(self.joint(index, class)?);
-                    }
-                    "joint" | "freejoint" => {
-                        let reason = "expected one ball joint in each moving body";
-                        return Err(document.refuse(index, reason));
-                    }
-                    "inertial" => {
-                        let attributes = Attributes::own(document, index);
-                        masses.given = Some(PartMass::read(&attributes, &self.compiler)?);
-                    }
-                    "geom" if document.elements[root].tag == "worldbody" => {
-                        self.note(index, "seen by no camera here: only discs and base are");
-                    }
-                    "geom" => masses.geoms.push(self.geom(index, class)?),
-                    "site" => self.site(index, class, body, &pose, &mut group.sites)?,
-                    "camera" if document.elements[body].tag != "worldbody" => {
-                        self.note(index, "left out: cameras stand still around the robot");
-                    }
-                    "camera" | "light" => {}
-                    _ => {
-                        let expected = "expected bodies, joints, inertials, geoms and sites";
-                        return Err(document.refuse(index, expected));
-                    }
+            for (index, element) in document.children(member.body) {
+                if element.tag == "body" {
+                    fastened.extend(self.body_within(index, &member, root, &mut group)?);
+                } else {
+                    self.part(index, &member, root, &mut group, &mut masses)?;
                 }
             }
-            // Written in reverse, so that they are read in order.
+            // The last is taken up first: reversed, they are read in order.
             open.extend(fastened.into_iter().rev());
-            group.masses.extend(
-                masses
-                    .parts(self.compiler.inertia_from_geom)
-                    .map(|part| part.moved(&pose)),
-            );
+            let parts = masses.parts(self.compiler.inertia_from_geom);
+            group
+                .masses
+                .extend(parts.map(|part| part.moved(&member.pose)));
             group
                 .geoms
                 .extend(masses.geoms.into_iter().map(|geom| Geom {
-                    pose: pose * geom.pose,
+                    pose: member.pose * geom.pose,
                     ..geom
                 }));
         }
+        if let Some(&first) = group.still_geoms.first() {
+            let count = group.still_geoms.len();
+            self.note(
+                first,
+                format!("left out, with all {count} geoms that stand still"),
+            );
+        }
         Ok(group)
+    }
+
+    /// Sorts a body within a group's member: the group's payload, a body that it carries, or else,
+    /// returned, a further member.
+    fn body_within(
+        &self,
+        index: usize,
+        member: &Member<'a>,
+        root: usize,
+        group: &mut RigidGroup<'a>,
+    ) -> Result<Option<Member<'a>>, ImportError> {
+        if self.has_joint(index) {
+            group.carried.push(Carried {
+                element: index,
+                carrier: member.body,
+                carrier_pose: member.pose,
+                childclass: member.childclass,
+            });
+            return Ok(None);
+        }
+        if self.is_payload(index) && member.body == root && group.payload.is_none() {
+            group.payload = Some(self.payload(index)?);
+            return Ok(None);
+        }
+        Ok(Some(Member {
+            body: index,
+            pose: member.pose * self.pose(index)?,
+            childclass: member.childclass,
+        }))
+    }
+
+    /// Reads what is not a body within a group's member.
+    fn part(
+        &mut self,
+        index: usize,
+        member: &Member<'a>,
+        root: usize,
+        group: &mut RigidGroup<'a>,
+        masses: &mut BodyMasses,
+    ) -> Result<(), ImportError> {
+        let document = self.document;
+        let class = member.childclass;
+        let stands_still = document.elements[root].tag == "worldbody";
+        match document.elements[index].tag.as_str() {
+            "joint" if member.body == root && group.joint.is_none() => {
+                group.joint = Some(self.joint(index, class)?);
+            }
+            "joint" | "freejoint" => {
+                let reason = "expected one ball joint in each moving body";
+                return Err(document.refuse(index, reason));
+            }
+            "inertial" => {
+                let attributes = Attributes::own(document, index);
+                masses.given = Some(PartMass::read(&attributes, &self.compiler)?);
+            }
+            "geom" if stands_still => group.still_geoms.push(index),
+            "geom" => masses.geoms.push(self.geom(index, class)?),
+            "site" => group.sites.push(self.site(index, member)?),
+            "camera" if document.elements[member.body].tag != "worldbody" => {
+                self.note(
+                    index,
+                    "left out: cameras stand in the world, around the robot",
+                );
+            }
+            "camera" | "light" => {}
+            _ => {
+                let expected = "expected bodies, joints, inertials, geoms and sites";
+                return Err(document.refuse(index, expected));
+            }
+        }
+        Ok(())
     }
 
     pub fn note(&mut self, element: usize, text: impl Into<String>) {
@@ -241,28 +299,20 @@ impl<'a> BodyReader<'a> {
         Geom::read(&attributes, &self.compiler)
     }
 
-    fn site(
-        &self,
-        index: usize,
-        class: Option<&str>,
-        body: usize,
-        body_pose: &Isometry3<f64>,
-        sites: &mut Vec<Site<'a>>,
-    ) -> Result<(), ImportError> {
+    fn site(&self, index: usize, member: &Member<'_>) -> Result<Site<'a>, ImportError> {
         let name = Attributes::own(self.document, index).text("name");
-        let attributes = self.classes.resolve(self.document, index, class)?;
+        let attributes = (self.classes).resolve(self.document, index, member.childclass)?;
         if name.is_some_and(|name| self.used_sites.contains(name)) {
             let known = ["type", "size", "group", "rgba", "material"];
             attributes.only(&[&known[..], &POSE[..]].concat(), &[])?;
         }
-        sites.push(Site {
+        Ok(Site {
             name,
             element: index,
-            body,
+            body: member.body,
             position: attributes.numbers::<3>("pos")?.unwrap_or_default().into(),
-            body_pose: *body_pose,
-        });
-        Ok(())
+            body_pose: member.pose,
+        })
     }
 }
 

@@ -72,7 +72,11 @@ impl<'a> BodyReader<'a> {
         first: Carried<'a>,
     ) -> Result<Vec<(DiscBody, RigidGroup<'a>)>, ImportError> {
         let mut discs = Vec::new();
-        let mut next = Some(first);
+        // The first disc is seen from the body that carries it, not from the world.
+        let mut next = Some(Carried {
+            carrier_pose: Isometry3::identity(),
+            ..first
+        });
         while let Some(body) = next {
             let mut group = self.group_of(&body)?;
             next = self.only_one(body.element, &group.carried)?;

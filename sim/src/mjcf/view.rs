@@ -89,7 +89,8 @@ fn recognise(views: &[View], resolution: [u32; 2]) -> Option<RingSpec> {
         count: views.len(),
         radius: -position.y,
         height: position.z,
-        pitch: (-axis.z).atan2(axis.y),
+        // Without the last digits, which are those of rounding.
+        pitch: ((-axis.z).atan2(axis.y) * 1e12).round() / 1e12,
         fovy: first.fovy,
         resolution,
     };
