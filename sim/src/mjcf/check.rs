@@ -11,6 +11,10 @@ use super::write::is_xml_char;
 /// MuJoCo's smallest mass and moment of inertia of a body that moves (`mjMINVAL`).
 const SMALLEST_MASS: f64 = 1e-15;
 
+/// Longest chain that MuJoCo 4.0 reads, with a payload: its XML parser goes 500 elements deep (that
+/// of MuJoCo 2.2.2 goes 100).
+const MAX_DISCS: usize = 495;
+
 /// Refuses what MuJoCo cannot represent with the same meaning.
 pub(super) fn representable(robot: &Robot, payload: &Payload) -> Result<(), ExportError> {
     let spec = robot.spec();
@@ -31,6 +35,10 @@ pub(super) fn representable(robot: &Robot, payload: &Payload) -> Result<(), Expo
     if !spec.name.chars().all(is_xml_char) {
         let found = format!("{:?}", spec.name);
         return Err(refuse("name", found, "text without control characters"));
+    }
+    if spec.disc_count() > MAX_DISCS {
+        let found = format!("{} discs in all", spec.disc_count());
+        return Err(refuse("modules", found, "495 discs at most"));
     }
     check_masses(robot)?;
     for (index, module) in spec.modules.iter().enumerate() {

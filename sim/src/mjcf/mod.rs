@@ -16,6 +16,8 @@
 //! | tension only | `forcerange` with 0 as its upper end |
 //! | ring of cameras | cameras; the resolution is that of the offscreen buffer |
 //!
+//! MuJoCo's XML parser limits how deep bodies nest: 2.2.2 reads 95 discs, 4.0 reads 495.
+//!
 //! A joint whose rest is bent has its configuration counted from there: MuJoCo's joint quaternion
 //! is `R0' R`.
 

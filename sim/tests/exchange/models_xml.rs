@@ -7,7 +7,7 @@ use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Payload, RobotSpec};
 use tdcr_sim::urdf;
 
-/// Set, it makes this test write the models again: `WRITE_MODELS=1 cargo test -p tdcr-sim models`.
+/// Set, it makes this test write the models again.
 const WRITE: &str = "WRITE_MODELS";
 
 #[test]

@@ -13,7 +13,7 @@ fn model() -> String {
 #[test]
 fn what_mujoco_cannot_represent_is_named_by_its_field() {
     type Change = fn(&mut RobotSpec);
-    let cases: [(Change, &str); 9] = [
+    let cases: [(Change, &str); 10] = [
         (
             |s| {
                 let mut backbones = vec![Backbone::isotropic(0.1); 5];
@@ -64,6 +64,10 @@ fn what_mujoco_cannot_represent_is_named_by_its_field() {
         (
             |s| s.name = "bell \u{7}".to_owned(),
             "`name` is \"bell \\u{7}\"; MuJoCo takes text without control characters",
+        ),
+        (
+            |s| s.modules[0].discs = 491,
+            "`modules` is 496 discs in all; MuJoCo takes 495 discs at most",
         ),
         (|s| s.modules[0].radius = 0.0, "`modules[0].radius` is 0"),
     ];
