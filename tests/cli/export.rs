@@ -46,7 +46,11 @@ fn base_and_payload_go_into_a_model_alone() {
         let arguments = [&["export", "--format", "urdf"], option].concat();
         refuse(&arguments, 1, "--base and --payload go with --format mjcf");
     }
-    refuse(&["export", "--payload", "-1"], 1, "`payload` is -1 kg");
+    refuse(
+        &["export", "--payload", "-1"],
+        1,
+        "the payload is -1 kg; expected a finite mass",
+    );
 }
 
 #[test]
@@ -66,7 +70,7 @@ fn a_model_that_is_no_robot_is_named_with_its_line() {
     settle("`payload` is 0.02 kg; expected none in a robot file");
     fs::write(&file, model.replacen("type=\"ball\"", "type=\"hinge\"", 1)).unwrap();
     settle(&format!(
-        "{}, line 30, <joint>: attribute type=\"hinge\": expected ball",
+        "{}, line 29, <joint>: attribute type=\"hinge\": expected ball",
         file.display()
     ));
     fs::write(&file, "<mujoco>").unwrap();

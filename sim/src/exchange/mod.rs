@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::robot::{Payload, RobotSpec, SpecError};
+use crate::robot::{LoadError, Payload, RobotSpec, SpecError};
 
 /// A robot read from a file of another tool.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,6 +114,9 @@ pub enum ExportError {
         /// What the format can represent.
         expected: &'static str,
     },
+    /// The payload is not valid.
+    #[error(transparent)]
+    Payload(#[from] LoadError),
     /// The specification is not valid.
     #[error(transparent)]
     Robot(#[from] SpecError),

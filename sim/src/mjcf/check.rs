@@ -2,7 +2,7 @@
 
 use crate::exchange::ExportError;
 use crate::robot::{
-    Backbone, Drive, MassSpec, ModuleSpec, Payload, PerDisc, RigidMass, Robot, RobotSpec,
+    Backbone, Drive, Loads, MassSpec, ModuleSpec, Payload, PerDisc, RigidMass, Robot, RobotSpec,
     TendonSpec,
 };
 
@@ -18,20 +18,7 @@ const MAX_DISCS: usize = 495;
 /// Refuses what MuJoCo cannot represent with the same meaning.
 pub(super) fn representable(robot: &Robot, payload: &Payload) -> Result<(), ExportError> {
     let spec = robot.spec();
-    let numbers = [
-        payload.mass,
-        payload.offset[0],
-        payload.offset[1],
-        payload.offset[2],
-    ];
-    if !numbers.iter().all(|x| x.is_finite()) || payload.mass < 0.0 {
-        let found = format!("{payload:?}");
-        return Err(refuse(
-            "payload",
-            found,
-            "finite numbers, the mass 0 or above",
-        ));
-    }
+    Loads::default().with_payload(*payload)?;
     if !spec.name.chars().all(is_xml_char) {
         let found = format!("{:?}", spec.name);
         return Err(refuse("name", found, "text without control characters"));
