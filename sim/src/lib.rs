@@ -40,6 +40,7 @@
 //! - [`camera`]: the pinhole model and rings of cameras.
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
+//! - [`mjcf`], [`urdf`]: robots written to and read from files of other tools ([`exchange`]).
 //!
 //! # What it is not for
 //!
@@ -55,9 +56,12 @@ pub mod chain;
 pub mod cloud;
 pub mod dynamics;
 mod energy;
+pub mod exchange;
+pub mod mjcf;
 mod newton;
 pub mod render;
 pub mod robot;
 pub mod sensitivity;
 pub mod statics;
 mod tendon;
+pub mod urdf;

@@ -7,7 +7,6 @@ use serde::Serialize;
 use tdcr::learn::data::{Split, split_indices};
 use tdcr::pipeline::{CollectSettings, collect};
 use tdcr::sim::render::BaseVisibility;
-use tdcr::sim::robot::RobotSpec;
 
 use super::console::Console;
 
@@ -16,7 +15,7 @@ use super::console::Console;
 /// Interrupted, the same command goes on where it stopped.
 #[derive(Debug, Args)]
 pub(super) struct CollectArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
+    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
     #[arg(long, default_value = "2m")]
     robot: String,
     /// Number of commands, split 80/10/10 into train, val and test
@@ -52,7 +51,7 @@ struct Collected {
 pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
     let splits = split_indices(args.samples, args.seed)?;
     let settings = CollectSettings {
-        robot: RobotSpec::load(&args.robot)?,
+        robot: super::load_robot(&args.robot)?,
         base: if args.base {
             BaseVisibility::Shown
         } else {

@@ -4,6 +4,7 @@ mod collect;
 mod console;
 mod demo;
 mod eval;
+mod export;
 mod predict;
 mod settle;
 mod simulate;
@@ -16,6 +17,7 @@ use anyhow::Context;
 use clap::{Args, Parser, Subcommand};
 use tdcr::learn::flow::{Heun, TimeGrid};
 use tdcr::pipeline::PipelineError;
+use tdcr::sim::robot::RobotSpec;
 use tracing_subscriber::filter::LevelFilter;
 
 use console::Console;
@@ -52,6 +54,7 @@ enum Command {
     Predict(predict::PredictArgs),
     Eval(eval::EvalArgs),
     Demo(demo::DemoArgs),
+    Export(export::ExportArgs),
 }
 
 /// What the tendons are asked for.
@@ -151,7 +154,17 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Predict(args) => predict::run(args, &console),
         Command::Eval(args) => eval::run(args, &console),
         Command::Demo(args) => demo::run(args, &console),
+        Command::Export(args) => export::run(args, &console),
     }
+}
+
+/// A robot by name or file; says what of a file of another tool was passed over.
+fn load_robot(name_or_path: &str) -> anyhow::Result<RobotSpec> {
+    let (spec, notes) = RobotSpec::load_with_notes(name_or_path)?;
+    for note in notes {
+        tracing::warn!("{note}");
+    }
+    Ok(spec)
 }
 
 /// Parses a number of things that are held in memory or counted on disk.

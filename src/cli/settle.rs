@@ -17,7 +17,7 @@ use super::console::Console;
 /// Settle a robot under a command: where its discs come to rest
 #[derive(Debug, Args)]
 pub(super) struct SettleArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
+    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
     #[arg(long, default_value = "2m")]
     robot: String,
     /// Command of every tendon (m, or N for a tension drive), separated by commas
@@ -73,7 +73,7 @@ struct Survey {
 }
 
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
-    let robot = Robot::load(&args.robot)?;
+    let robot = Robot::new(super::load_robot(&args.robot)?)?;
     let loads = Loads::payload(args.payload)?;
     if let Some(count) = args.random {
         return survey(&robot, &loads, count, args.seed, console);

@@ -10,7 +10,7 @@ const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
 #[test]
 fn a_wrong_robot_is_named() {
     let expected =
-        "unknown robot `4m`: expected 2m, 3m, 5m or the path of a .toml or .json robot file";
+        "unknown robot `4m`: expected 2m, 3m, 5m or the path of a .toml, .json, .xml (MJCF) or";
     refuse(
         &["settle", "--robot", "4m", "--command", COMMAND],
         1,

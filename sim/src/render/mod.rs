@@ -8,12 +8,14 @@ mod scene;
 mod shape;
 
 pub use frame::{Instance, PixelBounds, RgbdFrame};
+pub(crate) use scene::base_solids;
 pub use scene::{BaseVisibility, Scene, Solid, disc_color};
+pub(crate) use shape::Shape;
 
 use nalgebra::{Point3, Vector3};
 
 use crate::camera::Camera;
-use shape::{Cast, Shape};
+use shape::Cast;
 
 /// Share of the colour that does not depend on the angle to the head light.
 const AMBIENT: f64 = 0.35;

@@ -81,7 +81,7 @@ pub fn disc_color(index: usize, count: usize) -> [u8; 3] {
 
 /// A base in the paper's manner, from the floor to the robot: per module a layer with a plate and
 /// three servo boxes at 120 degrees, around a guide column.
-fn base_solids(robot: &Robot) -> Vec<Solid> {
+pub(crate) fn base_solids(robot: &Robot) -> Vec<Solid> {
     const COLUMN_RADIUS: f64 = 0.012;
     const PLATE: (f64, f64) = (0.055, 0.002);
     const SERVO_HALF_SIZE: [f64; 3] = [0.017, 0.010, 0.013];

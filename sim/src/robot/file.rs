@@ -5,12 +5,17 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::RobotSpec;
+use crate::exchange::{ImportError, Imported, Note};
+use crate::{mjcf, urdf};
 
 /// Why a robot specification was refused.
 #[derive(Debug, Error)]
 pub enum SpecError {
     /// The name is neither a standard robot nor a file.
-    #[error("unknown robot `{0}`: expected 2m, 3m, 5m or the path of a .toml or .json robot file")]
+    #[error(
+        "unknown robot `{0}`: expected 2m, 3m, 5m or the path of a .toml, .json, .xml (MJCF) or \
+         .urdf robot file"
+    )]
     Unknown(String),
     /// The file could not be read.
     #[error("cannot read robot file {}: {source}", path.display())]
@@ -28,6 +33,9 @@ pub enum SpecError {
         /// Where in the file, and what was expected there.
         reason: String,
     },
+    /// The file is of another tool, and not a robot that can be represented here.
+    #[error(transparent)]
+    Import(Box<ImportError>),
     /// A field has a value that no robot can have.
     #[error("robot field `{field}` is {value}; expected {expected}")]
     Field {
@@ -59,35 +67,71 @@ impl RobotSpec {
         Some(toml::from_str(text).expect("the standard robots parse: a test loads each"))
     }
 
-    /// A standard robot by name, or a robot file (TOML, or JSON by its extension), validated.
+    /// A standard robot by name, or a robot file, validated: TOML, or by its extension JSON, MJCF
+    /// (`.xml`) or URDF (`.urdf`). What a file of another tool says besides is passed over.
     ///
     /// # Errors
     /// [`SpecError`] when there is no such robot, or the file cannot be read, parsed or accepted.
     pub fn load(name_or_path: &str) -> Result<Self, SpecError> {
+        Ok(Self::load_with_notes(name_or_path)?.0)
+    }
+
+    /// As [`load`](Self::load), with notes on what was passed over.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    pub fn load_with_notes(name_or_path: &str) -> Result<(Self, Vec<Note>), SpecError> {
         if let Some(spec) = Self::standard(name_or_path) {
-            return Ok(spec);
+            return Ok((spec, Vec::new()));
         }
         let path = Path::new(name_or_path);
-        let is_json = path.extension().is_some_and(|e| e == "json");
-        if !is_json && path.extension().is_none_or(|e| e != "toml") {
-            return Err(SpecError::Unknown(name_or_path.to_owned()));
+        let extension = path.extension().and_then(|extension| extension.to_str());
+        match extension {
+            Some("toml") => parse(path, |text| toml::from_str(text).map_err(|e| e.to_string())),
+            Some("json") => parse(path, |text| {
+                serde_json::from_str(text).map_err(|e| e.to_string())
+            }),
+            Some("xml") => without_payload(mjcf::import(path)?),
+            Some("urdf") => without_payload(urdf::import(path)?),
+            _ => Err(SpecError::Unknown(name_or_path.to_owned())),
         }
-        let text = std::fs::read_to_string(path).map_err(|source| SpecError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        let parsed: Result<Self, String> = if is_json {
-            serde_json::from_str(&text).map_err(|e| e.to_string())
-        } else {
-            toml::from_str(&text).map_err(|e| e.to_string())
-        };
-        let spec = parsed.map_err(|reason| SpecError::Parse {
-            path: path.to_owned(),
-            reason,
-        })?;
-        spec.validate()?;
-        Ok(spec)
     }
+}
+
+impl From<ImportError> for SpecError {
+    fn from(error: ImportError) -> Self {
+        match error {
+            ImportError::Read { path, source } => Self::Read { path, source },
+            ImportError::Robot(error) => *error,
+            other => Self::Import(Box::new(other)),
+        }
+    }
+}
+
+fn parse(
+    path: &Path,
+    read: impl Fn(&str) -> Result<RobotSpec, String>,
+) -> Result<(RobotSpec, Vec<Note>), SpecError> {
+    let text = std::fs::read_to_string(path).map_err(|source| SpecError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    let spec = read(&text).map_err(|reason| SpecError::Parse {
+        path: path.to_owned(),
+        reason,
+    })?;
+    spec.validate()?;
+    Ok((spec, Vec::new()))
+}
+
+/// A payload is a load on a robot, not part of it, and would be lost in silence.
+fn without_payload(imported: Imported) -> Result<(RobotSpec, Vec<Note>), SpecError> {
+    if imported.payload.mass > 0.0 {
+        let value = format!("{} kg", imported.payload.mass);
+        let expected = "none in a robot file: a payload is a load, given beside the robot";
+        return Err(refuse("payload", value, expected));
+    }
+    Ok((imported.spec, imported.notes))
 }
 
 pub(super) fn refuse(field: &str, value: impl ToString, expected: &'static str) -> SpecError {

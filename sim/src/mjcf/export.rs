@@ -1,0 +1,311 @@
+//! From a robot's specification to a MuJoCo model.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use super::check::{longest, representable};
+use super::write::{Attribute, XmlWriter, number, numbers};
+use crate::camera::Camera;
+use crate::exchange::ExportError;
+use crate::render::{BaseVisibility, Shape, Solid, base_solids, disc_color};
+use crate::robot::{
+    Body, Disc, Drive, MassSpec, Payload, Pull, Robot, RobotSpec, Tendon, Waypoint,
+};
+
+/// What a model has besides the robot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExportOptions {
+    /// Whether the base below the robot is seen.
+    pub base: BaseVisibility,
+    /// What hangs from the distal disc: a point mass in a body of its own, named `payload`.
+    pub payload: Payload,
+}
+
+impl Default for ExportOptions {
+    /// No base and no payload.
+    fn default() -> Self {
+        Self {
+            base: BaseVisibility::Hidden,
+            payload: Payload::default(),
+        }
+    }
+}
+
+/// Time step of the model (s).
+const TIME_STEP: f64 = 0.002;
+
+/// The robot as a MuJoCo model (MJCF text), its numbers in full precision.
+///
+/// Bodies are named `base`, `disc0`, ..; sites `base_0`, `disc0_0`, .. by their hole; tendons and
+/// their actuators `tendon0`, ..; cameras `camera0`, .. A command is MuJoCo's `ctrl`.
+///
+/// # Errors
+/// [`ExportError`] for an invalid robot, and for whatever MuJoCo cannot represent with the same
+/// meaning, by the field's path: anisotropic backbones, soft limits, friction of tendons, drives
+/// that set the length of an inextensible tendon, discs without mass.
+pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, ExportError> {
+    let robot = Robot::new(spec.clone())?;
+    representable(&robot, &options.payload)?;
+    let mut xml = XmlWriter::default();
+    xml.open("mujoco", &[("model", spec.name.clone())]);
+    xml.leaf("compiler", &[("angle", "radian".to_owned())]);
+    xml.leaf(
+        "option",
+        &[
+            ("timestep", number(TIME_STEP)),
+            ("integrator", "Euler".to_owned()),
+            ("gravity", numbers(&spec.gravity)),
+        ],
+    );
+    write_visual(&mut xml, spec);
+    write_defaults(&mut xml);
+    xml.open("worldbody", &[]);
+    write_cameras(&mut xml, spec);
+    if options.base == BaseVisibility::Shown {
+        for solid in base_solids(&robot) {
+            write_solid(&mut xml, &solid);
+        }
+    }
+    write_chain(&mut xml, &robot, &options.payload);
+    xml.close();
+    if !robot.tendons().is_empty() {
+        write_tendons(&mut xml, &robot);
+    }
+    Ok(xml.finish())
+}
+
+fn write_visual(xml: &mut XmlWriter, spec: &RobotSpec) {
+    let [width, height] = spec.cameras.resolution;
+    xml.open("visual", &[]);
+    xml.leaf(
+        "global",
+        &[
+            ("offwidth", width.to_string()),
+            ("offheight", height.to_string()),
+        ],
+    );
+    xml.close();
+}
+
+fn write_defaults(xml: &mut XmlWriter) {
+    xml.open("default", &[]);
+    let no_contact = [("contype", "0".to_owned()), ("conaffinity", "0".to_owned())];
+    xml.leaf("geom", &no_contact);
+    xml.leaf("site", &[("size", "0.001".to_owned())]);
+    xml.leaf(
+        "tendon",
+        &[
+            ("width", "0.0005".to_owned()),
+            ("rgba", "0.2 0.2 0.2 1".to_owned()),
+        ],
+    );
+    xml.open("default", &[("class", "visual".to_owned())]);
+    xml.leaf(
+        "geom",
+        &[("group", "1".to_owned()), ("mass", "0".to_owned())],
+    );
+    xml.close();
+    xml.close();
+}
+
+fn write_cameras(xml: &mut XmlWriter, spec: &RobotSpec) {
+    // MuJoCo's cameras look along -z with y up; ours along z with y down.
+    let half_turn = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0));
+    for (index, camera) in Camera::ring(&spec.cameras).iter().enumerate() {
+        let position = camera.pose.translation.vector;
+        xml.leaf(
+            "camera",
+            &[
+                ("name", format!("camera{index}")),
+                ("pos", vector(&position)),
+                ("quat", quaternion(&(camera.pose.rotation * half_turn))),
+                ("fovy", number(spec.cameras.fovy)),
+            ],
+        );
+    }
+}
+
+fn write_solid(xml: &mut XmlWriter, solid: &Solid) {
+    let (kind, size) = match &solid.shape {
+        Shape::Cylinder(c) => ("cylinder", numbers(&[c.radius, c.half_height])),
+        Shape::Cuboid(c) => {
+            let half = c.half_extents;
+            ("box", numbers(&[half.x, half.y, half.z]))
+        }
+    };
+    xml.leaf(
+        "geom",
+        &[
+            ("class", "visual".to_owned()),
+            ("type", kind.to_owned()),
+            ("size", size),
+            ("pos", vector(&solid.pose.translation.vector)),
+            ("quat", quaternion(&solid.pose.rotation)),
+            ("rgba", rgba(solid.color)),
+        ],
+    );
+}
+
+/// The base and the discs, each within the one below.
+fn write_chain(xml: &mut XmlWriter, robot: &Robot, payload: &Payload) {
+    let spec = robot.spec();
+    let mut base = vec![
+        ("name", "base".to_owned()),
+        ("pos", numbers(&spec.base.position)),
+    ];
+    if robot.base_orientation != UnitQuaternion::identity() {
+        base.push(("quat", quaternion(&robot.base_orientation)));
+    }
+    xml.open("body", &base);
+    write_sites(xml, spec, Body::Base, spec.base.hole_height);
+    for (index, disc) in robot.discs().iter().enumerate() {
+        write_disc(xml, robot, index, disc);
+    }
+    if payload.mass > 0.0 {
+        xml.open("body", &[("name", "payload".to_owned())]);
+        write_inertial(xml, payload.offset, payload.mass, [0.0; 3]);
+        xml.close();
+    }
+    for _ in 0..=robot.discs().len() {
+        xml.close();
+    }
+}
+
+/// Opens the body of a disc, and leaves it open for the next.
+fn write_disc(xml: &mut XmlWriter, robot: &Robot, index: usize, disc: &Disc) {
+    let rest = disc.backbone.map_or(Vector3::zeros(), |b| b.rest.into());
+    let mut body = vec![("name", format!("disc{index}"))];
+    if rest == Vector3::zeros() {
+        body.push(("pos", vector(&disc.offset)));
+    } else {
+        let bend = UnitQuaternion::from_scaled_axis(rest);
+        let joint = disc.offset - disc.origin;
+        body.push(("pos", vector(&(joint + bend * disc.origin))));
+        body.push(("quat", quaternion(&bend)));
+    }
+    xml.open("body", &body);
+    let geom_mass = match density(robot.spec(), index) {
+        Some(density) => ("density", number(density)),
+        None => {
+            write_inertial(xml, [0.0; 3], disc.mass, disc.inertia.into());
+            ("mass", "0".to_owned())
+        }
+    };
+    xml.leaf("joint", &joint(disc));
+    xml.leaf(
+        "geom",
+        &[
+            ("type", "cylinder".to_owned()),
+            ("size", numbers(&[disc.radius, disc.half_height])),
+            geom_mass,
+            ("rgba", rgba(disc_color(index, robot.discs().len()))),
+        ],
+    );
+    write_sites(xml, robot.spec(), Body::Disc(index), 0.0);
+}
+
+fn write_inertial(xml: &mut XmlWriter, center: [f64; 3], mass: f64, moments: [f64; 3]) {
+    xml.leaf(
+        "inertial",
+        &[
+            ("pos", numbers(&center)),
+            ("mass", number(mass)),
+            ("diaginertia", numbers(&moments)),
+        ],
+    );
+}
+
+fn joint(disc: &Disc) -> Vec<Attribute<'static>> {
+    let mut joint = vec![("type", "ball".to_owned())];
+    if disc.origin != Vector3::zeros() {
+        joint.push(("pos", vector(&-disc.origin)));
+    }
+    joint.push(("damping", number(disc.damping)));
+    joint.push(("armature", number(disc.armature)));
+    if let Some(backbone) = &disc.backbone {
+        joint.push(("stiffness", number(backbone.torsion)));
+    }
+    joint
+}
+
+fn write_sites(xml: &mut XmlWriter, spec: &RobotSpec, body: Body, height: f64) {
+    let holes = spec.holes(body).map_or_else(Vec::new, |h| h.positions());
+    for (hole, [x, y]) in holes.into_iter().enumerate() {
+        let name = site(Waypoint(body, hole));
+        xml.leaf("site", &[("name", name), ("pos", numbers(&[x, y, height]))]);
+    }
+}
+
+fn write_tendons(xml: &mut XmlWriter, robot: &Robot) {
+    xml.open("tendon", &[]);
+    for (index, tendon) in robot.tendons().iter().enumerate() {
+        xml.open("spatial", &[("name", format!("tendon{index}"))]);
+        for waypoint in &tendon.route {
+            xml.leaf("site", &[("site", site(*waypoint))]);
+        }
+        xml.close();
+    }
+    xml.close();
+    xml.open("actuator", &[]);
+    for (index, tendon) in robot.tendons().iter().enumerate() {
+        write_actuator(xml, index, tendon, longest(robot, index));
+    }
+    xml.close();
+}
+
+/// The actuator of a tendon that gets at most `longest` (m) long.
+fn write_actuator(xml: &mut XmlWriter, index: usize, tendon: &Tendon, longest: f64) {
+    let name = format!("tendon{index}");
+    let mut attributes = vec![("name", name.clone()), ("tendon", name)];
+    let tag = match tendon.drive {
+        Drive::Gain(_) | Drive::Length => {
+            attributes.push(("kp", number(tendon.stiffness)));
+            "position"
+        }
+        // A tension shortens the tendon, where MuJoCo's forces lengthen it.
+        Drive::Tension => {
+            attributes.push(("gear", "-1".to_owned()));
+            "motor"
+        }
+    };
+    attributes.push(("ctrllimited", "true".to_owned()));
+    attributes.push(("ctrlrange", numbers(&tendon.range)));
+    if tendon.pull == Pull::TensionOnly && tendon.drive != Drive::Tension {
+        // MuJoCo wants a lower end, too: one that no command and no pose reach.
+        let strongest = tendon.stiffness * (longest - tendon.range[0]).max(1.0);
+        let beyond = 10_f64.powf(strongest.log10().ceil());
+        attributes.push(("forcelimited", "true".to_owned()));
+        attributes.push(("forcerange", numbers(&[-beyond.max(strongest), 0.0])));
+    }
+    xml.leaf(tag, &attributes);
+}
+
+fn site(waypoint: Waypoint) -> String {
+    match waypoint {
+        Waypoint(Body::Base, hole) => format!("base_{hole}"),
+        Waypoint(Body::Disc(disc), hole) => format!("disc{disc}_{hole}"),
+    }
+}
+
+/// Density of a disc; `None` where its mass and moments of inertia are given.
+fn density(spec: &RobotSpec, disc: usize) -> Option<f64> {
+    let module = spec.module_of(disc)?;
+    let first: usize = spec.modules[..module].iter().map(|m| m.discs).sum();
+    match &spec.modules[module].mass {
+        MassSpec::Density(density) => density.of_disc(disc - first).copied(),
+        MassSpec::Rigid(_) => None,
+    }
+}
+
+fn vector(v: &Vector3<f64>) -> String {
+    numbers(v.as_slice())
+}
+
+fn quaternion(q: &UnitQuaternion<f64>) -> String {
+    numbers(&[q.w, q.i, q.j, q.k])
+}
+
+/// A colour to a thousandth: closer than a step of 1/255.
+fn rgba(color: [u8; 3]) -> String {
+    let [r, g, b] = color.map(|channel| (f64::from(channel) / 0.255).round() / 1000.0);
+    numbers(&[r, g, b, 1.0])
+}

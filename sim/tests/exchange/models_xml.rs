@@ -1,0 +1,38 @@
+//! The models in `models_xml/`.
+
+use std::path::PathBuf;
+
+use tdcr_sim::mjcf::{self, ExportOptions};
+use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::robot::{Payload, RobotSpec};
+use tdcr_sim::urdf;
+
+/// Set, it makes this test write the models again.
+const WRITE: &str = "WRITE_MODELS";
+
+#[test]
+fn the_models_are_what_is_exported() {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../models_xml");
+    for name in RobotSpec::STANDARD {
+        let spec = RobotSpec::standard(name).unwrap();
+        let model = |base| {
+            let payload = Payload::default();
+            mjcf::export(&spec, &ExportOptions { base, payload }).unwrap()
+        };
+        for (file, text) in [
+            (format!("{name}.xml"), model(BaseVisibility::Hidden)),
+            (format!("{name}_base.xml"), model(BaseVisibility::Shown)),
+            (format!("{name}.urdf"), urdf::export(&spec).unwrap()),
+        ] {
+            let path = folder.join(&file);
+            if std::env::var_os(WRITE).is_some() {
+                std::fs::write(&path, &text).unwrap();
+            }
+            let stored = std::fs::read_to_string(&path).unwrap();
+            assert!(
+                stored == text,
+                "{file} is not what is exported: run with {WRITE}=1"
+            );
+        }
+    }
+}

@@ -1,0 +1,197 @@
+"""Models that tdcr writes, in MuJoCo: they load, and MuJoCo computes in them what it computes in ours of independent make."""
+
+import pathlib
+
+import mujoco
+import numpy as np
+import pytest
+
+from paper_robots import ROBOTS, model
+
+ROOT = pathlib.Path(__file__).parents[2]
+BY_HAND = ROOT / "sim/tests/exchange/by_hand/robot.xml"
+
+# One of each: a tilted base, joints below the discs, masses of both kinds, a bent backbone, drives of all kinds.
+EVERYTHING = """
+name = "everything"
+gravity = [1.0, -2.0, -9.0]
+routing = "base"
+base = { position = [0.1, 0.2, 0.3], orientation = [0.9, 0.3, -0.1, 0.2], holes = [[0.01, 0.0], [-0.005, 0.008]], hole_height = -0.01 }
+[[modules]]
+discs = 2
+first_offset = 0.02
+pitch = 0.03
+joint_below = 0.012
+radius = 0.015
+half_height = 0.004
+mass = { density = [800.0, 700.0] }
+holes = [[0.01, 0.0], [-0.005, 0.008]]
+damping = 0.1
+armature = 0.01
+backbone = { bending = [0.3, 0.3], torsion = 0.3, rest = [0.2, -0.1, 0.3] }
+tendons = { drive = { gain = 400.0 }, axial_stiffness = 1200.0, range = [0.0, 0.05], pull = "tension_only" }
+[[modules]]
+discs = 2
+first_offset = 0.025
+pitch = 0.02
+radius = 0.012
+half_height = 0.003
+mass = { rigid = { mass = 0.002, inertia = [1e-7, 2e-7, 2.5e-7] } }
+holes = [[0.01, 0.0], [-0.005, 0.008]]
+damping = [0.05, 0.06]
+armature = [0.001, 0.002]
+tendons = { drive = "tension", range = [0.0, 8.0] }
+[[routes]]
+through = [["base", 0], [1, 1], [3, 0]]
+tendon = { drive = "length", axial_stiffness = 900.0, range = [0.0, 0.2] }
+[cameras]
+count = 3
+radius = 0.5
+height = 0.4
+pitch = 0.3
+fovy = 40.0
+resolution = [320, 240]
+"""
+
+
+@pytest.fixture
+def exported(tdcr):
+    def run(robot, *options):
+        return mujoco.MjModel.from_xml_string(tdcr("export", "--robot", robot, *options)["text"])
+
+    return run
+
+
+@pytest.fixture
+def everything(tmp_path, exported):
+    file = tmp_path / "robot.toml"
+    file.write_text(EVERYTHING)
+    return exported(file)
+
+
+def poses(m, rng, count=5):
+    """MuJoCo data of a model in random states."""
+    d = mujoco.MjData(m)
+    for _ in range(count):
+        mujoco.mj_resetData(m, d)
+        mujoco.mj_integratePos(m, d.qpos, rng.normal(0, 0.3, m.nv), 1.0)
+        d.qvel[:] = rng.normal(0, 1, m.nv)
+        low, high = m.actuator_ctrlrange.T
+        d.ctrl[:] = rng.uniform(low, high)
+        mujoco.mj_forward(m, d)
+        yield d
+
+
+def assert_same_model(a, b, rng):
+    """Fails unless two models of the same bodies have the same masses, and move alike from random states."""
+    assert (a.nbody, a.nu, a.nv) == (b.nbody, b.nu, b.nv)
+    for name in ["body_mass", "body_inertia", "dof_damping", "dof_armature", "jnt_stiffness", "actuator_ctrlrange"]:
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-12, err_msg=name)
+    db = mujoco.MjData(b)
+    for da in poses(a, rng):
+        db.qpos[:], db.qvel[:], db.ctrl[:] = da.qpos, da.qvel, da.ctrl
+        mujoco.mj_forward(b, db)
+        for name in ["xipos", "ten_length", "actuator_force", "qfrc_actuator", "qfrc_passive", "qfrc_bias", "qacc"]:
+            ours, theirs = getattr(da, name), getattr(db, name)
+            np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("base", [[], ["--base"]])
+def test_exported_robots_move_as_those_written_from_the_papers_numbers(robot, base, exported, rng):
+    assert_same_model(exported(robot, *base), model(robot), rng)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_stored_models_are_loaded(robot, rng):
+    for file in [f"{robot}.xml", f"{robot}_base.xml"]:
+        assert_same_model(mujoco.MjModel.from_xml_path(str(ROOT / "models_xml" / file)), model(robot), rng)
+    urdf, ours = mujoco.MjModel.from_xml_path(str(ROOT / "models_xml" / f"{robot}.urdf")), model(robot)
+    discs = [urdf.body(f"disc{i}").id for i in range(ours.njnt)]
+    np.testing.assert_allclose(urdf.body_mass[discs], ours.body_mass[2:], rtol=1e-12)
+    # MuJoCo sorts the moments of inertia that it reads from URDF.
+    moments = [np.sort(inertia, axis=1) for inertia in (urdf.body_inertia[discs], ours.body_inertia[2:])]
+    np.testing.assert_allclose(*moments, rtol=1e-9)
+    # Turned alike, three revolute joints x, y, z are one ball joint: R = Rx Ry Rz.
+    a, b = mujoco.MjData(urdf), mujoco.MjData(ours)
+    a.qpos[:] = rng.uniform(-1, 1, urdf.nq)
+    for disc, angles in enumerate(a.qpos.reshape(-1, 3)):
+        mujoco.mju_euler2Quat(b.qpos[4 * disc : 4 * disc + 4], angles, "xyz")
+    mujoco.mj_kinematics(urdf, a)
+    mujoco.mj_kinematics(ours, b)
+    np.testing.assert_allclose(a.xpos[discs], b.xpos[2:], atol=1e-12)
+
+
+def test_a_payload_weighs_on_the_tip(exported, rng):
+    mass = 0.02
+    loaded, bare = exported("2m", "--payload", mass), exported("2m")
+    tip = bare.body("disc9").id
+    b = mujoco.MjData(bare)
+    for a in poses(loaded, rng):
+        b.qpos[:] = a.qpos
+        b.qvel[:] = a.qvel[:] = 0
+        mujoco.mj_forward(loaded, a)
+        mujoco.mj_forward(bare, b)
+        weight = np.zeros(bare.nv)
+        mujoco.mj_applyFT(bare, b, np.array([0, 0, -9.81 * mass]), np.zeros(3), b.xpos[tip], tip, weight)
+        np.testing.assert_allclose(-a.qfrc_bias, -b.qfrc_bias + weight, atol=1e-12)
+
+
+def test_joints_and_springs_are_where_the_specification_has_them(everything):
+    m, d = everything, mujoco.MjData(everything)
+    rest = np.zeros(4)
+    mujoco.mju_axisAngle2Quat(rest, np.array([0.2, -0.1, 0.3]) / np.sqrt(0.14), np.sqrt(0.14))
+    straight = np.zeros(4)
+    mujoco.mju_negQuat(straight, rest)
+    np.testing.assert_allclose(m.jnt_stiffness, [0.3, 0.3, 0, 0])
+    # MuJoCo counts a stiff joint's turn from its rest.
+    d.qpos[:] = np.concatenate([straight, straight, [1, 0, 0, 0], [1, 0, 0, 0]])
+    mujoco.mj_forward(m, d)
+    base, up = np.array([0.1, 0.2, 0.3]), d.xmat[1].reshape(3, 3)[:, 2]
+    heights = np.cumsum([0.02, 0.03, 0.025, 0.02])
+    np.testing.assert_allclose(d.xpos[2:], base + np.outer(heights, up), atol=1e-12)
+    joints = heights - [0.012, 0.012, 0, 0]
+    np.testing.assert_allclose(d.xanchor, base + np.outer(joints, up), atol=1e-12)
+    # The spring turns the straight joint to its rest: 0.3 times the rest's rotation vector.
+    np.testing.assert_allclose(d.qfrc_spring[:6], 0.3 * np.tile([0.2, -0.1, 0.3], 2), atol=1e-12)
+
+
+def test_drives_pull_as_the_specification_has_them(everything, rng):
+    m = everything
+    gain = 400.0 * 1200.0 / 1600.0
+    for d in poses(m, rng):
+        elastic = np.maximum(gain * (d.ten_length[:2] - d.ctrl[:2]), 0)
+        by_length = 900.0 * (d.ten_length[4:] - d.ctrl[4:])
+        tensions = np.concatenate([elastic, d.ctrl[2:4], by_length])
+        moment = np.zeros((m.nu, m.nv))
+        mujoco.mju_sparse2dense(moment, d.actuator_moment, d.moment_rownnz, d.moment_rowadr, d.moment_colind)
+        # A tension is minus the force on the tendon's length; motors have their gear of -1 in their moment.
+        gear = m.actuator_gear[:, 0]
+        np.testing.assert_allclose(-gear * d.actuator_force, tensions, atol=1e-9)
+        np.testing.assert_allclose(d.qfrc_actuator, moment.T @ (-tensions / gear), atol=1e-9)
+
+
+def test_cameras_look_as_ours_do(everything):
+    d = mujoco.MjData(everything)
+    mujoco.mj_forward(everything, d)
+    np.testing.assert_allclose(everything.cam_fovy, 40.0)
+    for k in range(3):
+        turn = 2 * np.pi * k / 3
+        out = np.array([np.sin(turn), -np.cos(turn), 0])
+        np.testing.assert_allclose(d.cam_xpos[k], 0.5 * out + [0, 0, 0.4], atol=1e-12)
+        x, y, z = d.cam_xmat[k].reshape(3, 3).T
+        np.testing.assert_allclose(-z, [*(-np.cos(0.3) * out[:2]), -np.sin(0.3)], atol=1e-12)
+        np.testing.assert_allclose(x, [np.cos(turn), np.sin(turn), 0], atol=1e-12)
+        assert y[2] > 0
+
+
+def test_a_model_written_by_hand_is_read_as_mujoco_reads_it(exported, rng):
+    theirs, ours = mujoco.MjModel.from_xml_path(str(BY_HAND)), exported(BY_HAND)
+    assert ours.nv == theirs.nv
+    theirs_d, bodies = mujoco.MjData(theirs), [theirs.body("lower").id, theirs.body("upper").id]
+    np.testing.assert_allclose(ours.body_mass[2:], theirs.body_subtreemass[bodies] - [theirs.body_subtreemass[bodies[1]], 0])
+    for d in poses(ours, rng):
+        theirs_d.qpos[:], theirs_d.qvel[:], theirs_d.ctrl[:] = d.qpos, d.qvel, -d.ctrl
+        mujoco.mj_forward(theirs, theirs_d)
+        for name in ["ten_length", "qfrc_actuator", "qfrc_passive", "qfrc_bias", "qacc"]:
+            np.testing.assert_allclose(getattr(d, name), getattr(theirs_d, name), rtol=1e-9, atol=1e-12, err_msg=name)
