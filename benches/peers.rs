@@ -43,7 +43,10 @@ fn measure(name: &'static str) -> Times {
     let commands: Vec<_> = (0..2_000).map(|_| robot.random_command(&mut rng)).collect();
     Times {
         robot: name,
-        commands: commands[..3].iter().map(|c| c.as_slice().to_vec()).collect(),
+        commands: commands[..3]
+            .iter()
+            .map(|c| c.as_slice().to_vec())
+            .collect(),
         settle: settle(&robot, &commands),
         follow: follow(&robot, &commands[..20]),
         jacobian: jacobian(&robot, &commands[..200]),
@@ -92,7 +95,11 @@ fn jacobian(robot: &Robot, commands: &[Command]) -> f64 {
         let settled = robot.settle(command, &none);
         let began = Instant::now();
         let sensitivity = robot.sensitivity(command, &none, &settled);
-        black_box(sensitivity.expect("a stable equilibrium").command_jacobian());
+        black_box(
+            sensitivity
+                .expect("a stable equilibrium")
+                .command_jacobian(),
+        );
         began.elapsed()
     };
     median(commands.iter().map(time).collect())
