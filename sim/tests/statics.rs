@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::{HoleCircle, Holes, Loads, Robot, RobotSpec, Routing};
-use tdcr_sim::statics::Equilibrium;
+use tdcr_sim::statics::{Equilibrium, Settler};
 
 fn standard_robots() -> impl Iterator<Item = Robot> {
     RobotSpec::STANDARD
@@ -229,6 +229,50 @@ fn turning_the_command_turns_the_shape() {
     let (before, after) = (settle(&command), settle(&turned));
     for (p, q) in before.positions.iter().zip(&after.positions) {
         assert!((third * p - q).norm() < 1e-9, "{p:?} {q:?}");
+    }
+}
+
+/// Every body has its holes at y, 0 and -y: exchanging the second and third tendon of each module
+/// mirrors the robot.
+#[test]
+fn mirroring_the_command_mirrors_the_shape() {
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    for robot in standard_robots() {
+        for _ in 0..10 {
+            let command = robot.random_command(&mut rng);
+            let swapped: Vec<f64> = (0..robot.tendons().len())
+                .map(|t| command.as_slice()[3 * (t / 3) + [0, 2, 1][t % 3]])
+                .collect();
+            let loads = Loads::payload(0.01).unwrap();
+            let settled = robot.settle(&command, &loads);
+            let mirrored = robot.settle(&robot.command(&swapped).unwrap(), &loads);
+            for (p, q) in settled.positions.iter().zip(&mirrored.positions) {
+                let image = Vector3::new(p.x, -p.y, p.z);
+                assert!((image - q).norm() < 1e-7, "{p} {q}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_solve_comes_to_the_same_place_from_elsewhere() {
+    let mut rng = ChaCha8Rng::seed_from_u64(13);
+    for robot in standard_robots() {
+        let mut settler = Settler::new(&robot);
+        for _ in 0..20 {
+            let [from, to] = [0, 1].map(|_| robot.random_command(&mut rng));
+            let loads = Loads::payload(0.02).unwrap();
+            let start = settler
+                .settle(&from, &Loads::default())
+                .configuration
+                .clone();
+            let warm = settler.settle_from(&start, &to, &loads).positions.clone();
+            let cold = settler.settle(&to, &loads);
+            assert!(cold.converged);
+            for (p, q) in warm.iter().zip(&cold.positions) {
+                assert!((p - q).norm() < 1e-7, "{p} {q}");
+            }
+        }
     }
 }
 
