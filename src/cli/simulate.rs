@@ -81,7 +81,7 @@ struct Simulated {
 }
 
 pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> {
-    let robot = Robot::load(&args.robot)?;
+    let robot = Robot::new(super::load_robot(&args.robot)?)?;
     let commands = read_commands(&args.commands, &robot)?;
     let loads = Loads::payload(args.payload)?;
     let mut stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;

@@ -87,6 +87,8 @@ pub(crate) fn base_solids(robot: &Robot) -> Vec<Solid> {
     const SERVO_HALF_SIZE: [f64; 3] = [0.017, 0.010, 0.013];
     const SERVO_RADIUS: f64 = 0.034;
     let top = robot.base.z;
+    // Built on the floor under an upright base; another base carries it along.
+    let foot = robot.base - robot.base_orientation * Vector3::new(0.0, 0.0, top);
     let height = top + robot.spec().base.hole_height;
     if height <= 0.0 {
         return Vec::new();
@@ -95,10 +97,9 @@ pub(crate) fn base_solids(robot: &Robot) -> Vec<Solid> {
     let layer_height = height / layers as f64;
     let solid = |shape, z: f64, offset: f64, angle: f64| {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
-        // Built on the floor under an upright base; another base carries it along.
-        let below = turn * Vector3::new(offset, 0.0, 0.0) + Vector3::new(0.0, 0.0, z - top);
+        let place = turn * Vector3::new(offset, 0.0, 0.0) + Vector3::new(0.0, 0.0, z);
         let rotation = robot.base_orientation * turn;
-        let position = robot.base + robot.base_orientation * below;
+        let position = foot + robot.base_orientation * place;
         Solid {
             shape,
             pose: Isometry3::from_parts(Translation3::from(position), rotation),
