@@ -5,7 +5,7 @@
 //! frame; derivatives are taken along a turn `w` of the joint, and of everything above it, about the
 //! joint's centre.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use crate::chain::{Chain, Configuration};
 use crate::robot::{Drive, Pull, Robot, Segment, Span, Tendon};
@@ -121,6 +121,37 @@ impl Posture {
         for span in &robot.spans {
             self.lengths[span.tendon] += span.stretch(robot, &self.chain).2.length;
         }
+    }
+}
+
+impl Robot {
+    /// Lengths of the tendons in configuration `q` (m), and their Jacobian by the joint coordinates:
+    /// one row per tendon, `3 n` columns (m/rad), turns in the discs' own frames.
+    ///
+    /// # Panics
+    /// If `q` has fewer joints than the robot.
+    pub fn tendon_kinematics(&self, q: &Configuration) -> (Vec<f64>, DMatrix<f64>) {
+        let mut posture = Posture::new(self);
+        posture.place(self, q);
+        let chain = &posture.chain;
+        let mut jacobian = DMatrix::zeros(self.tendons.len(), self.dof());
+        let mut add = |tendon: usize, joint: usize, gradient: &Vector3<f64>| {
+            let own_axes = chain.disc(joint).tr_mul(gradient);
+            for axis in 0..3 {
+                jacobian[(tendon, 3 * joint + axis)] += own_axes[axis];
+            }
+        };
+        for (segment, stretch) in self.segments.iter().zip(&posture.stretches) {
+            add(segment.tendon, segment.joint, &stretch.gradient());
+        }
+        for span in &self.spans {
+            let (_, upper, stretch) = span.stretch(self, chain);
+            for joint in span.lower.map_or(0, |disc| disc + 1)..=span.upper {
+                let arm = upper - chain.centres[joint];
+                add(span.tendon, joint, &arm.cross(&stretch.direction));
+            }
+        }
+        (posture.lengths, jacobian)
     }
 }
 

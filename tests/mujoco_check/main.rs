@@ -3,6 +3,7 @@
 
 mod paper;
 mod probe;
+mod random;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

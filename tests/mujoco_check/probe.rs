@@ -45,6 +45,22 @@ impl<'a> Probe<'a> {
             .unwrap();
     }
 
+    /// Gives other commands to the tendons.
+    pub fn command(&mut self, command: &Command) {
+        self.data.ctrl_mut().copy_from_slice(command.as_slice());
+    }
+
+    /// Sets the joints in motion, without moving them: rates in the discs' frames (rad/s).
+    pub fn set_in_motion(&mut self, velocity: &[f64]) {
+        self.data.qvel_mut().copy_from_slice(velocity);
+        self.data.forward();
+    }
+
+    /// Brings poses up to date with the joints.
+    pub fn look(&mut self) {
+        self.data.forward();
+    }
+
     /// Lays the robot to rest in a configuration.
     pub fn place(&mut self, configuration: &Configuration) {
         for (qpos, joint) in self

@@ -33,15 +33,27 @@ pub(super) struct Composite {
 }
 
 /// Fills `out` for the posture that `equations` are in, joint rates and accelerations in the discs'
-/// frames.
+/// frames. The base is at rest.
 pub(super) fn compose(
     equations: &EquationsOfMotion,
     velocity: &[f64],
     acceleration: &[f64],
     out: &mut Vec<Composite>,
 ) {
+    compose_on(equations, &Vector3::zeros(), velocity, acceleration, out);
+}
+
+/// The same on a base that accelerates by `base` (m/s², world axes), as against gravity.
+pub(super) fn compose_on(
+    equations: &EquationsOfMotion,
+    base: &Vector3<f64>,
+    velocity: &[f64],
+    acceleration: &[f64],
+    out: &mut Vec<Composite>,
+) {
     out.clear();
-    let (mut v, mut a) = (Vector6::zeros(), Vector6::zeros());
+    let mut v = Vector6::zeros();
+    let mut a = Vector6::new(0.0, 0.0, 0.0, base.x, base.y, base.z);
     let chain = &equations.posture.chain;
     let rates = velocity
         .as_chunks::<3>()

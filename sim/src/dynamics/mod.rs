@@ -33,6 +33,7 @@ mod acceleration;
 mod adjoint;
 mod articulated;
 mod composite;
+mod equations;
 mod error;
 mod forces;
 mod implicit;
@@ -45,6 +46,7 @@ mod stepper;
 mod symmetric;
 
 pub use adjoint::{RolloutGradient, rollout_gradient};
+pub use equations::MotionTerms;
 pub use error::DynamicsError;
 pub use linearise::{Linearisation, Lineariser};
 pub use rollout::{Rollout, rollout_batch};

@@ -147,8 +147,13 @@ fn random_route(discs: usize, holes: usize, rng: &mut impl Rng) -> Vec<Waypoint>
         route.push(Waypoint(Body::Disc(disc), rng.random_range(0..holes)));
         disc += [1, 1, 1, 2, 3][rng.random_range(0..5)];
     }
-    if rng.random_range(0..4) == 0 && discs > 2 {
-        route.push(Waypoint(Body::Disc(discs - 2), rng.random_range(0..holes)));
+    let back = Waypoint(
+        Body::Disc(discs.saturating_sub(2)),
+        rng.random_range(0..holes),
+    );
+    // MuJoCo takes no tendon twice through one hole.
+    if rng.random_range(0..4) == 0 && discs > 2 && !route.contains(&back) {
+        route.push(back);
     }
     route
 }
