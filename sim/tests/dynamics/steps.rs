@@ -1,10 +1,10 @@
 //! Energy, order and rest of the integrators.
 
-use nalgebra::Vector3;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
-use tdcr_sim::robot::{Backbone, Loads, PerDisc, Robot, RobotSpec};
+use tdcr_sim::robot::{Backbone, Loads, Payload, PerDisc, Robot, RobotSpec};
 
 use crate::random_robot::{Kind, random_spec};
 use crate::{all_loads, dead_loads, difference, random_robots, random_state, without_kinks};
@@ -27,6 +27,59 @@ fn energy_drift(robot: &Robot, start: &State, loads: &Loads, h: f64) -> f64 {
         "{exchanged} of {before:?}"
     );
     drift
+}
+
+/// Kinetic energy from where discs and payload go in a moment, by central differences.
+fn moving_masses(robot: &Robot, state: &State, payload: Payload) -> f64 {
+    let size = 1e-5;
+    let ahead = |sign: f64| {
+        let turn: Vec<f64> = state.velocity.iter().map(|v| sign * size * v).collect();
+        let mut moved = state.clone();
+        state.configuration.retract(&turn, &mut moved.configuration);
+        let [w, x, y, z] = robot.spec().base.orientation;
+        let base = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let orientations: Vec<_> = (moved.configuration.0.iter())
+            .scan(base, |below, q| {
+                *below *= q;
+                Some(*below)
+            })
+            .collect();
+        (moved.positions(robot), orientations)
+    };
+    let (before, after) = (ahead(-1.0), ahead(1.0));
+    let mut energy = 0.0;
+    for (i, disc) in robot.discs().iter().enumerate() {
+        let velocity = (after.0[i] - before.0[i]) / (2.0 * size);
+        let spin = (before.1[i].inverse() * after.1[i]).scaled_axis() / (2.0 * size);
+        let rate = Vector3::from_column_slice(&state.velocity[3 * i..3 * i + 3]);
+        energy += 0.5 * disc.mass * velocity.norm_squared()
+            + 0.5 * spin.dot(&disc.inertia.component_mul(&spin))
+            + 0.5 * disc.armature * rate.norm_squared();
+    }
+    let tip = robot.discs().len() - 1;
+    let hung = |at: &(Vec<Vector3<f64>>, Vec<UnitQuaternion<f64>>)| {
+        at.0[tip] + at.1[tip] * Vector3::from(payload.offset)
+    };
+    let velocity = (hung(&after) - hung(&before)) / (2.0 * size);
+    energy + 0.5 * payload.mass * velocity.norm_squared()
+}
+
+#[test]
+fn the_kinetic_energy_is_that_of_the_moving_masses() {
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    for robot in random_robots(10, &mut rng) {
+        let state = random_state(&robot, &mut rng);
+        let payload = Payload {
+            mass: 0.05,
+            offset: [0.03, -0.02, 0.04],
+        };
+        let loads = Loads::default().with_payload(payload).unwrap();
+        let command = robot.mean_command();
+        let mut stepper = Stepper::new(&robot, 0.002, Integrator::default()).unwrap();
+        let found = stepper.energy(&state, &command, &loads).unwrap().kinetic;
+        let expected = moving_masses(&robot, &state, payload);
+        assert!((found / expected - 1.0).abs() < 1e-8, "{found} {expected}");
+    }
 }
 
 #[test]
