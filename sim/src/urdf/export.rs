@@ -58,7 +58,9 @@ pub fn export(spec: &RobotSpec) -> Result<String, ExportError> {
         .map_err(|e| refuse("name", e.to_string(), "text that TOML can hold"))?;
     let body = text.trim_end();
     let body = body.strip_suffix("</robot>").unwrap_or(body);
-    let (body, own) = (body.trim_end(), escape(&own).replace("&#10;", "\n"));
+    // Between tags, line ends and quotes may stand as they are.
+    let own = escape(&own).replace("&#10;", "\n").replace("&quot;", "\"");
+    let body = body.trim_end();
     Ok(format!(
         "{body}\n  <{EXTENSION}>\n{own}  </{EXTENSION}>\n</robot>\n"
     ))
