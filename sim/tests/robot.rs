@@ -1,7 +1,9 @@
 //! What a robot's specification accepts, and what it says to what it does not.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
-use tdcr_sim::robot::{CommandError, Holes, Loads, MassSpec, PerDisc, Robot, RobotSpec};
+use tdcr_sim::robot::{
+    Body, CommandError, Holes, Loads, MassSpec, PerDisc, Robot, RobotSpec, RouteSpec, Waypoint,
+};
 
 #[test]
 fn the_standard_robots_have_the_papers_dimensions() {
@@ -76,6 +78,81 @@ fn a_wrong_field_is_named_with_its_value_and_what_is_expected() {
         let mut spec = RobotSpec::standard("2m").unwrap();
         change(&mut spec);
         let message = Robot::new(spec).unwrap_err().to_string();
+        assert!(
+            message.contains(expected),
+            "{message} does not contain {expected}"
+        );
+    }
+}
+
+#[test]
+fn a_wrong_route_is_named_with_its_place() {
+    let route = |through: &[Waypoint]| RouteSpec {
+        through: through.to_vec(),
+        tendon: RobotSpec::standard("2m").unwrap().modules[0]
+            .tendons
+            .clone()
+            .unwrap(),
+    };
+    let base = Waypoint(Body::Base, 0);
+    let disc = |disc, hole| Waypoint(Body::Disc(disc), hole);
+    for (through, expected) in [
+        (
+            vec![base, disc(10, 0)],
+            "`routes[0].through[1]` is 10; expected \"base\" or",
+        ),
+        (
+            vec![base, disc(3, 3)],
+            "`routes[0].through[1]` is hole 3 of 3",
+        ),
+        (
+            vec![base, disc(3, 1), disc(3, 1)],
+            "`routes[0].through[2]` is the hole before it",
+        ),
+        (
+            vec![base],
+            "`routes[0].through` is a list of 1; expected at least two holes",
+        ),
+        (
+            vec![disc(2, 0), disc(2, 1)],
+            "expected at least two holes, not all of one body",
+        ),
+    ] {
+        let mut spec = RobotSpec::standard("2m").unwrap();
+        spec.routes = vec![route(&through)];
+        let message = Robot::new(spec).unwrap_err().to_string();
+        assert!(
+            message.contains(expected),
+            "{message} does not contain {expected}"
+        );
+    }
+}
+
+#[test]
+fn robot_files_say_what_was_expected_where() {
+    let two = toml::to_string(&RobotSpec::standard("2m").unwrap()).unwrap();
+    for (from, to, expected) in [
+        (
+            "gain = 500.0",
+            "gian = 500.0",
+            "expected one of `gain`, `length`, `tension`",
+        ),
+        (
+            "[modules.mass]\ndensity = 25.0",
+            "[modules.mass]\ndensity = \"x\"",
+            "expected one value, or a list with one per disc",
+        ),
+        (
+            "routing = \"module_below\"",
+            "routing = \"below\"",
+            "expected `module_below` or `base`",
+        ),
+    ] {
+        assert!(two.contains(from), "{two}");
+        let broken = two.replacen(from, to, 1);
+        let message = toml::from_str::<RobotSpec>(&broken)
+            .unwrap_err()
+            .to_string();
         assert!(
             message.contains(expected),
             "{message} does not contain {expected}"

@@ -76,6 +76,10 @@ impl RobotSpec {
                 return Err(refuse(&field, found, "a hole's number, counted from 0"));
             }
         }
+        if let Some(place) = route.through.windows(2).position(|pair| pair[0] == pair[1]) {
+            let field = at(&format!("through[{}]", place + 1));
+            return Err(refuse(&field, "the hole before it again", "another hole"));
+        }
         let leaves_its_body = route.through.iter().any(|w| w.0 != route.through[0].0);
         if !leaves_its_body {
             let found = format!("a list of {}", route.through.len());

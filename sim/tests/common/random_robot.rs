@@ -11,7 +11,7 @@ use tdcr_sim::robot::{
 pub enum Kind {
     /// Anything, with an elastic backbone so that equilibria are well conditioned.
     Elastic,
-    /// What MuJoCo models the same way: bilateral gains, no limits, at most isotropic backbones.
+    /// What MuJoCo models the same way: bilateral gains, no limits, isotropic backbones.
     Mujoco,
 }
 
@@ -98,9 +98,7 @@ fn random_backbone(kind: Kind, rng: &mut impl Rng) -> Option<PerDisc<Backbone>> 
     // Stiff enough that tendons do not turn discs so far that holes meet.
     let stiffness = within(0.3, 1.0, rng);
     match kind {
-        Kind::Mujoco => rng
-            .random::<bool>()
-            .then(|| PerDisc::Uniform(Backbone::isotropic(stiffness))),
+        Kind::Mujoco => Some(PerDisc::Uniform(Backbone::isotropic(stiffness))),
         Kind::Elastic => Some(PerDisc::Uniform(Backbone {
             bending: [stiffness, within(0.3, 1.0, rng)],
             torsion: within(0.3, 1.0, rng),
@@ -151,8 +149,7 @@ fn random_route(discs: usize, holes: usize, rng: &mut impl Rng) -> Vec<Waypoint>
         Body::Disc(discs.saturating_sub(2)),
         rng.random_range(0..holes),
     );
-    // MuJoCo takes no tendon twice through one hole.
-    if rng.random_range(0..4) == 0 && discs > 2 && !route.contains(&back) {
+    if rng.random_range(0..4) == 0 && discs > 2 && route.last() != Some(&back) {
         route.push(back);
     }
     route
