@@ -35,6 +35,7 @@
 //! - [`robot`]: what the user writes, validated and compiled; commands and loads.
 //! - [`chain`]: configurations on SO(3)^n.
 //! - [`statics`]: command to equilibrium, one at a time, along paths, in batches and sweeps.
+//! - [`friction`]: paths of equilibria with friction between tendons and holes.
 //! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
 //! - [`dynamics`]: motion in time: steps, rollouts, and their derivatives.
 //! - [`camera`]: the pinhole model and rings of cameras.
@@ -44,8 +45,9 @@
 //!
 //! # What it is not for
 //!
-//! Contact of the robot with itself or its surroundings is not modelled, nor friction of the tendons in
-//! their holes.
+//! Contact of the robot with itself or its surroundings is not modelled. Friction of the tendons in
+//! their holes acts along quasi-static paths ([`friction`]) only: [`statics`], [`sensitivity`] and
+//! [`dynamics`] leave it out.
 
 pub mod camera;
 #[cfg(test)]
@@ -57,6 +59,7 @@ pub mod cloud;
 pub mod dynamics;
 mod energy;
 pub mod exchange;
+pub mod friction;
 pub mod mjcf;
 mod newton;
 pub mod render;

@@ -173,15 +173,30 @@ impl Potential<'_> {
 
     /// Gradient and Hessian at `q`, whose posture is `posture`.
     pub fn expand(&self, q: &Configuration, posture: &Posture, out: &mut Expansion) {
+        let mut tensions = std::mem::take(&mut out.tensions);
         for (t, tendon) in self.robot.tendons.iter().enumerate() {
             let state = tendon.state(posture.lengths[t], self.command[t]);
-            out.tensions[t] = state.tension;
+            tensions[t] = state.tension;
             out.weights[t] = state.stiffness;
         }
+        self.expand_pulled(q, posture, |tendon, _| tensions[tendon], out);
+        out.tensions = tensions;
+    }
+
+    /// The same where the tension (N) of each piece of each tendon is given, by the tendon's number
+    /// and the piece's place on its route. Leaves the tensions and the tendons' weights of `out` as
+    /// they are.
+    pub fn expand_pulled(
+        &self,
+        q: &Configuration,
+        posture: &Posture,
+        tension: impl Fn(usize, usize) -> f64,
+        out: &mut Expansion,
+    ) {
         self.expand_joints(q, &posture.chain, out);
         self.expand_dead(&posture.chain, out);
-        self.expand_segments(posture, out);
-        self.expand_spans(&posture.chain, out);
+        self.expand_segments(posture, &tension, out);
+        self.expand_spans(&posture.chain, &tension, out);
     }
 
     fn expand_joints(&self, q: &Configuration, chain: &Chain, out: &mut Expansion) {
@@ -217,12 +232,17 @@ impl Potential<'_> {
         }
     }
 
-    fn expand_segments(&self, posture: &Posture, out: &mut Expansion) {
+    fn expand_segments(
+        &self,
+        posture: &Posture,
+        tension: &impl Fn(usize, usize) -> f64,
+        out: &mut Expansion,
+    ) {
         let slots = out.columns.slots;
         // A tendon may pass a joint more than once.
         out.slopes.fill(Vector3::zeros());
         for (segment, stretch) in self.robot.segments.iter().zip(&posture.stretches) {
-            let tension = out.tensions[segment.tendon];
+            let tension = tension(segment.tendon, segment.place);
             let gradient = stretch.gradient();
             out.joint_gradient[segment.joint] += gradient * tension;
             out.joint_blocks[segment.joint] += stretch.hessian(&gradient) * tension;
@@ -230,10 +250,16 @@ impl Potential<'_> {
         }
     }
 
-    fn expand_spans(&self, chain: &Chain, out: &mut Expansion) {
+    fn expand_spans(
+        &self,
+        chain: &Chain,
+        tension: &impl Fn(usize, usize) -> f64,
+        out: &mut Expansion,
+    ) {
         for (index, span) in self.robot.spans.iter().enumerate() {
             let columns = self.robot.tendons.len() + 2 * index;
-            expand_span(self.robot, chain, span, columns, out);
+            let tension = tension(span.tendon, span.place);
+            expand_span(self.robot, chain, span, tension, columns, out);
         }
     }
 }
@@ -241,10 +267,16 @@ impl Potential<'_> {
 /// A piece of tension `T` and length `l` between holes `P` and `Q` of discs that are not neighbours:
 /// its length's gradient is `(Q - c_j) x u` at every joint between; its Hessian is that of dead
 /// forces `T u` on `P` and `-T u` on `Q`, and of `T / l` across it.
-fn expand_span(robot: &Robot, chain: &Chain, span: &Span, columns: usize, out: &mut Expansion) {
+fn expand_span(
+    robot: &Robot,
+    chain: &Chain,
+    span: &Span,
+    tension: f64,
+    columns: usize,
+    out: &mut Expansion,
+) {
     let (lower, upper, stretch) = span.stretch(robot, chain);
     let slots = out.columns.slots;
-    let tension = out.tensions[span.tendon];
     let u = stretch.direction;
     let first = span.lower.map_or(0, |disc| disc + 1);
     let own = out.columns.slot[span.tendon];

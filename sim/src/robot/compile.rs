@@ -115,7 +115,7 @@ impl Robot {
     }
 
     /// A hole as seen from the centre of its body's joint (or the base origin), in its frame (m).
-    fn hole(&self, waypoint: Waypoint) -> Vector3<f64> {
+    pub(crate) fn hole(&self, waypoint: Waypoint) -> Vector3<f64> {
         let holes = self.spec.holes(waypoint.0).expect("validated: a body");
         let [x, y] = holes.positions()[waypoint.1];
         match waypoint.0 {

@@ -139,6 +139,35 @@ impl Loads {
         Ok(self)
     }
 
+    /// The superposition `(1 - part)` of these loads and `part` of `goal`.
+    pub(crate) fn towards(&self, goal: &Self, part: f64) -> Self {
+        if part == 1.0 || self == goal {
+            return goal.clone();
+        }
+        let shares = [(self, 1.0 - part), (goal, part)];
+        let mass: f64 = shares.iter().map(|(l, share)| share * l.payload.mass).sum();
+        let moment: Vector3<f64> = (shares.iter())
+            .map(|(l, share)| Vector3::from(l.payload.offset) * (share * l.payload.mass))
+            .sum();
+        let offset = if mass > 0.0 {
+            std::array::from_fn(|axis| moment[axis] / mass)
+        } else {
+            goal.payload.offset
+        };
+        let scaled = |wrench: &Wrench, share: f64| Wrench {
+            force: wrench.force.map(|f| share * f),
+            moment: wrench.moment.map(|m| share * m),
+            ..*wrench
+        };
+        Self {
+            payload: Payload { mass, offset },
+            wrenches: (shares.iter())
+                .flat_map(|(l, share)| l.wrenches.iter().map(|w| scaled(w, *share)))
+                .collect(),
+            line: self.line.lerp(&goal.line, part),
+        }
+    }
+
     /// Whether every wrench acts on a disc that `robot` has.
     ///
     /// # Errors

@@ -21,7 +21,7 @@ pub use settler::Settler;
 pub use sweep::Sweep;
 
 use faer::Side;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use crate::chain::Configuration;
@@ -54,6 +54,35 @@ pub struct Equilibrium {
     /// Whether the residual is within [`TOLERANCE`] and the equilibrium stable: no eigenvalue of the
     /// Hessian (with moments and following forces: no real part of one of the Jacobian) below zero.
     pub converged: bool,
+}
+
+impl Equilibrium {
+    /// Room for an equilibrium of `robot`: the straight pose, not converged.
+    pub(crate) fn unsettled(robot: &Robot) -> Self {
+        let n = robot.discs.len();
+        Self {
+            configuration: Configuration::straight(robot),
+            positions: vec![Vector3::zeros(); n],
+            orientations: vec![UnitQuaternion::identity(); n],
+            tendon_lengths: vec![0.0; robot.tendons.len()],
+            tendon_tensions: vec![0.0; robot.tendons.len()],
+            residual: f64::INFINITY,
+            iterations: 0,
+            converged: false,
+        }
+    }
+
+    /// Takes over a configuration, and the poses and lengths of its posture.
+    pub(crate) fn pose(&mut self, q: &Configuration, posture: &Posture) {
+        let chain = &posture.chain;
+        self.configuration.0.copy_from_slice(&q.0);
+        self.positions.copy_from_slice(&chain.positions);
+        for (to, orientation) in self.orientations.iter_mut().zip(&chain.orientations[1..]) {
+            let rotation = Rotation3::from_matrix_unchecked(*orientation);
+            *to = UnitQuaternion::from_rotation_matrix(&rotation);
+        }
+        self.tendon_lengths.copy_from_slice(&posture.lengths);
+    }
 }
 
 impl Robot {

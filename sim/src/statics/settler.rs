@@ -1,7 +1,5 @@
 //! From command to equilibrium: where a solve starts, and what it does when a descent stalls.
 
-use nalgebra::{Rotation3, UnitQuaternion, Vector3};
-
 use super::descent::{Descent, End};
 use super::follower::{bring_on, follows};
 use super::{Equilibrium, LENGTH_TOLERANCE};
@@ -45,22 +43,12 @@ pub struct Settler<'a> {
 impl<'a> Settler<'a> {
     /// Prepares to settle `robot`.
     pub fn new(robot: &'a Robot) -> Self {
-        let n = robot.discs.len();
         Self {
             robot,
             descent: Descent::new(robot),
             dead: DeadForces::new(robot),
             command: vec![0.0; robot.tendons.len()],
-            equilibrium: Equilibrium {
-                configuration: Configuration::straight(robot),
-                positions: vec![Vector3::zeros(); n],
-                orientations: vec![UnitQuaternion::identity(); n],
-                tendon_lengths: vec![0.0; robot.tendons.len()],
-                tendon_tensions: vec![0.0; robot.tendons.len()],
-                residual: f64::INFINITY,
-                iterations: 0,
-                converged: false,
-            },
+            equilibrium: Equilibrium::unsettled(robot),
         }
     }
 
@@ -260,16 +248,7 @@ impl<'a> Settler<'a> {
 
     fn report(&mut self, end: End, iterations: usize) -> &Equilibrium {
         let (descent, out) = (&self.descent, &mut self.equilibrium);
-        let chain = &descent.posture.chain;
-        out.configuration
-            .0
-            .copy_from_slice(&descent.configuration.0);
-        out.positions.copy_from_slice(&chain.positions);
-        for (to, orientation) in out.orientations.iter_mut().zip(&chain.orientations[1..]) {
-            let rotation = Rotation3::from_matrix_unchecked(*orientation);
-            *to = UnitQuaternion::from_rotation_matrix(&rotation);
-        }
-        out.tendon_lengths.copy_from_slice(&descent.posture.lengths);
+        out.pose(&descent.configuration, &descent.posture);
         out.tendon_tensions
             .copy_from_slice(&descent.expansion.tensions);
         out.residual = descent.expansion.residual();
