@@ -3,6 +3,7 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use tdcr_sim::dynamics::{Integrator, State, Stepper};
 use tdcr_sim::robot::{Frame, Loads, Robot, RobotSpec, Wrench};
 use tdcr_sim::statics::Settler;
 
@@ -29,5 +30,30 @@ fn settling_allocates_nothing_after_the_first_call() {
             assert!(settler.settle_from(&start, &commands[1], &loads).converged);
         });
         assert_eq!(counted.count_total, 0, "{name}");
+    }
+}
+
+#[test]
+fn stepping_allocates_nothing_after_the_first_step() {
+    let push = Wrench {
+        force: [0.01, 0.02, -0.03],
+        ..Wrench::none(3, Frame::Disc)
+    };
+    let loads = Loads::payload(0.01).unwrap().with_wrench(push).unwrap();
+    for name in RobotSpec::STANDARD {
+        let robot = Robot::load(name).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let commands: Vec<_> = (0..500).map(|_| robot.random_command(&mut rng)).collect();
+        for integrator in [Integrator::SemiImplicitEuler, Integrator::RungeKutta4] {
+            let mut stepper = Stepper::new(&robot, 0.002, integrator).unwrap();
+            let mut state = State::straight(&robot);
+            stepper.step(&mut state, &commands[0], &loads).unwrap();
+            let counted = allocation_counter::measure(|| {
+                for command in &commands {
+                    stepper.step(&mut state, command, &loads).unwrap();
+                }
+            });
+            assert_eq!(counted.count_total, 0, "{name}, {integrator:?}");
+        }
     }
 }
