@@ -49,11 +49,11 @@
 //! their holes acts along quasi-static paths ([`friction`]) only: [`statics`], [`sensitivity`] and
 //! [`dynamics`] leave it out.
 
-pub mod camera;
 #[cfg(test)]
 extern crate self as tdcr_sim;
 
 mod backbone;
+pub mod camera;
 pub mod chain;
 pub mod cloud;
 pub mod dynamics;
@@ -68,3 +68,7 @@ pub mod sensitivity;
 pub mod statics;
 mod tendon;
 pub mod urdf;
+
+#[cfg(test)]
+#[path = "../tests/common/random_robot.rs"]
+mod random_robot;

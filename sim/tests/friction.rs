@@ -429,7 +429,6 @@ fn paths_of_random_robots_keep_to_the_capstan_law() {
             }
         }
     }
-    println!("{reached} of {asked}, {slips} slips");
     assert!(reached * 10 >= asked * 9, "{reached} of {asked} commands");
     assert!(slips > 500);
 }

@@ -132,7 +132,7 @@ fn sample(
         });
     }
     let cloud = observer
-        .observe(&equilibrium)
+        .observe(equilibrium)
         .sample_or_pad(settings.points, &mut rng);
     Ok(Sample {
         motors: command

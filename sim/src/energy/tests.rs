@@ -6,9 +6,7 @@ use crate::robot::{Command, Frame, Loads, Payload, RobotSpec, Wrench};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-#[path = "../../tests/common/random_robot.rs"]
-mod random_robot;
-use random_robot::{Kind, random_robot, within};
+use crate::random_robot::{Kind, random_robot, within};
 
 /// The standard robots, and random ones.
 fn robots() -> Vec<Robot> {

@@ -8,9 +8,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 #[allow(dead_code, reason = "shared with tests that draw other robots")]
-#[path = "../../../tests/common/random_robot.rs"]
-mod random_robot;
-use random_robot::{Kind, random_spec, within};
+use crate::random_robot::{Kind, random_spec, within};
 
 /// A random robot with friction in the holes of every tendon.
 fn rough_robot(rng: &mut impl Rng) -> Robot {
