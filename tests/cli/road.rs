@@ -21,6 +21,29 @@ fn every_command_explains_itself() {
 }
 
 #[test]
+fn settle_surveys_random_commands_on_one_thread() {
+    let survey = succeed_json(&["settle", "--robot", "3m", "--random", "300", "--seed", "5"]);
+    assert_eq!(survey["count"], 300);
+    assert_eq!(survey["converged"], 300);
+    assert!(survey["max_residual"].as_f64().unwrap() <= 1e-9);
+    let [median, p99] = ["median_us", "p99_us"].map(|key| survey[key].as_f64().unwrap());
+    assert!(0.0 < median && median <= p99);
+    // The same seed draws the same commands.
+    let again = succeed_json(&["settle", "--robot", "3m", "--random", "300", "--seed", "5"]);
+    assert_eq!(again["max_residual"], survey["max_residual"]);
+}
+
+#[test]
+fn the_robot_file_with_every_field_settles() {
+    let robot = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/every-field.toml");
+    let command = "0.02,0.02,0.02,0.115,1.0";
+    let settled = succeed_json(&["settle", "--robot", robot, "--command", command]);
+    assert_eq!(settled["converged"], true);
+    assert!((settled["tendon_lengths"][3].as_f64().unwrap() - 0.115).abs() < 1e-9);
+    assert_eq!(settled["tendon_tensions"][4], 1.0);
+}
+
+#[test]
 fn settle_prints_the_equilibrium_as_json() {
     let settled = succeed_json(&[
         "settle",
