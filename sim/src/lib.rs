@@ -34,6 +34,8 @@
 //! - [`robot`]: what the user writes, validated and compiled; commands and loads.
 //! - [`chain`]: configurations on SO(3)^n.
 //! - [`statics`]: command to equilibrium.
+//! - [`sensitivity`]: derivatives of equilibria.
+//! - [`inverse`]: from shape to command, and from measurements to the robot.
 //! - [`camera`]: the pinhole model and rings of cameras.
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
@@ -51,6 +53,7 @@ mod backbone;
 pub mod chain;
 pub mod cloud;
 mod energy;
+pub mod inverse;
 mod newton;
 pub mod render;
 pub mod robot;
