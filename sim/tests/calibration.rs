@@ -8,7 +8,7 @@ use rand_distr::{Distribution, Normal};
 use tdcr_sim::inverse::calibration::{
     Calibration, CalibrationError, Estimate, Finding, Observation, Unknown, calibrate,
 };
-use tdcr_sim::robot::{Backbone, Body, Drive, Loads, PerDisc, Robot, RobotSpec};
+use tdcr_sim::robot::{Backbone, Body, Drive, Loads, MassSpec, PerDisc, Robot, RobotSpec};
 use tdcr_sim::sensitivity::{Axis, Parameter};
 
 /// Observations of a robot under random commands and random payloads of up to `payload` kg.
@@ -115,10 +115,7 @@ fn exact_positions_give_exact_values() {
         density(&nominal),
         hole_radius(&nominal),
         Unknown::one(Parameter::Pitch(1)),
-        Unknown::one(Parameter::Hole(Body::Disc(0), 1, Axis::X)),
     ];
-    // The place of one hole, and the radius of all of that body: one of the two is enough.
-    let unknowns = &unknowns[..6];
     let truth = [430.0, 0.062, 0.041, 31.0, 0.0131, 0.0165];
     let values: Vec<_> = unknowns.iter().zip(truth).collect();
     let real = with(&nominal, &values);
@@ -128,7 +125,7 @@ fn exact_positions_give_exact_values() {
         payload: 0.03,
         noise: 0.0,
     };
-    let found = calibrate(&nominal, unknowns, &campaign.observe(&real, 81)).unwrap();
+    let found = calibrate(&nominal, &unknowns, &campaign.observe(&real, 81)).unwrap();
     for (estimate, truth) in estimates(&found).iter().zip(truth) {
         assert!(
             (estimate.value / truth - 1.0).abs() < 1e-6,
@@ -163,47 +160,50 @@ fn single_holes_and_gains_are_recovered() {
     }
 }
 
-/// In 400 intervals at 95 %, the true value is outside of 20 on average, and of 8 to 35 in all but one
-/// campaign of a thousand (binomial).
+/// The small robot of heavier discs, held level, so that weights bend it.
+fn level() -> RobotSpec {
+    let mut spec = small();
+    spec.gravity = [9.81, 0.0, 0.0];
+    spec.modules[0].mass = MassSpec::Density(PerDisc::Uniform(2500.0));
+    spec
+}
+
+/// Of 400 intervals at 95 %, 20 do not hold the true value on average, and 8 to 35 in all but one of a
+/// thousand experiments like this (binomial).
 #[test]
 fn intervals_hold_the_truth_as_often_as_they_say() {
-    let nominal = small();
+    let nominal = level();
     let unknowns = [
         gain(&nominal),
         bending(&nominal),
         hole_radius(&nominal),
         density(&nominal),
     ];
-    let truth = [450.0, 0.35, 0.0130, 60.0];
+    let truth = [450.0, 0.35, 0.0130, 2800.0];
     let values: Vec<_> = unknowns.iter().zip(truth).collect();
     let real = with(&nominal, &values);
     let campaign = Campaign {
-        count: 12,
+        count: 20,
         discs: vec![1, 3],
         payload: 0.5,
         noise: 5e-4,
     };
-    let (mut inside, mut all) = (0, 0);
+    let mut outside = 0;
     let mut squares = [0.0; 4];
     for seed in 0..100 {
         let found = calibrate(&nominal, &unknowns, &campaign.observe(&real, 1000 + seed)).unwrap();
-        assert!((found.identification.noise / 5e-4 - 1.0).abs() < 0.35);
-        for (i, finding) in found.identification.findings.iter().enumerate() {
-            if let Finding::Identified(estimate) = finding {
-                all += 1;
-                let [low, high] = estimate.interval;
-                inside += usize::from((low..=high).contains(&truth[i]));
-                squares[i] += ((estimate.value - truth[i]) / estimate.standard_error).powi(2);
-            }
-        }
-        if seed == 0 {
-            println!("{found:#?}");
+        assert!((found.identification.noise / 5e-4 - 1.0).abs() < 0.3);
+        for (i, estimate) in estimates(&found).iter().enumerate() {
+            let [low, high] = estimate.interval;
+            outside += usize::from(!(low..=high).contains(&truth[i]));
+            squares[i] += ((estimate.value - truth[i]) / estimate.standard_error).powi(2);
         }
     }
-    println!("{inside} of {all} {squares:?}");
+    assert!((8..=35).contains(&outside), "{outside} of 400");
+    // Chi-squared of 100 degrees of freedom, 99.9 % on either side.
     assert!(
-        all >= 300 && (0.92..=0.98).contains(&(inside as f64 / all as f64)),
-        "{inside} of {all}"
+        squares.iter().all(|s| (59.0..=154.0).contains(s)),
+        "{squares:?}"
     );
 }
 
@@ -229,7 +229,6 @@ fn what_cannot_be_told_apart_is_named() {
             noise,
         };
         let found = calibrate(&nominal, &unknowns, &bare.observe(&real, 83)).unwrap();
-        println!("{noise} {found:#?}");
         let findings = &found.identification.findings;
         assert_eq!(findings[0], Finding::Confounded { with: vec![2] });
         assert_eq!(findings[2], Finding::Confounded { with: vec![0] });
@@ -274,24 +273,31 @@ fn what_was_not_seen_is_said_to_have_no_effect() {
     assert_eq!(found.identification.findings[1], Finding::NoEffect);
 }
 
-/// A disc of this robot weighs 0.4 g: nothing to be seen of under errors of 5 mm.
+/// A disc of this robot weighs half a gram: nothing to be seen of under errors of 5 mm.
 #[test]
 fn what_is_lost_in_the_noise_is_said_to_be_undetermined() {
     let nominal = small();
-    let unknowns = [gain(&nominal), density(&nominal)];
+    let unknowns = [density(&nominal)];
     let campaign = Campaign {
-        count: 10,
+        count: 20,
         discs: vec![3],
         payload: 0.0,
         noise: 5e-3,
     };
-    let observations = campaign.observe(&nominal, 85);
-    let found = calibrate(&nominal, &unknowns, &observations).unwrap();
-    println!("{found:?}");
-    assert!(!matches!(
-        found.identification.findings[1],
-        Finding::Identified(_)
-    ));
+    let mut undetermined = 0;
+    for seed in 0..20 {
+        let found =
+            calibrate(&nominal, &unknowns, &campaign.observe(&nominal, 200 + seed)).unwrap();
+        match found.identification.findings[0] {
+            Finding::Undetermined { standard_error } => {
+                assert!(standard_error > 25.0);
+                undetermined += 1;
+            }
+            Finding::AtBound(0.0) => {}
+            ref other => panic!("{other:?}"),
+        }
+    }
+    assert!((5..20).contains(&undetermined), "{undetermined}");
 }
 
 /// Positions of a robot that is lighter than weightless.

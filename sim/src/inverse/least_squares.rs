@@ -14,6 +14,8 @@ const LEAST_DAMPING: f64 = 1e-12;
 const LARGEST_DAMPING: f64 = 1e16;
 /// Share of the predicted decrease that a step must bring.
 const ENOUGH: f64 = 1e-4;
+/// Damping with which what is left to gain is judged: directions weaker than its root are left out.
+const JUDGING_DAMPING: f64 = 1e-8;
 /// Squared column norms below this share of the largest are scaled as if they were that large.
 const LEAST_SCALE: f64 = 1e-16;
 
@@ -66,7 +68,7 @@ pub(super) fn minimise<M>(
     while fit.steps < max_steps && damping < LARGEST_DAMPING && !done(&fit.x, &fit.at) {
         fit.steps += 1;
         enlarge(&mut scale, &fit.at.jacobian);
-        let model = Model::new(&fit, &curvature, &scale, bounds);
+        let model = Model::new(&fit.x, &fit.at, &curvature, &scale, bounds);
         let step = model.step(damping);
         let predicted = model.decrease(&step);
         let mut moved = &fit.x + step.component_div(&scale);
@@ -95,6 +97,14 @@ pub(super) fn minimise<M>(
         }
     }
     fit
+}
+
+/// By how much the cost could still fall within the bounds, by the linear model at `x`.
+pub(super) fn left_to_gain<M>(x: &DVector<f64>, at: &Evaluation<M>, bounds: &[[f64; 2]]) -> f64 {
+    let mut scale = DVector::zeros(x.len());
+    enlarge(&mut scale, &at.jacobian);
+    let model = Model::new(x, at, &DMatrix::zeros(x.len(), x.len()), &scale, bounds);
+    model.decrease(&model.step(JUDGING_DAMPING))
 }
 
 /// Raises the scale of each unknown to the norm of its column.
@@ -141,20 +151,21 @@ struct Model {
 
 impl Model {
     fn new<M>(
-        fit: &Fit<M>,
+        x: &DVector<f64>,
+        at: &Evaluation<M>,
         curvature: &DMatrix<f64>,
         scale: &DVector<f64>,
         bounds: &[[f64; 2]],
     ) -> Self {
-        let unscaled = fit.at.jacobian.tr_mul(&fit.at.jacobian) + curvature;
+        let unscaled = at.jacobian.tr_mul(&at.jacobian) + curvature;
         let hessian = |i: usize, j: usize| unscaled[(i, j)] / (scale[i] * scale[j]);
         let room = |side: usize| {
-            let room = |i: usize, _| (bounds[i][side] - fit.x[i]) * scale[i];
-            DVector::from_fn(fit.x.len(), room)
+            let room = |i: usize, _| (bounds[i][side] - x[i]) * scale[i];
+            DVector::from_fn(x.len(), room)
         };
         Self {
-            hessian: DMatrix::from_fn(fit.x.len(), fit.x.len(), hessian),
-            gradient: fit.at.gradient().component_div(scale),
+            hessian: DMatrix::from_fn(x.len(), x.len(), hessian),
+            gradient: at.gradient().component_div(scale),
             low: room(0),
             high: room(1),
         }

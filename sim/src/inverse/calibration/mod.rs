@@ -39,7 +39,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::least_squares::{Evaluation, minimise};
+use super::least_squares::{Evaluation, left_to_gain, minimise};
 use crate::robot::{Body, Command, CommandError, LoadError, Loads, Robot, RobotSpec, SpecError};
 use crate::sensitivity::{Parameter, SensitivityError};
 use crate::statics::{Equilibrium, Settler};
@@ -48,8 +48,9 @@ use crate::statics::{Equilibrium, Settler};
 const MAX_STEPS: usize = 200;
 /// Times that a fit goes on from the other equilibria of commands that have two.
 const MAX_RETURNS: usize = 5;
-/// Cosine between residuals and the model's tangent plane at which a fit counts as stationary.
-const STATIONARY: f64 = 1e-6;
+/// How far the fit may be from the minimum, as a share of the confidence region's radius: the relative
+/// offset of Bates and Watts (A relative offset orthogonality convergence criterion, 1981).
+const OFFSET: f64 = 1e-3;
 /// Residuals (m, root mean square) that settling itself leaves; a fit as good as that is exact.
 const EXACT: f64 = 1e-9;
 /// Bounds of what must be above zero, relative to its first value.
@@ -271,7 +272,9 @@ pub fn calibrate(
         }
     }
     let residual_rms = (at.cost() / at.residuals.len() as f64).sqrt();
-    if residual_rms > EXACT && slope_cosine(&x, &at, &bounds) > STATIONARY {
+    let freedom = (at.residuals.len() - x.len()) as f64;
+    let offset = (left_to_gain(&x, &at, &bounds) / x.len() as f64).sqrt();
+    if residual_rms > EXACT && offset > OFFSET * (at.cost() / freedom).sqrt() {
         return Err(CalibrationError::Stalled {
             steps,
             residual_rms,
@@ -288,24 +291,6 @@ pub fn calibrate(
         steps,
         identification,
     })
-}
-
-/// Largest cosine between the residuals and a column of the Jacobian that may still be moved along.
-fn slope_cosine<M>(x: &DVector<f64>, at: &Evaluation<M>, bounds: &[[f64; 2]]) -> f64 {
-    let gradient = at.gradient();
-    let cosine = |i: usize| {
-        let norm = at.jacobian.column(i).norm() * at.residuals.norm();
-        let stopped = match gradient[i] {
-            slope if slope > 0.0 => x[i] <= bounds[i][0],
-            _ => x[i] >= bounds[i][1],
-        };
-        if stopped || norm == 0.0 {
-            0.0
-        } else {
-            gradient[i].abs() / norm
-        }
-    };
-    (0..x.len()).map(cosine).fold(0.0, f64::max)
 }
 
 struct Problem<'a> {
