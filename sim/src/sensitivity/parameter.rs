@@ -91,6 +91,8 @@ pub(super) struct ModelTangent {
     pub command: Vec<f64>,
     /// Stiffness of each tendon with its drive.
     pub stiffness: Vec<f64>,
+    /// Length of each tendon between holes of one and the same body.
+    pub fixed_lengths: Vec<f64>,
     /// Ends of each segment, in their bodies' frames.
     pub segments: Vec<[Vector3<f64>; 2]>,
     /// Ends of each span.
@@ -111,6 +113,7 @@ impl ModelTangent {
         Self {
             command: vec![0.0; robot.tendons.len()],
             stiffness: vec![0.0; robot.tendons.len()],
+            fixed_lengths: vec![0.0; robot.tendons.len()],
             segments: vec![[Vector3::zeros(); 2]; robot.segments.len()],
             spans: vec![[Vector3::zeros(); 2]; robot.spans.len()],
             joint_offsets: vec![Vector3::zeros(); n],
@@ -175,6 +178,17 @@ impl ModelTangent {
         for (i, tangent) in self.spans.iter_mut().enumerate() {
             let (a, b) = (&low.0.spans[i], &high.0.spans[i]);
             *tangent = ends([&a.from, &b.from], [&a.to, &b.to]);
+        }
+        for (length, tendon) in self.fixed_lengths.iter_mut().zip(&robot.tendons) {
+            for pair in tendon
+                .route
+                .windows(2)
+                .filter(|pair| pair[0].0 == pair[1].0)
+            {
+                let across = |robot: &Robot| robot.hole(pair[1]) - robot.hole(pair[0]);
+                let direction = across(robot).try_normalize(0.0).unwrap_or_default();
+                *length += direction.dot(&(across(&high.0) - across(&low.0)));
+            }
         }
         for (i, tangent) in self.joint_offsets.iter_mut().enumerate() {
             *tangent = high.0.discs[i].joint_offset - low.0.discs[i].joint_offset;

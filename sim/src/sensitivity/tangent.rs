@@ -45,7 +45,7 @@ impl Sensitivity<'_> {
         let mut out = GradientTangent {
             joint: vec![Vector3::zeros(); n],
             disc: vec![Vector3::zeros(); n],
-            lengths: vec![0.0; robot.tendons.len()],
+            lengths: tangent.fixed_lengths.clone(),
         };
         let centres = self.moved_centres(tangent);
         let spans: Vec<_> = (0..robot.spans.len())
