@@ -100,7 +100,7 @@ impl Limit {
 }
 
 /// `log(q)` (rad), of norm at most pi.
-fn rotation_vector(q: &UnitQuaternion<f64>) -> Vector3<f64> {
+pub(crate) fn rotation_vector(q: &UnitQuaternion<f64>) -> Vector3<f64> {
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     let (w, v) = (sign * q.w, q.imag() * sign);
     let sin = v.norm();
@@ -114,7 +114,7 @@ fn rotation_vector(q: &UnitQuaternion<f64>) -> Vector3<f64> {
 
 /// The inverse right Jacobian `F = I + 1/2 [phi]x + c [phi]x^2` of the exponential map, `c`, and
 /// `c'(theta) / theta`.
-fn inverse_right_jacobian(phi: &Vector3<f64>) -> (Matrix3<f64>, f64, f64) {
+pub(crate) fn inverse_right_jacobian(phi: &Vector3<f64>) -> (Matrix3<f64>, f64, f64) {
     let squared = phi.norm_squared();
     let (c, slope) = if squared < 2.5e-3 {
         // Series of (1 - theta/2 cot(theta/2)) / theta^2 (Bernoulli numbers), and its derivative.

@@ -38,6 +38,7 @@
 //! - [`friction`]: paths of equilibria with friction between tendons and holes.
 //! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
 //! - [`dynamics`]: motion in time: steps, rollouts, and their derivatives.
+//! - [`inverse`]: from a target shape to the command, from measured positions to the robot.
 //! - [`camera`]: the pinhole model and rings of cameras.
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
@@ -60,6 +61,7 @@ pub mod dynamics;
 mod energy;
 pub mod exchange;
 pub mod friction;
+pub mod inverse;
 pub mod mjcf;
 mod newton;
 pub mod render;

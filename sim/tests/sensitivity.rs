@@ -355,6 +355,54 @@ fn derivatives_are_differences_of_settled_poses_on_random_robots() {
     assert!(checked >= 12, "{checked} robots settled");
 }
 
+/// Against the same changes written once more, in this file.
+#[test]
+fn a_robot_with_another_value_differs_in_that_parameter_alone() {
+    let mut rng = ChaCha8Rng::seed_from_u64(37);
+    for _ in 0..20 {
+        let case = random_case(&mut rng);
+        for (parameter, by) in all_parameters(&case.spec) {
+            let Ok(value) = case.spec.value(parameter) else {
+                let of_loads = "commands and loads are not part of a robot's specification";
+                let refused = case.spec.value(parameter).unwrap_err().to_string();
+                assert!(refused.contains(of_loads), "{refused}");
+                continue;
+            };
+            let with = case.spec.with(&[(parameter, value + by)]).unwrap();
+            let found = with.value(parameter).unwrap();
+            assert!(
+                (found - value - by).abs() <= 1e-14 * value.abs().max(by),
+                "{parameter}"
+            );
+            let [a, b] = [with, case.moved(parameter, by).spec].map(|spec| numbers(&spec));
+            assert_eq!(a.len(), b.len(), "{parameter}");
+            let near = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-14 * a.abs().max(1e-3);
+            assert!(a.iter().zip(&b).all(near), "{parameter}");
+        }
+    }
+}
+
+/// All numbers of a specification, in order.
+fn numbers(spec: &RobotSpec) -> Vec<f64> {
+    fn collect(value: &serde_json::Value, numbers: &mut Vec<f64>) {
+        match value {
+            serde_json::Value::Number(number) => numbers.extend(number.as_f64()),
+            serde_json::Value::Array(list) => list.iter().for_each(|v| collect(v, numbers)),
+            serde_json::Value::Object(map) => map.values().for_each(|v| collect(v, numbers)),
+            _ => {}
+        }
+    }
+    let mut spec = spec.clone();
+    // A circle of holes, once moved, is a list of them.
+    let holes = spec.modules.iter_mut().map(|module| &mut module.holes);
+    for holes in holes.chain([&mut spec.base.holes]) {
+        *holes = Holes::At(holes.positions());
+    }
+    let mut numbers = Vec::new();
+    collect(&serde_json::to_value(&spec).unwrap(), &mut numbers);
+    numbers
+}
+
 #[test]
 fn they_are_so_with_moments_and_following_forces() {
     let mut rng = ChaCha8Rng::seed_from_u64(33);

@@ -2,7 +2,8 @@
 
 /// How values are spaced along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Spacing {
+pub enum Spacing {
+    /// In proportion to their differences.
     Linear,
     /// Logarithmic: values that are not positive have no place on the axis.
     Log,
@@ -86,6 +87,14 @@ impl Axis {
             Spacing::Linear => (value - self.low) / (self.high - self.low),
             Spacing::Log => (value / self.low).ln() / (self.high / self.low).ln(),
         })
+    }
+
+    /// Distance between the ends; of a log axis, their ratio's logarithm.
+    pub fn span(&self) -> f64 {
+        match self.spacing {
+            Spacing::Linear => self.high - self.low,
+            Spacing::Log => (self.high / self.low).ln(),
+        }
     }
 
     /// Values of the ticks, ascending.

@@ -1,4 +1,5 @@
-//! The report on a trained network: one self-contained HTML page, and a picture for a README.
+//! The report on a trained network: one self-contained HTML page, and a picture for a README. Also
+//! plots of anything, as self-contained SVG: [`Figure`].
 //!
 //! Plain data in, text or PNG bytes out: nothing here computes a score or reads a file. The page
 //! loads nothing: its style, script, pictures and point clouds are inside it, and its content
@@ -7,12 +8,15 @@
 mod axis;
 mod chart;
 mod curves;
+mod figure;
 mod html;
 mod picture;
 mod raster;
 mod sections;
 mod viewer;
 
+pub use axis::Spacing;
+pub use figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
 pub use picture::{contact_sheet, scale_bar};
 
 use tdcr_sim::cloud::PointCloud;

@@ -217,18 +217,6 @@ fn disc(module: &ModuleSpec, index: usize, origin_below: Vector3<f64>) -> Disc {
     }
 }
 
-impl Robot {
-    /// What a tendon was specified as.
-    pub(crate) fn tendon_spec(&self, tendon: usize) -> &TendonSpec {
-        let spec = &self.spec;
-        let of_modules =
-            (spec.modules.iter()).filter_map(|m| Some((m.tendons.as_ref()?, m.holes.count())));
-        let of_modules = of_modules.flat_map(|(tendon, count)| std::iter::repeat_n(tendon, count));
-        let mut all = of_modules.chain(spec.routes.iter().map(|route| &route.tendon));
-        all.nth(tendon).expect("a tendon of this robot")
-    }
-}
-
 fn tendons(spec: &RobotSpec) -> Vec<Tendon> {
     let mut tendons = Vec::new();
     let mut first_disc = 0;

@@ -382,6 +382,14 @@ impl RobotSpec {
         self.modules.iter().map(of_module).sum::<usize>() + self.routes.len()
     }
 
+    /// What each tendon is specified as, in a command's order: modules share one among their tendons.
+    pub fn tendons(&self) -> Vec<&TendonSpec> {
+        let of_modules =
+            (self.modules.iter()).filter_map(|m| Some((m.tendons.as_ref()?, m.holes.count())));
+        let of_modules = of_modules.flat_map(|(tendon, count)| std::iter::repeat_n(tendon, count));
+        (of_modules.chain(self.routes.iter().map(|route| &route.tendon))).collect()
+    }
+
     /// Holes of a body (m); `None` for a disc that the robot does not have.
     pub fn holes(&self, body: Body) -> Option<&Holes> {
         match body {

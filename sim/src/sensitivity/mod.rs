@@ -25,6 +25,7 @@
 
 mod parameter;
 mod tangent;
+mod value;
 
 pub use parameter::{Axis, Parameter, SensitivityError};
 

@@ -3,10 +3,12 @@
 use nalgebra::Vector3;
 use thiserror::Error;
 
+use super::value::shift;
 use crate::energy::DeadForces;
-use crate::robot::{Body, Drive, Holes, Loads, MassSpec, PerDisc, Robot, RobotSpec};
+use crate::robot::{Body, Drive, Loads, MassSpec, Robot, RobotSpec};
 
-/// A number that an equilibrium depends on. Derivatives are per unit given here.
+/// A number that an equilibrium depends on. Derivatives are per unit given here. Those of the robot,
+/// not of its command and loads, have a value in its specification: [`RobotSpec::value`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parameter {
     /// The command of a tendon (m, or N for a tension drive).
@@ -124,7 +126,7 @@ impl ModelTangent {
         loads: &Loads,
         parameter: Parameter,
     ) -> Result<Self, SensitivityError> {
-        check(robot, parameter)?;
+        check(robot.spec(), parameter)?;
         let mut tangent = Self::zero(robot);
         match parameter {
             Parameter::Command(tendon) => tangent.command[tendon] = 1.0,
@@ -185,7 +187,7 @@ impl ModelTangent {
 
 /// Derivatives of the stiffness of drive and tendon in series by the gain and by the axial stiffness.
 fn series(robot: &Robot, tendon: usize) -> (f64, f64) {
-    let spec = robot.tendon_spec(tendon);
+    let spec = robot.spec().tendons()[tendon];
     match (spec.drive, spec.axial_stiffness) {
         (Drive::Gain(gain), Some(axial)) => {
             let sum = gain + axial;
@@ -197,59 +199,10 @@ fn series(robot: &Robot, tendon: usize) -> (f64, f64) {
     }
 }
 
-/// Changes a specification's parameter by `by`.
-fn shift(spec: &mut RobotSpec, parameter: Parameter, by: f64) {
-    let module_of = |body: Body| match body {
-        Body::Base => None,
-        Body::Disc(disc) => spec.module_of(disc),
-    };
-    match parameter {
-        Parameter::Density(module) => {
-            if let MassSpec::Density(density) = &mut spec.modules[module].mass {
-                match density {
-                    PerDisc::Uniform(density) => *density += by,
-                    PerDisc::Each(each) => each.iter_mut().for_each(|density| *density += by),
-                }
-            }
-        }
-        Parameter::Pitch(module) => spec.modules[module].pitch += by,
-        Parameter::HoleRadius(body) => {
-            let module = module_of(body);
-            move_holes(spec, module, |_, [x, y]| {
-                let radius = x.hypot(y);
-                [x + by * x / radius, y + by * y / radius]
-            });
-        }
-        Parameter::Hole(body, hole, axis) => {
-            let module = module_of(body);
-            move_holes(spec, module, |index, [x, y]| match axis {
-                Axis::X if index == hole => [x + by, y],
-                Axis::Y if index == hole => [x, y + by],
-                _ => [x, y],
-            });
-        }
-        _ => {}
-    }
-}
-
-fn move_holes(
-    spec: &mut RobotSpec,
-    module: Option<usize>,
-    place: impl Fn(usize, [f64; 2]) -> [f64; 2],
-) {
-    let holes = match module {
-        None => &mut spec.base.holes,
-        Some(module) => &mut spec.modules[module].holes,
-    };
-    let moved = (holes.positions().into_iter().enumerate()).map(|(i, hole)| place(i, hole));
-    *holes = Holes::At(moved.collect());
-}
-
 /// Whether the robot has the parameter.
-fn check(robot: &Robot, parameter: Parameter) -> Result<(), SensitivityError> {
-    let spec = robot.spec();
+pub(super) fn check(spec: &RobotSpec, parameter: Parameter) -> Result<(), SensitivityError> {
     let holes = |body| spec.holes(body).map(|holes| holes.positions());
-    let tendon = |t: usize| (t < robot.tendons.len()).then(|| robot.tendon_spec(t));
+    let tendon = |t: usize| spec.tendons().get(t).copied();
     let reason = match parameter {
         Parameter::Command(t) if tendon(t).is_none() => "no such tendon",
         Parameter::Gain(t) => match tendon(t).map(|spec| spec.drive) {
@@ -262,7 +215,7 @@ fn check(robot: &Robot, parameter: Parameter) -> Result<(), SensitivityError> {
             Some(None) => "the tendon is inextensible",
             Some(Some(_)) => return Ok(()),
         },
-        Parameter::Force(disc, _) | Parameter::Moment(disc, _) if disc >= robot.discs.len() => {
+        Parameter::Force(disc, _) | Parameter::Moment(disc, _) if disc >= spec.disc_count() => {
             "no such disc"
         }
         Parameter::Bending(_, Axis::Z) => "bending is about x or y",

@@ -1,0 +1,11 @@
+//! Inverse problems, solved with the derivatives of equilibria.
+//!
+//! - [`shape`]: which command brings discs to targets.
+//! - [`calibration`]: which stiffnesses, densities and dimensions explain measured positions.
+//!
+//! Both are nonlinear least squares within bounds, by Levenberg's and Marquardt's method.
+
+pub mod calibration;
+mod least_squares;
+pub mod shape;
+mod student;

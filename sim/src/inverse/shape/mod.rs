@@ -1,0 +1,433 @@
+//! Shape control: the command, within the tendons' ranges, that brings discs to targets.
+//!
+//! Minimises the weighted sum of the targets' squared errors over the box of commands, from those of
+//! a few hundred sampled commands whose shapes come nearest. Every answer is checked by settling its
+//! command from the straight pose, and says whether the targets are reached, or how it knows that
+//! nothing better is near.
+//!
+//! ```
+//! use tdcr_sim::inverse::shape::{Outcome, Search, ShapeController, Target};
+//! use tdcr_sim::robot::{Loads, Robot};
+//!
+//! let robot = Robot::load("2m")?;
+//! let controller = ShapeController::new(&robot, &Loads::payload(0.01)?, Search::default())?;
+//! let tip = Target::tip(&robot, [0.06, 0.03, 0.32].into());
+//! let found = controller.reach(&[tip])?;
+//! assert_eq!(found.outcome, Outcome::Reached);
+//! println!("command {:?} m", found.command.as_slice());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod target;
+
+pub use target::{Goal, Target};
+
+use nalgebra::{DMatrix, DVector, Matrix3xX};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use thiserror::Error;
+
+use super::least_squares::{Evaluation, Fit, minimise};
+use crate::chain::Configuration;
+use crate::robot::{Command, LoadError, Loads, Robot};
+use crate::statics::{Equilibrium, Settler};
+
+/// Times that a descent goes on from the equilibrium that the straight pose leads to, where that is
+/// another one than the descent's.
+const MAX_RETURNS: usize = 4;
+
+/// How to search for a command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Search {
+    /// Largest error (m) of a target that counts as met.
+    pub tolerance: f64,
+    /// Commands drawn, besides the middle one, to find starts among.
+    pub samples: usize,
+    /// Seed of these draws.
+    pub seed: u64,
+    /// Starts at most, the nearest first. More make it less likely that a target within reach is
+    /// missed; all are tried before one is called unreachable.
+    pub starts: usize,
+    /// Steps of one descent at most.
+    pub max_steps: usize,
+}
+
+impl Default for Search {
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-6,
+            samples: 255,
+            seed: 0,
+            starts: 12,
+            max_steps: 300,
+        }
+    }
+}
+
+/// Finds commands for targets of one robot under given loads. Settles its samples once, for any
+/// number of targets.
+#[derive(Clone, Debug)]
+pub struct ShapeController<'a> {
+    robot: &'a Robot,
+    loads: Loads,
+    search: Search,
+    samples: Vec<(Command, Equilibrium)>,
+}
+
+/// The best command found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShapeSolution {
+    /// The command, within the tendons' ranges.
+    pub command: Command,
+    /// Where the robot settles under it from the straight pose, as by [`Robot::settle`].
+    pub equilibrium: Equilibrium,
+    /// Distance left to each target (m), without weights.
+    pub errors: Vec<f64>,
+    /// Whether that is enough, and if not, why.
+    pub outcome: Outcome,
+    /// Steps tried, over all starts.
+    pub steps: usize,
+}
+
+/// How a search ended.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// Every target is met within the tolerance.
+    Reached,
+    /// Nothing near the command comes nearer to the targets: it is stationary. As the search is
+    /// local, from the best of its starts, another command far off is not excluded.
+    Unreachable {
+        /// The tendons that a bound keeps from coming nearer.
+        active: Vec<ActiveBound>,
+        /// Frank and Wolfe's gap (m): the most that the weighted distance, the root of the weighted
+        /// sum of squares, could fall by anywhere in the box of commands, were it linear. At most
+        /// the tolerance.
+        gap: f64,
+    },
+    /// The search came to a halt at a command that is not stationary, for example where tendons go
+    /// slack, where equilibria vanish, or for want of steps.
+    Stalled {
+        /// As for [`Outcome::Unreachable`], above the tolerance.
+        gap: f64,
+    },
+}
+
+/// A tendon whose command is at the end of its range, and would have to go past it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ActiveBound {
+    /// The tendon.
+    pub tendon: usize,
+    /// Which end.
+    pub bound: Bound,
+}
+
+/// An end of a tendon's range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bound {
+    /// The smallest command.
+    Low,
+    /// The largest command.
+    High,
+}
+
+/// Why there is nothing to search for, or nothing to start from.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ShapeError {
+    /// An empty list of targets.
+    #[error("no target is given; expected at least one")]
+    NoTarget,
+    /// A target that makes no sense.
+    #[error("target {index} is {target:?}: {reason}")]
+    Target {
+        /// Its place in the list, from 0.
+        index: usize,
+        /// The target.
+        target: Target,
+        /// What would be right.
+        reason: &'static str,
+    },
+    /// A tolerance that is no length.
+    #[error("the tolerance is {0} m; expected a finite length above 0")]
+    Tolerance(f64),
+    /// Loads of another robot.
+    #[error(transparent)]
+    Loads(#[from] LoadError),
+    /// A command of another robot.
+    #[error(transparent)]
+    Command(#[from] crate::robot::CommandError),
+    /// No equilibrium to start from.
+    #[error("the robot settles stably under none of the {0} commands tried")]
+    Unsettled(usize),
+}
+
+impl<'a> ShapeController<'a> {
+    /// Prepares to control `robot` under `loads`: settles the sampled commands, on all cores.
+    ///
+    /// # Errors
+    /// [`ShapeError`] for loads of another robot, a tolerance that is not above 0, and a robot that
+    /// settles under no sampled command.
+    pub fn new(robot: &'a Robot, loads: &Loads, search: Search) -> Result<Self, ShapeError> {
+        loads.check(robot)?;
+        if !(search.tolerance > 0.0 && search.tolerance.is_finite()) {
+            return Err(ShapeError::Tolerance(search.tolerance));
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(search.seed);
+        let mut commands = vec![robot.mean_command()];
+        commands.extend((0..search.samples).map(|_| robot.random_command(&mut rng)));
+        let settled = robot.settle_batch(&commands, loads);
+        let tried = commands.len();
+        let samples: Vec<_> = (commands.into_iter().zip(settled))
+            .filter(|(_, equilibrium)| equilibrium.converged)
+            .collect();
+        if samples.is_empty() {
+            return Err(ShapeError::Unsettled(tried));
+        }
+        Ok(Self {
+            robot,
+            loads: loads.clone(),
+            search,
+            samples,
+        })
+    }
+
+    /// The command under which the robot comes nearest to `targets`, as far as the search can tell:
+    /// the first that meets them, or the best from all starts.
+    ///
+    /// # Errors
+    /// [`ShapeError`] for no targets, or one that makes no sense; [`ShapeError::Unsettled`] if no
+    /// start leads to a stable equilibrium.
+    pub fn reach(&self, targets: &[Target]) -> Result<ShapeSolution, ShapeError> {
+        let problem = self.problem(targets)?;
+        let cost = |sample: &(Command, Equilibrium)| {
+            let weighted = |t: &Target| t.weight * t.error(&sample.1).norm_squared();
+            targets.iter().map(weighted).sum::<f64>()
+        };
+        let mut order: Vec<(f64, usize)> = (self.samples.iter().enumerate())
+            .map(|(index, sample)| (cost(sample), index))
+            .collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let starts = order.iter().take(self.search.starts.max(1));
+        let starts = starts.map(|&(_, index)| &self.samples[index]);
+        problem.best_of(starts)
+    }
+
+    /// The command near `start` under which the robot comes nearest to `targets`: the way to follow
+    /// targets that move, without jumps from one solution to another.
+    ///
+    /// # Errors
+    /// As [`ShapeController::reach`]; also for a command of another robot.
+    pub fn reach_from(
+        &self,
+        targets: &[Target],
+        start: &Command,
+    ) -> Result<ShapeSolution, ShapeError> {
+        let problem = self.problem(targets)?;
+        let start = self.robot.command(start.as_slice())?;
+        let settled = self.robot.settle(&start, &self.loads);
+        problem.best_of(std::iter::once(&(start, settled)))
+    }
+
+    fn problem<'p>(&'p self, targets: &'p [Target]) -> Result<Problem<'p>, ShapeError> {
+        if targets.is_empty() {
+            return Err(ShapeError::NoTarget);
+        }
+        for (index, target) in targets.iter().enumerate() {
+            if let Some(reason) = target.fault(self.robot) {
+                return Err(ShapeError::Target {
+                    index,
+                    target: *target,
+                    reason,
+                });
+            }
+        }
+        Ok(Problem {
+            robot: self.robot,
+            loads: &self.loads,
+            search: &self.search,
+            targets,
+        })
+    }
+}
+
+/// The search for one list of targets. Its unknowns are the commands as shares of their ranges.
+struct Problem<'a> {
+    robot: &'a Robot,
+    loads: &'a Loads,
+    search: &'a Search,
+    targets: &'a [Target],
+}
+
+impl Problem<'_> {
+    fn best_of<'s>(
+        &self,
+        starts: impl Iterator<Item = &'s (Command, Equilibrium)>,
+    ) -> Result<ShapeSolution, ShapeError> {
+        let mut settler = Settler::new(self.robot);
+        let mut best: Option<(f64, ShapeSolution)> = None;
+        let (mut steps, mut tried) = (0, 0);
+        for start in starts {
+            tried += 1;
+            let Some((cost, mut found)) = self.descend(&mut settler, start) else {
+                continue;
+            };
+            steps += found.steps;
+            found.steps = steps;
+            if found.outcome == Outcome::Reached {
+                return Ok(found);
+            }
+            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                best = Some((cost, found));
+            }
+        }
+        let (_, mut found) = best.ok_or(ShapeError::Unsettled(tried))?;
+        found.steps = steps;
+        Ok(found)
+    }
+
+    /// Descends from one command; also returns the cost reached.
+    fn descend(
+        &self,
+        settler: &mut Settler,
+        (command, settled): &(Command, Equilibrium),
+    ) -> Option<(f64, ShapeSolution)> {
+        let bounds = vec![[0.0, 1.0]; self.robot.tendons.len()];
+        let mut x = self.shares(command);
+        let mut at = self.evaluate(&x, settled.clone())?;
+        let mut steps = 0;
+        for _ in 0..MAX_RETURNS {
+            let evaluate = |x: &DVector<f64>, near: &Equilibrium| {
+                let (command, near) = (self.command(x), &near.configuration);
+                let settled = settler.settle_from(near, &command, self.loads).clone();
+                self.evaluate(x, settled)
+            };
+            // Aimed at a tenth, so that another way to the same equilibrium is near enough too.
+            let enough = 0.1 * self.search.tolerance;
+            let done = |x: &DVector<f64>, at: &Evaluation<Equilibrium>| {
+                self.largest_error(&at.memory) <= enough || gap(x, at) <= enough
+            };
+            let found = minimise(x, at, &bounds, self.search.max_steps, evaluate, done);
+            steps += found.steps;
+            let followed = found.at.memory.configuration.clone();
+            let settled = settler.settle(&self.command(&found.x), self.loads).clone();
+            x = found.x;
+            at = self.evaluate(&x, settled)?;
+            if self.same_place(&followed, &at.memory) {
+                break;
+            }
+        }
+        let cost = at.cost();
+        Some((cost, self.solution(Fit { x, at, steps })))
+    }
+
+    /// Residuals and Jacobian at an equilibrium; `None` where it is not stable.
+    fn evaluate(&self, x: &DVector<f64>, settled: Equilibrium) -> Option<Evaluation<Equilibrium>> {
+        let command = self.command(x);
+        let sensitivity = self.robot.sensitivity(&command, self.loads, &settled);
+        let poses = sensitivity.ok()?.command_jacobian();
+        let tendons = self.robot.tendons.len();
+        let mut residuals = DVector::zeros(3 * self.targets.len());
+        let mut jacobian = DMatrix::zeros(3 * self.targets.len(), tendons);
+        for (i, target) in self.targets.iter().enumerate() {
+            let rows = |part: usize| -> Matrix3xX<f64> {
+                poses.fixed_rows::<3>(6 * target.disc + 3 * part).into()
+            };
+            let scale = target.weight.sqrt();
+            let error = target.error(&settled) * scale;
+            residuals.fixed_rows_mut::<3>(3 * i).copy_from(&error);
+            let slope = target.error_jacobian(&settled, [rows(0), rows(1)]) * scale;
+            jacobian.fixed_rows_mut::<3>(3 * i).copy_from(&slope);
+        }
+        for (mut column, tendon) in jacobian.column_iter_mut().zip(&self.robot.tendons) {
+            column *= tendon.range[1] - tendon.range[0];
+        }
+        let finite = jacobian.iter().all(|x| x.is_finite());
+        finite.then_some(Evaluation {
+            residuals,
+            jacobian,
+            memory: settled,
+        })
+    }
+
+    fn shares(&self, command: &Command) -> DVector<f64> {
+        let tendons = self.robot.tendons.iter().zip(command.as_slice());
+        let share = |(tendon, value): (&crate::robot::Tendon, &f64)| {
+            let [low, high] = tendon.range;
+            (value - low) / (high - low)
+        };
+        DVector::from_iterator(self.robot.tendons.len(), tendons.map(share))
+    }
+
+    fn command(&self, x: &DVector<f64>) -> Command {
+        let tendons = self.robot.tendons.iter().zip(x);
+        let value = |(tendon, share): (&crate::robot::Tendon, &f64)| {
+            let [low, high] = tendon.range;
+            (low + share * (high - low)).clamp(low, high)
+        };
+        let values: Vec<f64> = tendons.map(value).collect();
+        (self.robot.command(&values)).expect("clamped to the tendons' ranges")
+    }
+
+    fn errors(&self, equilibrium: &Equilibrium) -> Vec<f64> {
+        let error = |target: &Target| target.error(equilibrium).norm();
+        self.targets.iter().map(error).collect()
+    }
+
+    fn largest_error(&self, equilibrium: &Equilibrium) -> f64 {
+        self.errors(equilibrium).into_iter().fold(0.0, f64::max)
+    }
+
+    /// Whether a configuration is that of an equilibrium, to the tolerance as an angle on 1 m.
+    fn same_place(&self, followed: &Configuration, settled: &Equilibrium) -> bool {
+        let joints = followed.0.iter().zip(&settled.configuration.0);
+        joints.fold(0.0, |largest: f64, (a, b)| largest.max(a.angle_to(b))) <= self.search.tolerance
+    }
+
+    fn solution(&self, fit: Fit<Equilibrium>) -> ShapeSolution {
+        let gap = gap(&fit.x, &fit.at);
+        let outcome = if self.largest_error(&fit.at.memory) <= self.search.tolerance {
+            Outcome::Reached
+        } else if gap <= self.search.tolerance {
+            let active = active_bounds(&fit.x, &fit.at);
+            Outcome::Unreachable { active, gap }
+        } else {
+            Outcome::Stalled { gap }
+        };
+        ShapeSolution {
+            command: self.command(&fit.x),
+            errors: self.errors(&fit.at.memory),
+            equilibrium: fit.at.memory,
+            outcome,
+            steps: fit.steps,
+        }
+    }
+}
+
+/// The most that the norm of the residuals would fall by within the unit box, were it linear.
+fn gap<M>(x: &DVector<f64>, at: &Evaluation<M>) -> f64 {
+    let gradient = at.gradient();
+    let fall = |(x, slope): (&f64, &f64)| {
+        if *slope > 0.0 {
+            x * slope
+        } else {
+            (x - 1.0) * slope
+        }
+    };
+    x.iter().zip(&gradient).map(fall).sum::<f64>() / at.residuals.norm()
+}
+
+fn active_bounds<M>(x: &DVector<f64>, at: &Evaluation<M>) -> Vec<ActiveBound> {
+    let gradient = at.gradient();
+    let bound = |(tendon, (x, slope)): (usize, (&f64, &f64))| {
+        let bound = match (*x, *slope) {
+            (0.0, slope) if slope > 0.0 => Bound::Low,
+            (1.0, slope) if slope < 0.0 => Bound::High,
+            _ => return None,
+        };
+        Some(ActiveBound { tendon, bound })
+    };
+    x.iter()
+        .zip(&gradient)
+        .enumerate()
+        .filter_map(bound)
+        .collect()
+}

@@ -1,0 +1,321 @@
+//! Plots side by side, as one self-contained SVG picture.
+
+use super::axis::{Axis, Spacing, tick_label};
+use super::html::escape;
+
+/// A row of plots under a title and above a caption.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    /// What is shown.
+    pub title: String,
+    /// How to read it, broken into lines as needed.
+    pub caption: String,
+    /// The plots, from left to right.
+    pub panels: Vec<Panel>,
+}
+
+/// One plot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Panel {
+    /// What it shows.
+    pub title: String,
+    /// The horizontal axis.
+    pub x: Scale,
+    /// The vertical axis.
+    pub y: Scale,
+    /// Whether both axes have the same scale.
+    pub aspect: Aspect,
+    /// What is drawn, the first at the bottom.
+    pub marks: Vec<Mark>,
+}
+
+/// What an axis shows.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Scale {
+    /// Numbers.
+    Numbers {
+        /// Of what, and in which unit.
+        title: String,
+        /// How they are spaced.
+        spacing: Spacing,
+    },
+    /// Names, the first at 0, the next at 1, and so on.
+    Names(Vec<String>),
+}
+
+/// Whether both axes of a plot have the same scale.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Aspect {
+    /// Each has its own.
+    Free,
+    /// A unit is as long on one as on the other: for places.
+    Equal,
+}
+
+/// Points drawn alike. A point without a place on an axis is left out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mark {
+    /// Name in the legend; none where it is empty.
+    pub name: String,
+    /// How they are drawn.
+    pub shape: Shape,
+    /// Their colour.
+    pub ink: Ink,
+    /// Horizontal and vertical coordinates.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// How points are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// Joined by a line.
+    Line,
+    /// Joined by a thin dashed line.
+    Dashes,
+    /// Each by a dot.
+    Dots,
+}
+
+/// Colours that the colour-blind tell apart (Okabe and Ito).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ink {
+    /// Black.
+    Black,
+    /// Grey.
+    Grey,
+    /// Blue.
+    Blue,
+    /// Vermilion.
+    Vermilion,
+    /// Green.
+    Green,
+    /// Purple.
+    Purple,
+}
+
+/// Width of a plot and the room around it (CSS pixels).
+const PLOT: f64 = 330.0;
+/// Height of a plot with a free aspect, and the most of one with equal scales.
+const HEIGHT: f64 = 280.0;
+const TALLEST: f64 = 420.0;
+const LEFT: f64 = 60.0;
+const RIGHT: f64 = 26.0;
+const BELOW: f64 = 48.0;
+const LINE: f64 = 19.0;
+/// Width of a letter of the caption's text.
+const LETTER: f64 = 6.7;
+
+impl Ink {
+    fn hex(self) -> &'static str {
+        match self {
+            Self::Black => "#1c2128",
+            Self::Grey => "#8a929c",
+            Self::Blue => "#0072b2",
+            Self::Vermilion => "#d55e00",
+            Self::Green => "#009e73",
+            Self::Purple => "#a0558a",
+        }
+    }
+}
+
+impl Scale {
+    /// Numbers at even distances, under a title that names the unit.
+    pub fn linear(title: &str) -> Self {
+        Self::Numbers {
+            title: title.to_owned(),
+            spacing: Spacing::Linear,
+        }
+    }
+
+    /// Numbers above 0 on a logarithmic axis, under a title that names the unit.
+    pub fn log(title: &str) -> Self {
+        Self::Numbers {
+            title: title.to_owned(),
+            spacing: Spacing::Log,
+        }
+    }
+
+    fn title(&self) -> &str {
+        match self {
+            Self::Numbers { title, .. } => title,
+            Self::Names(_) => "",
+        }
+    }
+
+    /// The axis, and its ticks with their labels.
+    fn axis(&self, values: impl Iterator<Item = f64>) -> (Option<Axis>, Vec<(f64, String)>) {
+        match self {
+            Self::Numbers { spacing, .. } => {
+                let axis = Axis::covering(*spacing, values);
+                let ticks = axis.iter().flat_map(Axis::ticks);
+                let ticks = ticks.map(|&tick| (tick, tick_label(tick))).collect();
+                (axis, ticks)
+            }
+            Self::Names(names) => {
+                let ends = [-0.5, names.len() as f64 - 0.5];
+                let named = names.iter().enumerate();
+                let ticks = named.map(|(k, name)| (k as f64, name.clone())).collect();
+                (Axis::covering(Spacing::Linear, ends), ticks)
+            }
+        }
+    }
+
+    /// Room that the labels take to the left of a plot.
+    fn room(&self) -> f64 {
+        match self {
+            Self::Numbers { .. } => LEFT,
+            Self::Names(names) => {
+                let longest = names.iter().map(|name| name.chars().count()).max();
+                20.0 + LETTER * longest.unwrap_or(0) as f64
+            }
+        }
+    }
+}
+
+impl Figure {
+    /// The picture, the same text for the same data.
+    pub fn to_svg(&self) -> String {
+        let mut x = 0.0;
+        let mut tallest: f64 = 0.0;
+        let mut body = String::new();
+        for panel in &self.panels {
+            let (svg, width, height) = panel.draw();
+            body += &format!("<g transform=\"translate({x:.1} 44)\">{svg}</g>");
+            x += width;
+            tallest = tallest.max(height);
+        }
+        let width = x.max(PLOT);
+        let lines = wrap(&self.caption, ((width - 32.0) / LETTER) as usize);
+        let top = 44.0 + tallest + 26.0;
+        for (k, line) in lines.iter().enumerate() {
+            let y = top + LINE * k as f64;
+            body += &text("caption", 16.0, y, "start", line);
+        }
+        let height = top + LINE * lines.len() as f64;
+        let title = escape(&self.title);
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" \
+             width=\"{width:.0}\" height=\"{height:.0}\" role=\"img\" aria-label=\"{title}\">\
+             <style>{STYLE}</style><rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\
+             <text class=\"title\" x=\"16\" y=\"30\">{title}</text>{body}</svg>\n"
+        )
+    }
+}
+
+const STYLE: &str = "text{font:12px system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,\
+     sans-serif;fill:#5a6370}.title{font-size:18px;font-weight:650;fill:#1c2128}.name{font-size:14px;\
+     font-weight:600;fill:#1c2128}.axis{fill:#1c2128}.caption{font-size:13px}\
+     line{stroke:#dfe3e8}path{fill:none;stroke-linejoin:round}";
+
+fn text(class: &str, x: f64, y: f64, anchor: &str, content: &str) -> String {
+    let content = escape(content);
+    format!(
+        "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{content}</text>"
+    )
+}
+
+/// Breaks a text between words into lines of at most so many letters.
+fn wrap(text: &str, letters: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= letters => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+impl Panel {
+    /// The plot from its upper left corner, and its width and height.
+    fn draw(&self) -> (String, f64, f64) {
+        let named: Vec<&Mark> = self.marks.iter().filter(|m| !m.name.is_empty()).collect();
+        let (left, top) = (self.y.room(), 40.0 + LINE * named.len() as f64);
+        let points = || self.marks.iter().flat_map(|mark| &mark.points);
+        let (x_axis, x_ticks) = self.x.axis(points().map(|p| p[0]));
+        let (y_axis, y_ticks) = self.y.axis(points().map(|p| p[1]));
+        let mut svg = text("name", left, 16.0, "start", &self.title);
+        for (k, mark) in named.iter().enumerate() {
+            let y = 36.0 + LINE * k as f64;
+            svg += &mark.sample(left, y - 4.0);
+            svg += &text("", left + 32.0, y, "start", &mark.name);
+        }
+        let (Some(x_axis), Some(y_axis)) = (x_axis, y_axis) else {
+            svg += &text("", left, top + 20.0, "start", "nothing to show");
+            return (svg, left + PLOT + RIGHT, top + HEIGHT + BELOW);
+        };
+        let (width, height) = match self.aspect {
+            Aspect::Free => (PLOT, HEIGHT),
+            Aspect::Equal => {
+                let height = PLOT * y_axis.span() / x_axis.span();
+                let shrink = (TALLEST / height).min(1.0);
+                (PLOT * shrink, height * shrink)
+            }
+        };
+        let place = |[x, y]: [f64; 2]| {
+            let (x, y) = (x_axis.fraction(x)?, y_axis.fraction(y)?);
+            Some([left + x * width, top + height - y * height])
+        };
+        for (tick, label) in &x_ticks {
+            let Some(x) = x_axis.fraction(*tick).map(|x| left + x * width) else {
+                continue;
+            };
+            let bottom = top + height;
+            svg +=
+                &format!("<line x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{top:.1}\" y2=\"{bottom:.1}\"/>");
+            svg += &text("", x, bottom + 17.0, "middle", label);
+        }
+        for (tick, label) in &y_ticks {
+            let Some(y) = y_axis.fraction(*tick).map(|y| top + height - y * height) else {
+                continue;
+            };
+            let right = left + width;
+            svg +=
+                &format!("<line x1=\"{left:.1}\" x2=\"{right:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>");
+            svg += &text("", left - 8.0, y + 4.0, "end", label);
+        }
+        for mark in &self.marks {
+            let places: Vec<[f64; 2]> = mark.points.iter().copied().filter_map(place).collect();
+            svg += &mark.draw(&places);
+        }
+        let (middle, bottom) = (left + width / 2.0, top + height + 38.0);
+        svg += &text("axis", middle, bottom, "middle", self.x.title());
+        let centre = top + height / 2.0;
+        let turn = format!("<g transform=\"rotate(-90 14 {centre:.1})\">");
+        svg += &(turn + &text("axis", 14.0, centre, "middle", self.y.title()) + "</g>");
+        (svg, left + width + RIGHT, top + height + BELOW)
+    }
+}
+
+impl Mark {
+    /// What stands for it in a legend.
+    fn sample(&self, x: f64, y: f64) -> String {
+        match self.shape {
+            Shape::Dots => self.draw(&[[x + 12.0, y]]),
+            Shape::Line | Shape::Dashes => self.draw(&[[x, y], [x + 24.0, y]]),
+        }
+    }
+
+    fn draw(&self, places: &[[f64; 2]]) -> String {
+        let ink = self.ink.hex();
+        let stroke = match self.shape {
+            Shape::Dots => {
+                let dot = |[x, y]: &[f64; 2]| {
+                    format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\" fill=\"{ink}\"/>")
+                };
+                return places.iter().map(dot).collect();
+            }
+            Shape::Line => "stroke-width=\"1.8\"",
+            Shape::Dashes => "stroke-width=\"1.2\" stroke-dasharray=\"5 4\"",
+        };
+        let points = places.iter().map(|[x, y]| format!("{x:.1} {y:.1}"));
+        let path = points.collect::<Vec<_>>().join("L");
+        match path.is_empty() {
+            true => String::new(),
+            false => format!("<path d=\"M{path}\" stroke=\"{ink}\" {stroke}/>"),
+        }
+    }
+}
