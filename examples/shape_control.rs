@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use nalgebra::Vector3;
 use tdcr::report::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
-use tdcr::sim::inverse::shape::{Outcome, Search, ShapeController, ShapeSolution, Target};
+use tdcr::sim::inverse::shape::{Goal, Outcome, Search, ShapeController, ShapeSolution, Target};
 use tdcr::sim::robot::{Loads, Robot};
 
 const MM: f64 = 1e3;
@@ -69,9 +69,9 @@ pub fn run(path: &Path) -> Result<()> {
 fn circle() -> Vec<Vector3<f64>> {
     let at = |k: usize| {
         let (sin, cos) = (TAU * k as f64 / TARGETS as f64).sin_cos();
-        Vector3::new(0.09 + 0.07 * cos, 0.07 * sin, 0.33)
+        Vector3::new(0.12 + 0.07 * cos, 0.07 * sin, 0.33)
     };
-    (0..=TARGETS).map(at).take(TARGETS).collect()
+    (0..TARGETS).map(at).collect()
 }
 
 /// Every target from the last one's command, so that the robot moves without jumps; a target that is
@@ -95,7 +95,7 @@ fn follow(
     Ok(found)
 }
 
-/// All discs on an arc that bends by a right angle, 0.23 m long, in the plane at 30 degrees to x.
+/// All discs on an arc that bends by a right angle over 0.25 m, in the plane at 30 degrees to x.
 fn bend(robot: &Robot) -> Vec<Target> {
     let (sin, cos) = (TAU / 12.0).sin_cos();
     let curvature = 0.25 * TAU / 0.25;
@@ -142,9 +142,8 @@ fn figure(
     let base = Vector3::from(robot.spec().base.position);
     let (sin, cos) = (TAU / 12.0).sin_cos();
     let side = |p: &Vector3<f64>| [(p.x * cos + p.y * sin) * MM, p.z * MM];
-    let asked = Target::along(robot, |s| base + Vector3::z() * s).len();
     let on_curve = curve.iter().filter_map(|target| match target.goal {
-        tdcr::sim::inverse::shape::Goal::Position(position) => Some(side(&position)),
+        Goal::Position(position) => Some(side(&position)),
         _ => None,
     });
     let backbone = std::iter::once(&base)
@@ -152,7 +151,7 @@ fn figure(
         .map(side)
         .collect();
     let from_side = Panel {
-        title: format!("Backbone of {asked} discs on an arc, from its side"),
+        title: "Discs on an arc, from its side".into(),
         x: Scale::linear("distance from the axis (mm)"),
         y: Scale::linear("height (mm)"),
         aspect: Aspect::Equal,

@@ -38,7 +38,6 @@
 //! - [`friction`]: paths of equilibria with friction between tendons and holes.
 //! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
 //! - [`dynamics`]: motion in time: steps, rollouts, and their derivatives.
-//! - [`inverse`]: from shape to command, and from measurements to the robot.
 //! - [`inverse`]: from a target shape to the command, from measured positions to the robot.
 //! - [`camera`]: the pinhole model and rings of cameras.
 //! - [`render`]: RGB-D images and masks by ray casting.

@@ -284,20 +284,25 @@ fn what_is_lost_in_the_noise_is_said_to_be_undetermined() {
         payload: 0.0,
         noise: 5e-3,
     };
-    let mut undetermined = 0;
+    let (mut undetermined, mut identified) = (0, 0);
     for seed in 0..20 {
-        let found =
-            calibrate(&nominal, &unknowns, &campaign.observe(&nominal, 200 + seed)).unwrap();
+        let observations = campaign.observe(&nominal, 200 + seed);
+        let found = calibrate(&nominal, &unknowns, &observations).unwrap();
         match found.identification.findings[0] {
             Finding::Undetermined { standard_error } => {
                 assert!(standard_error > 25.0);
                 undetermined += 1;
             }
-            Finding::AtBound(0.0) => {}
+            // At 95 %, one in forty estimates of nothing looks like something.
+            Finding::Identified(_) => identified += 1,
+            Finding::AtBound(value) => assert_eq!(value, 0.0),
             ref other => panic!("{other:?}"),
         }
     }
-    assert!((5..20).contains(&undetermined), "{undetermined}");
+    assert!(
+        undetermined >= 5 && identified <= 2,
+        "{undetermined} {identified}"
+    );
 }
 
 /// Positions of a robot that is lighter than weightless.

@@ -3,7 +3,9 @@
 //! - [`shape`]: which command brings discs to targets.
 //! - [`calibration`]: which stiffnesses, densities and dimensions explain measured positions.
 //!
-//! Both are nonlinear least squares within bounds, by Levenberg's and Marquardt's method.
+//! Both are nonlinear least squares within bounds, by Levenberg's and Marquardt's method. As in
+//! [`statics`](crate::statics) and [`sensitivity`](crate::sensitivity), tendons run through their holes
+//! without friction.
 
 pub mod calibration;
 mod least_squares;

@@ -1,0 +1,46 @@
+//! The examples run, and their pictures stand alone.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+#[allow(dead_code, reason = "its `main` is not called here")]
+#[path = "../examples/calibration.rs"]
+mod calibration;
+#[allow(dead_code, reason = "its `main` is not called here")]
+#[path = "../examples/shape_control.rs"]
+mod shape_control;
+
+use std::path::Path;
+
+/// Runs an example; returns its picture.
+fn picture(run: fn(&Path) -> anyhow::Result<()>) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("picture.svg");
+    run(&path).unwrap();
+    std::fs::read_to_string(path).unwrap()
+}
+
+fn assert_stands_alone(svg: &str) {
+    assert!(svg.starts_with("<svg ") && svg.trim_end().ends_with("</svg>"));
+    assert!(!svg.contains("NaN") && !svg.contains("href") && !svg.contains("url("));
+}
+
+#[test]
+fn shape_control_draws_what_it_reached_and_what_it_did_not() {
+    let svg = picture(shape_control::run);
+    assert_stands_alone(&svg);
+    for says in ["(mm)", "reached", "out of reach"] {
+        assert!(svg.contains(says), "{says}");
+    }
+    // One dot for each target and each disc of the arc, and one for each of three legends.
+    assert_eq!(svg.matches("<circle").count(), 72 + 15 + 3);
+}
+
+#[test]
+fn calibration_draws_estimates_and_errors() {
+    let svg = picture(calibration::run);
+    assert_stands_alone(&svg);
+    for says in ["bending stiffness", "(%)", "(mm)", "calibrated"] {
+        assert!(svg.contains(says), "{says}");
+    }
+    // All four unknowns are identified.
+    assert_eq!(svg.matches("<circle").count(), 4 + 1);
+}
