@@ -5,6 +5,9 @@
 #[path = "../examples/calibration.rs"]
 mod calibration;
 #[allow(dead_code, reason = "its `main` is not called here")]
+#[path = "../examples/friction_loop.rs"]
+mod friction_loop;
+#[allow(dead_code, reason = "its `main` is not called here")]
 #[path = "../examples/shape_control.rs"]
 mod shape_control;
 
@@ -43,4 +46,15 @@ fn calibration_draws_estimates_and_errors() {
     }
     // All four unknowns are identified.
     assert_eq!(svg.matches("<circle").count(), 4 + 1);
+}
+
+#[test]
+fn friction_loop_draws_a_loop_and_a_profile_for_each_coefficient() {
+    let svg = picture(friction_loop::run);
+    assert_stands_alone(&svg);
+    for says in ["tip x (mm)", "tension (N)", "friction 0.2"] {
+        assert!(svg.contains(says), "{says}");
+    }
+    // A line in the plot and one in the legend, of four coefficients, in two panels.
+    assert_eq!(svg.matches("stroke-width=\"1.8\"").count(), 16);
 }

@@ -24,10 +24,13 @@
 //!
 //! Nothing depends on how fast commands follow one another, but the way counts: between two commands
 //! it is the straight line, in loads as in commands. It is cut into substeps over which no joint turns
-//! by more than [`FrictionPath::with_resolution`] says. Where no substep however small has an
-//! equilibrium nearby, the robot would snap elsewhere, faster than quasi-statics can follow: it buckles,
-//! or a contact that starts to slip leaves it unstable (stick-slip). There the path stays, and says
-//! `converged: false`.
+//! by more than [`FrictionPath::with_resolution`] says.
+//!
+//! Where no substep however small has an equilibrium nearby, the robot snaps elsewhere, faster than
+//! quasi-statics can follow: it buckles, or a contact that starts to slip leaves it unstable
+//! (stick-slip). There it slides on as if damping in its joints were all that held it back, until it
+//! rests again; the state counts the snaps and the energy lost in them. A robot's inertia may carry it
+//! further than that. Where it comes to no rest the path stays, and says `converged: false`.
 //!
 //! ```
 //! use tdcr_sim::friction::FrictionPath;
@@ -55,6 +58,7 @@
 
 mod contact;
 mod line;
+mod snap;
 mod solve;
 
 use crate::chain::Configuration;
@@ -112,6 +116,10 @@ pub struct FrictionState {
     pub dissipated: f64,
     /// Elastic energy in the sticking contacts (J).
     pub stored: f64,
+    /// Snaps since the start: motions too fast for quasi-statics.
+    pub snaps: usize,
+    /// Energy lost in snaps since the start (J).
+    pub snapped: f64,
     /// Work done on the tendons at their servos since the start (J): the integral of `-T_0 dL`. The
     /// energy in a drive's gain or a tendon's stretch belongs to the servo's side.
     pub servo_work: f64,
@@ -141,6 +149,8 @@ impl<'a> FrictionPath<'a> {
                 tendons: balance.profiles.clone(),
                 dissipated: 0.0,
                 stored: 0.0,
+                snaps: 0,
+                snapped: 0.0,
                 servo_work: 0.0,
                 substeps: 0,
             },
@@ -176,6 +186,7 @@ impl<'a> FrictionPath<'a> {
         }
         self.state.dissipated = 0.0;
         self.state.stored = 0.0;
+        (self.state.snaps, self.state.snapped) = (0, 0.0);
         self.state.servo_work = 0.0;
         &self.state
     }
@@ -245,13 +256,17 @@ impl<'a> FrictionPath<'a> {
                 let pairs = from.0.iter().zip(goal);
                 pairs.map(|(from, to)| from + part * (to - from)).collect()
             };
-            let turn = self.substep(&between, &from.1.towards(loads, part));
-            match turn {
+            let loaded = from.1.towards(loads, part);
+            match self.substep(&between, &loaded) {
                 Some(turn) if turn <= self.resolution => {
                     done = part;
                     stride *= f64::clamp(0.8 * self.resolution / turn, 1.0, 2.0);
-                    reached = (between, from.1.towards(loads, part));
+                    reached = (between, loaded);
                     self.accept();
+                }
+                _ if stride <= MIN_SUBSTEP && self.snap(&between, &loaded) => {
+                    done = part;
+                    reached = (between, loaded);
                 }
                 _ if stride <= MIN_SUBSTEP => {
                     self.give_up(goal, loads);

@@ -3,8 +3,8 @@
 //! The balance is `r(q) = sum_j T_j dl_j + dV_rest = 0`, with the tensions `T_j` of the segments of
 //! all tendons following the capstan law. In the coordinates `q exp(xi)` its Jacobian is
 //! `sum_j (T_j d2l_j + dl_j dT_j') + d2V_rest`: the second derivatives symmetric, as in
-//! [`crate::energy`], the products not, nor what moments and following forces add. With every contact assumed to stick or to slip in one sense,
-//! `r` is smooth; after each step the assumptions are revised (a primal-dual active set method:
+//! [`crate::energy`], the products not, nor what moments and following forces add. With every contact
+//! assumed to stick or to slip in one sense, `r` is smooth; after each step the assumptions are revised (a primal-dual active set method:
 //! Hintermueller, Ito and Kunisch, SIAM J. Optim. 13, 2002). Steps are shortened until the next
 //! simplified correction is smaller (natural monotonicity test: Deuflhard, Newton Methods for
 //! Nonlinear Problems, ch. 3), which does not mind that the robot's bends differ in stiffness by many
@@ -18,6 +18,7 @@ use faer::linalg::solvers::{PartialPivLu, Solve};
 use nalgebra::Vector3;
 
 use super::line::Line;
+use super::snap::Drag;
 use super::{Contact, TendonProfile};
 use crate::chain::{Configuration, turned};
 use crate::energy::{DeadForces, Expansion, Potential};
@@ -56,6 +57,8 @@ pub(super) struct Balance<'a> {
     dead: DeadForces,
     /// The command, with the rest lengths of tendons whose length is commanded corrected.
     rest: Vec<f64>,
+    /// What holds the joints back while the robot snaps.
+    pub drag: Option<Drag>,
     pub configuration: Configuration,
     pub posture: Posture,
     pub lines: Vec<Line>,
@@ -76,6 +79,7 @@ impl<'a> Balance<'a> {
             weight: DeadForces::new(robot),
             dead: DeadForces::new(robot),
             rest: vec![0.0; lines.len()],
+            drag: None,
             configuration: Configuration::straight(robot),
             posture: Posture::new(robot),
             expansion: Expansion::new(robot),
@@ -241,6 +245,9 @@ impl<'a> Balance<'a> {
         let (q, posture) = (&self.configuration, &self.posture);
         potential.expand_pulled(q, posture, tension, &mut self.expansion);
         follower::add_moments(&self.loads, 1.0, posture, &mut self.expansion);
+        if let Some(drag) = &self.drag {
+            drag.add_moments(q, posture, &mut self.expansion);
+        }
     }
 
     /// `-J^-1 r`: the turn of each joint, world axes (rad).
