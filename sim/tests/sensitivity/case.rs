@@ -1,30 +1,26 @@
-//! Derivatives of equilibria against differences of settled poses.
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+//! One equilibrium as a function of its parameters, and its derivatives by differences.
 
-#[path = "common/random_robot.rs"]
-mod random_robot;
-
+use crate::random_robot::{Kind, random_robot, within};
 use nalgebra::{DMatrix, Vector3};
-use rand::{Rng, RngExt, SeedableRng};
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use random_robot::{Kind, random_robot, within};
 use tdcr_sim::robot::{
-    Backbone, Body, Command, Drive, Frame, Holes, Loads, MassSpec, ModuleSpec, Payload, PerDisc,
-    Pull, Robot, RobotSpec, TendonSpec, Waypoint, Wrench,
+    Backbone, Body, Drive, Frame, Holes, Loads, MassSpec, ModuleSpec, Payload, PerDisc, Robot,
+    RobotSpec, TendonSpec, Wrench,
 };
-use tdcr_sim::sensitivity::{Axis, Parameter, PoseTangent, SensitivityError};
+use tdcr_sim::sensitivity::{Axis, Parameter, PoseTangent};
 use tdcr_sim::statics::{Equilibrium, Settler};
 
 /// One equilibrium, as a function of its parameters.
 #[derive(Clone)]
-struct Case {
-    spec: RobotSpec,
-    command: Vec<f64>,
-    loads: Loads,
+pub struct Case {
+    pub spec: RobotSpec,
+    pub command: Vec<f64>,
+    pub loads: Loads,
 }
 
 impl Case {
-    fn settle_from(&self, near: &Equilibrium) -> Equilibrium {
+    pub fn settle_from(&self, near: &Equilibrium) -> Equilibrium {
         let mut spec = self.spec.clone();
         // A command may be moved past its range: that is not what is tested.
         for module in &mut spec.modules {
@@ -58,7 +54,7 @@ impl Case {
     }
 
     /// The case with a parameter changed by `by`, written again from the specification's fields.
-    fn moved(&self, parameter: Parameter, by: f64) -> Self {
+    pub fn moved(&self, parameter: Parameter, by: f64) -> Self {
         let mut moved = self.clone();
         let spec = &mut moved.spec;
         let joints = |module: &mut ModuleSpec, change: &dyn Fn(&mut Backbone)| match module
@@ -145,7 +141,7 @@ fn tendon_of(spec: &mut RobotSpec, tendon: usize) -> &mut TendonSpec {
 }
 
 /// The same robot with every tendon on a route of its own.
-fn own_routes(robot: &Robot) -> RobotSpec {
+pub fn own_routes(robot: &Robot) -> RobotSpec {
     let mut spec = robot.spec().clone();
     let mut specs = Vec::new();
     for module in &mut spec.modules {
@@ -164,7 +160,7 @@ fn own_routes(robot: &Robot) -> RobotSpec {
 }
 
 /// Every parameter that a robot has.
-fn all_parameters(spec: &RobotSpec) -> Vec<(Parameter, f64)> {
+pub fn all_parameters(spec: &RobotSpec) -> Vec<(Parameter, f64)> {
     let mut all = Vec::new();
     for (t, route) in spec.routes.iter().enumerate() {
         let step = if route.tendon.drive == Drive::Tension {
@@ -244,7 +240,7 @@ fn numeric(case: &Case, near: &Equilibrium, parameter: Parameter, h: f64) -> Vec
 
 /// Asserts relative errors of 1e-6 at most, beyond what `noise` (m) in the settled poses does to the
 /// differences; `false` where the robot does not settle.
-fn derivatives_agree(case: &Case, label: &str, noise: f64) -> bool {
+pub fn derivatives_agree(case: &Case, label: &str, noise: f64) -> bool {
     let robot = Robot::new(case.spec.clone()).unwrap();
     let command = robot.command(&case.command).unwrap();
     let settled = robot.settle(&command, &case.loads);
@@ -273,9 +269,9 @@ fn derivatives_agree(case: &Case, label: &str, noise: f64) -> bool {
     true
 }
 
-const NOISE: f64 = 1e-12;
+pub const NOISE: f64 = 1e-12;
 
-fn assert_derivatives_agree(case: &Case, label: &str) {
+pub fn assert_derivatives_agree(case: &Case, label: &str) {
     assert!(derivatives_agree(case, label, NOISE), "{label} settles");
 }
 
@@ -326,7 +322,7 @@ fn assert_products_agree(
     }
 }
 
-fn random_case(rng: &mut impl Rng) -> Case {
+pub fn random_case(rng: &mut impl Rng) -> Case {
     let robot = random_robot(Kind::Elastic, rng);
     let payload = Payload {
         mass: 0.01,
@@ -337,283 +333,4 @@ fn random_case(rng: &mut impl Rng) -> Case {
         spec: own_routes(&robot),
         loads: Loads::default().with_payload(payload).unwrap(),
     }
-}
-
-#[test]
-fn derivatives_are_differences_of_settled_poses_on_random_robots() {
-    let mut rng = ChaCha8Rng::seed_from_u64(32);
-    let mut checked = 0;
-    for k in 0..16 {
-        let mut case = random_case(&mut rng);
-        // Limits are kinks: differences across one would be of neither side.
-        case.spec
-            .modules
-            .iter_mut()
-            .for_each(|module| module.limit = None);
-        checked += usize::from(derivatives_agree(&case, &format!("robot {k}"), NOISE));
-    }
-    assert!(checked >= 12, "{checked} robots settled");
-}
-
-/// Against the same changes written once more, in this file.
-#[test]
-fn a_robot_with_another_value_differs_in_that_parameter_alone() {
-    let mut rng = ChaCha8Rng::seed_from_u64(37);
-    for _ in 0..20 {
-        let case = random_case(&mut rng);
-        for (parameter, by) in all_parameters(&case.spec) {
-            let Ok(value) = case.spec.value(parameter) else {
-                let of_loads = "commands and loads are not part of a robot's specification";
-                let refused = case.spec.value(parameter).unwrap_err().to_string();
-                assert!(refused.contains(of_loads), "{refused}");
-                continue;
-            };
-            let with = case.spec.with(&[(parameter, value + by)]).unwrap();
-            let found = with.value(parameter).unwrap();
-            assert!(
-                (found - value - by).abs() <= 1e-14 * value.abs().max(by),
-                "{parameter}"
-            );
-            let [a, b] = [with, case.moved(parameter, by).spec].map(|spec| numbers(&spec));
-            assert_eq!(a.len(), b.len(), "{parameter}");
-            let near = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-14 * a.abs().max(1e-3);
-            assert!(a.iter().zip(&b).all(near), "{parameter}");
-        }
-    }
-}
-
-/// All numbers of a specification, in order.
-fn numbers(spec: &RobotSpec) -> Vec<f64> {
-    fn collect(value: &serde_json::Value, numbers: &mut Vec<f64>) {
-        match value {
-            serde_json::Value::Number(number) => numbers.extend(number.as_f64()),
-            serde_json::Value::Array(list) => list.iter().for_each(|v| collect(v, numbers)),
-            serde_json::Value::Object(map) => map.values().for_each(|v| collect(v, numbers)),
-            _ => {}
-        }
-    }
-    let mut spec = spec.clone();
-    // A circle of holes, once moved, is a list of them.
-    let holes = spec.modules.iter_mut().map(|module| &mut module.holes);
-    for holes in holes.chain([&mut spec.base.holes]) {
-        *holes = Holes::At(holes.positions());
-    }
-    let mut numbers = Vec::new();
-    collect(&serde_json::to_value(&spec).unwrap(), &mut numbers);
-    numbers
-}
-
-#[test]
-fn they_are_so_with_moments_and_following_forces() {
-    let mut rng = ChaCha8Rng::seed_from_u64(33);
-    let mut checked = 0;
-    for k in 0..8 {
-        let mut case = random_case(&mut rng);
-        case.spec
-            .modules
-            .iter_mut()
-            .for_each(|module| module.limit = None);
-        let tip = case.spec.disc_count() - 1;
-        for (disc, frame) in [(tip, Frame::Disc), (tip / 2, Frame::World)] {
-            let wrench = Wrench {
-                disc,
-                force: [0.03, -0.02, 0.05],
-                moment: [1e-3, 2e-3, -1e-3],
-                frame,
-            };
-            case.loads = case.loads.with_wrench(wrench).unwrap();
-        }
-        checked += usize::from(derivatives_agree(&case, &format!("robot {k}"), NOISE));
-    }
-    assert!(checked >= 6, "{checked} robots settled");
-}
-
-#[test]
-fn they_are_so_within_a_limit() {
-    let mut rng = ChaCha8Rng::seed_from_u64(34);
-    let mut case = random_case(&mut rng);
-    for module in &mut case.spec.modules {
-        module.limit = Some(PerDisc::Uniform(tdcr_sim::robot::Limit {
-            angle: 1e-3,
-            stiffness: 0.5,
-        }));
-    }
-    assert_derivatives_agree(&case, "at the limits");
-}
-
-/// The 3m robot, hanging or on a backbone, every tendon on its own route.
-fn changed(change: impl Fn(&mut RobotSpec)) -> RobotSpec {
-    let mut spec = RobotSpec::standard("3m").unwrap();
-    spec.gravity[2] = 9.81;
-    change(&mut spec);
-    own_routes(&Robot::new(spec).unwrap())
-}
-
-#[test]
-fn they_are_so_at_the_straight_pose() {
-    let case = Case {
-        spec: changed(|_| {}),
-        command: vec![0.02; 9],
-        loads: Loads::payload(0.01).unwrap(),
-    };
-    let robot = Robot::new(case.spec.clone()).unwrap();
-    let settled = robot.settle(&robot.command(&case.command).unwrap(), &case.loads);
-    assert!(
-        settled.positions[14].xy().norm() < 1e-5,
-        "the case is straight"
-    );
-    // A residual of 1e-13 N m over the softest mode's 1e-3 N m/rad, at an arm of 0.2 m.
-    assert!(derivatives_agree(&case, "straight", 2e-11), "it settles");
-}
-
-#[test]
-fn they_are_so_where_a_tendon_crosses_a_disc() {
-    let mut spec = changed(|spec| {
-        for module in &mut spec.modules {
-            module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(0.2)));
-        }
-    });
-    let across = [Waypoint(Body::Disc(4), 1), Waypoint(Body::Disc(4), 2)];
-    spec.routes[0].through.extend(across);
-    let case = Case {
-        spec,
-        command: vec![0.02, 0.01, 0.03, 0.005, 0.02, 0.02, 0.04, 0.01, 0.02],
-        loads: Loads::payload(0.01).unwrap(),
-    };
-    assert_derivatives_agree(&case, "across");
-}
-
-#[test]
-fn they_are_so_with_slack_tendons() {
-    let spec = changed(|spec| {
-        for module in &mut spec.modules {
-            let tendons = module.tendons.as_mut().unwrap();
-            tendons.pull = Pull::TensionOnly;
-            tendons.range = [0.0, 0.2];
-            module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(0.1)));
-        }
-    });
-    let case = Case {
-        spec,
-        command: vec![0.03, 0.2, 0.2, 0.2, 0.02, 0.2, 0.2, 0.2, 0.04],
-        loads: Loads::payload(0.01).unwrap(),
-    };
-    let robot = Robot::new(case.spec.clone()).unwrap();
-    let command = robot.command(&case.command).unwrap();
-    let settled = robot.settle(&command, &case.loads);
-    let slack = settled
-        .tendon_tensions
-        .iter()
-        .filter(|t| **t == 0.0)
-        .count();
-    assert_eq!(slack, 6);
-    let sensitivity = robot.sensitivity(&command, &case.loads, &settled).unwrap();
-    assert_eq!(sensitivity.command_jacobian().column(1).amax(), 0.0);
-    assert_derivatives_agree(&case, "slack");
-}
-
-#[test]
-fn they_are_so_with_coincident_holes() {
-    // All three tendons of a module through one hole, and one more through the joints' centres, where
-    // its segments never change.
-    let spec = changed(|spec| {
-        let holes = vec![[0.0125, 0.0], [0.0125, 0.0], [0.0125, 0.0], [0.0, 0.0]];
-        spec.base.holes = Holes::At(holes.clone());
-        for module in &mut spec.modules {
-            module.holes = Holes::At(holes.clone());
-            module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(0.3)));
-        }
-    });
-    let case = Case {
-        command: vec![0.02; 12],
-        spec,
-        loads: Loads::payload(0.01).unwrap(),
-    };
-    let robot = Robot::new(case.spec.clone()).unwrap();
-    let command = robot.command(&case.command).unwrap();
-    let settled = robot.settle(&command, &case.loads);
-    let jacobian = robot
-        .sensitivity(&command, &case.loads, &settled)
-        .unwrap()
-        .command_jacobian();
-    assert!(jacobian.iter().all(|x| x.is_finite()));
-    assert!((jacobian.column(0) - jacobian.column(1)).amax() < 1e-12);
-    assert_derivatives_agree(&case, "coincident");
-}
-
-#[test]
-fn they_are_so_where_lengths_are_commanded() {
-    let mut rng = ChaCha8Rng::seed_from_u64(35);
-    let spec = changed(|spec| {
-        for module in &mut spec.modules {
-            module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(0.2)));
-        }
-        // Two tendons a module hold their length, so that the third can give way.
-        spec.gravity = [0.3, -0.2, 5.0];
-    });
-    let mut spec = spec;
-    for (t, route) in spec.routes.iter_mut().enumerate() {
-        if t % 3 < 2 {
-            route.tendon.drive = Drive::Length;
-            route.tendon.range = [0.0, 0.2];
-        }
-    }
-    let command: Vec<f64> = (0..9)
-        .map(|t| match t % 3 {
-            0 | 1 => within(0.073, 0.085, &mut rng) + if t < 3 { 0.008 } else { 0.0 },
-            _ => rng.random::<f64>() * 0.04,
-        })
-        .collect();
-    let loads = Loads::payload(0.01).unwrap();
-    let case = Case {
-        spec,
-        command,
-        loads,
-    };
-    assert!(derivatives_agree(&case, "lengths", 1e-10), "it settles");
-}
-
-#[test]
-fn the_command_jacobian_is_that_of_the_command_parameters() {
-    let robot = Robot::load("5m").unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(36);
-    let command: Command = robot.random_command(&mut rng);
-    let settled = robot.settle(&command, &Loads::default());
-    let sensitivity = robot
-        .sensitivity(&command, &Loads::default(), &settled)
-        .unwrap();
-    let all: Vec<_> = (0..15).map(Parameter::Command).collect();
-    let by_parameters = sensitivity.jacobian(&all).unwrap();
-    let difference = sensitivity.command_jacobian() - &by_parameters;
-    assert!(difference.amax() <= 1e-12 * by_parameters.amax());
-}
-
-#[test]
-fn what_cannot_be_differentiated_is_refused_by_name() {
-    let robot = Robot::load("2m").unwrap();
-    let command = robot.mean_command();
-    let mut settled = robot.settle(&command, &Loads::default());
-    let sensitivity = robot
-        .sensitivity(&command, &Loads::default(), &settled)
-        .unwrap();
-    for (parameter, reason) in [
-        (Parameter::Command(6), "no such tendon"),
-        (Parameter::Bending(0, Axis::X), "the module has no backbone"),
-        (Parameter::AxialStiffness(0), "the tendon is inextensible"),
-        (Parameter::Force(10, Axis::X), "no such disc"),
-        (Parameter::Pitch(2), "no such module"),
-        (Parameter::Hole(Body::Disc(3), 3, Axis::X), "no such hole"),
-        (
-            Parameter::Hole(Body::Base, 0, Axis::Z),
-            "holes move along x or y",
-        ),
-    ] {
-        let error = sensitivity.jacobian(&[parameter]).unwrap_err().to_string();
-        assert!(error.contains(reason) && error.contains("`2m`"), "{error}");
-    }
-    settled.converged = false;
-    let refused = robot
-        .sensitivity(&command, &Loads::default(), &settled)
-        .unwrap_err();
-    assert!(matches!(refused, SensitivityError::NotSettled(_)));
 }

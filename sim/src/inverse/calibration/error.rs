@@ -1,0 +1,78 @@
+//! Why there is no calibration.
+
+use thiserror::Error;
+
+use crate::robot::{CommandError, LoadError, SpecError};
+use crate::sensitivity::SensitivityError;
+
+/// Why there is no calibration.
+#[derive(Debug, Error)]
+pub enum CalibrationError {
+    /// Not as many measured coordinates as unknowns and one.
+    #[error("{coordinates} coordinates are measured; {unknowns} unknowns take {} at least", unknowns + 1)]
+    TooFew {
+        /// Measured coordinates.
+        coordinates: usize,
+        /// Unknowns.
+        unknowns: usize,
+    },
+    /// No unknown, or one without parameters.
+    #[error(
+        "there is nothing to find: expected one unknown or more, each of one parameter or more"
+    )]
+    NoUnknown,
+    /// Unknowns that are not independent.
+    #[error("the unknowns `{0}` and `{1}` set the same thing; give it once")]
+    Overlap(String, String),
+    /// A parameter that the robot does not have.
+    #[error(transparent)]
+    Parameter(#[from] SensitivityError),
+    /// A robot to start from that is not valid.
+    #[error(transparent)]
+    Spec(#[from] SpecError),
+    /// A command of another robot.
+    #[error("observation {index}: {source}")]
+    Command {
+        /// The observation, from 0.
+        index: usize,
+        /// What is wrong.
+        source: CommandError,
+    },
+    /// Loads of another robot.
+    #[error("observation {index}: {source}")]
+    Loads {
+        /// The observation, from 0.
+        index: usize,
+        /// What is wrong.
+        source: LoadError,
+    },
+    /// A measurement of no disc, or not of finite numbers.
+    #[error(
+        "observation {index} measures disc {disc} at {position:?} m; expected a disc below {discs} and finite numbers"
+    )]
+    Measurement {
+        /// The observation, from 0.
+        index: usize,
+        /// The disc.
+        disc: usize,
+        /// Number of discs.
+        discs: usize,
+        /// Where it was measured (m).
+        position: [f64; 3],
+    },
+    /// The robot does not settle stably with the first values.
+    #[error(
+        "the robot that the calibration starts from does not settle stably under observation {0}"
+    )]
+    Unsettled(usize),
+    /// The minimisation stopped short of a minimum.
+    #[error(
+        "the fit came to a halt after {steps} steps, at residuals of {residual_rms:e} m: try other first values"
+    )]
+    Stalled {
+        /// Steps tried.
+        steps: usize,
+        /// Root mean square of the residuals there (m).
+        residual_rms: f64,
+    },
+}

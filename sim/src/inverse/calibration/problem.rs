@@ -1,0 +1,212 @@
+//! The residuals of observed positions and their derivatives by the unknowns.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::{CalibrationError, Observation, Unknown};
+use crate::inverse::least_squares::Evaluation;
+use crate::robot::{Body, Robot, RobotSpec};
+use crate::sensitivity::{Parameter, SensitivityError};
+use crate::statics::{Equilibrium, Settler};
+
+/// What is to be explained, by which unknowns.
+pub(super) struct Problem<'a> {
+    pub first: &'a RobotSpec,
+    pub unknowns: &'a [Unknown],
+    pub observations: &'a [Observation],
+}
+
+impl Problem<'_> {
+    /// Checks the input; returns the first values.
+    pub fn check(&self) -> Result<DVector<f64>, CalibrationError> {
+        let robot = Robot::new(self.first.clone())?;
+        for (index, observation) in self.observations.iter().enumerate() {
+            (robot.command(observation.command.as_slice()))
+                .map_err(|source| CalibrationError::Command { index, source })?;
+            (observation.loads.check(&robot))
+                .map_err(|source| CalibrationError::Loads { index, source })?;
+            let discs = robot.discs().len();
+            for &(disc, position) in &observation.positions {
+                if disc >= discs || position.iter().any(|x| !x.is_finite()) {
+                    return Err(CalibrationError::Measurement {
+                        index,
+                        disc,
+                        discs,
+                        position: position.into(),
+                    });
+                }
+            }
+        }
+        if self
+            .unknowns
+            .iter()
+            .any(|unknown| unknown.parameters().is_empty())
+            || self.unknowns.is_empty()
+        {
+            return Err(CalibrationError::NoUnknown);
+        }
+        self.check_overlap()?;
+        let (coordinates, unknowns) = (self.coordinates(), self.unknowns.len());
+        if coordinates <= unknowns {
+            return Err(CalibrationError::TooFew {
+                coordinates,
+                unknowns,
+            });
+        }
+        let values: Result<Vec<f64>, _> = (self.unknowns.iter())
+            .map(|unknown| unknown.value(self.first))
+            .collect();
+        Ok(DVector::from_vec(values?))
+    }
+
+    fn check_overlap(&self) -> Result<(), CalibrationError> {
+        let module = |body: &Body| match body {
+            Body::Base => None,
+            Body::Disc(disc) => self.first.module_of(*disc),
+        };
+        let same = |a: &Parameter, b: &Parameter| match (a, b) {
+            (Parameter::HoleRadius(a), Parameter::HoleRadius(b) | Parameter::Hole(b, ..))
+            | (Parameter::Hole(a, ..), Parameter::HoleRadius(b)) => module(a) == module(b),
+            (Parameter::Hole(a, i, x), Parameter::Hole(b, j, y)) => {
+                module(a) == module(b) && i == j && x == y
+            }
+            _ => a == b,
+        };
+        let all = || {
+            self.unknowns
+                .iter()
+                .flat_map(|u| u.parameters().iter().map(move |p| (u, p)))
+        };
+        for (place, (unknown, parameter)) in all().enumerate() {
+            if let Some((other, _)) = all().take(place).find(|(_, other)| same(other, parameter)) {
+                let names = [other, unknown].map(|unknown| unknown.name().to_owned());
+                let [first, second] = names;
+                return Err(CalibrationError::Overlap(first, second));
+            }
+        }
+        Ok(())
+    }
+
+    fn coordinates(&self) -> usize {
+        self.observations
+            .iter()
+            .map(|o| 3 * o.positions.len())
+            .sum()
+    }
+
+    pub fn spec(&self, x: &DVector<f64>) -> Result<RobotSpec, SensitivityError> {
+        let shared = self.unknowns.iter().zip(x);
+        let values: Vec<_> = shared
+            .flat_map(|(unknown, value)| unknown.parameters().iter().map(move |p| (*p, *value)))
+            .collect();
+        self.first.with(&values)
+    }
+
+    /// Residuals and their Jacobian by the unknowns, with every observation's equilibrium.
+    ///
+    /// # Errors
+    /// If there is no such robot, or it does not settle stably under an observation.
+    pub fn evaluate(
+        &self,
+        x: &DVector<f64>,
+        start: Start,
+    ) -> Result<Evaluation<Vec<Equilibrium>>, CalibrationError> {
+        let robot = Robot::new(self.spec(x)?)?;
+        let parts: Vec<Option<Part>> = (0..self.observations.len())
+            .into_par_iter()
+            .map_init(
+                || Settler::new(&robot),
+                |settler, index| self.observe(&robot, settler, index, start),
+            )
+            .collect();
+        let mut residuals = DVector::zeros(self.coordinates());
+        let mut jacobian = DMatrix::zeros(self.coordinates(), x.len());
+        let mut memory = Vec::with_capacity(parts.len());
+        let mut row = 0;
+        for (index, part) in parts.into_iter().enumerate() {
+            let part = part.ok_or(CalibrationError::Unsettled(index))?;
+            let rows = part.residuals.len();
+            residuals.rows_mut(row, rows).copy_from(&part.residuals);
+            jacobian.rows_mut(row, rows).copy_from(&part.jacobian);
+            memory.push(part.settled);
+            row += rows;
+        }
+        Ok(Evaluation {
+            residuals,
+            jacobian,
+            memory,
+        })
+    }
+
+    /// One observation's part of the residuals; `None` if the robot does not settle stably.
+    fn observe(
+        &self,
+        robot: &Robot,
+        settler: &mut Settler,
+        index: usize,
+        start: Start,
+    ) -> Option<Part> {
+        let observation = &self.observations[index];
+        let (command, loads) = (&observation.command, &observation.loads);
+        let misses = |settled: &Equilibrium| -> DVector<f64> {
+            let mut misses = DVector::zeros(3 * observation.positions.len());
+            for (k, (disc, measured)) in observation.positions.iter().enumerate() {
+                let miss = settled.positions[*disc] - measured;
+                misses.fixed_rows_mut::<3>(3 * k).copy_from(&miss);
+            }
+            misses
+        };
+        let settled = match start {
+            Start::Straight => settler.settle(command, loads).clone(),
+            Start::Last(last) => {
+                let near = &last[index].configuration;
+                settler.settle_from(near, command, loads).clone()
+            }
+            Start::Nearer(last) => {
+                let straight = settler.settle(command, loads);
+                if straight.converged && misses(straight).norm() < misses(&last[index]).norm() {
+                    straight.clone()
+                } else {
+                    last[index].clone()
+                }
+            }
+        };
+        let sensitivity = robot.sensitivity(command, loads, &settled).ok()?;
+        let residuals = misses(&settled);
+        let mut jacobian = DMatrix::zeros(residuals.len(), self.unknowns.len());
+        for (mut column, unknown) in jacobian.column_iter_mut().zip(self.unknowns) {
+            let direction: Vec<_> = unknown.parameters().iter().map(|&p| (p, 1.0)).collect();
+            let poses = sensitivity.jvp(&direction).ok()?;
+            for (k, (disc, _)) in observation.positions.iter().enumerate() {
+                column
+                    .fixed_rows_mut::<3>(3 * k)
+                    .copy_from(&poses[*disc].position);
+            }
+        }
+        let finite = jacobian.iter().all(|x| x.is_finite());
+        finite.then_some(Part {
+            residuals,
+            jacobian,
+            settled,
+        })
+    }
+}
+
+/// Where the robot settles from.
+#[derive(Clone, Copy)]
+pub(super) enum Start<'a> {
+    /// The straight pose.
+    Straight,
+    /// Each observation's last equilibrium.
+    Last(&'a [Equilibrium]),
+    /// Each observation's last equilibrium, or that which the straight pose leads to: the one nearer
+    /// to what was observed.
+    Nearer(&'a [Equilibrium]),
+}
+
+/// One observation's part of the problem.
+struct Part {
+    residuals: DVector<f64>,
+    jacobian: DMatrix<f64>,
+    settled: Equilibrium,
+}

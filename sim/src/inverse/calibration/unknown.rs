@@ -1,0 +1,89 @@
+//! What is to be found.
+
+use crate::robot::RobotSpec;
+use crate::sensitivity::{Parameter, SensitivityError};
+
+/// Bounds of what must be above zero, relative to its first value.
+const WIDEST: [f64; 2] = [1e-6, 1e6];
+
+/// A number to be found: one value that one or several parameters share.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Unknown {
+    name: String,
+    parameters: Vec<Parameter>,
+}
+
+impl Unknown {
+    /// One parameter.
+    pub fn one(parameter: Parameter) -> Self {
+        Self::shared(&parameter.to_string(), [parameter])
+    }
+
+    /// Parameters that share one value: for example the gain of all tendons, or the density of all
+    /// modules.
+    pub fn shared(name: &str, parameters: impl IntoIterator<Item = Parameter>) -> Self {
+        Self {
+            name: name.to_owned(),
+            parameters: parameters.into_iter().collect(),
+        }
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its parameters.
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    /// Its unit.
+    pub fn unit(&self) -> &'static str {
+        self.parameters.first().map_or("", |p| p.unit())
+    }
+
+    /// The robot with this value of the unknown.
+    ///
+    /// # Errors
+    /// As [`RobotSpec::with`].
+    pub fn set(&self, spec: &RobotSpec, value: f64) -> Result<RobotSpec, SensitivityError> {
+        let values: Vec<_> = self.parameters.iter().map(|&p| (p, value)).collect();
+        spec.with(&values)
+    }
+
+    /// Mean value of its parameters.
+    pub(super) fn value(&self, spec: &RobotSpec) -> Result<f64, SensitivityError> {
+        let values: Result<Vec<f64>, _> = self.parameters.iter().map(|&p| spec.value(p)).collect();
+        let values = values?;
+        Ok(values.iter().sum::<f64>() / values.len() as f64)
+    }
+
+    /// The size against which its uncertainty is large or small: its own, or for the place of a hole
+    /// the hole's distance from the axis.
+    pub(super) fn scale(&self, spec: &RobotSpec, value: f64) -> f64 {
+        match self.parameters.first() {
+            Some(Parameter::Hole(body, hole, _)) => {
+                let holes = spec.holes(*body).map(|holes| holes.positions());
+                holes.map_or(0.0, |holes| holes[*hole][0].hypot(holes[*hole][1]))
+            }
+            _ => value.abs(),
+        }
+    }
+
+    /// Smallest and largest value considered, from a first one.
+    pub(super) fn bounds(&self, first: f64) -> [f64; 2] {
+        let bounds = |parameter: &Parameter| match parameter {
+            Parameter::Hole(..) => [f64::NEG_INFINITY, f64::INFINITY],
+            // A backbone may be limp and a disc weightless; anything else vanishes only with the robot.
+            Parameter::Bending(..) | Parameter::Torsion(_) | Parameter::Density(_) => {
+                [0.0, f64::INFINITY]
+            }
+            _ => WIDEST.map(|share| share * first),
+        };
+        let all = self.parameters.iter().map(bounds);
+        all.fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], [l, h]| {
+            [low.max(l), high.min(h)]
+        })
+    }
+}

@@ -1,0 +1,61 @@
+//! Random robots.
+
+use crate::case::{NOISE, assert_derivatives_agree, derivatives_agree, random_case};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use tdcr_sim::robot::{Frame, Limit, PerDisc, Wrench};
+
+#[test]
+fn derivatives_are_differences_of_settled_poses_on_random_robots() {
+    let mut rng = ChaCha8Rng::seed_from_u64(32);
+    let mut checked = 0;
+    for k in 0..16 {
+        let mut case = random_case(&mut rng);
+        // Limits are kinks: differences across one would be of neither side.
+        case.spec
+            .modules
+            .iter_mut()
+            .for_each(|module| module.limit = None);
+        checked += usize::from(derivatives_agree(&case, &format!("robot {k}"), NOISE));
+    }
+    assert!(checked >= 12, "{checked} robots settled");
+}
+
+/// Against the same changes written once more, in this file.
+#[test]
+fn they_are_so_with_moments_and_following_forces() {
+    let mut rng = ChaCha8Rng::seed_from_u64(33);
+    let mut checked = 0;
+    for k in 0..8 {
+        let mut case = random_case(&mut rng);
+        case.spec
+            .modules
+            .iter_mut()
+            .for_each(|module| module.limit = None);
+        let tip = case.spec.disc_count() - 1;
+        for (disc, frame) in [(tip, Frame::Disc), (tip / 2, Frame::World)] {
+            let wrench = Wrench {
+                disc,
+                force: [0.03, -0.02, 0.05],
+                moment: [1e-3, 2e-3, -1e-3],
+                frame,
+            };
+            case.loads = case.loads.with_wrench(wrench).unwrap();
+        }
+        checked += usize::from(derivatives_agree(&case, &format!("robot {k}"), NOISE));
+    }
+    assert!(checked >= 6, "{checked} robots settled");
+}
+
+#[test]
+fn they_are_so_within_a_limit() {
+    let mut rng = ChaCha8Rng::seed_from_u64(34);
+    let mut case = random_case(&mut rng);
+    for module in &mut case.spec.modules {
+        module.limit = Some(PerDisc::Uniform(Limit {
+            angle: 1e-3,
+            stiffness: 0.5,
+        }));
+    }
+    assert_derivatives_agree(&case, "at the limits");
+}
