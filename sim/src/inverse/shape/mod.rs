@@ -11,7 +11,7 @@
 //!
 //! let robot = Robot::load("2m")?;
 //! let controller = ShapeController::new(&robot, &Loads::payload(0.01)?, Search::default())?;
-//! let tip = Target::tip(&robot, [0.06, 0.03, 0.32].into());
+//! let tip = Target::tip(&robot, [0.06, 0.03, 0.31].into());
 //! let found = controller.reach(&[tip])?;
 //! assert_eq!(found.outcome, Outcome::Reached);
 //! println!("command {:?} m", found.command.as_slice());
