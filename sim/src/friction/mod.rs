@@ -40,7 +40,7 @@
 //! for module in &mut spec.modules {
 //!     module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(0.2)));
 //!     if let Some(tendons) = &mut module.tendons {
-//!         tendons.friction = Some(Friction { coefficient: 0.3, contact_stiffness: 1e5 });
+//!         tendons.friction = Some(Friction { coefficient: 0.1, contact_stiffness: 1e5 });
 //!     }
 //! }
 //! let robot = Robot::new(spec)?;
