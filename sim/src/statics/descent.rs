@@ -21,6 +21,8 @@ const SADDLE_TURN: f64 = 0.1;
 const STIFFENING: f64 = 0.1;
 /// Attempts at making the Hessian positive definite, each four times as stiff as the one before.
 const MAX_STIFFENINGS: usize = 10;
+/// Cosine of the angle between changes of the command that count as of one direction.
+const PARALLEL: f64 = 0.99;
 /// Halvings of a step before it counts as failed.
 const MAX_HALVINGS: usize = 30;
 
@@ -38,6 +40,16 @@ pub(super) struct Descent<'a> {
     /// No terms of discs.
     none: Vec<Vector3<f64>>,
     step: Vec<Vector3<f64>>,
+    /// What the last prediction was made for, and came to.
+    prediction: Prediction,
+}
+
+/// A prediction to first order, and what it missed.
+#[derive(Clone, Debug)]
+struct Prediction {
+    /// How the command changed (m or N).
+    change: Vec<f64>,
+    configuration: Configuration,
 }
 
 /// How a descent ended.
@@ -67,28 +79,35 @@ impl<'a> Descent<'a> {
             gradient: zero.clone(),
             none: zero.clone(),
             step: zero,
+            prediction: Prediction {
+                change: vec![0.0; robot.tendons.len()],
+                configuration: Configuration::straight(robot),
+            },
         }
     }
 
     /// Starts from the straight pose.
     pub fn start_straight(&mut self) {
+        self.prediction.change.fill(0.0);
         self.configuration.0.fill(UnitQuaternion::identity());
         self.posture.place(self.robot, &self.configuration);
     }
 
     /// Starts from `q`.
     pub fn start_at(&mut self, q: &Configuration) {
+        self.prediction.change.fill(0.0);
         self.configuration.0.copy_from_slice(&q.0);
         self.posture.place(self.robot, &self.configuration);
     }
 
-    /// Moves from an equilibrium, where the last descent ended, to where the next one is to first order
-    /// when the command changes: a step with the factor that is there already.
-    pub fn predict(&mut self, command: &[f64]) {
+    /// Moves from the equilibrium under the command `from`, where the last descent ended, to where that
+    /// under `to` is to first order: a step with the factor that is there already. Where the command
+    /// goes on as it last did, what the last prediction missed is added, so the error is of third order.
+    pub fn predict(&mut self, from: &[f64], to: &[f64]) {
         let slots = self.expansion.columns.slots;
         self.gradient.fill(Vector3::zeros());
         for (t, tendon) in self.robot.tendons.iter().enumerate() {
-            let state = tendon.state(self.posture.lengths[t], command[t]);
+            let state = tendon.state(self.posture.lengths[t], to[t]);
             let change = state.tension - self.expansion.tensions[t];
             if change == 0.0 {
                 continue;
@@ -101,8 +120,12 @@ impl<'a> Descent<'a> {
         self.factor
             .descend(&self.gradient, &self.none, &mut self.step);
         self.limit_step();
-        for (i, q) in self.configuration.0.iter_mut().enumerate() {
-            *q = turned(q, &self.posture.chain.disc(i).tr_mul(&self.step[i]));
+        let again = self.prediction.again(from, to);
+        let joints = self.configuration.0.iter_mut().enumerate();
+        for ((i, q), predicted) in joints.zip(&mut self.prediction.configuration.0) {
+            let missed = (predicted.inverse() * *q).imag() * (2.0 * again);
+            *predicted = turned(q, &self.posture.chain.disc(i).tr_mul(&self.step[i]));
+            *q = turned(predicted, &missed);
         }
         self.posture.place(self.robot, &self.configuration);
     }
@@ -231,6 +254,26 @@ impl<'a> Descent<'a> {
             share *= 0.5;
         }
         None
+    }
+}
+
+impl Prediction {
+    /// Notes the change of the command; returns by how much more than the last prediction one for this
+    /// change misses: the square of the ratio of the changes, 0 where they differ in direction.
+    fn again(&mut self, from: &[f64], to: &[f64]) -> f64 {
+        let (mut along, mut last, mut now) = (0.0, 0.0, 0.0);
+        for (before, (from, to)) in self.change.iter_mut().zip(from.iter().zip(to)) {
+            let change = to - from;
+            along += change * *before;
+            last += *before * *before;
+            now += change * change;
+            *before = change;
+        }
+        if along > PARALLEL * (last * now).sqrt() {
+            now / last
+        } else {
+            0.0
+        }
     }
 }
 

@@ -77,7 +77,8 @@ impl<'a> Settler<'a> {
     }
 
     /// Settles the robot from its last equilibrium: the way to follow one equilibrium along a path of
-    /// commands, with a first step to first order that costs next to nothing.
+    /// commands. Its first step is a prediction that costs next to nothing: to first order, and to second
+    /// where the command goes on in the direction in which it last went.
     /// Before anything has settled, the same as [`Settler::settle`].
     ///
     /// # Panics
@@ -90,7 +91,7 @@ impl<'a> Settler<'a> {
         let predictable = !loads.wrenches().iter().any(follows)
             && !self.robot.tendons.iter().any(Tendon::holds_length);
         if predictable {
-            self.descent.predict(command.as_slice());
+            self.descent.predict(&self.command, command.as_slice());
         }
         self.solve(command, loads)
     }
