@@ -40,7 +40,7 @@ fn distance_to_disc(
 #[test]
 fn the_ring_stands_as_the_paper_says() {
     let robot = Robot::load("2m").unwrap();
-    let cameras = Camera::ring(&robot.spec().cameras);
+    let cameras = Camera::placed(&robot.spec().cameras);
     assert_eq!(cameras.len(), 8);
     let first = &cameras[0];
     assert!((first.pose.translation.vector - Vector3::new(0.0, -0.5, 0.27)).norm() < 1e-12);
@@ -64,7 +64,7 @@ fn the_ring_stands_as_the_paper_says() {
 #[test]
 fn projection_undoes_back_projection() {
     let robot = Robot::load("5m").unwrap();
-    for camera in Camera::ring(&robot.spec().cameras) {
+    for camera in Camera::placed(&robot.spec().cameras) {
         for (u, v, depth) in [(0.0, 0.0, 0.3), (1279.0, 719.0, 1.7), (640.25, 100.5, 0.9)] {
             let (u2, v2, depth2) = camera.project(&camera.back_project(u, v, depth)).unwrap();
             assert!(
@@ -83,7 +83,7 @@ fn projection_undoes_back_projection() {
 fn every_pixel_shows_the_nearest_surface_along_its_ray() {
     let (robot, equilibrium) = bent_robot();
     let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
-    for camera in Camera::ring(&robot.spec().cameras) {
+    for camera in Camera::placed(&robot.spec().cameras) {
         let frame = scene.render(&camera);
         let mut seen = 0;
         for v in 0..camera.intrinsics.height {
@@ -112,7 +112,7 @@ fn every_pixel_shows_the_nearest_surface_along_its_ray() {
 fn nearer_discs_hide_farther_ones() {
     let (robot, equilibrium) = bent_robot();
     let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
-    for camera in Camera::ring(&robot.spec().cameras) {
+    for camera in Camera::placed(&robot.spec().cameras) {
         let together = scene.render(&camera);
         for solid in &scene.solids {
             let alone = Scene {
@@ -134,7 +134,7 @@ fn nearer_discs_hide_farther_ones() {
 fn a_reused_frame_keeps_nothing_of_the_picture_before() {
     let (robot, equilibrium) = bent_robot();
     let straight = robot.settle(&robot.mean_command(), &Loads::default());
-    let camera = &Camera::ring(&robot.spec().cameras)[2];
+    let camera = &Camera::placed(&robot.spec().cameras)[2];
     let bent = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
     let upright = Scene::of_robot(&robot, &straight, BaseVisibility::Hidden);
     let mut reused = bent.render(camera);

@@ -1,12 +1,11 @@
 //! What the cameras see: solids with poses and colours.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use parry3d_f64::math::Vec3;
-use parry3d_f64::shape::Cuboid;
 use serde::{Deserialize, Serialize};
 
 use super::Instance;
-use super::shape::{Cylinder, Shape};
+use super::cast::{Cuboid, Cylinder};
+use super::shape::{Kind, Shape};
 use crate::robot::Robot;
 use crate::statics::Equilibrium;
 
@@ -16,7 +15,8 @@ const BASE_COLOR: [u8; 3] = [230, 226, 185];
 /// A shape somewhere in the world.
 #[derive(Clone, Debug)]
 pub struct Solid {
-    pub(crate) shape: Shape,
+    /// Its shape.
+    pub shape: Shape,
     /// Pose in the world (m).
     pub pose: Isometry3<f64>,
     /// Colour under full light.
@@ -54,10 +54,10 @@ impl Scene {
         for (index, (disc, (position, orientation))) in robot.discs().iter().zip(poses).enumerate()
         {
             solids.push(Solid {
-                shape: Shape::Cylinder(Cylinder {
+                shape: Shape(Kind::Cylinder(Cylinder {
                     radius: disc.radius,
                     half_height: disc.half_height,
-                }),
+                })),
                 pose: Isometry3::from_parts(Translation3::from(*position), *orientation),
                 color: disc_color(index, robot.discs().len()),
                 instance: Instance::Disc(index as u16),
@@ -108,10 +108,10 @@ pub(crate) fn base_solids(robot: &Robot) -> Vec<Solid> {
         }
     };
     let cylinder = |radius, half_height| {
-        Shape::Cylinder(Cylinder {
+        Shape(Kind::Cylinder(Cylinder {
             radius,
             half_height,
-        })
+        }))
     };
     let mut solids = vec![solid(
         cylinder(COLUMN_RADIUS, height / 2.0),
@@ -123,15 +123,13 @@ pub(crate) fn base_solids(robot: &Robot) -> Vec<Solid> {
         let floor = layer as f64 * layer_height;
         solids.push(solid(cylinder(PLATE.0, PLATE.1), floor + PLATE.1, 0.0, 0.0));
         let servo_half_height = SERVO_HALF_SIZE[2].min(0.4 * layer_height);
-        let servo = Cuboid::new(Vec3::new(
-            SERVO_HALF_SIZE[0],
-            SERVO_HALF_SIZE[1],
-            servo_half_height,
-        ));
+        let servo = Cuboid {
+            half: Vector3::new(SERVO_HALF_SIZE[0], SERVO_HALF_SIZE[1], servo_half_height),
+        };
         for arm in 0..3 {
             let angle = std::f64::consts::TAU * f64::from(arm) / 3.0;
             let z = floor + 2.0 * PLATE.1 + servo_half_height;
-            solids.push(solid(Shape::Cuboid(servo), z, SERVO_RADIUS, angle));
+            solids.push(solid(Shape(Kind::Cuboid(servo)), z, SERVO_RADIUS, angle));
         }
     }
     solids
