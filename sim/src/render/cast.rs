@@ -1,36 +1,28 @@
 //! Where rays meet shapes.
 //!
-//! Casts are free of branches where they can be, so that the compiler casts the rays of several
-//! pixels at once.
+//! The shapes in closed form are met by the rays of several pixels at once, without branches.
 
 use nalgebra::Vector3;
 use parry3d_f64::math::Vec3;
 use parry3d_f64::query::{Ray, RayCast};
 use parry3d_f64::shape::TriMesh;
+use pulp::Simd;
 
-/// Where a ray meets a shape.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Hit {
-    /// Ray parameter at the hit; infinite where there is none.
-    pub depth: f64,
-    /// `|normal . direction|` of the surface's unit normal.
-    pub facing: f64,
+use super::lanes::{Lanes, Mask};
+
+/// Where the rays of several pixels meet a shape.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hits<S: Simd> {
+    /// Ray parameters at the hits; infinite where there is none.
+    pub depth: Lanes<S>,
+    /// `|normal . direction|` of the surface's unit normals.
+    pub facing: Lanes<S>,
 }
 
 /// What rays can meet.
-pub(crate) trait Cast {
-    /// First hit of the ray `origin + t direction`, `t >= 0`, from outside, in the shape's frame.
-    fn cast(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Hit;
-
-    /// Bounds on `x` within which rays of directions `start + x per_unit` may hit.
-    fn interval(
-        &self,
-        _origin: &Vector3<f64>,
-        _start: &Vector3<f64>,
-        _per_unit: &Vector3<f64>,
-    ) -> [f64; 2] {
-        [f64::NEG_INFINITY, f64::INFINITY]
-    }
+pub(super) trait Cast {
+    /// First hits of the rays `origin + t direction`, `t >= 0`, from outside, in the shape's frame.
+    fn cast<S: Simd>(&self, simd: S, origin: &Vector3<f64>, direction: [Lanes<S>; 3]) -> Hits<S>;
 }
 
 /// A cylinder about the z axis (m). Cast in closed form: parry walks to its cylinders by an
@@ -71,51 +63,36 @@ pub(crate) struct Mesh {
 /// Smallest divisor: quotients by less would be no numbers where 0 is divided by 0.
 const TINY: f64 = 1e-200;
 
+/// When the rays are between the planes at `-half` and `half` of one coordinate: from, to.
 #[inline(always)]
-fn greater(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
+fn slab<S: Simd>(simd: S, origin: f64, direction: Lanes<S>, half: f64) -> [Lanes<S>; 2] {
+    let tiny = Lanes::splat(simd, TINY);
+    let divisor = tiny.less(direction.abs()).select(direction, tiny);
+    let inverse = Lanes::splat(simd, 1.0) / divisor;
+    let (middle, reach) = (inverse * -origin, (inverse * half).abs());
+    [middle - reach, middle + reach]
 }
 
+/// When rays are inside a tube or a sphere, the roots of `a t² + 2 b t + c`: from, to, and the root
+/// of the discriminant. Where they never are, from is infinite.
 #[inline(always)]
-fn lesser(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
-}
-
-/// `x`, or a tiny number in place of 0.
-#[inline(always)]
-fn divisor(x: f64) -> f64 {
-    if x.abs() > TINY { x } else { TINY }
-}
-
-/// When the ray is between the planes at `-half` and `half` of one coordinate: from, to.
-#[inline(always)]
-fn slab(origin: f64, direction: f64, half: f64) -> (f64, f64) {
-    let inverse = 1.0 / divisor(direction);
-    let (middle, reach) = (-origin * inverse, (half * inverse).abs());
-    (middle - reach, middle + reach)
-}
-
-/// When a ray is inside a tube or a sphere, the roots of `a t² + 2 b t + c`: from, to, and the
-/// root of the discriminant. Where it never is, from is infinite.
-#[inline(always)]
-fn quadric(a: f64, b: f64, c: f64) -> (f64, f64, f64) {
-    let a = greater(a, TINY);
+fn quadric<S: Simd>(simd: S, a: Lanes<S>, b: Lanes<S>, c: f64) -> [Lanes<S>; 3] {
+    let zero = Lanes::splat(simd, 0.0);
+    let a = a.max(Lanes::splat(simd, TINY));
     let discriminant = b * b - a * c;
-    let root = greater(discriminant, 0.0).sqrt();
-    let inverse = 1.0 / a;
-    let first = (-b - root) * inverse;
-    let from = if discriminant < 0.0 {
-        f64::INFINITY
-    } else {
-        first
-    };
-    (from, (-b + root) * inverse, root)
+    let root = discriminant.max(zero).sqrt();
+    let inverse = Lanes::splat(simd, 1.0) / a;
+    let never = Lanes::splat(simd, f64::INFINITY);
+    let from = discriminant.less(zero).select(never, (-b - root) * inverse);
+    [from, (root - b) * inverse, root]
 }
 
+/// The hits that are ones.
 #[inline(always)]
-fn hit_if(hit: bool, depth: f64, facing: f64) -> Hit {
-    Hit {
-        depth: if hit { depth } else { f64::INFINITY },
+fn hits_where<S: Simd>(simd: S, hit: Mask<S>, depth: Lanes<S>, facing: Lanes<S>) -> Hits<S> {
+    let never = Lanes::splat(simd, f64::INFINITY);
+    Hits {
+        depth: hit.select(depth, never),
         facing,
     }
 }
@@ -143,21 +120,22 @@ impl Cast for Cylinder {
     /// A cylinder is the part of an infinite tube that lies between two planes: a ray enters it
     /// when it is inside both for the first time.
     #[inline(always)]
-    fn cast(&self, o: &Vector3<f64>, d: &Vector3<f64>) -> Hit {
-        let a = d.x * d.x + d.y * d.y;
-        let b = o.x * d.x + o.y * d.y;
+    fn cast<S: Simd>(&self, simd: S, o: &Vector3<f64>, [x, y, z]: [Lanes<S>; 3]) -> Hits<S> {
         let c = o.x * o.x + o.y * o.y - self.radius * self.radius;
-        let (tube_in, tube_out, root) = quadric(a, b, c);
-        let (slab_in, slab_out) = slab(o.z, d.z, self.half_height);
-        let depth = greater(tube_in, slab_in);
-        let hit = (depth >= 0.0) & (depth <= lesser(tube_out, slab_out));
+        let [tube_in, tube_out, root] = quadric(simd, x * x + y * y, x * o.x + y * o.y, c);
+        let [slab_in, slab_out] = slab(simd, o.z, z, self.half_height);
+        let depth = tube_in.max(slab_in);
+        let ahead = Lanes::splat(simd, 0.0).at_most(depth);
+        let hit = ahead.and(depth.at_most(tube_out.min(slab_out)));
         // On the side, normal . direction = (b + a t) / radius.
-        let side = root / self.radius;
-        let facing = if tube_in > slab_in { side } else { d.z.abs() };
-        hit_if(hit, depth, facing)
+        let facing = slab_in.less(tube_in).select(root / self.radius, z.abs());
+        hits_where(simd, hit, depth, facing)
     }
+}
 
-    fn interval(&self, o: &Vector3<f64>, s: &Vector3<f64>, u: &Vector3<f64>) -> [f64; 2] {
+impl Cylinder {
+    /// Bounds on `x` within which rays of directions `s + x u` may hit.
+    pub fn interval(&self, o: &Vector3<f64>, s: &Vector3<f64>, u: &Vector3<f64>) -> [f64; 2] {
         let o = o.xy();
         let c = o.norm_squared() - self.radius * self.radius;
         let form = |d: &Vector3<f64>, e: &Vector3<f64>| {
@@ -169,27 +147,34 @@ impl Cast for Cylinder {
 
 impl Cast for Cuboid {
     #[inline(always)]
-    fn cast(&self, o: &Vector3<f64>, d: &Vector3<f64>) -> Hit {
-        let (x_in, x_out) = slab(o.x, d.x, self.half.x);
-        let (y_in, y_out) = slab(o.y, d.y, self.half.y);
-        let (z_in, z_out) = slab(o.z, d.z, self.half.z);
-        let depth = greater(greater(x_in, y_in), z_in);
-        let hit = (depth >= 0.0) & (depth <= lesser(lesser(x_out, y_out), z_out));
-        let sides = if x_in > y_in { d.x } else { d.y };
-        let entered = if depth > z_in { sides } else { d.z };
-        hit_if(hit, depth, entered.abs())
+    fn cast<S: Simd>(&self, simd: S, o: &Vector3<f64>, [x, y, z]: [Lanes<S>; 3]) -> Hits<S> {
+        let [x_in, x_out] = slab(simd, o.x, x, self.half.x);
+        let [y_in, y_out] = slab(simd, o.y, y, self.half.y);
+        let [z_in, z_out] = slab(simd, o.z, z, self.half.z);
+        let sides_in = x_in.max(y_in);
+        let depth = sides_in.max(z_in);
+        let ahead = Lanes::splat(simd, 0.0).at_most(depth);
+        let hit = ahead.and(depth.at_most(x_out.min(y_out).min(z_out)));
+        let side = y_in.less(x_in).select(x, y);
+        let entered = z_in.less(sides_in).select(side, z);
+        hits_where(simd, hit, depth, entered.abs())
     }
 }
 
 impl Cast for Sphere {
     #[inline(always)]
-    fn cast(&self, o: &Vector3<f64>, d: &Vector3<f64>) -> Hit {
+    fn cast<S: Simd>(&self, simd: S, o: &Vector3<f64>, [x, y, z]: [Lanes<S>; 3]) -> Hits<S> {
         let c = o.norm_squared() - self.radius * self.radius;
-        let (depth, _, root) = quadric(d.norm_squared(), o.dot(d), c);
-        hit_if(depth >= 0.0, depth, root / self.radius)
+        let (a, b) = (x * x + y * y + z * z, x * o.x + y * o.y + z * o.z);
+        let [depth, _, root] = quadric(simd, a, b, c);
+        let ahead = Lanes::splat(simd, 0.0).at_most(depth);
+        hits_where(simd, ahead, depth, root / self.radius)
     }
+}
 
-    fn interval(&self, o: &Vector3<f64>, s: &Vector3<f64>, u: &Vector3<f64>) -> [f64; 2] {
+impl Sphere {
+    /// Bounds on `x` within which rays of directions `s + x u` may hit.
+    pub fn interval(&self, o: &Vector3<f64>, s: &Vector3<f64>, u: &Vector3<f64>) -> [f64; 2] {
         let c = o.norm_squared() - self.radius * self.radius;
         let form = |d: &Vector3<f64>, e: &Vector3<f64>| o.dot(d) * o.dot(e) - c * d.dot(e);
         nonnegative(form, s, u)
@@ -200,39 +185,35 @@ impl Cast for Capsule {
     /// A ray enters the capsule where it first enters one of the balls at its ends, or the side
     /// between them: what is inside a flat end of the tube is inside a ball.
     #[inline(always)]
-    fn cast(&self, o: &Vector3<f64>, d: &Vector3<f64>) -> Hit {
-        let radius2 = self.radius * self.radius;
-        let a = d.x * d.x + d.y * d.y;
-        let b = o.x * d.x + o.y * d.y;
-        let c = o.x * o.x + o.y * o.y - radius2;
-        let (side, _, side_root) = quadric(a, b, c);
-        let on_side = (side >= 0.0) & ((o.z + side * d.z).abs() <= self.half_length);
-        let mut nearest = hit_if(on_side, side, side_root / self.radius);
+    fn cast<S: Simd>(&self, simd: S, o: &Vector3<f64>, [x, y, z]: [Lanes<S>; 3]) -> Hits<S> {
+        let zero = Lanes::splat(simd, 0.0);
+        let (a, b) = (x * x + y * y, x * o.x + y * o.y);
+        let c = o.x * o.x + o.y * o.y - self.radius * self.radius;
+        let [side, _, root] = quadric(simd, a, b, c);
+        let height = (side * z + o.z).abs();
+        let between = height.at_most(Lanes::splat(simd, self.half_length));
+        let ahead = zero.at_most(side);
+        let mut nearest = hits_where(simd, ahead.and(between), side, root / self.radius);
         for end in [-self.half_length, self.half_length] {
-            let z = o.z - end;
-            let (depth, _, root) = quadric(a + d.z * d.z, b + z * d.z, c + z * z);
-            let nearer = (depth >= 0.0) & (depth < nearest.depth);
-            nearest = Hit {
-                depth: if nearer { depth } else { nearest.depth },
-                facing: if nearer {
-                    root / self.radius
-                } else {
-                    nearest.facing
-                },
+            let up = o.z - end;
+            let [depth, _, root] = quadric(simd, a + z * z, b + z * up, c + up * up);
+            let nearer = zero.at_most(depth).and(depth.less(nearest.depth));
+            nearest = Hits {
+                depth: nearer.select(depth, nearest.depth),
+                facing: nearer.select(root / self.radius, nearest.facing),
             };
         }
         nearest
     }
 }
 
-impl Cast for Mesh {
-    fn cast(&self, o: &Vector3<f64>, d: &Vector3<f64>) -> Hit {
+impl Mesh {
+    /// First hit of a ray as in [`Cast`]: depth, and `|normal . direction|`.
+    pub fn cast(&self, o: &Vector3<f64>, d: &Vector3<f64>) -> Option<[f64; 2]> {
         let direction = Vec3::new(d.x, d.y, d.z);
         let ray = Ray::new(Vec3::new(o.x, o.y, o.z), direction);
-        match (self.mesh).cast_local_ray_and_get_normal(&ray, f64::MAX, false) {
-            Some(hit) => hit_if(true, hit.time_of_impact, hit.normal.dot(direction).abs()),
-            None => hit_if(false, 0.0, 0.0),
-        }
+        let hit = (self.mesh).cast_local_ray_and_get_normal(&ray, f64::MAX, false)?;
+        Some([hit.time_of_impact, hit.normal.dot(direction).abs()])
     }
 }
 

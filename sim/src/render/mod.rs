@@ -6,6 +6,7 @@
 
 mod cast;
 mod frame;
+mod lanes;
 mod scene;
 mod sensor;
 mod shape;

@@ -7,6 +7,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::cast::Cast;
 use super::frame::Span;
+use super::lanes::Lanes;
 use super::shape::Kind;
 use super::{Instance, Scene, Solid};
 use crate::camera::Camera;
@@ -44,6 +45,9 @@ pub(super) struct Band<'a> {
     pub spans: &'a mut [Span],
 }
 
+/// Rows are padded to a multiple of the longest vector's lanes.
+const LANES: usize = 8;
+
 /// One row of rays and what they have met so far, from the first column of a span on.
 #[derive(Default)]
 struct Row {
@@ -53,7 +57,7 @@ struct Row {
     /// Nearest depth (m), `|normal . direction|` there, and the solid's place in the view plus 1.
     depth: Vec<f64>,
     facing: Vec<f64>,
-    solid: Vec<u32>,
+    solid: Vec<u64>,
     /// Share of the colour that is seen, of [`FULL_LIGHT`].
     light: Vec<u32>,
 }
@@ -127,7 +131,7 @@ impl<'a> View<'a> {
                     Some(_) => seen.columns.clone(),
                 };
                 let part = (columns.start - from) as usize..(columns.end - from) as usize;
-                seen.cast(number as u32 + 1, row, part);
+                seen.cast(number as u64 + 1, row, part);
             }
         }
         [from, to]
@@ -137,16 +141,18 @@ impl<'a> View<'a> {
     fn aim(&self, v: u32, columns: Range<u32>, row: &mut Row) {
         let k = &self.camera.intrinsics;
         if k.distortion.is_none() {
-            row.x
-                .extend_from_slice(&self.columns[columns.start as usize..columns.end as usize]);
-            row.y.resize(row.x.len(), (f64::from(v) - k.cy) / k.fy);
-            return;
+            let columns = columns.start as usize..columns.end as usize;
+            row.x.extend_from_slice(&self.columns[columns]);
+            row.y.resize(row.depth.len(), (f64::from(v) - k.cy) / k.fy);
+        } else {
+            for u in columns {
+                let seen = k.normalised(f64::from(u), f64::from(v));
+                row.x.push(seen.x);
+                row.y.push(seen.y);
+            }
+            row.y.resize(row.depth.len(), 0.0);
         }
-        for u in columns {
-            let seen = k.normalised(f64::from(u), f64::from(v));
-            row.x.push(seen.x);
-            row.y.push(seen.y);
-        }
+        row.x.resize(row.depth.len(), 0.0);
     }
 
     /// The columns of row `v` in which a pinhole may see the solid.
@@ -157,10 +163,8 @@ impl<'a> View<'a> {
         let per_unit = seen.axes.column(0).into_owned();
         let [low, high] = match &seen.solid.shape.0 {
             Kind::Cylinder(shape) => shape.interval(&seen.origin, &start, &per_unit),
-            Kind::Cuboid(shape) => shape.interval(&seen.origin, &start, &per_unit),
             Kind::Sphere(shape) => shape.interval(&seen.origin, &start, &per_unit),
-            Kind::Capsule(shape) => shape.interval(&seen.origin, &start, &per_unit),
-            Kind::Mesh(shape) => shape.interval(&seen.origin, &start, &per_unit),
+            _ => return seen.columns.clone(),
         };
         let range = pixel_range([k.fx * low + k.cx, k.fx * high + k.cx], k.width);
         let from = range.start.clamp(seen.columns.start, seen.columns.end);
@@ -188,7 +192,7 @@ impl<'a> View<'a> {
             },
         );
         let mut from = 0;
-        for run in row.solid.chunk_by(|a, b| a == b) {
+        for run in row.solid[..color.len()].chunk_by(|a, b| a == b) {
             let pixels = from..from + run.len();
             from = pixels.end;
             let Some(seen) = (run[0] as usize).checked_sub(1).map(|k| &self.solids[k]) else {
@@ -216,6 +220,7 @@ impl<'a> View<'a> {
 impl Row {
     /// Makes room for rays that have met nothing.
     fn clear(&mut self, rays: usize) {
+        let rays = rays.next_multiple_of(LANES);
         self.x.clear();
         self.y.clear();
         self.depth.clear();
@@ -244,61 +249,80 @@ impl<'a> Seen<'a> {
         })
     }
 
-    /// Casts the rays of a row's `part` at the solid, which has a `number`.
-    fn cast(&self, number: u32, row: &mut Row, part: Range<usize>) {
+    /// Casts the rays of a row's `part`, and up to a vector's length around it, at the solid.
+    fn cast(&self, number: u64, row: &mut Row, part: Range<usize>) {
+        let part = part.start / LANES * LANES..part.end.next_multiple_of(LANES);
         // Choosing the shape here, not at each ray, lets the compiler see through the cast.
         match &self.solid.shape.0 {
             Kind::Cylinder(shape) => self.cast_shape(shape, number, row, part),
             Kind::Cuboid(shape) => self.cast_shape(shape, number, row, part),
             Kind::Sphere(shape) => self.cast_shape(shape, number, row, part),
             Kind::Capsule(shape) => self.cast_shape(shape, number, row, part),
-            Kind::Mesh(shape) => self.cast_shape(&**shape, number, row, part),
+            Kind::Mesh(shape) => {
+                for k in part {
+                    let direction = self.axes * Vector3::new(row.x[k], row.y[k], 1.0);
+                    if let Some([depth, facing]) = shape.cast(&self.origin, &direction)
+                        && depth < row.depth[k]
+                    {
+                        (row.depth[k], row.facing[k], row.solid[k]) = (depth, facing, number);
+                    }
+                }
+            }
         }
     }
 
-    fn cast_shape<T: Cast>(&self, shape: &T, number: u32, row: &mut Row, part: Range<usize>) {
+    fn cast_shape<T: Cast>(&self, shape: &T, number: u64, row: &mut Row, part: Range<usize>) {
         Arch::new().dispatch(CastRow {
             shape,
-            origin: self.origin,
-            axes: self.axes,
+            seen: self,
             number,
-            rays: row.x[part.clone()].iter().zip(&row.y[part.clone()]),
-            hits: (row.depth[part.clone()].iter_mut())
-                .zip(&mut row.facing[part.clone()])
-                .zip(&mut row.solid[part]),
+            x: &row.x[part.clone()],
+            y: &row.y[part.clone()],
+            depth: &mut row.depth[part.clone()],
+            facing: &mut row.facing[part.clone()],
+            solid: &mut row.solid[part],
         });
     }
 }
 
-/// Casts a row of rays at a shape: a loop compiled for the vector unit that the machine has.
-struct CastRow<'a, T, R, H> {
+/// Rays of a row, a multiple of [`LANES`], and a shape that they are cast at.
+struct CastRow<'a, T> {
     shape: &'a T,
-    origin: Vector3<f64>,
-    axes: Matrix3<f64>,
-    number: u32,
-    rays: R,
-    hits: H,
+    seen: &'a Seen<'a>,
+    number: u64,
+    x: &'a [f64],
+    y: &'a [f64],
+    depth: &'a mut [f64],
+    facing: &'a mut [f64],
+    solid: &'a mut [u64],
 }
 
-impl<'a, T, R, H> WithSimd for CastRow<'a, T, R, H>
-where
-    T: Cast,
-    R: Iterator<Item = (&'a f64, &'a f64)>,
-    H: Iterator<Item = ((&'a mut f64, &'a mut f64), &'a mut u32)>,
-{
+impl<T: Cast> WithSimd for CastRow<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        let [across, down, ahead] = [0, 1, 2].map(|k| self.axes.column(k).into_owned());
-        for ((x, y), ((nearest, facing), solid)) in self.rays.zip(self.hits) {
+    fn with_simd<S: Simd>(self, simd: S) {
+        let rays = (S::as_simd_f64s(self.x).0.iter()).zip(S::as_simd_f64s(self.y).0);
+        let hits = (S::as_mut_simd_f64s(self.depth).0.iter_mut())
+            .zip(S::as_mut_simd_f64s(self.facing).0)
+            .zip(S::as_mut_simd_u64s(self.solid).0);
+        let number = simd.splat_u64s(self.number);
+        let axes = &self.seen.axes;
+        for ((x, y), ((depth, facing), solid)) in rays.zip(hits) {
+            let (x, y) = (Lanes::new(simd, *x), Lanes::new(simd, *y));
             // The camera-frame ray has depth 1 per unit, so the hit's parameter is its depth.
-            let direction = across * *x + down * *y + ahead;
-            let hit = self.shape.cast(&self.origin, &direction);
-            let nearer = hit.depth < *nearest;
-            *nearest = if nearer { hit.depth } else { *nearest };
-            *facing = if nearer { hit.facing } else { *facing };
-            *solid = if nearer { self.number } else { *solid };
+            let direction = [
+                x * axes[(0, 0)] + y * axes[(0, 1)] + axes[(0, 2)],
+                x * axes[(1, 0)] + y * axes[(1, 1)] + axes[(1, 2)],
+                x * axes[(2, 0)] + y * axes[(2, 1)] + axes[(2, 2)],
+            ];
+            let found = self.shape.cast(simd, &self.seen.origin, direction);
+            let nearer = found.depth.less(Lanes::new(simd, *depth));
+            *depth = nearer.select(found.depth, Lanes::new(simd, *depth)).numbers;
+            *facing = nearer
+                .select(found.facing, Lanes::new(simd, *facing))
+                .numbers;
+            *solid = simd.select_u64s(nearer.lanes, number, *solid);
         }
     }
 }
