@@ -81,6 +81,101 @@ fn payload_and_tendons_are_shown_when_asked_for() {
     assert!(pixels(&shown, "payload") > 50 && pixels(&shown, "tendon 0") > 0);
 }
 
+/// A pyramid under the base as an STL text: 6 cm wide, its tip 1 cm below the base's origin.
+const PYRAMID: [[[f64; 3]; 3]; 4] = {
+    let (tip, low) = ([0.0, 0.0, -0.01], -0.05);
+    let corners = [
+        [-0.03, -0.03, low],
+        [0.03, -0.03, low],
+        [0.03, 0.03, low],
+        [-0.03, 0.03, low],
+    ];
+    [
+        [corners[0], corners[1], tip],
+        [corners[1], corners[2], tip],
+        [corners[2], corners[3], tip],
+        [corners[3], corners[0], tip],
+    ]
+};
+
+#[test]
+fn a_base_of_ones_own_is_read_from_text_and_binary() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        path
+    };
+    let mut lines = String::from("solid base\n");
+    let mut binary = [
+        b"solid binary".to_vec(),
+        vec![0; 68],
+        4u32.to_le_bytes().to_vec(),
+    ]
+    .concat();
+    for triangle in PYRAMID {
+        lines += " facet normal 0 0 0\n  outer loop\n";
+        binary.extend([0; 12]);
+        for [x, y, z] in triangle {
+            lines += &format!("   vertex {x} {y:e} {z}\n");
+            binary.extend([x, y, z].iter().flat_map(|x| (*x as f32).to_le_bytes()));
+        }
+        lines += "  endloop\n endfacet\n";
+        binary.extend([0; 2]);
+    }
+    lines += "endsolid base\n";
+    let base_pixels = |mesh: &Path, name: &str| {
+        pixels(
+            &render(&folder.path().join(name), &["--base-mesh", text(mesh)]),
+            "base",
+        )
+    };
+    let from_text = base_pixels(&file("text.stl", lines.as_bytes()), "text");
+    let from_binary = base_pixels(&file("binary.stl", &binary), "binary");
+    assert!(from_text > 500, "{from_text}");
+    assert!(
+        from_text.abs_diff(from_binary) <= 2,
+        "{from_text} {from_binary}"
+    );
+    let refused = |mesh: &Path, expected: &str| {
+        let out = folder.path().join("never");
+        let arguments = [
+            "render",
+            "--robot",
+            ROBOT,
+            "--command",
+            COMMAND,
+            "--out",
+            text(&out),
+        ];
+        refuse(
+            &[&arguments[..], &["--base-mesh", text(mesh)]].concat(),
+            1,
+            expected,
+        );
+        assert!(!out.exists());
+    };
+    refused(&folder.path().join("none.stl"), "cannot read mesh");
+    refused(
+        &file("short.stl", &binary[..200]),
+        "is not STL: neither text that begins with `solid`",
+    );
+    let wrong = lines.replacen("-0.05", "low", 1);
+    refused(
+        &file("wrong.stl", wrong.as_bytes()),
+        "line 4: `vertex -0.03 -3e-2 low`; expected `vertex`",
+    );
+    let lost = lines.replacen("   vertex 0 0e0 -0.01\n", "", 1);
+    refused(
+        &file("lost.stl", lost.as_bytes()),
+        "line 7: a facet without three vertices",
+    );
+    refused(
+        &file("empty.stl", b"solid empty\nendsolid empty\n"),
+        "a mesh has no triangles",
+    );
+}
+
 #[test]
 fn faults_of_a_camera_are_a_function_of_the_seed() {
     let folder = tempfile::tempdir().unwrap();

@@ -10,6 +10,7 @@ mod lanes;
 mod scene;
 mod sensor;
 mod shape;
+mod stl;
 mod view;
 
 pub use frame::{FrameError, Instance, RgbdFrame};
@@ -18,6 +19,7 @@ pub use scene::{BaseVisibility, Scene, Solid, disc_color};
 pub use sensor::{Edges, ExtrinsicError, Grazing, Sensor};
 pub(crate) use shape::Kind;
 pub use shape::{Shape, ShapeError};
+pub use stl::StlError;
 
 use rayon::prelude::*;
 

@@ -74,6 +74,16 @@ impl Scene {
 }
 
 impl Scene {
+    /// Adds a base of the user's own: a shape in the frame of the robot's base (m).
+    pub fn add_base(&mut self, robot: &Robot, shape: Shape) {
+        self.solids.push(Solid {
+            shape,
+            pose: Isometry3::from_parts(robot.base.into(), robot.base_orientation),
+            color: BASE_COLOR,
+            instance: Instance::Base,
+        });
+    }
+
     /// Adds the robot's tendons, as thin lines from hole to hole.
     pub fn add_tendons(&mut self, robot: &Robot, equilibrium: &Equilibrium) {
         let spec = robot.spec();

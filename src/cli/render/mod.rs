@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
-use tdcr::sim::render::{BaseVisibility, Instance, RgbdFrame, Scene, Sensor};
+use tdcr::sim::render::{BaseVisibility, Instance, RgbdFrame, Scene, Sensor, Shape};
 use tdcr::sim::robot::{Loads, Payload, Robot};
 
 use super::CommandArg;
@@ -34,6 +34,9 @@ pub(super) struct RenderArgs {
     /// Show the robot's base
     #[arg(long)]
     base: bool,
+    /// Show a base of your own: an STL mesh in the frame of the robot's base (m)
+    #[arg(long, value_name = "FILE", conflicts_with = "base")]
+    base_mesh: Option<PathBuf>,
     /// Show what else there is; may be given several times
     #[arg(long, value_enum, value_name = "WHAT")]
     show: Vec<Extra>,
@@ -117,12 +120,16 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         let residual = equilibrium.residual;
         bail!("the robot did not settle: residual {residual:e} N m");
     }
+    let mesh = args.base_mesh.as_deref().map(Shape::read_stl).transpose()?;
     prepare(&args.out)?;
     let base = match args.base {
         true => BaseVisibility::Shown,
         false => BaseVisibility::Hidden,
     };
     let mut scene = Scene::of_robot(&robot, &equilibrium, base);
+    if let Some(mesh) = mesh {
+        scene.add_base(&robot, mesh);
+    }
     if args.show.contains(&Extra::Payload) {
         scene.add_payload(&robot, &equilibrium, &payload);
     }
