@@ -232,9 +232,9 @@ fn mask_value(instance: Instance) -> u16 {
         Instance::Base => 1,
         Instance::Payload => 2,
         Instance::Unknown => 3,
-        Instance::Disc(index) => 10_000 + index,
-        Instance::Tendon(index) => 20_000 + index,
-        Instance::Obstacle(index) => 40_000 + index,
+        Instance::Disc(index) => 10_000_u16.saturating_add(index),
+        Instance::Tendon(index) => 20_000_u16.saturating_add(index),
+        Instance::Obstacle(index) => 40_000_u16.saturating_add(index),
     }
 }
 
