@@ -1,11 +1,12 @@
-"""Settling, differentiating and stepping the standard robots: ours beside MuJoCo's, in one run.
+"""Settling, differentiating, stepping and seeing the standard robots: ours beside MuJoCo's, in one run.
 
     make bench            or   .venv/bin/python benches/peers.py
 
 Prints a Markdown table of times and ratios. MuJoCo settles by the rule of the paper's authors: step
 until the joints are slower than 1e-3 rad/s and move by less than 1e-6 for 10 steps in a row, at most
 10,000 steps. It has no Jacobian of settled poses; two settlings for each tendon, the price of central
-differences, stand for it. Ours and MuJoCo's alternate, and medians over the rounds are shown.
+differences, stand for it. Its pictures are those of its software OpenGL. Ours and MuJoCo's alternate,
+and medians over the rounds are shown.
 """
 
 import json
@@ -15,6 +16,8 @@ import statistics
 import subprocess
 import sys
 import time
+
+os.environ.setdefault("MUJOCO_GL", "egl")
 
 import mujoco
 import mujoco.rollout
@@ -80,6 +83,32 @@ def rollout(m, threads):
     return (time.perf_counter() - began) / (500 * ROLLOUTS)
 
 
+def render(robot):
+    """Seconds that MuJoCo takes for colour, depth and mask images of the robot's cameras."""
+    m = mujoco.MjModel.from_xml_path(str(ROOT / "models_xml" / f"{robot}_base.xml"))
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    renderer = mujoco.Renderer(m, m.vis.global_.offheight, m.vis.global_.offwidth)
+
+    def pictures():
+        for camera in range(m.ncam):
+            renderer.update_scene(d, camera)
+            renderer.render()
+            renderer.enable_depth_rendering()
+            renderer.render()
+            renderer.disable_depth_rendering()
+            renderer.enable_segmentation_rendering()
+            renderer.render()
+            renderer.disable_segmentation_rendering()
+
+    pictures()
+    began = time.perf_counter()
+    pictures()
+    seconds = time.perf_counter() - began
+    renderer.close()
+    return seconds
+
+
 def measure(threads):
     """Medians over the rounds: by robot and work, ours and MuJoCo's (microseconds)."""
     rounds = []
@@ -104,6 +133,7 @@ def one_round(mine, m, threads):
         "Jacobian by the command": (mine["jacobian"], 2 * m.nu * rest),
         "step of 2 ms": (mine["step"], 1e6 * step(m)),
         f"step in a batch, {threads} threads": (mine["rollout"], 1e6 * rollout(m, threads)),
+        f"8 cameras of 1280 x 720, {threads} threads": (mine["render"], 1e6 * render(mine["robot"])),
     }
 
 

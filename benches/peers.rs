@@ -1,8 +1,8 @@
 //! The times of ours that `benches/peers.py` sets beside MuJoCo's: prints one line of JSON.
 //!
-//! On one thread, but for the batch of rollouts: settling random commands from the straight pose, and
+//! On one thread, but for the batch of rollouts and the pictures: settling random commands from the straight pose, and
 //! along a path of commands; the Jacobian of all disc poses by the command, at a settled pose; steps
-//! of 2 ms along a moving command.
+//! of 2 ms along a moving command; colour, depth and mask of the robot's eight cameras, with base.
 #![allow(clippy::print_stdout, reason = "the result goes to stdout")]
 
 use std::hint::black_box;
@@ -11,7 +11,9 @@ use std::time::{Duration, Instant};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
+use tdcr::sim::camera::Camera;
 use tdcr::sim::dynamics::{Integrator, Rollout, State, Stepper, rollout_batch};
+use tdcr::sim::render::{BaseVisibility, Scene};
 use tdcr::sim::robot::{Command, Loads, Robot, RobotSpec};
 use tdcr::sim::statics::Settler;
 
@@ -30,6 +32,8 @@ struct Times {
     step: f64,
     /// A step of one of a batch of rollouts, on all processors.
     rollout: f64,
+    /// Pictures of a settled robot by all of its cameras, on all processors.
+    render: f64,
 }
 
 fn main() {
@@ -52,6 +56,7 @@ fn measure(name: &'static str) -> Times {
         jacobian: jacobian(&robot, &commands[..200]),
         step: step(&robot),
         rollout: rollout(&robot),
+        render: render(&robot, &commands[..50]),
     }
 }
 
@@ -145,4 +150,17 @@ fn rollout(robot: &Robot) -> f64 {
         began.elapsed() / (500 * ROLLOUTS as u32)
     };
     median((0..7).map(time).collect())
+}
+
+fn render(robot: &Robot, commands: &[Command]) -> f64 {
+    let (cameras, none) = (Camera::placed(&robot.spec().cameras), Loads::default());
+    let mut frames = Vec::new();
+    let mut time = |command| {
+        let settled = robot.settle(command, &none);
+        let began = Instant::now();
+        let scene = Scene::of_robot(robot, &settled, BaseVisibility::Shown);
+        scene.render_all_into(&cameras, &mut frames);
+        began.elapsed()
+    };
+    median(commands.iter().map(&mut time).collect())
 }

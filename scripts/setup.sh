@@ -21,6 +21,14 @@ python3 -c 'import ensurepip, venv' 2>/dev/null || missing+=(python3-venv)
 [ -n "${MUJOCO_DIR:-}" ] || [ -f /usr/include/mujoco/mujoco.h ] || missing+=(libmujoco-dev)
 [ -n "${LIBCLANG_PATH:-}" ] || compgen -G '/usr/lib/llvm-*/lib/libclang.so' >/dev/null || missing+=(libclang-dev)
 
+# MuJoCo's renderer draws off-screen, in software.
+have_library() { # have_library FILE
+    compgen -G "/usr/lib/*/$1" >/dev/null || compgen -G "/usr/lib*/$1" >/dev/null
+}
+have_library libEGL.so.1 || missing+=(libegl1)
+have_library libOpenGL.so.0 || missing+=(libopengl0)
+have_library dri/swrast_dri.so || missing+=(libgl1-mesa-dri)
+
 if [ ${#missing[@]} -gt 0 ]; then
     echo "setup: missing Debian packages: ${missing[*]}"
     if [ "$(id -u)" -ne 0 ] || ! command -v apt-get >/dev/null 2>&1; then

@@ -1,46 +1,14 @@
-//! Pinhole cameras and rings of them.
+//! Cameras in the world, singly and in rings.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
+pub use crate::lens::{Distortion, Intrinsics};
 
-use crate::robot::RingSpec;
+use nalgebra::{Isometry3, Matrix3, Point3, Quaternion, Rotation3, Translation3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-/// Pinhole intrinsics (pixels). Pixel `(u, v)`, column and row, has its centre at integer
-/// coordinates; a point `(x, y, z)` of the camera frame is seen at
-/// `(fx x / z + cx, fy y / z + cy)`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Intrinsics {
-    /// Image width.
-    pub width: u32,
-    /// Image height.
-    pub height: u32,
-    /// Horizontal focal length.
-    pub fx: f64,
-    /// Vertical focal length.
-    pub fy: f64,
-    /// Column of the principal point.
-    pub cx: f64,
-    /// Row of the principal point.
-    pub cy: f64,
-}
+use crate::robot::{Aim, CameraSpec, Cameras, Lens, RingSpec};
 
-impl Intrinsics {
-    /// Square pixels and a centred principal point, for a vertical field of view `fovy` (rad).
-    pub fn from_fovy(width: u32, height: u32, fovy: f64) -> Self {
-        let focal = f64::from(height) / (2.0 * (fovy / 2.0).tan());
-        Self {
-            width,
-            height,
-            fx: focal,
-            fy: focal,
-            cx: (f64::from(width) - 1.0) / 2.0,
-            cy: (f64::from(height) - 1.0) / 2.0,
-        }
-    }
-}
-
-/// A pinhole camera somewhere in the world. Its frame has x to the right of the image, y down, z
-/// along the optical axis.
+/// A camera somewhere in the world. Its frame has x to the right of the image, y down, z along the
+/// optical axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     /// Intrinsics.
@@ -52,8 +20,7 @@ pub struct Camera {
 impl Camera {
     /// Direction (camera frame, depth 1) of the ray through pixel coordinates `(u, v)`.
     pub fn ray(&self, u: f64, v: f64) -> Vector3<f64> {
-        let k = &self.intrinsics;
-        Vector3::new((u - k.cx) / k.fx, (v - k.cy) / k.fy, 1.0)
+        self.intrinsics.normalised(u, v).push(1.0)
     }
 
     /// The world point (m) seen at pixel coordinates `(u, v)` at `depth` (m) along the optical axis.
@@ -62,16 +29,28 @@ impl Camera {
     }
 
     /// Pixel coordinates and depth (m) of a world point (m); `None` behind the camera.
+    ///
+    /// Far beyond the image a distorted lens may fold: pixel coordinates inside the image then need
+    /// not mean that the point is seen there.
     pub fn project(&self, point: &Point3<f64>) -> Option<(f64, f64, f64)> {
         let p = self.pose.inverse_transform_point(point);
-        let k = &self.intrinsics;
-        (p.z > 0.0).then(|| (k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy, p.z))
+        (p.z > 0.0).then(|| {
+            let (u, v) = (self.intrinsics).pixel(Vector2::new(p.x / p.z, p.y / p.z));
+            (u, v, p.z)
+        })
+    }
+
+    /// All cameras of a robot's specification, in order.
+    pub fn placed(cameras: &Cameras) -> Vec<Camera> {
+        match cameras {
+            Cameras::Ring(ring) => Self::ring(ring),
+            Cameras::Free(cameras) => cameras.iter().map(Self::free).collect(),
+        }
     }
 
     /// The cameras of a ring, the first at `(0, -radius)`, the others counter-clockwise.
     pub fn ring(ring: &RingSpec) -> Vec<Camera> {
-        let [width, height] = ring.resolution;
-        let intrinsics = Intrinsics::from_fovy(width, height, ring.fovy.to_radians());
+        let intrinsics = Lens::Fovy(ring.fovy).intrinsics(ring.resolution, ring.distortion);
         // At angle 0: x right is the world's x; y down and z forward are turned about it by the pitch.
         let (sin, cos) = ring.pitch.sin_cos();
         let level = Rotation3::from_matrix_unchecked(Matrix3::new(
@@ -92,4 +71,33 @@ impl Camera {
             })
             .collect()
     }
+
+    /// A camera with a place of its own.
+    pub fn free(camera: &CameraSpec) -> Camera {
+        let position = Vector3::from(camera.position);
+        let rotation = match camera.aim {
+            Aim::At(target) => upright(&(Vector3::from(target) - position)),
+            Aim::Orientation([w, x, y, z]) => {
+                UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+            }
+        };
+        Camera {
+            intrinsics: camera.lens.intrinsics(camera.resolution, camera.distortion),
+            pose: Isometry3::from_parts(Translation3::from(position), rotation),
+        }
+    }
+}
+
+/// Orientation of a camera that looks along `axis` (world frame) with the horizon level. Of a camera
+/// that looks straight up or down, x is the world's x.
+fn upright(axis: &Vector3<f64>) -> UnitQuaternion<f64> {
+    let z = axis.normalize();
+    let right = z.cross(&Vector3::z());
+    let x = if right.norm() < 1e-9 {
+        Vector3::x()
+    } else {
+        right.normalize()
+    };
+    let axes = Matrix3::from_columns(&[x, z.cross(&x), z]);
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes))
 }

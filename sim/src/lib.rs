@@ -39,7 +39,7 @@
 //! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
 //! - [`dynamics`]: motion in time: steps, rollouts, and their derivatives.
 //! - [`inverse`]: from a target shape to the command, from measured positions to the robot.
-//! - [`camera`]: the pinhole model and rings of cameras.
+//! - [`camera`]: pinholes and distorted lenses, in rings or placed freely.
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
 //! - [`mjcf`], [`urdf`]: robots written to and read from files of other tools ([`exchange`]).
@@ -62,6 +62,7 @@ mod energy;
 pub mod exchange;
 pub mod friction;
 pub mod inverse;
+mod lens;
 pub mod mjcf;
 mod newton;
 pub mod render;

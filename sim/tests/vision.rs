@@ -4,10 +4,10 @@
 use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tdcr_sim::camera::Camera;
+use tdcr_sim::camera::{Camera, Distortion};
 use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid, write_ply};
-use tdcr_sim::render::{BaseVisibility, Instance, Scene};
-use tdcr_sim::robot::{Loads, Robot};
+use tdcr_sim::render::{BaseVisibility, Instance, RgbdFrame, Scene, Shape, ShapeError};
+use tdcr_sim::robot::{Loads, Payload, Robot};
 use tdcr_sim::statics::Equilibrium;
 
 fn bent_robot() -> (Robot, Equilibrium) {
@@ -40,7 +40,7 @@ fn distance_to_disc(
 #[test]
 fn the_ring_stands_as_the_paper_says() {
     let robot = Robot::load("2m").unwrap();
-    let cameras = Camera::ring(&robot.spec().cameras);
+    let cameras = Camera::placed(&robot.spec().cameras);
     assert_eq!(cameras.len(), 8);
     let first = &cameras[0];
     assert!((first.pose.translation.vector - Vector3::new(0.0, -0.5, 0.27)).norm() < 1e-12);
@@ -64,7 +64,7 @@ fn the_ring_stands_as_the_paper_says() {
 #[test]
 fn projection_undoes_back_projection() {
     let robot = Robot::load("5m").unwrap();
-    for camera in Camera::ring(&robot.spec().cameras) {
+    for camera in Camera::placed(&robot.spec().cameras) {
         for (u, v, depth) in [(0.0, 0.0, 0.3), (1279.0, 719.0, 1.7), (640.25, 100.5, 0.9)] {
             let (u2, v2, depth2) = camera.project(&camera.back_project(u, v, depth)).unwrap();
             assert!(
@@ -83,7 +83,7 @@ fn projection_undoes_back_projection() {
 fn every_pixel_shows_the_nearest_surface_along_its_ray() {
     let (robot, equilibrium) = bent_robot();
     let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
-    for camera in Camera::ring(&robot.spec().cameras) {
+    for camera in Camera::placed(&robot.spec().cameras) {
         let frame = scene.render(&camera);
         let mut seen = 0;
         for v in 0..camera.intrinsics.height {
@@ -112,7 +112,7 @@ fn every_pixel_shows_the_nearest_surface_along_its_ray() {
 fn nearer_discs_hide_farther_ones() {
     let (robot, equilibrium) = bent_robot();
     let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
-    for camera in Camera::ring(&robot.spec().cameras) {
+    for camera in Camera::placed(&robot.spec().cameras) {
         let together = scene.render(&camera);
         for solid in &scene.solids {
             let alone = Scene {
@@ -134,7 +134,7 @@ fn nearer_discs_hide_farther_ones() {
 fn a_reused_frame_keeps_nothing_of_the_picture_before() {
     let (robot, equilibrium) = bent_robot();
     let straight = robot.settle(&robot.mean_command(), &Loads::default());
-    let camera = &Camera::ring(&robot.spec().cameras)[2];
+    let camera = &Camera::placed(&robot.spec().cameras)[2];
     let bent = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
     let upright = Scene::of_robot(&robot, &straight, BaseVisibility::Hidden);
     let mut reused = bent.render(camera);
@@ -143,6 +143,166 @@ fn a_reused_frame_keeps_nothing_of_the_picture_before() {
     assert_eq!(reused.depth, fresh.depth);
     assert_eq!(reused.mask, fresh.mask);
     assert_eq!(reused.color, fresh.color);
+}
+
+#[test]
+fn pictures_do_not_depend_on_the_number_of_threads() {
+    let (robot, equilibrium) = bent_robot();
+    let cameras = Camera::placed(&robot.spec().cameras);
+    let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        // Frames with another picture in them, of another number of cameras.
+        let mut frames = vec![scene.render(&cameras[5]); 9];
+        pool.install(|| scene.render_all_into(&cameras, &mut frames));
+        assert_eq!(frames.len(), cameras.len());
+        for (camera, frame) in cameras.iter().zip(&frames) {
+            let alone = scene.render(camera);
+            assert_eq!(frame.camera, alone.camera);
+            assert!(frame.depth == alone.depth && frame.mask == alone.mask);
+            assert!(frame.color == alone.color);
+        }
+    }
+}
+
+#[test]
+fn what_the_user_adds_is_seen_and_labelled() {
+    let (robot, equilibrium) = bent_robot();
+    let camera = &Camera::placed(&robot.spec().cameras)[0];
+    let mut scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
+    let count = |scene: &Scene, instance| {
+        let frame = scene.render(camera);
+        frame.mask.iter().filter(|&&seen| seen == instance).count()
+    };
+    let payload = |mass| Payload {
+        mass,
+        ..Payload::default()
+    };
+    scene.add_payload(&robot, &equilibrium, &payload(0.0));
+    assert_eq!(count(&scene, Instance::Payload), 0, "no mass, no ball");
+    scene.add_payload(&robot, &equilibrium, &payload(0.03));
+    // 30 g of steel are a ball of 9.7 mm radius, seen at about half a metre: 17 pixels of radius.
+    assert!((300..1_500).contains(&count(&scene, Instance::Payload)));
+    let discs = |scene: &Scene| {
+        (0..10)
+            .map(|disc| count(scene, Instance::Disc(disc)))
+            .sum::<usize>()
+    };
+    let discs_before = discs(&scene);
+    scene.add_tendons(&robot, &equilibrium);
+    let tendons: usize = (0..6).map(|t| count(&scene, Instance::Tendon(t))).sum();
+    assert!((20..3_000).contains(&tendons), "{tendons}");
+    // A pyramid before the camera hides the robot; its base is 4 cm wide, its tip towards the camera.
+    let corner = |x, y| [x, y, 0.0];
+    let vertices = [
+        corner(-0.02, -0.02),
+        corner(0.02, -0.02),
+        corner(0.02, 0.02),
+        corner(-0.02, 0.02),
+        [0.0, 0.0, -0.02],
+    ];
+    let pyramid = Shape::mesh(&vertices, &[[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]).unwrap();
+    let pose = camera.pose * nalgebra::Translation3::new(0.0, 0.0, 0.1);
+    assert_eq!(
+        scene.add_obstacle(pyramid, pose, [9; 3]),
+        Instance::Obstacle(0)
+    );
+    let frame = scene.render(camera);
+    let side = 2.0 * 0.02 / 0.1 * camera.intrinsics.fx;
+    let area = frame
+        .mask
+        .iter()
+        .filter(|&&seen| seen == Instance::Obstacle(0))
+        .count();
+    assert!((area as f64 / (side * side) - 1.0).abs() < 0.02, "{area}");
+    let tip = frame.depth[frame.index(640, 360)];
+    assert!((tip - 0.08).abs() < 2e-4, "{tip}");
+    assert!(discs(&scene) < discs_before);
+    let ball = Shape::sphere(0.01).unwrap();
+    assert_eq!(
+        scene.add_obstacle(ball, pose, [9; 3]),
+        Instance::Obstacle(1)
+    );
+}
+
+#[test]
+fn a_shape_that_there_is_not_is_refused() {
+    let message = |refused: Result<Shape, ShapeError>| refused.unwrap_err().to_string();
+    let said = message(Shape::cylinder(0.02, -1.0));
+    assert_eq!(
+        said,
+        "the half height of a cylinder is -1 m; expected a finite length above 0"
+    );
+    assert!(message(Shape::cuboid([1.0, f64::NAN, 1.0])).contains("half side of a box is NaN"));
+    assert!(message(Shape::sphere(0.0)).contains("the radius of a sphere is 0 m"));
+    assert!(
+        message(Shape::capsule(1.0, f64::INFINITY)).contains("half length of a capsule is inf")
+    );
+    let triangle = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    assert!(message(Shape::mesh(&triangle, &[])).contains("no triangles"));
+    let said = message(Shape::mesh(&triangle, &[[0, 1, 2], [0, 1, 3]]));
+    assert_eq!(
+        said,
+        "triangle 1 of a mesh is [0, 1, 3]; the mesh has 3 vertices"
+    );
+    assert!(message(Shape::mesh(&[[f64::NAN; 3]], &[[0; 3]])).contains("vertex 0"));
+}
+
+#[test]
+fn a_picture_of_a_real_camera_gives_the_same_cloud() {
+    let (robot, equilibrium) = bent_robot();
+    let camera = &Camera::placed(&robot.spec().cameras)[1];
+    let frame = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Hidden).render(camera);
+    let real = RgbdFrame::measured(camera, frame.color.clone(), frame.depth.clone()).unwrap();
+    let cloud = |frame: &RgbdFrame| {
+        let mut cloud = PointCloud::default();
+        cloud.add_frame(frame);
+        cloud
+    };
+    assert_eq!(cloud(&frame), cloud(&real));
+    let known = |instance: &Instance| *instance != Instance::Background;
+    let count = |frame: &RgbdFrame| frame.mask.iter().filter(|i| known(i)).count();
+    assert_eq!(count(&frame), count(&real));
+    let refused = RgbdFrame::measured(camera, frame.color, vec![0.0; 7]).unwrap_err();
+    assert_eq!(
+        refused.to_string(),
+        "the depth image has 7 pixels; the camera's have 921600"
+    );
+}
+
+#[test]
+fn points_are_back_projections_of_pixels_through_any_lens() {
+    let (robot, equilibrium) = bent_robot();
+    let mut camera = Camera::placed(&robot.spec().cameras)[3].clone();
+    let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
+    for distortion in [
+        None,
+        Some(Distortion {
+            k1: -0.2,
+            p1: 0.01,
+            ..Distortion::default()
+        }),
+    ] {
+        camera.intrinsics.distortion = distortion;
+        let frame = scene.render(&camera);
+        let mut cloud = PointCloud::default();
+        cloud.add_frame(&frame);
+        let mut points = cloud.points.iter();
+        for v in 0..camera.intrinsics.height {
+            for u in 0..camera.intrinsics.width {
+                let depth = f64::from(frame.depth[frame.index(u, v)]);
+                if depth > 0.0 {
+                    let expected = camera.back_project(u.into(), v.into(), depth).coords;
+                    let point = Vector3::from(points.next().unwrap().map(f64::from));
+                    assert!((point - expected).amax() < 1e-7);
+                }
+            }
+        }
+        assert!(points.next().is_none() && cloud.len() > 10_000);
+    }
 }
 
 #[test]

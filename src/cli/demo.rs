@@ -242,7 +242,7 @@ fn report(
             ),
             (
                 "Cameras".to_owned(),
-                format!("ring of {}", settings.robot.cameras.count),
+                settings.robot.cameras.count().to_string(),
             ),
             (
                 "Points per cloud".to_owned(),

@@ -6,6 +6,7 @@ mod demo;
 mod eval;
 mod export;
 mod predict;
+mod render;
 mod settle;
 mod simulate;
 mod train;
@@ -55,6 +56,7 @@ enum Command {
     Eval(eval::EvalArgs),
     Demo(demo::DemoArgs),
     Export(export::ExportArgs),
+    Render(render::RenderArgs),
 }
 
 /// What the tendons are asked for.
@@ -155,6 +157,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Eval(args) => eval::run(args, &console),
         Command::Demo(args) => demo::run(args, &console),
         Command::Export(args) => export::run(args, &console),
+        Command::Render(args) => render::run(args, &console),
     }
 }
 

@@ -4,6 +4,7 @@
 
 mod export;
 mod refusals;
+mod render;
 mod resume;
 mod road;
 mod simulate;

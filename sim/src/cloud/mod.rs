@@ -1,16 +1,20 @@
 //! Point clouds: back-projection and fusion of frames, voxel grids, fixed-size samples, PLY.
 
+mod back_project;
 mod observe;
 mod ply;
+mod voxels;
 
 pub use observe::Observer;
 pub use ply::{PlyError, write_ply};
+pub use voxels::VoxelGrid;
 
-use hashbrown::HashSet;
 use rand::Rng;
 use rand::seq::{IndexedRandom, SliceRandom};
 
-use crate::render::{Instance, RgbdFrame};
+use crate::render::RgbdFrame;
+use back_project::RowPoints;
+use voxels::CellSet;
 
 /// A coloured point cloud in the world frame.
 ///
@@ -21,32 +25,6 @@ pub struct PointCloud {
     pub points: Vec<[f32; 3]>,
     /// Colours, 8-bit RGB.
     pub colors: Vec<[u8; 3]>,
-}
-
-/// A grid of cubes that keeps one point in each.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VoxelGrid {
-    /// Edge of a cube (m), above 0.
-    pub size: f64,
-    /// A corner of the grid, world frame (m).
-    pub origin: [f64; 3],
-}
-
-impl VoxelGrid {
-    /// A grid with a corner at the world's origin.
-    pub fn new(size: f64) -> Self {
-        Self {
-            size,
-            origin: [0.0; 3],
-        }
-    }
-
-    fn cell(&self, point: &[f32; 3]) -> [i32; 3] {
-        // `as` saturates: points beyond the grid's range share its outermost cells.
-        std::array::from_fn(|axis| {
-            ((f64::from(point[axis]) - self.origin[axis]) / self.size).floor() as i32
-        })
-    }
 }
 
 impl PointCloud {
@@ -72,16 +50,16 @@ impl PointCloud {
         self.colors.clear();
     }
 
-    /// Adds the back-projection of every pixel of `frame` that is not background, row by row.
+    /// Adds the back-projection of every pixel of `frame` that has a depth, row by row.
     pub fn add_frame(&mut self, frame: &RgbdFrame) {
-        let bounds = frame.touched();
-        for v in bounds.rows.clone() {
-            for u in bounds.columns.clone() {
+        let mut row = RowPoints::default();
+        let rows = 0..frame.camera.intrinsics.height;
+        for v in rows.filter(|&v| !frame.span(v).is_empty()) {
+            row.take(frame, v);
+            for (k, u) in frame.span(v).enumerate() {
                 let index = frame.index(u, v);
-                if frame.mask[index] != Instance::Background {
-                    let depth = f64::from(frame.depth[index]);
-                    let point = frame.camera.back_project(f64::from(u), f64::from(v), depth);
-                    self.push(point.coords.map(|x| x as f32).into(), frame.color[index]);
+                if frame.depth[index] > 0.0 {
+                    self.push(row.point(k), frame.color[index]);
                 }
             }
         }
@@ -89,10 +67,11 @@ impl PointCloud {
 
     /// The first point in each voxel of `grid`, in the order of the points.
     pub fn voxel_downsample(&self, grid: VoxelGrid) -> PointCloud {
-        let mut occupied = HashSet::with_capacity(self.len() / 8);
+        let mut occupied = CellSet::default();
         let mut kept = PointCloud::default();
         for (point, color) in self.points.iter().zip(&self.colors) {
-            if occupied.insert(grid.cell(point)) {
+            let cell = std::array::from_fn(|axis| grid.cell(axis, point[axis]));
+            if occupied.insert(cell) {
                 kept.push(*point, *color);
             }
         }

@@ -1,5 +1,7 @@
 //! From an equilibrium to the cloud that a ring of cameras sees.
 
+use super::back_project::RowPoints;
+use super::voxels::CellSet;
 use super::{PointCloud, VoxelGrid};
 use crate::camera::Camera;
 use crate::render::{BaseVisibility, RgbdFrame, Scene};
@@ -13,19 +15,21 @@ pub struct Observer<'a> {
     base: BaseVisibility,
     grid: VoxelGrid,
     frame: Option<RgbdFrame>,
-    fused: PointCloud,
+    row: RowPoints,
+    occupied: CellSet,
 }
 
 impl<'a> Observer<'a> {
-    /// Watches `robot` with the camera ring of its specification.
+    /// Watches `robot` with the cameras of its specification.
     pub fn new(robot: &'a Robot, base: BaseVisibility, grid: VoxelGrid) -> Self {
         Self {
             robot,
-            cameras: Camera::ring(&robot.spec().cameras),
+            cameras: Camera::placed(&robot.spec().cameras),
             base,
             grid,
             frame: None,
-            fused: PointCloud::default(),
+            row: RowPoints::default(),
+            occupied: CellSet::default(),
         }
     }
 
@@ -43,15 +47,27 @@ impl<'a> Observer<'a> {
         other
     }
 
-    /// The fused, voxel-downsampled cloud of the robot at rest.
+    /// The fused cloud of the robot at rest: of the pixels of all cameras, in their order, the first
+    /// in each voxel.
     pub fn observe(&mut self, equilibrium: &Equilibrium) -> PointCloud {
         let scene = Scene::of_robot(self.robot, equilibrium, self.base);
-        self.fused.clear();
+        self.occupied.clear();
+        let mut cloud = PointCloud::default();
         for camera in &self.cameras {
             let frame = self.frame.get_or_insert_with(|| RgbdFrame::new(camera));
             scene.render_into(camera, frame);
-            self.fused.add_frame(frame);
+            let rows = 0..camera.intrinsics.height;
+            for v in rows.filter(|&v| !frame.span(v).is_empty()) {
+                self.row.take(frame, v);
+                self.row.find_cells(&self.grid);
+                for (k, u) in frame.span(v).enumerate() {
+                    let index = frame.index(u, v);
+                    if frame.depth[index] > 0.0 && self.occupied.insert(self.row.cell(k)) {
+                        cloud.push(self.row.point(k), frame.color[index]);
+                    }
+                }
+            }
         }
-        self.fused.voxel_downsample(self.grid)
+        cloud
     }
 }

@@ -1,8 +1,8 @@
 //! From a flat chain of discs to modules.
 
 use crate::robot::{
-    Backbone, BaseSpec, Body, Holes, MassSpec, ModuleSpec, PerDisc, RigidMass, RingSpec, RobotSpec,
-    RouteSpec, Routing, Waypoint,
+    Backbone, BaseSpec, Body, Cameras, Holes, MassSpec, ModuleSpec, PerDisc, RigidMass, RingSpec,
+    RobotSpec, RouteSpec, Routing, Waypoint,
 };
 
 /// A robot disc by disc, as other tools describe it.
@@ -12,7 +12,7 @@ pub(crate) struct Layout {
     pub base: BaseSpec,
     pub discs: Vec<DiscLayout>,
     pub tendons: Vec<RouteSpec>,
-    pub cameras: RingSpec,
+    pub cameras: Cameras,
 }
 
 /// One disc.
@@ -78,16 +78,17 @@ const PITCH: f64 = 0.1973;
 const DISTANCE: f64 = 3.0;
 
 /// Eight cameras around a robot, in the proportions of the paper's rings.
-pub(crate) fn ring_around(base: &BaseSpec, discs: &[DiscLayout], resolution: [u32; 2]) -> RingSpec {
+pub(crate) fn ring_around(base: &BaseSpec, discs: &[DiscLayout], resolution: [u32; 2]) -> Cameras {
     let radius = DISTANCE * discs.iter().map(|disc| disc.step).sum::<f64>();
-    RingSpec {
+    Cameras::Ring(RingSpec {
         count: 8,
         radius,
         height: base.position[2] + radius * PITCH.tan(),
         pitch: PITCH,
         fovy: 45.0,
         resolution,
-    }
+        distortion: None,
+    })
 }
 
 /// Whether `next` goes on with the module that `run` begins.

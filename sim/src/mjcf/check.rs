@@ -1,9 +1,10 @@
 //! What MuJoCo can represent of a robot.
 
 use crate::exchange::ExportError;
+use crate::lens::Distortion;
 use crate::robot::{
-    Backbone, Drive, Loads, MassSpec, ModuleSpec, Payload, PerDisc, RigidMass, Robot, RobotSpec,
-    TendonSpec,
+    Backbone, Cameras, Drive, Lens, Loads, MassSpec, ModuleSpec, Payload, PerDisc, PinholeSpec,
+    RigidMass, Robot, RobotSpec, TendonSpec,
 };
 
 use super::write::is_xml_char;
@@ -14,6 +15,10 @@ const SMALLEST_MASS: f64 = 1e-15;
 /// Longest chain that MuJoCo 4.0 reads, with a payload: its XML parser goes 500 elements deep (that
 /// of MuJoCo 2.2.2 goes 100).
 const MAX_DISCS: usize = 495;
+
+/// Deviations of focal lengths (relative) and principal points (pixels) that no picture shows.
+const SQUARE: f64 = 1e-9;
+const CENTRED: f64 = 1e-6;
 
 /// Refuses what MuJoCo cannot represent with the same meaning.
 pub(super) fn representable(robot: &Robot, payload: &Payload) -> Result<(), ExportError> {
@@ -34,10 +39,66 @@ pub(super) fn representable(robot: &Robot, payload: &Payload) -> Result<(), Expo
             check_tendon(&format!("modules[{index}].tendons"), tendons)?;
         }
     }
+    check_cameras(&spec.cameras)?;
     for (index, route) in spec.routes.iter().enumerate() {
         check_tendon(&format!("routes[{index}].tendon"), &route.tendon)?;
     }
     Ok(())
+}
+
+/// MuJoCo draws all cameras of a model in one buffer, each by its field of view alone.
+fn check_cameras(cameras: &Cameras) -> Result<(), ExportError> {
+    let cameras = match cameras {
+        Cameras::Free(cameras) => cameras,
+        Cameras::Ring(ring) => return check_distortion("cameras", ring.distortion.as_ref()),
+    };
+    for (index, camera) in cameras.iter().enumerate() {
+        let at = |field: &str| format!("cameras[{index}]{field}");
+        check_distortion(&at(""), camera.distortion.as_ref())?;
+        let [width, height] = camera.resolution;
+        if camera.resolution != cameras[0].resolution {
+            let expected = "the same resolution for all cameras";
+            return Err(refuse(
+                &at(".resolution"),
+                format!("[{width}, {height}]"),
+                expected,
+            ));
+        }
+        if let Lens::Pixels(PinholeSpec { focal, principal }) = camera.lens {
+            if (focal[0] / focal[1] - 1.0).abs() > SQUARE {
+                let expected = "equal focal lengths";
+                return Err(refuse(
+                    &at(".lens.pixels.focal"),
+                    format!("{focal:?}"),
+                    expected,
+                ));
+            }
+            let center = [width, height].map(|side| (f64::from(side) - 1.0) / 2.0);
+            if (0..2).any(|k| (principal[k] - center[k]).abs() > CENTRED) {
+                let (field, found) = (at(".lens.pixels.principal"), format!("{principal:?}"));
+                return Err(refuse(
+                    &field,
+                    found,
+                    "a principal point at the image's centre",
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_distortion(camera: &str, distortion: Option<&Distortion>) -> Result<(), ExportError> {
+    match distortion {
+        Some(distortion) if *distortion != Distortion::default() => {
+            let (field, found) = (format!("{camera}.distortion"), distortion.coefficients());
+            Err(refuse(
+                &field,
+                format!("{found:?}"),
+                "lenses without distortion",
+            ))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn check_masses(robot: &Robot) -> Result<(), ExportError> {

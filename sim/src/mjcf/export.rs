@@ -6,9 +6,9 @@ use super::check::{longest, representable};
 use super::write::{Attribute, XmlWriter, number, numbers};
 use crate::camera::Camera;
 use crate::exchange::ExportError;
-use crate::render::{BaseVisibility, Shape, Solid, base_solids, disc_color};
+use crate::render::{BaseVisibility, Kind, Solid, base_solids, disc_color};
 use crate::robot::{
-    Body, Disc, Drive, MassSpec, Payload, Pull, Robot, RobotSpec, Tendon, Waypoint,
+    Body, Cameras, Disc, Drive, Lens, MassSpec, Payload, Pull, Robot, RobotSpec, Tendon, Waypoint,
 };
 
 /// What a model has besides the robot.
@@ -41,7 +41,8 @@ const TIME_STEP: f64 = 0.002;
 /// # Errors
 /// [`ExportError`] for an invalid robot, and for whatever MuJoCo cannot represent with the same
 /// meaning, by the field's path: anisotropic backbones, soft limits, friction of tendons, drives
-/// that set the length of an inextensible tendon, discs without mass.
+/// that set the length of an inextensible tendon, discs without mass, distorted lenses, cameras of
+/// unlike resolutions, pixels that are not square or centred on the optical axis.
 pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, ExportError> {
     let robot = Robot::new(spec.clone())?;
     representable(&robot, &options.payload)?;
@@ -74,7 +75,12 @@ pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, Expor
 }
 
 fn write_visual(xml: &mut XmlWriter, spec: &RobotSpec) {
-    let [width, height] = spec.cameras.resolution;
+    let cameras = Camera::placed(&spec.cameras);
+    let largest = |side: fn(&Camera) -> u32| cameras.iter().map(side).max().unwrap_or_default();
+    let [width, height] = [
+        largest(|camera| camera.intrinsics.width),
+        largest(|camera| camera.intrinsics.height),
+    ];
     xml.open("visual", &[]);
     xml.leaf(
         "global",
@@ -110,7 +116,7 @@ fn write_defaults(xml: &mut XmlWriter) {
 fn write_cameras(xml: &mut XmlWriter, spec: &RobotSpec) {
     // MuJoCo's cameras look along -z with y up; ours along z with y down.
     let half_turn = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0));
-    for (index, camera) in Camera::ring(&spec.cameras).iter().enumerate() {
+    for (index, camera) in Camera::placed(&spec.cameras).iter().enumerate() {
         let position = camera.pose.translation.vector;
         xml.leaf(
             "camera",
@@ -118,19 +124,32 @@ fn write_cameras(xml: &mut XmlWriter, spec: &RobotSpec) {
                 ("name", format!("camera{index}")),
                 ("pos", vector(&position)),
                 ("quat", quaternion(&(camera.pose.rotation * half_turn))),
-                ("fovy", number(spec.cameras.fovy)),
+                ("fovy", number(fovy(spec, index, camera))),
             ],
         );
     }
 }
 
-fn write_solid(xml: &mut XmlWriter, solid: &Solid) {
-    let (kind, size) = match &solid.shape {
-        Shape::Cylinder(c) => ("cylinder", numbers(&[c.radius, c.half_height])),
-        Shape::Cuboid(c) => {
-            let half = c.half_extents;
-            ("box", numbers(&[half.x, half.y, half.z]))
+/// Vertical field of view (degrees), as the specification has it where it does.
+fn fovy(spec: &RobotSpec, index: usize, camera: &Camera) -> f64 {
+    let given = match &spec.cameras {
+        Cameras::Ring(ring) => Lens::Fovy(ring.fovy),
+        Cameras::Free(cameras) => cameras[index].lens,
+    };
+    match given {
+        Lens::Fovy(degrees) => degrees,
+        Lens::Pixels(_) => {
+            let half = f64::from(camera.intrinsics.height) / (2.0 * camera.intrinsics.fy);
+            2.0 * half.atan().to_degrees()
         }
+    }
+}
+
+fn write_solid(xml: &mut XmlWriter, solid: &Solid) {
+    let (kind, size) = match &solid.shape.0 {
+        Kind::Cylinder(c) => ("cylinder", numbers(&[c.radius, c.half_height])),
+        Kind::Cuboid(c) => ("box", vector(&c.half)),
+        other => unreachable!("the base is made of cylinders and boxes, not {other:?}"),
     };
     xml.leaf(
         "geom",

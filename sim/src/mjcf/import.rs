@@ -26,7 +26,7 @@ const PASSED_OVER: [&str; 6] = ["size", "visual", "statistic", "custom", "asset"
 /// # Errors
 /// [`ImportError`] when a file cannot be read or is not MJCF, and for whatever a robot cannot have,
 /// with its line, tag and attribute, and what would be right. What changes neither how the robot
-/// moves nor where it rests (cameras off a ring, keyframes, sensors, lights) becomes a
+/// moves nor where it rests (keyframes, sensors, lights) becomes a
 /// [`Note`](crate::exchange::Note).
 pub fn import(path: &Path) -> Result<Imported, ImportError> {
     read_robot(&Document::read(path)?)
@@ -56,7 +56,7 @@ fn read_robot(document: &Document) -> Result<Imported, ImportError> {
     };
     let chain = reader.chain(worldbody)?;
     let tendons = reader.tendons(&chain.holes)?;
-    let cameras = reader.ring(worldbody, &chain.base, &chain.discs)?;
+    let cameras = reader.cameras(worldbody, &chain.base, &chain.discs)?;
     for section in ["keyframe", "sensor"] {
         for (index, _) in document.section(section) {
             reader.note(index, "left out: robots have none");

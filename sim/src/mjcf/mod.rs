@@ -14,7 +14,7 @@
 //! | gain or elastic length drive | `position` actuator, `kp` the series stiffness |
 //! | tension drive | `motor` with `gear="-1"` |
 //! | tension only | `forcerange` with 0 as its upper end |
-//! | ring of cameras | cameras; the resolution is that of the offscreen buffer |
+//! | cameras | cameras; the resolution is that of the offscreen buffer |
 //!
 //! MuJoCo's XML parser limits how deep bodies nest: 2.2.2 reads 95 discs, 4.0 reads 495.
 //!

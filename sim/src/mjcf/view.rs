@@ -1,4 +1,4 @@
-//! The model's cameras as a ring.
+//! The model's cameras.
 
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
@@ -7,7 +7,7 @@ use super::document::Document;
 use super::frame::POSE;
 use crate::camera::Camera;
 use crate::exchange::{DiscLayout, ImportError, ring_around};
-use crate::robot::{BaseSpec, RingSpec};
+use crate::robot::{Aim, BaseSpec, CameraSpec, Cameras, Lens, RingSpec};
 
 /// Deviation from a ring (m, rad, degrees) that counts as none.
 const SAME_VIEW: f64 = 1e-6;
@@ -19,15 +19,27 @@ struct View {
     resolution: Option<[u32; 2]>,
 }
 
+impl View {
+    fn free(&self, resolution: [u32; 2]) -> CameraSpec {
+        let q = self.pose.rotation;
+        CameraSpec {
+            position: self.pose.translation.vector.into(),
+            aim: Aim::Orientation([q.w, q.i, q.j, q.k]),
+            lens: Lens::Fovy(self.fovy),
+            resolution: self.resolution.unwrap_or(resolution),
+            distortion: None,
+        }
+    }
+}
+
 impl BodyReader<'_> {
-    /// The ring that the world's cameras are on; where they are on none, 8 cameras around the
-    /// robot.
-    pub fn ring(
+    /// The world's cameras: a ring where they are one; 8 cameras around the robot where it has none.
+    pub fn cameras(
         &mut self,
         worldbody: usize,
         base: &BaseSpec,
         discs: &[DiscLayout],
-    ) -> Result<RingSpec, ImportError> {
+    ) -> Result<Cameras, ImportError> {
         let document = self.document;
         let cameras = document
             .children(worldbody)
@@ -39,13 +51,14 @@ impl BodyReader<'_> {
             Some(resolution) => resolution,
             None => offscreen_buffer(document)?,
         };
-        if let Some(ring) = recognise(&views, resolution) {
-            return Ok(ring);
+        if views.is_empty() {
+            self.note(worldbody, "no cameras: 8 around the robot in their place");
+            return Ok(ring_around(base, discs, resolution));
         }
-        let text = "the cameras are not a ring that starts at (0, -radius) and looks at the z \
-                    axis: 8 cameras around the robot in their place";
-        self.note(worldbody, text);
-        Ok(ring_around(base, discs, resolution))
+        Ok(match recognise(&views, resolution) {
+            Some(ring) => Cameras::Ring(ring),
+            None => Cameras::Free(views.iter().map(|view| view.free(resolution)).collect()),
+        })
     }
 
     fn view(&self, index: usize) -> Result<View, ImportError> {
@@ -93,12 +106,14 @@ fn recognise(views: &[View], resolution: [u32; 2]) -> Option<RingSpec> {
         pitch: ((-axis.z).atan2(axis.y) * 1e12).round() / 1e12,
         fovy: first.fovy,
         resolution,
+        distortion: None,
     };
     let same = |(view, camera): (&View, &Camera)| {
         let place = view.pose.translation.vector - camera.pose.translation.vector;
         place.norm() < SAME_VIEW
             && view.pose.rotation.angle_to(&camera.pose.rotation) < SAME_VIEW
             && (view.fovy - ring.fovy).abs() < SAME_VIEW
+            && view.resolution == first.resolution
     };
     let cameras = Camera::ring(&ring);
     views.iter().zip(&cameras).all(same).then_some(ring)

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use thiserror::Error;
+
 use crate::camera::Camera;
 
 /// What a pixel shows.
@@ -13,34 +15,14 @@ pub enum Instance {
     Base,
     /// The disc with this index, from the base up.
     Disc(u16),
-}
-
-/// A rectangle of pixels.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct PixelBounds {
-    /// Columns `u`.
-    pub columns: Range<u32>,
-    /// Rows `v`.
-    pub rows: Range<u32>,
-}
-
-impl PixelBounds {
-    /// Whether there is no pixel inside.
-    pub fn is_empty(&self) -> bool {
-        self.columns.is_empty() || self.rows.is_empty()
-    }
-
-    /// The smallest rectangle around both.
-    fn union(&self, other: &Self) -> Self {
-        if self.is_empty() {
-            return other.clone();
-        }
-        let around = |a: &Range<u32>, b: &Range<u32>| a.start.min(b.start)..a.end.max(b.end);
-        Self {
-            columns: around(&self.columns, &other.columns),
-            rows: around(&self.rows, &other.rows),
-        }
-    }
+    /// The tendon with this index, in a command's order.
+    Tendon(u16),
+    /// What hangs from the distal disc.
+    Payload,
+    /// The obstacle with this index.
+    Obstacle(u16),
+    /// Something, in a picture of a real camera.
+    Unknown,
 }
 
 /// One picture of an RGB-D camera, with the instance mask that only a simulated one knows.
@@ -52,11 +34,27 @@ pub struct RgbdFrame {
     pub camera: Camera,
     /// Colours, 8-bit RGB; black on background.
     pub color: Vec<[u8; 3]>,
-    /// Depth along the optical axis (m); 0 on background, as depth cameras report it.
+    /// Depth along the optical axis (m); 0 where there is none, as depth cameras report it.
     pub depth: Vec<f32>,
     /// What each pixel shows.
     pub mask: Vec<Instance>,
-    touched: PixelBounds,
+    /// Per row, the columns outside which everything is background.
+    pub(super) spans: Vec<Span>,
+}
+
+/// Columns of a row: from, to (not included).
+pub(super) type Span = [u32; 2];
+
+/// Why images are not a frame of a camera.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+#[error("the {image} image has {found} pixels; the camera's have {expected}")]
+pub struct FrameError {
+    /// Which image.
+    pub image: &'static str,
+    /// Its pixels.
+    pub found: usize,
+    /// The camera's pixels.
+    pub expected: usize,
 }
 
 impl RgbdFrame {
@@ -68,13 +66,48 @@ impl RgbdFrame {
             color: vec![[0; 3]; pixels],
             depth: vec![0.0; pixels],
             mask: vec![Instance::Background; pixels],
-            touched: PixelBounds::default(),
+            spans: vec![[0; 2]; camera.intrinsics.height as usize],
         }
     }
 
-    /// A rectangle outside which everything is background.
-    pub fn touched(&self) -> &PixelBounds {
-        &self.touched
+    /// A picture of a real camera: colours, and depth along the optical axis (m) with 0 where there
+    /// is none, row-major. What is not background is [`Instance::Unknown`].
+    ///
+    /// # Errors
+    /// [`FrameError`] unless both images are of the camera's size.
+    pub fn measured(
+        camera: &Camera,
+        color: Vec<[u8; 3]>,
+        depth: Vec<f32>,
+    ) -> Result<Self, FrameError> {
+        let [width, height] = [camera.intrinsics.width, camera.intrinsics.height];
+        let expected = width as usize * height as usize;
+        for (image, found) in [("colour", color.len()), ("depth", depth.len())] {
+            if found != expected {
+                return Err(FrameError {
+                    image,
+                    found,
+                    expected,
+                });
+            }
+        }
+        let instance = |depth: &f32| match *depth > 0.0 {
+            true => Instance::Unknown,
+            false => Instance::Background,
+        };
+        Ok(Self {
+            camera: camera.clone(),
+            mask: depth.iter().map(instance).collect(),
+            color,
+            depth,
+            spans: vec![[0, width]; height as usize],
+        })
+    }
+
+    /// The columns of row `v` outside which everything is background.
+    pub fn span(&self, v: u32) -> Range<u32> {
+        let [from, to] = self.spans[v as usize];
+        from..to
     }
 
     /// Index of pixel `(u, v)` in the images.
@@ -82,24 +115,13 @@ impl RgbdFrame {
         v as usize * self.camera.intrinsics.width as usize + u as usize
     }
 
-    /// Makes the frame an empty picture of `camera`.
-    pub(crate) fn clear_for(&mut self, camera: &Camera) {
-        if self.camera.intrinsics != camera.intrinsics {
+    /// Makes the frame one of `camera`, with the old picture still in it.
+    pub(super) fn turn_to(&mut self, camera: &Camera) {
+        let size = |camera: &Camera| (camera.intrinsics.width, camera.intrinsics.height);
+        if size(&self.camera) == size(camera) {
+            self.camera = camera.clone();
+        } else {
             *self = Self::new(camera);
-            return;
         }
-        self.camera = camera.clone();
-        let touched = std::mem::take(&mut self.touched);
-        for v in touched.rows {
-            let row = self.index(touched.columns.start, v)..self.index(touched.columns.end, v);
-            self.color[row.clone()].fill([0; 3]);
-            self.depth[row.clone()].fill(0.0);
-            self.mask[row].fill(Instance::Background);
-        }
-    }
-
-    /// Notes that pixels in `bounds` are about to be drawn.
-    pub(crate) fn touch(&mut self, bounds: &PixelBounds) {
-        self.touched = self.touched.union(bounds);
     }
 }

@@ -1,22 +1,30 @@
 //! What the cameras see: solids with poses and colours.
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use parry3d_f64::math::Vec3;
-use parry3d_f64::shape::Cuboid;
+use std::f64::consts::PI;
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::Instance;
-use super::shape::{Cylinder, Shape};
-use crate::robot::Robot;
+use super::cast::{Capsule, Cuboid, Cylinder, Sphere};
+use super::shape::{Kind, Shape};
+use crate::robot::{Body, Payload, Robot, Waypoint};
 use crate::statics::Equilibrium;
 
 /// Colour of the base: light yellow.
 const BASE_COLOR: [u8; 3] = [230, 226, 185];
+const TENDON_COLOR: [u8; 3] = [60, 60, 60];
+const PAYLOAD_COLOR: [u8; 3] = [150, 155, 165];
+/// Radius that tendons are drawn with (m).
+const TENDON_RADIUS: f64 = 0.0005;
+/// Density of steel (kg/m³).
+const STEEL: f64 = 7850.0;
 
 /// A shape somewhere in the world.
 #[derive(Clone, Debug)]
 pub struct Solid {
-    pub(crate) shape: Shape,
+    /// Its shape.
+    pub shape: Shape,
     /// Pose in the world (m).
     pub pose: Isometry3<f64>,
     /// Colour under full light.
@@ -50,20 +58,93 @@ impl Scene {
             BaseVisibility::Shown => base_solids(robot),
             BaseVisibility::Hidden => Vec::new(),
         };
-        let poses = equilibrium.positions.iter().zip(&equilibrium.orientations);
-        for (index, (disc, (position, orientation))) in robot.discs().iter().zip(poses).enumerate()
-        {
+        for (index, disc) in robot.discs().iter().enumerate() {
             solids.push(Solid {
-                shape: Shape::Cylinder(Cylinder {
+                shape: Shape(Kind::Cylinder(Cylinder {
                     radius: disc.radius,
                     half_height: disc.half_height,
-                }),
-                pose: Isometry3::from_parts(Translation3::from(*position), *orientation),
+                })),
+                pose: equilibrium.disc_pose(index),
                 color: disc_color(index, robot.discs().len()),
                 instance: Instance::Disc(index as u16),
             });
         }
         Self { solids }
+    }
+}
+
+impl Scene {
+    /// Adds a base of the user's own: a shape in the frame of the robot's base (m).
+    pub fn add_base(&mut self, robot: &Robot, shape: Shape) {
+        self.solids.push(Solid {
+            shape,
+            pose: Isometry3::from_parts(robot.base.into(), robot.base_orientation),
+            color: BASE_COLOR,
+            instance: Instance::Base,
+        });
+    }
+
+    /// Adds the robot's tendons, as thin lines from hole to hole.
+    pub fn add_tendons(&mut self, robot: &Robot, equilibrium: &Equilibrium) {
+        let spec = robot.spec();
+        let base = Isometry3::from_parts(robot.base.into(), robot.base_orientation);
+        let hole = |waypoint: &Waypoint| {
+            let [x, y] = spec.holes(waypoint.0)?.positions()[waypoint.1];
+            Some(match waypoint.0 {
+                Body::Base => base * Point3::new(x, y, spec.base.hole_height),
+                Body::Disc(disc) => equilibrium.disc_pose(disc) * Point3::new(x, y, 0.0),
+            })
+        };
+        for (index, tendon) in robot.tendons().iter().enumerate() {
+            let holes: Vec<Point3<f64>> = tendon.route.iter().filter_map(hole).collect();
+            for ends in holes.windows(2) {
+                let along = ends[1] - ends[0];
+                let turn = UnitQuaternion::rotation_between(&Vector3::z(), &along)
+                    .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI));
+                let middle = nalgebra::center(&ends[0], &ends[1]);
+                self.solids.push(Solid {
+                    shape: Shape(Kind::Capsule(Capsule {
+                        radius: TENDON_RADIUS,
+                        half_length: along.norm() / 2.0,
+                    })),
+                    pose: Isometry3::from_parts(middle.into(), turn),
+                    color: TENDON_COLOR,
+                    instance: Instance::Tendon(index as u16),
+                });
+            }
+        }
+    }
+
+    /// Adds a payload, as a steel ball of its mass that lies on the distal disc above the payload's
+    /// offset; nothing for one without mass.
+    pub fn add_payload(&mut self, robot: &Robot, equilibrium: &Equilibrium, payload: &Payload) {
+        let tip = robot.discs().len() - 1;
+        let radius = (payload.mass / STEEL * 3.0 / (4.0 * PI)).cbrt();
+        if radius > 0.0 {
+            let [x, y, _] = payload.offset;
+            let center = Translation3::new(x, y, robot.discs()[tip].half_height + radius);
+            self.solids.push(Solid {
+                shape: Shape(Kind::Sphere(Sphere { radius })),
+                pose: equilibrium.disc_pose(tip) * center,
+                color: PAYLOAD_COLOR,
+                instance: Instance::Payload,
+            });
+        }
+    }
+
+    /// Adds an obstacle of a shape, at a pose in the world (m); returns what its pixels are labelled
+    /// with.
+    pub fn add_obstacle(&mut self, shape: Shape, pose: Isometry3<f64>, color: [u8; 3]) -> Instance {
+        let is_obstacle = |solid: &&Solid| matches!(solid.instance, Instance::Obstacle(_));
+        let count = self.solids.iter().filter(is_obstacle).count();
+        let instance = Instance::Obstacle(count as u16);
+        self.solids.push(Solid {
+            shape,
+            pose,
+            color,
+            instance,
+        });
+        instance
     }
 }
 
@@ -108,10 +189,10 @@ pub(crate) fn base_solids(robot: &Robot) -> Vec<Solid> {
         }
     };
     let cylinder = |radius, half_height| {
-        Shape::Cylinder(Cylinder {
+        Shape(Kind::Cylinder(Cylinder {
             radius,
             half_height,
-        })
+        }))
     };
     let mut solids = vec![solid(
         cylinder(COLUMN_RADIUS, height / 2.0),
@@ -123,15 +204,13 @@ pub(crate) fn base_solids(robot: &Robot) -> Vec<Solid> {
         let floor = layer as f64 * layer_height;
         solids.push(solid(cylinder(PLATE.0, PLATE.1), floor + PLATE.1, 0.0, 0.0));
         let servo_half_height = SERVO_HALF_SIZE[2].min(0.4 * layer_height);
-        let servo = Cuboid::new(Vec3::new(
-            SERVO_HALF_SIZE[0],
-            SERVO_HALF_SIZE[1],
-            servo_half_height,
-        ));
+        let servo = Cuboid {
+            half: Vector3::new(SERVO_HALF_SIZE[0], SERVO_HALF_SIZE[1], servo_half_height),
+        };
         for arm in 0..3 {
             let angle = std::f64::consts::TAU * f64::from(arm) / 3.0;
             let z = floor + 2.0 * PLATE.1 + servo_half_height;
-            solids.push(solid(Shape::Cuboid(servo), z, SERVO_RADIUS, angle));
+            solids.push(solid(Shape(Kind::Cuboid(servo)), z, SERVO_RADIUS, angle));
         }
     }
     solids

@@ -1,5 +1,6 @@
 //! The robot: what the user writes ([`RobotSpec`]) and what it is compiled into ([`Robot`]).
 
+mod cameras;
 mod command;
 mod compile;
 mod file;
@@ -7,13 +8,14 @@ mod loads;
 mod spec;
 mod validate;
 
+pub use cameras::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, RingSpec};
 pub use command::{Command, CommandError};
 pub(crate) use compile::joints_along;
 pub use file::SpecError;
 pub use loads::{Frame, LoadError, Loads, Payload, Wrench};
 pub use spec::{
     Backbone, BaseSpec, Body, Drive, Friction, HoleCircle, Holes, Limit, MassSpec, ModuleSpec,
-    PerDisc, Pull, RigidMass, RingSpec, RobotSpec, RouteSpec, Routing, TendonSpec, Waypoint,
+    PerDisc, Pull, RigidMass, RobotSpec, RouteSpec, Routing, TendonSpec, Waypoint,
 };
 
 use nalgebra::{UnitQuaternion, Vector3};

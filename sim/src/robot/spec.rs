@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::cameras::Cameras;
+
 /// A disc-and-ball-joint tendon-driven continuum robot.
 ///
 /// A chain of cylindrical discs stands on a base; each disc turns on a ball joint carried by the
@@ -39,7 +41,7 @@ pub struct RobotSpec {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub routes: Vec<RouteSpec>,
     /// The cameras that watch the robot.
-    pub cameras: RingSpec,
+    pub cameras: Cameras,
 }
 
 /// Where the tendons that a module brings along start. Each goes through the holes of its own
@@ -349,24 +351,6 @@ impl From<Body> for BodyName {
             Body::Disc(index) => Self::Disc(index),
         }
     }
-}
-
-/// Equal pinhole cameras on a circle around the z axis, pitched down, the first at `(0, -radius)`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RingSpec {
-    /// Number of cameras, evenly spaced.
-    pub count: usize,
-    /// Radius of the circle (m).
-    pub radius: f64,
-    /// Height of the circle in the world frame (m).
-    pub height: f64,
-    /// Angle of the optical axes below horizontal (rad).
-    pub pitch: f64,
-    /// Vertical field of view (degrees).
-    pub fovy: f64,
-    /// Image width and height (pixels).
-    pub resolution: [u32; 2],
 }
 
 impl RobotSpec {

@@ -1,15 +1,13 @@
 //! What a robot specification must satisfy.
 
 use super::spec::{
-    Backbone, BaseSpec, Body, Drive, Holes, Limit, MassSpec, ModuleSpec, PerDisc, RingSpec,
-    RobotSpec, RouteSpec, Routing, TendonSpec,
+    Backbone, BaseSpec, Body, Drive, Holes, Limit, MassSpec, ModuleSpec, PerDisc, RobotSpec,
+    RouteSpec, Routing, TendonSpec,
 };
 use super::{SpecError, file::refuse};
 
 /// Far above any robot built, and small enough that every product of sizes fits in memory.
 const MAX_DISCS: usize = 1000;
-const MAX_CAMERAS: usize = 1000;
-const MAX_IMAGE_SIDE: u32 = 16_384;
 
 impl RobotSpec {
     /// Checks every field.
@@ -224,36 +222,14 @@ impl TendonSpec {
     }
 }
 
-impl RingSpec {
-    fn validate(&self) -> Result<(), SpecError> {
-        if !(1..=MAX_CAMERAS).contains(&self.count) {
-            return Err(refuse("cameras.count", self.count, "1 to 1000"));
-        }
-        positive("cameras.radius", self.radius)?;
-        finite("cameras.height", &[self.height])?;
-        finite("cameras.pitch", &[self.pitch])?;
-        if !(self.fovy > 0.0 && self.fovy < 180.0) {
-            let expected = "degrees between 0 and 180";
-            return Err(refuse("cameras.fovy", self.fovy, expected));
-        }
-        let fits = |side: &u32| (1..=MAX_IMAGE_SIDE).contains(side);
-        if !self.resolution.iter().all(fits) {
-            let found = format!("{:?}", self.resolution);
-            let expected = "[width, height], 1 to 16384 pixels each";
-            return Err(refuse("cameras.resolution", found, expected));
-        }
-        Ok(())
-    }
-}
-
-fn finite(field: &str, values: &[f64]) -> Result<(), SpecError> {
+pub(super) fn finite(field: &str, values: &[f64]) -> Result<(), SpecError> {
     match values.iter().find(|value| !value.is_finite()) {
         Some(value) => Err(refuse(field, value, "finite numbers")),
         None => Ok(()),
     }
 }
 
-fn positive(field: &str, value: f64) -> Result<(), SpecError> {
+pub(super) fn positive(field: &str, value: f64) -> Result<(), SpecError> {
     if value.is_finite() && value > 0.0 {
         Ok(())
     } else {

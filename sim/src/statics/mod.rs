@@ -21,7 +21,7 @@ pub use settler::Settler;
 pub use sweep::Sweep;
 
 use faer::Side;
-use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use crate::chain::Configuration;
@@ -57,6 +57,14 @@ pub struct Equilibrium {
 }
 
 impl Equilibrium {
+    /// Pose of disc `index`'s frame in the world (m).
+    ///
+    /// # Panics
+    /// For a disc that the robot does not have.
+    pub fn disc_pose(&self, index: usize) -> Isometry3<f64> {
+        Isometry3::from_parts(self.positions[index].into(), self.orientations[index])
+    }
+
     /// Room for an equilibrium of `robot`: the straight pose, not converged.
     pub(crate) fn unsettled(robot: &Robot) -> Self {
         let n = robot.discs.len();

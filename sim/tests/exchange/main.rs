@@ -13,8 +13,9 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::camera::Camera;
 use tdcr_sim::robot::{
-    Backbone, Body, Disc, Drive, HoleCircle, Holes, MassSpec, ModuleSpec, PerDisc, Pull, RigidMass,
-    Robot, RobotSpec, RouteSpec, Routing, TendonSpec, Waypoint,
+    Aim, Backbone, Body, CameraSpec, Cameras, Disc, Drive, HoleCircle, Holes, Lens, MassSpec,
+    ModuleSpec, PerDisc, Pull, RigidMass, RingSpec, Robot, RobotSpec, RouteSpec, Routing,
+    TendonSpec, Waypoint,
 };
 
 /// A robot with whatever MuJoCo can represent, drawn at random.
@@ -45,12 +46,34 @@ fn random_spec(rng: &mut ChaCha8Rng) -> RobotSpec {
     spec.routes = (0..rng.random_range(0..3))
         .map(|_| random_route(rng, spec.disc_count(), holes))
         .collect();
-    spec.cameras.count = rng.random_range(1..9);
-    spec.cameras.radius = rng.random_range(0.1..1.0);
-    spec.cameras.height = rng.random_range(-0.5..1.0);
-    spec.cameras.pitch = rng.random_range(-0.5..1.0);
-    spec.cameras.fovy = rng.random_range(10.0..90.0);
+    spec.cameras = random_cameras(rng);
     spec
+}
+
+fn random_cameras(rng: &mut ChaCha8Rng) -> Cameras {
+    let resolution = [rng.random_range(8..2000), rng.random_range(8..2000)];
+    if rng.random() {
+        return Cameras::Ring(RingSpec {
+            count: rng.random_range(1..9),
+            radius: rng.random_range(0.1..1.0),
+            height: rng.random_range(-0.5..1.0),
+            pitch: rng.random_range(-0.5..1.0),
+            fovy: rng.random_range(10.0..90.0),
+            resolution,
+            distortion: None,
+        });
+    }
+    let free = |rng: &mut ChaCha8Rng| CameraSpec {
+        position: vector(rng, 1.0),
+        aim: match rng.random() {
+            true => Aim::At(vector(rng, 1.0)),
+            false => Aim::Orientation(std::array::from_fn(|_| rng.random_range(0.1..1.0))),
+        },
+        lens: Lens::Fovy(rng.random_range(10.0..90.0)),
+        resolution,
+        distortion: None,
+    };
+    Cameras::Free((0..rng.random_range(1..5)).map(|_| free(rng)).collect())
 }
 
 fn random_module(rng: &mut ChaCha8Rng, holes: usize) -> ModuleSpec {
@@ -212,7 +235,7 @@ fn assert_same_robot(a: &Robot, b: &Robot) {
         }
     }
     assert_near(&[a.spec().base.hole_height], &[b.spec().base.hole_height]);
-    let rings = [a, b].map(|robot| Camera::ring(&robot.spec().cameras));
+    let rings = [a, b].map(|robot| Camera::placed(&robot.spec().cameras));
     assert_eq!(rings[0].len(), rings[1].len());
     for (a, b) in rings[0].iter().zip(&rings[1]) {
         assert_eq!(a.intrinsics, b.intrinsics);

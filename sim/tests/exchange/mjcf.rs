@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
+use nalgebra::Vector3;
 use proptest::prelude::*;
+use tdcr_sim::camera::Camera;
 use tdcr_sim::mjcf::{ExportOptions, export, import, import_text};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Payload, Robot, RobotSpec};
@@ -86,13 +88,18 @@ fn a_model_written_by_hand_is_read_as_mujoco_reads_it() {
     assert_eq!(lower.backbone.unwrap().torsion, 0.5);
     assert!((upper.mass - 0.014).abs() < 1e-12);
     assert_eq!((upper.radius, upper.half_height), (0.015, 0.005));
+    let [camera] = &Camera::placed(&spec.cameras)[..] else {
+        panic!("{} cameras", spec.cameras.count());
+    };
+    assert_eq!(camera.pose.translation.vector, Vector3::new(0.2, -1.0, 0.3));
+    assert!((camera.pose.rotation * Vector3::z() - Vector3::y()).norm() < 1e-12);
+    assert!((camera.pose.rotation * Vector3::y() + Vector3::z()).norm() < 1e-12);
     let tendon = &robot.tendons()[0];
     assert_eq!((tendon.range, tendon.unit()), ([0.0, 5.0], "N"));
     let notes: Vec<String> = imported.notes.iter().map(ToString::to_string).collect();
     for expected in [
         "<geom>: left out, with all 1 geoms that stand still",
         "<motor name=\"pull\">: a command is the tension (N), -1 ctrl + 0",
-        "8 cameras around the robot in their place",
         "<key name=\"start\">: left out",
         "<body name=\"upper\">: drawn as one upright cylinder",
     ] {

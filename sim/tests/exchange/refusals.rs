@@ -1,13 +1,90 @@
 //! What cannot be represented, and how it is said.
 
+use tdcr_sim::camera::Distortion;
 use tdcr_sim::mjcf::{ExportOptions, export, import_text};
 use tdcr_sim::robot::{
-    Backbone, Drive, Friction, Limit, MassSpec, PerDisc, Pull, RigidMass, RobotSpec,
+    Aim, Backbone, CameraSpec, Cameras, Drive, Friction, Lens, Limit, MassSpec, PerDisc,
+    PinholeSpec, Pull, RigidMass, RobotSpec,
 };
 
 fn model() -> String {
     let spec = RobotSpec::standard("2m").unwrap();
     export(&spec, &ExportOptions::default()).unwrap()
+}
+
+#[test]
+fn a_camera_that_mujoco_cannot_represent_is_named_by_its_field() {
+    let camera = CameraSpec {
+        position: [0.4, 0.0, 0.3],
+        aim: Aim::At([0.0, 0.0, 0.2]),
+        lens: Lens::Fovy(40.0),
+        resolution: [320, 240],
+        distortion: None,
+    };
+    let pixels = |focal, principal| Lens::Pixels(PinholeSpec { focal, principal });
+    let bent = Distortion {
+        k1: 0.1,
+        ..Distortion::default()
+    };
+    let cases: [(CameraSpec, &str); 4] = [
+        (
+            CameraSpec {
+                distortion: Some(bent),
+                ..camera.clone()
+            },
+            "`cameras[1].distortion` is [0.1, 0.0, 0.0, 0.0, 0.0]; MuJoCo takes lenses without",
+        ),
+        (
+            CameraSpec {
+                resolution: [640, 480],
+                ..camera.clone()
+            },
+            "`cameras[1].resolution` is [640, 480]; MuJoCo takes the same resolution for all",
+        ),
+        (
+            CameraSpec {
+                lens: pixels([300.0, 301.0], [159.5, 119.5]),
+                ..camera.clone()
+            },
+            "`cameras[1].lens.pixels.focal` is [300.0, 301.0]; MuJoCo takes equal focal lengths",
+        ),
+        (
+            CameraSpec {
+                lens: pixels([300.0, 300.0], [159.5, 120.0]),
+                ..camera.clone()
+            },
+            "`cameras[1].lens.pixels.principal` is [159.5, 120.0]; MuJoCo takes a principal point",
+        ),
+    ];
+    let mut spec = RobotSpec::standard("2m").unwrap();
+    for (second, expected) in cases {
+        spec.cameras = Cameras::Free(vec![camera.clone(), second]);
+        let message = export(&spec, &ExportOptions::default())
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+    // A centred pinhole is a field of view, and an absent distortion none.
+    let centred = CameraSpec {
+        lens: pixels([300.0, 300.0], [159.5, 119.5]),
+        distortion: Some(Distortion::default()),
+        ..camera.clone()
+    };
+    spec.cameras = Cameras::Free(vec![camera, centred]);
+    let model = export(&spec, &ExportOptions::default()).unwrap();
+    let fovy = 2.0 * (120.0f64 / 300.0).atan().to_degrees();
+    assert!(model.contains(&format!("fovy=\"{fovy}\"")), "{model}");
+    let mut spec = RobotSpec::standard("2m").unwrap();
+    if let Cameras::Ring(ring) = &mut spec.cameras {
+        ring.distortion = Some(bent);
+    }
+    let message = export(&spec, &ExportOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("`cameras.distortion` is [0.1"),
+        "{message}"
+    );
 }
 
 #[test]

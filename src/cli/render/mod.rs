@@ -1,0 +1,270 @@
+//! `tdcr render`.
+
+mod files;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+use tdcr::sim::camera::Camera;
+use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
+use tdcr::sim::render::{BaseVisibility, Instance, RgbdFrame, Scene, Sensor, Shape};
+use tdcr::sim::robot::{Loads, Payload, Robot};
+
+use super::CommandArg;
+use super::console::Console;
+
+/// See a settled robot with its cameras: colour, depth and mask images, and the fused cloud
+#[derive(Debug, Args)]
+pub(super) struct RenderArgs {
+    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
+    #[arg(long, default_value = "2m")]
+    robot: String,
+    #[command(flatten)]
+    command: CommandArg,
+    /// Mass hung from the tip disc (kg)
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        allow_hyphen_values = true,
+        value_name = "KG"
+    )]
+    payload: f64,
+    /// Show the robot's base
+    #[arg(long)]
+    base: bool,
+    /// Show a base of your own: an STL mesh in the frame of the robot's base (m)
+    #[arg(long, value_name = "FILE", conflicts_with = "base")]
+    base_mesh: Option<PathBuf>,
+    /// Show what else there is; may be given several times
+    #[arg(long, value_enum, value_name = "WHAT")]
+    show: Vec<Extra>,
+    /// Take the pictures with the faults of a real camera
+    #[arg(long, value_enum)]
+    noise: Option<Noise>,
+    /// Seed of the faults
+    #[arg(long, default_value_t = 0, requires = "noise")]
+    seed: u64,
+    /// Edge of the voxels that thin the fused cloud (m)
+    #[arg(long, default_value_t = 0.002, value_parser = super::positive, value_name = "M")]
+    voxel: f64,
+    /// Folder to write to, empty or not there yet
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Extra {
+    /// The payload, as a steel ball on the tip disc
+    Payload,
+    /// The tendons, as lines
+    Tendons,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Noise {
+    /// Intel RealSense D435
+    D435,
+}
+
+/// What `views.json` says.
+#[derive(Serialize)]
+struct Views<'a> {
+    robot: &'a str,
+    command: &'a [f64],
+    payload: f64,
+    sensor: Option<Sensor>,
+    seed: u64,
+    cameras: Vec<ViewFiles>,
+    /// What the values in the mask images mean.
+    mask: Vec<MaskValue>,
+    cloud: &'static str,
+    points: usize,
+}
+
+/// A camera and its images' file names.
+#[derive(Serialize)]
+struct ViewFiles {
+    color: String,
+    /// 16-bit, millimetres, 0 where there is none.
+    depth_png: String,
+    /// 32-bit float, metres, 0 where there is none.
+    depth_npy: String,
+    /// 16-bit, values as listed.
+    mask: String,
+    intrinsics: tdcr::sim::camera::Intrinsics,
+    /// Centre of projection, world frame (m).
+    position: [f64; 3],
+    /// Orientation of the camera frame (x right, y down, z forward) in the world: (w, x, y, z).
+    orientation: [f64; 4],
+}
+
+#[derive(Serialize)]
+struct MaskValue {
+    value: u16,
+    instance: String,
+    /// Pixels in all images.
+    pixels: usize,
+}
+
+pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
+    let robot = Robot::new(super::load_robot(&args.robot)?)?;
+    let command = robot.command(&args.command.lengths)?;
+    let payload = Payload {
+        mass: args.payload,
+        ..Payload::default()
+    };
+    let equilibrium = robot.settle(&command, &Loads::default().with_payload(payload)?);
+    if !equilibrium.converged {
+        let residual = equilibrium.residual;
+        bail!("the robot did not settle: residual {residual:e} N m");
+    }
+    let mesh = args.base_mesh.as_deref().map(Shape::read_stl).transpose()?;
+    prepare(&args.out)?;
+    let base = match args.base {
+        true => BaseVisibility::Shown,
+        false => BaseVisibility::Hidden,
+    };
+    let mut scene = Scene::of_robot(&robot, &equilibrium, base);
+    if let Some(mesh) = mesh {
+        scene.add_base(&robot, mesh);
+    }
+    if args.show.contains(&Extra::Payload) {
+        scene.add_payload(&robot, &equilibrium, &payload);
+    }
+    if args.show.contains(&Extra::Tendons) {
+        scene.add_tendons(&robot, &equilibrium);
+    }
+    let sensor = args.noise.map(|Noise::D435| Sensor::d435());
+    let frames = see(
+        &scene,
+        &Camera::placed(&robot.spec().cameras),
+        sensor,
+        args.seed,
+    );
+    let mut cloud = PointCloud::default();
+    frames.iter().for_each(|frame| cloud.add_frame(frame));
+    let cloud = cloud.voxel_downsample(VoxelGrid::new(args.voxel));
+    let views = Views {
+        robot: &robot.spec().name,
+        command: command.as_slice(),
+        payload: args.payload,
+        sensor,
+        seed: args.seed,
+        cameras: (frames.iter().enumerate())
+            .map(|(index, frame)| write_frame(&args.out, index, frame))
+            .collect::<anyhow::Result<_>>()?,
+        mask: mask_values(&frames),
+        cloud: "cloud.ply",
+        points: cloud.len(),
+    };
+    write_ply(&args.out.join(views.cloud), &cloud)?;
+    let text = serde_json::to_string_pretty(&views)? + "\n";
+    files::write(&args.out.join("views.json"), text.as_bytes())?;
+    console.result(&views, |views| {
+        let (cameras, points) = (views.cameras.len(), views.points);
+        let folder = args.out.display();
+        format!("{folder}: {cameras} views, {points} points in cloud.ply; views.json lists them")
+    })
+}
+
+/// Makes the folder; one with something in it is left alone.
+fn prepare(folder: &Path) -> anyhow::Result<()> {
+    let context = || format!("cannot write to {}", folder.display());
+    std::fs::create_dir_all(folder).with_context(context)?;
+    if let Some(entry) = std::fs::read_dir(folder).with_context(context)?.next() {
+        let name = entry.with_context(context)?.file_name();
+        let (folder, name) = (folder.display(), name.display());
+        bail!("{folder} has {name} in it already; expected an empty folder, or a new one");
+    }
+    Ok(())
+}
+
+fn see(scene: &Scene, cameras: &[Camera], sensor: Option<Sensor>, seed: u64) -> Vec<RgbdFrame> {
+    let mut frames = Vec::new();
+    scene.render_all_into(cameras, &mut frames);
+    if let Some(sensor) = sensor {
+        for (index, frame) in frames.iter_mut().enumerate() {
+            *frame = sensor.take(frame, seed, index as u64, 0);
+        }
+    }
+    frames
+}
+
+fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result<ViewFiles> {
+    let pose = &frame.camera.pose;
+    let rotation = pose.rotation;
+    let view = ViewFiles {
+        color: format!("camera{index}_color.png"),
+        depth_png: format!("camera{index}_depth.png"),
+        depth_npy: format!("camera{index}_depth.npy"),
+        mask: format!("camera{index}_mask.png"),
+        intrinsics: frame.camera.intrinsics,
+        position: pose.translation.vector.into(),
+        orientation: [rotation.w, rotation.i, rotation.j, rotation.k],
+    };
+    let size = [
+        frame.camera.intrinsics.width,
+        frame.camera.intrinsics.height,
+    ];
+    // `as` saturates: what is farther than 65.535 m has that depth.
+    let millimetres = frame.depth.iter().map(|z| (1e3 * z).round() as u16);
+    let values = frame.mask.iter().map(|&instance| mask_value(instance));
+    let color = files::rgb_png(size, frame.color.as_flattened())?;
+    files::write(&folder.join(&view.color), &color)?;
+    files::write(
+        &folder.join(&view.depth_png),
+        &files::grey_png(size, millimetres)?,
+    )?;
+    files::write(
+        &folder.join(&view.depth_npy),
+        &files::npy(size, &frame.depth),
+    )?;
+    files::write(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
+    Ok(view)
+}
+
+/// Value of an instance in mask images.
+fn mask_value(instance: Instance) -> u16 {
+    match instance {
+        Instance::Background => 0,
+        Instance::Base => 1,
+        Instance::Payload => 2,
+        Instance::Unknown => 3,
+        Instance::Disc(index) => 10_000_u16.saturating_add(index),
+        Instance::Tendon(index) => 20_000_u16.saturating_add(index),
+        Instance::Obstacle(index) => 40_000_u16.saturating_add(index),
+    }
+}
+
+fn name_of(instance: Instance) -> String {
+    match instance {
+        Instance::Background => "background".to_owned(),
+        Instance::Base => "base".to_owned(),
+        Instance::Payload => "payload".to_owned(),
+        Instance::Unknown => "unknown".to_owned(),
+        Instance::Disc(index) => format!("disc {index}"),
+        Instance::Tendon(index) => format!("tendon {index}"),
+        Instance::Obstacle(index) => format!("obstacle {index}"),
+    }
+}
+
+/// The instances that are seen, by value.
+fn mask_values(frames: &[RgbdFrame]) -> Vec<MaskValue> {
+    let mut seen = std::collections::BTreeMap::new();
+    for &instance in frames.iter().flat_map(|frame| &frame.mask) {
+        let value = MaskValue {
+            value: mask_value(instance),
+            instance: String::new(),
+            pixels: 0,
+        };
+        let entry = seen.entry(value.value).or_insert((value, instance));
+        entry.0.pixels += 1;
+    }
+    let named = |(value, instance): (MaskValue, Instance)| MaskValue {
+        instance: name_of(instance),
+        ..value
+    };
+    seen.into_values().map(named).collect()
+}
