@@ -31,7 +31,9 @@ fn a_compressed_set_written_by_h5py_is_read() {
     let samples = set.read_split(Split::Train).unwrap();
     assert_eq!(samples.len(), 5);
     let f32s = |values: [f64; 3]| values.map(|value| value as f32);
-    for (i, Sample { motors, cloud }) in samples.iter().enumerate() {
+    for (i, Sample { condition, cloud }) in samples.iter().enumerate() {
+        let motors = &condition.motors;
+        assert_eq!(condition.payload, None);
         let step = 0.01 * i as f64;
         assert_eq!(*motors, [step as f32, (0.01 * (i as f64 + 1.0)) as f32]);
         for k in 0..5 {
@@ -307,7 +309,7 @@ fn a_meta_of_another_version_is_refused() {
     assert!(
         error
             .to_string()
-            .contains("meta.json: data set field `format` is 99"),
+            .contains("meta.json: the data set is of format 99, expected 2"),
         "{error}"
     );
 }

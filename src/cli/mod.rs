@@ -17,6 +17,7 @@ use anyhow::Context;
 use clap::{Args, Parser, Subcommand};
 use tdcr::learn::flow::{Heun, TimeGrid};
 use tdcr::pipeline::PipelineError;
+use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::RobotSpec;
 use tracing_subscriber::filter::LevelFilter;
 
@@ -165,6 +166,14 @@ fn load_robot(name_or_path: &str) -> anyhow::Result<RobotSpec> {
         tracing::warn!("{note}");
     }
     Ok(spec)
+}
+
+/// Whether the base is in view, from a flag.
+fn visibility(base: bool) -> BaseVisibility {
+    match base {
+        true => BaseVisibility::Shown,
+        false => BaseVisibility::Hidden,
+    }
 }
 
 /// Parses a number of things that are held in memory or counted on disk.

@@ -96,7 +96,7 @@ impl Collector {
     ///
     /// # Errors
     /// [`DataError::NotABlock`] unless the indices are one of [`missing_blocks`](Self::missing_blocks)' ranges;
-    /// [`DataError::InvalidSample`] for a sample with other than `N` points or `D` motors, or one that is not finite;
+    /// [`DataError::InvalidSample`] for a sample of other sizes than the meta's, or one that is not finite;
     /// [`DataError::Complete`]; [`DataError::Io`], in which case all earlier blocks remain usable.
     pub fn write_block(&self, first_index: usize, samples: &[Sample]) -> Result<(), DataError> {
         if let State::Complete = self.state {
@@ -111,7 +111,7 @@ impl Collector {
                 end: block.end,
             });
         }
-        let mut batch = Batch::new(self.meta.points_per_cloud, self.meta.motors);
+        let mut batch = Batch::new(self.meta.sizes(block.len()));
         for (index, sample) in block.clone().zip(samples) {
             self.check(sample)
                 .map_err(|problem| DataError::InvalidSample { index, problem })?;
@@ -153,7 +153,7 @@ impl Collector {
     }
 
     fn fit_normalisation(&self, step: &mut impl FnMut()) -> Result<Normalisation, DataError> {
-        let mut fit = NormalisationFit::new(self.meta.motors);
+        let mut fit = NormalisationFit::new(self.meta.condition_dim());
         for block in self.blocks() {
             let file = self.open_block(&block)?;
             fit.include(
@@ -211,10 +211,10 @@ impl Collector {
     }
 
     fn is_whole(&self, block: &Range<usize>) -> bool {
+        // What the last value of a condition is, only shards say.
         let sizes = Sizes {
-            samples: block.len(),
-            points: self.meta.points_per_cloud,
-            motors: self.meta.motors,
+            payload: false,
+            ..self.meta.sizes(block.len())
         };
         self.open_block(block)
             .is_ok_and(|file| file.sizes() == sizes)
@@ -227,12 +227,15 @@ impl Collector {
             points_per_cloud,
             ..
         } = self.meta;
-        let Sample {
-            motors: command,
-            cloud,
-        } = sample;
+        let Sample { condition, cloud } = sample;
+        let command = &condition.motors;
         if command.len() != motors {
             return Err(format!("{} motors, expected {motors}", command.len()));
+        }
+        if condition.payload.is_some() != self.meta.has_payload() {
+            let [found, expected] = [condition.payload.is_some(), self.meta.has_payload()]
+                .map(|payload| if payload { "a payload" } else { "no payload" });
+            return Err(format!("{found}, expected {expected}"));
         }
         if [cloud.points.len(), cloud.colors.len()] != [points_per_cloud; 2] {
             let (points, colors) = (cloud.points.len(), cloud.colors.len());
@@ -240,9 +243,9 @@ impl Collector {
                 "{points} points and {colors} colours, expected {points_per_cloud} of each"
             ));
         }
-        match command
-            .iter()
-            .chain(cloud.points.as_flattened())
+        match condition
+            .values()
+            .chain(cloud.points.as_flattened().iter().copied())
             .find(|value| !value.is_finite())
         {
             Some(value) => Err(format!("it holds {value}, expected finite numbers")),
@@ -270,7 +273,7 @@ impl<'a> SplitWriter<'a> {
         Ok(Self {
             dir: dir.to_owned(),
             shards: 0,
-            pending: Batch::new(meta.points_per_cloud, meta.motors),
+            pending: Batch::new(meta.sizes(0)),
             samples_per_shard: meta.samples_per_shard,
             normalisation,
         })

@@ -73,32 +73,41 @@ impl DataSet {
     /// # Errors
     /// As [`read_split`](Self::read_split), and [`DataError::Disagrees`] for a copy that does not match.
     pub fn cloud_set(&self, split: Split) -> Result<CloudSet, DataError> {
+        self.cloud_set_in(split, &self.normalisation)
+    }
+
+    /// Reads a split in the units of another normalisation, as [`cloud_set`](Self::cloud_set).
+    ///
+    /// # Errors
+    /// As [`cloud_set`](Self::cloud_set); [`DataError::ConditionLength`] where `units` is of another number of motors.
+    pub fn cloud_set_in(&self, split: Split, units: &Normalisation) -> Result<CloudSet, DataError> {
+        units.require_length(self.normalisation.motor_min.len())?;
         let shards = self.shards(split)?;
         let Sizes {
             samples,
             points,
-            motors,
+            values,
+            ..
         } = shards.sizes;
         let mut set = CloudSet {
-            condition_dim: motors,
+            condition_dim: values,
             points_per_cloud: points,
-            conditions: Vec::with_capacity(samples * motors),
+            conditions: Vec::with_capacity(samples * values),
             points: Vec::with_capacity(samples * points * 3),
         };
         for path in &shards.paths {
             let shard = ShardFile::open(path, &Array::SHARD)?;
-            let conditions = self
-                .normalisation
-                .conditions(&shard.read_floats(Array::Motors)?);
+            let motors = shard.read_floats(Array::Motors)?;
+            let conditions = self.normalisation.conditions(&motors);
             let scale = self.normalisation.scale as f32;
             let samples = shard.sizes().samples;
             shard.require_values(Array::MotorsNorm, &conditions, TOLERANCE)?;
             shard.require_values(Array::Center, &vec![0.0; 3 * samples], TOLERANCE * scale)?;
             shard.require_values(Array::Scale, &vec![scale; samples], TOLERANCE * scale)?;
-            set.conditions.extend(conditions);
+            set.conditions.extend(units.conditions(&motors));
             set.points.extend(shard.read_floats(Array::Data)?);
         }
-        self.normalisation.normalise_points(&mut set.points);
+        units.normalise_points(&mut set.points);
         Ok(set)
     }
 
@@ -107,15 +116,23 @@ impl DataSet {
         let dir = self.dir.join(split.folder());
         let paths = shard_paths(&dir)?;
         let mut points = self.meta.as_ref().map(|meta| meta.points_per_cloud);
-        let motors = self.normalisation.motor_min.len();
+        let values = self.normalisation.motor_min.len();
+        let mut payload = self.meta.as_ref().map(Meta::has_payload);
         let mut samples = 0;
         for path in &paths {
             let found = ShardFile::open(path, &Array::SHARD)?.sizes();
             let expected = Sizes {
                 samples: found.samples,
                 points: *points.get_or_insert(found.points),
-                motors,
+                values,
+                payload: *payload.get_or_insert(found.payload),
             };
+            if found.payload != expected.payload {
+                return Err(DataError::PayloadArray {
+                    path: path.clone(),
+                    expected: expected.payload,
+                });
+            }
             for array in [Array::Data, Array::Motors] {
                 if array.shape(found) != array.shape(expected) {
                     return Err(DataError::WrongShape {
@@ -149,7 +166,8 @@ impl DataSet {
             sizes: Sizes {
                 samples,
                 points,
-                motors,
+                values,
+                payload: payload.unwrap_or(false),
             },
         })
     }
