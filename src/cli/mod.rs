@@ -2,6 +2,7 @@
 
 mod collect;
 mod console;
+mod data;
 mod demo;
 mod eval;
 mod export;
@@ -51,6 +52,7 @@ enum Command {
     Settle(settle::SettleArgs),
     Simulate(simulate::SimulateArgs),
     Collect(collect::CollectArgs),
+    Data(data::DataArgs),
     Train(train::TrainArgs),
     Predict(predict::PredictArgs),
     Eval(eval::EvalArgs),
@@ -151,6 +153,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Settle(args) => settle::run(args, &console),
         Command::Simulate(args) => simulate::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),
+        Command::Data(args) => data::run(args, &console),
         Command::Train(args) => train::run(args, &console),
         Command::Predict(args) => predict::run(args, &console),
         Command::Eval(args) => eval::run(args, &console),

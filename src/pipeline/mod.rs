@@ -8,12 +8,14 @@ mod collect;
 mod evaluate;
 mod journal;
 mod monitor;
+mod survey;
 mod train;
 
 pub use collect::{CollectSettings, CollectTimes, collect};
 use evaluate::require_same;
 pub use evaluate::{Distances, EvalSettings, Evaluation, Evaluator, Scores};
 pub use monitor::{Monitor, Silent};
+pub use survey::{Survey, Tips};
 pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, model_path, train};
 
 use std::path::PathBuf;

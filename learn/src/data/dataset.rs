@@ -7,11 +7,11 @@ use super::collector::STAGING;
 use super::meta::{META_FILE, Meta};
 use super::shard::{Array, Sizes};
 use super::shard_file::ShardFile;
-use super::{CloudSet, DataError, Normalisation, Sample, Split, split_indices};
+use super::{CloudSet, Condition, DataError, Normalisation, Sample, Split, split_indices};
 
 /// How far a normalised copy may stray from what the normalisation files say: far above rounding, far below a
 /// difference in meaning. Dimensionless; for a scale, a fraction of it.
-const TOLERANCE: f32 = 1e-4;
+pub(super) const TOLERANCE: f32 = 1e-4;
 
 /// A data set on disk: one of ours, or another program's in the same layout.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,6 +65,20 @@ impl DataSet {
         Ok(samples)
     }
 
+    /// Reads the conditions of a split alone.
+    ///
+    /// # Errors
+    /// As [`read_split`](Self::read_split).
+    pub fn conditions(&self, split: Split) -> Result<Vec<Condition>, DataError> {
+        let mut conditions = vec![];
+        for path in &self.shards(split)?.paths {
+            let shard = ShardFile::open(path, &Array::SHARD)?;
+            let motors = shard.read_floats(Array::Motors)?;
+            conditions.extend(shard.sizes().conditions(&motors));
+        }
+        Ok(conditions)
+    }
+
     /// Reads a split in the units that a network sees, without colours: 12 bytes of memory a point.
     ///
     /// Points and commands are normalised as they are read; the copies `motors_norm` and `scale` in the shards serve
@@ -112,7 +126,7 @@ impl DataSet {
     }
 
     /// Finds a split's shards and checks that they fit together.
-    fn shards(&self, split: Split) -> Result<Shards, DataError> {
+    pub(super) fn shards(&self, split: Split) -> Result<Shards, DataError> {
         let dir = self.dir.join(split.folder());
         let paths = shard_paths(&dir)?;
         let mut points = self.meta.as_ref().map(|meta| meta.points_per_cloud);
@@ -174,8 +188,8 @@ impl DataSet {
 }
 
 /// The shards of one split.
-struct Shards {
-    paths: Vec<PathBuf>,
+pub(super) struct Shards {
+    pub(super) paths: Vec<PathBuf>,
     /// Samples in all of them.
     sizes: Sizes,
 }

@@ -21,6 +21,7 @@
 //!
 //! [`Collector`] makes one, and takes up an interrupted one; [`DataSet`] reads one, `meta.json` or not.
 
+mod check;
 mod collector;
 mod conditions;
 mod dataset;
@@ -34,6 +35,7 @@ mod simulator;
 mod split;
 mod stream;
 
+pub use check::{Finding, check};
 pub use collector::Collector;
 pub use conditions::{Condition, Design, PayloadRange, conditions};
 pub use dataset::DataSet;

@@ -98,6 +98,17 @@ pub(super) struct Sizes {
     pub(super) payload: bool,
 }
 
+impl Sizes {
+    /// The conditions in the rows of `motors`.
+    pub(super) fn conditions(self, motors: &[f32]) -> impl Iterator<Item = Condition> {
+        motors.chunks_exact(self.values).map(move |row| {
+            let mut motors = row.to_vec();
+            let payload = if self.payload { motors.pop() } else { None };
+            Condition { motors, payload }
+        })
+    }
+}
+
 /// Samples as they are stored, before normalisation.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Batch {
@@ -125,14 +136,6 @@ impl Batch {
         }
     }
 
-    /// Drops the samples and keeps the memory.
-    pub(super) fn clear(&mut self) {
-        self.sizes.samples = 0;
-        self.data.clear();
-        self.rgb.clear();
-        self.motors.clear();
-    }
-
     /// Appends a sample of `N` points and `D` values.
     pub(super) fn push(&mut self, sample: &Sample) {
         self.sizes.samples += 1;
@@ -157,19 +160,10 @@ impl Batch {
 
     /// The samples, one by one.
     pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
-        let Sizes {
-            samples,
-            points,
-            values,
-            payload,
-        } = self.sizes;
-        let condition = move |row: usize| {
-            let mut motors = self.motors[row * values..][..values].to_vec();
-            let payload = if payload { motors.pop() } else { None };
-            Condition { motors, payload }
-        };
-        (0..samples).map(move |row| Sample {
-            condition: condition(row),
+        let points = self.sizes.points;
+        let conditions = self.sizes.conditions(&self.motors).enumerate();
+        conditions.map(move |(row, condition)| Sample {
+            condition,
             cloud: PointCloud {
                 points: self.data.as_chunks().0[row * points..][..points].to_vec(),
                 colors: self.rgb.as_chunks().0[row * points..][..points].to_vec(),

@@ -53,7 +53,7 @@ impl Condition {
     }
 
     /// The condition's bits, which tell it from every other one.
-    fn key(&self) -> Vec<u32> {
+    pub(super) fn key(&self) -> Vec<u32> {
         // Adding 0 makes a negative zero a positive one.
         self.values().map(|value| (value + 0.0).to_bits()).collect()
     }
