@@ -145,7 +145,7 @@ impl SetSummary {
             100.0 * bar
         );
         format!(
-            "<section><h2>{}</h2>{}{}<h3>Commands</h3><div class=\"scroll\">{histograms}</div></section>",
+            "<section><h2>{}</h2>{}{}<h3>Commands</h3><div class=\"figures\">{histograms}</div></section>",
             escape(&self.name),
             sections::settings(&self.facts),
             sections::figure("", &image, &caption),

@@ -10,7 +10,7 @@ const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
 fn every_command_explains_itself() {
     let overview = succeed(&["--help"]);
     let commands = [
-        "settle", "simulate", "collect", "train", "predict", "eval", "demo", "export",
+        "settle", "simulate", "collect", "data", "train", "predict", "eval", "demo", "export",
     ];
     for command in commands {
         assert!(overview.contains(command));

@@ -1,5 +1,6 @@
 """Data sets that tdcr writes, read with h5py; and the fixture that h5py wrote, made again."""
 
+import json
 import pathlib
 import shutil
 
@@ -70,3 +71,31 @@ def test_payload_clouds_are_where_the_robot_settles_under_the_payload(tdcr, sett
     unloaded = np.array(settle("2m", conditions[loaded, :-1])["positions"])
     far = [np.linalg.norm(clouds[loaded][:, None] - d, axis=-1).min(axis=1).max() for d in (discs, unloaded)]
     assert far[0] <= np.hypot(0.020, 0.0085) + 1e-6 < far[1]
+
+
+def test_clouds_that_numpy_writes_are_imported_and_exported_ones_read(tdcr, rng, tmp_path):
+    clouds = tmp_path / "clouds"
+    clouds.mkdir()
+    points = rng.uniform(-1, 1, (12, 50, 3))
+    colors = rng.integers(0, 256, (12, 50, 3), dtype=np.uint8)
+    for k in range(12):
+        (clouds / f"{k:02}.json").write_text(json.dumps({"ctrl": [k, 6000 - k]}))
+        if k % 3 == 0:
+            np.savez(clouds / f"{k:02}.npz", points=points[k], rgb=colors[k])
+        elif k % 3 == 1:
+            np.savez_compressed(clouds / f"{k:02}.npz", data=points[k].astype("f4"), rgb=colors[k])
+        else:
+            np.save(clouds / f"{k:02}.npy", np.concatenate([points[k], colors[k] / 255], axis=1))
+    folder = tmp_path / "set"
+    assert tdcr("data", "import", clouds, "--out", folder, "--points", 50)["clouds"] == 12
+    check_h5.main(folder)
+    motors, data, rgb = (read(folder, name) for name in ("motors", "data", "rgb"))
+    for row, k in enumerate(motors[:, 0].astype(int)):
+        order, expected = (np.lexsort(a.T) for a in (data[row], points[k].astype("f4")))
+        np.testing.assert_array_equal(data[row][order], points[k].astype("f4")[expected])
+        np.testing.assert_array_equal(rgb[row][order], colors[k][expected])
+    out = tmp_path / "out"
+    tdcr("data", "export", folder, "--format", "npz", "--out", out)
+    with h5py.File(folder / "val/shard-00000.h5") as file, np.load(out / "val/cloud-00000.npz") as archive:
+        np.testing.assert_array_equal(archive["points"], file["data"][0])
+        np.testing.assert_array_equal(archive["rgb"], file["rgb"][0])

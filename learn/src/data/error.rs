@@ -129,6 +129,9 @@ pub enum DataError {
         /// The values it may take.
         expected: &'static str,
     },
+    /// A file of another program could not be read.
+    #[error(transparent)]
+    CloudFile(#[from] super::CloudFileError),
     /// A design of experiments without points for the data set.
     #[error("{problem}")]
     Design {

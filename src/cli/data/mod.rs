@@ -1,6 +1,7 @@
 //! `tdcr data`: what is in data sets, and the ways in and out of them.
 
 mod check;
+mod exchange;
 mod info;
 mod view;
 
@@ -10,7 +11,7 @@ use clap::{Args, Subcommand};
 
 use super::console::Console;
 
-/// Look at data sets, check them
+/// Look at data sets, check them, make them of other programs' clouds and the reverse
 #[derive(Debug, Args)]
 pub(super) struct DataArgs {
     #[command(subcommand)]
@@ -22,6 +23,8 @@ enum DataCommand {
     Info(info::InfoArgs),
     View(view::ViewArgs),
     Check(check::CheckArgs),
+    Import(exchange::ImportArgs),
+    Export(exchange::ExportArgs),
 }
 
 pub(super) fn run(args: &DataArgs, console: &Console) -> anyhow::Result<()> {
@@ -29,6 +32,8 @@ pub(super) fn run(args: &DataArgs, console: &Console) -> anyhow::Result<()> {
         DataCommand::Info(args) => info::run(args, console),
         DataCommand::View(args) => view::run(args, console),
         DataCommand::Check(args) => check::run(args, console),
+        DataCommand::Import(args) => exchange::import(args, console),
+        DataCommand::Export(args) => exchange::export(args, console),
     }
 }
 

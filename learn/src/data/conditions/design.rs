@@ -83,7 +83,7 @@ impl Design {
 fn grid_levels(dimensions: usize, count: usize) -> Result<usize, DataError> {
     let exponent = u32::try_from(dimensions).unwrap_or(u32::MAX);
     let size = |levels: usize| levels.checked_pow(exponent).unwrap_or(usize::MAX);
-    let levels = (1..)
+    let levels = (1..=count)
         .take_while(|&levels| size(levels) <= count)
         .last()
         .unwrap_or(1);
