@@ -5,8 +5,9 @@
 //! stages that resume where they were interrupted; [`report`] shows the result.
 //!
 //! ```
+//! use tdcr::learn::data::Design;
 //! use tdcr::learn::train::TrainSettings;
-//! use tdcr::pipeline::{CollectSettings, NetworkSize, Silent, collect, train};
+//! use tdcr::pipeline::{CollectSettings, NetworkSize, Silent, TrainingData, collect, train};
 //! use tdcr::sim::render::BaseVisibility;
 //! use tdcr::sim::robot::RobotSpec;
 //!
@@ -16,6 +17,8 @@
 //! let settings = CollectSettings {
 //!     robot: RobotSpec::load("2m")?,
 //!     base: BaseVisibility::Hidden,
+//!     payload: None,
+//!     design: Design::Uniform,
 //!     count: 20,
 //!     points: 1000,
 //!     voxel_size: 0.002,
@@ -26,7 +29,7 @@
 //! // A toy: good shapes take thousands of steps, and a few minutes.
 //! let size = NetworkSize { width: 32, depth: 3, embedding: 32 };
 //! let settings = TrainSettings { steps: 50, warmup_steps: 5, validate_every: 25, ..TrainSettings::default() };
-//! let trained = train(&data, &run, size, &settings, &Silent)?;
+//! let trained = train(&TrainingData::Set(data), &run, size, &settings, &Silent)?;
 //!
 //! let command = [0.034, 0.007, 0.001, 0.026, 0.015, 0.019];
 //! let cloud = trained.model.predict(&command, 500, 0, &trained.model.settings.sampler)?;

@@ -33,7 +33,7 @@
 //!     trainer.step()?;
 //! }
 //! trainer.validate(&|a, b| chamfer(a, b).unwrap_or(f64::NAN))?;
-//! let provenance = Provenance { robot: None, normalisation };
+//! let provenance = Provenance { subject: None, normalisation };
 //! let model = trainer.model(provenance).expect("just validated");
 //!
 //! let cloud = model.predict(&[0.03], 100, 0, &Heun::default())?;

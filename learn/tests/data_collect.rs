@@ -10,7 +10,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::LazyLock;
 
-use common::{collect, files, meta, restore, sample, write_missing_blocks};
+use common::{
+    collect, files, loaded_meta, loaded_sample, meta, restore, sample, write_missing_blocks,
+};
 use serde_json::json;
 use tdcr_learn::data::{Collector, DataError, DataSet, Sample, Split};
 use tempfile::tempdir;
@@ -264,10 +266,11 @@ fn what_is_written_is_read_back() {
         let clouds = set.cloud_set(split).unwrap();
         assert_eq!(clouds.len(), expected.len());
         for (k, sample) in expected.iter().enumerate() {
-            let command: Vec<f64> = sample.motors.iter().map(|&m| m.into()).collect();
             assert_eq!(
                 clouds.condition(k),
-                set.normalisation().condition(&command).unwrap()
+                set.normalisation()
+                    .condition(&sample.condition.to_vec())
+                    .unwrap()
             );
             let mut points = clouds.cloud(k).to_vec();
             set.normalisation().denormalise_points(&mut points);
@@ -276,4 +279,47 @@ fn what_is_written_is_read_back() {
             }
         }
     }
+}
+
+#[test]
+fn payloads_are_the_last_of_the_motors_and_an_array_of_their_own() {
+    let dir = tempdir().unwrap();
+    let collector = Collector::open(dir.path(), &loaded_meta()).unwrap();
+    for block in collector.missing_blocks() {
+        let samples: Vec<Sample> = block.clone().map(loaded_sample).collect();
+        collector.write_block(block.start, &samples).unwrap();
+    }
+    assert!(collector.missing_blocks().is_empty());
+    collector.finish(|_, _| {}).unwrap();
+
+    let set = DataSet::open(dir.path()).unwrap();
+    let split = &tdcr_learn::data::split_indices(43, 7).unwrap();
+    for (k, sample) in set.read_split(Split::Train).unwrap().iter().enumerate() {
+        assert_eq!(*sample, loaded_sample(split.train[k]));
+    }
+    let clouds = set.cloud_set(Split::Val).unwrap();
+    assert_eq!(clouds.condition_dim, 3);
+    for (k, &index) in split.val.iter().enumerate() {
+        let expected = index as f32 / 42.0;
+        assert!((clouds.condition(k)[2] - expected).abs() < 1e-6);
+    }
+    // A shard without payloads does not belong here, and one whose copies differ is refused.
+    let plain = tempdir().unwrap();
+    collect(plain.path(), &meta());
+    let shard = "val/shard-00000.h5";
+    let whole = fs::read(dir.path().join(shard)).unwrap();
+    fs::copy(plain.path().join(shard), dir.path().join(shard)).unwrap();
+    let error = set.read_split(Split::Val).unwrap_err();
+    assert!(matches!(error, DataError::PayloadArray { .. }), "{error}");
+    let stored = (split.val[0] as f32 / 2048.0).to_le_bytes();
+    let row = |bytes: &[u8]| bytes.windows(4).rposition(|window| window == stored);
+    let mut damaged = whole.clone();
+    let place = row(&whole).unwrap();
+    damaged[place + 3] ^= 0x80;
+    fs::write(dir.path().join(shard), damaged).unwrap();
+    let error = set.read_split(Split::Val).unwrap_err();
+    assert!(
+        matches!(error, DataError::Disagrees { sample: 0, .. }),
+        "{error}"
+    );
 }

@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 use common::{CHUNKED, chunked, collect, meta};
 use hdf5_pure::FileBuilder;
 use proptest::prelude::*;
-use tdcr_learn::data::{DataError, DataSet, Normalisation, Sample, Split};
+use tdcr_learn::data::{DataError, DataSet, Finding, Normalisation, Sample, Split, check};
 use tempfile::{TempDir, tempdir};
 
 fn error(dir: &TempDir) -> DataError {
@@ -31,7 +31,9 @@ fn a_compressed_set_written_by_h5py_is_read() {
     let samples = set.read_split(Split::Train).unwrap();
     assert_eq!(samples.len(), 5);
     let f32s = |values: [f64; 3]| values.map(|value| value as f32);
-    for (i, Sample { motors, cloud }) in samples.iter().enumerate() {
+    for (i, Sample { condition, cloud }) in samples.iter().enumerate() {
+        let motors = &condition.motors;
+        assert_eq!(condition.payload, None);
         let step = 0.01 * i as f64;
         assert_eq!(*motors, [step as f32, (0.01 * (i as f64 + 1.0)) as f32]);
         for k in 0..5 {
@@ -307,7 +309,7 @@ fn a_meta_of_another_version_is_refused() {
     assert!(
         error
             .to_string()
-            .contains("meta.json: data set field `format` is 99"),
+            .contains("meta.json: the data set is of format 99, expected 2"),
         "{error}"
     );
 }
@@ -364,4 +366,54 @@ proptest! {
         // Damage to the numbers themselves cannot be told from numbers.
         let _ = read_damaged(&DAMAGED, &bytes);
     }
+}
+
+#[test]
+fn a_sound_set_has_no_findings_and_each_fault_has_one() {
+    let dir = tempdir().unwrap();
+    collect(dir.path(), &meta());
+    assert_eq!(check(dir.path()).unwrap(), []);
+
+    // A shard of train instead of val's: known commands, and values that no longer reach the ends.
+    let twice = tempdir().unwrap();
+    collect(twice.path(), &meta());
+    let [train, val] = ["train/shard-00003.h5", "val/shard-00000.h5"];
+    let samples = DataSet::open(twice.path()).unwrap();
+    assert_eq!(samples.conditions(Split::Val).unwrap().len(), 4);
+    fs::copy(
+        twice.path().join("test/shard-00000.h5"),
+        twice.path().join(val),
+    )
+    .unwrap();
+    let findings = check(twice.path()).unwrap();
+    let duplicates = findings
+        .iter()
+        .filter(|f| matches!(f, Finding::Duplicate { .. }));
+    assert_eq!(duplicates.count(), 4);
+    let said = findings[0].to_string();
+    assert!(
+        said.starts_with("sample 0 of test has the condition of sample 0 of val, ["),
+        "{said}"
+    );
+    assert!(said.ends_with("a split knows what another asks"), "{said}");
+    assert!(dir.path().join(train).exists());
+
+    // Files that speak of other values than there are.
+    let mut units = samples.normalisation().clone();
+    units.scale *= 1.00005;
+    units.save(dir.path()).unwrap();
+    assert_eq!(check(dir.path()).unwrap(), []);
+    units.scale *= 1.01;
+    units.save(dir.path()).unwrap();
+    let error = check(dir.path()).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            DataError::Disagrees {
+                dataset: "scale",
+                ..
+            }
+        ),
+        "{error}"
+    );
 }

@@ -7,7 +7,7 @@ mod common;
 use std::fs;
 
 use common::{collect, files, meta, restore, sample};
-use tdcr_learn::data::{Collector, DataError, Meta, Sample};
+use tdcr_learn::data::{Collector, DataError, Meta, Origin, PayloadRange, Recipe, Sample};
 use tdcr_sim::render::BaseVisibility;
 use tempfile::tempdir;
 
@@ -17,24 +17,18 @@ fn another_set_in_the_folder_is_refused_by_the_field_that_differs() {
     let _collector = Collector::open(dir.path(), &meta()).unwrap();
     let complete = tempdir().unwrap();
     collect(complete.path(), &meta());
-    let mut heavier = meta().robot;
-    heavier.modules[1].pitch = 0.017f64.next_up();
     for (changed, field, values) in [
         (Meta { seed: 8, ..meta() }, "seed", ["8", "7"]),
         (
-            Meta {
-                robot: heavier,
-                ..meta()
-            },
-            "robot.modules[1].pitch",
+            with_recipe(|recipe| {
+                recipe.subject.robot.modules[1].pitch = 0.017f64.next_up();
+            }),
+            "origin.simulated.recipe.subject.robot.modules[1].pitch",
             ["0.017000000000000005", "0.017"],
         ),
         (
-            Meta {
-                base: BaseVisibility::Shown,
-                ..meta()
-            },
-            "base",
+            with_recipe(|recipe| recipe.subject.base = BaseVisibility::Shown),
+            "origin.simulated.recipe.subject.base",
             ["\"shown\"", "\"hidden\""],
         ),
     ] {
@@ -94,12 +88,21 @@ fn two_collectors_of_one_folder_are_refused() {
     ));
 }
 
+/// [`meta`] with another recipe.
+fn with_recipe(change: impl FnOnce(&mut Recipe)) -> Meta {
+    let mut meta = meta();
+    if let Origin::Simulated { recipe, .. } = &mut meta.origin {
+        change(recipe);
+    }
+    meta
+}
+
 #[test]
 fn settings_of_which_no_data_set_can_be_made_are_refused_by_name() {
     for (changed, field) in [
         (
             Meta {
-                format: 2,
+                format: 1,
                 ..meta()
             },
             "format",
@@ -126,18 +129,15 @@ fn settings_of_which_no_data_set_can_be_made_are_refused_by_name() {
             "samples_per_shard",
         ),
         (
-            Meta {
-                voxel_size: f64::NAN,
-                ..meta()
-            },
+            with_recipe(|recipe| recipe.voxel_size = f64::NAN),
             "voxel_size",
         ),
+        (with_recipe(|recipe| recipe.voxel_size = 0.0), "voxel_size"),
         (
-            Meta {
-                voxel_size: 0.0,
-                ..meta()
-            },
-            "voxel_size",
+            with_recipe(|recipe| {
+                recipe.subject.payload = Some(PayloadRange { min: 0.2, max: 0.1 });
+            }),
+            "payload",
         ),
     ] {
         let error = Collector::open(tempdir().unwrap().path(), &changed).unwrap_err();
@@ -156,8 +156,15 @@ fn samples_that_do_not_fit_are_refused_by_index() {
     let dir = tempdir().unwrap();
     let collector = Collector::open(dir.path(), &meta()).unwrap();
     type Spoil = fn(&mut Sample);
-    let spoil: [(Spoil, &str); 5] = [
-        (|sample| sample.motors.truncate(1), "1 motors, expected 2"),
+    let spoil: [(Spoil, &str); 6] = [
+        (
+            |sample| sample.condition.motors.truncate(1),
+            "1 motors, expected 2",
+        ),
+        (
+            |sample| sample.condition.payload = Some(0.01),
+            "a payload, expected no payload",
+        ),
         (
             |sample| sample.cloud.points.truncate(5),
             "5 points and 6 colours",
@@ -166,7 +173,7 @@ fn samples_that_do_not_fit_are_refused_by_index() {
             |sample| sample.cloud.colors.truncate(5),
             "6 points and 5 colours",
         ),
-        (|sample| sample.motors[1] = f32::NAN, "NaN"),
+        (|sample| sample.condition.motors[1] = f32::NAN, "NaN"),
         (|sample| sample.cloud.points[5][2] = f32::INFINITY, "inf"),
     ];
     for (spoil, what) in spoil {

@@ -84,7 +84,7 @@ fn refusal(
 ) -> String {
     let (model, folder) = model();
     let mut header = json!({
-        "format": 1,
+        "format": 2,
         "kind": "model",
         "content": {
             "provenance": model.provenance,
@@ -134,8 +134,8 @@ fn refusal(
 fn files_that_are_no_model_are_refused_with_what_is_wrong() {
     assert_eq!(refusal(|_, _| ()), "accepted");
     assert_eq!(
-        refusal(|header, _| header["format"] = json!(2)),
-        "format version 2, expected 1"
+        refusal(|header, _| header["format"] = json!(1)),
+        "format version 1, expected 2"
     );
     assert_eq!(
         refusal(|header, _| header["kind"] = json!("training state")),
@@ -166,7 +166,7 @@ fn files_that_are_no_model_are_refused_with_what_is_wrong() {
         "header `tdcr`: network width is 0, expected 1 to 8192"
     );
     let normalisation = json!({"motor_min": [0.0, 1.1], "motor_max": [1.0, 1.0], "scale": 0.4});
-    let provenance = json!({"robot": null, "normalisation": normalisation});
+    let provenance = json!({"subject": null, "normalisation": normalisation});
     assert_eq!(
         content("provenance", provenance),
         "header `tdcr`: motor 1 runs from 1.1 to 1, expected min <= max, finite"

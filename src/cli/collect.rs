@@ -1,12 +1,13 @@
 //! `tdcr collect`.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
-use tdcr::learn::data::{Split, split_indices};
-use tdcr::pipeline::{CollectSettings, collect};
-use tdcr::sim::render::BaseVisibility;
+use tdcr::learn::data::{Design, PayloadRange, Split, split_indices};
+use tdcr::pipeline::{CollectSettings, CollectTimes, collect};
 
 use super::console::Console;
 
@@ -30,6 +31,12 @@ pub(super) struct CollectArgs {
     /// Show the robot's base to the cameras
     #[arg(long)]
     base: bool,
+    /// Hang payloads from the tip (kg): a tenth exactly 0, the others uniform from MIN to MAX
+    #[arg(long, value_name = "MIN:MAX", value_parser = payload_range, allow_hyphen_values = true)]
+    payload: Option<PayloadRange>,
+    /// How commands and payloads are chosen
+    #[arg(long, default_value = Design::Uniform.name(), value_parser = design())]
+    design: Design,
     /// Seed of commands, samples and splits
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -46,23 +53,34 @@ struct Collected {
     val: usize,
     test: usize,
     points: usize,
+    /// Wall clock of this run (s).
+    seconds: f64,
+    /// Where the time of this run went (s).
+    times: CollectTimes,
 }
 
 pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
     let splits = split_indices(args.samples, args.seed)?;
     let settings = CollectSettings {
         robot: super::load_robot(&args.robot)?,
-        base: if args.base {
-            BaseVisibility::Shown
-        } else {
-            BaseVisibility::Hidden
-        },
+        base: super::visibility(args.base),
+        payload: args.payload,
+        design: args.design,
         count: args.samples,
         points: args.points,
         voxel_size: args.voxel,
         seed: args.seed,
     };
-    collect(&settings, &args.out, console)?;
+    let began = Instant::now();
+    let times = collect(&settings, &args.out, console)?;
+    tracing::info!(
+        "over all threads: settle {:.1} s, see {:.1} s, sample {:.1} s, write {:.1} s; then shards in {:.1} s",
+        times.settle,
+        times.see,
+        times.sample,
+        times.write,
+        times.shards
+    );
     let collected = Collected {
         dir: args.out.clone(),
         robot: settings.robot.name,
@@ -70,6 +88,8 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
         val: splits.of(Split::Val).len(),
         test: splits.of(Split::Test).len(),
         points: args.points,
+        seconds: began.elapsed().as_secs_f64(),
+        times,
     };
     console.result(&collected, |c| {
         format!(
@@ -81,5 +101,21 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
             c.points,
             c.robot
         )
+    })
+}
+
+/// Parses the ends of a payload range (kg); what range makes sense, the data set says.
+pub(super) fn payload_range(text: &str) -> Result<PayloadRange, String> {
+    let ends = text.split_once(':');
+    let ends = ends.and_then(|(min, max)| Some((min.parse().ok()?, max.parse().ok()?)));
+    let (min, max) = ends.ok_or("expected MIN:MAX, two masses in kg")?;
+    Ok(PayloadRange { min, max })
+}
+
+/// Parses the name of a design.
+fn design() -> impl TypedValueParser<Value = Design> {
+    PossibleValuesParser::new(Design::ALL.map(Design::name)).map(|name| {
+        let design = Design::ALL.into_iter().find(|design| design.name() == name);
+        design.expect("one of the possible values")
     })
 }

@@ -7,12 +7,12 @@ use std::time::Instant;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
-use tdcr::learn::data::{Split, split_indices};
+use tdcr::learn::data::{Design, Split, split_indices};
 use tdcr::learn::flow::Heun;
 use tdcr::learn::train::TrainSettings;
 use tdcr::pipeline::{
     CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Trained,
-    collect, train,
+    TrainingData, collect, train,
 };
 use tdcr::report::{Example, PerTest, Report, Score, Stage, contact_sheet, scale_bar};
 use tdcr::sim::cloud::PointCloud;
@@ -70,12 +70,14 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     let settings = CollectSettings {
         robot: RobotSpec::standard("2m").expect("2m is a standard robot"),
         base: BaseVisibility::Hidden,
+        payload: None,
+        design: Design::Uniform,
         count: args.samples,
         points: POINTS,
         voxel_size: 0.002,
         seed: args.seed,
     };
-    clock.time("collect", || collect(&settings, &data, console))?;
+    clock.time("collect", || collect(&settings, &data, console).map(drop))?;
 
     let training = TrainSettings {
         steps: args.steps,
@@ -84,7 +86,15 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         seed: args.seed,
         ..TrainSettings::default()
     };
-    let trained = clock.time("train", || train(&data, &run, NETWORK, &training, console))?;
+    let trained = clock.time("train", || {
+        train(
+            &TrainingData::Set(data.clone()),
+            &run,
+            NETWORK,
+            &training,
+            console,
+        )
+    })?;
 
     let scoring = EvalSettings {
         points: POINTS,
@@ -182,7 +192,7 @@ fn examples(evaluator: &Evaluator, evaluation: &Evaluation) -> Result<Vec<Exampl
                 rank if rank == last => format!("test {index}, the worst"),
                 _ => format!("test {index}"),
             },
-            command: sample.motors.iter().map(|m| f64::from(*m)).collect(),
+            command: sample.condition.to_vec(),
             truth: sample.cloud.clone(),
             prediction: colorless(evaluator.predict(index)?),
             nearest: colorless(evaluator.nearest(index)?),

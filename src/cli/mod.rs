@@ -2,6 +2,7 @@
 
 mod collect;
 mod console;
+mod data;
 mod demo;
 mod eval;
 mod export;
@@ -18,6 +19,7 @@ use anyhow::Context;
 use clap::{Args, Parser, Subcommand};
 use tdcr::learn::flow::{Heun, TimeGrid};
 use tdcr::pipeline::PipelineError;
+use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::RobotSpec;
 use tracing_subscriber::filter::LevelFilter;
 
@@ -51,6 +53,7 @@ enum Command {
     Settle(settle::SettleArgs),
     Simulate(simulate::SimulateArgs),
     Collect(collect::CollectArgs),
+    Data(data::DataArgs),
     Train(train::TrainArgs),
     Predict(predict::PredictArgs),
     Eval(eval::EvalArgs),
@@ -152,6 +155,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Settle(args) => settle::run(args, &console),
         Command::Simulate(args) => simulate::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),
+        Command::Data(args) => data::run(args, &console),
         Command::Train(args) => train::run(args, &console),
         Command::Predict(args) => predict::run(args, &console),
         Command::Eval(args) => eval::run(args, &console),
@@ -168,6 +172,14 @@ fn load_robot(name_or_path: &str) -> anyhow::Result<RobotSpec> {
         tracing::warn!("{note}");
     }
     Ok(spec)
+}
+
+/// Whether the base is in view, from a flag.
+fn visibility(base: bool) -> BaseVisibility {
+    match base {
+        true => BaseVisibility::Shown,
+        false => BaseVisibility::Hidden,
+    }
 }
 
 /// Parses a number of things that are held in memory or counted on disk.

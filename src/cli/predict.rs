@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use anyhow::bail;
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::train::Model;
 use tdcr::sim::cloud::{PointCloud, write_ply};
-use tdcr::sim::robot::Robot;
+use tdcr::sim::robot::{Loads, Robot};
 
 use super::console::Console;
 use super::{CommandArg, SamplerArgs};
@@ -20,6 +21,9 @@ pub(super) struct PredictArgs {
     model: PathBuf,
     #[command(flatten)]
     command: CommandArg,
+    /// Mass hung from the tip (kg), for a model of data with payloads
+    #[arg(long, allow_hyphen_values = true, value_name = "KG")]
+    payload: Option<f64>,
     /// Points of the cloud
     #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::amount)]
     points: usize,
@@ -49,11 +53,9 @@ const COLOR: [u8; 3] = [0, 114, 178];
 pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
     let sampler = args.sampler.sampler()?;
     let model = Model::load(&args.model)?;
-    if let Some(spec) = &model.provenance.robot {
-        Robot::new(spec.clone())?.command(&args.command.lengths)?;
-    }
+    let condition = condition(args, &model)?;
     let start = Instant::now();
-    let points = model.predict(&args.command.lengths, args.points, args.seed, &sampler)?;
+    let points = model.predict(&condition, args.points, args.seed, &sampler)?;
     let seconds = start.elapsed().as_secs_f64();
     let bound = |pick: fn(f32, f32) -> f32, from: f32| {
         points.iter().fold([from; 3], |b, p| {
@@ -79,4 +81,25 @@ pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
             p.seconds
         )
     })
+}
+
+/// The command and, for a model of data with payloads, the payload.
+fn condition(args: &PredictArgs, model: &Model) -> anyhow::Result<Vec<f64>> {
+    let mut condition = args.command.lengths.clone();
+    let subject = model.provenance.subject.as_ref();
+    if let Some(subject) = subject {
+        Robot::new(subject.robot.clone())?.command(&condition)?;
+    }
+    match (subject.and_then(|subject| subject.payload), args.payload) {
+        (Some(_), Some(mass)) => {
+            Loads::payload(mass)?;
+            condition.push(mass);
+        }
+        (Some(range), None) => {
+            bail!("the model was trained with payloads of {range} kg: say --payload KG, 0 for none")
+        }
+        (None, Some(_)) => bail!("the model was trained without payloads: leave out --payload"),
+        (None, None) => {}
+    }
+    Ok(condition)
 }

@@ -4,12 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
+use tdcr::learn::data::{PayloadRange, Recipe, StreamSpec, Subject};
 use tdcr::learn::train::TrainSettings;
-use tdcr::pipeline::{NetworkSize, model_path, train};
+use tdcr::pipeline::{NetworkSize, StreamSettings, TrainingData, model_path, train};
 
 use super::console::Console;
 
-/// Train a velocity network on a data set by action-conditioned flow matching
+/// Train a velocity network on a data set or a stream by action-conditioned flow matching
 ///
 /// Interrupted, the same command goes on where it stopped.
 #[derive(Debug, Args)]
@@ -17,6 +18,8 @@ pub(super) struct TrainArgs {
     /// Folder of the data set
     #[arg(long, default_value = "data", value_name = "DIR")]
     data: PathBuf,
+    #[command(flatten)]
+    stream: StreamArgs,
     /// Folder of the run: model and state
     #[arg(long, default_value = "run", value_name = "DIR")]
     out: PathBuf,
@@ -49,6 +52,72 @@ pub(super) struct TrainArgs {
     seed: u64,
 }
 
+/// Training without a data set.
+#[derive(Debug, Args)]
+struct StreamArgs {
+    /// Train on fresh samples of this robot instead of a data set: 2m, 3m, 5m, or a robot file. Commands and points are
+    /// scaled by the tendons' ranges and the reach of the straight robot
+    #[arg(long, value_name = "ROBOT", conflicts_with = "data")]
+    stream: Option<String>,
+    /// Show the robot's base to the stream's cameras
+    #[arg(long, requires = "stream")]
+    base: bool,
+    /// Payloads of the stream (kg)
+    #[arg(long, value_name = "MIN:MAX", value_parser = super::collect::payload_range, requires = "stream", allow_hyphen_values = true)]
+    payload: Option<PayloadRange>,
+    /// Points per cloud of the stream
+    #[arg(long, default_value_t = 2000, value_name = "N", value_parser = super::amount, requires = "stream")]
+    stream_points: usize,
+    /// Edge of the voxels that thin the stream's clouds (m)
+    #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, requires = "stream")]
+    voxel: f64,
+    /// Clouds of the stream that a step draws from
+    #[arg(long, default_value_t = 512, value_name = "N", value_parser = super::amount, requires = "stream")]
+    window: usize,
+    /// Clouds of the window that are replaced by fresh ones after each step
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = super::amount, requires = "stream")]
+    fresh: usize,
+    /// Folder of a data set whose val split validates; by default clouds of the stream that no step sees
+    #[arg(long, value_name = "DIR", requires = "stream")]
+    validation: Option<PathBuf>,
+}
+
+/// The data set, or the stream where one is asked for.
+fn training_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
+    let Some(robot) = &args.stream.stream else {
+        return Ok(TrainingData::Set(args.data.clone()));
+    };
+    let StreamArgs {
+        base,
+        payload,
+        stream_points,
+        voxel,
+        window,
+        fresh,
+        ref validation,
+        ..
+    } = args.stream;
+    let subject = Subject {
+        robot: super::load_robot(robot)?,
+        base: super::visibility(base),
+        payload,
+    };
+    let recipe = Recipe {
+        subject,
+        voxel_size: voxel,
+    };
+    Ok(TrainingData::Stream(Box::new(StreamSettings {
+        spec: StreamSpec {
+            recipe,
+            points: stream_points,
+            seed: args.seed,
+        },
+        window,
+        fresh,
+        validation: validation.clone(),
+    })))
+}
+
 #[derive(Serialize)]
 struct Run {
     model: PathBuf,
@@ -76,7 +145,8 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
         seed: args.seed,
         ..defaults
     };
-    let trained = train(&args.data, &args.out, size, &settings, console)?;
+    let data = training_data(args)?;
+    let trained = train(&data, &args.out, size, &settings, console)?;
     let scale = trained.model.provenance.normalisation.scale;
     let run = Run {
         model: model_path(&args.out),

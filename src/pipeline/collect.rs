@@ -1,15 +1,17 @@
-//! From random commands to a data set of clouds.
+//! From conditions to a data set of clouds.
 
 use std::path::Path;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use tdcr_learn::data::{Collector, DataError, Meta, Sample};
-use tdcr_sim::cloud::{Observer, VoxelGrid};
+use serde::Serialize;
+use tdcr_learn::data::{
+    Collector, Condition, DataError, Design, Meta, Origin, PayloadRange, Recipe, Sample,
+    SimulationTimes, Simulator, Subject, conditions,
+};
 use tdcr_sim::render::BaseVisibility;
-use tdcr_sim::robot::{Command, Loads, Robot, RobotSpec};
-use tdcr_sim::statics::Settler;
+use tdcr_sim::robot::{Robot, RobotSpec};
 
 use super::{Monitor, PipelineError};
 
@@ -23,17 +25,47 @@ pub struct CollectSettings {
     pub robot: RobotSpec,
     /// Whether the cameras see the base.
     pub base: BaseVisibility,
-    /// Number of commands, all splits together.
+    /// Payloads at the tip; `None` for a data set without.
+    pub payload: Option<PayloadRange>,
+    /// How the conditions are chosen.
+    pub design: Design,
+    /// Number of conditions, all splits together.
     pub count: usize,
     /// Points per cloud.
     pub points: usize,
     /// Edge of the voxel grid that thins the fused clouds (m).
     pub voxel_size: f64,
-    /// Seed of commands, samples and splits.
+    /// Seed of conditions, samples and splits.
     pub seed: u64,
 }
 
+/// Time that collecting took, added up over the threads but for the shards (s).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct CollectTimes {
+    /// Settling the robot.
+    pub settle: f64,
+    /// Rendering, back-projection and voxels.
+    pub see: f64,
+    /// Drawing the points that are kept.
+    pub sample: f64,
+    /// Writing samples as they come.
+    pub write: f64,
+    /// Writing the shards in the end, wall clock.
+    pub shards: f64,
+}
+
 impl CollectSettings {
+    fn recipe(&self) -> Recipe {
+        Recipe {
+            subject: Subject {
+                robot: self.robot.clone(),
+                base: self.base,
+                payload: self.payload,
+            },
+            voxel_size: self.voxel_size,
+        }
+    }
+
     fn meta(&self) -> Meta {
         Meta {
             format: Meta::FORMAT,
@@ -43,14 +75,24 @@ impl CollectSettings {
             motors: self.robot.tendon_count(),
             points_per_cloud: self.points,
             samples_per_shard: SAMPLES_PER_SHARD,
-            voxel_size: self.voxel_size,
-            robot: self.robot.clone(),
-            base: self.base,
+            origin: Origin::Simulated {
+                recipe: self.recipe(),
+                design: self.design,
+            },
         }
     }
 }
 
-/// Settles the robot under random commands, sees it, and writes the clouds to the folder `dir`.
+impl CollectTimes {
+    fn add(&mut self, simulation: SimulationTimes, write: Duration) {
+        self.settle += simulation.settle.as_secs_f64();
+        self.see += simulation.see.as_secs_f64();
+        self.sample += simulation.sample.as_secs_f64();
+        self.write += write.as_secs_f64();
+    }
+}
+
+/// Settles the robot under the conditions of a design, sees it, and writes the clouds to the folder `dir`.
 ///
 /// Sample `i` is a function of the settings and `i` alone, so an interrupted collection that is taken
 /// up, on any number of threads, gives the files of an uninterrupted one.
@@ -62,42 +104,65 @@ pub fn collect(
     settings: &CollectSettings,
     dir: &Path,
     monitor: &dyn Monitor,
-) -> Result<(), PipelineError> {
+) -> Result<CollectTimes, PipelineError> {
     let robot = Robot::new(settings.robot.clone())?;
+    let CollectSettings {
+        payload,
+        design,
+        count,
+        seed,
+        ..
+    } = *settings;
+    let conditions = conditions(&robot, payload, design, count, seed)?;
     let collector = Collector::open(dir, &settings.meta())?;
+    let mut times = simulate(settings, &robot, &conditions, &collector, monitor)?;
+    let began = Instant::now();
+    finish(collector, monitor)?;
+    times.shards = began.elapsed().as_secs_f64();
+    Ok(times)
+}
+
+/// Makes and stores the blocks that are missing.
+fn simulate(
+    settings: &CollectSettings,
+    robot: &Robot,
+    conditions: &[Condition],
+    collector: &Collector,
+    monitor: &dyn Monitor,
+) -> Result<CollectTimes, PipelineError> {
     let blocks = collector.missing_blocks();
     let missing: usize = blocks.iter().map(ExactSizeIterator::len).sum();
     if missing > 0 {
-        monitor.begin(
-            "collect",
-            settings.count as u64,
-            (settings.count - missing) as u64,
-        );
+        let count = settings.count;
+        monitor.begin("collect", count as u64, (count - missing) as u64);
     }
-    let grid = VoxelGrid::new(settings.voxel_size);
-    let tools = || {
-        (
-            Settler::new(&robot),
-            Observer::new(&robot, settings.base, grid),
-        )
-    };
-    blocks
-        .into_par_iter()
-        .try_for_each_init(tools, |(settler, observer), block| {
+    let recipe = settings.recipe();
+    let times = Mutex::new(CollectTimes::default());
+    blocks.into_par_iter().try_for_each_init(
+        || Simulator::new(robot, &recipe),
+        |simulator, block| {
             if monitor.interrupted() {
                 return Err(PipelineError::Interrupted);
             }
             let first = block.start;
-            let samples: Vec<Sample> = block
-                .map(|index| sample(settings, index, &robot, settler, observer))
-                .collect::<Result<_, _>>()?;
+            let before = simulator.times();
+            let sample = |index: usize| {
+                let condition = conditions[index].clone();
+                simulator.sample(condition, settings.points, settings.seed, index as u64)
+            };
+            let samples: Vec<Sample> = block.map(sample).collect::<Result<_, _>>()?;
+            let began = Instant::now();
             collector.write_block(first, &samples)?;
+            let spent = simulator.times() - before;
+            if let Ok(mut times) = times.lock() {
+                times.add(spent, began.elapsed());
+            }
             monitor.advance(samples.len() as u64);
             Ok(())
-        })?;
+        },
+    )?;
     monitor.end();
-    finish(collector, monitor)?;
-    Ok(())
+    Ok(times.into_inner().unwrap_or_default())
 }
 
 fn finish(collector: Collector, monitor: &dyn Monitor) -> Result<(), DataError> {
@@ -112,47 +177,4 @@ fn finish(collector: Collector, monitor: &dyn Monitor) -> Result<(), DataError> 
             monitor.end();
         }
     })
-}
-
-fn sample(
-    settings: &CollectSettings,
-    index: usize,
-    robot: &Robot,
-    settler: &mut Settler,
-    observer: &mut Observer,
-) -> Result<Sample, PipelineError> {
-    let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-    rng.set_stream(index as u64);
-    let command = stored(robot, &robot.random_command(&mut rng));
-    let equilibrium = settler.settle(&command, &Loads::default());
-    if !equilibrium.converged {
-        return Err(PipelineError::NotSettled {
-            residual: equilibrium.residual,
-            command: command.as_slice().to_vec(),
-        });
-    }
-    let cloud = observer
-        .observe(equilibrium)
-        .sample_or_pad(settings.points, &mut rng);
-    Ok(Sample {
-        motors: command
-            .as_slice()
-            .iter()
-            .map(|length| *length as f32)
-            .collect(),
-        cloud,
-    })
-}
-
-/// The command as a data set stores it, in `f32`: settled as it will be read.
-fn stored(robot: &Robot, command: &Command) -> Command {
-    let rounded: Vec<f64> = (command.as_slice().iter().zip(robot.tendons()))
-        .map(|(length, tendon)| {
-            let [low, high] = tendon.range;
-            f64::from(*length as f32).clamp(low, high)
-        })
-        .collect();
-    robot
-        .command(&rounded)
-        .expect("clamped to the tendons' ranges")
 }

@@ -8,12 +8,14 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use tdcr_learn::data::{CloudSet, DataSet, Meta, Normalisation, Sample, Split};
+use tdcr_learn::data::{
+    CloudSet, Condition, DataSet, Normalisation, Recipe, Sample, Simulator, Split, Subject,
+};
 use tdcr_learn::flow::Heun;
 use tdcr_learn::metrics::{chamfer, emd};
 use tdcr_learn::train::Model;
-use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid};
-use tdcr_sim::robot::{Loads, Robot};
+use tdcr_sim::cloud::PointCloud;
+use tdcr_sim::robot::Robot;
 
 use super::journal::Journal;
 use super::{Monitor, PipelineError};
@@ -121,7 +123,8 @@ pub struct Evaluator<'a> {
 /// The simulated robot of a data set, to see true shapes again.
 struct Simulation {
     robot: Robot,
-    meta: Meta,
+    recipe: Recipe,
+    points: usize,
     /// Cloud of the mean training command.
     mean: PointCloud,
 }
@@ -130,22 +133,17 @@ impl<'a> Evaluator<'a> {
     /// Prepares to test `model` on the data set in the folder `data`.
     ///
     /// # Errors
-    /// [`PipelineError`] where the data set cannot be read, is of another robot than the model, or has
-    /// fewer points per cloud than are to be compared.
+    /// [`PipelineError`] where the data set cannot be read, shows another subject than the model's (robot,
+    /// base, payloads), or has fewer points per cloud than are to be compared.
     pub fn new(
         model: &'a Model,
         data: &Path,
         settings: EvalSettings,
     ) -> Result<Self, PipelineError> {
         let set = DataSet::open(data)?;
-        let meta = set.meta().cloned();
-        if let (Some(of_model), Some(meta)) = (&model.provenance.robot, &meta)
-            && *of_model != meta.robot
-        {
-            return Err(PipelineError::OtherRobot {
-                model: of_model.name.clone(),
-                data: meta.robot.name.clone(),
-            });
+        let recipe = set.meta().and_then(|meta| meta.origin.recipe().cloned());
+        if let (Some(of_model), Some(recipe)) = (&model.provenance.subject, &recipe) {
+            require_same(of_model, &recipe.subject)?;
         }
         let (training, test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
         let available = test
@@ -165,8 +163,8 @@ impl<'a> Evaluator<'a> {
                 available: settings.points,
             });
         }
-        let simulation = meta
-            .map(|meta| Simulation::new(meta, &set, &training, settings.seed))
+        let simulation = recipe
+            .map(|recipe| Simulation::new(recipe, &set, &training, settings.seed))
             .transpose()?;
         Ok(Self {
             model,
@@ -188,7 +186,7 @@ impl<'a> Evaluator<'a> {
     /// # Errors
     /// [`PipelineError::Predict`] where the command does not fit the model.
     pub fn predict(&self, index: usize) -> Result<Vec<[f32; 3]>, PipelineError> {
-        let command = lengths(&self.test[index].motors);
+        let command = self.test[index].condition.to_vec();
         let seed = self.settings.seed.wrapping_add(index as u64);
         Ok(self
             .model
@@ -200,7 +198,7 @@ impl<'a> Evaluator<'a> {
     /// # Errors
     /// [`PipelineError::Data`] where the command does not fit the data set.
     pub fn nearest(&self, index: usize) -> Result<Vec<[f32; 3]>, PipelineError> {
-        let command = lengths(&self.test[index].motors);
+        let command = self.test[index].condition.to_vec();
         let condition = self.normalisation.condition(&command)?;
         let nearest = self
             .training
@@ -314,60 +312,71 @@ impl<'a> Evaluator<'a> {
 
 impl Simulation {
     fn new(
-        meta: Meta,
+        recipe: Recipe,
         set: &DataSet,
         training: &CloudSet,
         seed: u64,
     ) -> Result<Self, PipelineError> {
-        let robot = Robot::new(meta.robot.clone())?;
+        let robot = Robot::new(recipe.subject.robot.clone())?;
         let normalisation = set.normalisation();
-        let mean_of = |motor: usize| -> f32 {
+        let mean_of = |value: usize| -> f32 {
             let sum: f64 = (0..training.len())
-                .map(|k| f64::from(training.condition(k)[motor]))
+                .map(|k| f64::from(training.condition(k)[value]))
                 .sum();
             let (low, high) = (
-                normalisation.motor_min[motor],
-                normalisation.motor_max[motor],
+                normalisation.motor_min[value],
+                normalisation.motor_max[value],
             );
             (low + (high - low) * sum / training.len() as f64) as f32
         };
-        let motors: Vec<f32> = (0..training.condition_dim).map(mean_of).collect();
-        let mut observer = Observer::new(&robot, meta.base, VoxelGrid::new(meta.voxel_size));
-        let mean = see(&robot, &meta, &motors, &mut observer, seed)?;
-        Ok(Self { robot, meta, mean })
+        let mut motors: Vec<f32> = (0..training.condition_dim).map(mean_of).collect();
+        let payload = match recipe.subject.payload {
+            Some(_) => motors.pop(),
+            None => None,
+        };
+        let condition = Condition { motors, payload };
+        let points = training.points_per_cloud;
+        let mut simulator = Simulator::new(&robot, &recipe);
+        let mean = simulator.cloud(&condition, points, &mut ChaCha8Rng::seed_from_u64(seed))?;
+        Ok(Self {
+            robot,
+            recipe,
+            points,
+            mean,
+        })
     }
 
     /// A second sample of the surface that a test sample was seen as.
     fn see_again(&self, sample: &Sample, seed: u64) -> Result<PointCloud, PipelineError> {
-        let grid = VoxelGrid::new(self.meta.voxel_size);
-        let mut observer = Observer::new(&self.robot, self.meta.base, grid).interleaved();
-        see(&self.robot, &self.meta, &sample.motors, &mut observer, seed)
+        let mut simulator = Simulator::new(&self.robot, &self.recipe).interleaved();
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        Ok(simulator.cloud(&sample.condition, self.points, &mut rng)?)
     }
 }
 
-/// A stored command (m) in double precision.
-fn lengths(motors: &[f32]) -> Vec<f64> {
-    motors.iter().map(|motor| f64::from(*motor)).collect()
-}
-
-/// The robot under a command as a data set of `meta` would show it.
-fn see(
-    robot: &Robot,
-    meta: &Meta,
-    motors: &[f32],
-    observer: &mut Observer,
-    seed: u64,
-) -> Result<PointCloud, PipelineError> {
-    let command = robot.command(&lengths(motors))?;
-    let equilibrium = robot.settle(&command, &Loads::default());
-    if !equilibrium.converged {
-        return Err(PipelineError::NotSettled {
-            residual: equilibrium.residual,
-            command: lengths(motors),
+/// Refuses to score a model of one subject on clouds of another.
+pub(super) fn require_same(model: &Subject, data: &Subject) -> Result<(), PipelineError> {
+    if model.robot != data.robot {
+        return Err(PipelineError::OtherRobot {
+            model: model.robot.name.clone(),
+            data: data.robot.name.clone(),
         });
     }
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    Ok(observer
-        .observe(&equilibrium)
-        .sample_or_pad(meta.points_per_cloud, &mut rng))
+    if model.base != data.base {
+        return Err(PipelineError::OtherBase {
+            model: model.base,
+            data: data.base,
+        });
+    }
+    let covered = match (model.payload, data.payload) {
+        (Some(model), Some(data)) => model.covers(data),
+        (model, data) => model == data,
+    };
+    if !covered {
+        return Err(PipelineError::OtherPayload {
+            model: model.payload,
+            data: data.payload,
+        });
+    }
+    Ok(())
 }

@@ -8,19 +8,23 @@ mod collect;
 mod evaluate;
 mod journal;
 mod monitor;
+mod survey;
 mod train;
 
-pub use collect::{CollectSettings, collect};
+pub use collect::{CollectSettings, CollectTimes, collect};
+use evaluate::require_same;
 pub use evaluate::{Distances, EvalSettings, Evaluation, Evaluator, Scores};
 pub use monitor::{Monitor, Silent};
-pub use train::{NetworkSize, Trained, model_path, train};
+pub use survey::{Survey, Tips};
+pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, model_path, train};
 
 use std::path::PathBuf;
 
-use tdcr_learn::data::DataError;
+use tdcr_learn::data::{DataError, PayloadRange, SimulateError};
 use tdcr_learn::metrics::MetricError;
 use tdcr_learn::train::{FileError, PredictError, TrainError};
-use tdcr_sim::robot::{CommandError, SpecError};
+use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::robot::SpecError;
 use thiserror::Error;
 
 /// Why a stage ended before it was done.
@@ -32,20 +36,12 @@ pub enum PipelineError {
     /// The robot was refused.
     #[error(transparent)]
     Robot(#[from] SpecError),
-    /// A command does not fit the robot.
-    #[error(transparent)]
-    Command(#[from] CommandError),
     /// The data set could not be read or written.
     #[error(transparent)]
     Data(#[from] DataError),
-    /// A robot did not settle.
-    #[error("the robot did not settle under command {command:?} m: residual {residual:e} N m")]
-    NotSettled {
-        /// Largest gradient component (N m).
-        residual: f64,
-        /// The command (m).
-        command: Vec<f64>,
-    },
+    /// A sample could not be simulated.
+    #[error(transparent)]
+    Simulate(#[from] SimulateError),
     /// A folder or file of the stage's own could not be written.
     #[error("cannot write {}: {source}", path.display())]
     Folder {
@@ -82,6 +78,22 @@ pub enum PipelineError {
         /// Name of the data set's robot.
         data: String,
     },
+    /// The model was trained with the base in view and the data set shows none, or the reverse.
+    #[error("the model was trained on clouds {}, the data set shows clouds {}", with_base(.model), with_base(.data))]
+    OtherBase {
+        /// Whether the model's data showed it.
+        model: BaseVisibility,
+        /// Whether the data set shows it.
+        data: BaseVisibility,
+    },
+    /// The model was trained with payloads and the data set has none, or the reverse, or heavier or lighter ones.
+    #[error("the model was trained {}, the data set was made {}", with_payload(.model), with_payload(.data))]
+    OtherPayload {
+        /// The model's payloads.
+        model: Option<PayloadRange>,
+        /// The data set's payloads.
+        data: Option<PayloadRange>,
+    },
     /// More points are to be compared than there are.
     #[error("{wanted} points are to be compared; expected 1 to {available}, as many as there are")]
     EvalPoints {
@@ -90,4 +102,17 @@ pub enum PipelineError {
         /// Points there are.
         available: usize,
     },
+}
+
+fn with_base(base: &BaseVisibility) -> &'static str {
+    match base {
+        BaseVisibility::Shown => "with the base",
+        BaseVisibility::Hidden => "without the base",
+    }
+}
+
+fn with_payload(payload: &Option<PayloadRange>) -> String {
+    payload.map_or("without payloads".to_owned(), |range| {
+        format!("with payloads of {range} kg")
+    })
 }

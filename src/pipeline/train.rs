@@ -1,13 +1,15 @@
-//! From a data set to a network.
+//! From a data set or a stream to a network.
 
 use std::path::{Path, PathBuf};
 
-use tdcr_learn::data::{CloudSet, DataSet, Split};
+use tdcr_learn::data::{CloudSet, DataSet, Meta, Split, StreamSpec};
 use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::MlpShape;
-use tdcr_learn::train::{Model, Provenance, TrainSettings, Trainer, TrainingState};
+use tdcr_learn::train::{
+    Feed, Model, Provenance, StreamWindow, TrainSettings, Trainer, TrainingState,
+};
 
-use super::{Monitor, PipelineError};
+use super::{Monitor, PipelineError, require_same};
 
 /// Steps between two looks at the monitor, and so what is told at once.
 const STEPS_PER_REPORT: u64 = 10;
@@ -21,6 +23,28 @@ pub struct NetworkSize {
     pub depth: usize,
     /// Features of the embedding of time and condition.
     pub embedding: usize,
+}
+
+/// What a network is trained on.
+#[derive(Clone, Debug, PartialEq)]
+pub enum TrainingData {
+    /// The data set in this folder.
+    Set(PathBuf),
+    /// Fresh samples of a simulated robot: no file in between.
+    Stream(Box<StreamSettings>),
+}
+
+/// A stream of samples, and how a run uses them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StreamSettings {
+    /// What the samples are.
+    pub spec: StreamSpec,
+    /// Clouds that a step draws from: the newest.
+    pub window: usize,
+    /// Clouds that are replaced by new ones after each step.
+    pub fresh: usize,
+    /// Folder of a data set whose val split validates; else clouds of the stream that no step sees.
+    pub validation: Option<PathBuf>,
 }
 
 /// A finished training run.
@@ -43,7 +67,7 @@ fn state_path(run: &Path) -> PathBuf {
     run.join("state.safetensors")
 }
 
-/// Trains a network on the data set in `data`, keeping model and state in the folder `run`.
+/// Trains a network on `data`, keeping model and state in the folder `run`.
 ///
 /// The state is saved at every validation and at an interruption; a run that is taken up ends with
 /// the network of an uninterrupted one, bit for bit.
@@ -52,18 +76,72 @@ fn state_path(run: &Path) -> PathBuf {
 /// [`PipelineError`]: a data set or files that do not fit, training that diverges, or an
 /// interruption.
 pub fn train(
-    data: &Path,
+    data: &TrainingData,
     run: &Path,
     size: NetworkSize,
     settings: &TrainSettings,
     monitor: &dyn Monitor,
 ) -> Result<Trained, PipelineError> {
-    let set = DataSet::open(data)?;
-    let (training, validation) = (set.cloud_set(Split::Train)?, set.cloud_set(Split::Val)?);
-    let provenance = Provenance {
-        robot: set.meta().map(|meta| meta.robot.clone()),
-        normalisation: set.normalisation().clone(),
-    };
+    match data {
+        TrainingData::Set(dir) => {
+            let set = DataSet::open(dir)?;
+            let training = set.cloud_set(Split::Train)?;
+            let validation = set.cloud_set(Split::Val)?;
+            let provenance = Provenance {
+                subject: set.meta().and_then(|meta| meta.subject().cloned()),
+                normalisation: set.normalisation().clone(),
+            };
+            train_on(
+                (&training).into(),
+                &validation,
+                provenance,
+                run,
+                size,
+                settings,
+                monitor,
+            )
+        }
+        TrainingData::Stream(stream) => {
+            let threads = rayon::current_num_threads();
+            let window =
+                StreamWindow::new(stream.spec.clone(), stream.window, stream.fresh, threads)?;
+            let subject = &stream.spec.recipe.subject;
+            let validation = match &stream.validation {
+                None => window.validation(settings.validation_clouds)?,
+                Some(dir) => {
+                    let set = DataSet::open(dir)?;
+                    let found = set.meta().and_then(Meta::subject);
+                    found.map_or(Ok(()), |found| require_same(subject, found))?;
+                    set.cloud_set_in(Split::Val, window.normalisation())?
+                }
+            };
+            let provenance = Provenance {
+                subject: Some(subject.clone()),
+                normalisation: window.normalisation().clone(),
+            };
+            let training = Feed::Stream(Box::new(window));
+            train_on(
+                training,
+                &validation,
+                provenance,
+                run,
+                size,
+                settings,
+                monitor,
+            )
+        }
+    }
+}
+
+fn train_on(
+    training: Feed,
+    validation: &CloudSet,
+    provenance: Provenance,
+    run: &Path,
+    size: NetworkSize,
+    settings: &TrainSettings,
+    monitor: &dyn Monitor,
+) -> Result<Trained, PipelineError> {
     std::fs::create_dir_all(run).map_err(|source| PipelineError::Folder {
         path: run.to_owned(),
         source,
@@ -74,7 +152,7 @@ pub fn train(
         validation_points: settings.validation_points.min(validation.points_per_cloud),
         ..settings.clone()
     };
-    let mut trainer = open(run, size, &settings, &training, &validation)?;
+    let mut trainer = open(run, size, &settings, training, validation)?;
     if !trainer.is_finished() {
         monitor.begin("train", settings.steps, trainer.steps_taken());
         finish(&mut trainer, run, &provenance, monitor)?;
@@ -97,14 +175,14 @@ fn open<'a>(
     run: &Path,
     size: NetworkSize,
     settings: &TrainSettings,
-    training: &'a CloudSet,
+    training: Feed<'a>,
     validation: &'a CloudSet,
 ) -> Result<Trainer<'a>, PipelineError> {
     let shape = MlpShape {
         width: size.width,
         depth: size.depth,
         embedding: size.embedding,
-        condition_dim: training.condition_dim,
+        condition_dim: training.condition_dim(),
     };
     let path = state_path(run);
     if !path.exists() {

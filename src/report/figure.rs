@@ -74,6 +74,8 @@ pub enum Shape {
     Dashes,
     /// Each by a dot.
     Dots,
+    /// Each by a small dot that lets others shine through: for thousands.
+    Specks,
 }
 
 /// Colours that the colour-blind tell apart (Okabe and Ito).
@@ -294,7 +296,7 @@ impl Mark {
     /// What stands for it in a legend.
     fn sample(&self, x: f64, y: f64) -> String {
         match self.shape {
-            Shape::Dots => self.draw(&[[x + 12.0, y]]),
+            Shape::Dots | Shape::Specks => self.draw(&[[x + 12.0, y]]),
             Shape::Line | Shape::Dashes => self.draw(&[[x, y], [x + 24.0, y]]),
         }
     }
@@ -307,6 +309,12 @@ impl Mark {
                     format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\" fill=\"{ink}\"/>")
                 };
                 return places.iter().map(dot).collect();
+            }
+            Shape::Specks => {
+                let speck =
+                    |[x, y]: &[f64; 2]| format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.2\"/>");
+                let specks: String = places.iter().map(speck).collect();
+                return format!("<g fill=\"{ink}\" fill-opacity=\"0.5\">{specks}</g>");
             }
             Shape::Line => "stroke-width=\"1.8\"",
             Shape::Dashes => "stroke-width=\"1.2\" stroke-dasharray=\"5 4\"",

@@ -8,6 +8,7 @@
 mod axis;
 mod chart;
 mod curves;
+mod data_page;
 mod figure;
 mod html;
 mod picture;
@@ -16,8 +17,9 @@ mod sections;
 mod viewer;
 
 pub use axis::Spacing;
+pub use data_page::{DataPage, SetSummary};
 pub use figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
-pub use picture::{contact_sheet, scale_bar};
+pub use picture::{cloud_sheet, contact_sheet, scale_bar};
 
 use tdcr_sim::cloud::PointCloud;
 
@@ -82,7 +84,7 @@ pub struct Stage {
 }
 
 /// A test command and the clouds that belong to it, all in the world frame.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Example {
     /// Name of the example.
     pub label: String,

@@ -128,6 +128,26 @@ pub fn contact_sheet(examples: &[Example], panel_width: usize) -> Vec<u8> {
     sheet.to_png()
 }
 
+/// PNG of clouds in their own colours, row by row with `columns` in each: as [`contact_sheet`], and with the length (m) of
+/// its scale bars.
+pub fn cloud_sheet(clouds: &[PointCloud], columns: usize, panel_width: usize) -> (Vec<u8>, f64) {
+    let alone = |cloud: &PointCloud| Example {
+        truth: cloud.clone(),
+        ..Example::default()
+    };
+    let examples: Vec<Example> = clouds.iter().map(alone).collect();
+    let framing = Framing::of(&examples, panel_width);
+    let (width, height) = (framing.frame.width + GAP, framing.frame.height + GAP);
+    let columns = columns.clamp(1, examples.len().max(1));
+    let rows = examples.len().div_ceil(columns).max(1);
+    let mut sheet = Image::white(columns * width - GAP, rows * height - GAP);
+    for (k, example) in examples.iter().enumerate() {
+        let picture = framing.picture(example, Subject::Truth);
+        sheet.paste(&picture, k % columns * width, k / columns * height);
+    }
+    (sheet.to_png(), framing.bar)
+}
+
 /// Length (m) of the scale bar in the [`contact_sheet`] of the same arguments.
 pub fn scale_bar(examples: &[Example], panel_width: usize) -> f64 {
     Framing::of(examples, panel_width).bar

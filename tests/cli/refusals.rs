@@ -233,3 +233,85 @@ fn a_broken_or_foreign_model_is_named() {
     fs::write(&model, "a letter").unwrap();
     predict(COMMAND, "model.safetensors: not a whole safetensors file");
 }
+
+#[test]
+fn a_data_set_of_another_subject_than_the_models_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = |name: &str, options: &[&str]| {
+        let data = folder.path().join(name);
+        collect_small(&data, options);
+        data
+    };
+    let plain = set("plain", &[]);
+    let loaded = set("loaded", &["--payload", "0:0.02"]);
+    let train = |data: &PathBuf| {
+        let trained = train_tiny(data, &data.with_extension("run"), &[]);
+        trained["model"].as_str().unwrap().to_owned()
+    };
+    let (model, loaded_model) = (train(&plain), train(&loaded));
+    let eval = |model: &str, data: PathBuf, expected: &str| {
+        refuse(
+            &["eval", "--model", model, "--data", text(&data)],
+            1,
+            expected,
+        );
+    };
+    eval(
+        &model,
+        set("base", &["--base"]),
+        "the model was trained on clouds without the base, the data set shows clouds with the base",
+    );
+    eval(
+        &model,
+        loaded,
+        "the model was trained without payloads, the data set was made with payloads of 0:0.02 kg",
+    );
+    eval(
+        &loaded_model,
+        set("heavy", &["--payload", "0:0.03"]),
+        "the model was trained with payloads of 0:0.02 kg, the data set was made with payloads of 0:0.03 kg",
+    );
+    let predict = |model: &str, options: &[&str], expected: &str| {
+        let arguments = ["predict", "--model", model, "--command", COMMAND];
+        refuse(&[&arguments[..], options].concat(), 1, expected);
+    };
+    predict(
+        &loaded_model,
+        &[],
+        "the model was trained with payloads of 0:0.02 kg: say --payload KG, 0 for none",
+    );
+    predict(
+        &loaded_model,
+        &["--payload", "-1"],
+        "the payload is -1 kg; expected a finite mass",
+    );
+    predict(&model, &["--payload", "0.01"], "leave out --payload");
+}
+
+#[test]
+fn a_folder_of_another_robot_or_design_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    collect_small(&data, &[]);
+    let again = |options: &[&str], expected: &str| {
+        let arguments = [&crate::SMALL_SET[..], &["--out", text(&data)], options].concat();
+        refuse(&arguments, 1, expected);
+    };
+    again(&["--robot", "3m"], "holds another data set: its `");
+    again(
+        &["--design", "sobol"],
+        "its `origin.simulated.design` is \"uniform\", not \"sobol\"",
+    );
+    again(
+        &["--base"],
+        "its `origin.simulated.recipe.subject.base` is \"hidden\", not \"shown\"",
+    );
+    again(
+        &["--design", "grid"],
+        "20 commands are no grid in 6 dimensions, expected 1 (1 levels) or 64 (2 levels)",
+    );
+    again(
+        &["--payload", "0.03:0"],
+        "`payload` is 0.03:0, expected MIN:MAX in kg",
+    );
+}

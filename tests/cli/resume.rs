@@ -1,14 +1,17 @@
 //! Interrupted work is taken up, and ends as if it had never stopped.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
 use crate::{SCORES, tdcr, text};
+
+/// Kills of a collection, at moments spread over its run.
+const KILLS: u32 = 20;
 
 fn demo(out: &Path) -> Command {
     let mut command = tdcr(&[
@@ -82,5 +85,72 @@ fn a_demo_that_is_interrupted_or_killed_ends_as_one_that_is_not() {
     }
     for key in SCORES {
         assert!(expected.2[key].as_f64().unwrap() > 0.0, "{key}");
+    }
+}
+
+fn collect(out: &Path, threads: &str) -> Command {
+    let size = ["--samples", "24", "--points", "3000", "--payload", "0:0.03"];
+    let how = ["--threads", threads, "--quiet", "--out", text(out)];
+    let mut command = tdcr(&[&["collect", "--base"], &size[..], &how].concat());
+    command.stdout(Stdio::null()).stderr(Stdio::null());
+    command
+}
+
+/// Every file under a folder with its contents, the hidden ones too.
+fn tree(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(dir).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(tree(&path));
+        } else {
+            found.push((path.clone(), fs::read(&path).unwrap()));
+        }
+    }
+    found.sort();
+    found
+}
+
+/// The files of a data set, by their place in it.
+fn set_files(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let inside = |(path, bytes): (PathBuf, Vec<u8>)| {
+        let place = path.strip_prefix(dir).unwrap().to_owned();
+        (place, bytes)
+    };
+    tree(dir).into_iter().map(inside).collect()
+}
+
+#[test]
+fn a_collection_that_is_killed_at_any_moment_ends_as_one_that_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = folder.path().join("whole");
+    let began = Instant::now();
+    assert!(collect(&whole, "1").status().unwrap().success());
+    let span = began.elapsed();
+    let expected = set_files(&whole);
+    assert_eq!(expected.len(), 6);
+    // Each of several sets is killed again and again, until there were kills enough.
+    let (mut kills, mut set) = (0, 0);
+    while kills < KILLS {
+        let out = folder.path().join(format!("killed{set}"));
+        set += 1;
+        loop {
+            let mut child = collect(&out, ["1", "2"][kills as usize % 2])
+                .spawn()
+                .unwrap();
+            // The golden ratio's multiples spread the moments evenly over a run, from its start to past its end.
+            let share = (f64::from(kills + 1) * 0.618_034).fract();
+            sleep(span.mul_f64(1.1 * share));
+            child.kill().unwrap();
+            if child.wait().unwrap().success() {
+                break;
+            }
+            kills += 1;
+            if kills == KILLS {
+                assert!(collect(&out, "2").status().unwrap().success());
+                break;
+            }
+        }
+        assert!(set_files(&out) == expected, "set {set} after {kills} kills");
     }
 }

@@ -10,7 +10,7 @@ const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
 fn every_command_explains_itself() {
     let overview = succeed(&["--help"]);
     let commands = [
-        "settle", "simulate", "collect", "train", "predict", "eval", "demo", "export",
+        "settle", "simulate", "collect", "data", "train", "predict", "eval", "demo", "export",
     ];
     for command in commands {
         assert!(overview.contains(command));
@@ -207,4 +207,55 @@ fn what_a_network_is_compared_with_does_not_depend_on_the_network() {
     for key in SCORES.iter().filter(|key| key.contains('_')) {
         assert_eq!(scores[0][key], scores[1][key], "{key}");
     }
+}
+
+#[test]
+fn a_network_of_payload_data_predicts_and_scores_under_payloads() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    collect_small(&data, &["--payload", "0:0.03", "--design", "sobol"]);
+    let trained = train_tiny(&data, &run, &[]);
+    let model = trained["model"].as_str().unwrap();
+    let cloud = folder.path().join("cloud.ply");
+    let predict = |payload: &str| {
+        let arguments = ["predict", "--model", model, "--command", COMMAND];
+        let more = ["--payload", payload, "--out", text(&cloud)];
+        let predicted = succeed_json(&[&arguments[..], &more].concat());
+        predicted["max"].clone()
+    };
+    assert_ne!(predict("0"), predict("0.03"));
+    let points = ["--points", "400", "--emd-points", "100"];
+    let scores = succeed_json(
+        &[
+            &["eval", "--model", model, "--data", text(&data)],
+            &points[..],
+        ]
+        .concat(),
+    );
+    assert!(scores["cd_floor"].as_f64() < scores["cd_nearest"].as_f64());
+}
+
+#[test]
+fn a_network_trains_on_a_stream_with_and_without_a_fixed_validation_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    collect_small(&data, &[]);
+    let train = |run: &str, options: &[&str]| {
+        let run = folder.path().join(run);
+        let stream = ["--stream", "2m", "--stream-points", "300", "--window", "4"];
+        let out = ["--out", text(&run)];
+        let arguments = [&crate::TINY_NETWORK[..], &stream, &out, options].concat();
+        let trained = succeed_json(&arguments);
+        (
+            trained["validation_cd"].as_f64().unwrap(),
+            run.join("model.safetensors"),
+        )
+    };
+    let fixed = train("fixed", &["--validation", text(&data), "--threads", "1"]);
+    let again = train("again", &["--validation", text(&data), "--threads", "2"]);
+    assert!(std::fs::read(&fixed.1).unwrap() == std::fs::read(again.1).unwrap());
+    assert_ne!(train("own", &[]).0, fixed.0);
+    let scored = ["eval", "--model", text(&fixed.1), "--data", text(&data)];
+    let points = ["--points", "400", "--emd-points", "100"];
+    assert_eq!(succeed_json(&[&scored[..], &points].concat())["tests"], 2);
 }

@@ -1,4 +1,5 @@
-"""Checks a data set's shards with h5py: `python check_h5.py FOLDER`. Prints one line per shard; fails at the first fault."""
+"""Checks a data set's shards with h5py: `python check_h5.py FOLDER [--payload]`. Prints one line per shard; fails at the
+first fault."""
 
 import json
 import pathlib
@@ -8,11 +9,11 @@ import h5py
 import numpy as np
 
 
-def check_shard(path, motors_all, points_all):
+def check_shard(path, motors_all, points_all, payload):
     with h5py.File(path, "r") as file:
         arrays = {name: dataset[()] for name, dataset in file.items()}
     samples, points, _ = arrays["data"].shape
-    motors = len(motors_all["min"])
+    motors = len(motors_all["min"])  # the payload counts as one
     layout = {
         "data": ((samples, points, 3), "f4"),
         "rgb": ((samples, points, 3), "u1"),
@@ -22,6 +23,8 @@ def check_shard(path, motors_all, points_all):
         "center": ((samples, 3), "f4"),
         "scale": ((samples,), "f4"),
     }
+    if payload:
+        layout["payload"] = ((samples,), "f4")
     assert set(arrays) == set(layout), sorted(arrays)
     for name, (shape, dtype) in layout.items():
         found = arrays[name]
@@ -32,10 +35,12 @@ def check_shard(path, motors_all, points_all):
     np.testing.assert_allclose(arrays["scale"], points_all["scale"], rtol=1e-7)
     np.testing.assert_allclose(arrays["data_norm"] * arrays["scale"][:, None, None], arrays["data"], atol=1e-7)
     np.testing.assert_allclose(arrays["motors_norm"], (arrays["motors"] - low) / scale, atol=1e-6)
+    if payload:
+        np.testing.assert_array_equal(arrays["payload"], arrays["motors"][:, -1])
     return arrays
 
 
-def main(folder):
+def main(folder, payload=False):
     motors_all = json.loads((folder / "global_motors_scope-all.json").read_text())["all"]
     points_all = json.loads((folder / "global_norm_scope-all_anchor-origin.json").read_text())["all"]
     assert points_all["center"] == [0, 0, 0]
@@ -46,7 +51,7 @@ def main(folder):
         paths = sorted((folder / split).iterdir())
         assert [path.name for path in paths] == [f"shard-{k:05}.h5" for k in range(len(paths))], paths
         for path in paths:
-            arrays = check_shard(path, motors_all, points_all)
+            arrays = check_shard(path, motors_all, points_all, payload)
             motors.append(arrays["motors"])
             radius = max(radius, np.linalg.norm(arrays["data"].astype("f8"), axis=-1).max())
             counts[split] = counts.get(split, 0) + len(arrays["motors"])
@@ -61,4 +66,4 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    main(pathlib.Path(sys.argv[1]))
+    main(pathlib.Path(sys.argv[1]), payload="--payload" in sys.argv[2:])

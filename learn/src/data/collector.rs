@@ -3,7 +3,10 @@
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::ops::Range;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use super::meta::{META_FILE, Meta};
 use super::normalisation::NormalisationFit;
@@ -18,6 +21,9 @@ const BLOCK: usize = 8;
 /// Folder of the blocks, inside the data set's.
 pub(super) const STAGING: &str = ".partial";
 const LOCK_FILE: &str = "lock";
+
+/// Threads that write shards: one computes while another waits for the disk.
+const SHARD_WRITERS: usize = 2;
 
 /// A data set being made.
 ///
@@ -96,7 +102,7 @@ impl Collector {
     ///
     /// # Errors
     /// [`DataError::NotABlock`] unless the indices are one of [`missing_blocks`](Self::missing_blocks)' ranges;
-    /// [`DataError::InvalidSample`] for a sample with other than `N` points or `D` motors, or one that is not finite;
+    /// [`DataError::InvalidSample`] for a sample of other sizes than the meta's, or one that is not finite;
     /// [`DataError::Complete`]; [`DataError::Io`], in which case all earlier blocks remain usable.
     pub fn write_block(&self, first_index: usize, samples: &[Sample]) -> Result<(), DataError> {
         if let State::Complete = self.state {
@@ -111,7 +117,7 @@ impl Collector {
                 end: block.end,
             });
         }
-        let mut batch = Batch::new(self.meta.points_per_cloud, self.meta.motors);
+        let mut batch = Batch::new(self.meta.sizes(block.len()));
         for (index, sample) in block.clone().zip(samples) {
             self.check(sample)
                 .map_err(|problem| DataError::InvalidSample { index, problem })?;
@@ -123,7 +129,8 @@ impl Collector {
     /// Completes the data set: fits the normalisation, writes the shards of each split in index order, and removes
     /// the staging folder. Nothing is to be done for a data set that is complete already.
     ///
-    /// `progress` is called with the steps done and the steps in all. Memory is needed for one shard of each split.
+    /// `progress` is called with the steps done and the steps in all. Memory is needed for one shard of each split, and
+    /// three times for two more.
     ///
     /// # Errors
     /// [`DataError::Incomplete`] while blocks are missing; [`DataError::Io`] and what reading a damaged block brings.
@@ -153,7 +160,7 @@ impl Collector {
     }
 
     fn fit_normalisation(&self, step: &mut impl FnMut()) -> Result<Normalisation, DataError> {
-        let mut fit = NormalisationFit::new(self.meta.motors);
+        let mut fit = NormalisationFit::new(self.meta.condition_dim());
         for block in self.blocks() {
             let file = self.open_block(&block)?;
             fit.include(
@@ -170,14 +177,32 @@ impl Collector {
         normalisation: &Normalisation,
         step: &mut impl FnMut(),
     ) -> Result<(), DataError> {
+        // A shard is written while the next is gathered. Nobody waits in the channel: that would take more memory.
+        let (full, shards) = sync_channel(0);
+        let shards = Mutex::new(shards);
+        std::thread::scope(|scope| {
+            let writers: [_; SHARD_WRITERS] =
+                std::array::from_fn(|_| scope.spawn(|| write_shards_of(&shards, normalisation)));
+            let gathered = self.gather_shards(full, step);
+            // A writer that failed is why the gathering did, if both did.
+            for writer in writers {
+                writer.join().unwrap_or_else(|panic| resume_unwind(panic))?;
+            }
+            gathered
+        })
+    }
+
+    /// Hands the samples over as full shards, each split in index order. Ends early when nobody takes them.
+    fn gather_shards(
+        &self,
+        full: SyncSender<(PathBuf, Batch)>,
+        step: &mut impl FnMut(),
+    ) -> Result<(), DataError> {
         let splits = split_indices(self.meta.count, self.meta.seed)?;
-        let mut writers = vec![];
+        let mut gatherers = vec![];
         for split in Split::ALL {
-            writers.push(SplitWriter::create(
-                &self.dir.join(split.folder()),
-                &self.meta,
-                normalisation,
-            )?);
+            let dir = self.dir.join(split.folder());
+            gatherers.push(SplitGatherer::create(&dir, &self.meta, full.clone())?);
         }
         for block in self.blocks() {
             let batch = self.open_block(&block)?.read_batch()?;
@@ -185,11 +210,12 @@ impl Collector {
                 let split = Split::ALL
                     .iter()
                     .position(|&split| splits.of(split).binary_search(&index).is_ok());
-                writers[split.expect("every sample is in a split")].push_row(&batch, row)?;
+                gatherers[split.expect("every sample is in a split")].push_row(&batch, row);
             }
             step();
         }
-        writers.iter_mut().try_for_each(SplitWriter::flush)
+        gatherers.iter_mut().for_each(SplitGatherer::flush);
+        Ok(())
     }
 
     /// Index ranges of all blocks.
@@ -211,10 +237,10 @@ impl Collector {
     }
 
     fn is_whole(&self, block: &Range<usize>) -> bool {
+        // What the last value of a condition is, only shards say.
         let sizes = Sizes {
-            samples: block.len(),
-            points: self.meta.points_per_cloud,
-            motors: self.meta.motors,
+            payload: false,
+            ..self.meta.sizes(block.len())
         };
         self.open_block(block)
             .is_ok_and(|file| file.sizes() == sizes)
@@ -227,12 +253,15 @@ impl Collector {
             points_per_cloud,
             ..
         } = self.meta;
-        let Sample {
-            motors: command,
-            cloud,
-        } = sample;
+        let Sample { condition, cloud } = sample;
+        let command = &condition.motors;
         if command.len() != motors {
             return Err(format!("{} motors, expected {motors}", command.len()));
+        }
+        if condition.payload.is_some() != self.meta.has_payload() {
+            let [found, expected] = [condition.payload.is_some(), self.meta.has_payload()]
+                .map(|payload| if payload { "a payload" } else { "no payload" });
+            return Err(format!("{found}, expected {expected}"));
         }
         if [cloud.points.len(), cloud.colors.len()] != [points_per_cloud; 2] {
             let (points, colors) = (cloud.points.len(), cloud.colors.len());
@@ -240,9 +269,9 @@ impl Collector {
                 "{points} points and {colors} colours, expected {points_per_cloud} of each"
             ));
         }
-        match command
-            .iter()
-            .chain(cloud.points.as_flattened())
+        match condition
+            .values()
+            .chain(cloud.points.as_flattened().iter().copied())
             .find(|value| !value.is_finite())
         {
             Some(value) => Err(format!("it holds {value}, expected finite numbers")),
@@ -251,48 +280,66 @@ impl Collector {
     }
 }
 
+/// Writes shards as they come, until no more are to come.
+fn write_shards_of(
+    shards: &Mutex<Receiver<(PathBuf, Batch)>>,
+    normalisation: &Normalisation,
+) -> Result<(), DataError> {
+    loop {
+        // One writer at a time waits for a shard; the lock is free again while it is written.
+        let shard = match shards.lock() {
+            Ok(shards) => shards.recv(),
+            Err(_) => return Ok(()),
+        };
+        match shard {
+            Ok((path, batch)) => batch.write_shard(&path, normalisation)?,
+            Err(_) => return Ok(()),
+        }
+    }
+}
+
 /// Gathers the samples of one split into shards.
-struct SplitWriter<'a> {
+struct SplitGatherer {
     dir: PathBuf,
     shards: usize,
     pending: Batch,
     samples_per_shard: usize,
-    normalisation: &'a Normalisation,
+    full: SyncSender<(PathBuf, Batch)>,
 }
 
-impl<'a> SplitWriter<'a> {
+impl SplitGatherer {
     fn create(
         dir: &Path,
         meta: &Meta,
-        normalisation: &'a Normalisation,
+        full: SyncSender<(PathBuf, Batch)>,
     ) -> Result<Self, DataError> {
         fs::create_dir_all(dir).map_err(DataError::io("create", dir))?;
         Ok(Self {
             dir: dir.to_owned(),
             shards: 0,
-            pending: Batch::new(meta.points_per_cloud, meta.motors),
+            pending: Batch::new(meta.sizes(0)),
             samples_per_shard: meta.samples_per_shard,
-            normalisation,
+            full,
         })
     }
 
-    fn push_row(&mut self, batch: &Batch, row: usize) -> Result<(), DataError> {
+    fn push_row(&mut self, batch: &Batch, row: usize) {
         self.pending.push_row(batch, row);
         if self.pending.sizes.samples == self.samples_per_shard {
-            self.flush()?;
+            self.flush();
         }
-        Ok(())
     }
 
-    /// Writes the pending samples, if any, as the next shard.
-    fn flush(&mut self) -> Result<(), DataError> {
+    /// Hands over the pending samples, if any, as the next shard.
+    fn flush(&mut self) {
         if self.pending.sizes.samples > 0 {
             let path = self.dir.join(format!("shard-{:05}.h5", self.shards));
-            self.pending.write_shard(&path, self.normalisation)?;
+            let empty = Batch::new(self.pending.sizes);
+            let shard = std::mem::replace(&mut self.pending, empty);
             self.shards += 1;
-            self.pending.clear();
+            // It is refused when every writer has failed, and then they say so.
+            let _ = self.full.send((path, shard));
         }
-        Ok(())
     }
 }
 

@@ -7,11 +7,11 @@ use super::collector::STAGING;
 use super::meta::{META_FILE, Meta};
 use super::shard::{Array, Sizes};
 use super::shard_file::ShardFile;
-use super::{CloudSet, DataError, Normalisation, Sample, Split, split_indices};
+use super::{CloudSet, Condition, DataError, Normalisation, Sample, Split, split_indices};
 
 /// How far a normalised copy may stray from what the normalisation files say: far above rounding, far below a
 /// difference in meaning. Dimensionless; for a scale, a fraction of it.
-const TOLERANCE: f32 = 1e-4;
+pub(super) const TOLERANCE: f32 = 1e-4;
 
 /// A data set on disk: one of ours, or another program's in the same layout.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,6 +65,20 @@ impl DataSet {
         Ok(samples)
     }
 
+    /// Reads the conditions of a split alone.
+    ///
+    /// # Errors
+    /// As [`read_split`](Self::read_split).
+    pub fn conditions(&self, split: Split) -> Result<Vec<Condition>, DataError> {
+        let mut conditions = vec![];
+        for path in &self.shards(split)?.paths {
+            let shard = ShardFile::open(path, &Array::SHARD)?;
+            let motors = shard.read_floats(Array::Motors)?;
+            conditions.extend(shard.sizes().conditions(&motors));
+        }
+        Ok(conditions)
+    }
+
     /// Reads a split in the units that a network sees, without colours: 12 bytes of memory a point.
     ///
     /// Points and commands are normalised as they are read; the copies `motors_norm` and `scale` in the shards serve
@@ -73,49 +87,66 @@ impl DataSet {
     /// # Errors
     /// As [`read_split`](Self::read_split), and [`DataError::Disagrees`] for a copy that does not match.
     pub fn cloud_set(&self, split: Split) -> Result<CloudSet, DataError> {
+        self.cloud_set_in(split, &self.normalisation)
+    }
+
+    /// Reads a split in the units of another normalisation, as [`cloud_set`](Self::cloud_set).
+    ///
+    /// # Errors
+    /// As [`cloud_set`](Self::cloud_set); [`DataError::ConditionLength`] where `units` is of another number of motors.
+    pub fn cloud_set_in(&self, split: Split, units: &Normalisation) -> Result<CloudSet, DataError> {
+        units.require_length(self.normalisation.motor_min.len())?;
         let shards = self.shards(split)?;
         let Sizes {
             samples,
             points,
-            motors,
+            values,
+            ..
         } = shards.sizes;
         let mut set = CloudSet {
-            condition_dim: motors,
+            condition_dim: values,
             points_per_cloud: points,
-            conditions: Vec::with_capacity(samples * motors),
+            conditions: Vec::with_capacity(samples * values),
             points: Vec::with_capacity(samples * points * 3),
         };
         for path in &shards.paths {
             let shard = ShardFile::open(path, &Array::SHARD)?;
-            let conditions = self
-                .normalisation
-                .conditions(&shard.read_floats(Array::Motors)?);
+            let motors = shard.read_floats(Array::Motors)?;
+            let conditions = self.normalisation.conditions(&motors);
             let scale = self.normalisation.scale as f32;
             let samples = shard.sizes().samples;
             shard.require_values(Array::MotorsNorm, &conditions, TOLERANCE)?;
             shard.require_values(Array::Center, &vec![0.0; 3 * samples], TOLERANCE * scale)?;
             shard.require_values(Array::Scale, &vec![scale; samples], TOLERANCE * scale)?;
-            set.conditions.extend(conditions);
+            set.conditions.extend(units.conditions(&motors));
             set.points.extend(shard.read_floats(Array::Data)?);
         }
-        self.normalisation.normalise_points(&mut set.points);
+        units.normalise_points(&mut set.points);
         Ok(set)
     }
 
     /// Finds a split's shards and checks that they fit together.
-    fn shards(&self, split: Split) -> Result<Shards, DataError> {
+    pub(super) fn shards(&self, split: Split) -> Result<Shards, DataError> {
         let dir = self.dir.join(split.folder());
         let paths = shard_paths(&dir)?;
         let mut points = self.meta.as_ref().map(|meta| meta.points_per_cloud);
-        let motors = self.normalisation.motor_min.len();
+        let values = self.normalisation.motor_min.len();
+        let mut payload = self.meta.as_ref().map(Meta::has_payload);
         let mut samples = 0;
         for path in &paths {
             let found = ShardFile::open(path, &Array::SHARD)?.sizes();
             let expected = Sizes {
                 samples: found.samples,
                 points: *points.get_or_insert(found.points),
-                motors,
+                values,
+                payload: *payload.get_or_insert(found.payload),
             };
+            if found.payload != expected.payload {
+                return Err(DataError::PayloadArray {
+                    path: path.clone(),
+                    expected: expected.payload,
+                });
+            }
             for array in [Array::Data, Array::Motors] {
                 if array.shape(found) != array.shape(expected) {
                     return Err(DataError::WrongShape {
@@ -149,15 +180,16 @@ impl DataSet {
             sizes: Sizes {
                 samples,
                 points,
-                motors,
+                values,
+                payload: payload.unwrap_or(false),
             },
         })
     }
 }
 
 /// The shards of one split.
-struct Shards {
-    paths: Vec<PathBuf>,
+pub(super) struct Shards {
+    pub(super) paths: Vec<PathBuf>,
     /// Samples in all of them.
     sizes: Sizes,
 }

@@ -129,6 +129,33 @@ pub enum DataError {
         /// The values it may take.
         expected: &'static str,
     },
+    /// A file of another program could not be read.
+    #[error(transparent)]
+    CloudFile(#[from] super::CloudFileError),
+    /// A design of experiments without points for the data set.
+    #[error("{problem}")]
+    Design {
+        /// What was asked for, and what would be right.
+        problem: String,
+    },
+    /// The robot has fewer commands than are asked for.
+    #[error(
+        "the conditions repeat themselves after {index}, expected {count} different ones; the ranges of the robot's tendons are too narrow"
+    )]
+    NotUnique {
+        /// Index of the first condition that could not be unlike all before.
+        index: usize,
+        /// Conditions asked for.
+        count: usize,
+    },
+    /// A shard has payloads and others of its data set have none, or the reverse.
+    #[error("{}: {} dataset `payload`, unlike the rest of the data set", .path.display(), if *.expected { "no" } else { "a" })]
+    PayloadArray {
+        /// The file.
+        path: PathBuf,
+        /// Whether it should have payloads.
+        expected: bool,
+    },
     /// Too few samples to fill the three splits.
     #[error("{count} samples cannot be split 80/10/10, expected at least {MIN_SAMPLES}")]
     TooFewSamples {

@@ -4,12 +4,12 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
+use super::conditions::{Design, PayloadRange};
+use super::shard::Sizes;
+use super::simulator::{Recipe, Subject};
+use super::{DataError, split::MIN_SAMPLES};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use tdcr_sim::render::BaseVisibility;
-use tdcr_sim::robot::RobotSpec;
-
-use super::{DataError, split::MIN_SAMPLES};
 
 /// File name of a complete data set's [`Meta`].
 pub(super) const META_FILE: &str = "meta.json";
@@ -21,27 +21,52 @@ pub struct Meta {
     pub format: u32,
     /// Version of `tdcr` that made the data set.
     pub tdcr_version: String,
-    /// Seed of the commands, of the clouds' sampling and of the splits.
+    /// Seed of the conditions, of the clouds' sampling and of the splits.
     pub seed: u64,
     /// Number of samples, all splits together.
     pub count: usize,
-    /// Motors per sample `D`.
+    /// Motors per sample.
     pub motors: usize,
     /// Points per cloud `N`.
     pub points_per_cloud: usize,
     /// Samples in each shard, the last of a split excepted.
     pub samples_per_shard: usize,
-    /// Edge length of the voxel grid that thinned the clouds (m).
-    pub voxel_size: f64,
-    /// The robot, and the cameras that saw it.
-    pub robot: RobotSpec,
-    /// Whether the robot's base was in view.
-    pub base: BaseVisibility,
+    /// Where the samples come from.
+    pub origin: Origin,
+}
+
+/// Where samples come from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[allow(clippy::large_enum_variant, reason = "there is one for each data set")]
+pub enum Origin {
+    /// Simulation: what it takes, with the seed, to make them again.
+    Simulated {
+        /// Robot, cameras, base, payloads and voxels.
+        recipe: Recipe,
+        /// How the conditions were chosen.
+        design: Design,
+    },
+    /// Files of another program, or of a real robot.
+    Imported {
+        /// What they were, for people.
+        source: String,
+    },
+}
+
+impl Origin {
+    /// How the clouds were simulated; `None` for others.
+    pub fn recipe(&self) -> Option<&Recipe> {
+        match self {
+            Self::Simulated { recipe, .. } => Some(recipe),
+            Self::Imported { .. } => None,
+        }
+    }
 }
 
 impl Meta {
     /// Version of the layout that this crate reads and writes.
-    pub const FORMAT: u32 = 1;
+    pub const FORMAT: u32 = 2;
 
     /// Reads `path`; `None` where there is no such file.
     pub(super) fn load(path: &Path) -> Result<Option<Self>, DataError> {
@@ -49,10 +74,22 @@ impl Meta {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             bytes => bytes.map_err(DataError::io("read", path))?,
         };
-        let meta: Self = serde_json::from_slice(&bytes).map_err(|source| DataError::Json {
+        let json = |source| DataError::Json {
             path: path.to_owned(),
             source,
-        })?;
+        };
+        // The version says how to read the rest.
+        let Version { format } = serde_json::from_slice(&bytes).map_err(json)?;
+        if format != Self::FORMAT {
+            return Err(DataError::InvalidJson {
+                path: path.to_owned(),
+                problem: format!(
+                    "the data set is of format {format}, expected {}, the version this program knows",
+                    Self::FORMAT
+                ),
+            });
+        }
+        let meta: Self = serde_json::from_slice(&bytes).map_err(json)?;
         meta.validate().map_err(|problem| DataError::InvalidJson {
             path: path.to_owned(),
             problem: problem.to_string(),
@@ -78,7 +115,7 @@ impl Meta {
             })
         };
         if self.format != Self::FORMAT {
-            return invalid("format", &self.format, "1, the version this program knows");
+            return invalid("format", &self.format, "2, the version this program knows");
         }
         if self.count < MIN_SAMPLES {
             return Err(DataError::TooFewSamples { count: self.count });
@@ -92,10 +129,39 @@ impl Meta {
                 return invalid(field, &value, "at least 1");
             }
         }
-        if !(self.voxel_size.is_finite() && self.voxel_size > 0.0) {
-            return invalid("voxel_size", &self.voxel_size, "a finite length above 0");
+        let Some(recipe) = self.origin.recipe() else {
+            return Ok(());
+        };
+        if !(recipe.voxel_size.is_finite() && recipe.voxel_size > 0.0) {
+            return invalid("voxel_size", &recipe.voxel_size, "a finite length above 0");
         }
-        Ok(())
+        recipe.subject.payload.map_or(Ok(()), PayloadRange::check)
+    }
+
+    /// What the clouds show; `None` where they were not simulated.
+    pub fn subject(&self) -> Option<&Subject> {
+        self.origin.recipe().map(|recipe| &recipe.subject)
+    }
+
+    /// Whether the conditions have payloads.
+    pub fn has_payload(&self) -> bool {
+        self.subject()
+            .is_some_and(|subject| subject.payload.is_some())
+    }
+
+    /// Values of a condition `D`: the motors, and the payload if there is one.
+    pub fn condition_dim(&self) -> usize {
+        self.motors + usize::from(self.has_payload())
+    }
+
+    /// Sizes of so many samples.
+    pub(super) fn sizes(&self, samples: usize) -> Sizes {
+        Sizes {
+            samples,
+            points: self.points_per_cloud,
+            values: self.condition_dim(),
+            payload: self.has_payload(),
+        }
     }
 
     /// Refuses `found`, the meta of the data set in `folder`, unless it is `self`.
@@ -112,6 +178,12 @@ impl Meta {
             }),
         }
     }
+}
+
+/// What every version of a meta says.
+#[derive(Deserialize)]
+struct Version {
+    format: u32,
 }
 
 /// Dotted path of the first value in which `wanted` and `found` differ, and the two values there.

@@ -6,35 +6,48 @@
 //! meta.json                                    what it was made with; written last
 //! global_motors_scope-all.json                 {"all": {"min": [...], "max": [...], "scale": [...]}}
 //! global_norm_scope-all_anchor-origin.json     {"all": {"center": [0, 0, 0], "scale": s}}
-//! train/shard-00000.h5, ..., val/..., test/... B samples each, N points a cloud, D motors:
+//! train/shard-00000.h5, ..., val/..., test/... B samples each, N points a cloud, D values of a condition:
 //!     data         (B, N, 3)  f32   points, world frame (m)
 //!     rgb          (B, N, 3)  u8    colours
-//!     motors       (B, D)     f32   commands (m)
-//!     motors_norm  (B, D)     f32   commands, min-max scaled to [0, 1]
+//!     motors       (B, D)     f32   conditions: commands (m), then the payload (kg) in a set with payloads
+//!     motors_norm  (B, D)     f32   conditions, min-max scaled to [0, 1]
 //!     data_norm    (B, N, 3)  f32   points divided by s
 //!     center       (B, 3)     f32   zeros
 //!     scale        (B,)       f32   s (m)
+//!     payload      (B,)       f32   payloads (kg) once more: in a set with payloads alone
 //! ```
+//!
+//! A payload is one more motor to readers of the layout that know none; `payload` tells the others which it is.
 //!
 //! [`Collector`] makes one, and takes up an interrupted one; [`DataSet`] reads one, `meta.json` or not.
 
+mod check;
 mod collector;
+mod conditions;
 mod dataset;
 mod error;
+mod exchange;
 mod meta;
 mod normalisation;
 mod sample;
 mod shard;
 mod shard_file;
+mod simulator;
 mod split;
+mod stream;
 
+pub use check::{Finding, check};
 pub use collector::Collector;
+pub use conditions::{Condition, Design, PayloadRange, conditions};
 pub use dataset::DataSet;
 pub use error::DataError;
-pub use meta::Meta;
+pub use exchange::{CloudFileError, ExportFormat, ImportSettings, export, import, read_cloud};
+pub use meta::{Meta, Origin};
 pub use normalisation::Normalisation;
 pub use sample::Sample;
+pub use simulator::{Recipe, SimulateError, SimulationTimes, Simulator, Subject};
 pub use split::{Split, SplitIndices, split_indices};
+pub use stream::{SimStream, StreamSpec};
 
 /// Conditions and clouds in the normalised units that a network sees.
 ///

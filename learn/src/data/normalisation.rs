@@ -20,9 +20,9 @@ const POINTS_FILE: &str = "global_norm_scope-all_anchor-origin.json";
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Normalisation {
-    /// Smallest command of each motor (m), length `D`.
+    /// Smallest value of each motor (m), length `D`; the payload (kg) counts as the last motor.
     pub motor_min: Vec<f64>,
-    /// Largest command of each motor (m), length `D`.
+    /// Largest value of each motor (m), length `D`.
     pub motor_max: Vec<f64>,
     /// Scale `s` (m): the largest distance of a point from the world's origin.
     pub scale: f64,
@@ -34,13 +34,16 @@ impl Normalisation {
     /// # Errors
     /// [`DataError::ConditionLength`] unless there is one component per motor.
     pub fn condition(&self, command: &[f64]) -> Result<Vec<f32>, DataError> {
-        if command.len() != self.motor_min.len() {
-            return Err(DataError::ConditionLength {
-                expected: self.motor_min.len(),
-                found: command.len(),
-            });
-        }
+        self.require_length(command.len())?;
         Ok(self.normalise(command.iter().copied()).collect())
+    }
+
+    /// Refuses conditions of another length.
+    pub(super) fn require_length(&self, found: usize) -> Result<(), DataError> {
+        match self.motor_min.len() {
+            expected if expected == found => Ok(()),
+            expected => Err(DataError::ConditionLength { expected, found }),
+        }
     }
 
     /// Conditions, row-major `(B, D)`, that stand for commands (m), row-major `(B, D)`.

@@ -2,11 +2,13 @@
 
 use tdcr_sim::cloud::PointCloud;
 
-/// A command and the cloud that the settled robot was seen as.
+use super::Condition;
+
+/// A condition and the cloud that the settled robot was seen as.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sample {
-    /// Command: tendon rest lengths (m), one per motor.
-    pub motors: Vec<f32>,
+    /// What the robot was under.
+    pub condition: Condition,
     /// The robot's visible surface, world frame (m).
     pub cloud: PointCloud,
 }

@@ -6,19 +6,19 @@ use std::path::Path;
 use hdf5_pure::{Error, FileBuilder, H5Element};
 use tdcr_sim::cloud::PointCloud;
 
-use super::{DataError, Normalisation, Sample};
+use super::{Condition, DataError, Normalisation, Sample};
 use crate::atomic::write_atomically;
 
-/// The arrays of a shard: `B` samples, `N` points each, `D` motors.
+/// The arrays of a shard: `B` samples, `N` points each, `D` values of a condition.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Array {
     /// Points (m), `(B, N, 3)`.
     Data,
     /// Colours, 8-bit, `(B, N, 3)`.
     Rgb,
-    /// Commands (m), `(B, D)`.
+    /// Conditions: commands (m), then the payload (kg) if there is one, `(B, D)`.
     Motors,
-    /// Commands, normalised, `(B, D)`.
+    /// Conditions, normalised, `(B, D)`.
     MotorsNorm,
     /// Points, normalised, `(B, N, 3)`.
     DataNorm,
@@ -26,10 +26,12 @@ pub(super) enum Array {
     Center,
     /// What the points were divided by (m), `(B,)`.
     Scale,
+    /// Payloads (kg), `(B,)`: the last column of `motors` once more. Its presence says what that column is.
+    Payload,
 }
 
 impl Array {
-    /// What a shard of a complete data set holds.
+    /// What every shard of a complete data set holds.
     pub(super) const SHARD: [Self; 7] = [
         Self::Data,
         Self::Rgb,
@@ -51,6 +53,7 @@ impl Array {
             Self::DataNorm => "data_norm",
             Self::Center => "center",
             Self::Scale => "scale",
+            Self::Payload => "payload",
         }
     }
 
@@ -59,13 +62,14 @@ impl Array {
         let Sizes {
             samples,
             points,
-            motors,
+            values,
+            ..
         } = sizes;
         let shape = match self {
             Self::Data | Self::Rgb | Self::DataNorm => vec![samples, points, 3],
-            Self::Motors | Self::MotorsNorm => vec![samples, motors],
+            Self::Motors | Self::MotorsNorm => vec![samples, values],
             Self::Center => vec![samples, 3],
-            Self::Scale => vec![samples],
+            Self::Scale | Self::Payload => vec![samples],
         };
         shape.into_iter().map(|size| size as u64).collect()
     }
@@ -76,7 +80,7 @@ impl Array {
             Self::Data | Self::Rgb | Self::DataNorm => "(B, N, 3)",
             Self::Motors | Self::MotorsNorm => "(B, D)",
             Self::Center => "(B, 3)",
-            Self::Scale => "(B,)",
+            Self::Scale | Self::Payload => "(B,)",
         }
     }
 }
@@ -88,8 +92,21 @@ pub(super) struct Sizes {
     pub(super) samples: usize,
     /// Points per cloud `N`.
     pub(super) points: usize,
-    /// Motors `D`.
-    pub(super) motors: usize,
+    /// Values of a condition `D`.
+    pub(super) values: usize,
+    /// Whether the last of them is a payload.
+    pub(super) payload: bool,
+}
+
+impl Sizes {
+    /// The conditions in the rows of `motors`.
+    pub(super) fn conditions(self, motors: &[f32]) -> impl Iterator<Item = Condition> {
+        motors.chunks_exact(self.values).map(move |row| {
+            let mut motors = row.to_vec();
+            let payload = if self.payload { motors.pop() } else { None };
+            Condition { motors, payload }
+        })
+    }
 }
 
 /// Samples as they are stored, before normalisation.
@@ -101,18 +118,17 @@ pub(super) struct Batch {
     pub(super) data: Vec<f32>,
     /// Colours, row-major `(B, N, 3)`.
     pub(super) rgb: Vec<u8>,
-    /// Commands (m), row-major `(B, D)`.
+    /// Conditions, row-major `(B, D)`.
     pub(super) motors: Vec<f32>,
 }
 
 impl Batch {
-    /// No samples yet, for samples of `points` points and `motors` motors.
-    pub(super) fn new(points: usize, motors: usize) -> Self {
+    /// No samples yet, for samples of these sizes.
+    pub(super) fn new(sizes: Sizes) -> Self {
         Self {
             sizes: Sizes {
                 samples: 0,
-                points,
-                motors,
+                ..sizes
             },
             data: vec![],
             rgb: vec![],
@@ -120,45 +136,34 @@ impl Batch {
         }
     }
 
-    /// Drops the samples and keeps the memory.
-    pub(super) fn clear(&mut self) {
-        self.sizes.samples = 0;
-        self.data.clear();
-        self.rgb.clear();
-        self.motors.clear();
-    }
-
-    /// Appends a sample of `N` points and `D` motors.
+    /// Appends a sample of `N` points and `D` values.
     pub(super) fn push(&mut self, sample: &Sample) {
         self.sizes.samples += 1;
         self.data
             .extend_from_slice(sample.cloud.points.as_flattened());
         self.rgb
             .extend_from_slice(sample.cloud.colors.as_flattened());
-        self.motors.extend_from_slice(&sample.motors);
+        self.motors.extend(sample.condition.values());
     }
 
     /// Appends row `row` of a batch of the same `N` and `D`.
     pub(super) fn push_row(&mut self, other: &Self, row: usize) {
-        let Sizes { points, motors, .. } = self.sizes;
+        let Sizes { points, values, .. } = self.sizes;
         self.sizes.samples += 1;
         self.data
             .extend_from_slice(&other.data[row * 3 * points..][..3 * points]);
         self.rgb
             .extend_from_slice(&other.rgb[row * 3 * points..][..3 * points]);
         self.motors
-            .extend_from_slice(&other.motors[row * motors..][..motors]);
+            .extend_from_slice(&other.motors[row * values..][..values]);
     }
 
     /// The samples, one by one.
     pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
-        let Sizes {
-            samples,
-            points,
-            motors,
-        } = self.sizes;
-        (0..samples).map(move |row| Sample {
-            motors: self.motors[row * motors..][..motors].to_vec(),
+        let points = self.sizes.points;
+        let conditions = self.sizes.conditions(&self.motors).enumerate();
+        conditions.map(move |(row, condition)| Sample {
+            condition,
             cloud: PointCloud {
                 points: self.data.as_chunks().0[row * points..][..points].to_vec(),
                 colors: self.rgb.as_chunks().0[row * points..][..points].to_vec(),
@@ -171,7 +176,7 @@ impl Batch {
         write(path, self.raw_arrays())
     }
 
-    /// Writes the samples and their normalised copies to `path`, as [`Array::SHARD`].
+    /// Writes the samples and their normalised copies to `path`, as [`Array::SHARD`], and the payloads if there are any.
     pub(super) fn write_shard(
         &self,
         path: &Path,
@@ -189,7 +194,16 @@ impl Batch {
         ] {
             add(&mut builder, array, self.sizes, &values);
         }
+        if self.sizes.payload {
+            add(&mut builder, Array::Payload, self.sizes, &self.payloads());
+        }
         write(path, builder)
+    }
+
+    /// The last column of the conditions.
+    pub(super) fn payloads(&self) -> Vec<f32> {
+        let rows = self.motors.chunks_exact(self.sizes.values);
+        rows.map(|row| row[row.len() - 1]).collect()
     }
 
     fn raw_arrays(&self) -> FileBuilder {

@@ -18,7 +18,8 @@ pub(super) struct ShardFile {
 }
 
 impl ShardFile {
-    /// Opens `path` and checks that it holds `arrays`, each of the right type and shape.
+    /// Opens `path` and checks that it holds `arrays`, each of the right type and shape, and so the payloads if there
+    /// are any.
     pub(super) fn open(path: &Path, arrays: &[Array]) -> Result<Self, DataError> {
         let file = File::open_streaming(path).map_err(|error| match error {
             Error::Io(error) => DataError::io("open", path)(error),
@@ -35,11 +36,13 @@ impl ShardFile {
             sizes: Sizes {
                 samples: 0,
                 points: 0,
-                motors: 0,
+                values: 0,
+                payload: false,
             },
         };
         shard.sizes = shard.find_sizes()?;
-        for &array in arrays {
+        let payload = shard.sizes.payload.then_some(Array::Payload);
+        for &array in arrays.iter().chain(&payload) {
             shard.check(array)?;
             shard.check_chunks(array)?;
         }
@@ -53,12 +56,14 @@ impl ShardFile {
 
     /// Reads the samples.
     pub(super) fn read_batch(&self) -> Result<Batch, DataError> {
-        Ok(Batch {
+        let batch = Batch {
             sizes: self.sizes,
             data: self.read_floats(Array::Data)?,
             rgb: self.read(Array::Rgb, hdf5_pure::Dataset::read_u8)?,
             motors: self.read_floats(Array::Motors)?,
-        })
+        };
+        self.require_payloads(&batch.payloads())?;
+        Ok(batch)
     }
 
     /// Reads an array of floats, all of which are finite.
@@ -98,6 +103,14 @@ impl ShardFile {
         }
     }
 
+    /// Refuses the shard if it holds payloads other than these.
+    pub(super) fn require_payloads(&self, expected: &[f32]) -> Result<(), DataError> {
+        if self.sizes.payload {
+            self.require_values(Array::Payload, expected, 0.0)?;
+        }
+        Ok(())
+    }
+
     fn find_sizes(&self) -> Result<Sizes, DataError> {
         let data = self.shape(Array::Data)?;
         let [samples, points, 3] = *data else {
@@ -108,7 +121,7 @@ impl ShardFile {
             ));
         };
         let motors_shape = self.shape(Array::Motors)?;
-        let [_, motors] = *motors_shape else {
+        let [_, values] = *motors_shape else {
             return Err(self.wrong_shape(
                 Array::Motors,
                 Array::Motors.symbolic_shape().to_owned(),
@@ -117,7 +130,7 @@ impl ShardFile {
         };
         for (array, size, shape) in [
             (Array::Data, samples.min(points), data),
-            (Array::Motors, motors, motors_shape),
+            (Array::Motors, values, motors_shape),
         ] {
             if size == 0 {
                 return Err(self.wrong_shape(
@@ -132,7 +145,8 @@ impl ShardFile {
         Ok(Sizes {
             samples: size(samples),
             points: size(points),
-            motors: size(motors),
+            values: size(values),
+            payload: self.file.dataset(Array::Payload.name()).is_ok(),
         })
     }
 

@@ -15,7 +15,7 @@ use super::error::{FileError, FileProblem};
 use crate::atomic::write_atomically;
 
 /// Version of the format that this crate reads and writes.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Metadata key of the header.
 const KEY: &str = "tdcr";

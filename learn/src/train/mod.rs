@@ -3,6 +3,7 @@
 //! [`Trainer`] takes steps; [`TrainingState`] is all of it on disk, for exact resumption; [`Model`] is what predicts.
 
 mod error;
+mod feed;
 mod format;
 mod model;
 mod optimizer;
@@ -11,6 +12,7 @@ mod state;
 mod trainer;
 
 pub use error::{FileError, FileProblem, TrainError};
+pub use feed::{Feed, StreamWindow};
 pub use model::{Model, PredictError, Provenance};
 pub use settings::{SettingsError, TrainSettings};
 pub use state::{Best, TrainingState};

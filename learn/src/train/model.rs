@@ -3,12 +3,11 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use tdcr_sim::robot::RobotSpec;
 
 use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
 use super::settings::TrainSettings;
-use crate::data::{DataError, Normalisation};
+use crate::data::{DataError, Normalisation, Subject};
 use crate::flow::{Heun, Stream, rng};
 use crate::net::{DIM, Mlp, MlpShape};
 
@@ -16,8 +15,8 @@ use crate::net::{DIM, Mlp, MlpShape};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
-    /// The robot; `None` where the data set does not say.
-    pub robot: Option<RobotSpec>,
+    /// Robot, base and payloads; `None` where the data set does not say.
+    pub subject: Option<Subject>,
     /// The data set's normalisation.
     pub normalisation: Normalisation,
 }
@@ -65,7 +64,8 @@ struct Header {
 }
 
 impl Model {
-    /// A cloud of `points` points (m, world frame) for `command` `(D)` in physical units.
+    /// A cloud of `points` points (m, world frame) for `command` `(D)` in physical units; where the data had payloads,
+    /// its last value is the payload (kg).
     ///
     /// The noise that the cloud starts from is a function of `seed`. Commands outside the training range are
     /// extrapolated, without warrant.

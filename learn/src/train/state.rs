@@ -144,7 +144,7 @@ fn take_validations(reader: &mut Reader, len: usize) -> Result<Vec<(u64, f64)>, 
     Ok(steps.into_iter().zip(distances).collect())
 }
 
-/// A hash of all numbers of a set (FNV-1a over 32-bit words): tells whether two sets are the same.
+/// A hash of all numbers of a set: tells whether two sets are the same.
 pub(super) fn fingerprint(set: &CloudSet) -> u64 {
     let sizes = [set.condition_dim as u32, set.points_per_cloud as u32];
     let numbers = set
@@ -152,10 +152,12 @@ pub(super) fn fingerprint(set: &CloudSet) -> u64 {
         .iter()
         .chain(&set.points)
         .map(|x| x.to_bits());
-    sizes
-        .into_iter()
-        .chain(numbers)
-        .fold(0xcbf2_9ce4_8422_2325, |hash, word| {
-            (hash ^ u64::from(word)).wrapping_mul(0x0000_0100_0000_01b3)
-        })
+    hash(sizes.into_iter().chain(numbers))
+}
+
+/// FNV-1a over 32-bit words.
+pub(super) fn hash(words: impl Iterator<Item = u32>) -> u64 {
+    words.fold(0xcbf2_9ce4_8422_2325, |hash, word| {
+        (hash ^ u64::from(word)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
 }

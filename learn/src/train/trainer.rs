@@ -5,6 +5,7 @@ use rand::seq::index;
 use serde_json::Value;
 
 use super::error::TrainError;
+use super::feed::{Feed, check_feed, check_set};
 use super::model::{Model, Provenance};
 use super::optimizer::{AdamW, Update, norm};
 use super::settings::{SettingsError, TrainSettings};
@@ -22,7 +23,7 @@ pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
 /// one that was not, bit for bit, on any number of threads.
 #[derive(Debug)]
 pub struct Trainer<'a> {
-    training: &'a CloudSet,
+    training: Feed<'a>,
     validation: &'a CloudSet,
     /// Fingerprints of the two sets.
     data: [u64; 2],
@@ -57,11 +58,12 @@ impl<'a> Trainer<'a> {
     pub fn new(
         shape: MlpShape,
         settings: TrainSettings,
-        training: &'a CloudSet,
+        training: impl Into<Feed<'a>>,
         validation: &'a CloudSet,
     ) -> Result<Self, TrainError> {
         settings.check()?;
-        check_set("training", training, &shape, settings.points)?;
+        let training = training.into();
+        check_feed(&training, &shape, settings.points)?;
         check_set("validation", validation, &shape, settings.validation_points)?;
         if settings.validation_clouds > validation.len() {
             let expected = format!(
@@ -78,9 +80,9 @@ impl<'a> Trainer<'a> {
         let network = Mlp::new(shape, &mut rng(settings.seed, Stream::Parameters))?;
         let parameters = network.params().len();
         Ok(Self {
+            data: [training.fingerprint(), fingerprint(validation)],
             training,
             validation,
-            data: [training, validation].map(fingerprint),
             settings,
             average: network.clone(),
             network,
@@ -104,7 +106,7 @@ impl<'a> Trainer<'a> {
         state: TrainingState,
         shape: MlpShape,
         settings: TrainSettings,
-        training: &'a CloudSet,
+        training: impl Into<Feed<'a>>,
         validation: &'a CloudSet,
     ) -> Result<Self, TrainError> {
         let as_value = |value: serde_json::Result<Value>| value.expect("plain values serialise");
@@ -210,10 +212,12 @@ impl<'a> Trainer<'a> {
     /// Takes one step; returns its loss, the mean squared velocity error before the step.
     ///
     /// # Errors
-    /// [`TrainError::Diverged`] where the loss or its gradient is not finite; the run stays as it was before the step.
+    /// [`TrainError::Diverged`] where the loss or its gradient is not finite, [`TrainError::Data`] where a stream's sample
+    /// cannot be made; the run stays as it was before the step.
     pub fn step(&mut self) -> Result<f32, TrainError> {
         let step = self.step + 1;
-        self.samples.draw(&self.settings, self.training, step);
+        let clouds = self.training.at_step(step)?;
+        self.samples.draw(&self.settings, clouds, step);
         let batch = self.samples.batch();
         let loss = self
             .network
@@ -318,55 +322,6 @@ impl Samples {
             targets: &self.targets,
         }
     }
-}
-
-/// Refuses sets that are inconsistent, hold a value that is not finite, or have fewer than `points` points per cloud.
-fn check_set(
-    name: &'static str,
-    set: &CloudSet,
-    shape: &MlpShape,
-    points: usize,
-) -> Result<(), TrainError> {
-    let refuse = |reason: String| Err(TrainError::Data { set: name, reason });
-    if set.condition_dim != shape.condition_dim {
-        let expected = shape.condition_dim;
-        return refuse(format!(
-            "conditions of dimension {}, expected the network's {expected}",
-            set.condition_dim
-        ));
-    }
-    if set.conditions.is_empty() {
-        return refuse("no cloud, expected at least 1".to_owned());
-    }
-    let clouds = set.conditions.len() / set.condition_dim;
-    if set.conditions.len() != clouds * set.condition_dim
-        || set.points.len() != clouds * set.points_per_cloud * DIM
-    {
-        let (conditions, components) = (set.conditions.len(), set.points.len());
-        return refuse(format!(
-            "{conditions} condition values and {components} point coordinates, expected {clouds} clouds of {} and {}",
-            set.condition_dim,
-            set.points_per_cloud * DIM
-        ));
-    }
-    if points > set.points_per_cloud {
-        return refuse(format!(
-            "{} points per cloud, expected at least {points}",
-            set.points_per_cloud
-        ));
-    }
-    for (what, values) in [
-        ("condition value", &set.conditions),
-        ("point coordinate", &set.points),
-    ] {
-        if let Some(index) = values.iter().position(|x| !x.is_finite()) {
-            return refuse(format!(
-                "{what} {index} is {}, expected finite values",
-                values[index]
-            ));
-        }
-    }
-    Ok(())
 }
 
 /// Refuses a `found` of the state that is not the run's `expected`; objects are compared field by field.

@@ -10,7 +10,9 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use tdcr_learn::data::{Collector, Meta, Sample};
+use tdcr_learn::data::{
+    Collector, Condition, Design, Meta, Origin, PayloadRange, Recipe, Sample, Subject,
+};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::RobotSpec;
@@ -38,9 +40,17 @@ pub fn meta() -> Meta {
         motors: MOTORS,
         points_per_cloud: POINTS,
         samples_per_shard: 10,
-        voxel_size: 0.002,
-        robot: RobotSpec::standard("2m").unwrap(),
-        base: BaseVisibility::Hidden,
+        origin: Origin::Simulated {
+            recipe: Recipe {
+                subject: Subject {
+                    robot: RobotSpec::standard("2m").unwrap(),
+                    base: BaseVisibility::Hidden,
+                    payload: None,
+                },
+                voxel_size: 0.002,
+            },
+            design: Design::Uniform,
+        },
     }
 }
 
@@ -48,9 +58,12 @@ pub fn meta() -> Meta {
 pub fn sample(index: usize) -> Sample {
     let i = index as f32;
     Sample {
-        motors: (0..MOTORS)
-            .map(|j| (i + 100.0 * j as f32) / 65536.0)
-            .collect(),
+        condition: Condition {
+            motors: (0..MOTORS)
+                .map(|j| (i + 100.0 * j as f32) / 65536.0)
+                .collect(),
+            payload: None,
+        },
         cloud: PointCloud {
             points: (0..POINTS)
                 .map(|k| [i / 1024.0, -(k as f32) / 1024.0, 0.125])
@@ -58,6 +71,25 @@ pub fn sample(index: usize) -> Sample {
             colors: (0..POINTS).map(|k| [index as u8, k as u8, 255]).collect(),
         },
     }
+}
+
+/// [`meta`] of a set with payloads.
+pub fn loaded_meta() -> Meta {
+    let mut meta = meta();
+    if let Origin::Simulated { recipe, .. } = &mut meta.origin {
+        recipe.subject.payload = Some(PayloadRange {
+            min: 0.0,
+            max: 0.03,
+        });
+    }
+    meta
+}
+
+/// [`sample`] with a payload.
+pub fn loaded_sample(index: usize) -> Sample {
+    let mut sample = sample(index);
+    sample.condition.payload = Some(index as f32 / 2048.0);
+    sample
 }
 
 pub fn write_missing_blocks(collector: &Collector) {

@@ -1,10 +1,13 @@
 //! A toy run: clouds of a bar that the command moves, and a network that learns them in a second.
 
+#![allow(dead_code, reason = "each test file uses its part")]
+
 use rand::RngExt;
-use tdcr_learn::data::{CloudSet, Normalisation};
+use tdcr_learn::data::{CloudSet, Normalisation, Subject};
 use tdcr_learn::flow::{Heun, Stream, TimeGrid, rng};
 use tdcr_learn::net::MlpShape;
 use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
+use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::RobotSpec;
 
 pub const SHAPE: MlpShape = MlpShape {
@@ -65,7 +68,11 @@ fn chamfer(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
 
 pub fn provenance() -> Provenance {
     Provenance {
-        robot: RobotSpec::standard("2m"),
+        subject: RobotSpec::standard("2m").map(|robot| Subject {
+            robot,
+            base: BaseVisibility::Hidden,
+            payload: None,
+        }),
         normalisation: Normalisation {
             motor_min: vec![0.0, 0.01],
             motor_max: vec![0.04, 0.03],

@@ -96,6 +96,11 @@ impl<'a> Settler<'a> {
         self.solve(command, loads)
     }
 
+    /// Where the robot last settled; before that, no equilibrium of anything.
+    pub fn equilibrium(&self) -> &Equilibrium {
+        &self.equilibrium
+    }
+
     /// The last equilibrium.
     pub(super) fn into_equilibrium(self) -> Equilibrium {
         self.equilibrium

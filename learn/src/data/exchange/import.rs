@@ -1,0 +1,173 @@
+//! Folders of clouds with their motors, to a data set and from one.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use tdcr_sim::cloud::{PointCloud, VoxelGrid, write_ply};
+
+use super::npy::{to_npy, to_npz};
+use super::{EXTENSIONS, Fault, read_cloud};
+use crate::data::conditions::rng;
+use crate::data::{Collector, Condition, DataError, DataSet, Meta, Origin, Sample, Split};
+
+/// Samples per file on disk.
+const SAMPLES_PER_SHARD: usize = 250;
+
+/// How a folder becomes a data set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportSettings {
+    /// Points per cloud.
+    pub points: usize,
+    /// Edge of the voxel grid that thins the clouds (m); `None` leaves them as they are.
+    pub voxel_size: Option<f64>,
+    /// Seed of the points that are kept, and of the splits.
+    pub seed: u64,
+}
+
+/// Format of exported clouds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExportFormat {
+    /// Binary little-endian PLY.
+    Ply,
+    /// NumPy archives of `points` (N, 3) float32 (m) and `rgb` (N, 3) uint8.
+    Npz,
+}
+
+/// What a motor file holds: `{"ctrl": [...]}`.
+#[derive(Deserialize)]
+struct Motors {
+    ctrl: Vec<f32>,
+}
+
+/// Makes a data set in the folder `out` of the clouds in `dir`, in the order of their names. Beside each cloud `NAME.ply`,
+/// `.pcd`, `.npy` or `.npz` (m), `NAME.json` holds its motors, `{"ctrl": [...]}`, in any unit. Returns the number of
+/// clouds. Interrupted, the same call goes on where it stopped.
+///
+/// # Errors
+/// [`DataError::CloudFile`] names the file and the place in it; else as [`Collector`].
+pub fn import(dir: &Path, out: &Path, settings: &ImportSettings) -> Result<usize, DataError> {
+    let clouds = cloud_files(dir)?;
+    let motors = clouds.first().map(|cloud| read_motors(cloud));
+    let motors = motors.transpose()?.map_or(1, |motors| motors.len());
+    let meta = Meta {
+        format: Meta::FORMAT,
+        tdcr_version: env!("CARGO_PKG_VERSION").to_owned(),
+        seed: settings.seed,
+        count: clouds.len(),
+        motors,
+        points_per_cloud: settings.points,
+        samples_per_shard: SAMPLES_PER_SHARD,
+        origin: Origin::Imported {
+            source: format!("{} clouds from {}", clouds.len(), dir.display()),
+        },
+    };
+    let collector = Collector::open(out, &meta)?;
+    for block in collector.missing_blocks() {
+        let sample = |index: usize| read_sample(&clouds[index], index, motors, settings);
+        let samples: Vec<Sample> = block.clone().map(sample).collect::<Result<_, _>>()?;
+        collector.write_block(block.start, &samples)?;
+    }
+    collector.finish(|_, _| {})?;
+    Ok(meta.count)
+}
+
+fn read_sample(
+    path: &Path,
+    index: usize,
+    motors: usize,
+    settings: &ImportSettings,
+) -> Result<Sample, DataError> {
+    let condition = Condition {
+        motors: read_motors(path)?,
+        payload: None,
+    };
+    if condition.motors.len() != motors {
+        let found = condition.motors.len();
+        let problem = format!("{found} values, expected {motors} as in the first file");
+        return Err(Fault::new("ctrl", problem)
+            .at(&path.with_extension("json"))
+            .into());
+    }
+    let mut cloud = read_cloud(path)?;
+    if let Some(size) = settings.voxel_size {
+        cloud = cloud.voxel_downsample(VoxelGrid::new(size));
+    }
+    let cloud = cloud.sample_or_pad(settings.points, &mut rng(settings.seed, index as u64));
+    Ok(Sample { condition, cloud })
+}
+
+/// The motors beside a cloud.
+fn read_motors(cloud: &Path) -> Result<Vec<f32>, DataError> {
+    let path = cloud.with_extension("json");
+    let bytes = std::fs::read(&path).map_err(DataError::io("read", &path))?;
+    let motors = serde_json::from_slice::<Motors>(&bytes);
+    let motors = motors.map_err(|source| DataError::Json {
+        path: path.clone(),
+        source,
+    })?;
+    match motors.ctrl.is_empty() {
+        false => Ok(motors.ctrl),
+        true => Err(Fault::new("ctrl", "no value, expected one per motor")
+            .at(&path)
+            .into()),
+    }
+}
+
+/// The clouds in a folder, by name.
+fn cloud_files(dir: &Path) -> Result<Vec<PathBuf>, DataError> {
+    let mut files = vec![];
+    for entry in std::fs::read_dir(dir).map_err(DataError::io("list", dir))? {
+        let path = entry.map_err(DataError::io("list", dir))?.path();
+        let extension = path.extension().and_then(|extension| extension.to_str());
+        if extension.is_some_and(|extension| EXTENSIONS.contains(&extension)) {
+            files.push(path);
+        }
+    }
+    files.sort_unstable();
+    Ok(files)
+}
+
+/// Writes the clouds of the data set `set` to the folder `out`, which is made if it is not there: one folder for each
+/// split, in each `cloud-00000.ply` or `.npz` and so on with `cloud-00000.json` beside it, which holds `{"ctrl": [...]}`:
+/// the condition. Returns the number of clouds.
+///
+/// # Errors
+/// As [`DataSet::read_split`]; [`DataError::Io`] and [`DataError::CloudFile`] where a file cannot be written.
+pub fn export(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, DataError> {
+    let mut count = 0;
+    for split in Split::ALL {
+        let dir = out.join(split.folder());
+        std::fs::create_dir_all(&dir).map_err(DataError::io("create", &dir))?;
+        for (index, sample) in set.read_split(split)?.iter().enumerate() {
+            let path = dir.join(format!("cloud-{index:05}"));
+            write_cloud(&path, format, &sample.cloud)?;
+            let values: Vec<f32> = sample.condition.values().collect();
+            let json = serde_json::json!({ "ctrl": values }).to_string();
+            let path = path.with_extension("json");
+            std::fs::write(&path, json).map_err(DataError::io("write", &path))?;
+            count += 1;
+        }
+    }
+    Ok(count)
+}
+
+fn write_cloud(path: &Path, format: ExportFormat, cloud: &PointCloud) -> Result<(), DataError> {
+    match format {
+        ExportFormat::Ply => {
+            let path = path.with_extension("ply");
+            let fault = |error: tdcr_sim::cloud::PlyError| Fault::new("file", error.source);
+            Ok(write_ply(&path, cloud).map_err(|error| fault(error).at(&path))?)
+        }
+        ExportFormat::Npz => {
+            let path = path.with_extension("npz");
+            let coordinates = cloud.points.as_flattened().iter();
+            let points: Vec<u8> = coordinates.flat_map(|x| x.to_le_bytes()).collect();
+            let shape = [cloud.len(), 3];
+            let arrays = [
+                ("points", to_npy(&shape, "<f4", &points)),
+                ("rgb", to_npy(&shape, "|u1", cloud.colors.as_flattened())),
+            ];
+            std::fs::write(&path, to_npz(&arrays)).map_err(DataError::io("write", &path))
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! Clouds of other programs and of real robots: files in, files out.
+
+mod import;
+mod npy;
+mod pcd;
+mod ply;
+mod table;
+
+pub use import::{ExportFormat, ImportSettings, export, import};
+
+use std::path::{Path, PathBuf};
+
+use tdcr_sim::cloud::PointCloud;
+
+/// Colour of points whose file gives none.
+const GREY: [u8; 3] = [128; 3];
+
+/// Extensions of the files that clouds are read from.
+pub(super) const EXTENSIONS: [&str; 4] = ["ply", "pcd", "npy", "npz"];
+
+/// Why a file of another program could not be read or written.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {place}: {problem}", .path.display())]
+pub struct CloudFileError {
+    /// The file.
+    pub path: PathBuf,
+    /// Where in the file: a line, a byte, a part.
+    pub place: String,
+    /// What was found, and what would be right.
+    pub problem: String,
+}
+
+/// What is wrong with the contents of a file, and where.
+#[derive(Debug, PartialEq)]
+pub(super) struct Fault {
+    place: String,
+    problem: String,
+}
+
+impl Fault {
+    fn new(place: impl ToString, problem: impl ToString) -> Self {
+        Self {
+            place: place.to_string(),
+            problem: problem.to_string(),
+        }
+    }
+
+    fn at(self, path: &Path) -> CloudFileError {
+        CloudFileError {
+            path: path.to_owned(),
+            place: self.place,
+            problem: self.problem,
+        }
+    }
+}
+
+/// Reads a cloud (m) from a PLY (ASCII or binary little-endian), PCD (ASCII or binary), NPY or NPZ file, by its
+/// extension. Points that are not finite, with which depth cameras mark what they did not see, are left out; points
+/// without a colour are grey.
+///
+/// # Errors
+/// [`CloudFileError`] with the place in the file; also where no point is left.
+pub fn read_cloud(path: &Path) -> Result<PointCloud, CloudFileError> {
+    let extension = path.extension().and_then(|extension| extension.to_str());
+    let parse: fn(&[u8]) -> Result<PointCloud, Fault> = match extension {
+        Some("ply") => ply::parse,
+        Some("pcd") => pcd::parse,
+        Some("npy") => npy::parse_npy,
+        Some("npz") => npy::parse_npz,
+        _ => {
+            let problem = "unknown extension, expected .ply, .pcd, .npy or .npz";
+            return Err(Fault::new("name", problem).at(path));
+        }
+    };
+    let bytes = std::fs::read(path).map_err(|error| Fault::new("file", error).at(path))?;
+    let mut cloud = parse(&bytes).map_err(|fault| fault.at(path))?;
+    let seen = |point: &[f32; 3]| point.iter().all(|x| x.is_finite());
+    let kept: Vec<bool> = cloud.points.iter().map(seen).collect();
+    let mut keep = kept.iter();
+    cloud.points.retain(|_| *keep.next().unwrap_or(&false));
+    let mut keep = kept.iter();
+    cloud.colors.retain(|_| *keep.next().unwrap_or(&false));
+    if cloud.is_empty() {
+        return Err(Fault::new("points", "no finite point, expected at least 1").at(path));
+    }
+    Ok(cloud)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn ply_seed() -> Vec<u8> {
+        let mut bytes =
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 2\nproperty float x\n\
+            property float y\nproperty float z\nproperty uchar red\nproperty uchar green\n\
+            property uchar blue\nend_header\n"
+                .to_vec();
+        bytes.extend([0; 30]);
+        bytes
+    }
+
+    fn pcd_seed() -> Vec<u8> {
+        let mut bytes =
+            b"VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\n\
+            WIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA binary\n"
+                .to_vec();
+        bytes.extend([0; 32]);
+        bytes
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4000))]
+
+        #[test]
+        fn no_bytes_make_a_parser_panic(
+            seed in 0..4_usize,
+            damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..6),
+            length in any::<prop::sample::Index>(),
+        ) {
+            let npy = npy::to_npy(&[2, 3], "<f4", &[0; 24]);
+            let npz = npy::to_npz(&[("points", npy.clone())]);
+            let mut bytes = [ply_seed(), pcd_seed(), npy, npz][seed].clone();
+            for (position, value) in damage {
+                let position = position.index(bytes.len());
+                bytes[position] = value;
+            }
+            let cut = &bytes[..=length.index(bytes.len())];
+            for bytes in [&bytes[..], cut] {
+                let _ = (ply::parse(bytes), pcd::parse(bytes), npy::parse_npy(bytes), npy::parse_npz(bytes));
+            }
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! From conditions to clouds, in simulation.
+
+use std::time::{Duration, Instant};
+
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid};
+use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::robot::{CommandError, LoadError, Loads, Robot, RobotSpec};
+use tdcr_sim::statics::{Equilibrium, Settler};
+
+use super::conditions::{PayloadRange, rng};
+use super::{Condition, Sample};
+
+/// What clouds show: a network that learned one subject says nothing about another.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Subject {
+    /// The robot, and the cameras that see it.
+    pub robot: RobotSpec,
+    /// Whether the cameras see the base.
+    pub base: BaseVisibility,
+    /// The payloads that hang from the tip; `None` where conditions have none.
+    pub payload: Option<PayloadRange>,
+}
+
+/// Everything besides its condition that a simulated cloud depends on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// What is seen.
+    pub subject: Subject,
+    /// Edge of the voxel grid that thins the fused clouds (m).
+    pub voxel_size: f64,
+}
+
+/// Why a sample could not be simulated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SimulateError {
+    /// The command does not fit the robot.
+    #[error(transparent)]
+    Command(#[from] CommandError),
+    /// The payload is no mass.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// The robot did not settle.
+    #[error("the robot did not settle under {condition:?}: residual {residual:e} N m")]
+    NotSettled {
+        /// The command (m), then the payload (kg) if there is one.
+        condition: Vec<f32>,
+        /// Largest gradient component (N m).
+        residual: f64,
+    },
+    /// No camera saw the robot.
+    #[error("no camera sees the robot under {condition:?}")]
+    NotSeen {
+        /// The command (m), then the payload (kg) if there is one.
+        condition: Vec<f32>,
+    },
+    /// A thread that makes samples died.
+    #[error("a thread that makes samples panicked")]
+    Panicked,
+}
+
+/// Time that a [`Simulator`] spent.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SimulationTimes {
+    /// Settling.
+    pub settle: Duration,
+    /// Rendering, back-projection and voxels.
+    pub see: Duration,
+    /// Drawing the points that are kept.
+    pub sample: Duration,
+}
+
+/// Makes samples one after another, on one thread, reusing its memory.
+pub struct Simulator<'a> {
+    robot: &'a Robot,
+    settler: Settler<'a>,
+    observer: Observer<'a>,
+    times: SimulationTimes,
+}
+
+impl<'a> Simulator<'a> {
+    /// A simulator of `robot`, which is compiled from the recipe's.
+    pub fn new(robot: &'a Robot, recipe: &Recipe) -> Self {
+        Self {
+            robot,
+            settler: Settler::new(robot),
+            observer: Observer::new(
+                robot,
+                recipe.subject.base,
+                VoxelGrid::new(recipe.voxel_size),
+            ),
+            times: SimulationTimes::default(),
+        }
+    }
+
+    /// The same with other cameras and voxels, as [`Observer::interleaved`]: what it sees is a second, independent sample
+    /// of the same surfaces.
+    pub fn interleaved(self) -> Self {
+        Self {
+            observer: self.observer.interleaved(),
+            ..self
+        }
+    }
+
+    /// Settles the robot: under the command alone, and from there under its payload.
+    ///
+    /// # Errors
+    /// [`SimulateError`] where the condition does not fit the robot, or the robot does not settle.
+    pub fn settle(&mut self, condition: &Condition) -> Result<&Equilibrium, SimulateError> {
+        let began = Instant::now();
+        let command = condition.command(self.robot)?;
+        let unloaded = self.settler.settle(&command, &Loads::default());
+        let payload = condition.payload.filter(|&mass| mass != 0.0);
+        if let (Some(mass), true) = (payload, unloaded.converged) {
+            let start = unloaded.configuration.clone();
+            let loads = Loads::payload(mass.into())?;
+            self.settler.settle_from(&start, &command, &loads);
+        }
+        let equilibrium = self.settler.equilibrium();
+        self.times.settle += began.elapsed();
+        if equilibrium.converged {
+            return Ok(equilibrium);
+        }
+        Err(SimulateError::NotSettled {
+            condition: condition.values().collect(),
+            residual: equilibrium.residual,
+        })
+    }
+
+    /// The cloud of the robot under a condition: `points` points (m, world frame), drawn with `rng`.
+    ///
+    /// # Errors
+    /// As [`settle`](Self::settle); [`SimulateError::NotSeen`] where no camera sees anything.
+    pub fn cloud(
+        &mut self,
+        condition: &Condition,
+        points: usize,
+        rng: &mut impl Rng,
+    ) -> Result<PointCloud, SimulateError> {
+        self.settle(condition)?;
+        let settled = Instant::now();
+        let seen = self.observer.observe(self.settler.equilibrium());
+        let looked = Instant::now();
+        let cloud = seen.sample_or_pad(points, rng);
+        self.times.see += looked - settled;
+        self.times.sample += looked.elapsed();
+        if cloud.is_empty() {
+            return Err(SimulateError::NotSeen {
+                condition: condition.values().collect(),
+            });
+        }
+        Ok(cloud)
+    }
+
+    /// Sample `index` of a set or stream: `condition` and its cloud, whose points follow from `seed` and `index`.
+    ///
+    /// # Errors
+    /// As [`cloud`](Self::cloud).
+    pub fn sample(
+        &mut self,
+        condition: Condition,
+        points: usize,
+        seed: u64,
+        index: u64,
+    ) -> Result<Sample, SimulateError> {
+        let cloud = self.cloud(&condition, points, &mut points_rng(seed, index))?;
+        Ok(Sample { condition, cloud })
+    }
+
+    /// Time spent so far.
+    pub fn times(&self) -> SimulationTimes {
+        self.times
+    }
+}
+
+/// The random stream that chooses the points of cloud `index`, apart from that of its condition.
+fn points_rng(seed: u64, index: u64) -> ChaCha8Rng {
+    rng(seed, index | 1 << 63)
+}
+
+impl std::ops::Sub for SimulationTimes {
+    type Output = Self;
+
+    fn sub(self, before: Self) -> Self {
+        Self {
+            settle: self.settle - before.settle,
+            see: self.see - before.see,
+            sample: self.sample - before.sample,
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! Where a run's training clouds come from.
+
+use tdcr_sim::robot::SpecError;
+
+use super::error::TrainError;
+use super::state::{fingerprint, hash};
+use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
+use crate::net::{DIM, MlpShape};
+
+/// Samples that a stream's threads may be ahead of the run.
+const AHEAD: usize = 32;
+
+/// Training clouds: a set in memory, or a stream that never ends.
+#[derive(Debug)]
+pub enum Feed<'a> {
+    /// The clouds of a data set.
+    Set(&'a CloudSet),
+    /// The last clouds of a stream.
+    Stream(Box<StreamWindow>),
+}
+
+/// A window of `clouds` clouds that moves along a stream, `fresh` clouds a step: step `k`, the first is 1, sees the
+/// samples from `(k - 1) fresh` on. So what a step sees does not depend on interruptions, and each cloud serves
+/// `clouds / fresh` steps.
+#[derive(Debug)]
+pub struct StreamWindow {
+    spec: StreamSpec,
+    fresh: usize,
+    threads: usize,
+    normalisation: Normalisation,
+    /// Sample `i` is in place `i mod clouds`.
+    set: CloudSet,
+    clouds: usize,
+    /// The stream, and the index of its next sample; none before the first step.
+    stream: Option<(SimStream, u64)>,
+}
+
+impl<'a> From<&'a CloudSet> for Feed<'a> {
+    fn from(set: &'a CloudSet) -> Self {
+        Self::Set(set)
+    }
+}
+
+impl Feed<'_> {
+    /// Condition dimension `D`.
+    pub fn condition_dim(&self) -> usize {
+        match self {
+            Self::Set(set) => set.condition_dim,
+            Self::Stream(window) => window.set.condition_dim,
+        }
+    }
+
+    /// Points per cloud `N`.
+    pub fn points_per_cloud(&self) -> usize {
+        match self {
+            Self::Set(set) => set.points_per_cloud,
+            Self::Stream(window) => window.set.points_per_cloud,
+        }
+    }
+
+    /// The clouds that step `step` draws from.
+    pub(super) fn at_step(&mut self, step: u64) -> Result<&CloudSet, TrainError> {
+        match self {
+            Self::Set(set) => Ok(set),
+            Self::Stream(window) => window.at_step(step),
+        }
+    }
+
+    /// A hash of the clouds, or of what they follow from.
+    pub(super) fn fingerprint(&self) -> u64 {
+        match self {
+            Self::Set(set) => fingerprint(set),
+            Self::Stream(window) => {
+                let key = (&window.spec, window.clouds, window.fresh);
+                let json = serde_json::to_string(&key).expect("plain values serialise");
+                hash(json.bytes().map(u32::from))
+            }
+        }
+    }
+}
+
+impl StreamWindow {
+    /// A window of `clouds` clouds on the stream `spec`, made by `threads` threads; at least one of each.
+    ///
+    /// # Errors
+    /// [`SpecError`] where the robot is refused.
+    pub fn new(
+        spec: StreamSpec,
+        clouds: usize,
+        fresh: usize,
+        threads: usize,
+    ) -> Result<Self, SpecError> {
+        let normalisation = spec.normalisation()?;
+        let clouds = clouds.max(1);
+        let condition_dim = normalisation.motor_min.len();
+        Ok(Self {
+            set: CloudSet {
+                condition_dim,
+                points_per_cloud: spec.points,
+                conditions: vec![0.0; clouds * condition_dim],
+                points: vec![0.0; clouds * spec.points * 3],
+            },
+            spec,
+            fresh: fresh.max(1),
+            threads,
+            normalisation,
+            clouds,
+            stream: None,
+        })
+    }
+
+    /// The normalisation of the clouds: [`StreamSpec::normalisation`].
+    pub fn normalisation(&self) -> &Normalisation {
+        &self.normalisation
+    }
+
+    /// Clouds for validation, which no step sees: the samples of the stream from `2^62` on.
+    ///
+    /// # Errors
+    /// [`TrainError::Data`] where a sample cannot be made.
+    pub fn validation(&self, clouds: usize) -> Result<CloudSet, TrainError> {
+        let mut set = CloudSet {
+            conditions: vec![0.0; clouds * self.set.condition_dim],
+            points: vec![0.0; clouds * self.spec.points * 3],
+            ..self.set
+        };
+        let mut stream = self.open(1 << 62)?;
+        for place in 0..clouds {
+            put(&mut set, place, next(&mut stream)?, &self.normalisation)?;
+        }
+        Ok(set)
+    }
+
+    fn at_step(&mut self, step: u64) -> Result<&CloudSet, TrainError> {
+        let first = (step - 1) * self.fresh as u64;
+        // Going back, or further on than the window, is starting anew.
+        let reached = self
+            .stream
+            .take()
+            .filter(|(_, next)| (first..=first + self.clouds as u64).contains(next));
+        let (mut stream, mut index) = match reached {
+            Some(reached) => reached,
+            None => (self.open(first)?, first),
+        };
+        while index < first + self.clouds as u64 {
+            let place = (index % self.clouds as u64) as usize;
+            put(
+                &mut self.set,
+                place,
+                next(&mut stream)?,
+                &self.normalisation,
+            )?;
+            index += 1;
+        }
+        self.stream = Some((stream, index));
+        Ok(&self.set)
+    }
+
+    fn open(&self, first: u64) -> Result<SimStream, TrainError> {
+        SimStream::open(&self.spec, first, self.threads, AHEAD).map_err(refuse)
+    }
+}
+
+fn next(stream: &mut SimStream) -> Result<Sample, TrainError> {
+    let sample = stream.next().unwrap_or(Err(SimulateError::Panicked));
+    sample.map_err(refuse)
+}
+
+fn refuse(error: impl ToString) -> TrainError {
+    TrainError::Data {
+        set: "training",
+        reason: error.to_string(),
+    }
+}
+
+/// Puts a sample, normalised, in a place of a set.
+fn put(
+    set: &mut CloudSet,
+    place: usize,
+    sample: Sample,
+    normalisation: &Normalisation,
+) -> Result<(), TrainError> {
+    let condition = normalisation
+        .condition(&sample.condition.to_vec())
+        .map_err(refuse)?;
+    set.conditions[place * set.condition_dim..][..set.condition_dim].copy_from_slice(&condition);
+    let points = &mut set.points[place * set.points_per_cloud * 3..][..set.points_per_cloud * 3];
+    points.copy_from_slice(sample.cloud.points.as_flattened());
+    normalisation.normalise_points(points);
+    Ok(())
+}
+
+/// Refuses training clouds that do not suit the network or the settings.
+pub(super) fn check_feed(feed: &Feed, shape: &MlpShape, points: usize) -> Result<(), TrainError> {
+    if let Feed::Set(set) = feed {
+        return check_set("training", set, shape, points);
+    }
+    let (found, expected) = (feed.condition_dim(), shape.condition_dim);
+    if found != expected {
+        let reason = format!("conditions of dimension {found}, expected the network's {expected}");
+        return Err(TrainError::Data {
+            set: "training",
+            reason,
+        });
+    }
+    let found = feed.points_per_cloud();
+    if points > found {
+        let reason = format!("{found} points per cloud, expected at least {points}");
+        return Err(TrainError::Data {
+            set: "training",
+            reason,
+        });
+    }
+    Ok(())
+}
+
+/// Refuses sets that are inconsistent, hold a value that is not finite, or have fewer than `points` points per cloud.
+pub(super) fn check_set(
+    name: &'static str,
+    set: &CloudSet,
+    shape: &MlpShape,
+    points: usize,
+) -> Result<(), TrainError> {
+    let refuse = |reason: String| Err(TrainError::Data { set: name, reason });
+    if set.condition_dim != shape.condition_dim {
+        let expected = shape.condition_dim;
+        return refuse(format!(
+            "conditions of dimension {}, expected the network's {expected}",
+            set.condition_dim
+        ));
+    }
+    if set.conditions.is_empty() {
+        return refuse("no cloud, expected at least 1".to_owned());
+    }
+    let clouds = set.conditions.len() / set.condition_dim;
+    if set.conditions.len() != clouds * set.condition_dim
+        || set.points.len() != clouds * set.points_per_cloud * DIM
+    {
+        let (conditions, components) = (set.conditions.len(), set.points.len());
+        return refuse(format!(
+            "{conditions} condition values and {components} point coordinates, expected {clouds} clouds of {} and {}",
+            set.condition_dim,
+            set.points_per_cloud * DIM
+        ));
+    }
+    if points > set.points_per_cloud {
+        return refuse(format!(
+            "{} points per cloud, expected at least {points}",
+            set.points_per_cloud
+        ));
+    }
+    for (what, values) in [
+        ("condition value", &set.conditions),
+        ("point coordinate", &set.points),
+    ] {
+        if let Some(index) = values.iter().position(|x| !x.is_finite()) {
+            return refuse(format!(
+                "{what} {index} is {}, expected finite values",
+                values[index]
+            ));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,219 @@
+//! Clouds of other programs, in and out.
+
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{collect, meta};
+use tdcr_learn::data::{
+    DataSet, ExportFormat, ImportSettings, Sample, Split, check, export, import, read_cloud,
+};
+use tempfile::tempdir;
+
+const SETTINGS: ImportSettings = ImportSettings {
+    points: 6,
+    voxel_size: None,
+    seed: 7,
+};
+
+/// The samples of all splits, with the points of each cloud and the samples in order.
+fn sorted(set: &DataSet) -> Vec<Sample> {
+    let mut samples: Vec<Sample> = Split::ALL
+        .iter()
+        .flat_map(|&split| set.read_split(split).unwrap())
+        .collect();
+    for sample in &mut samples {
+        let mut order: Vec<usize> = (0..sample.cloud.len()).collect();
+        let key = |k: &usize| sample.cloud.points[*k].map(f32::to_bits);
+        order.sort_by_key(key);
+        sample.cloud.points = order.iter().map(|&k| sample.cloud.points[k]).collect();
+        sample.cloud.colors = order.iter().map(|&k| sample.cloud.colors[k]).collect();
+    }
+    samples.sort_by(|a, b| a.condition.motors.partial_cmp(&b.condition.motors).unwrap());
+    samples
+}
+
+#[test]
+fn what_is_exported_is_imported_again() {
+    let dir = tempdir().unwrap();
+    let original = dir.path().join("original");
+    collect(&original, &meta());
+    let set = DataSet::open(&original).unwrap();
+    for (name, format) in [("ply", ExportFormat::Ply), ("npz", ExportFormat::Npz)] {
+        let out = dir.path().join(name);
+        assert_eq!(export(&set, format, &out).unwrap(), 43);
+        // All splits in one folder, as a robot would record them.
+        let flat = dir.path().join(format!("{name}-flat"));
+        fs::create_dir(&flat).unwrap();
+        for split in Split::ALL {
+            for entry in fs::read_dir(out.join(split.folder())).unwrap() {
+                let path = entry.unwrap().path();
+                let file = path.file_name().unwrap().to_str().unwrap();
+                fs::copy(&path, flat.join(format!("{}-{file}", split.folder()))).unwrap();
+            }
+        }
+        let again = dir.path().join(format!("{name}-set"));
+        assert_eq!(import(&flat, &again, &SETTINGS).unwrap(), 43);
+        let again_set = DataSet::open(&again).unwrap();
+        assert_eq!(sorted(&again_set), sorted(&set));
+        assert_eq!(check(&again).unwrap(), []);
+    }
+}
+
+#[test]
+fn clouds_are_read_from_text_and_binary_files() {
+    let dir = tempdir().unwrap();
+    let read = |name: &str, bytes: &[u8]| {
+        let path = dir.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        read_cloud(&path).unwrap()
+    };
+    let ply = read(
+        "a.ply",
+        b"ply\nformat ascii 1.0\ncomment x\nelement vertex 2\nproperty double x\nproperty float y\n\
+          property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n\
+          element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+          1 2 3 4 5 6\nnan 0 0 1 1 1\n3 0 1 1\n",
+    );
+    assert_eq!(
+        (ply.points, ply.colors),
+        (vec![[1.0, 2.0, 3.0]], vec![[4, 5, 6]])
+    );
+    let header = |data: &str| {
+        format!(
+            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\n\
+             WIDTH 1\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1\nDATA {data}\n"
+        )
+    };
+    let color = 0x0004_0506_u32;
+    let text = read(
+        "a.pcd",
+        format!("{}1 2 3 {color}\n", header("ascii")).as_bytes(),
+    );
+    let mut bytes = header("binary").into_bytes();
+    bytes.extend([1.0_f32, 2.0, 3.0].iter().flat_map(|x| x.to_le_bytes()));
+    bytes.extend(color.to_le_bytes());
+    let binary = read("b.pcd", &bytes);
+    for cloud in [text, binary] {
+        assert_eq!(
+            (cloud.points, cloud.colors),
+            (vec![[1.0, 2.0, 3.0]], vec![[4, 5, 6]])
+        );
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_file_is_said_with_its_place() {
+    let dir = tempdir().unwrap();
+    let refuse = |name: &str, bytes: &[u8], expected: &str| {
+        let path = dir.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        let error = read_cloud(&path).unwrap_err().to_string();
+        assert_eq!(error, format!("{}: {expected}", path.display()));
+    };
+    let ply = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    let with = |rows: &str| format!("{ply}{rows}").into_bytes();
+    refuse(
+        "a.ply",
+        &with("1 2 3\n1 two 3\n"),
+        "line 9: `two`, expected a number",
+    );
+    refuse(
+        "a.ply",
+        &with("1 2 3\n"),
+        "last line: the file ends after 1 of 2 points",
+    );
+    refuse(
+        "a.ply",
+        &with("1 2 3\n1 2\n"),
+        "line 9: 2 numbers, expected 3",
+    );
+    refuse(
+        "a.ply",
+        b"solid\n",
+        "line 1: not a PLY file, expected `ply`",
+    );
+    refuse(
+        "a.ply",
+        b"ply\nformat binary_big_endian 1.0\n",
+        "line 2: expected format ascii or binary_little_endian",
+    );
+    refuse(
+        "a.ply",
+        ply.replace("float z", "float w").as_bytes(),
+        "header: no `z`, expected x, y and z",
+    );
+    refuse(
+        "a.ply",
+        ply.replace("vertex 2", "vertex 0").as_bytes(),
+        "points: no finite point, expected at least 1",
+    );
+    let pcd = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 3\nDATA ";
+    refuse(
+        "a.pcd",
+        format!("{pcd}binary_compressed\n").as_bytes(),
+        "line 5: DATA binary_compressed is not read; write the file as binary or ascii",
+    );
+    refuse(
+        "a.pcd",
+        format!("{pcd}binary\n12345678901234").as_bytes(),
+        "byte 70: the file ends after 1 of 3 points",
+    );
+    refuse(
+        "a.npy",
+        b"\x93NUMPY\x01\x00",
+        "header: the file ends within its header",
+    );
+    refuse(
+        "a.npz",
+        b"PK",
+        "archive: invalid Zip archive: Could not find EOCD",
+    );
+    refuse(
+        "a.xyz",
+        b"",
+        "name: unknown extension, expected .ply, .pcd, .npy or .npz",
+    );
+}
+
+#[test]
+fn clouds_without_motors_or_with_others_are_named() {
+    let dir = tempdir().unwrap();
+    let clouds = dir.path().join("clouds");
+    fs::create_dir(&clouds).unwrap();
+    let ply = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n";
+    for k in 0..12 {
+        fs::write(clouds.join(format!("{k:02}.ply")), ply).unwrap();
+        fs::write(
+            clouds.join(format!("{k:02}.json")),
+            format!("{{\"ctrl\": [{k}, 1]}}"),
+        )
+        .unwrap();
+    }
+    let out = dir.path().join("set");
+    let refuse = |json: Option<&str>, expected: &str| {
+        let path = clouds.join("03.json");
+        match json {
+            Some(json) => fs::write(&path, json).unwrap(),
+            None => fs::remove_file(&path).unwrap(),
+        }
+        let error = import(&clouds, &out, &SETTINGS).unwrap_err().to_string();
+        assert!(
+            error.contains("03.json") && error.contains(expected),
+            "{error}"
+        );
+    };
+    refuse(
+        Some("{\"ctrl\": [1]}"),
+        "ctrl: 1 values, expected 2 as in the first file",
+    );
+    refuse(Some("{\"ctrl\": \"up\"}"), "line 1 column");
+    refuse(Some("{\"ctrl\": []}"), "no value, expected one per motor");
+    refuse(None, "cannot read");
+    fs::write(clouds.join("03.json"), "{\"ctrl\": [3, 1]}").unwrap();
+    assert_eq!(import(&clouds, &out, &SETTINGS).unwrap(), 12);
+    assert!(import(Path::new("/no/such/folder"), &out, &SETTINGS).is_err());
+}

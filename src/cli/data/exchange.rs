@@ -1,0 +1,85 @@
+//! `tdcr data import` and `tdcr data export`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+use tdcr::learn::data::{self, DataSet, ExportFormat, ImportSettings};
+
+use super::Console;
+
+/// Make a data set of clouds (.ply, .pcd, .npy, .npz) with motor files {"ctrl": [...]} of the same names
+#[derive(Debug, Args)]
+pub(in crate::cli) struct ImportArgs {
+    /// Folder of clouds and motor files
+    #[arg(value_name = "DIR")]
+    dir: PathBuf,
+    /// Folder of the data set
+    #[arg(long, value_name = "SET")]
+    out: PathBuf,
+    /// Points per cloud
+    #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::super::amount)]
+    points: usize,
+    /// Edge of the voxels that thin the clouds (m); by default they are not thinned
+    #[arg(long, value_name = "M", value_parser = super::super::positive, allow_hyphen_values = true)]
+    voxel: Option<f64>,
+    /// Seed of the points that are kept, and of the splits
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+/// Write the clouds of a data set as files of their own, with their conditions beside them
+#[derive(Debug, Args)]
+pub(in crate::cli) struct ExportArgs {
+    /// Folder of the data set
+    #[arg(value_name = "SET")]
+    set: PathBuf,
+    /// Format of the clouds
+    #[arg(long, value_enum)]
+    format: Format,
+    /// Folder of the clouds
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Format {
+    Ply,
+    Npz,
+}
+
+#[derive(Serialize)]
+struct Moved {
+    dir: PathBuf,
+    clouds: usize,
+}
+
+impl Moved {
+    fn tell(&self, console: &Console) -> anyhow::Result<()> {
+        console.result(self, |m| {
+            format!("{}: {} clouds", m.dir.display(), m.clouds)
+        })
+    }
+}
+
+pub(super) fn import(args: &ImportArgs, console: &Console) -> anyhow::Result<()> {
+    let settings = ImportSettings {
+        points: args.points,
+        voxel_size: args.voxel,
+        seed: args.seed,
+    };
+    let clouds = data::import(&args.dir, &args.out, &settings)?;
+    let dir = args.out.clone();
+    Moved { dir, clouds }.tell(console)
+}
+
+pub(super) fn export(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
+    let set = DataSet::open(&args.set)?;
+    let format = match args.format {
+        Format::Ply => ExportFormat::Ply,
+        Format::Npz => ExportFormat::Npz,
+    };
+    let clouds = data::export(&set, format, &args.out)?;
+    let dir = args.out.clone();
+    Moved { dir, clouds }.tell(console)
+}

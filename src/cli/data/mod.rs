@@ -1,0 +1,52 @@
+//! `tdcr data`: what is in data sets, and the ways in and out of them.
+
+mod check;
+mod exchange;
+mod info;
+mod view;
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+
+use super::console::Console;
+
+/// Look at data sets, check them, make them of other programs' clouds and the reverse
+#[derive(Debug, Args)]
+pub(super) struct DataArgs {
+    #[command(subcommand)]
+    command: DataCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum DataCommand {
+    Info(info::InfoArgs),
+    View(view::ViewArgs),
+    Check(check::CheckArgs),
+    Import(exchange::ImportArgs),
+    Export(exchange::ExportArgs),
+}
+
+pub(super) fn run(args: &DataArgs, console: &Console) -> anyhow::Result<()> {
+    match &args.command {
+        DataCommand::Info(args) => info::run(args, console),
+        DataCommand::View(args) => view::run(args, console),
+        DataCommand::Check(args) => check::run(args, console),
+        DataCommand::Import(args) => exchange::import(args, console),
+        DataCommand::Export(args) => exchange::export(args, console),
+    }
+}
+
+/// Folders of data sets.
+#[derive(Debug, Args)]
+struct Dirs {
+    /// Folders of data sets
+    #[arg(required = true, value_name = "DIR")]
+    dirs: Vec<PathBuf>,
+}
+
+/// The name that a data set goes by: its folder's.
+fn name(dir: &Path) -> String {
+    let name = dir.file_name().unwrap_or(dir.as_os_str());
+    name.to_string_lossy().into_owned()
+}

@@ -1,0 +1,114 @@
+//! Data sets looked at, checked, and moved.
+
+use std::fs;
+
+use crate::{collect_small, refuse, succeed, succeed_json, text};
+
+#[test]
+fn a_data_set_is_described_drawn_and_found_good() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("loaded");
+    collect_small(&data, &["--base", "--payload", "0:0.03"]);
+    let info = &succeed_json(&["data", "info", text(&data)])[0];
+    assert_eq!(
+        [&info["train"], &info["val"], &info["test"], &info["points"]],
+        [16, 2, 2, 400]
+    );
+    assert_eq!(
+        (&info["robot"], &info["base"]),
+        (&"2m".into(), &true.into())
+    );
+    assert_eq!(info["motors"].as_array().unwrap().len(), 6);
+    assert!(info["payload"]["range"][1].as_f64().unwrap() <= 0.0301);
+    assert!(succeed(&["data", "check", text(&data)]).contains("loaded: good"));
+
+    let page = folder.path().join("page.html");
+    succeed(&[
+        "data",
+        "view",
+        text(&data),
+        text(&data),
+        "--out",
+        text(&page),
+    ]);
+    let page = fs::read_to_string(&page).unwrap();
+    assert_eq!(page.matches("loaded, 20 tips").count(), 2);
+    assert_eq!(page.matches("motor 5</text>").count(), 2);
+    assert!(page.contains("payload (kg)") && page.contains("data:image/png;base64,"));
+    assert!(!page.contains("NaN") && !page.contains("{{"));
+    let sheet = folder.path().join("sheet.png");
+    succeed(&["data", "view", text(&data), "--out", text(&sheet)]);
+    assert!(fs::read(&sheet).unwrap().starts_with(b"\x89PNG"));
+    let both = [
+        "data",
+        "view",
+        text(&data),
+        text(&data),
+        "--out",
+        text(&sheet),
+    ];
+    refuse(&both, 1, "a .png shows the clouds of one data set");
+    let none = ["data", "view", text(&data), "--out", "clouds.txt"];
+    refuse(&none, 1, "none of the extensions .html, .svg and .png");
+
+    // A split that knows what another asks.
+    fs::copy(
+        data.join("val/shard-00000.h5"),
+        data.join("test/shard-00000.h5"),
+    )
+    .unwrap();
+    let output = crate::tdcr(&["data", "check", text(&data)])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(
+        said.contains("sample 0 of test has the condition of sample 0 of val"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_network_trains_on_imported_clouds() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (data, out, again) = (path("data"), path("out"), path("again"));
+    collect_small(&data, &[]);
+    let export = [
+        "data",
+        "export",
+        text(&data),
+        "--format",
+        "ply",
+        "--out",
+        text(&out),
+    ];
+    assert_eq!(succeed_json(&export)["clouds"], 20);
+    let train = out.join("train");
+    let import = [
+        "data",
+        "import",
+        text(&train),
+        "--out",
+        text(&again),
+        "--points",
+        "300",
+    ];
+    assert_eq!(succeed_json(&import)["clouds"], 16);
+    let trained = crate::train_tiny(&again, &path("run"), &[]);
+    assert!(trained["validation_cd"].as_f64().unwrap() > 0.0);
+    let info = &succeed_json(&["data", "info", text(&again)])[0];
+    assert!(info["robot"].is_null());
+    succeed(&[
+        "data",
+        "view",
+        text(&again),
+        "--out",
+        text(&path("page.html")),
+    ]);
+    let model = trained["model"].as_str().unwrap();
+    let points = ["--points", "300", "--emd-points", "100"];
+    let scored = ["eval", "--model", model, "--data", text(&again)];
+    let scores = succeed_json(&[&scored[..], &points].concat());
+    assert!(scores["cd"].as_f64().unwrap() > 0.0 && scores["cd_floor"].is_null());
+}
