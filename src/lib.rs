@@ -22,6 +22,7 @@
 //!     count: 20,
 //!     points: 1000,
 //!     voxel_size: 0.002,
+//!     sensor: None,
 //!     seed: 0,
 //! };
 //! collect(&settings, &data, &Silent)?;

@@ -10,13 +10,15 @@ use tdcr_learn::data::{PayloadRange, Recipe, Sample, SimStream, StreamSpec, Subj
 use tdcr_learn::net::MlpShape;
 use tdcr_learn::train::{Feed, StreamWindow, TrainError, TrainSettings, Trainer};
 use tdcr_sim::render::BaseVisibility;
-use tdcr_sim::robot::RobotSpec;
+use tdcr_sim::robot::{Cameras, RobotSpec};
 
 use toy::{provenance, run, settings};
 
 fn spec(payload: Option<PayloadRange>) -> StreamSpec {
     let mut robot = RobotSpec::standard("2m").unwrap();
-    robot.cameras.resolution = [160, 90];
+    if let Cameras::Ring(ring) = &mut robot.cameras {
+        ring.resolution = [160, 90];
+    }
     let subject = Subject {
         robot,
         base: BaseVisibility::Hidden,
@@ -25,6 +27,7 @@ fn spec(payload: Option<PayloadRange>) -> StreamSpec {
     let recipe = Recipe {
         subject,
         voxel_size: 0.002,
+        sensor: None,
     };
     StreamSpec {
         recipe,

@@ -3,7 +3,11 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tdcr_sim::camera::{Camera, Intrinsics};
-use tdcr_sim::render::{Edges, ExtrinsicError, Grazing, Instance, RgbdFrame, Scene, Sensor, Shape};
+use tdcr_sim::cloud::{Observer, VoxelGrid};
+use tdcr_sim::render::{
+    BaseVisibility, Edges, ExtrinsicError, Grazing, Instance, RgbdFrame, Scene, Sensor, Shape,
+};
+use tdcr_sim::robot::{Loads, Robot};
 
 fn camera() -> Camera {
     Camera {
@@ -262,4 +266,32 @@ fn one_fault_does_not_change_the_draws_of_another() {
         noise.take(&truth, 1, 0, 0).depth,
         both.take(&truth, 1, 0, 0).depth
     );
+}
+
+#[test]
+fn a_measured_cloud_is_the_true_one_without_faults_and_a_function_of_seed_and_index_with_them() {
+    let robot = Robot::load("2m").unwrap();
+    let equilibrium = robot.settle(&robot.mean_command(), &Loads::default());
+    let mut observer = Observer::new(&robot, BaseVisibility::Hidden, VoxelGrid::new(0.002));
+    let truth = observer.observe(&equilibrium);
+    let ideal = observer.measure(&equilibrium, &Sensor::ideal(), 0, 0);
+    assert_eq!(ideal.colors, truth.colors);
+    let apart =
+        |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|k| (a[k] - b[k]).abs()).fold(0.0, f32::max);
+    // Depths go through disparities and back.
+    assert!(
+        ideal
+            .points
+            .iter()
+            .zip(&truth.points)
+            .map(apart)
+            .fold(0.0, f32::max)
+            < 1e-6
+    );
+    let mut measure = |seed, index| observer.measure(&equilibrium, &Sensor::d435(), seed, index);
+    let first = measure(1, 2);
+    assert_eq!(first, measure(1, 2));
+    assert_ne!(first, measure(1, 3));
+    assert_ne!(first, measure(2, 2));
+    assert!(first.len() > truth.len() / 2 && first != truth);
 }

@@ -34,10 +34,13 @@ pub(super) struct CollectArgs {
     /// Hang payloads from the tip (kg): a tenth exactly 0, the others uniform from MIN to MAX
     #[arg(long, value_name = "MIN:MAX", value_parser = payload_range, allow_hyphen_values = true)]
     payload: Option<PayloadRange>,
+    /// See with the faults of a real camera
+    #[arg(long, value_enum)]
+    noise: Option<super::Noise>,
     /// How commands and payloads are chosen
     #[arg(long, default_value = Design::Uniform.name(), value_parser = design())]
     design: Design,
-    /// Seed of commands, samples and splits
+    /// Seed of commands, samples, faults and splits
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Folder of the data set
@@ -69,6 +72,7 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
         count: args.samples,
         points: args.points,
         voxel_size: args.voxel,
+        sensor: args.noise.map(super::Noise::sensor),
         seed: args.seed,
     };
     let began = Instant::now();

@@ -75,6 +75,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         count: args.samples,
         points: POINTS,
         voxel_size: 0.002,
+        sensor: None,
         seed: args.seed,
     };
     clock.time("collect", || collect(&settings, &data, console).map(drop))?;

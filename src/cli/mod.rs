@@ -16,10 +16,10 @@ use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::learn::flow::{Heun, TimeGrid};
 use tdcr::pipeline::PipelineError;
-use tdcr::sim::render::BaseVisibility;
+use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
 use tracing_subscriber::filter::LevelFilter;
 
@@ -172,6 +172,21 @@ fn load_robot(name_or_path: &str) -> anyhow::Result<RobotSpec> {
         tracing::warn!("{note}");
     }
     Ok(spec)
+}
+
+/// Cameras whose faults are known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Noise {
+    /// Intel RealSense D435
+    D435,
+}
+
+impl Noise {
+    fn sensor(self) -> Sensor {
+        match self {
+            Self::D435 => Sensor::d435(),
+        }
+    }
 }
 
 /// Whether the base is in view, from a flag.

@@ -71,6 +71,9 @@ struct StreamArgs {
     /// Edge of the voxels that thin the stream's clouds (m)
     #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, requires = "stream")]
     voxel: f64,
+    /// See the stream's clouds with the faults of a real camera
+    #[arg(long, value_enum, requires = "stream")]
+    noise: Option<super::Noise>,
     /// Clouds of the stream that a step draws from
     #[arg(long, default_value_t = 512, value_name = "N", value_parser = super::amount, requires = "stream")]
     window: usize,
@@ -92,6 +95,7 @@ fn training_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
         payload,
         stream_points,
         voxel,
+        noise,
         window,
         fresh,
         ref validation,
@@ -105,6 +109,7 @@ fn training_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
     let recipe = Recipe {
         subject,
         voxel_size: voxel,
+        sensor: noise.map(super::Noise::sensor),
     };
     Ok(TrainingData::Stream(Box::new(StreamSettings {
         spec: StreamSpec {

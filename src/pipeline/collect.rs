@@ -10,7 +10,7 @@ use tdcr_learn::data::{
     Collector, Condition, DataError, Design, Meta, Origin, PayloadRange, Recipe, Sample,
     SimulationTimes, Simulator, Subject, conditions,
 };
-use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{Robot, RobotSpec};
 
 use super::{Monitor, PipelineError};
@@ -35,7 +35,9 @@ pub struct CollectSettings {
     pub points: usize,
     /// Edge of the voxel grid that thins the fused clouds (m).
     pub voxel_size: f64,
-    /// Seed of conditions, samples and splits.
+    /// Faults of the cameras; `None` where they see the truth.
+    pub sensor: Option<Sensor>,
+    /// Seed of conditions, samples, faults and splits.
     pub seed: u64,
 }
 
@@ -63,6 +65,7 @@ impl CollectSettings {
                 payload: self.payload,
             },
             voxel_size: self.voxel_size,
+            sensor: self.sensor,
         }
     }
 

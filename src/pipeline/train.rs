@@ -102,6 +102,7 @@ pub fn train(
             )
         }
         TrainingData::Stream(stream) => {
+            stream.spec.recipe.check()?;
             let threads = rayon::current_num_threads();
             let window =
                 StreamWindow::new(stream.spec.clone(), stream.window, stream.fresh, threads)?;

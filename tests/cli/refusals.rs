@@ -315,3 +315,20 @@ fn a_folder_of_another_robot_or_design_is_named() {
         "`payload` is 0.03:0, expected MIN:MAX in kg",
     );
 }
+
+#[test]
+fn a_stream_with_payloads_that_are_no_masses_is_refused() {
+    refuse(
+        &[
+            "train",
+            "--stream",
+            "2m",
+            "--payload",
+            "-1:0.03",
+            "--out",
+            "/tmp/never",
+        ],
+        1,
+        "`payload` is -1:0.03, expected MIN:MAX in kg with 0 <= MIN <= MAX",
+    );
+}

@@ -259,3 +259,17 @@ fn a_network_trains_on_a_stream_with_and_without_a_fixed_validation_set() {
     let points = ["--points", "400", "--emd-points", "100"];
     assert_eq!(succeed_json(&[&scored[..], &points].concat())["tests"], 2);
 }
+
+#[test]
+fn a_noisy_set_is_another_one_and_the_same_on_any_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let make = |name: &str, options: &[&str]| {
+        let data = folder.path().join(name);
+        collect_small(&data, options);
+        std::fs::read(data.join("train/shard-00000.h5")).unwrap()
+    };
+    let truth = make("truth", &[]);
+    let noisy = make("noisy", &["--noise", "d435", "--threads", "1"]);
+    assert!(noisy != truth);
+    assert!(noisy == make("again", &["--noise", "d435", "--threads", "2"]));
+}

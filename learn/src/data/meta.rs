@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use super::conditions::{Design, PayloadRange};
+use super::conditions::Design;
 use super::shard::Sizes;
 use super::simulator::{Recipe, Subject};
 use super::{DataError, split::MIN_SAMPLES};
@@ -129,13 +129,7 @@ impl Meta {
                 return invalid(field, &value, "at least 1");
             }
         }
-        let Some(recipe) = self.origin.recipe() else {
-            return Ok(());
-        };
-        if !(recipe.voxel_size.is_finite() && recipe.voxel_size > 0.0) {
-            return invalid("voxel_size", &recipe.voxel_size, "a finite length above 0");
-        }
-        recipe.subject.payload.map_or(Ok(()), PayloadRange::check)
+        self.origin.recipe().map_or(Ok(()), Recipe::check)
     }
 
     /// What the clouds show; `None` where they were not simulated.

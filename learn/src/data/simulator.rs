@@ -6,12 +6,12 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid};
-use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{CommandError, LoadError, Loads, Robot, RobotSpec};
 use tdcr_sim::statics::{Equilibrium, Settler};
 
 use super::conditions::{PayloadRange, rng};
-use super::{Condition, Sample};
+use super::{Condition, DataError, Sample};
 
 /// What clouds show: a network that learned one subject says nothing about another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,6 +33,26 @@ pub struct Recipe {
     pub subject: Subject,
     /// Edge of the voxel grid that thins the fused clouds (m).
     pub voxel_size: f64,
+    /// Faults of the cameras; `None` where they see the truth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<Sensor>,
+}
+
+impl Recipe {
+    /// Refuses what no cloud can be made by.
+    ///
+    /// # Errors
+    /// [`DataError::InvalidMeta`] for voxels without size and payloads that are no masses.
+    pub fn check(&self) -> Result<(), DataError> {
+        if !(self.voxel_size.is_finite() && self.voxel_size > 0.0) {
+            return Err(DataError::InvalidMeta {
+                field: "voxel_size",
+                found: self.voxel_size.to_string(),
+                expected: "a finite length above 0",
+            });
+        }
+        self.subject.payload.map_or(Ok(()), PayloadRange::check)
+    }
 }
 
 /// Why a sample could not be simulated.
@@ -79,6 +99,7 @@ pub struct Simulator<'a> {
     robot: &'a Robot,
     settler: Settler<'a>,
     observer: Observer<'a>,
+    sensor: Option<Sensor>,
     times: SimulationTimes,
 }
 
@@ -93,6 +114,7 @@ impl<'a> Simulator<'a> {
                 recipe.subject.base,
                 VoxelGrid::new(recipe.voxel_size),
             ),
+            sensor: recipe.sensor,
             times: SimulationTimes::default(),
         }
     }
@@ -131,7 +153,8 @@ impl<'a> Simulator<'a> {
         })
     }
 
-    /// The cloud of the robot under a condition: `points` points (m, world frame), drawn with `rng`.
+    /// The true cloud of the robot under a condition, without the cameras' faults: `points` points (m, world frame),
+    /// drawn with `rng`.
     ///
     /// # Errors
     /// As [`settle`](Self::settle); [`SimulateError::NotSeen`] where no camera sees anything.
@@ -141,9 +164,22 @@ impl<'a> Simulator<'a> {
         points: usize,
         rng: &mut impl Rng,
     ) -> Result<PointCloud, SimulateError> {
+        self.see(condition, points, rng, |observer, equilibrium| {
+            observer.observe(equilibrium)
+        })
+    }
+
+    /// Settles the robot and draws points of what `look` sees.
+    fn see(
+        &mut self,
+        condition: &Condition,
+        points: usize,
+        rng: &mut impl Rng,
+        look: impl Fn(&mut Observer, &Equilibrium) -> PointCloud,
+    ) -> Result<PointCloud, SimulateError> {
         self.settle(condition)?;
         let settled = Instant::now();
-        let seen = self.observer.observe(self.settler.equilibrium());
+        let seen = look(&mut self.observer, self.settler.equilibrium());
         let looked = Instant::now();
         let cloud = seen.sample_or_pad(points, rng);
         self.times.see += looked - settled;
@@ -156,7 +192,8 @@ impl<'a> Simulator<'a> {
         Ok(cloud)
     }
 
-    /// Sample `index` of a set or stream: `condition` and its cloud, whose points follow from `seed` and `index`.
+    /// Sample `index` of a set or stream: `condition` and its cloud, whose points and faults follow from `seed` and
+    /// `index`.
     ///
     /// # Errors
     /// As [`cloud`](Self::cloud).
@@ -167,7 +204,17 @@ impl<'a> Simulator<'a> {
         seed: u64,
         index: u64,
     ) -> Result<Sample, SimulateError> {
-        let cloud = self.cloud(&condition, points, &mut points_rng(seed, index))?;
+        let sensor = self.sensor;
+        let rng = &mut points_rng(seed, index);
+        let cloud = self.see(
+            &condition,
+            points,
+            rng,
+            |observer, equilibrium| match &sensor {
+                None => observer.observe(equilibrium),
+                Some(sensor) => observer.measure(equilibrium, sensor, seed, index),
+            },
+        )?;
         Ok(Sample { condition, cloud })
     }
 

@@ -32,12 +32,14 @@ pub struct StreamSpec {
 /// ```
 /// use tdcr_learn::data::{Recipe, SimStream, StreamSpec, Subject};
 /// use tdcr_sim::render::BaseVisibility;
-/// use tdcr_sim::robot::RobotSpec;
+/// use tdcr_sim::robot::{Cameras, RobotSpec};
 ///
 /// let mut robot = RobotSpec::load("2m")?;
-/// robot.cameras.resolution = [320, 180];
+/// if let Cameras::Ring(ring) = &mut robot.cameras {
+///     ring.resolution = [320, 180];
+/// }
 /// let subject = Subject { robot, base: BaseVisibility::Hidden, payload: None };
-/// let recipe = Recipe { subject, voxel_size: 0.002 };
+/// let recipe = Recipe { subject, voxel_size: 0.002, sensor: None };
 /// let spec = StreamSpec { recipe, points: 500, seed: 0 };
 /// let mut stream = SimStream::open(&spec, 7, 2, 4)?;
 /// let seventh = stream.next().expect("a stream has no end")?;

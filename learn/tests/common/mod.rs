@@ -48,6 +48,7 @@ pub fn meta() -> Meta {
                     payload: None,
                 },
                 voxel_size: 0.002,
+                sensor: None,
             },
             design: Design::Uniform,
         },

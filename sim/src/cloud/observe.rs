@@ -4,7 +4,7 @@ use super::back_project::RowPoints;
 use super::voxels::CellSet;
 use super::{PointCloud, VoxelGrid};
 use crate::camera::Camera;
-use crate::render::{BaseVisibility, RgbdFrame, Scene};
+use crate::render::{BaseVisibility, RgbdFrame, Scene, Sensor};
 use crate::robot::Robot;
 use crate::statics::Equilibrium;
 
@@ -50,15 +50,39 @@ impl<'a> Observer<'a> {
     /// The fused cloud of the robot at rest: of the pixels of all cameras, in their order, the first
     /// in each voxel.
     pub fn observe(&mut self, equilibrium: &Equilibrium) -> PointCloud {
+        self.fuse(equilibrium, |_, frame| frame)
+    }
+
+    /// The same as cameras with the faults of `sensor` see it, in their `index`-th pictures: see
+    /// [`Sensor::take`].
+    pub fn measure(
+        &mut self,
+        equilibrium: &Equilibrium,
+        sensor: &Sensor,
+        seed: u64,
+        index: u64,
+    ) -> PointCloud {
+        self.fuse(equilibrium, |camera, truth| {
+            sensor.take(&truth, seed, camera as u64, index)
+        })
+    }
+
+    /// Fuses what `take` makes of each camera's picture.
+    fn fuse(
+        &mut self,
+        equilibrium: &Equilibrium,
+        take: impl Fn(usize, RgbdFrame) -> RgbdFrame,
+    ) -> PointCloud {
         let scene = Scene::of_robot(self.robot, equilibrium, self.base);
         self.occupied.clear();
         let mut cloud = PointCloud::default();
-        for camera in &self.cameras {
-            let frame = self.frame.get_or_insert_with(|| RgbdFrame::new(camera));
-            scene.render_into(camera, frame);
+        for (index, camera) in self.cameras.iter().enumerate() {
+            let mut truth = (self.frame.take()).unwrap_or_else(|| RgbdFrame::new(camera));
+            scene.render_into(camera, &mut truth);
+            let frame = take(index, truth);
             let rows = 0..camera.intrinsics.height;
             for v in rows.filter(|&v| !frame.span(v).is_empty()) {
-                self.row.take(frame, v);
+                self.row.take(&frame, v);
                 self.row.find_cells(&self.grid);
                 for (k, u) in frame.span(v).enumerate() {
                     let index = frame.index(u, v);
@@ -67,6 +91,7 @@ impl<'a> Observer<'a> {
                     }
                 }
             }
+            self.frame = Some(frame);
         }
         cloud
     }

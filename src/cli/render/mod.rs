@@ -42,7 +42,7 @@ pub(super) struct RenderArgs {
     show: Vec<Extra>,
     /// Take the pictures with the faults of a real camera
     #[arg(long, value_enum)]
-    noise: Option<Noise>,
+    noise: Option<super::Noise>,
     /// Seed of the faults
     #[arg(long, default_value_t = 0, requires = "noise")]
     seed: u64,
@@ -60,12 +60,6 @@ enum Extra {
     Payload,
     /// The tendons, as lines
     Tendons,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Noise {
-    /// Intel RealSense D435
-    D435,
 }
 
 /// What `views.json` says.
@@ -136,7 +130,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     if args.show.contains(&Extra::Tendons) {
         scene.add_tendons(&robot, &equilibrium);
     }
-    let sensor = args.noise.map(|Noise::D435| Sensor::d435());
+    let sensor = args.noise.map(super::Noise::sensor);
     let frames = see(
         &scene,
         &Camera::placed(&robot.spec().cameras),
