@@ -8,6 +8,9 @@ import subprocess
 import numpy as np
 import pytest
 
+# MuJoCo's renderer without a screen; MuJoCo looks when it is first imported, in whichever test that is.
+os.environ.setdefault("MUJOCO_GL", "egl")
+
 
 @pytest.fixture(scope="session")
 def tdcr():

@@ -1,9 +1,6 @@
 """What our cameras see against MuJoCo's renderer: the same model, pose and cameras."""
 
 import json
-import os
-
-os.environ.setdefault("MUJOCO_GL", "egl")
 
 import mujoco
 import numpy as np
