@@ -7,7 +7,7 @@
 //!
 //! ```
 //! use tdcr_learn::data::{CloudSet, Normalisation};
-//! use tdcr_learn::flow::Heun;
+//! use tdcr_learn::flow::Sampler;
 //! use tdcr_learn::metrics::chamfer;
 //! use tdcr_learn::net::MlpShape;
 //! use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
@@ -36,7 +36,7 @@
 //! let provenance = Provenance { subject: None, normalisation };
 //! let model = trainer.model(provenance).expect("just validated");
 //!
-//! let cloud = model.predict(&[0.03], 100, 0, &Heun::default())?;
+//! let cloud = model.predict(&[0.03], 100, 0, &Sampler::default())?;
 //! let mean = cloud.iter().map(|point| point[0]).sum::<f32>() / 100.0;
 //! assert!((mean - 0.3).abs() < 0.1, "{mean}");
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 use proptest::prelude::*;
 use serde_json::json;
-use tdcr_learn::flow::{FlowPath, Heun, Stream, rng};
+use tdcr_learn::flow::{FlowPath, Sampler, Stream, rng};
 use tdcr_learn::train::{Model, Trainer, TrainingState};
 use tempfile::TempDir;
 use toy::{SHAPE, bars, provenance, run, settings};
@@ -39,7 +39,7 @@ fn a_saved_model_predicts_the_same_cloud() {
     );
     let predict = |model: &Model| {
         model
-            .predict(&[0.02, 0.02], 50, 7, &Heun::default())
+            .predict(&[0.02, 0.02], 50, 7, &Sampler::default())
             .unwrap()
     };
     assert_eq!(predict(&loaded), predict(&model));
@@ -55,9 +55,9 @@ fn a_prediction_is_the_integrated_noise_in_metres() {
     let (model, _folder) = model();
     let mut expected = vec![0.0; 30];
     FlowPath::default().sample_prior(&mut rng(7, Stream::Sample(0)), &mut expected);
-    Heun::default().integrate(&model.network, &[0.25, 0.5], &mut expected);
+    Sampler::default().integrate(&model.network, &[0.25, 0.5], &mut expected);
     let predicted = model
-        .predict(&[0.01, 0.02], 10, 7, &Heun::default())
+        .predict(&[0.01, 0.02], 10, 7, &Sampler::default())
         .unwrap();
     for (x, expected) in predicted.as_flattened().iter().zip(expected) {
         assert!((x - 0.4 * expected).abs() < 1e-5);
@@ -67,7 +67,11 @@ fn a_prediction_is_the_integrated_noise_in_metres() {
 #[test]
 fn commands_that_do_not_fit_are_refused() {
     let (model, _folder) = model();
-    let predict = |command: &[f64]| model.predict(command, 10, 0, &Heun::default()).unwrap_err();
+    let predict = |command: &[f64]| {
+        model
+            .predict(command, 10, 0, &Sampler::default())
+            .unwrap_err()
+    };
     assert_eq!(
         predict(&[0.0]).to_string(),
         "the command has 1 values, expected 2"

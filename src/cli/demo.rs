@@ -8,7 +8,7 @@ use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::data::{Design, Split, split_indices};
-use tdcr::learn::flow::Heun;
+use tdcr::learn::flow::Sampler;
 use tdcr::learn::train::TrainSettings;
 use tdcr::pipeline::{
     CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Trained,
@@ -100,7 +100,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     let scoring = EvalSettings {
         points: POINTS,
         emd_points: EMD_POINTS,
-        sampler: Heun::default(),
+        sampler: Sampler::default(),
         seed: args.seed,
     };
     let (evaluation, examples) = clock.time("evaluate", || {
@@ -277,7 +277,10 @@ fn report(
             ),
             (
                 "Sampler".to_owned(),
-                format!("Heun, {} steps, grid 1 - (1 - k/n)²", Heun::default().steps),
+                format!(
+                    "Heun, {} steps, grid 1 - (1 - k/n)²",
+                    Sampler::default().steps
+                ),
             ),
             ("Seed".to_owned(), args.seed.to_string()),
             ("tdcr".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),

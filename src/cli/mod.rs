@@ -16,8 +16,9 @@ use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use anyhow::Context;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use tdcr::learn::flow::{Heun, TimeGrid};
+use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::pipeline::PipelineError;
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
@@ -79,7 +80,10 @@ struct CommandArg {
 /// How the network's flow is integrated.
 #[derive(Debug, Args)]
 struct SamplerArgs {
-    /// Steps of Heun's method, two evaluations of the network each
+    /// How steps are taken: heun evaluates the network twice in each, the others once
+    #[arg(long, default_value = Method::default().name(), value_parser = method())]
+    sampler: Method,
+    /// Steps of the sampler
     #[arg(long, default_value_t = 16, value_name = "N")]
     sampler_steps: usize,
     /// Exponent p of the time grid 1 - (1 - k/n)^p; 1 is uniform, as in the paper
@@ -88,15 +92,24 @@ struct SamplerArgs {
 }
 
 impl SamplerArgs {
-    fn sampler(&self) -> anyhow::Result<Heun> {
+    fn sampler(&self) -> anyhow::Result<Sampler> {
         let grid = TimeGrid::Power(self.sampler_power);
-        let sampler = Heun {
+        let sampler = Sampler {
+            method: self.sampler,
             steps: self.sampler_steps,
             grid,
         };
         sampler.check()?;
         Ok(sampler)
     }
+}
+
+/// Parses the name of a method.
+fn method() -> impl TypedValueParser<Value = Method> {
+    PossibleValuesParser::new(Method::ALL.map(Method::name)).map(|name| {
+        let method = Method::ALL.into_iter().find(|method| method.name() == name);
+        method.expect("one of the possible values")
+    })
 }
 
 /// Exit status after an interruption, as shells report SIGINT.

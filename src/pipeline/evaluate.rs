@@ -11,7 +11,7 @@ use serde_json::json;
 use tdcr_learn::data::{
     CloudSet, Condition, DataSet, Normalisation, Recipe, Sample, Simulator, Split, Subject,
 };
-use tdcr_learn::flow::Heun;
+use tdcr_learn::flow::Sampler;
 use tdcr_learn::metrics::{chamfer, emd};
 use tdcr_learn::train::Model;
 use tdcr_sim::cloud::PointCloud;
@@ -28,7 +28,7 @@ pub struct EvalSettings {
     /// Points of each cloud that the earth mover's distance is computed on, no more than `points`.
     pub emd_points: usize,
     /// Sampler of the predictions.
-    pub sampler: Heun,
+    pub sampler: Sampler,
     /// Seed of noise and subsets.
     pub seed: u64,
 }

@@ -6,7 +6,7 @@ mod sampler;
 
 pub use path::FlowPath;
 pub use random::{Stream, rng};
-pub use sampler::{Heun, TimeGrid, VelocityField};
+pub use sampler::{Method, Sampler, TimeGrid, VelocityField};
 
 /// A flow setting out of bounds.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -8,7 +8,7 @@ use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
 use super::settings::TrainSettings;
 use crate::data::{DataError, Normalisation, Subject};
-use crate::flow::{Heun, Stream, rng};
+use crate::flow::{Sampler, Stream, rng};
 use crate::net::{DIM, Mlp, MlpShape};
 
 /// What a network was trained on.
@@ -77,7 +77,7 @@ impl Model {
         command: &[f64],
         points: usize,
         seed: u64,
-        sampler: &Heun,
+        sampler: &Sampler,
     ) -> Result<Vec<[f32; 3]>, PredictError> {
         let condition = self.provenance.normalisation.condition(command)?;
         if let Some(index) = command.iter().position(|value| !value.is_finite()) {

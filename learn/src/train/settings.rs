@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use crate::flow::{FlowError, FlowPath, Heun};
+use crate::flow::{FlowError, FlowPath, Sampler};
 
 /// Largest batch; far above any useful one.
 const MAX_CLOUDS: usize = 65_536;
@@ -49,7 +49,7 @@ pub struct TrainSettings {
     /// Points predicted and compared per validation cloud.
     pub validation_points: usize,
     /// Sampler of the validation's predictions.
-    pub sampler: Heun,
+    pub sampler: Sampler,
 }
 
 impl Default for TrainSettings {
@@ -69,7 +69,7 @@ impl Default for TrainSettings {
             validate_every: 750,
             validation_clouds: 16,
             validation_points: 2048,
-            sampler: Heun::default(),
+            sampler: Sampler::default(),
         }
     }
 }

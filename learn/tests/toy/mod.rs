@@ -4,7 +4,7 @@
 
 use rand::RngExt;
 use tdcr_learn::data::{CloudSet, Normalisation, Subject};
-use tdcr_learn::flow::{Heun, Stream, TimeGrid, rng};
+use tdcr_learn::flow::{Method, Sampler, Stream, TimeGrid, rng};
 use tdcr_learn::net::MlpShape;
 use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
 use tdcr_sim::render::BaseVisibility;
@@ -26,7 +26,8 @@ pub fn settings() -> TrainSettings {
         validate_every: 3,
         validation_clouds: 2,
         validation_points: 20,
-        sampler: Heun {
+        sampler: Sampler {
+            method: Method::Heun,
             steps: 3,
             grid: TimeGrid::Power(2.0),
         },
