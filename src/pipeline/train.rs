@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use tdcr_learn::data::{CloudSet, DataSet, Split};
 use tdcr_learn::metrics::chamfer;
-use tdcr_learn::net::MlpShape;
+use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{Model, Provenance, TrainSettings, Trainer, TrainingState};
 
 use super::{Monitor, PipelineError};
@@ -105,6 +105,7 @@ fn open<'a>(
         depth: size.depth,
         embedding: size.embedding,
         condition_dim: training.condition_dim,
+        channels: Channels::Xyz,
     };
     let path = state_path(run);
     if !path.exists() {

@@ -9,7 +9,7 @@ use std::f32::consts::LOG2_E;
 use pulp::{Arch, Simd, WithSimd};
 
 /// PyTorch's default epsilon of LayerNorm.
-const EPSILON: f32 = 1e-5;
+pub(super) const EPSILON: f32 = 1e-5;
 
 /// `e^x`, to about 1e-7 relative for `x` in [-87, 87]; clamped to that interval.
 ///
@@ -45,7 +45,7 @@ fn exp(x: f32) -> f32 {
 
 /// `SiLU(x) = x sigmoid(x)` and its derivative.
 #[inline(always)]
-fn silu(x: f32) -> (f32, f32) {
+pub(super) fn silu(x: f32) -> (f32, f32) {
     let sigmoid = 1.0 / (1.0 + exp(-x));
     let value = x * sigmoid;
     (value, sigmoid + value * (1.0 - sigmoid))

@@ -11,7 +11,7 @@ use super::settings::{SettingsError, TrainSettings};
 use super::state::{Best, TrainingState, fingerprint};
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
-use crate::net::{Batch, DIM, Mlp, MlpShape, Workspace};
+use crate::net::{Batch, COLOR_WEIGHT, DIM, Mlp, MlpShape, Workspace};
 
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
@@ -316,6 +316,7 @@ impl Samples {
             conditions: &self.conditions,
             points: &self.points,
             targets: &self.targets,
+            color_weight: COLOR_WEIGHT,
         }
     }
 }

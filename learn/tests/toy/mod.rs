@@ -3,7 +3,7 @@
 use rand::RngExt;
 use tdcr_learn::data::{CloudSet, Normalisation};
 use tdcr_learn::flow::{Heun, Stream, TimeGrid, rng};
-use tdcr_learn::net::MlpShape;
+use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
 use tdcr_sim::robot::RobotSpec;
 
@@ -12,6 +12,7 @@ pub const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 8,
     condition_dim: 2,
+    channels: Channels::Xyz,
 };
 
 pub fn settings() -> TrainSettings {

@@ -1,0 +1,277 @@
+//! GroupNorm with an affine map and SiLU, over points or voxels.
+
+use std::ops::Range;
+
+use pulp::Arch;
+use rayon::prelude::*;
+
+use super::kernels::{EPSILON, silu};
+use super::rows::{Rows, Sums};
+use super::shape::{Initial, Table};
+
+/// `y = SiLU(scale * GN(x) + offset)`, GN over groups of adjacent channels and all rows of a cloud (Wu and He 2018).
+///
+/// Scale and offset, one per channel, are the norm's own affine map or FiLM's.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct GroupNorm {
+    pub channels: usize,
+}
+
+/// What the backward pass needs beside the normalised features, and scratch. One number per channel.
+#[derive(Clone, Debug, Default)]
+pub(super) struct GroupNormTape {
+    mean: Vec<f32>,
+    inverse_deviation: Vec<f32>,
+    slant: Vec<f32>,
+    sums: Sums,
+}
+
+impl GroupNorm {
+    /// Number of groups: 8, or where that does not divide the channels the largest divisor of 8 that does.
+    pub fn groups(self) -> usize {
+        1 << self.channels.trailing_zeros().min(3)
+    }
+
+    /// Normalises the rows of `x` in place, and writes `y`. Leaves padding as it is.
+    pub fn forward(
+        self,
+        rows: Rows,
+        [scale, offset]: [&[f32]; 2],
+        x: &mut [f32],
+        tape: &mut GroupNormTape,
+        y: &mut [f32],
+    ) {
+        let c = self.channels;
+        let len = rows.block * c;
+        let per_group = (rows.count * c / self.groups()) as f64;
+        let GroupNormTape {
+            mean,
+            inverse_deviation,
+            sums,
+            ..
+        } = tape;
+        self.spread(
+            sums.columns(x, rows, c),
+            |sum| (sum / per_group) as f32,
+            mean,
+        );
+        let squares = sums.over_blocks(x.len().div_ceil(len), c, |block, partial| {
+            let x = &x[block * len..x.len().min((block + 1) * len)];
+            Arch::new().dispatch(|| {
+                for line in rows.lines(x.len(), c) {
+                    add_squares(&x[line], mean, partial);
+                }
+            });
+        });
+        let inverse = |sum: f64| (sum / per_group + f64::from(EPSILON)).sqrt().recip() as f32;
+        self.spread(squares, inverse, inverse_deviation);
+        x.par_chunks_mut(len)
+            .zip(y.par_chunks_mut(len))
+            .for_each(|(x, y)| {
+                Arch::new().dispatch(|| {
+                    for line in rows.lines(x.len(), c) {
+                        let y = y[line.clone()].chunks_exact_mut(c);
+                        for (x, y) in x[line].chunks_exact_mut(c).zip(y) {
+                            normalise(x, mean, inverse_deviation);
+                            activate(x, scale, offset, y);
+                        }
+                    }
+                });
+            });
+    }
+
+    /// Turns `d`, the gradient by `y`, into the gradient by `x`; adds those by scale and offset to `d_affine`.
+    ///
+    /// `x` is normalised as [`GroupNorm::forward`] left it. Leaves padding as it is.
+    pub fn backward(
+        self,
+        rows: Rows,
+        [scale, offset]: [&[f32]; 2],
+        x: &[f32],
+        tape: &mut GroupNormTape,
+        d: &mut [f32],
+        [d_scale, d_offset]: [&mut [f32]; 2],
+    ) {
+        let c = self.channels;
+        let len = rows.block * c;
+        let per_group = (rows.count * c / self.groups()) as f64;
+        let GroupNormTape {
+            mean,
+            inverse_deviation,
+            slant,
+            sums,
+        } = tape;
+        let sums = sums.while_changing(d, len, 2 * c, |block, d, partial| {
+            let x = &x[block * len..][..d.len()];
+            let (d_scale, d_offset) = partial.split_at_mut(c);
+            Arch::new().dispatch(|| {
+                for line in rows.lines(d.len(), c) {
+                    let x = x[line.clone()].chunks_exact(c);
+                    for (d, x) in d[line].chunks_exact_mut(c).zip(x) {
+                        activate_backward(d, x, scale, offset, d_scale, d_offset);
+                    }
+                }
+            });
+        });
+        let (by_scale, by_offset) = sums.split_at(c);
+        for k in 0..c {
+            d_scale[k] += by_scale[k] as f32;
+            d_offset[k] += by_offset[k] as f32;
+        }
+        let weighted = |sums: &[f64], means: &mut Vec<f32>| {
+            means.clear();
+            for (sums, scale) in self.chunks(sums).zip(scale.chunks(c / self.groups())) {
+                let sum: f64 = sums.iter().zip(scale).map(|(s, w)| s * f64::from(*w)).sum();
+                means.resize(means.len() + sums.len(), (sum / per_group) as f32);
+            }
+        };
+        weighted(by_offset, mean);
+        weighted(by_scale, slant);
+        d.par_chunks_mut(len)
+            .zip(x.par_chunks(len))
+            .for_each(|(d, x)| {
+                Arch::new().dispatch(|| {
+                    for line in rows.lines(d.len(), c) {
+                        let x = x[line.clone()].chunks_exact(c);
+                        for (d, x) in d[line].chunks_exact_mut(c).zip(x) {
+                            normalise_backward(d, x, scale, [mean, slant, inverse_deviation]);
+                        }
+                    }
+                });
+            });
+    }
+
+    fn chunks<T>(self, channels: &[T]) -> impl Iterator<Item = &[T]> {
+        channels.chunks_exact(self.channels / self.groups())
+    }
+
+    /// `of` the sum over each group, for all of its channels.
+    fn spread(self, sums: &[f64], of: impl Fn(f64) -> f32, values: &mut Vec<f32>) {
+        values.clear();
+        for group in self.chunks(sums) {
+            let value = of(group.iter().sum());
+            values.resize(values.len() + group.len(), value);
+        }
+    }
+}
+
+/// A GroupNorm with an affine map of its own.
+#[derive(Clone, Debug)]
+pub(super) struct AffineNorm {
+    pub norm: GroupNorm,
+    /// Scale, then offset.
+    affine: Range<usize>,
+}
+
+impl AffineNorm {
+    /// Adds the norm's tensors; it starts as the identity.
+    pub fn declare(table: &mut Table, name: &str, channels: usize) -> Self {
+        let weight = Initial::Constant(1.0);
+        let weight = table.push(format!("{name}.weight"), &[channels], weight);
+        let bias = table.push(format!("{name}.bias"), &[channels], Initial::Constant(0.0));
+        Self {
+            norm: GroupNorm { channels },
+            affine: weight.start..bias.end,
+        }
+    }
+
+    /// [`GroupNorm::forward`].
+    pub fn forward(
+        &self,
+        params: &[f32],
+        rows: Rows,
+        x: &mut [f32],
+        tape: &mut GroupNormTape,
+        y: &mut [f32],
+    ) {
+        let affine = params[self.affine.clone()].split_at(self.norm.channels);
+        self.norm.forward(rows, affine.into(), x, tape, y);
+    }
+
+    /// [`GroupNorm::backward`]; adds to `gradient`.
+    pub fn backward(
+        &self,
+        params: &[f32],
+        rows: Rows,
+        x: &[f32],
+        tape: &mut GroupNormTape,
+        d: &mut [f32],
+        gradient: &mut [f32],
+    ) {
+        let channels = self.norm.channels;
+        let affine = params[self.affine.clone()].split_at(channels);
+        let d_affine = gradient[self.affine.clone()].split_at_mut(channels);
+        self.norm
+            .backward(rows, affine.into(), x, tape, d, d_affine.into());
+    }
+}
+
+/// Features as a norm leaves them.
+#[derive(Debug, Default)]
+pub(super) struct Normed {
+    pub features: Vec<f32>,
+    pub tape: GroupNormTape,
+}
+
+#[inline(always)]
+fn add_squares(x: &[f32], mean: &[f32], sums: &mut [f32]) {
+    let mean = &mean[..sums.len()];
+    for x in x.chunks_exact(sums.len()) {
+        for k in 0..sums.len() {
+            let distance = x[k] - mean[k];
+            sums[k] = distance.mul_add(distance, sums[k]);
+        }
+    }
+}
+
+#[inline(always)]
+fn normalise(x: &mut [f32], mean: &[f32], inverse_deviation: &[f32]) {
+    let (mean, inverse_deviation) = (&mean[..x.len()], &inverse_deviation[..x.len()]);
+    for k in 0..x.len() {
+        x[k] = (x[k] - mean[k]) * inverse_deviation[k];
+    }
+}
+
+#[inline(always)]
+fn activate(x: &[f32], scale: &[f32], offset: &[f32], y: &mut [f32]) {
+    let (x, scale, offset) = (&x[..y.len()], &scale[..y.len()], &offset[..y.len()]);
+    for k in 0..y.len() {
+        y[k] = silu(x[k].mul_add(scale[k], offset[k])).0;
+    }
+}
+
+/// Gradient before SiLU in place of the gradient behind it; adds those by scale and offset.
+#[inline(always)]
+fn activate_backward(
+    d: &mut [f32],
+    x: &[f32],
+    scale: &[f32],
+    offset: &[f32],
+    d_scale: &mut [f32],
+    d_offset: &mut [f32],
+) {
+    let c = d.len();
+    let (x, scale, offset) = (&x[..c], &scale[..c], &offset[..c]);
+    let (d_scale, d_offset) = (&mut d_scale[..c], &mut d_offset[..c]);
+    for k in 0..c {
+        d[k] *= silu(x[k].mul_add(scale[k], offset[k])).1;
+        d_scale[k] = d[k].mul_add(x[k], d_scale[k]);
+        d_offset[k] += d[k];
+    }
+}
+
+/// `(scale d - mean - x slant) / deviation` in place of `d`.
+#[inline(always)]
+fn normalise_backward(
+    d: &mut [f32],
+    x: &[f32],
+    scale: &[f32],
+    [mean, slant, inverse]: [&[f32]; 3],
+) {
+    let c = d.len();
+    let (x, scale, mean) = (&x[..c], &scale[..c], &mean[..c]);
+    let (slant, inverse) = (&slant[..c], &inverse[..c]);
+    for k in 0..c {
+        d[k] = (scale[k] * d[k] - mean[k] - x[k] * slant[k]) * inverse[k];
+    }
+}
