@@ -137,3 +137,101 @@ fn shift(grid: Grid, neighbour: usize) -> usize {
 fn shifts(grid: Grid) -> impl Iterator<Item = usize> {
     (0..NEIGHBOURS).map(move |neighbour| shift(grid, neighbour))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::check::{assert_close, assert_is_gradient, numbers, single};
+    use super::*;
+
+    const GRID: Grid = Grid { resolution: 3 };
+    const SIZES: [usize; 2] = [2, 3];
+
+    fn layer() -> (Conv3d, usize) {
+        let mut table = Table::default();
+        let conv = Conv3d::declare(&mut table, "conv", GRID, SIZES[0], SIZES[1]);
+        (conv, table.len())
+    }
+
+    /// The voxels' features, without padding.
+    fn dense(grid: &[f32], channels: usize) -> Vec<f32> {
+        let planes = GRID.body(grid, channels).chunks(GRID.plane() * channels);
+        let lines = |plane: &[f32]| {
+            let lines = GRID.rows().lines(plane.len(), channels);
+            lines
+                .flat_map(|line| plane[line].to_vec())
+                .collect::<Vec<_>>()
+        };
+        planes.flat_map(lines).collect()
+    }
+
+    fn padded(voxels: &[f64], channels: usize) -> Vec<f32> {
+        let mut grid = Vec::new();
+        GRID.prepare(&mut grid, channels);
+        let body = GRID.body_mut(&mut grid, channels);
+        for (index, voxel) in voxels.chunks(channels).enumerate() {
+            let row = GRID.row([index % 3, index / 3 % 3, index / 9]);
+            for (k, value) in voxel.iter().enumerate() {
+                body[row * channels + k] = *value as f32;
+            }
+        }
+        grid
+    }
+
+    /// The definition, in f64.
+    fn convolve(params: &[f64], x: &[f64]) -> Vec<f64> {
+        let [inputs, outputs] = SIZES;
+        let (weight, bias) = params.split_at(NEIGHBOURS * inputs * outputs);
+        let at = |v: [i64; 3], k: usize| {
+            let inside = v.iter().all(|v| (0..3).contains(v));
+            let row = (v[2] * 9 + v[1] * 3 + v[0]) as usize;
+            if inside { x[row * inputs + k] } else { 0.0 }
+        };
+        let mut y = Vec::new();
+        for voxel in 0..27i64 {
+            let v = [voxel % 3, voxel / 3 % 3, voxel / 9];
+            for o in 0..outputs {
+                let mut sum = bias[o];
+                for n in 0..27i64 {
+                    let moved = [v[0] + n % 3 - 1, v[1] + n / 3 % 3 - 1, v[2] + n / 9 - 1];
+                    for k in 0..inputs {
+                        let weight = weight[(n as usize * outputs + o) * inputs + k];
+                        sum += weight * at(moved, k);
+                    }
+                }
+                y.push(sum);
+            }
+        }
+        y
+    }
+
+    #[test]
+    fn output_and_gradients_are_those_of_the_definition() {
+        let (conv, parameters) = layer();
+        let [inputs, outputs] = SIZES;
+        let (params, x) = (numbers(1, parameters), numbers(2, 27 * inputs));
+        let weights = numbers(3, 27 * outputs);
+        let (p32, x32) = (single(&params), padded(&x, inputs));
+
+        let mut y = padded(&[], outputs);
+        conv.forward(&p32, &x32, &mut y);
+        assert_close(&dense(&y, outputs), &convolve(&params, &x));
+        assert_eq!(
+            y.iter().filter(|y| **y != 0.0).count(),
+            27 * outputs,
+            "padding stays zero"
+        );
+
+        let dy = padded(&weights, outputs);
+        let (mut dx, mut gradient) = (padded(&[], inputs), vec![0.0; parameters]);
+        conv.backward_input(&p32, &dy, &mut dx);
+        conv.backward(&mut gradient, &x32, &dy, &mut Sums::default());
+        assert_is_gradient(&dense(&dx, inputs), &x, &weights, |x| convolve(&params, x));
+        assert_is_gradient(&gradient, &params, &weights, |params| convolve(params, &x));
+    }
+
+    #[test]
+    fn flops_are_two_for_every_weight_and_voxel() {
+        let (conv, parameters) = layer();
+        assert_eq!(conv.flops(), 2 * 27 * (parameters - SIZES[1]) as u64);
+    }
+}

@@ -275,3 +275,60 @@ fn normalise_backward(
         d[k] = (scale[k] * d[k] - mean[k] - x[k] * slant[k]) * inverse[k];
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::check::{assert_close, assert_is_gradient, numbers, single};
+    use super::*;
+
+    const NORM: GroupNorm = GroupNorm { channels: 12 };
+
+    /// The definition, in f64.
+    fn normalise(x: &[f64], scale: &[f64], offset: &[f64]) -> Vec<f64> {
+        let (c, size) = (NORM.channels, NORM.channels / NORM.groups());
+        let mut y = vec![0.0; x.len()];
+        for group in 0..NORM.groups() {
+            let of_group = |index: &usize| index % c / size == group;
+            let members: Vec<usize> = (0..x.len()).filter(of_group).collect();
+            let mean = |of: &dyn Fn(f64) -> f64| {
+                members.iter().map(|k| of(x[*k])).sum::<f64>() / members.len() as f64
+            };
+            let centre = mean(&|x| x);
+            let variance = mean(&|x| (x - centre).powi(2));
+            for &k in &members {
+                let normalised = (x[k] - centre) / (variance + 1e-5).sqrt();
+                let m = scale[k % c] * normalised + offset[k % c];
+                y[k] = m / (1.0 + (-m).exp());
+            }
+        }
+        y
+    }
+
+    /// More points than a block holds.
+    #[test]
+    fn output_and_gradients_are_those_of_the_definition() {
+        let (c, points) = (NORM.channels, 300);
+        let rows = Rows::points(points);
+        let (x, weights) = (numbers(1, points * c), numbers(2, points * c));
+        let (scale, offset) = (numbers(3, c), numbers(4, c));
+        let (scale32, offset32) = (single(&scale), single(&offset));
+        let affine = [&scale32[..], &offset32[..]];
+        let mut tape = GroupNormTape::default();
+        let (mut features, mut y) = (single(&x), vec![f32::NAN; x.len()]);
+        NORM.forward(rows, affine, &mut features, &mut tape, &mut y);
+        assert_close(&y, &normalise(&x, &scale, &offset));
+
+        let (mut d, mut d_scale, mut d_offset) = (single(&weights), vec![0.0; c], vec![0.0; c]);
+        let d_affine = [&mut d_scale[..], &mut d_offset[..]];
+        NORM.backward(rows, affine, &features, &mut tape, &mut d, d_affine);
+        assert_is_gradient(&d, &x, &weights, |x| normalise(x, &scale, &offset));
+        assert_is_gradient(&d_scale, &scale, &weights, |s| normalise(&x, s, &offset));
+        assert_is_gradient(&d_offset, &offset, &weights, |o| normalise(&x, &scale, o));
+    }
+
+    #[test]
+    fn groups_divide_the_channels() {
+        let groups = |channels| GroupNorm { channels }.groups();
+        assert_eq!([80, 112, 12, 6, 5].map(groups), [8, 8, 4, 2, 1]);
+    }
+}

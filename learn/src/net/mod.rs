@@ -47,6 +47,8 @@
 //! A cloud's blocks of points and planes of voxels run in parallel, sums over them in fixed order.
 
 mod batch;
+#[cfg(test)]
+mod check;
 mod conditioner;
 mod context;
 mod conv3d;

@@ -83,3 +83,53 @@ fn zeros(values: &mut Vec<f32>, len: usize) {
     values.clear();
     values.resize(len, 0.0);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::check::{assert_close, assert_is_gradient, numbers, single};
+    use super::*;
+
+    const CHANNELS: usize = 24;
+    const HIDDEN: usize = 3;
+
+    /// The definition, in f64.
+    fn gains(params: &[f64], means: &[f64]) -> Vec<f64> {
+        let product = |weight: &[f64], x: &[f64]| -> Vec<f64> {
+            let rows = weight.chunks(x.len());
+            rows.map(|row| row.iter().zip(x).map(|(w, x)| w * x).sum())
+                .collect()
+        };
+        let (reduce, expand) = params.split_at(CHANNELS * HIDDEN);
+        let hidden: Vec<f64> = product(reduce, means).iter().map(|z| z.max(0.0)).collect();
+        let gains = product(expand, &hidden);
+        gains.iter().map(|a| 1.0 / (1.0 + (-a).exp())).collect()
+    }
+
+    #[test]
+    fn output_and_gradients_are_those_of_the_definition() {
+        let mut table = Table::default();
+        let squeeze = Squeeze::declare(&mut table, "squeeze", CHANNELS);
+        assert_eq!(table.len(), 2 * CHANNELS * HIDDEN);
+        assert_eq!(squeeze.flops(), 2 * table.len() as u64);
+        let (params, means) = (numbers(1, table.len()), numbers(5, CHANNELS));
+        let weights = numbers(3, CHANNELS);
+        let params32 = single(&params);
+        let mut tape = SqueezeTape {
+            means: single(&means),
+            d: single(&weights),
+            ..SqueezeTape::default()
+        };
+        squeeze.forward(&params32, &mut tape);
+        assert_close(&tape.gains, &gains(&params, &means));
+        let alive = tape.hidden.iter().filter(|z| **z > 0.0).count();
+        assert!(
+            (1..HIDDEN).contains(&alive),
+            "{alive} of {HIDDEN} features are positive"
+        );
+
+        let mut gradient = vec![0.0; table.len()];
+        squeeze.backward(&params32, &mut tape, &mut gradient);
+        assert_is_gradient(&tape.d, &means, &weights, |means| gains(&params, means));
+        assert_is_gradient(&gradient, &params, &weights, |params| gains(params, &means));
+    }
+}

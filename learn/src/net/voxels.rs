@@ -260,3 +260,111 @@ fn add_scaled(factor: f32, x: &[f32], y: &mut [f32]) {
         }
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::check::{assert_close, assert_is_gradient, numbers, single};
+    use super::*;
+
+    const GRID: Grid = Grid { resolution: 4 };
+    const CHANNELS: usize = 3;
+    const COUNT: usize = 300;
+
+    /// Coordinates in the grid, in f64.
+    fn coordinates(points: &[f64]) -> Vec<[f64; 3]> {
+        let points = points.as_chunks::<3>().0;
+        let mean =
+            [0, 1, 2].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / points.len() as f64);
+        let centred = points.iter().map(|p| [0, 1, 2].map(|k| p[k] - mean[k]));
+        let norm = |p: [f64; 3]| p.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let diameter = 2.0 * centred.clone().map(norm).fold(0.0, f64::max);
+        let unit = centred.map(|p| p.map(|x| x / diameter + 0.5));
+        unit.map(|p| p.map(|x| (4.0 * x).clamp(0.0, 3.0))).collect()
+    }
+
+    /// All rows of the grid without margins, padding included, in f64.
+    fn average(points: &[f64], features: &[f64]) -> Vec<f64> {
+        let mut sums = vec![0.0; GRID.resolution * GRID.plane() * CHANNELS];
+        let rows: Vec<usize> = (coordinates(points).iter())
+            .map(|x| GRID.row(x.map(|x| x.round_ties_even() as usize)))
+            .collect();
+        for (row, feature) in rows.iter().zip(features.chunks(CHANNELS)) {
+            let count = rows.iter().filter(|other| *other == row).count() as f64;
+            for (k, value) in feature.iter().enumerate() {
+                sums[row * CHANNELS + k] += value / count;
+            }
+        }
+        sums
+    }
+
+    /// Trilinear interpolation as a sum over all voxels of the product of hats.
+    fn interpolate(points: &[f64], voxels: &[f64]) -> Vec<f64> {
+        let mut features = Vec::new();
+        for x in coordinates(points) {
+            for k in 0..CHANNELS {
+                let mut sum = 0.0;
+                for voxel in 0..GRID.voxels() {
+                    let v = [voxel % 4, voxel / 4 % 4, voxel / 16];
+                    let hat = |axis: usize| (1.0 - (x[axis] - v[axis] as f64).abs()).max(0.0);
+                    sum += hat(0) * hat(1) * hat(2) * voxels[GRID.row(v) * CHANNELS + k];
+                }
+                features.push(sum);
+            }
+        }
+        features
+    }
+
+    fn cloud() -> (Vec<f64>, Voxels) {
+        let points = numbers(1, COUNT * 3);
+        let mut voxels = Voxels::new(GRID);
+        voxels.place(&single(&points), 3);
+        (points, voxels)
+    }
+
+    fn grid() -> Vec<f32> {
+        let mut grid = Vec::new();
+        GRID.prepare(&mut grid, CHANNELS);
+        grid
+    }
+
+    #[test]
+    fn averages_and_their_gradient_are_those_of_the_definition() {
+        let (points, voxels) = cloud();
+        let features = numbers(2, COUNT * CHANNELS);
+        let mut found = grid();
+        voxels.average(&single(&features), CHANNELS, &mut found);
+        assert_close(GRID.body(&found, CHANNELS), &average(&points, &features));
+
+        let weights = numbers(3, GRID.resolution * GRID.plane() * CHANNELS);
+        GRID.body_mut(&mut found, CHANNELS)
+            .copy_from_slice(&single(&weights));
+        let mut d = vec![0.0; features.len()];
+        voxels.average_backward(&found, CHANNELS, &mut d);
+        assert_is_gradient(&d, &features, &weights, |features| {
+            average(&points, features)
+        });
+    }
+
+    #[test]
+    fn interpolation_and_its_gradient_are_those_of_the_definition() {
+        let (points, voxels) = cloud();
+        let mut features = numbers(4, GRID.resolution * GRID.plane() * CHANNELS);
+        let mut padded = grid();
+        let body = GRID.body_mut(&mut padded, CHANNELS);
+        body.copy_from_slice(&single(&features));
+        for plane in body.chunks_mut(GRID.plane() * CHANNELS) {
+            GRID.clear_padding(plane, CHANNELS);
+        }
+        features = body.iter().copied().map(f64::from).collect();
+        let mut found = vec![0.0; COUNT * CHANNELS];
+        voxels.interpolate(&padded, CHANNELS, &mut found);
+        assert_close(&found, &interpolate(&points, &features));
+
+        let weights = numbers(5, COUNT * CHANNELS);
+        let mut d = grid();
+        let everywhere = vec![0.0; CHANNELS];
+        voxels.interpolate_backward(&single(&weights), &everywhere, &mut d);
+        let d = GRID.body(&d, CHANNELS);
+        assert_is_gradient(d, &features, &weights, |x| interpolate(&points, x));
+    }
+}
