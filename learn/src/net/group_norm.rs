@@ -2,10 +2,9 @@
 
 use std::ops::Range;
 
-use pulp::Arch;
 use rayon::prelude::*;
 
-use super::kernels::{EPSILON, silu};
+use super::kernels::{EPSILON, silu, vectorised};
 use super::rows::{Rows, Sums};
 use super::shape::{Initial, Table};
 
@@ -57,27 +56,13 @@ impl GroupNorm {
         );
         let squares = sums.over_blocks(x.len().div_ceil(len), c, |block, partial| {
             let x = &x[block * len..x.len().min((block + 1) * len)];
-            Arch::new().dispatch(|| {
-                for line in rows.lines(x.len(), c) {
-                    add_squares(&x[line], mean, partial);
-                }
-            });
+            add_squares(rows, x, mean, partial);
         });
         let inverse = |sum: f64| (sum / per_group + f64::from(EPSILON)).sqrt().recip() as f32;
         self.spread(squares, inverse, inverse_deviation);
         x.par_chunks_mut(len)
             .zip(y.par_chunks_mut(len))
-            .for_each(|(x, y)| {
-                Arch::new().dispatch(|| {
-                    for line in rows.lines(x.len(), c) {
-                        let y = y[line.clone()].chunks_exact_mut(c);
-                        for (x, y) in x[line].chunks_exact_mut(c).zip(y) {
-                            normalise(x, mean, inverse_deviation);
-                            activate(x, scale, offset, y);
-                        }
-                    }
-                });
-            });
+            .for_each(|(x, y)| normalise(rows, [mean, inverse_deviation], [scale, offset], x, y));
     }
 
     /// Turns `d`, the gradient by `y`, into the gradient by `x`; adds those by scale and offset to `d_affine`.
@@ -104,14 +89,7 @@ impl GroupNorm {
         let sums = sums.while_changing(d, len, 2 * c, |block, d, partial| {
             let x = &x[block * len..][..d.len()];
             let (d_scale, d_offset) = partial.split_at_mut(c);
-            Arch::new().dispatch(|| {
-                for line in rows.lines(d.len(), c) {
-                    let x = x[line.clone()].chunks_exact(c);
-                    for (d, x) in d[line].chunks_exact_mut(c).zip(x) {
-                        activate_backward(d, x, scale, offset, d_scale, d_offset);
-                    }
-                }
-            });
+            activate_backward(rows, [scale, offset], x, d, [d_scale, d_offset]);
         });
         let (by_scale, by_offset) = sums.split_at(c);
         for k in 0..c {
@@ -130,14 +108,7 @@ impl GroupNorm {
         d.par_chunks_mut(len)
             .zip(x.par_chunks(len))
             .for_each(|(d, x)| {
-                Arch::new().dispatch(|| {
-                    for line in rows.lines(d.len(), c) {
-                        let x = x[line.clone()].chunks_exact(c);
-                        for (d, x) in d[line].chunks_exact_mut(c).zip(x) {
-                            normalise_backward(d, x, scale, [mean, slant, inverse_deviation]);
-                        }
-                    }
-                });
+                normalise_backward(rows, scale, [mean, slant, inverse_deviation], x, d);
             });
     }
 
@@ -213,66 +184,90 @@ pub(super) struct Normed {
     pub tape: GroupNormTape,
 }
 
-#[inline(always)]
-fn add_squares(x: &[f32], mean: &[f32], sums: &mut [f32]) {
-    let mean = &mean[..sums.len()];
-    for x in x.chunks_exact(sums.len()) {
-        for k in 0..sums.len() {
-            let distance = x[k] - mean[k];
-            sums[k] = distance.mul_add(distance, sums[k]);
+vectorised! {
+    /// Adds the squared distances from the mean, column by column.
+    fn add_squares(rows: Rows, x: &'a [f32], mean: &'a [f32], sums: &'a mut [f32]) {
+        let c = sums.len();
+        let mean = &mean[..c];
+        for line in rows.lines(x.len(), c) {
+            for x in x[line].chunks_exact(c) {
+                for k in 0..c {
+                    let distance = x[k] - mean[k];
+                    sums[k] = distance.mul_add(distance, sums[k]);
+                }
+            }
         }
     }
 }
 
-#[inline(always)]
-fn normalise(x: &mut [f32], mean: &[f32], inverse_deviation: &[f32]) {
-    let (mean, inverse_deviation) = (&mean[..x.len()], &inverse_deviation[..x.len()]);
-    for k in 0..x.len() {
-        x[k] = (x[k] - mean[k]) * inverse_deviation[k];
+vectorised! {
+    /// `x = (x - mean) / deviation`, `y = SiLU(scale * x + offset)`.
+    fn normalise(
+        rows: Rows,
+        moments: [&'a [f32]; 2],
+        affine: [&'a [f32]; 2],
+        x: &'a mut [f32],
+        y: &'a mut [f32],
+    ) {
+        let c = affine[0].len();
+        let [mean, inverse_deviation] = moments.map(|values| &values[..c]);
+        let [scale, offset] = affine.map(|values| &values[..c]);
+        for line in rows.lines(x.len(), c) {
+            let y = y[line.clone()].chunks_exact_mut(c);
+            for (x, y) in x[line].chunks_exact_mut(c).zip(y) {
+                for k in 0..c {
+                    x[k] = (x[k] - mean[k]) * inverse_deviation[k];
+                    y[k] = silu(x[k].mul_add(scale[k], offset[k])).0;
+                }
+            }
+        }
     }
 }
 
-#[inline(always)]
-fn activate(x: &[f32], scale: &[f32], offset: &[f32], y: &mut [f32]) {
-    let (x, scale, offset) = (&x[..y.len()], &scale[..y.len()], &offset[..y.len()]);
-    for k in 0..y.len() {
-        y[k] = silu(x[k].mul_add(scale[k], offset[k])).0;
+vectorised! {
+    /// Gradient before SiLU in place of the gradient behind it; adds those by scale and offset.
+    fn activate_backward(
+        rows: Rows,
+        affine: [&'a [f32]; 2],
+        x: &'a [f32],
+        d: &'a mut [f32],
+        d_affine: [&'a mut [f32]; 2],
+    ) {
+        let c = affine[0].len();
+        let [scale, offset] = affine.map(|values| &values[..c]);
+        let [d_scale, d_offset] = d_affine.map(|values| &mut values[..c]);
+        for line in rows.lines(d.len(), c) {
+            let x = x[line.clone()].chunks_exact(c);
+            for (d, x) in d[line].chunks_exact_mut(c).zip(x) {
+                for k in 0..c {
+                    d[k] *= silu(x[k].mul_add(scale[k], offset[k])).1;
+                    d_scale[k] = d[k].mul_add(x[k], d_scale[k]);
+                    d_offset[k] += d[k];
+                }
+            }
+        }
     }
 }
 
-/// Gradient before SiLU in place of the gradient behind it; adds those by scale and offset.
-#[inline(always)]
-fn activate_backward(
-    d: &mut [f32],
-    x: &[f32],
-    scale: &[f32],
-    offset: &[f32],
-    d_scale: &mut [f32],
-    d_offset: &mut [f32],
-) {
-    let c = d.len();
-    let (x, scale, offset) = (&x[..c], &scale[..c], &offset[..c]);
-    let (d_scale, d_offset) = (&mut d_scale[..c], &mut d_offset[..c]);
-    for k in 0..c {
-        d[k] *= silu(x[k].mul_add(scale[k], offset[k])).1;
-        d_scale[k] = d[k].mul_add(x[k], d_scale[k]);
-        d_offset[k] += d[k];
-    }
-}
-
-/// `(scale d - mean - x slant) / deviation` in place of `d`.
-#[inline(always)]
-fn normalise_backward(
-    d: &mut [f32],
-    x: &[f32],
-    scale: &[f32],
-    [mean, slant, inverse]: [&[f32]; 3],
-) {
-    let c = d.len();
-    let (x, scale, mean) = (&x[..c], &scale[..c], &mean[..c]);
-    let (slant, inverse) = (&slant[..c], &inverse[..c]);
-    for k in 0..c {
-        d[k] = (scale[k] * d[k] - mean[k] - x[k] * slant[k]) * inverse[k];
+vectorised! {
+    /// `(scale d - mean - x slant) / deviation` in place of `d`.
+    fn normalise_backward(
+        rows: Rows,
+        scale: &'a [f32],
+        moments: [&'a [f32]; 3],
+        x: &'a [f32],
+        d: &'a mut [f32],
+    ) {
+        let c = scale.len();
+        let [mean, slant, inverse_deviation] = moments.map(|values| &values[..c]);
+        for line in rows.lines(d.len(), c) {
+            let x = x[line.clone()].chunks_exact(c);
+            for (d, x) in d[line].chunks_exact_mut(c).zip(x) {
+                for k in 0..c {
+                    d[k] = (scale[k] * d[k] - mean[k] - x[k] * slant[k]) * inverse_deviation[k];
+                }
+            }
+        }
     }
 }
 

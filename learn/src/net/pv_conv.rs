@@ -1,13 +1,12 @@
 //! Point-voxel convolution and the residual block about it.
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use super::conv3d::Conv3d;
 use super::dense::Dense;
 use super::grid::Grid;
 use super::group_norm::{AffineNorm, GroupNorm, Normed};
-use super::kernels::add;
+use super::kernels::{add, vectorised};
 use super::rows::{Rows, Sums};
 use super::shape::{Table, fan_in};
 use super::squeeze::{Squeeze, SqueezeTape};
@@ -311,27 +310,13 @@ fn add_gained(x: &[f32], gains: &[f32], y: &mut [f32]) {
     let len = POINTS * gains.len();
     y.par_chunks_mut(len)
         .zip(x.par_chunks(len))
-        .for_each(|(y, x)| {
-            Arch::new().dispatch(|| {
-                let rows = y.chunks_exact_mut(gains.len());
-                for (y, x) in rows.zip(x.chunks_exact(gains.len())) {
-                    for ((y, x), a) in y.iter_mut().zip(x).zip(gains) {
-                        *y = a.mul_add(*x, *y);
-                    }
-                }
-            });
-        });
+        .for_each(|(y, x)| add_gained_rows(x, gains, y));
 }
 
 /// `y *= a`, `a` a gain per column.
 fn gain(gains: &[f32], y: &mut [f32]) {
-    y.par_chunks_mut(POINTS * gains.len()).for_each(|y| {
-        Arch::new().dispatch(|| {
-            for y in y.chunks_exact_mut(gains.len()) {
-                y.iter_mut().zip(gains).for_each(|(y, a)| *y *= a);
-            }
-        });
-    });
+    y.par_chunks_mut(POINTS * gains.len())
+        .for_each(|y| gain_rows(gains, y));
 }
 
 /// Sum over the rows of `x * y`, column by column.
@@ -339,13 +324,36 @@ fn sum_products<'a>(x: &[f32], y: &[f32], columns: usize, sums: &'a mut Sums) ->
     let len = POINTS * columns;
     sums.over_blocks(x.len().div_ceil(len), columns, |block, partial| {
         let part = block * len..x.len().min((block + 1) * len);
-        let (x, y) = (&x[part.clone()], &y[part]);
-        Arch::new().dispatch(|| {
-            for (x, y) in x.chunks_exact(columns).zip(y.chunks_exact(columns)) {
-                for ((sum, x), y) in partial.iter_mut().zip(x).zip(y) {
-                    *sum = x.mul_add(*y, *sum);
-                }
-            }
-        });
+        add_products(&x[part.clone()], &y[part], partial);
     })
+}
+
+vectorised! {
+    fn add_gained_rows(x: &'a [f32], gains: &'a [f32], y: &'a mut [f32]) {
+        let rows = y.chunks_exact_mut(gains.len());
+        for (y, x) in rows.zip(x.chunks_exact(gains.len())) {
+            for ((y, x), a) in y.iter_mut().zip(x).zip(gains) {
+                *y = a.mul_add(*x, *y);
+            }
+        }
+    }
+}
+
+vectorised! {
+    fn gain_rows(gains: &'a [f32], y: &'a mut [f32]) {
+        for y in y.chunks_exact_mut(gains.len()) {
+            y.iter_mut().zip(gains).for_each(|(y, a)| *y *= a);
+        }
+    }
+}
+
+vectorised! {
+    fn add_products(x: &'a [f32], y: &'a [f32], sums: &'a mut [f32]) {
+        let c = sums.len();
+        for (x, y) in x.chunks_exact(c).zip(y.chunks_exact(c)) {
+            for ((sum, x), y) in sums.iter_mut().zip(x).zip(y) {
+                *sum = x.mul_add(*y, *sum);
+            }
+        }
+    }
 }

@@ -1,9 +1,9 @@
 //! From points to voxels and back.
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use super::grid::Grid;
+use super::kernels::vectorised;
 use super::shape::DIM;
 
 /// Points that a task reads voxels for.
@@ -252,13 +252,13 @@ impl Voxels {
     }
 }
 
-/// `y += factor x`.
-fn add_scaled(factor: f32, x: &[f32], y: &mut [f32]) {
-    Arch::new().dispatch(|| {
+vectorised! {
+    /// `y += factor x`.
+    fn add_scaled(factor: f32, x: &'a [f32], y: &'a mut [f32]) {
         for (y, x) in y.iter_mut().zip(x) {
             *y = factor.mul_add(*x, *y);
         }
-    });
+    }
 }
 
 #[cfg(test)]
