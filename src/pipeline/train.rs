@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use tdcr_learn::data::{CloudSet, DataSet, Split};
 use tdcr_learn::metrics::chamfer;
-use tdcr_learn::net::{Channels, MlpShape};
+use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape};
 use tdcr_learn::train::{Model, Provenance, TrainSettings, Trainer, TrainingState};
 
 use super::{Monitor, PipelineError};
@@ -13,7 +13,7 @@ use super::{Monitor, PipelineError};
 const STEPS_PER_REPORT: u64 = 10;
 
 /// Size of a network, but for what the data set says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NetworkSize {
     /// Features per layer.
     pub width: usize,
@@ -21,6 +21,25 @@ pub struct NetworkSize {
     pub depth: usize,
     /// Features of the embedding of time and condition.
     pub embedding: usize,
+    /// The context network of a hybrid; none makes an MLP.
+    pub context: Option<ContextShape>,
+}
+
+impl NetworkSize {
+    /// The shape for conditions of dimension `condition_dim`.
+    fn shape(&self, condition_dim: usize) -> NetworkShape {
+        let head = MlpShape {
+            width: self.width,
+            depth: self.depth,
+            embedding: self.embedding,
+            condition_dim,
+            channels: Channels::Xyz,
+        };
+        match self.context {
+            None => head.into(),
+            Some(context) => HybridShape { head, context }.into(),
+        }
+    }
 }
 
 /// A finished training run.
@@ -100,13 +119,7 @@ fn open<'a>(
     training: &'a CloudSet,
     validation: &'a CloudSet,
 ) -> Result<Trainer<'a>, PipelineError> {
-    let shape = MlpShape {
-        width: size.width,
-        depth: size.depth,
-        embedding: size.embedding,
-        condition_dim: training.condition_dim,
-        channels: Channels::Xyz,
-    };
+    let shape = size.shape(training.condition_dim);
     let path = state_path(run);
     if !path.exists() {
         return Ok(Trainer::new(shape, settings.clone(), training, validation)?);
