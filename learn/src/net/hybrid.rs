@@ -8,7 +8,8 @@ use crate::flow::VelocityField;
 
 use super::batch::{Batch, Loss, PointPass, Share, Workspace, add_trunk_gradients, divide, reset};
 use super::conditioner::{Conditioner, ConditionerTape, Part};
-use super::context::{ContextInput, ContextNet, ContextShape, ContextTape};
+use super::context::{ContextInput, ContextNet, ContextTape};
+use super::context_shape::ContextShape;
 use super::kernels::add;
 use super::pool::Pool;
 use super::shape::{MlpShape, ShapeError, Table, TensorSpec, fan_in};

@@ -51,6 +51,7 @@ mod batch;
 mod check;
 mod conditioner;
 mod context;
+mod context_shape;
 mod conv3d;
 mod dense;
 mod grid;
@@ -68,7 +69,7 @@ mod trunk;
 mod voxels;
 
 pub use batch::{Batch, COLOR_WEIGHT, Workspace};
-pub use context::{ContextShape, Stage, TimeGate};
+pub use context_shape::{ContextShape, Stage, TimeGate};
 pub use hybrid::{Hybrid, HybridShape};
 pub use mlp::Mlp;
 pub use network::{Network, NetworkShape};
