@@ -44,7 +44,7 @@ test-mujoco:
 	MUJOCO_DIR="$$($(PYTHON) -c 'import mujoco; print(mujoco.__path__[0])')" $(TEST_MUJOCO)
 
 test-python: build
-	TDCR=$(TDCR) $(PYTHON) -m pytest -q tests/python
+	TDCR=$(TDCR) $(PYTHON) -m pytest -q -rs tests/python
 
 # Ours alone, then the table of ours beside MuJoCo's.
 bench: setup

@@ -28,7 +28,7 @@
 //! collect(&settings, &data, &Silent)?;
 //!
 //! // A toy: good shapes take thousands of steps, and a few minutes.
-//! let size = NetworkSize { width: 32, depth: 3, embedding: 32 };
+//! let size = NetworkSize { width: 32, depth: 3, embedding: 32, context: None };
 //! let settings = TrainSettings { steps: 50, warmup_steps: 5, validate_every: 25, ..TrainSettings::default() };
 //! let trained = train(&TrainingData::Set(data), &run, size, &settings, &Silent)?;
 //!

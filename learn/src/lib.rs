@@ -9,7 +9,7 @@
 //! use tdcr_learn::data::{CloudSet, Normalisation};
 //! use tdcr_learn::flow::Sampler;
 //! use tdcr_learn::metrics::chamfer;
-//! use tdcr_learn::net::MlpShape;
+//! use tdcr_learn::net::{Channels, MlpShape};
 //! use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
 //!
 //! // Eight "robots" that are points: command c, in [0, 0.04] m, puts them at x = 10 c.
@@ -18,7 +18,7 @@
 //! let set = CloudSet { condition_dim: 1, points_per_cloud: 16, conditions, points };
 //! let normalisation = Normalisation { motor_min: vec![0.0], motor_max: vec![0.04], scale: 0.4 };
 //!
-//! let shape = MlpShape { width: 32, depth: 3, embedding: 32, condition_dim: 1 };
+//! let shape = MlpShape { width: 32, depth: 3, embedding: 32, condition_dim: 1, channels: Channels::Xyz };
 //! let settings = TrainSettings {
 //!     steps: 300,
 //!     warmup_steps: 20,
@@ -51,15 +51,16 @@
 //! # Modules
 //!
 //! - [`data`]: data sets on disk (HDF5) and in memory; splits and normalisation.
-//! - [`net`]: the velocity network, explicit layers with hand-derived backward passes.
-//! - [`flow`]: path, prior and flow times; Heun's sampler.
+//! - [`net`]: the velocity networks, explicit layers with hand-derived backward passes.
+//! - [`flow`]: path, prior and flow times; samplers.
 //! - [`train`]: optimiser, schedule, weight average; models and resumable states on disk.
 //! - [`metrics`]: Chamfer and exact earth mover's distance.
 //!
 //! # What it is not for
 //!
-//! It is no framework: the layers serve these networks alone, on a CPU. Colours are kept in data sets
-//! but not learned, and a command outside the training range is extrapolated without warrant.
+//! It is no framework: the layers serve these networks alone, on a CPU. Colours are kept in data sets,
+//! and the networks take them, but training does not yet. A command outside the training range is
+//! extrapolated without warrant.
 
 mod atomic;
 pub mod data;

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use proptest::prelude::*;
 use serde_json::json;
 use tdcr_learn::flow::{FlowPath, Sampler, Stream, rng};
+use tdcr_learn::net::{Channels, MlpShape, NetworkShape};
 use tdcr_learn::train::{Model, Trainer, TrainingState};
 use tempfile::TempDir;
 use toy::{SHAPE, bars, provenance, run, settings};
@@ -168,6 +169,14 @@ fn files_that_are_no_model_are_refused_with_what_is_wrong() {
     assert_eq!(
         content("shape", shape),
         "header `tdcr`: network width is 0, expected 1 to 8192"
+    );
+    let coloured = NetworkShape::from(MlpShape {
+        channels: Channels::XyzRgb,
+        ..SHAPE
+    });
+    assert_eq!(
+        content("shape", json!(coloured)),
+        "header `tdcr`: a network of points with colours, expected positions alone"
     );
     let normalisation = json!({"motor_min": [0.0, 1.1], "motor_max": [1.0, 1.0], "scale": 0.4});
     let provenance = json!({"subject": null, "normalisation": normalisation});

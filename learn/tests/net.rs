@@ -8,7 +8,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use reference::{Cloud, Reference, loss_gradient};
 use tdcr_learn::flow::VelocityField;
-use tdcr_learn::net::{Batch, Mlp, MlpShape, ShapeError, Workspace};
+use tdcr_learn::net::{Batch, COLOR_WEIGHT, Channels, Mlp, MlpShape, ShapeError, Workspace};
 
 /// A width that no vector unit divides.
 const SHAPE: MlpShape = MlpShape {
@@ -16,6 +16,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 3,
     embedding: 8,
     condition_dim: 3,
+    channels: Channels::Xyz,
 };
 
 fn rng(seed: u64) -> ChaCha8Rng {
@@ -45,13 +46,18 @@ struct Samples {
 }
 
 impl Samples {
-    fn new(condition_dim: usize, clouds: usize, points: usize) -> Self {
+    fn new(shape: MlpShape, clouds: usize, points: usize) -> Self {
+        let MlpShape {
+            condition_dim,
+            channels,
+            ..
+        } = shape;
         let rng = &mut rng(2);
         Self {
             times: (0..clouds).map(|_| rng.random_range(0.0..1.0)).collect(),
             conditions: uniform(rng, clouds * condition_dim),
-            points: uniform(rng, clouds * points * 3),
-            targets: uniform(rng, clouds * points * 3),
+            points: uniform(rng, clouds * points * channels.count()),
+            targets: uniform(rng, clouds * points * channels.count()),
         }
     }
 
@@ -61,27 +67,23 @@ impl Samples {
             conditions: &self.conditions,
             points: &self.points,
             targets: &self.targets,
+            color_weight: COLOR_WEIGHT,
         }
     }
 
-    fn clouds(&self) -> Vec<Cloud> {
+    fn clouds(&self, channels: Channels) -> Vec<Cloud> {
         let clouds = self.times.len();
-        let triples = |values: &[f32], cloud: usize| {
+        let rows = |values: &[f32], cloud: usize| {
             let cloud = values.chunks(values.len() / clouds).nth(cloud).unwrap();
-            cloud
-                .as_chunks()
-                .0
-                .iter()
-                .map(|p: &[f32; 3]| p.map(f64::from))
-                .collect()
+            cloud.chunks(channels.count()).map(to_f64).collect()
         };
         let condition_dim = self.conditions.len() / clouds;
         (0..clouds)
             .map(|cloud| Cloud {
                 time: self.times[cloud].into(),
                 condition: to_f64(&self.conditions[cloud * condition_dim..][..condition_dim]),
-                points: triples(&self.points, cloud),
-                targets: triples(&self.targets, cloud),
+                points: rows(&self.points, cloud),
+                targets: rows(&self.targets, cloud),
             })
             .collect()
     }
@@ -106,23 +108,22 @@ fn velocity_is_the_equations() {
     let mut velocities = vec![0.0; points.len()];
     network.velocity(0.3, &condition, &points, &mut velocities);
     for (point, velocity) in points.chunks(3).zip(velocities.chunks(3)) {
-        let point = [point[0], point[1], point[2]].map(f64::from);
-        let exact = reference.velocity(0.3f32.into(), &to_f64(&condition), point);
+        let exact = reference.velocity(0.3f32.into(), &to_f64(&condition), &to_f64(point));
         for (v, exact) in velocity.iter().zip(exact) {
             assert!((f64::from(*v) - exact).abs() < 1e-5, "{v} for {exact}");
         }
     }
 }
 
-#[test]
-fn every_tensors_gradient_is_the_finite_difference() {
-    let network = network(SHAPE);
-    let samples = Samples::new(SHAPE.condition_dim, 2, 5);
+/// Compares a network's loss and gradient with the reference's, tensor by tensor.
+fn assert_gradient_is_the_finite_difference(shape: MlpShape) {
+    let network = network(shape);
+    let samples = Samples::new(shape, 2, 5);
     let (loss, gradient) = loss_and_gradient(&network, &samples.batch());
-    let (params, clouds) = (to_f64(network.params()), samples.clouds());
-    assert!((loss - Reference::new(SHAPE, &params).loss(&clouds)).abs() < 1e-6 * loss);
-    let exact = loss_gradient(SHAPE, &params, &clouds);
-    for tensor in SHAPE.tensors() {
+    let (params, clouds) = (to_f64(network.params()), samples.clouds(shape.channels));
+    assert!((loss - Reference::new(shape, &params).loss(&clouds)).abs() < 1e-6 * loss);
+    let exact = loss_gradient(shape, &params, &clouds);
+    for tensor in shape.tensors() {
         let pairs = gradient[tensor.range.clone()]
             .iter()
             .zip(&exact[tensor.range.clone()]);
@@ -137,17 +138,31 @@ fn every_tensors_gradient_is_the_finite_difference() {
 }
 
 #[test]
+fn every_tensors_gradient_is_the_finite_difference() {
+    assert_gradient_is_the_finite_difference(SHAPE);
+}
+
+#[test]
+fn colours_have_velocities_and_a_weight_of_their_own() {
+    assert_gradient_is_the_finite_difference(MlpShape {
+        channels: Channels::XyzRgb,
+        ..SHAPE
+    });
+}
+
+#[test]
 fn gradient_of_many_tiles_and_shares_is_the_finite_difference() {
     let shape = MlpShape {
         width: 16,
         depth: 2,
         embedding: 4,
         condition_dim: 2,
+        channels: Channels::Xyz,
     };
     let network = network(shape);
-    let samples = Samples::new(shape.condition_dim, 2, 1100);
+    let samples = Samples::new(shape, 2, 1100);
     let (loss, gradient) = loss_and_gradient(&network, &samples.batch());
-    let (params, clouds) = (to_f64(network.params()), samples.clouds());
+    let (params, clouds) = (to_f64(network.params()), samples.clouds(shape.channels));
     let moved = |step: f64| {
         let params: Vec<f64> = params
             .iter()
@@ -166,9 +181,13 @@ fn gradient_of_many_tiles_and_shares_is_the_finite_difference() {
 fn a_network_of_depth_one_has_a_gradient_too() {
     let shape = MlpShape { depth: 1, ..SHAPE };
     let network = network(shape);
-    let samples = Samples::new(shape.condition_dim, 1, 4);
+    let samples = Samples::new(shape, 1, 4);
     let (_, gradient) = loss_and_gradient(&network, &samples.batch());
-    let exact = loss_gradient(shape, &to_f64(network.params()), &samples.clouds());
+    let exact = loss_gradient(
+        shape,
+        &to_f64(network.params()),
+        &samples.clouds(shape.channels),
+    );
     let error = norm(
         gradient
             .iter()
@@ -182,7 +201,7 @@ fn a_network_of_depth_one_has_a_gradient_too() {
 fn results_do_not_depend_on_the_number_of_threads() {
     let shape = MlpShape { width: 32, ..SHAPE };
     let network = network(shape);
-    let samples = Samples::new(shape.condition_dim, 3, 1500);
+    let samples = Samples::new(shape, 3, 1500);
     let results = [1, 2].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -200,7 +219,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn a_workspace_can_be_used_again_with_another_batch() {
     let network = network(SHAPE);
-    let (large, small) = (Samples::new(3, 3, 1100), Samples::new(3, 1, 7));
+    let (large, small) = (Samples::new(SHAPE, 3, 1100), Samples::new(SHAPE, 1, 7));
     let (mut workspace, mut gradient) = (Workspace::default(), vec![0.0; SHAPE.parameter_count()]);
     network.loss_and_gradient(&large.batch(), &mut workspace, &mut gradient);
     let loss = network.loss_and_gradient(&small.batch(), &mut workspace, &mut gradient);
@@ -217,6 +236,7 @@ fn a_fresh_network_starts_as_documented() {
         depth: 3,
         embedding: 32,
         condition_dim: 4,
+        channels: Channels::Xyz,
     };
     let network = Mlp::new(shape, &mut rng(0)).unwrap();
     for tensor in shape.tensors() {

@@ -7,7 +7,7 @@ mod toy;
 use std::time::Duration;
 
 use tdcr_learn::data::{PayloadRange, Recipe, Sample, SimStream, StreamSpec, Subject};
-use tdcr_learn::net::MlpShape;
+use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{Feed, StreamWindow, TrainError, TrainSettings, Trainer};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Cameras, RobotSpec};
@@ -89,6 +89,7 @@ fn samples_are_within_the_units_that_are_fixed_beforehand() {
 }
 
 const SHAPE: MlpShape = MlpShape {
+    channels: Channels::Xyz,
     width: 16,
     depth: 2,
     embedding: 8,

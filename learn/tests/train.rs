@@ -33,7 +33,8 @@ fn first_batch(settings: &TrainSettings, set: &CloudSet) -> Vec<Cloud> {
         let path = pairs.map(|(x0, x1)| {
             let (x0, x1) = (x0.map(f64::from), x1.map(f64::from));
             let at = |k: usize| (1.0 - t) * x0[k] + t * x1[k];
-            ([0, 1, 2].map(at), [0, 1, 2].map(|k| x1[k] - x0[k]))
+            let velocity = [0, 1, 2].map(|k| x1[k] - x0[k]);
+            ([0, 1, 2].map(at).to_vec(), velocity.to_vec())
         });
         let (points, targets) = path.unzip();
         let condition = set

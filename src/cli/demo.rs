@@ -47,6 +47,7 @@ const NETWORK: NetworkSize = NetworkSize {
     width: 96,
     depth: 6,
     embedding: 128,
+    context: None,
 };
 /// Test commands that the report shows, from the best prediction to the worst.
 const EXAMPLES: usize = 6;

@@ -2,9 +2,11 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use anyhow::ensure;
+use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{PayloadRange, Recipe, StreamSpec, Subject};
+use tdcr::learn::net::ContextShape;
 use tdcr::learn::train::TrainSettings;
 use tdcr::pipeline::{NetworkSize, StreamSettings, TrainingData, model_path, train};
 
@@ -23,6 +25,9 @@ pub(super) struct TrainArgs {
     /// Folder of the run: model and state
     #[arg(long, default_value = "run", value_name = "DIR")]
     out: PathBuf,
+    /// Network: every point alone, or with a context from the cloud about it
+    #[arg(long, value_enum, default_value_t = Net::Mlp)]
+    net: Net,
     /// Features per layer
     #[arg(long, default_value_t = 96, value_name = "N")]
     width: usize,
@@ -50,6 +55,79 @@ pub(super) struct TrainArgs {
     /// Seed of weights, noise and subsets
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    // The heading holds for what follows it.
+    #[command(flatten)]
+    context: ContextArgs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Net {
+    /// Every point alone
+    Mlp,
+    /// Point-voxel convolutions give points a context; far slower
+    Hybrid,
+}
+
+/// Sizes of the context network.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Context of --net hybrid")]
+struct ContextArgs {
+    /// Features of the three stages [default: 80,112,112]
+    #[arg(long, value_name = "N,N,N", value_delimiter = ',')]
+    channels: Option<Vec<usize>>,
+    /// Voxels per edge in the three stages [default: 24,16,8]
+    #[arg(long, value_name = "N,N,N", value_delimiter = ',')]
+    resolutions: Option<Vec<usize>>,
+    /// Point-voxel blocks per stage [default: 2]
+    #[arg(long, value_name = "N")]
+    blocks: Option<usize>,
+    /// Features of a point's context [default: 64]
+    #[arg(long, value_name = "N")]
+    context: Option<usize>,
+}
+
+impl ContextArgs {
+    /// The context network's shape; none for an MLP, which has none.
+    fn shape(&self, net: Net) -> anyhow::Result<Option<ContextShape>> {
+        if net == Net::Mlp {
+            for (option, given) in [
+                ("channels", self.channels.is_some()),
+                ("resolutions", self.resolutions.is_some()),
+                ("blocks", self.blocks.is_some()),
+                ("context", self.context.is_some()),
+            ] {
+                ensure!(
+                    !given,
+                    "--{option} is of --net hybrid, the network is an mlp"
+                );
+            }
+            return Ok(None);
+        }
+        let mut shape = ContextShape::default();
+        for (stage, channels) in per_stage("channels", self.channels.as_deref())? {
+            shape.stages[stage].channels = channels;
+        }
+        for (stage, resolution) in per_stage("resolutions", self.resolutions.as_deref())? {
+            shape.stages[stage].resolution = resolution;
+        }
+        shape.blocks = self.blocks.unwrap_or(shape.blocks);
+        shape.features = self.context.unwrap_or(shape.features);
+        Ok(Some(shape))
+    }
+}
+
+/// The values of an option, one per stage; none where it is not given.
+fn per_stage(
+    option: &str,
+    values: Option<&[usize]>,
+) -> anyhow::Result<impl Iterator<Item = (usize, usize)>> {
+    let values = values.unwrap_or_default();
+    ensure!(
+        values.is_empty() || values.len() == 3,
+        "--{option} has {} values, expected 3, one per stage",
+        values.len()
+    );
+    Ok(values.iter().copied().enumerate())
 }
 
 /// Training without a data set.
@@ -138,6 +216,7 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
         width: args.width,
         depth: args.depth,
         embedding: args.embedding,
+        context: args.context.shape(args.net)?,
     };
     let defaults = TrainSettings::default();
     let settings = TrainSettings {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use tdcr_learn::data::{CloudSet, DataSet, Meta, Split, StreamSpec};
 use tdcr_learn::metrics::chamfer;
-use tdcr_learn::net::MlpShape;
+use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape};
 use tdcr_learn::train::{
     Feed, Model, Provenance, StreamWindow, TrainSettings, Trainer, TrainingState,
 };
@@ -15,7 +15,7 @@ use super::{Monitor, PipelineError, require_same};
 const STEPS_PER_REPORT: u64 = 10;
 
 /// Size of a network, but for what the data set says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NetworkSize {
     /// Features per layer.
     pub width: usize,
@@ -23,6 +23,25 @@ pub struct NetworkSize {
     pub depth: usize,
     /// Features of the embedding of time and condition.
     pub embedding: usize,
+    /// The context network of a hybrid; none makes an MLP.
+    pub context: Option<ContextShape>,
+}
+
+impl NetworkSize {
+    /// The shape for conditions of dimension `condition_dim`.
+    fn shape(&self, condition_dim: usize) -> NetworkShape {
+        let head = MlpShape {
+            width: self.width,
+            depth: self.depth,
+            embedding: self.embedding,
+            condition_dim,
+            channels: Channels::Xyz,
+        };
+        match self.context {
+            None => head.into(),
+            Some(context) => HybridShape { head, context }.into(),
+        }
+    }
 }
 
 /// What a network is trained on.
@@ -179,12 +198,7 @@ fn open<'a>(
     training: Feed<'a>,
     validation: &'a CloudSet,
 ) -> Result<Trainer<'a>, PipelineError> {
-    let shape = MlpShape {
-        width: size.width,
-        depth: size.depth,
-        embedding: size.embedding,
-        condition_dim: training.condition_dim(),
-    };
+    let shape = size.shape(training.condition_dim());
     let path = state_path(run);
     if !path.exists() {
         return Ok(Trainer::new(shape, settings.clone(), training, validation)?);

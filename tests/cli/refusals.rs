@@ -138,6 +138,22 @@ fn a_folder_with_something_else_in_it_is_left_alone() {
 }
 
 #[test]
+fn sizes_that_make_no_context_are_named() {
+    let mlp = ["train", "--resolutions", "8,8,8"];
+    refuse(
+        &mlp,
+        1,
+        "--resolutions is of --net hybrid, the network is an mlp",
+    );
+    let two = ["train", "--net", "hybrid", "--channels", "8,8"];
+    refuse(
+        &two,
+        1,
+        "--channels has 2 values, expected 3, one per stage",
+    );
+}
+
+#[test]
 fn a_truncated_data_file_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let (data, run) = (folder.path().join("data"), folder.path().join("run"));

@@ -1,5 +1,6 @@
 //! The stages, one after the other.
 
+use std::path::Path;
 use std::process::Stdio;
 
 use crate::{SCORES, collect_small, succeed, succeed_json, tdcr, text, train_tiny};
@@ -116,6 +117,41 @@ fn a_reader_that_goes_away_is_no_error() {
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );
+}
+
+/// Sizes of a context network that is trained in a moment.
+const TINY_CONTEXT: [&str; 10] = [
+    "--net",
+    "hybrid",
+    "--channels",
+    "8,8,8",
+    "--resolutions",
+    "4,3,2",
+    "--blocks",
+    "1",
+    "--context",
+    "4",
+];
+
+#[test]
+fn a_hybrid_network_is_trained_and_predicts() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    collect_small(&data, &[]);
+    let parameters = |run: &Path, options: &[&str]| {
+        let trained = train_tiny(&data, run, options);
+        trained["parameters"].as_u64().unwrap()
+    };
+    let mlp = parameters(&folder.path().join("mlp"), &[]);
+    assert!(parameters(&run, &TINY_CONTEXT) > 2 * mlp);
+    let (model, cloud) = (
+        run.join("model.safetensors"),
+        folder.path().join("cloud.ply"),
+    );
+    let files = ["--model", text(&model), "--out", text(&cloud)];
+    let options = ["predict", "--command", COMMAND, "--points", "300"];
+    let predicted = succeed_json(&[&options[..], &files].concat());
+    assert_eq!(predicted["points"], 300);
 }
 
 #[test]

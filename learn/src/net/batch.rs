@@ -5,16 +5,21 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::conditioner::ConditionerTape;
+use super::hybrid::CloudTape;
 use super::kernels::add;
 use super::mlp::Mlp;
-use super::shape::DIM;
-use super::trunk::{Keep, TILE, TrunkGradient, TrunkTape};
+use super::pool::Pool;
+use super::shape::{Channels, DIM};
+use super::trunk::{Keep, TILE, Trunk, TrunkGradient, TrunkTape};
 
 /// Points per share: the unit of parallel work. Fixed, so that sums are grouped alike for any number of threads.
 const SHARE: usize = 8 * TILE;
 
 /// Parameters that one task sums over the shares.
 const STRIPE: usize = 4096;
+
+/// The paper's weight of the colours' error (Eq. rgb_loss_tdcr).
+pub const COLOR_WEIGHT: f32 = 0.05;
 
 /// Clouds with flow times, in normalised units, and the velocities that the network should have there.
 #[derive(Clone, Copy, Debug)]
@@ -23,32 +28,73 @@ pub struct Batch<'a> {
     pub times: &'a [f32],
     /// Conditions, row-major `(B, D)`.
     pub conditions: &'a [f32],
-    /// Points on the path `X_t`, row-major `(B, N, 3)`.
+    /// Points on the path `X_t`, row-major `(B, N, C)`.
     pub points: &'a [f32],
-    /// Target velocities, row-major `(B, N, 3)`.
+    /// Target velocities, row-major `(B, N, C)`.
     pub targets: &'a [f32],
+    /// Weight of the colours' error beside the positions'; without effect on clouds without colours.
+    pub color_weight: f32,
 }
 
-/// Memory of [`Mlp::loss_and_gradient`], kept from step to step.
+impl Batch<'_> {
+    /// Number of clouds `B`.
+    pub(super) fn clouds(&self) -> usize {
+        self.times.len()
+    }
+
+    /// Refuses slices that do not fit each other or a network of `condition_dim`, `channels` and `parameters`.
+    pub(super) fn check(
+        &self,
+        condition_dim: usize,
+        channels: Channels,
+        [parameters, derivatives]: [usize; 2],
+    ) {
+        let clouds = self.clouds();
+        let conditions = clouds * condition_dim;
+        assert_eq!(self.conditions.len(), conditions, "condition dimension");
+        assert_eq!(
+            self.points.len(),
+            self.targets.len(),
+            "one target per point"
+        );
+        assert_eq!(derivatives, parameters, "one derivative per parameter");
+        let whole = self.points.len().is_multiple_of(clouds * channels.count());
+        assert!(!self.points.is_empty() && whole, "points (B, N, C)");
+    }
+
+    /// Loss that belongs to this batch.
+    pub(super) fn loss(&self, channels: Channels) -> Loss {
+        let points = self.points.len() / channels.count();
+        Loss {
+            channels: channels.count(),
+            components: points * DIM,
+            color_weight: self.color_weight,
+        }
+    }
+}
+
+/// Memory of a network's `loss_and_gradient`, kept from step to step.
 #[derive(Debug, Default)]
 pub struct Workspace {
-    conditioner: ConditionerTape,
-    shares: Vec<Share>,
-    d_modulation: Vec<f32>,
+    pub(super) conditioner: ConditionerTape,
+    pub(super) shares: Vec<Share>,
+    pub(super) d_modulation: Vec<f32>,
+    pub(super) cloud: Option<CloudTape>,
 }
 
 /// Some points of one cloud, and their part of the loss and of the gradient.
 #[derive(Debug, Default)]
-struct Share {
-    cloud: usize,
-    points: Range<usize>,
-    squared_error: f64,
-    gradient: TrunkGradient,
+pub(super) struct Share {
+    pub cloud: usize,
+    pub points: Range<usize>,
+    pub squared_error: f64,
+    pub gradient: TrunkGradient,
 }
 
 impl Mlp {
-    /// Mean squared velocity error over all `B N 3` components (paper, Eq. fm_loss_tdcr, divided by their number), and
-    /// its gradient by the parameters, written over `gradient`.
+    /// Mean squared velocity error over all `B N 3` components of the positions (paper, Eq. fm_loss_tdcr, divided by
+    /// their number), plus [`Batch::color_weight`] times that of the colours (Eq. rgb_loss_tdcr); and its gradient by the
+    /// parameters, written over `gradient`.
     ///
     /// Points run in parallel; the result does not depend on the number of threads.
     ///
@@ -60,87 +106,102 @@ impl Mlp {
         workspace: &mut Workspace,
         gradient: &mut [f32],
     ) -> f64 {
-        let clouds = batch.times.len();
-        assert_eq!(
-            batch.conditions.len(),
-            clouds * self.shape().condition_dim,
-            "condition dimension"
-        );
-        assert_eq!(
-            batch.points.len(),
-            batch.targets.len(),
-            "one target per point"
-        );
-        assert_eq!(
-            gradient.len(),
-            self.params().len(),
-            "one derivative per parameter"
-        );
-        assert!(
-            !batch.points.is_empty() && batch.points.len().is_multiple_of(clouds * DIM),
-            "points (B, N, 3)"
-        );
-
+        let (shape, params) = (self.shape(), self.params());
+        let sizes = [params.len(), gradient.len()];
+        batch.check(shape.condition_dim, shape.channels, sizes);
         let Workspace {
             conditioner,
             shares,
             d_modulation,
+            cloud: _,
         } = workspace;
         self.conditioner
-            .forward(self.params(), batch.times, batch.conditions, conditioner);
-        divide(clouds, batch.points.len() / clouds / DIM, shares);
+            .forward(params, batch.times, batch.conditions, conditioner);
+        let (clouds, channels) = (batch.clouds(), shape.channels.count());
+        divide(clouds, batch.points.len() / clouds / channels, shares);
+        let pass = PointPass {
+            trunk: &self.trunk,
+            params: &params[self.trunk.range.clone()],
+            tapes: &self.tapes,
+            loss: batch.loss(shape.channels),
+        };
+        let modulation_len = self.conditioner.outputs();
         shares.par_iter_mut().for_each(|share| {
-            self.tapes.with(
-                || self.trunk.tape(),
-                |tape| self.evaluate(batch, &conditioner.modulation, share, tape),
+            let modulation = &conditioner.modulation[share.cloud * modulation_len..];
+            pass.run(
+                &modulation[..modulation_len],
+                batch.points,
+                batch.targets,
+                share,
             );
         });
 
-        let (per_cloud, per_point) = gradient.split_at_mut(self.trunk.start);
-        sum_trunk_gradients(shares, per_point);
-        sum_modulation_gradients(shares, clouds, d_modulation);
-        per_cloud.fill(0.0);
+        gradient.fill(0.0);
+        add_trunk_gradients(shares, &mut gradient[self.trunk.range.clone()]);
+        reset(d_modulation, clouds * modulation_len);
+        for share in &*shares {
+            let d_modulation = &mut d_modulation[share.cloud * modulation_len..];
+            add(
+                &share.gradient.modulation,
+                &mut d_modulation[..modulation_len],
+            );
+        }
         self.conditioner.backward(
-            self.params(),
+            params,
             batch.conditions,
             conditioner,
             d_modulation,
-            per_cloud,
+            gradient,
         );
-        let squared_error: f64 = shares.iter().map(|share| share.squared_error).sum();
-        squared_error / batch.points.len() as f64
+        shares.iter().map(|share| share.squared_error).sum::<f64>() / pass.loss.components as f64
+    }
+}
+
+/// Forward and backward pass of the layers that act on points.
+pub(super) struct PointPass<'a> {
+    pub trunk: &'a Trunk,
+    /// The trunk's.
+    pub params: &'a [f32],
+    pub tapes: &'a Pool<TrunkTape>,
+    pub loss: Loss,
+}
+
+impl PointPass<'_> {
+    /// One share, tile by tile: `points` `(.., inputs)` and `targets` `(.., C)` are of all shares.
+    pub fn run(&self, modulation: &[f32], points: &[f32], targets: &[f32], share: &mut Share) {
+        self.tapes.with(
+            || self.trunk.tape(),
+            |tape| self.evaluate(modulation, points, targets, share, tape),
+        );
     }
 
-    /// Forward and backward pass of one share, tile by tile.
     fn evaluate(
         &self,
-        batch: &Batch,
-        modulations: &[f32],
+        modulation: &[f32],
+        points: &[f32],
+        targets: &[f32],
         share: &mut Share,
         tape: &mut TrunkTape,
     ) {
-        let params = &self.params()[self.trunk.start..];
-        let modulation_len = self.shape().modulation_len();
-        let modulation = &modulations[share.cloud * modulation_len..][..modulation_len];
+        let (inputs, channels) = (self.trunk.input.inputs, self.loss.channels);
+        let Range { start, end } = share.points;
         share.squared_error = 0.0;
-        reset(&mut share.gradient.params, params.len());
-        reset(&mut share.gradient.modulation, modulation_len);
-        let components = share.points.start * DIM..share.points.end * DIM;
-        let points = batch.points[components.clone()].chunks(TILE * DIM);
-        let mut velocities = [0.0; TILE * DIM];
-        for (points, targets) in points.zip(batch.targets[components].chunks(TILE * DIM)) {
-            let velocities = &mut velocities[..points.len()];
-            self.trunk.forward(
-                params,
-                modulation,
-                points,
-                Keep::EveryBlock,
-                tape,
-                velocities,
-            );
-            share.squared_error += to_loss_gradient(velocities, targets, batch.points.len());
+        reset(&mut share.gradient.params, self.params.len());
+        reset(&mut share.gradient.modulation, modulation.len());
+        if let Some(d_points) = &mut share.gradient.points {
+            d_points.clear();
+        }
+        let points = points[start * inputs..end * inputs].chunks(TILE * inputs);
+        let targets = targets[start * channels..end * channels].chunks(TILE * channels);
+        let mut velocities = [0.0; TILE * Channels::XyzRgb.count()];
+        for (points, targets) in points.zip(targets) {
+            let velocities = &mut velocities[..targets.len()];
+            let keep = Keep::EveryBlock;
+            self.trunk
+                .forward(self.params, modulation, points, keep, tape, velocities);
+            share.squared_error += self.loss.differentiate(velocities, targets);
             self.trunk.backward(
-                params,
+                self.params,
                 modulation,
                 points,
                 velocities,
@@ -151,20 +212,35 @@ impl Mlp {
     }
 }
 
-/// Replaces velocities by the gradient of the mean squared error by them; returns the sum of squared errors.
-fn to_loss_gradient(velocities: &mut [f32], targets: &[f32], components: usize) -> f64 {
-    let factor = 2.0 / components as f32;
-    let mut squared_error = 0.0;
-    for (velocity, target) in velocities.iter_mut().zip(targets) {
-        let error = *velocity - target;
-        squared_error += f64::from(error) * f64::from(error);
-        *velocity = factor * error;
+/// Mean squared velocity error, colours weighted.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Loss {
+    channels: usize,
+    /// Number of the positions' components, by which the squared error is divided.
+    pub components: usize,
+    color_weight: f32,
+}
+
+impl Loss {
+    /// Replaces velocities by the loss's gradient by them; returns the sum of weighted squared errors.
+    fn differentiate(&self, velocities: &mut [f32], targets: &[f32]) -> f64 {
+        let factor = 2.0 / self.components as f32;
+        let mut squared_error = 0.0;
+        let rows = velocities.chunks_exact_mut(self.channels);
+        for (velocities, targets) in rows.zip(targets.chunks_exact(self.channels)) {
+            for (k, (velocity, target)) in velocities.iter_mut().zip(targets).enumerate() {
+                let weight = if k < DIM { 1.0 } else { self.color_weight };
+                let error = *velocity - target;
+                squared_error += f64::from(weight) * f64::from(error) * f64::from(error);
+                *velocity = weight * factor * error;
+            }
+        }
+        squared_error
     }
-    squared_error
 }
 
 /// Divides `clouds` clouds of `points` points into shares, cloud by cloud. Keeps the buffers of `shares`.
-fn divide(clouds: usize, points: usize, shares: &mut Vec<Share>) {
+pub(super) fn divide(clouds: usize, points: usize, shares: &mut Vec<Share>) {
     let per_cloud = points.div_ceil(SHARE);
     shares.resize_with(clouds * per_cloud, Share::default);
     for (index, share) in shares.iter_mut().enumerate() {
@@ -175,13 +251,12 @@ fn divide(clouds: usize, points: usize, shares: &mut Vec<Share>) {
     }
 }
 
-/// `total` = sum of the shares' trunk gradients, in order.
-fn sum_trunk_gradients(shares: &[Share], total: &mut [f32]) {
+/// Adds the shares' trunk gradients to `total`, in order.
+pub(super) fn add_trunk_gradients(shares: &[Share], total: &mut [f32]) {
     total
         .par_chunks_mut(STRIPE)
         .enumerate()
         .for_each(|(index, stripe)| {
-            stripe.fill(0.0);
             for share in shares {
                 add(
                     &share.gradient.params[index * STRIPE..][..stripe.len()],
@@ -191,20 +266,8 @@ fn sum_trunk_gradients(shares: &[Share], total: &mut [f32]) {
         });
 }
 
-/// `total` `(B, M)` = sum of each cloud's shares' modulation gradients, in order.
-fn sum_modulation_gradients(shares: &[Share], clouds: usize, total: &mut Vec<f32>) {
-    let len = shares[0].gradient.modulation.len();
-    reset(total, clouds * len);
-    for share in shares {
-        add(
-            &share.gradient.modulation,
-            &mut total[share.cloud * len..][..len],
-        );
-    }
-}
-
 /// `len` zeros.
-fn reset(buffer: &mut Vec<f32>, len: usize) {
+pub(super) fn reset(buffer: &mut Vec<f32>, len: usize) {
     buffer.clear();
     buffer.resize(len, 0.0);
 }

@@ -4,21 +4,38 @@ use std::ops::Range;
 
 use super::dense::Dense;
 use super::kernels::{activate, add, multiply};
-use super::shape::MlpShape;
+use super::shape::{Initial, Table, fan_in};
 
 /// Embeds `(t, c)` as `e` (paper, Eq. embedding_fusion) and maps `e` to a cloud's modulation vector.
 ///
-/// That vector is `[shift | scale_0 | offset_0 | scale_1 | ...]`: the embedding's share of the input layer, and per block
-/// LayerNorm's affine map and FiLM folded into one, `scale = w (1 + gamma)`, `offset = b (1 + gamma) + beta`.
+/// That vector is `[parts | scale_0 | offset_0 | scale_1 | ...]`: what is affine in `e`, such as the embedding's share of
+/// the input layer; then per FiLM block the norm's affine map and FiLM folded into one, `scale = w (1 + gamma)`,
+/// `offset = b (1 + gamma) + beta`.
 #[derive(Clone, Debug)]
 pub(super) struct Conditioner {
-    width: usize,
     time: Dense,
     condition: Dense,
-    /// The shift and every block's gamma and beta: all linear in `e`, so one layer.
+    /// All parts and every block's gamma and beta: all affine in `e`, so one layer.
     head: Dense,
-    /// LayerNorm's weight and bias per block, `(L, 2, H)`.
+    /// Length of the parts.
+    parts: usize,
+    /// Features of every FiLM block.
+    films: Vec<usize>,
+    /// The norms' weight and bias per block.
     norms: Range<usize>,
+}
+
+/// A part of the modulation vector that is affine in `e`.
+pub(super) struct Part<'a> {
+    name: &'a str,
+    len: usize,
+    initial: Initial,
+}
+
+impl<'a> Part<'a> {
+    pub fn new(name: &'a str, len: usize, initial: Initial) -> Self {
+        Self { name, len, initial }
+    }
 }
 
 /// Intermediate results for `B` clouds, and room for their gradients.
@@ -56,37 +73,66 @@ impl Branch {
 }
 
 impl Conditioner {
-    pub fn new(shape: &MlpShape) -> Self {
-        let part = |name: &str| shape.tensor_range(name);
-        let last = shape.blocks().checked_sub(1);
-        // The end of the last block's tensor, or of the shift's where there is no block.
-        let end = |tensor: &str, shift: &str| match last {
-            Some(l) => part(&format!("blocks.{l}.{tensor}")).end,
-            None => part(shift).end,
-        };
-        let head_bias_end = end("film.bias", "shift.bias");
-        Self {
-            width: shape.width,
-            time: Dense {
-                inputs: shape.embedding,
-                outputs: shape.embedding,
-                weight: part("time.weight"),
-                bias: part("time.bias"),
-            },
-            condition: Dense {
-                inputs: shape.condition_dim,
-                outputs: shape.embedding,
-                weight: part("condition.weight"),
-                bias: part("condition.bias"),
-            },
-            head: Dense {
-                inputs: shape.embedding,
-                outputs: shape.modulation_len(),
-                weight: part("shift.weight").start..end("film.weight", "shift.weight"),
-                bias: part("shift.bias").start..head_bias_end,
-            },
-            norms: head_bias_end..part("input.weight").start,
+    /// Adds the conditioner's tensors for an embedding and a condition of the given `sizes`, with `parts` and with
+    /// FiLM blocks of given names and features.
+    ///
+    /// FiLM starts as gamma = beta = 0, norms as the identity.
+    pub fn declare(
+        table: &mut Table,
+        sizes: [usize; 2],
+        parts: &[Part],
+        films: &[(String, usize)],
+    ) -> Self {
+        let [embedding, condition_dim] = sizes;
+        let zero = Initial::Constant(0.0);
+        let time = table.dense("time", embedding, embedding, fan_in(embedding));
+        let condition = table.dense("condition", condition_dim, embedding, fan_in(condition_dim));
+        let weight = table.len();
+        for Part { name, len, initial } in parts {
+            table.push(format!("{name}.weight"), &[*len, embedding], *initial);
         }
+        for (name, width) in films {
+            table.push(format!("{name}.film.weight"), &[2 * width, embedding], zero);
+        }
+        let bias = table.len();
+        for Part { name, len, initial } in parts {
+            table.push(format!("{name}.bias"), &[*len], *initial);
+        }
+        for (name, width) in films {
+            table.push(format!("{name}.film.bias"), &[2 * width], zero);
+        }
+        let norms = table.len();
+        for (name, width) in films {
+            table.push(
+                format!("{name}.norm.weight"),
+                &[*width],
+                Initial::Constant(1.0),
+            );
+            table.push(format!("{name}.norm.bias"), &[*width], zero);
+        }
+        Self {
+            time,
+            condition,
+            head: Dense {
+                inputs: embedding,
+                outputs: norms - bias,
+                weight: weight..bias,
+                bias: bias..norms,
+            },
+            parts: parts.iter().map(|part| part.len).sum(),
+            films: films.iter().map(|(_, width)| *width).collect(),
+            norms: norms..table.len(),
+        }
+    }
+
+    /// Length of a cloud's modulation vector.
+    pub fn outputs(&self) -> usize {
+        self.head.outputs
+    }
+
+    /// Floating-point operations of the forward pass, per cloud.
+    pub fn flops(&self) -> u64 {
+        self.time.flops(1) + self.condition.flops(1) + self.head.flops(1)
     }
 
     /// Fills `tape.modulation` for the clouds at flow times `(B)` under conditions `(B, D)`.
@@ -110,13 +156,12 @@ impl Conditioner {
         }
     }
 
-    /// Turns a row `[shift | gamma_0 | beta_0 | ...]` into `[shift | scale_0 | offset_0 | ...]`.
-    fn fold_norms(&self, norms: &[f32], modulation: &mut [f32]) {
-        let h = self.width;
-        let blocks = modulation[h..].chunks_exact_mut(2 * h);
-        for (block, norm) in blocks.zip(norms.chunks_exact(2 * h)) {
-            let (scale, offset) = block.split_at_mut(h);
-            let (weight, bias) = norm.split_at(h);
+    /// Turns a row `[parts | gamma_0 | beta_0 | ...]` into `[parts | scale_0 | offset_0 | ...]`.
+    fn fold_norms(&self, mut norms: &[f32], modulation: &mut [f32]) {
+        let mut blocks = &mut modulation[self.parts..];
+        for &h in &self.films {
+            let (scale, offset) = blocks.split_off_mut(..2 * h).expect(WHOLE).split_at_mut(h);
+            let (weight, bias) = norms.split_off(..2 * h).expect(WHOLE).split_at(h);
             for k in 0..h {
                 let gain = 1.0 + scale[k];
                 scale[k] = weight[k] * gain;
@@ -156,20 +201,21 @@ impl Conditioner {
     }
 
     /// Turns a row of gradients by `[scale | offset]` into gradients by `[gamma | beta]`; adds those by the norms.
-    fn fold_norms_backward(&self, norms: &[f32], film: &[f32], d: &mut [f32], d_norms: &mut [f32]) {
-        let h = self.width;
-        let blocks = d[h..]
-            .chunks_exact_mut(2 * h)
-            .zip(film[h..].chunks_exact(2 * h));
-        let norms = norms
-            .chunks_exact(2 * h)
-            .zip(d_norms.chunks_exact_mut(2 * h));
-        for ((d, film), (norm, d_norm)) in blocks.zip(norms) {
-            let (d_scale, d_offset) = d.split_at_mut(h);
-            let (weight, bias) = norm.split_at(h);
-            let (d_weight, d_bias) = d_norm.split_at_mut(h);
+    fn fold_norms_backward(
+        &self,
+        mut norms: &[f32],
+        film: &[f32],
+        d: &mut [f32],
+        mut d_norms: &mut [f32],
+    ) {
+        let (mut film, mut d) = (&film[self.parts..], &mut d[self.parts..]);
+        for &h in &self.films {
+            let gamma = film.split_off(..2 * h).expect(WHOLE);
+            let (d_scale, d_offset) = d.split_off_mut(..2 * h).expect(WHOLE).split_at_mut(h);
+            let (weight, bias) = norms.split_off(..2 * h).expect(WHOLE).split_at(h);
+            let (d_weight, d_bias) = d_norms.split_off_mut(..2 * h).expect(WHOLE).split_at_mut(h);
             for k in 0..h {
-                let gain = 1.0 + film[k];
+                let gain = 1.0 + gamma[k];
                 d_weight[k] += d_scale[k] * gain;
                 d_bias[k] += d_offset[k] * gain;
                 d_scale[k] = d_scale[k] * weight[k] + d_offset[k] * bias[k];
@@ -177,6 +223,9 @@ impl Conditioner {
         }
     }
 }
+
+/// Why a block's part of a row is there.
+const WHOLE: &str = "rows hold every block";
 
 /// Sinusoidal features `(B, E)` of flow times: `E/2` cosines, then `E/2` sines, of `t exp(-ln(10000) k / (E/2))`.
 fn time_features(times: &[f32], embedding: usize, features: &mut Vec<f32>) {

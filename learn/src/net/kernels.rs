@@ -8,8 +8,36 @@ use std::f32::consts::LOG2_E;
 
 use pulp::{Arch, Simd, WithSimd};
 
+/// A function whose loops are compiled for the widest vector unit that the machine has, and chosen at run time.
+///
+/// A closure handed to `pulp` may be left a call to baseline code, where every fused product is a library call; the body
+/// of `with_simd` is always inlined.
+macro_rules! vectorised {
+    ($(#[$attribute:meta])* $visible:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $body:block) => {
+        $(#[$attribute])*
+        $visible fn $name<'a>($($argument: $type),*) {
+            struct Loops<'a> {
+                $($argument: $type),*
+            }
+
+            impl<'a> pulp::WithSimd for Loops<'a> {
+                type Output = ();
+
+                #[inline(always)]
+                fn with_simd<S: pulp::Simd>(self, _: S) {
+                    let Self { $($argument),* } = self;
+                    $body
+                }
+            }
+
+            pulp::Arch::new().dispatch(Loops { $($argument),* });
+        }
+    };
+}
+pub(super) use vectorised;
+
 /// PyTorch's default epsilon of LayerNorm.
-const EPSILON: f32 = 1e-5;
+pub(super) const EPSILON: f32 = 1e-5;
 
 /// `e^x`, to about 1e-7 relative for `x` in [-87, 87]; clamped to that interval.
 ///
@@ -45,7 +73,7 @@ fn exp(x: f32) -> f32 {
 
 /// `SiLU(x) = x sigmoid(x)` and its derivative.
 #[inline(always)]
-fn silu(x: f32) -> (f32, f32) {
+pub(super) fn silu(x: f32) -> (f32, f32) {
     let sigmoid = 1.0 / (1.0 + exp(-x));
     let value = x * sigmoid;
     (value, sigmoid + value * (1.0 - sigmoid))

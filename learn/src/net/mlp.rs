@@ -1,15 +1,13 @@
 //! The network itself: parameters, initialisation, inference.
 
-use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 
 use crate::flow::VelocityField;
 
 use super::conditioner::{Conditioner, ConditionerTape};
 use super::pool::Pool;
-use super::shape::{DIM, MlpShape, ShapeError};
-use super::trunk::{Keep, TILE, Trunk, TrunkTape};
+use super::shape::{MlpShape, ShapeError, Table};
+use super::trunk::{Trunk, TrunkTape};
 
 /// The paper's MLP velocity network (Sec. Method, Eq. mlp_velocity): every point alone, weights shared.
 #[derive(Clone, Debug)]
@@ -33,16 +31,9 @@ impl Mlp {
     /// [`ShapeError::Size`] where `shape` is out of bounds.
     pub fn new(shape: MlpShape, rng: &mut ChaCha8Rng) -> Result<Self, ShapeError> {
         shape.check()?;
-        let mut params = vec![0.0; shape.parameter_count()];
-        for tensor in shape.tensors() {
-            let values = &mut params[tensor.range.clone()];
-            match shape.initial(&tensor.name) {
-                Initial::Constant(value) => values.fill(value),
-                Initial::Uniform(bound) => {
-                    values.fill_with(|| rng.random_range(-bound..=bound));
-                }
-            }
-        }
+        let mut table = Table::default();
+        shape.declare(&mut table);
+        let params = table.initial_params(rng);
         Self::from_params(shape, params)
     }
 
@@ -52,7 +43,9 @@ impl Mlp {
     /// [`ShapeError`] where `shape` is out of bounds or `params` has another length than it needs.
     pub fn from_params(shape: MlpShape, params: Vec<f32>) -> Result<Self, ShapeError> {
         shape.check()?;
-        let expected = shape.parameter_count();
+        let mut table = Table::default();
+        let (conditioner, trunk) = shape.declare(&mut table);
+        let expected = table.len();
         if params.len() != expected {
             return Err(ShapeError::ParameterCount {
                 found: params.len(),
@@ -60,8 +53,8 @@ impl Mlp {
             });
         }
         Ok(Self {
-            conditioner: Conditioner::new(&shape),
-            trunk: Trunk::new(&shape),
+            conditioner,
+            trunk,
             shape,
             params,
             tapes: Pool::default(),
@@ -72,6 +65,11 @@ impl Mlp {
     /// The network's shape.
     pub fn shape(&self) -> MlpShape {
         self.shape
+    }
+
+    /// Floating-point operations of the velocities of a cloud of `points` points, products alone.
+    pub fn flops(&self, points: usize) -> u64 {
+        self.conditioner.flops() + self.trunk.flops(points)
     }
 
     /// The flat parameter vector, in the order of [`MlpShape::tensors`].
@@ -101,53 +99,9 @@ impl VelocityField for Mlp {
             .with(ConditionerTape::default, |tape| {
                 self.conditioner
                     .forward(&self.params, &[t], condition, tape);
-                points
-                    .par_chunks(TILE * DIM)
-                    .zip(velocities.par_chunks_mut(TILE * DIM))
-                    .for_each(|(points, velocities)| {
-                        self.tapes.with(
-                            || self.trunk.tape(),
-                            |scratch| {
-                                let params = &self.params[self.trunk.start..];
-                                self.trunk.forward(
-                                    params,
-                                    &tape.modulation,
-                                    points,
-                                    Keep::Nothing,
-                                    scratch,
-                                    velocities,
-                                );
-                            },
-                        );
-                    });
+                let params = &self.params[self.trunk.range.clone()];
+                self.trunk
+                    .velocities(params, &tape.modulation, points, &self.tapes, velocities);
             });
-    }
-}
-
-/// How a tensor starts.
-enum Initial {
-    Constant(f32),
-    /// Uniform in plus and minus this bound.
-    Uniform(f32),
-}
-
-impl MlpShape {
-    fn initial(&self, name: &str) -> Initial {
-        let Self {
-            width,
-            embedding,
-            condition_dim,
-            ..
-        } = *self;
-        let fan_in = |inputs: usize| Initial::Uniform(1.0 / (inputs as f32).sqrt());
-        match name.split('.').collect::<Vec<_>>()[..] {
-            [.., "film", _] | [.., "norm", "bias"] => Initial::Constant(0.0),
-            [.., "norm", _] => Initial::Constant(1.0),
-            ["time", _] => fan_in(embedding),
-            ["condition", _] => fan_in(condition_dim),
-            // Two shares of one layer of [x | e].
-            ["shift" | "input", _] => fan_in(DIM + embedding),
-            _ => fan_in(width),
-        }
     }
 }

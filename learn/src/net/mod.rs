@@ -1,6 +1,8 @@
-//! Velocity networks: the paper's MLP with FiLM modulation, forward and backward, on the CPU.
+//! Velocity networks: the paper's MLP and Hybrid with FiLM modulation, forward and backward, on the CPU.
 //!
-//! With flow time `t`, condition `c` and a point `x`,
+//! # MLP
+//!
+//! With flow time `t`, condition `c` and a point `x`, a position or a position and a colour,
 //!
 //! ```text
 //! e  = SiLU(W_t phi(t) + b_t) + SiLU(W_c c + b_c)        phi: cosines and sines of t
@@ -11,17 +13,64 @@
 //! ```
 //!
 //! All that depends on `e` alone is computed once per cloud (the *conditioner*), the rest at every point, a tile of
-//! points at a time (the *trunk*). Parameters are one flat vector; [`MlpShape::tensors`] names its parts.
+//! points at a time (the *trunk*). Parameters are one flat vector; [`NetworkShape::tensors`] names its parts.
+//!
+//! # Hybrid
+//!
+//! The same layers act on `[x | C | e]`, with a context `C` of the cloud `X` about the point:
+//!
+//! ```text
+//! C   = a(t) C_pv + (1 - a(t)) (W_g e + b_g)             a = sigmoid(k (t - tau))
+//! f_1 = blocks(W_1 x + W_e e + b)                        from [x | e], at the first resolution
+//! f_s = blocks(W_s f_(s-1) + b_s)                        two more stages
+//! C_pv = W_o SiLU(GN(W_j [f_1 | f_2 | f_3 | max f_3] + b_j)) + b_o
+//! ```
+//!
+//! A block acts on the features `h` of all points, on average in the voxels of a grid and at each point alone:
+//!
+//! ```text
+//! g  = SiLU(GN(conv(SiLU(GN(conv(average of h per voxel))))))
+//! v  = a(mean g) * interpolate(g) + SiLU(GN(W_p h + b_p))
+//! h' = h + SiLU(GN(W_m v + b_m) (1 + gamma(e)) + beta(e))
+//! ```
+//!
+//! What the paper leaves open is as in PVCNN (Liu et al. 2019) with GroupNorm and SiLU for its BatchNorm and ReLU:
+//!
+//! - The grid is the cube about the points' mean that holds the ball through the farthest point; coordinates are
+//!   `r p` with `p` in `[0, 1]^3`, clamped to `r - 1`, rounded (ties to even) for averages, trilinear on the way back.
+//! - Two convolutions of 3 x 3 x 3 with bias, padded by zeros. Squeeze and excitation `a` with an eighth of the channels
+//!   between, without biases, with ReLU and sigmoid.
+//! - The shared projections are plain 1 x 1 convolutions; the shared MLP is one layer, its norm's output under FiLM.
+//! - GroupNorm has 8 groups, or the largest of 4, 2, 1 that divides the channels; epsilon is 1e-5, as everywhere.
+//! - The maximum is over the last stage's features. Joined features (`W_j`) are 128 by default.
+//!
+//! A cloud's blocks of points and planes of voxels run in parallel, sums over them in fixed order.
 
 mod batch;
+#[cfg(test)]
+mod check;
 mod conditioner;
+mod context;
+mod context_shape;
+mod conv3d;
 mod dense;
+mod grid;
+mod group_norm;
+mod hybrid;
 mod kernels;
 mod mlp;
+mod network;
 mod pool;
+mod pv_conv;
+mod rows;
 mod shape;
+mod squeeze;
 mod trunk;
+mod voxels;
 
-pub use batch::{Batch, Workspace};
+pub use batch::{Batch, COLOR_WEIGHT, Workspace};
+pub use context_shape::{ContextShape, Stage, TimeGate};
+pub use hybrid::{Hybrid, HybridShape};
 pub use mlp::Mlp;
-pub use shape::{DIM, MlpShape, ShapeError, TensorSpec};
+pub use network::{Network, NetworkShape};
+pub use shape::{Channels, DIM, MlpShape, ShapeError, TensorSpec};

@@ -2,10 +2,37 @@
 
 use std::ops::Range;
 
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+
+use super::conditioner::{Conditioner, Part};
+use super::dense::Dense;
+use super::trunk::Trunk;
 
 /// Spatial dimension of a point.
 pub const DIM: usize = 3;
+
+/// What a point of a cloud consists of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Channels {
+    /// A position.
+    #[default]
+    Xyz,
+    /// A position and a colour, each channel in [0, 1].
+    XyzRgb,
+}
+
+impl Channels {
+    /// Numbers per point `C`: 3 or 6, the position first.
+    pub const fn count(self) -> usize {
+        match self {
+            Self::Xyz => DIM,
+            Self::XyzRgb => DIM + 3,
+        }
+    }
+}
 
 /// Shape of an MLP velocity network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -19,21 +46,27 @@ pub struct MlpShape {
     pub embedding: usize,
     /// Condition dimension `D`.
     pub condition_dim: usize,
+    /// What points consist of; positions alone in files that do not say.
+    #[serde(default)]
+    pub channels: Channels,
 }
 
-/// A [`MlpShape`] of which no network can be made.
+/// A shape of which no network can be made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ShapeError {
     /// A size is outside what the network can be built with.
     #[error("network {field} is {found}, expected {expected}")]
     Size {
-        /// Field of [`MlpShape`].
+        /// Field of the shape.
         field: &'static str,
         /// Its value.
         found: usize,
         /// What would be right.
         expected: &'static str,
     },
+    /// The time gate of a hybrid network is no function of time.
+    #[error("the time gate's centre or steepness is not a finite number")]
+    Gate,
     /// A parameter vector of another length than the shape's.
     #[error("{found} parameters do not fit a network of {expected}")]
     ParameterCount {
@@ -65,28 +98,18 @@ impl MlpShape {
     ///
     /// The upper bounds are far above any useful network; they keep a damaged file from asking for the machine's memory.
     pub fn check(&self) -> Result<(), ShapeError> {
-        let size = |field, found, accepted, expected| {
-            if accepted {
-                Ok(())
-            } else {
-                Err(ShapeError::Size {
-                    field,
-                    found,
-                    expected,
-                })
-            }
-        };
         let Self {
             width,
             depth,
             embedding,
             condition_dim,
+            channels: _,
         } = *self;
-        size("width", width, (1..=8192).contains(&width), "1 to 8192")?;
-        size("depth", depth, (1..=64).contains(&depth), "1 to 64")?;
+        require_size("width", width, (1..=8192).contains(&width), "1 to 8192")?;
+        require_size("depth", depth, (1..=64).contains(&depth), "1 to 64")?;
         let even = embedding.is_multiple_of(2) && (2..=8192).contains(&embedding);
-        size("embedding", embedding, even, "an even number, 2 to 8192")?;
-        size(
+        require_size("embedding", embedding, even, "an even number, 2 to 8192")?;
+        require_size(
             "condition_dim",
             condition_dim,
             (1..=4096).contains(&condition_dim),
@@ -94,79 +117,145 @@ impl MlpShape {
         )
     }
 
-    /// Length of a cloud's modulation vector: the input layer's shift `(H)`, then scale `(H)` and offset `(H)` per block.
-    pub(super) fn modulation_len(&self) -> usize {
-        self.width * (1 + 2 * self.blocks())
-    }
-
     /// Length of the flat parameter vector.
     pub fn parameter_count(&self) -> usize {
         self.tensors().last().map_or(0, |tensor| tensor.range.end)
     }
 
-    /// Position of the tensor `name` in the flat parameter vector.
-    pub(super) fn tensor_range(&self, name: &str) -> Range<usize> {
-        let tensor = self
-            .tensors()
-            .into_iter()
-            .find(|tensor| tensor.name == name);
-        tensor.expect("the network asks for its own tensors").range
-    }
-
     /// The tensors in the order in which the flat parameter vector holds them.
     ///
-    /// The input layer of `[x | e]` is stored as its two shares, `input.weight` `(H, 3)` of the point and `shift.weight`
+    /// The input layer of `[x | e]` is stored as its two shares, `input.weight` `(H, C)` of the point and `shift.weight`
     /// `(H, E)` of the embedding, which also has the bias; `film` yields gamma (rows `0..H`) and beta (rows `H..2H`).
     /// What is evaluated once per cloud comes first, what is evaluated at every point last.
     pub fn tensors(&self) -> Vec<TensorSpec> {
-        let Self {
-            width: h,
-            embedding: e,
-            condition_dim: d,
-            ..
-        } = *self;
-        let blocks = 0..self.blocks();
         let mut table = Table::default();
-        table.push("time.weight", &[e, e]);
-        table.push("time.bias", &[e]);
-        table.push("condition.weight", &[e, d]);
-        table.push("condition.bias", &[e]);
-        table.push("shift.weight", &[h, e]);
-        blocks
-            .clone()
-            .for_each(|l| table.push(format!("blocks.{l}.film.weight"), &[2 * h, e]));
-        table.push("shift.bias", &[h]);
-        blocks
-            .clone()
-            .for_each(|l| table.push(format!("blocks.{l}.film.bias"), &[2 * h]));
-        for l in blocks.clone() {
-            table.push(format!("blocks.{l}.norm.weight"), &[h]);
-            table.push(format!("blocks.{l}.norm.bias"), &[h]);
-        }
-        table.push("input.weight", &[h, DIM]);
-        for l in blocks {
-            table.push(format!("blocks.{l}.linear.weight"), &[h, h]);
-            table.push(format!("blocks.{l}.linear.bias"), &[h]);
-        }
-        table.push("output.weight", &[DIM, h]);
-        table.push("output.bias", &[DIM]);
+        self.declare(&mut table);
         table.tensors
+    }
+
+    /// Adds the network's tensors to `table`; returns its layers.
+    pub(super) fn declare(&self, table: &mut Table) -> (Conditioner, Trunk) {
+        let (embedding, inputs) = (self.embedding, self.channels.count());
+        let shift = Part::new("shift", self.width, fan_in(inputs + embedding));
+        let conditioner = Conditioner::declare(
+            table,
+            [embedding, self.condition_dim],
+            &[shift],
+            &self.films(""),
+        );
+        (conditioner, self.declare_trunk(table, "", inputs))
+    }
+
+    /// The blocks that FiLM modulates, their names after `prefix`, with their features.
+    pub(super) fn films(&self, prefix: &str) -> Vec<(String, usize)> {
+        (0..self.blocks())
+            .map(|l| (format!("{prefix}blocks.{l}"), self.width))
+            .collect()
+    }
+
+    /// Adds what acts on points of `inputs` numbers, the tensors' names after `prefix`.
+    pub(super) fn declare_trunk(&self, table: &mut Table, prefix: &str, inputs: usize) -> Trunk {
+        Trunk::declare(table, prefix, [inputs, self.channels.count()], self)
     }
 }
 
-#[derive(Default)]
-struct Table {
-    tensors: Vec<TensorSpec>,
+/// Refuses `found` unless it is `accepted`.
+pub(super) fn require_size(
+    field: &'static str,
+    found: usize,
+    accepted: bool,
+    expected: &'static str,
+) -> Result<(), ShapeError> {
+    if accepted {
+        Ok(())
+    } else {
+        Err(ShapeError::Size {
+            field,
+            found,
+            expected,
+        })
+    }
+}
+
+/// How a tensor starts.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Initial {
+    Constant(f32),
+    /// Uniform in plus and minus this bound.
+    Uniform(f32),
+}
+
+/// PyTorch's start of a layer: uniform in `+-1/sqrt(inputs)`.
+pub(super) fn fan_in(inputs: usize) -> Initial {
+    Initial::Uniform(1.0 / (inputs as f32).sqrt())
+}
+
+/// Tensors, their places in the flat parameter vector, and how they start.
+#[derive(Debug, Default)]
+pub(super) struct Table {
+    pub tensors: Vec<TensorSpec>,
+    initials: Vec<Initial>,
 }
 
 impl Table {
-    fn push(&mut self, name: impl Into<String>, shape: &[usize]) {
-        let start = self.tensors.last().map_or(0, |tensor| tensor.range.end);
-        let range = start..start + shape.iter().product::<usize>();
+    /// Length of the flat vector so far.
+    pub fn len(&self) -> usize {
+        self.tensors.last().map_or(0, |tensor| tensor.range.end)
+    }
+
+    /// Adds a tensor; returns its place.
+    pub fn push(
+        &mut self,
+        name: impl Into<String>,
+        shape: &[usize],
+        initial: Initial,
+    ) -> Range<usize> {
+        let range = self.len()..self.len() + shape.iter().product::<usize>();
         self.tensors.push(TensorSpec {
             name: name.into(),
             shape: shape.to_vec(),
-            range,
+            range: range.clone(),
         });
+        self.initials.push(initial);
+        range
+    }
+
+    /// Adds a dense layer that starts as `initial`.
+    pub fn dense(&mut self, name: &str, inputs: usize, outputs: usize, initial: Initial) -> Dense {
+        Dense {
+            inputs,
+            outputs,
+            weight: self.push(format!("{name}.weight"), &[outputs, inputs], initial),
+            bias: self.push(format!("{name}.bias"), &[outputs], initial),
+        }
+    }
+
+    /// Adds a dense layer without bias.
+    pub fn product(
+        &mut self,
+        name: &str,
+        inputs: usize,
+        outputs: usize,
+        initial: Initial,
+    ) -> Dense {
+        Dense {
+            inputs,
+            outputs,
+            weight: self.push(format!("{name}.weight"), &[outputs, inputs], initial),
+            bias: 0..0,
+        }
+    }
+
+    /// Fresh parameters, drawn tensor by tensor.
+    pub fn initial_params(&self, rng: &mut ChaCha8Rng) -> Vec<f32> {
+        let mut params = vec![0.0; self.len()];
+        for (tensor, initial) in self.tensors.iter().zip(&self.initials) {
+            let values = &mut params[tensor.range.clone()];
+            match *initial {
+                Initial::Constant(value) => values.fill(value),
+                Initial::Uniform(bound) => values.fill_with(|| rng.random_range(-bound..=bound)),
+            }
+        }
+        params
     }
 }

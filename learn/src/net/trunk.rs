@@ -1,26 +1,30 @@
 //! What the network computes at every point: input layer, residual blocks and output layer, a tile of points at a time.
 
+use std::ops::Range;
+
 use pulp::Arch;
+use rayon::prelude::*;
 
 use super::dense::Dense;
 use super::kernels::{
     BlockTape, Modulate, ModulateBackward, activate, fill_rows, multiply, sum_rows,
 };
-use super::shape::{DIM, MlpShape};
+use super::pool::Pool;
+use super::shape::{MlpShape, Table, fan_in};
 
 /// Points per tile: few enough that the features of all blocks stay in a core's cache, enough to feed the products.
 pub(super) const TILE: usize = 128;
 
-/// The layers that act on points; their tensors' ranges count from the first of them (`Trunk::start`).
+/// The layers that act on points; their tensors' ranges count from the first of them (`Trunk::range`).
 #[derive(Clone, Debug)]
 pub(super) struct Trunk {
     width: usize,
     /// The points' share of the input layer; its bias is part of the modulation's shift.
-    input: Dense,
+    pub input: Dense,
     blocks: Vec<Dense>,
-    output: Dense,
-    /// Where the trunk's tensors start in the flat parameter vector.
-    pub start: usize,
+    pub output: Dense,
+    /// Where the trunk's tensors lie in the flat parameter vector.
+    pub range: Range<usize>,
 }
 
 /// Features of one tile, kept for the backward pass, and room for their gradients.
@@ -49,36 +53,56 @@ pub(super) struct TrunkGradient {
     pub params: Vec<f32>,
     /// By one cloud's modulation vector.
     pub modulation: Vec<f32>,
+    /// By the points, one tile's after the other's, where it is wanted.
+    pub points: Option<Vec<f32>>,
 }
 
 impl Trunk {
-    pub fn new(shape: &MlpShape) -> Self {
-        let start = shape.tensor_range("input.weight").start;
-        let part = |name: &str| {
-            let range = shape.tensor_range(name);
-            range.start - start..range.end - start
-        };
-        let dense = |name: &str, inputs, outputs| Dense {
-            inputs,
-            outputs,
-            weight: part(&format!("{name}.weight")),
-            bias: part(&format!("{name}.bias")),
+    /// Adds the trunk's tensors for points of `inputs` numbers, their names after `prefix`.
+    pub fn declare(
+        table: &mut Table,
+        prefix: &str,
+        [inputs, outputs]: [usize; 2],
+        shape: &MlpShape,
+    ) -> Self {
+        let start = table.len();
+        // Ranges within the trunk.
+        let local = |layer: Dense| Dense {
+            weight: layer.weight.start - start..layer.weight.end - start,
+            bias: layer.bias.start.saturating_sub(start)..layer.bias.end.saturating_sub(start),
+            ..layer
         };
         let width = shape.width;
+        let input = table.product(
+            &format!("{prefix}input"),
+            inputs,
+            width,
+            fan_in(inputs + shape.embedding),
+        );
+        let blocks = (0..shape.blocks()).map(|l| {
+            let name = format!("{prefix}blocks.{l}.linear");
+            local(table.dense(&name, width, width, fan_in(width)))
+        });
+        let blocks = blocks.collect();
+        let output = table.dense(&format!("{prefix}output"), width, outputs, fan_in(width));
         Self {
             width,
-            input: Dense {
-                inputs: DIM,
-                outputs: width,
-                weight: part("input.weight"),
-                bias: 0..0,
-            },
-            blocks: (0..shape.blocks())
-                .map(|l| dense(&format!("blocks.{l}.linear"), width, width))
-                .collect(),
-            output: dense("output", width, DIM),
-            start,
+            input: local(input),
+            blocks,
+            output: local(output),
+            range: start..table.len(),
         }
+    }
+
+    /// Length of the modulation vector's part for the trunk: the input layer's shift, then scale and offset per block.
+    pub fn modulation_len(&self) -> usize {
+        self.width * (1 + 2 * self.blocks.len())
+    }
+
+    /// Floating-point operations of the forward pass over `points` points, products alone.
+    pub fn flops(&self, points: usize) -> u64 {
+        let layers = self.blocks.iter().chain([&self.input, &self.output]);
+        layers.map(|layer| layer.flops(points)).sum()
     }
 
     /// Room for one tile.
@@ -97,7 +121,30 @@ impl Trunk {
         }
     }
 
-    /// Velocities `(T, 3)` of at most [`TILE`] points `(T, 3)` under one cloud's modulation vector.
+    /// Velocities `(N, C)` of any number of points `(N, inputs)`, tile by tile in parallel.
+    pub fn velocities(
+        &self,
+        params: &[f32],
+        modulation: &[f32],
+        points: &[f32],
+        tapes: &Pool<TrunkTape>,
+        velocities: &mut [f32],
+    ) {
+        points
+            .par_chunks(TILE * self.input.inputs)
+            .zip(velocities.par_chunks_mut(TILE * self.output.outputs))
+            .for_each(|(points, velocities)| {
+                tapes.with(
+                    || self.tape(),
+                    |tape| {
+                        let keep = Keep::Nothing;
+                        self.forward(params, modulation, points, keep, tape, velocities);
+                    },
+                );
+            });
+    }
+
+    /// Velocities `(T, C)` of at most [`TILE`] points `(T, inputs)` under one cloud's modulation vector.
     pub fn forward(
         &self,
         params: &[f32],
@@ -107,7 +154,7 @@ impl Trunk {
         tape: &mut TrunkTape,
         velocities: &mut [f32],
     ) {
-        let len = points.len() / DIM * self.width;
+        let len = points.len() / self.input.inputs * self.width;
         let (shift, blocks) = modulation.split_at(self.width);
         let features = &mut tape.features[..len];
         fill_rows(features, shift);
@@ -134,7 +181,7 @@ impl Trunk {
         self.output.forward(params, activated, velocities);
     }
 
-    /// Backward pass of [`Trunk::forward`], from `d_velocities` `(T, 3)`, the gradient by its velocities.
+    /// Backward pass of [`Trunk::forward`], from `d_velocities` `(T, C)`, the gradient by its velocities.
     ///
     /// Adds to `gradient`. Consumes the tape's features.
     pub fn backward(
@@ -146,9 +193,13 @@ impl Trunk {
         tape: &mut TrunkTape,
         gradient: &mut TrunkGradient,
     ) {
-        let len = points.len() / DIM * self.width;
-        let (d_shift, d_blocks) = gradient.modulation.split_at_mut(self.width);
-        let gradient = &mut gradient.params[..];
+        let len = points.len() / self.input.inputs * self.width;
+        let TrunkGradient {
+            params: gradient,
+            modulation: d_modulation,
+            points: d_points,
+        } = gradient;
+        let (d_shift, d_blocks) = d_modulation.split_at_mut(self.width);
         let d = &mut tape.features[..len];
         let d_activated = &mut tape.d_activated[..len];
         self.output
@@ -174,5 +225,10 @@ impl Trunk {
         }
         sum_rows(d, d_shift);
         self.input.backward_weight(gradient, points, d);
+        if let Some(d_points) = d_points {
+            let start = d_points.len();
+            d_points.resize(start + points.len(), 0.0);
+            self.input.backward_input(params, d, &mut d_points[start..]);
+        }
     }
 }

@@ -5,7 +5,7 @@ use tdcr_sim::robot::SpecError;
 use super::error::TrainError;
 use super::state::{fingerprint, hash};
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
-use crate::net::{DIM, MlpShape};
+use crate::net::{Channels, DIM, NetworkShape};
 
 /// Samples that a stream's threads may be ahead of the run.
 const AHEAD: usize = 32;
@@ -191,11 +191,16 @@ fn put(
 }
 
 /// Refuses training clouds that do not suit the network or the settings.
-pub(super) fn check_feed(feed: &Feed, shape: &MlpShape, points: usize) -> Result<(), TrainError> {
+pub(super) fn check_feed(
+    feed: &Feed,
+    shape: &NetworkShape,
+    points: usize,
+) -> Result<(), TrainError> {
     if let Feed::Set(set) = feed {
         return check_set("training", set, shape, points);
     }
-    let (found, expected) = (feed.condition_dim(), shape.condition_dim);
+    check_channels("training", shape)?;
+    let (found, expected) = (feed.condition_dim(), shape.condition_dim());
     if found != expected {
         let reason = format!("conditions of dimension {found}, expected the network's {expected}");
         return Err(TrainError::Data {
@@ -218,12 +223,13 @@ pub(super) fn check_feed(feed: &Feed, shape: &MlpShape, points: usize) -> Result
 pub(super) fn check_set(
     name: &'static str,
     set: &CloudSet,
-    shape: &MlpShape,
+    shape: &NetworkShape,
     points: usize,
 ) -> Result<(), TrainError> {
+    check_channels(name, shape)?;
     let refuse = |reason: String| Err(TrainError::Data { set: name, reason });
-    if set.condition_dim != shape.condition_dim {
-        let expected = shape.condition_dim;
+    if set.condition_dim != shape.condition_dim() {
+        let expected = shape.condition_dim();
         return refuse(format!(
             "conditions of dimension {}, expected the network's {expected}",
             set.condition_dim
@@ -261,4 +267,15 @@ pub(super) fn check_set(
         }
     }
     Ok(())
+}
+
+/// Refuses networks of coloured points: clouds in training have positions alone.
+fn check_channels(set: &'static str, shape: &NetworkShape) -> Result<(), TrainError> {
+    if shape.channels() == Channels::Xyz {
+        return Ok(());
+    }
+    Err(TrainError::Data {
+        set,
+        reason: "positions alone, expected colours too".to_owned(),
+    })
 }

@@ -9,7 +9,7 @@ use super::format::{Kind, Reader, Writer, read};
 use super::settings::TrainSettings;
 use crate::data::{DataError, Normalisation, Subject};
 use crate::flow::{Sampler, Stream, rng};
-use crate::net::{DIM, Mlp, MlpShape};
+use crate::net::{Channels, DIM, Network, NetworkShape};
 
 /// What a network was trained on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,7 +33,7 @@ pub struct Model {
     /// Their mean Chamfer distance in validation, in normalised units squared; times `s^2` for m^2.
     pub validation_distance: f64,
     /// The network, with averaged weights.
-    pub network: Mlp,
+    pub network: Network,
 }
 
 /// A command that no cloud can be predicted for.
@@ -57,7 +57,7 @@ pub enum PredictError {
 #[serde(deny_unknown_fields)]
 struct Header {
     provenance: Provenance,
-    shape: MlpShape,
+    shape: NetworkShape,
     settings: TrainSettings,
     step: u64,
     validation_distance: f64,
@@ -118,7 +118,8 @@ impl Model {
         read(path, Kind::Model, |header: Header, reader| {
             check_header(&header.provenance, &header.shape, &header.settings)?;
             let params = take_params(reader, "", header.shape)?;
-            let network = Mlp::from_params(header.shape, params).map_err(FileProblem::header)?;
+            let network =
+                Network::from_params(header.shape, params).map_err(FileProblem::header)?;
             Ok(Self {
                 provenance: header.provenance,
                 settings: header.settings,
@@ -133,17 +134,24 @@ impl Model {
 /// Refuses headers of which no network can be made.
 pub(super) fn check_header(
     provenance: &Provenance,
-    shape: &MlpShape,
+    shape: &NetworkShape,
     settings: &TrainSettings,
 ) -> Result<(), FileProblem> {
     shape.check().map_err(FileProblem::header)?;
     settings.check().map_err(FileProblem::header)?;
+    if shape.channels() != Channels::Xyz {
+        return Err(FileProblem::header(
+            "a network of points with colours, expected positions alone",
+        ));
+    }
     let normalisation = &provenance.normalisation;
     let motors = [&normalisation.motor_min, &normalisation.motor_max].map(Vec::len);
-    if motors != [shape.condition_dim; 2] {
+    if motors != [shape.condition_dim(); 2] {
         return Err(FileProblem::header(format!(
             "{} minima and {} maxima of the motors, expected {} each",
-            motors[0], motors[1], shape.condition_dim
+            motors[0],
+            motors[1],
+            shape.condition_dim()
         )));
     }
     normalisation.check_motors().map_err(FileProblem::header)?;
@@ -151,7 +159,7 @@ pub(super) fn check_header(
 }
 
 /// Adds a flat parameter vector as its tensors, their names after `prefix`.
-pub(super) fn put_params(writer: &mut Writer, prefix: &str, shape: MlpShape, params: &[f32]) {
+pub(super) fn put_params(writer: &mut Writer, prefix: &str, shape: NetworkShape, params: &[f32]) {
     for tensor in shape.tensors() {
         writer.put(
             format!("{prefix}{}", tensor.name),
@@ -165,7 +173,7 @@ pub(super) fn put_params(writer: &mut Writer, prefix: &str, shape: MlpShape, par
 pub(super) fn take_params(
     reader: &mut Reader,
     prefix: &str,
-    shape: MlpShape,
+    shape: NetworkShape,
 ) -> Result<Vec<f32>, FileProblem> {
     let mut params = Vec::new();
     for tensor in shape.tensors() {

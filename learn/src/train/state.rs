@@ -9,7 +9,7 @@ use super::format::{Element, Kind, Reader, Writer, read};
 use super::model::{Provenance, check_header, put_params, take_params};
 use super::settings::TrainSettings;
 use crate::data::CloudSet;
-use crate::net::MlpShape;
+use crate::net::NetworkShape;
 
 /// The averaged weights with the smallest validation distance so far.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,7 +18,7 @@ pub struct Best {
     pub step: u64,
     /// Mean distance of the validation, in normalised units squared.
     pub distance: f64,
-    /// The weights, in the order of [`MlpShape::tensors`].
+    /// The weights, in the order of [`NetworkShape::tensors`].
     pub params: Vec<f32>,
 }
 
@@ -28,14 +28,14 @@ pub struct TrainingState {
     /// What the network is trained on.
     pub provenance: Provenance,
     /// Shape of the network.
-    pub shape: MlpShape,
+    pub shape: NetworkShape,
     /// Settings of the run.
     pub settings: TrainSettings,
     /// Fingerprints of the training and the validation set ([`fingerprint`]).
     pub(super) data: [u64; 2],
     /// Steps taken.
     pub step: u64,
-    /// Weights, in the order of [`MlpShape::tensors`], as all vectors below.
+    /// Weights, in the order of [`NetworkShape::tensors`], as all vectors below.
     pub params: Vec<f32>,
     /// Running average of the weights.
     pub average: Vec<f32>,
@@ -56,7 +56,7 @@ pub struct TrainingState {
 #[serde(deny_unknown_fields)]
 struct Header {
     provenance: Provenance,
-    shape: MlpShape,
+    shape: NetworkShape,
     settings: TrainSettings,
     data: [u64; 2],
     step: u64,

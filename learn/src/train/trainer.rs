@@ -12,7 +12,7 @@ use super::settings::{SettingsError, TrainSettings};
 use super::state::{Best, TrainingState, fingerprint};
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
-use crate::net::{Batch, DIM, Mlp, MlpShape, Workspace};
+use crate::net::{Batch, COLOR_WEIGHT, DIM, Network, NetworkShape, Workspace};
 
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
@@ -28,9 +28,9 @@ pub struct Trainer<'a> {
     /// Fingerprints of the two sets.
     data: [u64; 2],
     settings: TrainSettings,
-    network: Mlp,
+    network: Network,
     /// Running average of the network's weights.
-    average: Mlp,
+    average: Network,
     optimizer: AdamW,
     step: u64,
     best: Option<Best>,
@@ -56,11 +56,12 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// [`TrainError`] where settings or shape are out of bounds, or the sets do not suit them.
     pub fn new(
-        shape: MlpShape,
+        shape: impl Into<NetworkShape>,
         settings: TrainSettings,
         training: impl Into<Feed<'a>>,
         validation: &'a CloudSet,
     ) -> Result<Self, TrainError> {
+        let shape = shape.into();
         settings.check()?;
         let training = training.into();
         check_feed(&training, &shape, settings.points)?;
@@ -77,7 +78,7 @@ impl<'a> Trainer<'a> {
             )
             .into());
         }
-        let network = Mlp::new(shape, &mut rng(settings.seed, Stream::Parameters))?;
+        let network = Network::new(shape, &mut rng(settings.seed, Stream::Parameters))?;
         let parameters = network.params().len();
         Ok(Self {
             data: [training.fingerprint(), fingerprint(validation)],
@@ -104,11 +105,12 @@ impl<'a> Trainer<'a> {
     /// [`Trainer::new`].
     pub fn resume(
         state: TrainingState,
-        shape: MlpShape,
+        shape: impl Into<NetworkShape>,
         settings: TrainSettings,
         training: impl Into<Feed<'a>>,
         validation: &'a CloudSet,
     ) -> Result<Self, TrainError> {
+        let shape = shape.into();
         let as_value = |value: serde_json::Result<Value>| value.expect("plain values serialise");
         require_same(
             "shape",
@@ -129,8 +131,8 @@ impl<'a> Trainer<'a> {
         ] {
             require_same(set, found.into(), expected.into())?;
         }
-        trainer.network = Mlp::from_params(shape, state.params)?;
-        trainer.average = Mlp::from_params(shape, state.average)?;
+        trainer.network = Network::from_params(shape, state.params)?;
+        trainer.average = Network::from_params(shape, state.average)?;
         trainer.optimizer = AdamW {
             first_moment: state.first_moment,
             second_moment: state.second_moment,
@@ -163,7 +165,7 @@ impl<'a> Trainer<'a> {
     /// The predictor: the best averaged weights so far. None before the first validation.
     pub fn model(&self, provenance: Provenance) -> Option<Model> {
         let best = self.best.as_ref()?;
-        let network = Mlp::from_params(self.network.shape(), best.params.clone());
+        let network = Network::from_params(self.network.shape(), best.params.clone());
         Some(Model {
             provenance,
             settings: self.settings.clone(),
@@ -320,6 +322,7 @@ impl Samples {
             conditions: &self.conditions,
             points: &self.points,
             targets: &self.targets,
+            color_weight: COLOR_WEIGHT,
         }
     }
 }

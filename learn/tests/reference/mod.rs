@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use tdcr_learn::net::MlpShape;
+use tdcr_learn::net::{COLOR_WEIGHT, MlpShape};
 
 /// Parameters by tensor name.
 pub struct Reference {
@@ -14,8 +14,8 @@ pub struct Reference {
 pub struct Cloud {
     pub time: f64,
     pub condition: Vec<f64>,
-    pub points: Vec<[f64; 3]>,
-    pub targets: Vec<[f64; 3]>,
+    pub points: Vec<Vec<f64>>,
+    pub targets: Vec<Vec<f64>>,
 }
 
 fn silu(x: f64) -> f64 {
@@ -67,12 +67,12 @@ impl Reference {
             .collect()
     }
 
-    pub fn velocity(&self, time: f64, condition: &[f64], point: [f64; 3]) -> Vec<f64> {
+    pub fn velocity(&self, time: f64, condition: &[f64], point: &[f64]) -> Vec<f64> {
         let width = self.shape.width;
         let e = self.embedding(time, condition);
         let shift = self.linear("shift", &e);
         let mut h: Vec<f64> = self
-            .product("input", &point)
+            .product("input", point)
             .iter()
             .zip(shift)
             .map(|(x, s)| x + s)
@@ -97,18 +97,18 @@ impl Reference {
         self.linear("output", &activated)
     }
 
-    /// Mean squared velocity error over all components.
+    /// Mean squared velocity error over all components of positions, plus that of colours, weighted.
     pub fn loss(&self, clouds: &[Cloud]) -> f64 {
         let mut sum = 0.0;
         let mut components = 0;
         for cloud in clouds {
             for (point, target) in cloud.points.iter().zip(&cloud.targets) {
-                let velocity = self.velocity(cloud.time, &cloud.condition, *point);
-                sum += velocity
-                    .iter()
-                    .zip(target)
-                    .map(|(v, u)| (v - u).powi(2))
-                    .sum::<f64>();
+                let velocity = self.velocity(cloud.time, &cloud.condition, point);
+                let errors = velocity.iter().zip(target).map(|(v, u)| (v - u).powi(2));
+                let weights = [1.0, 1.0, 1.0]
+                    .into_iter()
+                    .chain([f64::from(COLOR_WEIGHT); 3]);
+                sum += errors.zip(weights).map(|(e, w)| w * e).sum::<f64>();
                 components += 3;
             }
         }

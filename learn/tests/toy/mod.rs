@@ -5,7 +5,7 @@
 use rand::RngExt;
 use tdcr_learn::data::{CloudSet, Normalisation, Subject};
 use tdcr_learn::flow::{Method, Sampler, Stream, TimeGrid, rng};
-use tdcr_learn::net::MlpShape;
+use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::RobotSpec;
@@ -15,6 +15,7 @@ pub const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 8,
     condition_dim: 2,
+    channels: Channels::Xyz,
 };
 
 pub fn settings() -> TrainSettings {

@@ -1,0 +1,380 @@
+//! The context network: what a point learns from the cloud about it.
+
+use super::context_shape::{ContextShape, STAGES, block_name};
+use super::dense::Dense;
+use super::grid::Grid;
+use super::group_norm::{AffineNorm, Normed};
+use super::kernels::fill_rows;
+use super::pv_conv::{PvBlock, PvInput, PvScratch, PvTape};
+use super::rows::{Rows, Sums};
+use super::shape::{Initial, Table, fan_in};
+use super::voxels::Voxels;
+
+/// Point-voxel context `(N, F)` of a cloud's points `(N, C)`, from channels `[e | x]`:
+///
+/// ```text
+/// f_1 = blocks(W_1 x + W_e e + b)                    first stage; PvBlock each
+/// f_s = blocks(W_s f_(s-1) + b_s)                    further stages, on coarser grids
+/// g   = max over the points of f_3
+/// c   = W_o SiLU(GN(W_j [f_1 | f_2 | f_3 | g] + b_j)) + b_o
+/// ```
+///
+/// `W_j` is stored as its shares. `W_o` and `b_o` start at zero, so that the context starts silent.
+#[derive(Clone, Debug)]
+pub(super) struct ContextNet {
+    stages: Vec<StageNet>,
+    /// One share of the joining layer per stage; then the maximum's, which has the bias.
+    joins: Vec<Dense>,
+    join_maximum: Dense,
+    join_norm: AffineNorm,
+    output: Dense,
+}
+
+#[derive(Clone, Debug)]
+struct StageNet {
+    grid: Grid,
+    /// From the points or the stage before. The first has no bias: that is part of the embedding's share.
+    project: Dense,
+    blocks: Vec<PvBlock>,
+}
+
+/// Memory of one cloud's forward and backward pass.
+#[derive(Debug)]
+pub(super) struct ContextTape {
+    stages: Vec<StageTape>,
+    maximum: Vec<f32>,
+    /// The point that has it, per feature.
+    highest: Vec<usize>,
+    shift: Vec<f32>,
+    joined: Normed,
+    activated: Vec<f32>,
+    /// The context, `(N, F)`.
+    pub context: Vec<f32>,
+    d_maximum: Vec<f32>,
+    d_activated: Vec<f32>,
+    sums: Sums,
+}
+
+#[derive(Debug)]
+struct StageTape {
+    voxels: Voxels,
+    /// Input of every block, then the stage's output.
+    features: Vec<Vec<f32>>,
+    blocks: Vec<PvTape>,
+    scratch: PvScratch,
+    /// Gradient by the stage's output, then by its input.
+    d: Vec<f32>,
+}
+
+impl ContextNet {
+    /// Adds the network's tensors, for points of `inputs` numbers.
+    pub fn declare(
+        table: &mut Table,
+        shape: &ContextShape,
+        embedding: usize,
+        inputs: usize,
+    ) -> Self {
+        let mut before = inputs;
+        let mut stages = Vec::new();
+        for (s, stage) in shape.stages.into_iter().enumerate() {
+            let (grid, channels) = (
+                Grid {
+                    resolution: stage.resolution,
+                },
+                stage.channels,
+            );
+            let name = format!("context.stages.{s}.project");
+            let project = match s {
+                0 => table.product(&name, before, channels, fan_in(before + embedding)),
+                _ => table.dense(&name, before, channels, fan_in(before)),
+            };
+            let blocks = (0..shape.blocks)
+                .map(|b| PvBlock::declare(table, &block_name(s, b), channels, grid))
+                .collect();
+            before = channels;
+            stages.push(StageNet {
+                grid,
+                project,
+                blocks,
+            });
+        }
+        let all = shape
+            .stages
+            .iter()
+            .map(|stage| stage.channels)
+            .sum::<usize>();
+        let (joined, initial) = (shape.joined, fan_in(all + before));
+        let joins = shape.stages.iter().enumerate().map(|(s, stage)| {
+            table.product(
+                &format!("context.joins.{s}"),
+                stage.channels,
+                joined,
+                initial,
+            )
+        });
+        let joins = joins.collect();
+        Self {
+            stages,
+            joins,
+            join_maximum: table.dense("context.join_maximum", before, joined, initial),
+            join_norm: AffineNorm::declare(table, "context.join_norm", joined),
+            output: table.dense(
+                "context.output",
+                joined,
+                shape.features,
+                Initial::Constant(0.0),
+            ),
+        }
+    }
+
+    /// Floating-point operations of the forward pass over `points` points, products alone.
+    pub fn flops(&self, points: usize) -> u64 {
+        let stages = self.stages.iter().map(|stage| {
+            let blocks = stage.blocks.iter().map(|block| block.flops(points));
+            stage.project.flops(points) + blocks.sum::<u64>()
+        });
+        let joins = self.joins.iter().chain([&self.output]);
+        let joins = joins.map(|layer| layer.flops(points));
+        stages.sum::<u64>() + joins.sum::<u64>() + self.join_maximum.flops(1)
+    }
+
+    /// Room for a cloud.
+    pub fn tape(&self) -> ContextTape {
+        let stages = self.stages.iter().map(|stage| StageTape {
+            voxels: Voxels::new(stage.grid),
+            features: vec![Vec::new(); stage.blocks.len() + 1],
+            blocks: stage.blocks.iter().map(|_| PvTape::default()).collect(),
+            scratch: PvScratch::default(),
+            d: Vec::new(),
+        });
+        ContextTape {
+            stages: stages.collect(),
+            maximum: Vec::new(),
+            highest: Vec::new(),
+            shift: Vec::new(),
+            joined: Normed::default(),
+            activated: Vec::new(),
+            context: Vec::new(),
+            d_maximum: Vec::new(),
+            d_activated: Vec::new(),
+            sums: Sums::default(),
+        }
+    }
+
+    /// Fills `tape.context`.
+    pub fn forward(&self, input: ContextInput, tape: &mut ContextTape) {
+        let ContextInput {
+            params,
+            points,
+            shift,
+            mut films,
+        } = input;
+        let count = points.len() / self.stages[0].project.inputs;
+        for (s, stage) in self.stages.iter().enumerate() {
+            let (before, tape) = tape.stages.split_at_mut(s);
+            let tape = &mut tape[0];
+            tape.voxels.place(points, self.stages[0].project.inputs);
+            let first = &mut tape.features[0];
+            first.resize(count * stage.project.outputs, 0.0);
+            match before.last() {
+                None => {
+                    fill_rows(first, shift);
+                    stage.project.par_add_product(params, points, first);
+                }
+                Some(before) => stage.project.par_forward(params, before.output(), first),
+            }
+            stage.forward(params, &mut films, tape);
+        }
+        self.join(params, count, tape);
+    }
+
+    /// The context from the stages' outputs.
+    fn join(&self, params: &[f32], count: usize, tape: &mut ContextTape) {
+        let last = tape.stages[STAGES - 1].output();
+        let channels = self.join_maximum.inputs;
+        tape.maximum.clear();
+        tape.maximum.extend_from_slice(&last[..channels]);
+        tape.highest.clear();
+        tape.highest.resize(channels, 0);
+        for (index, row) in last.chunks_exact(channels).enumerate() {
+            for (k, value) in row.iter().enumerate() {
+                if *value > tape.maximum[k] {
+                    (tape.maximum[k], tape.highest[k]) = (*value, index);
+                }
+            }
+        }
+        tape.shift.resize(self.join_maximum.outputs, 0.0);
+        self.join_maximum
+            .forward(params, &tape.maximum, &mut tape.shift);
+
+        let Normed {
+            features,
+            tape: norm,
+        } = &mut tape.joined;
+        features.resize(count * self.join_maximum.outputs, 0.0);
+        tape.activated.resize(features.len(), 0.0);
+        fill_rows(features, &tape.shift);
+        for (join, stage) in self.joins.iter().zip(&tape.stages) {
+            join.par_add_product(params, stage.output(), features);
+        }
+        let rows = Rows::points(count);
+        self.join_norm
+            .forward(params, rows, features, norm, &mut tape.activated);
+        tape.context.resize(count * self.output.outputs, 0.0);
+        self.output
+            .par_forward(params, &tape.activated, &mut tape.context);
+    }
+
+    /// Backward pass of [`ContextNet::forward`], from `d_context` `(N, F)`.
+    ///
+    /// Adds to `gradient`, and to the gradients by shift and films.
+    pub fn backward(
+        &self,
+        input: ContextInput,
+        d_context: &[f32],
+        tape: &mut ContextTape,
+        gradient: &mut [f32],
+        [d_shift, mut d_films]: [&mut [f32]; 2],
+    ) {
+        let ContextInput {
+            params,
+            points,
+            mut films,
+            ..
+        } = input;
+        self.join_backward(params, d_context, tape, gradient);
+        for (s, stage) in self.stages.iter().enumerate().rev() {
+            let (before, tape_s) = tape.stages.split_at_mut(s);
+            let tape_s = &mut tape_s[0];
+            stage.backward(params, &mut films, tape_s, gradient, &mut d_films);
+            let d = &tape_s.d;
+            match before.last_mut() {
+                None => {
+                    stage.project.par_backward_weight(gradient, points, d);
+                    let rows = Rows::points(d.len() / d_shift.len());
+                    tape.sums.add_columns(d, rows, d_shift);
+                }
+                Some(before) => {
+                    stage
+                        .project
+                        .par_backward(gradient, before.output(), d, &mut tape.sums);
+                    stage
+                        .project
+                        .par_add_backward_input(params, d, &mut before.d);
+                }
+            }
+        }
+    }
+
+    /// Gradients by the stages' outputs, as far as they come from the joining layer.
+    fn join_backward(
+        &self,
+        params: &[f32],
+        d_context: &[f32],
+        tape: &mut ContextTape,
+        gradient: &mut [f32],
+    ) {
+        let rows = Rows::points(d_context.len() / self.output.outputs);
+        let (d, sums) = (&mut tape.d_activated, &mut tape.sums);
+        self.output
+            .par_backward(gradient, &tape.activated, d_context, sums);
+        d.resize(tape.activated.len(), 0.0);
+        self.output.par_backward_input(params, d_context, d);
+        let Normed {
+            features,
+            tape: norm,
+        } = &mut tape.joined;
+        self.join_norm
+            .backward(params, rows, features, norm, d, gradient);
+
+        for (join, stage) in self.joins.iter().zip(&mut tape.stages) {
+            join.par_backward_weight(gradient, stage.features.last().expect(OUTPUT), d);
+            stage.d.resize(rows.count * join.inputs, 0.0);
+            join.par_backward_input(params, d, &mut stage.d);
+        }
+        let d_shift = &mut tape.shift;
+        d_shift.fill(0.0);
+        sums.add_columns(d, rows, d_shift);
+        self.join_maximum.backward(gradient, &tape.maximum, d_shift);
+        tape.d_maximum.resize(tape.maximum.len(), 0.0);
+        self.join_maximum
+            .backward_input(params, d_shift, &mut tape.d_maximum);
+        let d_last = &mut tape.stages[STAGES - 1].d;
+        let channels = tape.maximum.len();
+        for (k, (highest, d)) in tape.highest.iter().zip(&tape.d_maximum).enumerate() {
+            d_last[highest * channels + k] += d;
+        }
+    }
+}
+
+/// What the context network acts on.
+#[derive(Clone, Copy)]
+pub(super) struct ContextInput<'a> {
+    pub params: &'a [f32],
+    /// `(N, C)`.
+    pub points: &'a [f32],
+    /// The embedding's share of the first projection.
+    pub shift: &'a [f32],
+    /// Scale and offset of every block.
+    pub films: &'a [f32],
+}
+
+/// Why a stage has an output.
+const OUTPUT: &str = "the features end with the output";
+
+impl StageTape {
+    fn output(&self) -> &[f32] {
+        self.features.last().expect(OUTPUT)
+    }
+}
+
+impl StageNet {
+    /// The stage's blocks; takes their scales and offsets from the front of `films`.
+    fn forward(&self, params: &[f32], films: &mut &[f32], tape: &mut StageTape) {
+        let c = self.project.outputs;
+        for (b, (block, block_tape)) in self.blocks.iter().zip(&mut tape.blocks).enumerate() {
+            let (film, rest) = films.split_at(2 * c);
+            *films = rest;
+            let (input, output) = tape.features.split_at_mut(b + 1);
+            let input = PvInput {
+                params,
+                film: film.split_at(c).into(),
+                voxels: &tape.voxels,
+                features: &input[b],
+            };
+            block.forward(input, block_tape, &mut tape.scratch, &mut output[0]);
+        }
+    }
+
+    /// Turns `tape.d` from the gradient by the output into that by the first block's input; takes the blocks' scales
+    /// and offsets, and their gradients, from the ends of `films` and `d_films`.
+    fn backward(
+        &self,
+        params: &[f32],
+        films: &mut &[f32],
+        tape: &mut StageTape,
+        gradient: &mut [f32],
+        d_films: &mut &mut [f32],
+    ) {
+        let c = self.project.outputs;
+        for (b, block) in self.blocks.iter().enumerate().rev() {
+            let (rest, film) = films.split_at(films.len() - 2 * c);
+            *films = rest;
+            let start = d_films.len() - 2 * c;
+            let d_film = d_films
+                .split_off_mut(start..)
+                .expect("a gradient per scale and offset");
+            let input = PvInput {
+                params,
+                film: film.split_at(c).into(),
+                voxels: &tape.voxels,
+                features: &tape.features[b],
+            };
+            let d_film = d_film.split_at_mut(c).into();
+            let StageTape {
+                blocks, scratch, d, ..
+            } = tape;
+            block.backward(input, &mut blocks[b], scratch, d, gradient, d_film);
+        }
+    }
+}

@@ -1,0 +1,359 @@
+//! Point-voxel convolution and the residual block about it.
+
+use rayon::prelude::*;
+
+use super::conv3d::Conv3d;
+use super::dense::Dense;
+use super::grid::Grid;
+use super::group_norm::{AffineNorm, GroupNorm, Normed};
+use super::kernels::{add, vectorised};
+use super::rows::{Rows, Sums};
+use super::shape::{Table, fan_in};
+use super::squeeze::{Squeeze, SqueezeTape};
+use super::voxels::Voxels;
+
+/// A convolution with its norm.
+#[derive(Clone, Debug)]
+struct VoxelLayer {
+    conv: Conv3d,
+    norm: AffineNorm,
+}
+
+/// Point-voxel convolution (Liu et al. 2019) with GroupNorm and SiLU, then a shared MLP that FiLM modulates; residual:
+///
+/// ```text
+/// g  = SiLU(GN(conv(SiLU(GN(conv(average of h per voxel))))))
+/// v  = a(mean g) * interpolate(g) + SiLU(GN(W_p h + b_p))       a: squeeze and excitation
+/// h' = h + SiLU(FiLM(W_m v + b_m; e))                           FiLM with GroupNorm
+/// ```
+///
+/// Interpolation is linear and a gain is of a channel, so the gain is put on the points instead of on the voxels.
+#[derive(Clone, Debug)]
+pub(super) struct PvBlock {
+    grid: Grid,
+    channels: usize,
+    layers: [VoxelLayer; 2],
+    squeeze: Squeeze,
+    point: Dense,
+    point_norm: AffineNorm,
+    mix: Dense,
+    film: GroupNorm,
+}
+
+/// Features of one cloud that the backward pass needs. Grids have margins.
+#[derive(Debug, Default)]
+pub(super) struct PvTape {
+    convolved: [Normed; 2],
+    /// Between the convolutions.
+    activated: Vec<f32>,
+    squeeze: SqueezeTape,
+    interpolated: Vec<f32>,
+    point: Normed,
+    /// Output of the point-voxel convolution, `(N, C)`.
+    joined: Vec<f32>,
+    mixed: Normed,
+}
+
+/// Memory that blocks of one shape share: grids with margins, and points.
+#[derive(Debug, Default)]
+pub(super) struct PvScratch {
+    voxels: [Vec<f32>; 2],
+    points: [Vec<f32>; 2],
+    sums: Sums,
+}
+
+/// What a block acts on.
+#[derive(Clone, Copy)]
+pub(super) struct PvInput<'a> {
+    pub params: &'a [f32],
+    /// FiLM's scale and offset.
+    pub film: [&'a [f32]; 2],
+    /// Where the cloud's points lie.
+    pub voxels: &'a Voxels,
+    /// Features `h`, `(N, C)`.
+    pub features: &'a [f32],
+}
+
+impl PvBlock {
+    /// Adds the block's tensors, but for FiLM's.
+    pub fn declare(table: &mut Table, name: &str, channels: usize, grid: Grid) -> Self {
+        let layers = [0, 1].map(|k| VoxelLayer {
+            conv: Conv3d::declare(
+                table,
+                &format!("{name}.convs.{k}"),
+                grid,
+                channels,
+                channels,
+            ),
+            norm: AffineNorm::declare(table, &format!("{name}.conv_norms.{k}"), channels),
+        });
+        let initial = fan_in(channels);
+        Self {
+            grid,
+            channels,
+            layers,
+            squeeze: Squeeze::declare(table, &format!("{name}.squeeze"), channels),
+            point: table.dense(&format!("{name}.point"), channels, channels, initial),
+            point_norm: AffineNorm::declare(table, &format!("{name}.point_norm"), channels),
+            mix: table.dense(&format!("{name}.linear"), channels, channels, initial),
+            film: GroupNorm { channels },
+        }
+    }
+
+    /// Floating-point operations of the forward pass over `points` points, products alone.
+    pub fn flops(&self, points: usize) -> u64 {
+        let convs = self.layers.iter().map(|layer| layer.conv.flops());
+        let shared = self.point.flops(points) + self.mix.flops(points);
+        convs.sum::<u64>() + self.squeeze.flops() + shared
+    }
+
+    /// Features `h'`, `(N, C)`.
+    pub fn forward(
+        &self,
+        input: PvInput,
+        tape: &mut PvTape,
+        scratch: &mut PvScratch,
+        output: &mut Vec<f32>,
+    ) {
+        let PvInput {
+            params,
+            film,
+            voxels,
+            features: h,
+        } = input;
+        let (grid, c) = (self.grid, self.channels);
+        let PvScratch {
+            voxels: [entered, left],
+            sums,
+            ..
+        } = scratch;
+        self.prepare(h.len(), tape, [entered, left], output);
+
+        voxels.average(h, c, entered);
+        let [first, second] = &mut tape.convolved;
+        let [layer1, layer2] = &self.layers;
+        layer1.forward(params, entered, first, &mut tape.activated);
+        layer2.forward(params, &tape.activated, second, left);
+
+        let means = sums.columns(grid.body(left, c), grid.rows(), c);
+        tape.squeeze.means.clear();
+        let mean = means.iter().map(|sum| (sum / grid.voxels() as f64) as f32);
+        tape.squeeze.means.extend(mean);
+        self.squeeze.forward(params, &mut tape.squeeze);
+        voxels.interpolate(left, c, &mut tape.interpolated);
+
+        let rows = Rows::points(h.len() / c);
+        self.point.par_forward(params, h, &mut tape.point.features);
+        let Normed {
+            features,
+            tape: norm,
+        } = &mut tape.point;
+        self.point_norm
+            .forward(params, rows, features, norm, &mut tape.joined);
+        add_gained(&tape.interpolated, &tape.squeeze.gains, &mut tape.joined);
+
+        self.mix
+            .par_forward(params, &tape.joined, &mut tape.mixed.features);
+        let Normed { features, tape } = &mut tape.mixed;
+        self.film.forward(rows, film, features, tape, output);
+        par_add(h, output);
+    }
+
+    /// Turns `d` `(N, C)`, the gradient by `h'`, into the gradient by `h`.
+    ///
+    /// Adds to `gradient` and to `d_film`, the gradients by FiLM's scale and offset.
+    pub fn backward(
+        &self,
+        input: PvInput,
+        tape: &mut PvTape,
+        scratch: &mut PvScratch,
+        d: &mut [f32],
+        gradient: &mut [f32],
+        d_film: [&mut [f32]; 2],
+    ) {
+        let PvInput {
+            params,
+            film,
+            voxels,
+            features: h,
+        } = input;
+        let (grid, c) = (self.grid, self.channels);
+        let rows = Rows::points(h.len() / c);
+        let PvScratch {
+            voxels: [entered, d_voxels],
+            points: [d_mixed, d_joined],
+            sums,
+        } = scratch;
+        copy(d, d_mixed);
+        let Normed {
+            features,
+            tape: norm,
+        } = &mut tape.mixed;
+        self.film
+            .backward(rows, film, features, norm, d_mixed, d_film);
+        self.mix.par_backward(gradient, &tape.joined, d_mixed, sums);
+        d_joined.resize(d.len(), 0.0);
+        self.mix.par_backward_input(params, d_mixed, d_joined);
+
+        let d_point = d_mixed;
+        copy(d_joined, d_point);
+        let Normed {
+            features,
+            tape: norm,
+        } = &mut tape.point;
+        self.point_norm
+            .backward(params, rows, features, norm, d_point, gradient);
+        self.point.par_backward(gradient, h, d_point, sums);
+        self.point.par_add_backward_input(params, d_point, d);
+
+        let d_gains = sum_products(d_joined, &tape.interpolated, c, sums);
+        tape.squeeze.d.clear();
+        tape.squeeze.d.extend(d_gains.iter().map(|d| *d as f32));
+        self.squeeze.backward(params, &mut tape.squeeze, gradient);
+        let d_means = &mut tape.squeeze.d;
+        d_means.iter_mut().for_each(|d| *d /= grid.voxels() as f32);
+        gain(&tape.squeeze.gains, d_joined);
+        voxels.interpolate_backward(d_joined, d_means, d_voxels);
+
+        let [first, second] = &mut tape.convolved;
+        let [layer1, layer2] = &self.layers;
+        layer2.backward(params, &tape.activated, second, d_voxels, gradient, sums);
+        let d_activated = entered;
+        layer2.conv.backward_input(params, d_voxels, d_activated);
+        // What entered the first convolution is made again, where its output was.
+        let entered = &mut tape.activated;
+        voxels.average(h, c, entered);
+        layer1.backward(params, entered, first, d_activated, gradient, sums);
+        layer1.conv.backward_input(params, d_activated, d_voxels);
+        voxels.average_backward(d_voxels, c, d);
+    }
+
+    /// Room for features of `len` numbers.
+    fn prepare(
+        &self,
+        len: usize,
+        tape: &mut PvTape,
+        scratch: [&mut Vec<f32>; 2],
+        output: &mut Vec<f32>,
+    ) {
+        let [first, second] = &mut tape.convolved;
+        let grids = [
+            &mut first.features,
+            &mut second.features,
+            &mut tape.activated,
+        ];
+        grids
+            .into_iter()
+            .chain(scratch)
+            .for_each(|grid| self.grid.prepare(grid, self.channels));
+        let points = [&mut tape.point.features, &mut tape.mixed.features];
+        for buffer in points
+            .into_iter()
+            .chain([&mut tape.interpolated, &mut tape.joined, output])
+        {
+            buffer.resize(len, 0.0);
+        }
+    }
+}
+
+impl VoxelLayer {
+    /// Grid `y` from grid `x`.
+    fn forward(&self, params: &[f32], x: &[f32], normed: &mut Normed, y: &mut [f32]) {
+        let (grid, channels) = (self.conv.grid, self.norm.norm.channels);
+        let Normed { features, tape } = normed;
+        self.conv.forward(params, x, features);
+        let (features, y) = (
+            grid.body_mut(features, channels),
+            grid.body_mut(y, channels),
+        );
+        self.norm.forward(params, grid.rows(), features, tape, y);
+    }
+
+    /// Turns `d`, the gradient by `y`, into the gradient behind the convolution; adds to `gradient`.
+    fn backward(
+        &self,
+        params: &[f32],
+        x: &[f32],
+        normed: &mut Normed,
+        d: &mut [f32],
+        gradient: &mut [f32],
+        sums: &mut Sums,
+    ) {
+        let (grid, channels) = (self.conv.grid, self.norm.norm.channels);
+        let Normed { features, tape } = normed;
+        let (features, rows) = (grid.body(features, channels), grid.rows());
+        let body = grid.body_mut(d, channels);
+        self.norm
+            .backward(params, rows, features, tape, body, gradient);
+        self.conv.backward(gradient, x, d, sums);
+    }
+}
+
+/// Points that a task of the loops takes.
+const POINTS: usize = 256;
+
+fn copy(from: &[f32], to: &mut Vec<f32>) {
+    to.clear();
+    to.extend_from_slice(from);
+}
+
+/// `y += x`, in parallel.
+fn par_add(x: &[f32], y: &mut [f32]) {
+    const PART: usize = 1 << 14;
+    y.par_chunks_mut(PART)
+        .zip(x.par_chunks(PART))
+        .for_each(|(y, x)| add(x, y));
+}
+
+/// `y += a * x`, `a` a gain per column.
+fn add_gained(x: &[f32], gains: &[f32], y: &mut [f32]) {
+    let len = POINTS * gains.len();
+    y.par_chunks_mut(len)
+        .zip(x.par_chunks(len))
+        .for_each(|(y, x)| add_gained_rows(x, gains, y));
+}
+
+/// `y *= a`, `a` a gain per column.
+fn gain(gains: &[f32], y: &mut [f32]) {
+    y.par_chunks_mut(POINTS * gains.len())
+        .for_each(|y| gain_rows(gains, y));
+}
+
+/// Sum over the rows of `x * y`, column by column.
+fn sum_products<'a>(x: &[f32], y: &[f32], columns: usize, sums: &'a mut Sums) -> &'a [f64] {
+    let len = POINTS * columns;
+    sums.over_blocks(x.len().div_ceil(len), columns, |block, partial| {
+        let part = block * len..x.len().min((block + 1) * len);
+        add_products(&x[part.clone()], &y[part], partial);
+    })
+}
+
+vectorised! {
+    fn add_gained_rows(x: &'a [f32], gains: &'a [f32], y: &'a mut [f32]) {
+        let rows = y.chunks_exact_mut(gains.len());
+        for (y, x) in rows.zip(x.chunks_exact(gains.len())) {
+            for ((y, x), a) in y.iter_mut().zip(x).zip(gains) {
+                *y = a.mul_add(*x, *y);
+            }
+        }
+    }
+}
+
+vectorised! {
+    fn gain_rows(gains: &'a [f32], y: &'a mut [f32]) {
+        for y in y.chunks_exact_mut(gains.len()) {
+            y.iter_mut().zip(gains).for_each(|(y, a)| *y *= a);
+        }
+    }
+}
+
+vectorised! {
+    fn add_products(x: &'a [f32], y: &'a [f32], sums: &'a mut [f32]) {
+        let c = sums.len();
+        for (x, y) in x.chunks_exact(c).zip(y.chunks_exact(c)) {
+            for ((sum, x), y) in sums.iter_mut().zip(x).zip(y) {
+                *sum = x.mul_add(*y, *sum);
+            }
+        }
+    }
+}

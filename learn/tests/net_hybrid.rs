@@ -1,0 +1,241 @@
+//! What holds for the hybrid network of any size.
+#![allow(clippy::unwrap_used, reason = "a test may stop where it fails")]
+
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde_json::{from_value, json, to_value};
+use tdcr_learn::flow::VelocityField;
+use tdcr_learn::net::{
+    Batch, COLOR_WEIGHT, Channels, ContextShape, Hybrid, HybridShape, Mlp, MlpShape, NetworkShape,
+    Stage, TimeGate, Workspace,
+};
+
+const HEAD: MlpShape = MlpShape {
+    width: 19,
+    depth: 3,
+    embedding: 8,
+    condition_dim: 3,
+    channels: Channels::Xyz,
+};
+
+const fn stage(channels: usize, resolution: usize) -> Stage {
+    Stage {
+        channels,
+        resolution,
+    }
+}
+
+const SHAPE: HybridShape = HybridShape {
+    head: HEAD,
+    context: ContextShape {
+        stages: [stage(6, 5), stage(24, 4), stage(5, 2)],
+        blocks: 2,
+        joined: 12,
+        features: 7,
+        gate: TimeGate {
+            centre: 0.5,
+            steepness: 4.0,
+        },
+    },
+};
+
+fn uniform(seed: u64, len: usize) -> Vec<f32> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    (0..len).map(|_| rng.random_range(-1.0..1.0)).collect()
+}
+
+/// A network with no parameter at a special value.
+fn network(shape: HybridShape) -> Hybrid {
+    let params = uniform(1, shape.parameter_count());
+    Hybrid::from_params(shape, params.iter().map(|p| 0.5 * p).collect()).unwrap()
+}
+
+/// `clouds` clouds of `points` points.
+struct Samples {
+    times: Vec<f32>,
+    conditions: Vec<f32>,
+    points: Vec<f32>,
+    targets: Vec<f32>,
+}
+
+impl Samples {
+    fn new(clouds: usize, points: usize) -> Self {
+        Self {
+            times: uniform(2, clouds).iter().map(|t| t.abs()).collect(),
+            conditions: uniform(3, clouds * HEAD.condition_dim),
+            points: uniform(4, clouds * points * 3),
+            targets: uniform(5, clouds * points * 3),
+        }
+    }
+
+    fn batch(&self) -> Batch<'_> {
+        Batch {
+            times: &self.times,
+            conditions: &self.conditions,
+            points: &self.points,
+            targets: &self.targets,
+            color_weight: COLOR_WEIGHT,
+        }
+    }
+}
+
+fn loss_and_gradient(network: &Hybrid, samples: &Samples) -> (f64, Vec<f32>) {
+    let mut gradient = vec![f32::NAN; network.params().len()];
+    let workspace = &mut Workspace::default();
+    let loss = network.loss_and_gradient(&samples.batch(), workspace, &mut gradient);
+    (loss, gradient)
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let network = network(SHAPE);
+    let samples = Samples::new(2, 1500);
+    let results = [1, 2, 3].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| {
+            let mut velocities = vec![0.0; samples.points.len()];
+            network.velocity(0.5, &[0.2, 0.3, 0.4], &samples.points, &mut velocities);
+            (loss_and_gradient(&network, &samples), velocities)
+        })
+    });
+    assert_eq!(results[0], results[1]);
+    assert_eq!(results[0], results[2]);
+}
+
+#[test]
+fn a_workspace_can_be_used_again_with_another_batch() {
+    let network = network(SHAPE);
+    let (large, small) = (Samples::new(2, 1100), Samples::new(1, 7));
+    let (mut workspace, mut gradient) = (Workspace::default(), vec![0.0; network.params().len()]);
+    network.loss_and_gradient(&large.batch(), &mut workspace, &mut gradient);
+    let loss = network.loss_and_gradient(&small.batch(), &mut workspace, &mut gradient);
+    assert_eq!((loss, gradient), loss_and_gradient(&network, &small));
+}
+
+/// The gradient's own direction, over clouds of several blocks of points and shares.
+#[test]
+fn gradient_of_many_points_is_the_finite_difference() {
+    let network = network(SHAPE);
+    let samples = Samples::new(2, 1300);
+    let (_, gradient) = loss_and_gradient(&network, &samples);
+    let square: f64 = gradient.iter().map(|g| f64::from(*g).powi(2)).sum();
+    let moved = |step: f64| {
+        let pairs = network.params().iter().zip(&gradient);
+        let params = pairs.map(|(p, g)| (f64::from(*p) + step * f64::from(*g)) as f32);
+        let network = Hybrid::from_params(SHAPE, params.collect()).unwrap();
+        loss_and_gradient(&network, &samples).0
+    };
+    let step = 1e-3 / square.sqrt();
+    let slope = (moved(step) - moved(-step)) / (2.0 * step);
+    assert!((slope / square - 1.0).abs() < 1e-3, "{slope} for {square}");
+}
+
+#[test]
+fn a_fresh_network_is_its_head_alone() {
+    let hybrid = Hybrid::new(SHAPE, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
+    // The head's share of the parameters, less the columns of the input layer that take the context.
+    let mut params = Vec::new();
+    for spec in SHAPE.head.tensors() {
+        let name = match spec.name.split('.').next() {
+            Some("time" | "condition") => spec.name,
+            _ => format!("head.{}", spec.name),
+        };
+        let tensors = SHAPE.tensors();
+        let tensor = tensors.iter().find(|tensor| tensor.name == name).unwrap();
+        let values = &hybrid.params()[tensor.range.clone()];
+        match name.as_str() {
+            "head.input.weight" => {
+                let rows = values.chunks(tensor.shape[1]);
+                params.extend(rows.flat_map(|row| &row[..3]));
+            }
+            _ => params.extend(values),
+        }
+    }
+    let head = Mlp::from_params(HEAD, params).unwrap();
+    let points = uniform(4, 300);
+    let [mut expected, mut velocities] = [vec![0.0; 300], vec![0.0; 300]];
+    head.velocity(0.8, &[0.1, 0.2, 0.3], &points, &mut expected);
+    hybrid.velocity(0.8, &[0.1, 0.2, 0.3], &points, &mut velocities);
+    for (v, expected) in velocities.iter().zip(expected) {
+        assert!((v - expected).abs() < 1e-6, "{v} for {expected}");
+    }
+}
+
+#[test]
+fn tensors_tile_the_parameter_vector() {
+    let mut end = 0;
+    for tensor in SHAPE.tensors() {
+        assert_eq!(tensor.range.start, end);
+        assert_eq!(tensor.range.len(), tensor.shape.iter().product::<usize>());
+        end = tensor.range.end;
+    }
+    assert_eq!(end, SHAPE.parameter_count());
+}
+
+#[test]
+fn shapes_are_told_apart_by_their_fields() {
+    for shape in [NetworkShape::from(HEAD), NetworkShape::from(SHAPE)] {
+        let value = to_value(shape).unwrap();
+        assert_eq!(from_value::<NetworkShape>(value).unwrap(), shape);
+    }
+    // As files had it before points could have colours.
+    let old = json!({"width": 19, "depth": 3, "embedding": 8, "condition_dim": 3});
+    assert_eq!(from_value::<NetworkShape>(old).unwrap(), HEAD.into());
+    let error = from_value::<NetworkShape>(json!({"width": 19})).unwrap_err();
+    assert!(error.to_string().contains("missing field `depth`"));
+}
+
+#[test]
+fn impossible_shapes_are_refused_by_name() {
+    let error = |change: &dyn Fn(&mut ContextShape)| {
+        let mut shape = SHAPE;
+        change(&mut shape.context);
+        shape.check().unwrap_err().to_string()
+    };
+    assert_eq!(
+        error(&|context| context.stages[1].resolution = 0),
+        "network stage's resolution is 0, expected 1 to 128"
+    );
+    assert!(error(&|context| context.joined = 0).contains("joined features is 0"));
+    assert!(error(&|context| context.gate.centre = f32::NAN).contains("not a finite number"));
+}
+
+#[test]
+fn a_cloud_in_one_place_has_finite_velocities() {
+    let points = [0.25; 30];
+    let mut velocities = [f32::NAN; 30];
+    network(SHAPE).velocity(0.5, &[0.1, 0.2, 0.3], &points, &mut velocities);
+    assert!(velocities.iter().all(|v| v.is_finite()));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    /// The paper's Sec. Method: permutation equivariance.
+    #[test]
+    fn permuted_points_have_permuted_velocities(
+        count in 2usize..600,
+        by in 0usize..600,
+        time in 0f32..1.0,
+        seed in 10u64..1000,
+    ) {
+        let network = network(SHAPE);
+        let points = uniform(seed, count * 3);
+        let velocities = |points: &[f32]| {
+            let mut velocities = vec![0.0; points.len()];
+            network.velocity(time, &[0.5, 0.1, 0.9], points, &mut velocities);
+            velocities
+        };
+        let mut rotated = points.clone();
+        rotated.rotate_left(by % count * 3);
+        let mut expected = velocities(&points);
+        expected.rotate_left(by % count * 3);
+        for (v, expected) in velocities(&rotated).iter().zip(expected) {
+            prop_assert!((v - expected).abs() < 2e-4, "{} for {}", v, expected);
+        }
+    }
+}

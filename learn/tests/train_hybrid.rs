@@ -1,0 +1,106 @@
+//! Training the hybrid network: it learns, resumes, and its files hold it.
+#![allow(clippy::unwrap_used, reason = "a test may stop where it fails")]
+
+mod toy;
+
+use tdcr_learn::flow::Sampler;
+use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, Stage, TimeGate};
+use tdcr_learn::train::{Model, TrainSettings, Trainer, TrainingState};
+use tempfile::TempDir;
+use toy::{SHAPE, bars, provenance, run, settings};
+
+const fn hybrid() -> HybridShape {
+    const fn stage(channels: usize, resolution: usize) -> Stage {
+        Stage {
+            channels,
+            resolution,
+        }
+    }
+    HybridShape {
+        head: SHAPE,
+        context: ContextShape {
+            stages: [stage(8, 4), stage(8, 3), stage(8, 2)],
+            blocks: 1,
+            joined: 8,
+            features: 4,
+            gate: TimeGate {
+                centre: 0.5,
+                steepness: 8.0,
+            },
+        },
+    }
+}
+
+#[test]
+fn training_lowers_the_loss_and_the_validation_distance() {
+    let (training, validation) = (bars(32, 1), bars(8, 2));
+    let settings = TrainSettings {
+        steps: 300,
+        clouds: 8,
+        learning_rate: 5e-3,
+        warmup_steps: 20,
+        validate_every: 100,
+        validation_clouds: 8,
+        ..settings()
+    };
+    let trainer = Trainer::new(hybrid(), settings, &training, &validation).unwrap();
+    let trainer = run(trainer, 300);
+    let mean = |losses: &[f32]| losses.iter().sum::<f32>() / losses.len() as f32;
+    let (first, last) = (
+        mean(&trainer.losses()[..20]),
+        mean(&trainer.losses()[280..]),
+    );
+    assert!(last < 0.7 * first, "loss {first} to {last}");
+    let (first, last) = (trainer.validations()[0].1, trainer.validations()[2].1);
+    assert!(last < 0.05 && last < first, "distance {first} to {last}");
+}
+
+#[test]
+fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
+    let (training, validation) = (bars(5, 1), bars(3, 2));
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("state.safetensors");
+    let start = || Trainer::new(hybrid(), settings(), &training, &validation).unwrap();
+    let whole = run(start(), 8).state(provenance());
+    run(start(), 5).state(provenance()).save(&file).unwrap();
+    let state = TrainingState::load(&file).unwrap();
+    let resumed = Trainer::resume(state, hybrid(), settings(), &training, &validation).unwrap();
+    assert_eq!(run(resumed, 8).state(provenance()), whole);
+}
+
+#[test]
+fn a_saved_model_predicts_the_same_cloud() {
+    let (training, validation) = (bars(5, 1), bars(3, 2));
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("model.safetensors");
+    let trainer = Trainer::new(hybrid(), settings(), &training, &validation).unwrap();
+    let model = run(trainer, 3).model(provenance()).unwrap();
+    model.save(&file).unwrap();
+    let predict = |model: &Model| {
+        model
+            .predict(&[0.02, 0.02], 50, 7, &Sampler::default())
+            .unwrap()
+    };
+    assert_eq!(predict(&Model::load(&file).unwrap()), predict(&model));
+}
+
+#[test]
+fn a_network_of_another_kind_or_with_colours_is_refused() {
+    let (training, validation) = (bars(5, 1), bars(3, 2));
+    let trainer = Trainer::new(hybrid(), settings(), &training, &validation).unwrap();
+    let state = trainer.state(provenance());
+    let error = Trainer::resume(state, SHAPE, settings(), &training, &validation).unwrap_err();
+    assert!(
+        error.to_string().contains("shape.channels was null"),
+        "{error}"
+    );
+    let coloured = MlpShape {
+        channels: Channels::XyzRgb,
+        ..SHAPE
+    };
+    let error = Trainer::new(coloured, settings(), &training, &validation).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "training set: positions alone, expected colours too"
+    );
+}
