@@ -290,4 +290,37 @@ mod tests {
         // Some commands have two equilibria, and another way may lead to the other one.
         assert!(elsewhere <= 10, "{elsewhere} of 200 came to rest elsewhere");
     }
+
+    /// Where a path goes straight on, what the last prediction missed makes most second Newton steps
+    /// needless; where it turns, nothing is added.
+    #[test]
+    fn a_straight_path_takes_little_more_than_a_newton_step() {
+        let robot = Robot::load("3m").expect("a standard robot");
+        let mut settler = Settler::new(&robot);
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut steps = [0, 0];
+        for _ in 0..20 {
+            let ends = [0, 1].map(|_| robot.random_command(&mut rng));
+            for (count, turning) in steps.iter_mut().zip([false, true]) {
+                settler.settle(&ends[0], &Loads::default());
+                for part in 1..=50 {
+                    // To and fro, two steps on and one back, or straight on, equally far.
+                    let place = if turning && part % 2 == 0 {
+                        part - 2
+                    } else {
+                        part
+                    };
+                    let along = f64::from(place) / 100.0;
+                    let pairs = ends[0].as_slice().iter().zip(ends[1].as_slice());
+                    let values: Vec<f64> = pairs.map(|(a, b)| a + along * (b - a)).collect();
+                    let command = robot.command(&values).expect("between two commands");
+                    let settled = settler.follow(&command, &Loads::default());
+                    assert!(settled.converged);
+                    *count += settled.iterations;
+                }
+            }
+        }
+        let [straight, turning] = steps.map(|count| count as f64 / 1000.0);
+        assert!(straight < 1.7 && turning > 1.8, "{straight} {turning}");
+    }
 }
