@@ -13,6 +13,9 @@ use crate::{SCORES, tdcr, text};
 /// Kills of a collection, at moments spread over its run.
 const KILLS: u32 = 20;
 
+/// Runs of it that may come to their end instead, before the test gives up.
+const ATTEMPTS: u32 = 10 * KILLS;
+
 fn demo(out: &Path) -> Command {
     let mut command = tdcr(&[
         "demo",
@@ -129,28 +132,30 @@ fn a_collection_that_is_killed_at_any_moment_ends_as_one_that_is_not() {
     let span = began.elapsed();
     let expected = set_files(&whole);
     assert_eq!(expected.len(), 6);
-    // Each of several sets is killed again and again, until there were kills enough.
-    let (mut kills, mut set) = (0, 0);
-    while kills < KILLS {
-        let out = folder.path().join(format!("killed{set}"));
-        set += 1;
-        loop {
-            let mut child = collect(&out, ["1", "2"][kills as usize % 2])
-                .spawn()
-                .unwrap();
-            // The golden ratio's multiples spread the moments evenly over a run, from its start to past its end.
-            let share = (f64::from(kills + 1) * 0.618_034).fract();
-            sleep(span.mul_f64(1.1 * share));
-            child.kill().unwrap();
-            if child.wait().unwrap().success() {
-                break;
-            }
-            kills += 1;
-            if kills == KILLS {
-                assert!(collect(&out, "2").status().unwrap().success());
-                break;
-            }
+    // Each of several sets is killed again and again, until there were kills enough. Every attempt
+    // has a moment of its own, so that a machine that grows faster still meets some before the end.
+    let mut set = folder.path().join("killed0");
+    let mut kills = 0;
+    for attempt in 1..=ATTEMPTS {
+        let mut child = collect(&set, ["1", "2"][attempt as usize % 2])
+            .spawn()
+            .unwrap();
+        // The golden ratio's multiples spread the moments evenly over a run, from its start to past its end.
+        let share = (f64::from(attempt) * 0.618_034).fract();
+        sleep(span.mul_f64(1.1 * share));
+        child.kill().unwrap();
+        let finished = child.wait().unwrap().success();
+        kills += u32::from(!finished);
+        if !finished && kills == KILLS {
+            assert!(collect(&set, "2").status().unwrap().success());
         }
-        assert!(set_files(&out) == expected, "set {set} after {kills} kills");
+        if finished || kills == KILLS {
+            assert!(set_files(&set) == expected, "{set:?} after {kills} kills");
+            set = folder.path().join(format!("killed{attempt}"));
+        }
+        if kills == KILLS {
+            return;
+        }
     }
+    panic!("only {kills} of {ATTEMPTS} attempts were killed before their end");
 }
