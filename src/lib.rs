@@ -6,6 +6,7 @@
 //!
 //! ```
 //! use tdcr::learn::data::Design;
+//! use tdcr::learn::net::Channels;
 //! use tdcr::learn::train::TrainSettings;
 //! use tdcr::pipeline::{CollectSettings, NetworkSize, Silent, TrainingData, collect, train};
 //! use tdcr::sim::render::BaseVisibility;
@@ -28,13 +29,13 @@
 //! collect(&settings, &data, &Silent)?;
 //!
 //! // A toy: good shapes take thousands of steps, and a few minutes.
-//! let size = NetworkSize { width: 32, depth: 3, embedding: 32, context: None };
+//! let size = NetworkSize { width: 32, depth: 3, embedding: 32, context: None, channels: Channels::Xyz };
 //! let settings = TrainSettings { steps: 50, warmup_steps: 5, validate_every: 25, ..TrainSettings::default() };
 //! let trained = train(&TrainingData::Set(data), &run, size, &settings, &Silent)?;
 //!
 //! let command = [0.034, 0.007, 0.001, 0.026, 0.015, 0.019];
 //! let cloud = trained.model.predict(&command, 500, 0, &trained.model.settings.sampler)?;
-//! assert_eq!(cloud.len(), 500);
+//! assert_eq!(cloud.points.len(), 500);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 

@@ -3,7 +3,8 @@
 //! A robot under a command settles into one shape. From (command, point cloud) pairs a
 //! [`Trainer`](train::Trainer) learns a velocity field `u(X, t | c)` that carries points from a Gaussian
 //! prior at flow time `t = 0` to the robot's surface under condition `c` at `t = 1`. The result, a
-//! [`Model`](train::Model), predicts the cloud of a command it has never seen.
+//! [`Model`](train::Model), predicts the cloud of a command it has never seen. Points may have colours
+//! ([`Channels::XyzRgb`](net::Channels)), which are carried from a uniform prior along with the positions.
 //!
 //! ```
 //! use tdcr_learn::data::{CloudSet, Normalisation};
@@ -15,7 +16,7 @@
 //! // Eight "robots" that are points: command c, in [0, 0.04] m, puts them at x = 10 c.
 //! let conditions: Vec<f32> = (0..8).map(|k| k as f32 / 7.0).collect();
 //! let points = conditions.iter().flat_map(|c| [*c, 0.0, 0.0].repeat(16)).collect();
-//! let set = CloudSet { condition_dim: 1, points_per_cloud: 16, conditions, points };
+//! let set = CloudSet { condition_dim: 1, points_per_cloud: 16, conditions, points, colors: None };
 //! let normalisation = Normalisation { motor_min: vec![0.0], motor_max: vec![0.04], scale: 0.4 };
 //!
 //! let shape = MlpShape { width: 32, depth: 3, embedding: 32, condition_dim: 1, channels: Channels::Xyz };
@@ -37,7 +38,7 @@
 //! let model = trainer.model(provenance).expect("just validated");
 //!
 //! let cloud = model.predict(&[0.03], 100, 0, &Sampler::default())?;
-//! let mean = cloud.iter().map(|point| point[0]).sum::<f32>() / 100.0;
+//! let mean = cloud.points.iter().map(|point| point[0]).sum::<f32>() / 100.0;
 //! assert!((mean - 0.3).abs() < 0.1, "{mean}");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -58,11 +59,11 @@
 //!
 //! # What it is not for
 //!
-//! It is no framework: the layers serve these networks alone, on a CPU. Colours are kept in data sets,
-//! and the networks take them, but training does not yet. A command outside the training range is
-//! extrapolated without warrant.
+//! It is no framework: the layers serve these networks alone, on a CPU. A command outside the training
+//! range is extrapolated without warrant.
 
 mod atomic;
+mod channels;
 pub mod data;
 pub mod flow;
 pub mod metrics;

@@ -12,6 +12,7 @@ use common::{CHUNKED, chunked, collect, meta};
 use hdf5_pure::FileBuilder;
 use proptest::prelude::*;
 use tdcr_learn::data::{DataError, DataSet, Finding, Normalisation, Sample, Split, check};
+use tdcr_learn::net::Channels;
 use tempfile::{TempDir, tempdir};
 
 fn error(dir: &TempDir) -> DataError {
@@ -42,6 +43,17 @@ fn a_compressed_set_written_by_h5py_is_read() {
         }
     }
     let clouds = set.cloud_set(Split::Train).unwrap();
+    assert_eq!(clouds.colors, None);
+    let colored = set.cloud_set_in(Split::Train, set.normalisation(), Channels::XyzRgb);
+    let colored = colored.unwrap();
+    assert_eq!(colored.points, clouds.points);
+    let mut rows = vec![];
+    colored.gather(3, [4, 1].into_iter(), Channels::XyzRgb, &mut rows);
+    let row = |k: usize| {
+        let point = &clouds.cloud(3)[3 * k..3 * k + 3];
+        [point, &[k as f32 / 255.0, 3.0 / 255.0, 1.0]].concat()
+    };
+    assert_eq!(rows, [row(4), row(1)].concat());
     assert_eq!(
         (clouds.len(), clouds.condition_dim, clouds.points_per_cloud),
         (5, 2, 5)

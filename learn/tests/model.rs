@@ -9,10 +9,10 @@ use std::path::PathBuf;
 use proptest::prelude::*;
 use serde_json::json;
 use tdcr_learn::flow::{FlowPath, Sampler, Stream, rng};
-use tdcr_learn::net::{Channels, MlpShape, NetworkShape};
+use tdcr_learn::net::{Channels, NetworkShape};
 use tdcr_learn::train::{Model, Trainer, TrainingState};
 use tempfile::TempDir;
-use toy::{SHAPE, bars, provenance, run, settings};
+use toy::{COLORED, SHAPE, bars, provenance, run, settings};
 
 /// A trained model and the folder that it may be saved in.
 fn model() -> (Model, TempDir) {
@@ -55,12 +55,13 @@ fn a_saved_model_predicts_the_same_cloud() {
 fn a_prediction_is_the_integrated_noise_in_metres() {
     let (model, _folder) = model();
     let mut expected = vec![0.0; 30];
-    FlowPath::default().sample_prior(&mut rng(7, Stream::Sample(0)), &mut expected);
+    FlowPath::default().sample_prior(&mut rng(7, Stream::Sample(0)), Channels::Xyz, &mut expected);
     Sampler::default().integrate(&model.network, &[0.25, 0.5], &mut expected);
     let predicted = model
         .predict(&[0.01, 0.02], 10, 7, &Sampler::default())
         .unwrap();
-    for (x, expected) in predicted.as_flattened().iter().zip(expected) {
+    assert_eq!(predicted.colors, None);
+    for (x, expected) in predicted.points.as_flattened().iter().zip(expected) {
         assert!((x - 0.4 * expected).abs() < 1e-5);
     }
 }
@@ -170,13 +171,9 @@ fn files_that_are_no_model_are_refused_with_what_is_wrong() {
         content("shape", shape),
         "header `tdcr`: network width is 0, expected 1 to 8192"
     );
-    let coloured = NetworkShape::from(MlpShape {
-        channels: Channels::XyzRgb,
-        ..SHAPE
-    });
     assert_eq!(
-        content("shape", json!(coloured)),
-        "header `tdcr`: a network of points with colours, expected positions alone"
+        content("shape", json!(NetworkShape::from(COLORED))),
+        "tensor `input.weight` is F32 [16, 3], expected F32 [16, 6]"
     );
     let normalisation = json!({"motor_min": [0.0, 1.1], "motor_max": [1.0, 1.0], "scale": 0.4});
     let provenance = json!({"subject": null, "normalisation": normalisation});

@@ -97,7 +97,7 @@ const SHAPE: MlpShape = MlpShape {
 };
 
 fn window() -> StreamWindow {
-    StreamWindow::new(spec(None), 6, 2, 2).unwrap()
+    StreamWindow::new(spec(None), 6, 2, 2, Channels::Xyz).unwrap()
 }
 
 fn feed() -> Feed<'static> {
@@ -116,10 +116,33 @@ fn a_resumed_stream_run_goes_on_bit_for_bit() {
 
     let mut other = spec(None);
     other.seed = 4;
-    let other = StreamWindow::new(other, 6, 2, 2).unwrap();
+    let other = StreamWindow::new(other, 6, 2, 2, Channels::Xyz).unwrap();
     let other = Feed::Stream(Box::new(other));
     let error = Trainer::resume(half, SHAPE, settings(), other, &validation).unwrap_err();
     assert!(matches!(error, TrainError::OtherRun { .. }), "{error}");
+}
+
+#[test]
+fn a_stream_has_the_colours_of_its_samples() {
+    let window = || StreamWindow::new(spec(None), 6, 2, 2, Channels::XyzRgb).unwrap();
+    let validation = window().validation(3).unwrap();
+    let held_out = SimStream::open(&spec(None), 1 << 62, 2, 4).unwrap();
+    let colors = held_out.take(3).flat_map(|sample| {
+        let colors = sample.unwrap().cloud.colors;
+        colors.into_iter().flatten()
+    });
+    assert_eq!(validation.colors, Some(colors.collect()));
+
+    let shape = MlpShape {
+        channels: Channels::XyzRgb,
+        ..SHAPE
+    };
+    let feed = || Feed::Stream(Box::new(window()));
+    let open = || Trainer::new(shape, settings(), feed(), &validation).unwrap();
+    let whole = run(open(), 12).state(provenance());
+    let half = run(open(), 5).state(provenance());
+    let resumed = Trainer::resume(half, shape, settings(), feed(), &validation).unwrap();
+    assert_eq!(run(resumed, 12).state(provenance()), whole);
 }
 
 #[test]
@@ -142,5 +165,14 @@ fn a_stream_that_does_not_suit_the_network_is_refused() {
     assert_eq!(
         error.to_string(),
         "training set: 60 points per cloud, expected at least 61"
+    );
+    let shape = MlpShape {
+        channels: Channels::XyzRgb,
+        ..SHAPE
+    };
+    let error = Trainer::new(shape, toy::settings(), feed(), &validation).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "training set: positions alone, expected colours too"
     );
 }

@@ -9,32 +9,36 @@ use rand::seq::index;
 use reference::{Cloud, loss_gradient};
 use tdcr_learn::data::CloudSet;
 use tdcr_learn::flow::{FlowPath, Stream, rng};
-use tdcr_learn::net::MlpShape;
+use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{TrainError, TrainSettings, Trainer, TrainingState};
 use tempfile::TempDir;
-use toy::{SHAPE, bars, provenance, run, settings};
+use toy::{COLORED, SHAPE, bars, colored_bars, provenance, run, settings};
 
 /// The batch of step 1, drawn again from the documented streams.
-fn first_batch(settings: &TrainSettings, set: &CloudSet) -> Vec<Cloud> {
+fn first_batch(settings: &TrainSettings, set: &CloudSet, channels: Channels) -> Vec<Cloud> {
     let mut rng = rng(settings.seed, Stream::Step(1));
     let cloud = |_| {
         let cloud = rng.random_range(0..set.len());
         let time = settings.path.sample_time(&mut rng);
         let subset = index::sample(&mut rng, set.points_per_cloud, settings.points);
         let data = set.cloud(cloud).as_chunks::<3>().0;
-        let mut noise = vec![0.0; settings.points * 3];
-        FlowPath::default().sample_prior(&mut rng, &mut noise);
-        let pairs = noise
-            .as_chunks::<3>()
-            .0
-            .iter()
-            .zip(subset.iter().map(|k| data[k]));
+        let color = |k: usize| {
+            let first = 3 * (cloud * set.points_per_cloud + k);
+            let colors = set.colors.iter().flat_map(move |c| &c[first..first + 3]);
+            colors.map(|&byte| f64::from(byte) / 255.0)
+        };
+        let row = |k: usize| -> Vec<f64> {
+            let position = data[k].iter().copied().map(f64::from);
+            position.chain(color(k)).collect()
+        };
+        let mut noise = vec![0.0; settings.points * channels.count()];
+        FlowPath::default().sample_prior(&mut rng, channels, &mut noise);
+        let noise = noise.chunks_exact(channels.count());
         let t = f64::from(time);
-        let path = pairs.map(|(x0, x1)| {
-            let (x0, x1) = (x0.map(f64::from), x1.map(f64::from));
-            let at = |k: usize| (1.0 - t) * x0[k] + t * x1[k];
-            let velocity = [0, 1, 2].map(|k| x1[k] - x0[k]);
-            ([0, 1, 2].map(at).to_vec(), velocity.to_vec())
+        let path = noise.zip(subset.iter().map(row)).map(|(x0, x1)| {
+            let pairs = x0.iter().map(|x| f64::from(*x)).zip(x1);
+            let along = pairs.map(|(x0, x1)| ((1.0 - t) * x0 + t * x1, x1 - x0));
+            along.unzip::<f64, f64, Vec<f64>, Vec<f64>>()
         });
         let (points, targets) = path.unzip();
         let condition = set
@@ -55,13 +59,21 @@ fn first_batch(settings: &TrainSettings, set: &CloudSet) -> Vec<Cloud> {
 
 #[test]
 fn one_step_is_adamw_on_the_clipped_gradient_of_the_reference() {
-    let (training, validation) = (bars(5, 1), bars(3, 2));
+    one_step(SHAPE, &bars(5, 1), &bars(3, 2));
+}
+
+#[test]
+fn one_step_on_colours_is_that_of_the_reference() {
+    one_step(COLORED, &colored_bars(5, 1), &colored_bars(3, 2));
+}
+
+fn one_step(shape: MlpShape, training: &CloudSet, validation: &CloudSet) {
     let settings = TrainSettings {
         clip_norm: 0.01,
         learning_rate: 1e-2,
         ..settings()
     };
-    let mut trainer = Trainer::new(SHAPE, settings.clone(), &training, &validation).unwrap();
+    let mut trainer = Trainer::new(shape, settings.clone(), training, validation).unwrap();
     let before: Vec<f64> = trainer
         .state(provenance())
         .params
@@ -72,7 +84,8 @@ fn one_step_is_adamw_on_the_clipped_gradient_of_the_reference() {
     trainer.step().unwrap();
     let after = trainer.state(provenance());
 
-    let gradient = loss_gradient(SHAPE, &before, &first_batch(&settings, &training));
+    let batch = first_batch(&settings, training, shape.channels);
+    let gradient = loss_gradient(shape, &before, &batch);
     let norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
     assert!(norm > 0.02, "the test should clip");
     for (k, (before, g)) in before.iter().zip(gradient).enumerate() {

@@ -9,6 +9,7 @@ use clap::Args;
 use serde::Serialize;
 use tdcr::learn::data::{Design, Split, split_indices};
 use tdcr::learn::flow::Sampler;
+use tdcr::learn::net::Channels;
 use tdcr::learn::train::TrainSettings;
 use tdcr::pipeline::{
     CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Trained,
@@ -48,6 +49,7 @@ const NETWORK: NetworkSize = NetworkSize {
     depth: 6,
     embedding: 128,
     context: None,
+    channels: Channels::Xyz,
 };
 /// Test commands that the report shows, from the best prediction to the worst.
 const EXAMPLES: usize = 6;
@@ -196,7 +198,7 @@ fn examples(evaluator: &Evaluator, evaluation: &Evaluation) -> Result<Vec<Exampl
             },
             command: sample.condition.to_vec(),
             truth: sample.cloud.clone(),
-            prediction: colorless(evaluator.predict(index)?),
+            prediction: colorless(evaluator.predict(index)?.points),
             nearest: colorless(evaluator.nearest(index)?),
             cd: scores.network.cd,
             cd_nearest: scores.nearest.cd,

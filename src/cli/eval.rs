@@ -62,6 +62,9 @@ pub(super) struct Metrics {
     pub emd_floor: Option<f64>,
     pub emd_nearest: f64,
     pub emd_mean: Option<f64>,
+    /// Mean absolute colour difference of predicted points from the nearest true ones, in [0, 1].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub color: Option<f64>,
     pub tests: usize,
     pub points: usize,
     pub emd_points: usize,
@@ -74,6 +77,7 @@ impl Metrics {
             nearest,
             mean,
             floor,
+            color,
         } = evaluation.mean();
         Self {
             cd: network.cd,
@@ -84,6 +88,7 @@ impl Metrics {
             emd_floor: floor.map(|d| d.emd),
             emd_nearest: nearest.emd,
             emd_mean: mean.map(|d| d.emd),
+            color,
             tests: evaluation.per_test.len(),
             points: settings.points,
             emd_points: settings.emd_points,
@@ -114,6 +119,9 @@ pub(super) fn table(metrics: &Metrics) -> String {
         if let (Some(cd), Some(emd)) = (cd, emd) {
             row(name, cd, emd);
         }
+    }
+    if let Some(color) = metrics.color {
+        let _ = writeln!(text, "colour error of the network, of 1: {color:.4}");
     }
     text
 }

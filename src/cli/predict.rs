@@ -7,7 +7,7 @@ use anyhow::bail;
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::train::Model;
-use tdcr::sim::cloud::{PointCloud, write_ply};
+use tdcr::sim::cloud::write_ply;
 use tdcr::sim::robot::{Loads, Robot};
 
 use super::console::Console;
@@ -47,7 +47,7 @@ struct Predicted {
     seconds: f64,
 }
 
-/// The network predicts positions alone; predicted points are drawn in this colour.
+/// Points of a network that predicts positions alone are drawn in this colour.
 const COLOR: [u8; 3] = [0, 114, 178];
 
 pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
@@ -55,22 +55,22 @@ pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
     let model = Model::load(&args.model)?;
     let condition = condition(args, &model)?;
     let start = Instant::now();
-    let points = model.predict(&condition, args.points, args.seed, &sampler)?;
+    let prediction = model.predict(&condition, args.points, args.seed, &sampler)?;
     let seconds = start.elapsed().as_secs_f64();
+    let cloud = prediction.into_cloud(COLOR);
     let bound = |pick: fn(f32, f32) -> f32, from: f32| {
-        points.iter().fold([from; 3], |b, p| {
+        cloud.points.iter().fold([from; 3], |b, p| {
             std::array::from_fn(|axis| pick(b[axis], p[axis]))
         })
     };
     let predicted = Predicted {
         file: args.out.clone(),
-        points: points.len(),
+        points: cloud.len(),
         min: bound(f32::min, f32::INFINITY),
         max: bound(f32::max, f32::NEG_INFINITY),
         seconds,
     };
-    let colors = vec![COLOR; points.len()];
-    write_ply(&args.out, &PointCloud { points, colors })?;
+    write_ply(&args.out, &cloud)?;
     console.result(&predicted, |p| {
         format!(
             "{}: {} points from {:.3?} to {:.3?} m, predicted in {:.2} s",

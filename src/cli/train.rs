@@ -6,7 +6,7 @@ use anyhow::ensure;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{PayloadRange, Recipe, StreamSpec, Subject};
-use tdcr::learn::net::ContextShape;
+use tdcr::learn::net::{Channels, ContextShape};
 use tdcr::learn::train::TrainSettings;
 use tdcr::pipeline::{NetworkSize, StreamSettings, TrainingData, model_path, train};
 
@@ -37,6 +37,9 @@ pub(super) struct TrainArgs {
     /// Features of the embedding of time and command
     #[arg(long, default_value_t = 128, value_name = "N")]
     embedding: usize,
+    /// Learn the colours of the points beside their positions
+    #[arg(long)]
+    colors: bool,
     /// Optimiser steps
     #[arg(long, default_value_t = TrainSettings::default().steps, value_name = "N")]
     steps: u64,
@@ -217,6 +220,10 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
         depth: args.depth,
         embedding: args.embedding,
         context: args.context.shape(args.net)?,
+        channels: match args.colors {
+            true => Channels::XyzRgb,
+            false => Channels::Xyz,
+        },
     };
     let defaults = TrainSettings::default();
     let settings = TrainSettings {

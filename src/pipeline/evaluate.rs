@@ -12,8 +12,8 @@ use tdcr_learn::data::{
     CloudSet, Condition, DataSet, Normalisation, Recipe, Sample, Simulator, Split, Subject,
 };
 use tdcr_learn::flow::Sampler;
-use tdcr_learn::metrics::{chamfer, emd};
-use tdcr_learn::train::Model;
+use tdcr_learn::metrics::{chamfer, color_error, emd};
+use tdcr_learn::train::{Model, Prediction};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::robot::Robot;
 
@@ -54,6 +54,9 @@ pub struct Scores {
     /// Of a second, independent sample of the true surface: what a perfect predictor would reach.
     /// `None` where the data set names no robot.
     pub floor: Option<Distances>,
+    /// Mean absolute difference, in [0, 1], of the colours of the network's points from those of the nearest points of the
+    /// whole true cloud ([`color_error`]). `None` where the network predicts no colours.
+    pub color: Option<f64>,
 }
 
 /// The scores of every test command.
@@ -91,6 +94,10 @@ impl Evaluation {
             nearest: over(&|s| Some(s.nearest)).expect("every test has it"),
             mean: over(&|s| s.mean),
             floor: over(&|s| s.floor),
+            color: {
+                let all: Option<Vec<f64>> = self.per_test.iter().map(|s| s.color).collect();
+                all.map(|all| all.iter().sum::<f64>() / all.len() as f64)
+            },
         }
     }
 
@@ -185,7 +192,7 @@ impl<'a> Evaluator<'a> {
     ///
     /// # Errors
     /// [`PipelineError::Predict`] where the command does not fit the model.
-    pub fn predict(&self, index: usize) -> Result<Vec<[f32; 3]>, PipelineError> {
+    pub fn predict(&self, index: usize) -> Result<Prediction, PipelineError> {
         let command = self.test[index].condition.to_vec();
         let seed = self.settings.seed.wrapping_add(index as u64);
         Ok(self
@@ -276,8 +283,13 @@ impl<'a> Evaluator<'a> {
             Some(simulation) => Some(simulation.see_again(&self.test[index], self.settings.seed)?),
             None => None,
         };
+        let prediction = self.predict(index)?;
+        let cloud = &self.test[index].cloud;
+        let color = |colors: &Vec<[u8; 3]>| {
+            color_error((&prediction.points, colors), (&cloud.points, &cloud.colors))
+        };
         Ok(Scores {
-            network: against(&self.predict(index)?)?,
+            network: against(&prediction.points)?,
             nearest: against(&nearest)?,
             mean: self
                 .simulation
@@ -285,6 +297,7 @@ impl<'a> Evaluator<'a> {
                 .map(|s| against(&s.mean.points))
                 .transpose()?,
             floor: simulated.map(|cloud| against(&cloud.points)).transpose()?,
+            color: prediction.colors.as_ref().map(color).transpose()?,
         })
     }
 

@@ -25,6 +25,8 @@ pub struct NetworkSize {
     pub embedding: usize,
     /// The context network of a hybrid; none makes an MLP.
     pub context: Option<ContextShape>,
+    /// What points consist of.
+    pub channels: Channels,
 }
 
 impl NetworkSize {
@@ -35,7 +37,7 @@ impl NetworkSize {
             depth: self.depth,
             embedding: self.embedding,
             condition_dim,
-            channels: Channels::Xyz,
+            channels: self.channels,
         };
         match self.context {
             None => head.into(),
@@ -104,8 +106,8 @@ pub fn train(
     match data {
         TrainingData::Set(dir) => {
             let set = DataSet::open(dir)?;
-            let training = set.cloud_set(Split::Train)?;
-            let validation = set.cloud_set(Split::Val)?;
+            let read = |split| set.cloud_set_in(split, set.normalisation(), size.channels);
+            let (training, validation) = (read(Split::Train)?, read(Split::Val)?);
             let provenance = Provenance {
                 subject: set.meta().and_then(|meta| meta.subject().cloned()),
                 normalisation: set.normalisation().clone(),
@@ -123,8 +125,13 @@ pub fn train(
         TrainingData::Stream(stream) => {
             stream.spec.recipe.check()?;
             let threads = rayon::current_num_threads();
-            let window =
-                StreamWindow::new(stream.spec.clone(), stream.window, stream.fresh, threads)?;
+            let window = StreamWindow::new(
+                stream.spec.clone(),
+                stream.window,
+                stream.fresh,
+                threads,
+                size.channels,
+            )?;
             let subject = &stream.spec.recipe.subject;
             let validation = match &stream.validation {
                 None => window.validation(settings.validation_clouds)?,
@@ -132,7 +139,7 @@ pub fn train(
                     let set = DataSet::open(dir)?;
                     let found = set.meta().and_then(Meta::subject);
                     found.map_or(Ok(()), |found| require_same(subject, found))?;
-                    set.cloud_set_in(Split::Val, window.normalisation())?
+                    set.cloud_set_in(Split::Val, window.normalisation(), size.channels)?
                 }
             };
             let provenance = Provenance {

@@ -7,6 +7,8 @@ use super::collector::STAGING;
 use super::meta::{META_FILE, Meta};
 use super::shard::{Array, Sizes};
 use super::shard_file::ShardFile;
+use crate::channels::Channels;
+
 use super::{CloudSet, Condition, DataError, Normalisation, Sample, Split, split_indices};
 
 /// How far a normalised copy may stray from what the normalisation files say: far above rounding, far below a
@@ -87,14 +89,20 @@ impl DataSet {
     /// # Errors
     /// As [`read_split`](Self::read_split), and [`DataError::Disagrees`] for a copy that does not match.
     pub fn cloud_set(&self, split: Split) -> Result<CloudSet, DataError> {
-        self.cloud_set_in(split, &self.normalisation)
+        self.cloud_set_in(split, &self.normalisation, Channels::Xyz)
     }
 
-    /// Reads a split in the units of another normalisation, as [`cloud_set`](Self::cloud_set).
+    /// Reads a split in the units of another normalisation, as [`cloud_set`](Self::cloud_set), and with colours where
+    /// `channels` has them: 3 more bytes a point.
     ///
     /// # Errors
     /// As [`cloud_set`](Self::cloud_set); [`DataError::ConditionLength`] where `units` is of another number of motors.
-    pub fn cloud_set_in(&self, split: Split, units: &Normalisation) -> Result<CloudSet, DataError> {
+    pub fn cloud_set_in(
+        &self,
+        split: Split,
+        units: &Normalisation,
+        channels: Channels,
+    ) -> Result<CloudSet, DataError> {
         units.require_length(self.normalisation.motor_min.len())?;
         let shards = self.shards(split)?;
         let Sizes {
@@ -108,6 +116,10 @@ impl DataSet {
             points_per_cloud: points,
             conditions: Vec::with_capacity(samples * values),
             points: Vec::with_capacity(samples * points * 3),
+            colors: match channels {
+                Channels::Xyz => None,
+                Channels::XyzRgb => Some(Vec::with_capacity(samples * points * 3)),
+            },
         };
         for path in &shards.paths {
             let shard = ShardFile::open(path, &Array::SHARD)?;
@@ -120,6 +132,9 @@ impl DataSet {
             shard.require_values(Array::Scale, &vec![scale; samples], TOLERANCE * scale)?;
             set.conditions.extend(units.conditions(&motors));
             set.points.extend(shard.read_floats(Array::Data)?);
+            if let Some(colors) = &mut set.colors {
+                colors.extend(shard.read_colors()?);
+            }
         }
         units.normalise_points(&mut set.points);
         Ok(set)

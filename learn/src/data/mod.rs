@@ -49,6 +49,8 @@ pub use simulator::{Recipe, SimulateError, SimulationTimes, Simulator, Subject};
 pub use split::{Split, SplitIndices, split_indices};
 pub use stream::{SimStream, StreamSpec};
 
+use crate::channels::Channels;
+
 /// Conditions and clouds in the normalised units that a network sees.
 ///
 /// Clouds are world-frame positions divided by the data set's scale `s` (paper, Eq. point_normalization);
@@ -63,6 +65,8 @@ pub struct CloudSet {
     pub conditions: Vec<f32>,
     /// Points, row-major `(B, N, 3)`, dimensionless.
     pub points: Vec<f32>,
+    /// Colours, row-major `(B, N, 3)`, 8 bits that stand for [0, 1]; `None` where they are not wanted.
+    pub colors: Option<Vec<u8>>,
 }
 
 impl CloudSet {
@@ -85,6 +89,29 @@ impl CloudSet {
     pub fn cloud(&self, index: usize) -> &[f32] {
         let stride = 3 * self.points_per_cloud;
         &self.points[index * stride..][..stride]
+    }
+
+    /// Appends points `which` of cloud `index` to `rows`, as rows of `channels`; a colour's channels in [0, 1].
+    ///
+    /// # Panics
+    /// If `channels` has colours and the set has none.
+    pub fn gather(
+        &self,
+        index: usize,
+        which: impl Iterator<Item = usize>,
+        channels: Channels,
+        rows: &mut Vec<f32>,
+    ) {
+        let first = index * self.points_per_cloud;
+        let colors = match channels {
+            Channels::Xyz => None,
+            Channels::XyzRgb => Some(self.colors.as_deref().expect("a set with colours")),
+        };
+        for k in which.map(|k| 3 * (first + k)) {
+            rows.extend_from_slice(&self.points[k..k + 3]);
+            let color = colors.map_or(&[][..], |colors| &colors[k..k + 3]);
+            rows.extend(color.iter().map(|&channel| f32::from(channel) / 255.0));
+        }
     }
 
     /// Index of the cloud whose condition is nearest to `condition` (length `D`) in the Euclidean norm, the lowest
@@ -118,6 +145,7 @@ mod tests {
             points_per_cloud: 1,
             conditions: vec![0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0],
             points: vec![0.0; 12],
+            colors: None,
         };
         assert_eq!(set.nearest_condition(&[0.9, 0.8]), Some(3));
         assert_eq!(set.nearest_condition(&[0.5, 0.0]), Some(0));
@@ -132,6 +160,7 @@ mod tests {
             points_per_cloud: 1,
             conditions: vec![],
             points: vec![],
+            colors: None,
         };
         assert_eq!(set.nearest_condition(&[0.5]), None);
     }

@@ -59,11 +59,16 @@ impl ShardFile {
         let batch = Batch {
             sizes: self.sizes,
             data: self.read_floats(Array::Data)?,
-            rgb: self.read(Array::Rgb, hdf5_pure::Dataset::read_u8)?,
+            rgb: self.read_colors()?,
             motors: self.read_floats(Array::Motors)?,
         };
         self.require_payloads(&batch.payloads())?;
         Ok(batch)
+    }
+
+    /// Reads the colours.
+    pub(super) fn read_colors(&self) -> Result<Vec<u8>, DataError> {
+        self.read(Array::Rgb, hdf5_pure::Dataset::read_u8)
     }
 
     /// Reads an array of floats, all of which are finite.

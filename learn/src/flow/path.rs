@@ -5,15 +5,16 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use super::{FlowError, require};
+use crate::channels::{Channels, DIM};
 
 /// Prior, path and distribution of flow times (paper, Sec. Method).
 ///
-/// `X_0 ~ N(0, sigma^2 I)`, `X_t = (1 - t) X_0 + t X_1` (Eq. linear_path_tdcr), velocity `X_1 - X_0`,
+/// Positions start at `X_0 ~ N(0, sigma^2 I)`, colours uniform in [0, 1]; `X_t = (1 - t) X_0 + t X_1` (Eq. linear_path_tdcr), velocity `X_1 - X_0`,
 /// `t ~ Beta(alpha, 1)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FlowPath {
-    /// Standard deviation of the prior `sigma`, in normalised units.
+    /// Standard deviation of the positions' prior `sigma`, in normalised units.
     pub prior_deviation: f32,
     /// `alpha` of the flow times' Beta distribution; above 1 it favours times near the data.
     pub time_exponent: f32,
@@ -56,11 +57,15 @@ impl FlowPath {
         rng.random::<f32>().powf(1.0 / self.time_exponent)
     }
 
-    /// Fills `points` with samples of the prior.
-    pub fn sample_prior(&self, rng: &mut impl Rng, points: &mut [f32]) {
-        for x in points {
-            let normal: f32 = StandardNormal.sample(rng);
-            *x = self.prior_deviation * normal;
+    /// Fills `points`, row-major `(N, C)`, with samples of the prior, point by point.
+    pub fn sample_prior(&self, rng: &mut impl Rng, channels: Channels, points: &mut [f32]) {
+        for point in points.chunks_exact_mut(channels.count()) {
+            let (position, color) = point.split_at_mut(DIM);
+            for x in position {
+                let normal: f32 = StandardNormal.sample(rng);
+                *x = self.prior_deviation * normal;
+            }
+            color.fill_with(|| rng.random());
         }
     }
 
@@ -103,11 +108,43 @@ mod tests {
 
     #[test]
     fn prior_has_its_deviation() {
-        let mut points = vec![0.0; 100_000];
-        FlowPath::default().sample_prior(&mut rng(1, Stream::Sample(0)), &mut points);
-        let mean = points.iter().sum::<f32>() / 1e5;
-        let variance = points.iter().map(|x| x * x).sum::<f32>() / 1e5;
-        assert!(mean.abs() < 8e-3 && (variance - 0.25).abs() < 5e-3);
+        let points = prior(Channels::Xyz);
+        let (mean, square) = moments(points.iter().copied());
+        assert!(mean.abs() < 8e-3 && (square - 0.25).abs() < 5e-3);
+    }
+
+    #[test]
+    fn colours_start_uniform_and_positions_as_without_them() {
+        let points = prior(Channels::XyzRgb);
+        let part = |from: usize| {
+            let points = points.chunks_exact(Channels::XyzRgb.count());
+            points.flat_map(move |point| point[from..from + DIM].to_vec())
+        };
+        let (mean, square) = moments(part(0));
+        assert!(mean.abs() < 8e-3 && (square - 0.25).abs() < 5e-3);
+        // Uniform in [0, 1]: E[x] = 1/2, E[x^2] = 1/3; standard errors 1.3e-3.
+        let (mean, square) = moments(part(DIM));
+        assert!((mean - 0.5).abs() < 6e-3 && (square - 1.0 / 3.0).abs() < 6e-3);
+        assert!(part(DIM).all(|x| (0.0..=1.0).contains(&x)));
+        let differing = |k: usize| points[k] != points[k + 1];
+        assert!((3..5).all(differing), "channels are independent");
+    }
+
+    fn prior(channels: Channels) -> Vec<f32> {
+        let mut points = vec![0.0; 99_996];
+        let rng = &mut rng(1, Stream::Sample(0));
+        FlowPath::default().sample_prior(rng, channels, &mut points);
+        points
+    }
+
+    /// Means of the values and of their squares.
+    fn moments(values: impl Iterator<Item = f32>) -> (f64, f64) {
+        let values: Vec<f64> = values.map(f64::from).collect();
+        let mean = |power: i32| {
+            let sum: f64 = values.iter().map(|x| x.powi(power)).sum();
+            sum / values.len() as f64
+        };
+        (mean(1), mean(2))
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::{FlowError, require};
 
 /// A velocity field `u(X, t | c)` over whole clouds.
 pub trait VelocityField {
-    /// Velocities `(N, 3)` of `points` `(N, 3)`, row-major, at flow time `t` in [0, 1] under `condition`; all in
+    /// Velocities `(N, C)` of `points` `(N, C)`, row-major, at flow time `t` in [0, 1] under `condition`; all in
     /// normalised units.
     fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]);
 }
@@ -129,7 +129,7 @@ impl Sampler {
         }
     }
 
-    /// Carries `points` `(N, 3)` from `t = 0` to `t = 1`, in place.
+    /// Carries `points` `(N, C)` from `t = 0` to `t = 1`, in place.
     pub fn integrate(&self, field: &impl VelocityField, condition: &[f32], points: &mut [f32]) {
         let times: Vec<f32> = self.grid.times(self.steps).collect();
         let mut velocity = vec![0.0; points.len()];

@@ -5,11 +5,13 @@
 
 mod assignment;
 mod chamfer;
+mod color;
 mod emd;
 mod kdtree;
 mod priced_tree;
 
 pub use chamfer::chamfer;
+pub use color::{Colored, color_error};
 pub use emd::{Emd, GroundCost, emd, emd_squared, emd_with};
 
 use std::fmt;

@@ -9,8 +9,8 @@ use super::hybrid::CloudTape;
 use super::kernels::add;
 use super::mlp::Mlp;
 use super::pool::Pool;
-use super::shape::{Channels, DIM};
 use super::trunk::{Keep, TILE, Trunk, TrunkGradient, TrunkTape};
+use crate::channels::{Channels, DIM};
 
 /// Points per share: the unit of parallel work. Fixed, so that sums are grouped alike for any number of threads.
 const SHARE: usize = 8 * TILE;
@@ -18,7 +18,7 @@ const SHARE: usize = 8 * TILE;
 /// Parameters that one task sums over the shares.
 const STRIPE: usize = 4096;
 
-/// The paper's weight of the colours' error (Eq. rgb_loss_tdcr).
+/// The paper's weight of the colours' error (Eq. rgb_loss_tdcr): `lambda_rgb`.
 pub const COLOR_WEIGHT: f32 = 0.05;
 
 /// Clouds with flow times, in normalised units, and the velocities that the network should have there.

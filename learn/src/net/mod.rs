@@ -68,9 +68,10 @@ mod squeeze;
 mod trunk;
 mod voxels;
 
+pub use crate::channels::{Channels, DIM};
 pub use batch::{Batch, COLOR_WEIGHT, Workspace};
 pub use context_shape::{ContextShape, Stage, TimeGate};
 pub use hybrid::{Hybrid, HybridShape};
 pub use mlp::Mlp;
 pub use network::{Network, NetworkShape};
-pub use shape::{Channels, DIM, MlpShape, ShapeError, TensorSpec};
+pub use shape::{MlpShape, ShapeError, TensorSpec};

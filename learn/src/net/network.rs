@@ -9,7 +9,8 @@ use crate::flow::VelocityField;
 use super::batch::{Batch, Workspace};
 use super::hybrid::{Hybrid, HybridShape};
 use super::mlp::Mlp;
-use super::shape::{Channels, MlpShape, ShapeError, TensorSpec};
+use super::shape::{MlpShape, ShapeError, TensorSpec};
+use crate::channels::Channels;
 
 /// Shape of a velocity network.
 ///

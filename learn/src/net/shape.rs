@@ -9,30 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::conditioner::{Conditioner, Part};
 use super::dense::Dense;
 use super::trunk::Trunk;
-
-/// Spatial dimension of a point.
-pub const DIM: usize = 3;
-
-/// What a point of a cloud consists of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Channels {
-    /// A position.
-    #[default]
-    Xyz,
-    /// A position and a colour, each channel in [0, 1].
-    XyzRgb,
-}
-
-impl Channels {
-    /// Numbers per point `C`: 3 or 6, the position first.
-    pub const fn count(self) -> usize {
-        match self {
-            Self::Xyz => DIM,
-            Self::XyzRgb => DIM + 3,
-        }
-    }
-}
+use crate::channels::Channels;
 
 /// Shape of an MLP velocity network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::grid::Grid;
 use super::kernels::vectorised;
-use super::shape::DIM;
+use crate::channels::DIM;
 
 /// Points that a task reads voxels for.
 const POINTS: usize = 256;

@@ -80,7 +80,7 @@ impl Feed<'_> {
 }
 
 impl StreamWindow {
-    /// A window of `clouds` clouds on the stream `spec`, made by `threads` threads; at least one of each.
+    /// A window of `clouds` clouds of `channels` on the stream `spec`, made by `threads` threads; at least one of each.
     ///
     /// # Errors
     /// [`SpecError`] where the robot is refused.
@@ -89,17 +89,13 @@ impl StreamWindow {
         clouds: usize,
         fresh: usize,
         threads: usize,
+        channels: Channels,
     ) -> Result<Self, SpecError> {
         let normalisation = spec.normalisation()?;
         let clouds = clouds.max(1);
         let condition_dim = normalisation.motor_min.len();
         Ok(Self {
-            set: CloudSet {
-                condition_dim,
-                points_per_cloud: spec.points,
-                conditions: vec![0.0; clouds * condition_dim],
-                points: vec![0.0; clouds * spec.points * 3],
-            },
+            set: blank(clouds, condition_dim, spec.points, channels),
             spec,
             fresh: fresh.max(1),
             threads,
@@ -119,11 +115,11 @@ impl StreamWindow {
     /// # Errors
     /// [`TrainError::Data`] where a sample cannot be made.
     pub fn validation(&self, clouds: usize) -> Result<CloudSet, TrainError> {
-        let mut set = CloudSet {
-            conditions: vec![0.0; clouds * self.set.condition_dim],
-            points: vec![0.0; clouds * self.spec.points * 3],
-            ..self.set
+        let channels = match self.set.colors {
+            None => Channels::Xyz,
+            Some(_) => Channels::XyzRgb,
         };
+        let mut set = blank(clouds, self.set.condition_dim, self.spec.points, channels);
         let mut stream = self.open(1 << 62)?;
         for place in 0..clouds {
             put(&mut set, place, next(&mut stream)?, &self.normalisation)?;
@@ -161,6 +157,18 @@ impl StreamWindow {
     }
 }
 
+/// Room for clouds.
+fn blank(clouds: usize, condition_dim: usize, points: usize, channels: Channels) -> CloudSet {
+    let components = clouds * points * DIM;
+    CloudSet {
+        condition_dim,
+        points_per_cloud: points,
+        conditions: vec![0.0; clouds * condition_dim],
+        points: vec![0.0; components],
+        colors: (channels == Channels::XyzRgb).then(|| vec![0; components]),
+    }
+}
+
 fn next(stream: &mut SimStream) -> Result<Sample, TrainError> {
     let sample = stream.next().unwrap_or(Err(SimulateError::Panicked));
     sample.map_err(refuse)
@@ -184,9 +192,14 @@ fn put(
         .condition(&sample.condition.to_vec())
         .map_err(refuse)?;
     set.conditions[place * set.condition_dim..][..set.condition_dim].copy_from_slice(&condition);
-    let points = &mut set.points[place * set.points_per_cloud * 3..][..set.points_per_cloud * 3];
+    let stride = set.points_per_cloud * DIM;
+    let points = &mut set.points[place * stride..][..stride];
     points.copy_from_slice(sample.cloud.points.as_flattened());
     normalisation.normalise_points(points);
+    if let Some(colors) = &mut set.colors {
+        let colors = &mut colors[place * stride..][..stride];
+        colors.copy_from_slice(sample.cloud.colors.as_flattened());
+    }
     Ok(())
 }
 
@@ -196,10 +209,13 @@ pub(super) fn check_feed(
     shape: &NetworkShape,
     points: usize,
 ) -> Result<(), TrainError> {
-    if let Feed::Set(set) = feed {
-        return check_set("training", set, shape, points);
+    let set = match feed {
+        Feed::Set(set) => return check_set("training", set, shape, points),
+        Feed::Stream(window) => &window.set,
+    };
+    if shape.channels() == Channels::XyzRgb && set.colors.is_none() {
+        return Err(no_colors("training"));
     }
-    check_channels("training", shape)?;
     let (found, expected) = (feed.condition_dim(), shape.condition_dim());
     if found != expected {
         let reason = format!("conditions of dimension {found}, expected the network's {expected}");
@@ -226,7 +242,6 @@ pub(super) fn check_set(
     shape: &NetworkShape,
     points: usize,
 ) -> Result<(), TrainError> {
-    check_channels(name, shape)?;
     let refuse = |reason: String| Err(TrainError::Data { set: name, reason });
     if set.condition_dim != shape.condition_dim() {
         let expected = shape.condition_dim();
@@ -266,16 +281,33 @@ pub(super) fn check_set(
             ));
         }
     }
+    match shape.channels() {
+        Channels::Xyz => Ok(()),
+        Channels::XyzRgb => check_colors(name, set),
+    }
+}
+
+/// Refuses sets without colours, and such in which all points are of one: nothing is to be learned from it.
+fn check_colors(name: &'static str, set: &CloudSet) -> Result<(), TrainError> {
+    let colors = set.colors.as_ref().ok_or_else(|| no_colors(name))?;
+    let refuse = |reason: String| Err(TrainError::Data { set: name, reason });
+    if colors.len() != set.points.len() {
+        let (found, expected) = (colors.len(), set.points.len());
+        return refuse(format!("{found} colour values, expected {expected}"));
+    }
+    let (colors, _) = colors.as_chunks::<3>();
+    if colors.iter().all(|color| *color == colors[0]) {
+        return refuse(format!(
+            "all points have the colour {:?}, expected several: clouds that are imported without colours are grey",
+            colors[0]
+        ));
+    }
     Ok(())
 }
 
-/// Refuses networks of coloured points: clouds in training have positions alone.
-fn check_channels(set: &'static str, shape: &NetworkShape) -> Result<(), TrainError> {
-    if shape.channels() == Channels::Xyz {
-        return Ok(());
-    }
-    Err(TrainError::Data {
+fn no_colors(set: &'static str) -> TrainError {
+    TrainError::Data {
         set,
         reason: "positions alone, expected colours too".to_owned(),
-    })
+    }
 }

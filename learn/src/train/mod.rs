@@ -13,7 +13,7 @@ mod trainer;
 
 pub use error::{FileError, FileProblem, TrainError};
 pub use feed::{Feed, StreamWindow};
-pub use model::{Model, PredictError, Provenance};
+pub use model::{Model, PredictError, Prediction, Provenance};
 pub use settings::{SettingsError, TrainSettings};
 pub use state::{Best, TrainingState};
 pub use trainer::{Distance, Trainer};

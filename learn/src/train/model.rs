@@ -10,6 +10,7 @@ use super::settings::TrainSettings;
 use crate::data::{DataError, Normalisation, Subject};
 use crate::flow::{Sampler, Stream, rng};
 use crate::net::{Channels, DIM, Network, NetworkShape};
+use tdcr_sim::cloud::PointCloud;
 
 /// What a network was trained on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,6 +35,24 @@ pub struct Model {
     pub validation_distance: f64,
     /// The network, with averaged weights.
     pub network: Network,
+}
+
+/// A predicted cloud.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prediction {
+    /// Positions, world frame (m).
+    pub points: Vec<[f32; DIM]>,
+    /// Colours of the points, 8-bit RGB; `None` from a network of positions alone.
+    pub colors: Option<Vec<[u8; 3]>>,
+}
+
+impl Prediction {
+    /// The cloud; points without colours of their own get `color`.
+    pub fn into_cloud(self, color: [u8; 3]) -> PointCloud {
+        let Self { points, colors } = self;
+        let colors = colors.unwrap_or_else(|| vec![color; points.len()]);
+        PointCloud { points, colors }
+    }
 }
 
 /// A command that no cloud can be predicted for.
@@ -67,7 +86,8 @@ impl Model {
     /// A cloud of `points` points (m, world frame) for `command` `(D)` in physical units; where the data had payloads,
     /// its last value is the payload (kg).
     ///
-    /// The noise that the cloud starts from is a function of `seed`. Commands outside the training range are
+    /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts from is
+    /// a function of `seed`. Commands outside the training range are
     /// extrapolated, without warrant.
     ///
     /// # Errors
@@ -78,7 +98,7 @@ impl Model {
         points: usize,
         seed: u64,
         sampler: &Sampler,
-    ) -> Result<Vec<[f32; 3]>, PredictError> {
+    ) -> Result<Prediction, PredictError> {
         let condition = self.provenance.normalisation.condition(command)?;
         if let Some(index) = command.iter().position(|value| !value.is_finite()) {
             return Err(PredictError::NotFinite {
@@ -86,14 +106,18 @@ impl Model {
                 value: command[index],
             });
         }
-        let mut cloud = vec![[0.0; DIM]; points];
-        let components = cloud.as_flattened_mut();
-        self.settings
-            .path
-            .sample_prior(&mut rng(seed, Stream::Sample(0)), components);
-        sampler.integrate(&self.network, &condition, components);
+        let channels = self.network.shape().channels();
+        let mut rows = vec![0.0; points * channels.count()];
+        let rng = &mut rng(seed, Stream::Sample(0));
+        self.settings.path.sample_prior(rng, channels, &mut rows);
+        sampler.integrate(&self.network, &condition, &mut rows);
+        let mut points = positions(&rows, channels);
+        let components = points.as_flattened_mut();
         self.provenance.normalisation.denormalise_points(components);
-        Ok(cloud)
+        Ok(Prediction {
+            points,
+            colors: colors(&rows, channels),
+        })
     }
 
     /// Writes the model to `path`, in one step.
@@ -131,6 +155,21 @@ impl Model {
     }
 }
 
+/// The positions in `rows` `(N, C)`.
+pub(super) fn positions(rows: &[f32], channels: Channels) -> Vec<[f32; DIM]> {
+    let rows = rows.chunks_exact(channels.count());
+    rows.map(|row| [row[0], row[1], row[2]]).collect()
+}
+
+/// The colours in `rows` `(N, C)`, 8-bit, if there are any.
+fn colors(rows: &[f32], channels: Channels) -> Option<Vec<[u8; 3]>> {
+    // Casts saturate: what is out of [0, 1] becomes the nearest colour.
+    let byte = |channel: f32| (255.0 * channel).round() as u8;
+    let colors = rows.chunks_exact(channels.count());
+    let colors = colors.map(|row| [row[DIM], row[DIM + 1], row[DIM + 2]].map(byte));
+    (channels == Channels::XyzRgb).then(|| colors.collect())
+}
+
 /// Refuses headers of which no network can be made.
 pub(super) fn check_header(
     provenance: &Provenance,
@@ -139,11 +178,6 @@ pub(super) fn check_header(
 ) -> Result<(), FileProblem> {
     shape.check().map_err(FileProblem::header)?;
     settings.check().map_err(FileProblem::header)?;
-    if shape.channels() != Channels::Xyz {
-        return Err(FileProblem::header(
-            "a network of points with colours, expected positions alone",
-        ));
-    }
     let normalisation = &provenance.normalisation;
     let motors = [&normalisation.motor_min, &normalisation.motor_max].map(Vec::len);
     if motors != [shape.condition_dim(); 2] {

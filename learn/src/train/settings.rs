@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use serde::{Deserialize, Serialize};
 
 use crate::flow::{FlowError, FlowPath, Sampler};
+use crate::net::COLOR_WEIGHT;
 
 /// Largest batch; far above any useful one.
 const MAX_CLOUDS: usize = 65_536;
@@ -40,6 +41,8 @@ pub struct TrainSettings {
     pub average_decay: f64,
     /// Prior, path and flow times.
     pub path: FlowPath,
+    /// Weight of the colours' loss beside the positions'; without effect on networks without colours.
+    pub color_weight: f32,
     /// Seed of everything random in the run.
     pub seed: u64,
     /// Steps between validations.
@@ -65,6 +68,7 @@ impl Default for TrainSettings {
             clip_norm: 1.0,
             average_decay: 0.999,
             path: FlowPath::default(),
+            color_weight: COLOR_WEIGHT,
             seed: 0,
             validate_every: 750,
             validation_clouds: 16,
@@ -139,6 +143,7 @@ impl TrainSettings {
             ("final_learning_rate", self.final_learning_rate, 0.0),
             ("weight_decay", self.weight_decay, 0.0),
             ("clip_norm", self.clip_norm, f64::MIN_POSITIVE),
+            ("color_weight", self.color_weight.into(), f64::MIN_POSITIVE),
         ] {
             if !(value.is_finite() && value >= least) {
                 let sign = if least > 0.0 {
@@ -238,9 +243,16 @@ mod tests {
         assert!(
             error(TrainSettings {
                 average_decay: 1.0,
-                ..good
+                ..good.clone()
             })
             .starts_with("average_decay is 1")
+        );
+        assert_eq!(
+            error(TrainSettings {
+                color_weight: 0.0,
+                ..good
+            }),
+            "color_weight is 0, expected a positive number"
         );
     }
 }

@@ -152,7 +152,8 @@ pub(super) fn fingerprint(set: &CloudSet) -> u64 {
         .iter()
         .chain(&set.points)
         .map(|x| x.to_bits());
-    hash(sizes.into_iter().chain(numbers))
+    let colors = set.colors.iter().flatten().copied().map(u32::from);
+    hash(sizes.into_iter().chain(numbers).chain(colors))
 }
 
 /// FNV-1a over 32-bit words.

@@ -6,13 +6,13 @@ use serde_json::Value;
 
 use super::error::TrainError;
 use super::feed::{Feed, check_feed, check_set};
-use super::model::{Model, Provenance};
+use super::model::{Model, Provenance, positions};
 use super::optimizer::{AdamW, Update, norm};
 use super::settings::{SettingsError, TrainSettings};
 use super::state::{Best, TrainingState, fingerprint};
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
-use crate::net::{Batch, COLOR_WEIGHT, DIM, Network, NetworkShape, Workspace};
+use crate::net::{Batch, Channels, DIM, Network, NetworkShape, Workspace};
 
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
@@ -219,8 +219,9 @@ impl<'a> Trainer<'a> {
     pub fn step(&mut self) -> Result<f32, TrainError> {
         let step = self.step + 1;
         let clouds = self.training.at_step(step)?;
-        self.samples.draw(&self.settings, clouds, step);
-        let batch = self.samples.batch();
+        let channels = self.network.shape().channels();
+        self.samples.draw(&self.settings, clouds, channels, step);
+        let batch = self.samples.batch(self.settings.color_weight);
         let loss = self
             .network
             .loss_and_gradient(&batch, &mut self.workspace, &mut self.gradient)
@@ -243,8 +244,8 @@ impl<'a> Trainer<'a> {
         Ok(loss)
     }
 
-    /// Mean `distance` between validation clouds and their predictions by the averaged weights, in the distance's power
-    /// of normalised units. Keeps the weights where they are the best so far.
+    /// Mean `distance` between the positions of validation clouds and of their predictions by the averaged weights, in
+    /// the distance's power of normalised units. Keeps the weights where they are the best so far.
     ///
     /// Noise and subsets of points depend on the seed alone, so validations of different steps compare.
     ///
@@ -277,12 +278,13 @@ impl<'a> Trainer<'a> {
             ..
         } = self;
         let mut rng = rng(settings.seed, Stream::Sample(cloud as u64));
-        let mut predicted = vec![[0.0; DIM]; settings.validation_points];
-        let components = predicted.as_flattened_mut();
-        settings.path.sample_prior(&mut rng, components);
+        let channels = self.average.shape().channels();
+        let mut rows = vec![0.0; settings.validation_points * channels.count()];
+        settings.path.sample_prior(&mut rng, channels, &mut rows);
         settings
             .sampler
-            .integrate(&self.average, validation.condition(cloud), components);
+            .integrate(&self.average, validation.condition(cloud), &mut rows);
+        let predicted = positions(&rows, channels);
         let (points, _) = validation.cloud(cloud).as_chunks::<DIM>();
         let subset = index::sample(&mut rng, points.len(), settings.validation_points);
         let truth: Vec<[f32; DIM]> = subset.iter().map(|k| points[k]).collect();
@@ -292,9 +294,9 @@ impl<'a> Trainer<'a> {
 
 impl Samples {
     /// Draws the batch of step `step`: clouds with replacement, points of each without.
-    fn draw(&mut self, settings: &TrainSettings, set: &CloudSet, step: u64) {
+    fn draw(&mut self, settings: &TrainSettings, set: &CloudSet, channels: Channels, step: u64) {
         let mut rng = rng(settings.seed, Stream::Step(step));
-        let stride = settings.points * DIM;
+        let stride = settings.points * channels.count();
         self.times.clear();
         self.conditions.clear();
         self.points.resize(settings.clouds * stride, 0.0);
@@ -302,12 +304,10 @@ impl Samples {
         for points in self.points.chunks_exact_mut(stride) {
             let cloud = rng.random_range(0..set.len());
             let time = settings.path.sample_time(&mut rng);
-            let (data, _) = set.cloud(cloud).as_chunks::<DIM>();
             let start = self.targets.len();
-            for k in index::sample(&mut rng, data.len(), settings.points) {
-                self.targets.extend_from_slice(&data[k]);
-            }
-            settings.path.sample_prior(&mut rng, points);
+            let subset = index::sample(&mut rng, set.points_per_cloud, settings.points);
+            set.gather(cloud, subset.into_iter(), channels, &mut self.targets);
+            settings.path.sample_prior(&mut rng, channels, points);
             settings
                 .path
                 .follow(time, points, &mut self.targets[start..]);
@@ -316,13 +316,13 @@ impl Samples {
         }
     }
 
-    fn batch(&self) -> Batch<'_> {
+    fn batch(&self, color_weight: f32) -> Batch<'_> {
         Batch {
             times: &self.times,
             conditions: &self.conditions,
             points: &self.points,
             targets: &self.targets,
-            color_weight: COLOR_WEIGHT,
+            color_weight,
         }
     }
 }

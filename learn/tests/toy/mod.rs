@@ -18,6 +18,12 @@ pub const SHAPE: MlpShape = MlpShape {
     channels: Channels::Xyz,
 };
 
+/// [`SHAPE`] for points with colours.
+pub const COLORED: MlpShape = MlpShape {
+    channels: Channels::XyzRgb,
+    ..SHAPE
+};
+
 pub fn settings() -> TrainSettings {
     TrainSettings {
         steps: 12,
@@ -51,6 +57,19 @@ pub fn bars(clouds: usize, seed: u64) -> CloudSet {
         points_per_cloud: 40,
         points: points.collect(),
         conditions,
+        colors: None,
+    }
+}
+
+/// [`bars`] whose colour, one for the whole bar, the condition says: red and green.
+pub fn colored_bars(clouds: usize, seed: u64) -> CloudSet {
+    let set = bars(clouds, seed);
+    let byte = |c: f32| (255.0 * c).round() as u8;
+    let colors = set.conditions.as_chunks::<2>().0.iter();
+    let colors = colors.flat_map(|c| [byte(c[0]), byte(c[1]), 128].repeat(40));
+    CloudSet {
+        colors: Some(colors.collect()),
+        ..set
     }
 }
 
