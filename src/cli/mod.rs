@@ -5,6 +5,7 @@ mod console;
 mod data;
 mod demo;
 mod eval;
+mod eval_page;
 mod export;
 mod predict;
 mod render;

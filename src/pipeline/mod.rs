@@ -8,13 +8,15 @@ mod collect;
 mod evaluate;
 mod journal;
 mod monitor;
+mod scores;
 mod survey;
 mod train;
 
 pub use collect::{CollectSettings, CollectTimes, collect};
 use evaluate::require_same;
-pub use evaluate::{Distances, EvalSettings, Evaluation, Evaluator, Scores};
+pub use evaluate::{EvalSettings, Evaluator};
 pub use monitor::{Monitor, Silent};
+pub use scores::{Distances, Evaluation, Quantiles, Scores};
 pub use survey::{Survey, Tips};
 pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, model_path, train};
 

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 mod data;
+mod eval;
 mod export;
 mod refusals;
 mod render;
@@ -80,7 +81,7 @@ const TINY_NETWORK: [&str; 11] = [
 ];
 
 /// Keys of the mean scores.
-const SCORES: [&str; 8] = [
+const SCORES: [&str; 12] = [
     "cd",
     "cd_floor",
     "cd_nearest",
@@ -89,6 +90,10 @@ const SCORES: [&str; 8] = [
     "emd_floor",
     "emd_nearest",
     "emd_mean",
+    "emd_squared",
+    "emd_squared_floor",
+    "emd_squared_nearest",
+    "emd_squared_mean",
 ];
 
 /// Collects a small data set of robot 2m into `folder`, with more options.
