@@ -107,14 +107,6 @@ fn scores_in_a_journal_of_another_format_are_computed_anew() {
     fs::write(&journal, format!("{key}\n{wrong}\n")).unwrap();
     assert!(demo(&out).status().unwrap().success());
     assert!(results(&out) == expected);
-    // Before squared distances: entries without them.
-    let lacking: Vec<String> = (entries.iter())
-        .map(|entry| entry.replace("\"emd_squared\":", "\"other\":"))
-        .collect();
-    let key = written.lines().next().unwrap();
-    fs::write(&journal, format!("{key}\n{}\n", lacking.join("\n"))).unwrap();
-    assert!(demo(&out).status().unwrap().success());
-    assert!(results(&out) == expected);
 }
 
 fn collect(out: &Path, threads: &str) -> Command {
