@@ -1,6 +1,7 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
 mod collect;
+mod commands;
 mod console;
 mod data;
 mod demo;
