@@ -56,7 +56,7 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     Collect(collect::CollectArgs),
     Data(data::DataArgs),
-    Train(train::TrainArgs),
+    Train(Box<train::TrainArgs>),
     Predict(predict::PredictArgs),
     Eval(eval::EvalArgs),
     Demo(demo::DemoArgs),

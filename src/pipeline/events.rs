@@ -130,7 +130,7 @@ fn masked_checksum(bytes: &[u8]) -> u32 {
 
 /// CRC-32C (Castagnoli), bit by bit: records are short.
 fn crc32c(bytes: &[u8]) -> u32 {
-    let bit = |crc: u32, _| crc >> 1 ^ (crc & 1) * 0x82f6_3b78;
+    let bit = |crc: u32, _| (crc >> 1) ^ ((crc & 1) * 0x82f6_3b78);
     !(bytes.iter()).fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), bit))
 }
 

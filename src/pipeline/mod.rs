@@ -58,17 +58,8 @@ pub enum PipelineError {
     #[error(transparent)]
     Train(#[from] TrainError),
     /// Training diverged, and left its last good state.
-    #[error("{source}; {}", after_divergence(state, model, *learning_rate))]
-    Diverged {
-        /// What happened, and at which step.
-        source: TrainError,
-        /// File and step of the last good state; none where there is none yet.
-        state: Option<(PathBuf, u64)>,
-        /// File and step of the best network; none where none was validated yet.
-        model: Option<(PathBuf, u64)>,
-        /// The run's learning rate after warm-up.
-        learning_rate: f64,
-    },
+    #[error(transparent)]
+    Diverged(Box<Divergence>),
     /// The folder holds a run with other settings or data.
     #[error("{} cannot be taken up: {source}; choose another folder, or remove this one", path.display())]
     OtherRun {
@@ -118,6 +109,20 @@ pub enum PipelineError {
         /// Points there are.
         available: usize,
     },
+}
+
+/// A run that diverged, and what it left.
+#[derive(Debug, Error)]
+#[error("{source}; {}", after_divergence(state, model, *learning_rate))]
+pub struct Divergence {
+    /// What happened, and at which step.
+    pub source: TrainError,
+    /// File and step of the last good state; none where there is none yet.
+    pub state: Option<(PathBuf, u64)>,
+    /// File and step of the best network; none where none was validated yet.
+    pub model: Option<(PathBuf, u64)>,
+    /// The run's learning rate after warm-up.
+    pub learning_rate: f64,
 }
 
 fn after_divergence(

@@ -10,7 +10,7 @@ use tdcr_learn::train::{
 };
 
 use super::log::RunLog;
-use super::{Monitor, PipelineError, require_same};
+use super::{Divergence, Monitor, PipelineError, require_same};
 
 /// Steps between two words on the loss.
 const STEPS_PER_STATUS: u64 = 10;
@@ -227,12 +227,12 @@ fn finish(
         let stepped = match step(trainer, provenance, monitor) {
             Err(source) if source.is_divergence() => {
                 let best = trainer.model(provenance.clone()).map(|model| model.step);
-                return Err(PipelineError::Diverged {
+                return Err(PipelineError::Diverged(Box::new(Divergence {
                     source,
                     state: saved.map(|step| (state_path, step)),
                     model: best.map(|step| (model_path, step)),
                     learning_rate: trainer.settings().learning_rate,
-                });
+                })));
             }
             stepped => stepped?,
         };

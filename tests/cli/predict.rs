@@ -170,7 +170,7 @@ fn what_lies_outside_the_training_range_is_named() {
         "{said}"
     );
     assert!(
-        said.contains("the payload (kg) is 0.05, outside the training range 0.01"),
+        said.contains("the payload (kg) is 0.05, outside the training range 0 to 0.01"),
         "{said}"
     );
 }

@@ -189,8 +189,10 @@ fn a_run_out_of_patience_ends_early() {
     assert!(steps < 4000);
     assert_eq!(ended["best_step"].as_u64().unwrap() + 1, steps);
     assert_eq!(crate::succeed_json(&arguments), ended);
+    let other = folder.path().join("other");
+    let other = ["--data", text(&data), "--out", text(&other)];
     refuse(
-        &[&TINY_NETWORK[..], &places, &["--patience", "0"]].concat(),
+        &[&TINY_NETWORK[..], &other, &["--patience", "0"]].concat(),
         1,
         "patience is 0, expected at least 1",
     );
