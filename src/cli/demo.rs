@@ -11,8 +11,8 @@ use tdcr::learn::data::{Design, Split, split_indices};
 use tdcr::learn::flow::Sampler;
 use tdcr::learn::train::TrainSettings;
 use tdcr::pipeline::{
-    CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Trained,
-    TrainingData, collect, train,
+    CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Preset,
+    Trained, TrainingData, collect, train,
 };
 use tdcr::report::{Example, Report, Stage, Training, contact_sheet, scale_bar};
 use tdcr::sim::render::BaseVisibility;
@@ -43,10 +43,11 @@ pub(super) struct DemoArgs {
 
 const POINTS: usize = 10_000;
 const EMD_POINTS: usize = 2000;
+const PRESET: Preset = Preset::ALL[0];
 const NETWORK: NetworkSize = NetworkSize {
-    width: 96,
-    depth: 6,
-    embedding: 128,
+    width: PRESET.width,
+    depth: PRESET.depth,
+    embedding: PRESET.embedding,
     context: None,
 };
 /// Test commands that the report shows, from the best prediction to the worst.
@@ -82,11 +83,9 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     clock.time("collect", || collect(&settings, &data, console).map(drop))?;
 
     let training = TrainSettings {
-        steps: args.steps,
-        warmup_steps: TrainSettings::default().warmup_steps.min(args.steps / 10),
         validate_every: (args.steps / 12).max(1),
         seed: args.seed,
-        ..TrainSettings::default()
+        ..PRESET.settings(PRESET.rates[0], args.steps)
     };
     let trained = clock.time("train", || {
         train(

@@ -1,6 +1,7 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
 mod collect;
+mod commands;
 mod console;
 mod data;
 mod demo;
@@ -56,7 +57,7 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     Collect(collect::CollectArgs),
     Data(data::DataArgs),
-    Train(train::TrainArgs),
+    Train(Box<train::TrainArgs>),
     Predict(predict::PredictArgs),
     Eval(eval::EvalArgs),
     Demo(demo::DemoArgs),

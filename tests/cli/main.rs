@@ -5,11 +5,13 @@
 mod data;
 mod eval;
 mod export;
+mod predict;
 mod refusals;
 mod render;
 mod resume;
 mod road;
 mod simulate;
+mod training;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -86,6 +86,34 @@ pub fn read_cloud(path: &Path) -> Result<PointCloud, CloudFileError> {
     Ok(cloud)
 }
 
+/// Writes named arrays, each of a shape and as many values in row-major order, to an NPZ file of `float32`.
+///
+/// # Errors
+/// [`CloudFileError`] where the file cannot be written, or an array has not as many values as its shape says.
+pub fn write_npz(path: &Path, arrays: &[(&str, &[usize], &[f32])]) -> Result<(), CloudFileError> {
+    let npy = |(name, shape, values): &(&'_ str, &[usize], &[f32])| {
+        let expected: usize = shape.iter().product();
+        if values.len() != expected {
+            let problem = format!(
+                "{} values, expected {expected} as {shape:?} says",
+                values.len()
+            );
+            return Err(Fault::new(format!("array `{name}`"), problem));
+        }
+        let data: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+        Ok(npy::to_npy(shape, "<f4", &data))
+    };
+    let names = arrays.iter().map(|(name, ..)| *name);
+    let files: Result<Vec<_>, Fault> = (names.zip(arrays))
+        .map(|(name, array)| Ok((name, npy(array)?)))
+        .collect();
+    files
+        .and_then(|files| {
+            std::fs::write(path, npy::to_npz(&files)).map_err(|error| Fault::new("file", error))
+        })
+        .map_err(|fault| fault.at(path))
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
