@@ -77,3 +77,21 @@ fn a_condition_of_another_length_is_refused() {
         })
     ));
 }
+
+#[test]
+fn values_outside_the_range_are_named_and_rounding_is_not() {
+    let normalisation = Normalisation {
+        motor_min: vec![0.0, 0.01, 0.02],
+        motor_max: vec![0.04, 0.03, 0.02],
+        scale: 1.0,
+    };
+    let indices = |command: [f64; 3]| -> Vec<usize> {
+        let outside = normalisation.out_of_range(&command).unwrap();
+        outside.iter().map(|outside| outside.index).collect()
+    };
+    let single = |x: f64| f64::from(x as f32);
+    assert!(indices([single(0.04), single(0.01), single(0.02)]).is_empty());
+    assert_eq!(indices([0.0401, 0.0099, 0.0201]), [0, 1, 2]);
+    assert_eq!(indices([-1e-4, f64::NAN, 0.02]), [0, 1]);
+    assert!(normalisation.out_of_range(&[0.0]).is_err());
+}

@@ -249,3 +249,65 @@ fn divergence_stops_the_run_by_name() {
         }
     ));
 }
+
+#[test]
+fn a_run_out_of_patience_ends_and_stays_ended_when_taken_up() {
+    let (training, validation) = (bars(5, 1), bars(3, 2));
+    let settings = TrainSettings {
+        steps: 30,
+        patience: Some(2),
+        ..settings()
+    };
+    let distances = [3.0, 4.0, 1.0, 1.5, 1.0, 0.5];
+    let mut trainer = Trainer::new(SHAPE, settings.clone(), &training, &validation).unwrap();
+    for distance in distances {
+        if trainer.is_finished() {
+            break;
+        }
+        while !trainer.validation_is_due() {
+            trainer.step().unwrap();
+        }
+        trainer.validate(&|_, _| distance).unwrap();
+        // Taken up after each validation, the run is as patient as one that went on.
+        let state = trainer.state(provenance());
+        trainer = Trainer::resume(state, SHAPE, settings.clone(), &training, &validation).unwrap();
+    }
+    assert!(trainer.is_finished() && !trainer.validation_is_due());
+    assert_eq!(trainer.steps_taken(), 15);
+    assert_eq!(trainer.model(provenance()).unwrap().step, 9);
+}
+
+#[test]
+fn a_loss_that_leaps_and_stays_stops_the_run_by_name() {
+    let (training, validation) = (bars(5, 1), bars(3, 2));
+    let settings = TrainSettings {
+        steps: 200,
+        learning_rate: 100.0,
+        warmup_steps: 199,
+        ..settings()
+    };
+    let mut trainer = Trainer::new(SHAPE, settings.clone(), &training, &validation).unwrap();
+    let error = loop {
+        if let Err(error) = trainer.step() {
+            break error;
+        }
+    };
+    let TrainError::Spike {
+        step, loss, level, ..
+    } = error
+    else {
+        panic!("{error}");
+    };
+    assert!(error.is_divergence());
+    let (losses, end) = (trainer.losses(), step as usize);
+    assert_eq!((losses.len(), losses[end - 1]), (end, loss));
+    let limit = level * settings.spike_factor as f32;
+    assert!(losses[end - 10..].iter().all(|loss| *loss > limit));
+    assert!(losses[end - 11] <= limit && !trainer.is_level());
+    // A state of this step would end at once: no more than ten steps back it was level.
+    let mut before = Trainer::new(SHAPE, settings, &training, &validation).unwrap();
+    for _ in 0..end - 10 {
+        before.step().unwrap();
+    }
+    assert_eq!(before.losses()[..], losses[..end - 10]);
+}

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::Context;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde::Serialize;
 use tdcr::pipeline::Monitor;
 
@@ -117,7 +117,7 @@ impl Monitor for Console {
             Bars::Lines | Bars::None => ProgressDrawTarget::hidden(),
         };
         let style =
-            "{prefix:12} {bar:32} {human_pos}/{human_len}  {rate}  {elapsed} of ~{duration}  {msg}";
+            "{prefix:12} {bar:32} {human_pos}/{human_len}  {rate}  {elapsed}, {eta} left  {msg}";
         let style = ProgressStyle::with_template(style)
             .expect("the template is well formed")
             .with_key(
@@ -152,9 +152,20 @@ impl Monitor for Console {
         self.with_stage(|running| {
             running.bar.set_message(text.to_owned());
             if let Bars::Lines = self.bars {
-                tracing::info!("{} {}: {text}", running.name, running.bar.position());
+                let bar = &running.bar;
+                tracing::info!(
+                    "{} {}: {text}, {:.1}/s, {:#} left",
+                    running.name,
+                    bar.position(),
+                    bar.per_sec(),
+                    HumanDuration(bar.eta())
+                );
             }
         });
+    }
+
+    fn status(&self, text: &str) {
+        self.with_stage(|running| running.bar.set_message(text.to_owned()));
     }
 
     fn end(&self) {

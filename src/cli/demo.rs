@@ -12,16 +12,16 @@ use tdcr::learn::flow::Sampler;
 use tdcr::learn::net::Channels;
 use tdcr::learn::train::TrainSettings;
 use tdcr::pipeline::{
-    CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Trained,
-    TrainingData, collect, train,
+    CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Preset,
+    Trained, TrainingData, collect, train,
 };
-use tdcr::report::{Example, PerTest, Report, Score, Stage, contact_sheet, scale_bar};
-use tdcr::sim::cloud::PointCloud;
+use tdcr::report::{Example, Report, Stage, Training, contact_sheet, scale_bar};
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::RobotSpec;
 
 use super::console::Console;
 use super::eval::{Metrics, table};
+use super::eval_page;
 
 /// Simulate, see, learn, predict and evaluate the paper's 2m robot, and write a report
 ///
@@ -44,10 +44,11 @@ pub(super) struct DemoArgs {
 
 const POINTS: usize = 10_000;
 const EMD_POINTS: usize = 2000;
+const PRESET: Preset = Preset::ALL[0];
 const NETWORK: NetworkSize = NetworkSize {
-    width: 96,
-    depth: 6,
-    embedding: 128,
+    width: PRESET.width,
+    depth: PRESET.depth,
+    embedding: PRESET.embedding,
     context: None,
     channels: Channels::Xyz,
 };
@@ -84,11 +85,9 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     clock.time("collect", || collect(&settings, &data, console).map(drop))?;
 
     let training = TrainSettings {
-        steps: args.steps,
-        warmup_steps: TrainSettings::default().warmup_steps.min(args.steps / 10),
         validate_every: (args.steps / 12).max(1),
         seed: args.seed,
-        ..TrainSettings::default()
+        ..PRESET.settings(PRESET.rates[0], args.steps)
     };
     let trained = clock.time("train", || {
         train(
@@ -137,7 +136,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         format!(
             "{}\nmeans over {} test commands, {:.1} times better than the nearest training command; {:.0} s in all\n\
              see {}",
-            table(&m.metrics),
+            table(&evaluation),
             m.metrics.tests,
             m.metrics.cd_nearest / m.metrics.cd,
             m.seconds,
@@ -188,21 +187,12 @@ fn examples(evaluator: &Evaluator, evaluation: &Evaluation) -> Result<Vec<Exampl
     let shown = evaluation.spread(EXAMPLES);
     let last = shown.len() - 1;
     let example = |(rank, index): (usize, usize)| {
-        let scores = &evaluation.per_test[index];
-        let sample = &evaluator.test()[index];
-        Ok(Example {
-            label: match rank {
-                0 => format!("test {index}, the best"),
-                rank if rank == last => format!("test {index}, the worst"),
-                _ => format!("test {index}"),
-            },
-            command: sample.condition.to_vec(),
-            truth: sample.cloud.clone(),
-            prediction: colorless(evaluator.predict(index)?.points),
-            nearest: colorless(evaluator.nearest(index)?),
-            cd: scores.network.cd,
-            cd_nearest: scores.nearest.cd,
-        })
+        let label = match rank {
+            0 => format!("test {index}, the best"),
+            rank if rank == last => format!("test {index}, the worst"),
+            _ => format!("test {index}"),
+        };
+        eval_page::example(evaluator, evaluation, index, label)
     };
     shown.into_iter().enumerate().map(example).collect()
 }
@@ -214,11 +204,6 @@ fn contact_sheet_examples(examples: &[Example]) -> Vec<Example> {
     (0..count).map(|k| examples[rank(k)].clone()).collect()
 }
 
-fn colorless(points: Vec<[f32; 3]>) -> PointCloud {
-    let colors = vec![[128; 3]; points.len()];
-    PointCloud { points, colors }
-}
-
 fn report(
     args: &DemoArgs,
     settings: &CollectSettings,
@@ -227,12 +212,6 @@ fn report(
     examples: Vec<Example>,
     metrics: &DemoMetrics,
 ) -> anyhow::Result<Report> {
-    let scores = evaluation.mean();
-    let score = |name: &str, distances: tdcr::pipeline::Distances| Score {
-        name: name.to_owned(),
-        cd: distances.cd,
-        emd: distances.emd,
-    };
     let splits = split_indices(args.samples, args.seed)?;
     let [train_count, val_count, test_count] = Split::ALL.map(|split| splits.of(split).len());
     let model = &trained.model;
@@ -243,7 +222,7 @@ fn report(
         headline: format!(
             "For {test_count} commands that the network has never seen, its clouds are {:.1} times nearer to the true \
              shape (Chamfer distance) than those of the nearest training command.",
-            scores.nearest.cd / scores.network.cd
+            metrics.metrics.cd_nearest / metrics.metrics.cd
         ),
         summary: vec![
             (
@@ -288,33 +267,20 @@ fn report(
             ("Seed".to_owned(), args.seed.to_string()),
             ("tdcr".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
         ],
-        scores: [
-            Some(score("Network", scores.network)),
-            Some(score("Nearest training command", scores.nearest)),
-            scores.mean.map(|mean| score("Mean command", mean)),
-        ]
-        .into_iter()
-        .flatten()
-        .collect(),
-        floor: scores.floor.map(|floor| score("Sampling floor", floor)),
-        score_notes: vec![
-            format!("Means over {test_count} test commands."),
-            format!(
-                "Chamfer distance on {POINTS} points of each cloud, earth mover's distance on {EMD_POINTS}."
+        scores: eval_page::scores(evaluation),
+        floor: eval_page::floor(evaluation),
+        score_notes: eval_page::score_notes(&metrics.metrics),
+        per_test: Some(eval_page::per_test(evaluation)),
+        training: Some(Training {
+            loss_curve: (1u64..)
+                .zip(trained.losses.iter().map(|loss| f64::from(*loss)))
+                .collect(),
+            validation_curve: trained.validations.clone(),
+            validation_note: format!(
+                "Computed on {} points of {} clouds: fewer points than in the table, which makes it larger.",
+                model.settings.validation_points, model.settings.validation_clouds
             ),
-        ],
-        per_test: Some(PerTest {
-            network: evaluation.per_test.iter().map(|s| s.network.cd).collect(),
-            nearest: evaluation.per_test.iter().map(|s| s.nearest.cd).collect(),
         }),
-        loss_curve: (1u64..)
-            .zip(trained.losses.iter().map(|loss| f64::from(*loss)))
-            .collect(),
-        validation_curve: trained.validations.clone(),
-        validation_note: format!(
-            "Computed on {} points of {} clouds: fewer points than in the table, which makes it larger.",
-            model.settings.validation_points, model.settings.validation_clouds
-        ),
         stages: [
             ("Simulate and see", "collect"),
             ("Train", "train"),

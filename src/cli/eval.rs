@@ -3,25 +3,33 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::train::Model;
-use tdcr::pipeline::{EvalSettings, Evaluation, Evaluator, Scores};
+use tdcr::pipeline::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles, Scores};
 
 use super::SamplerArgs;
 use super::console::Console;
+use super::eval_page;
 
 /// Score a trained model on the test commands of a data set, beside trivial predictors and the floor
 #[derive(Debug, Args)]
 pub(super) struct EvalArgs {
     /// The trained model
     #[arg(long, default_value = "run/model.safetensors", value_name = "FILE")]
-    model: PathBuf,
+    pub model: PathBuf,
     /// Folder of the data set
     #[arg(long, default_value = "data", value_name = "DIR")]
-    data: PathBuf,
+    pub data: PathBuf,
     #[command(flatten)]
     scoring: ScoringArgs,
+    /// Test commands to name, and to show in the report: those predicted worst, by Chamfer distance
+    #[arg(long, default_value_t = 5, value_name = "N")]
+    worst: usize,
+    /// Write a page on the scores: table, distribution, pictures of the worst predictions
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
 }
 
 /// How clouds are compared.
@@ -30,7 +38,7 @@ pub(super) struct ScoringArgs {
     /// Points of each cloud that the Chamfer distance is computed on
     #[arg(long, default_value_t = 10_000, value_name = "N")]
     points: usize,
-    /// Points of each cloud that the exact earth mover's distance is computed on
+    /// Points of each cloud that the exact earth mover's distances are computed on
     #[arg(long, default_value_t = 2000, value_name = "N")]
     emd_points: usize,
     #[command(flatten)]
@@ -51,7 +59,7 @@ impl ScoringArgs {
     }
 }
 
-/// Mean scores, as `metrics.json` and `--json` name them: CD in m², EMD in m.
+/// Mean scores, as `metrics.json` and `--json` name them: CD and squared EMD in m², EMD in m.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Metrics {
     pub cd: f64,
@@ -62,12 +70,50 @@ pub(super) struct Metrics {
     pub emd_floor: Option<f64>,
     pub emd_nearest: f64,
     pub emd_mean: Option<f64>,
-    /// Mean absolute colour difference of predicted points from the nearest true ones, in [0, 1].
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// Largest duality gap of all EMDs found, of every predictor and test command (m).
+    pub emd_gap: f64,
+    pub emd_squared: f64,
+    pub emd_squared_floor: Option<f64>,
+    pub emd_squared_nearest: f64,
+    pub emd_squared_mean: Option<f64>,
+    /// Largest duality gap of all squared EMDs found (m²).
+    pub emd_squared_gap: f64,
+    /// Mean absolute colour difference of predicted points from the nearest true ones, in [0, 1]; `None` where the
+    /// network or the data set has no colours.
     pub color: Option<f64>,
     pub tests: usize,
     pub points: usize,
     pub emd_points: usize,
+}
+
+/// What `tdcr eval` says.
+#[derive(Serialize)]
+struct Evaluated {
+    #[serde(flatten)]
+    metrics: Metrics,
+    network_quantiles: NetworkQuantiles,
+    worst: Vec<WorstTest>,
+}
+
+/// Quantiles of the network's distances over the test commands.
+#[derive(Serialize)]
+struct NetworkQuantiles {
+    cd: Quantiles,
+    emd: Quantiles,
+    emd_squared: Quantiles,
+}
+
+/// A test command that the network predicts badly.
+#[derive(Serialize)]
+struct WorstTest {
+    /// Index in the test split.
+    test: usize,
+    command: Vec<f32>,
+    /// Mass hung from the tip (kg); `None` in a data set without payloads.
+    payload: Option<f32>,
+    cd: f64,
+    emd: f64,
+    emd_squared: f64,
 }
 
 impl Metrics {
@@ -79,6 +125,7 @@ impl Metrics {
             floor,
             color,
         } = evaluation.mean();
+        let greatest = evaluation.greatest();
         Self {
             cd: network.cd,
             cd_floor: floor.map(|d| d.cd),
@@ -88,6 +135,12 @@ impl Metrics {
             emd_floor: floor.map(|d| d.emd),
             emd_nearest: nearest.emd,
             emd_mean: mean.map(|d| d.emd),
+            emd_gap: greatest.emd_gap,
+            emd_squared: network.emd_squared,
+            emd_squared_floor: floor.map(|d| d.emd_squared),
+            emd_squared_nearest: nearest.emd_squared,
+            emd_squared_mean: mean.map(|d| d.emd_squared),
+            emd_squared_gap: greatest.emd_squared_gap,
             color,
             tests: evaluation.per_test.len(),
             points: settings.points,
@@ -96,32 +149,96 @@ impl Metrics {
     }
 }
 
-/// The table of mean scores.
-pub(super) fn table(metrics: &Metrics) -> String {
-    let mut text =
-        String::from("                           CD (1e-4 m²)   EMD (mm)   CD / floor\n");
-    let mut row = |name: &str, cd: f64, emd: f64| {
-        let ratio = (metrics.cd_floor).map_or("-".to_owned(), |floor| format!("{:.1}", cd / floor));
-        let (cd, emd) = (cd * 1e4, emd * 1e3);
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "{name:26} {cd:12.4} {emd:10.3} {ratio:>12}");
-    };
-    row("network", metrics.cd, metrics.emd);
-    row(
-        "nearest training command",
-        metrics.cd_nearest,
-        metrics.emd_nearest,
-    );
-    for (name, cd, emd) in [
-        ("mean command", metrics.cd_mean, metrics.emd_mean),
-        ("sampling floor", metrics.cd_floor, metrics.emd_floor),
-    ] {
-        if let (Some(cd), Some(emd)) = (cd, emd) {
-            row(name, cd, emd);
+impl WorstTest {
+    fn new(evaluator: &Evaluator, evaluation: &Evaluation, test: usize) -> Self {
+        let Distances {
+            cd,
+            emd,
+            emd_squared,
+            ..
+        } = evaluation.per_test[test].network;
+        let condition = &evaluator.test()[test].condition;
+        Self {
+            test,
+            command: condition.motors.clone(),
+            payload: condition.payload,
+            cd,
+            emd,
+            emd_squared,
         }
     }
-    if let Some(color) = metrics.color {
+}
+
+/// The table of mean scores.
+pub(super) fn table(evaluation: &Evaluation) -> String {
+    let mut text = String::from(
+        "                           CD (1e-4 m²)   EMD (mm)   sq. EMD (1e-4 m²)   CD / floor\n",
+    );
+    let Scores {
+        network,
+        nearest,
+        mean,
+        floor,
+        color,
+    } = evaluation.mean();
+    for (name, distances) in [
+        ("network", Some(network)),
+        ("nearest training command", Some(nearest)),
+        ("mean command", mean),
+        ("sampling floor", floor),
+    ] {
+        let Some(d) = distances else { continue };
+        let ratio = floor.map_or("-".to_owned(), |floor| format!("{:.1}", d.cd / floor.cd));
+        let (cd, emd, emd_squared) = (d.cd * 1e4, d.emd * 1e3, d.emd_squared * 1e4);
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "{name:26} {cd:12.4} {emd:10.3} {emd_squared:19.4} {ratio:>12}"
+        );
+    }
+    if let Some(color) = color {
         let _ = writeln!(text, "colour error of the network, of 1: {color:.4}");
+    }
+    text
+}
+
+/// The table of the network's quantiles.
+fn quantile_table(quantiles: &NetworkQuantiles) -> String {
+    let mut text = format!("{:26}", "network, over the tests");
+    let mut body = String::new();
+    for (name, _) in quantiles.cd.named() {
+        let _ = write!(text, "{name:>10}");
+    }
+    for (name, scale, of) in [
+        ("CD (1e-4 m²)", 1e4, &quantiles.cd),
+        ("EMD (mm)", 1e3, &quantiles.emd),
+        ("sq. EMD (1e-4 m²)", 1e4, &quantiles.emd_squared),
+    ] {
+        let _ = write!(body, "\n{name:26}");
+        for (_, value) in of.named() {
+            let _ = write!(body, "{:10.4}", value * scale);
+        }
+    }
+    text + &body + "\n"
+}
+
+/// The list of the worst predictions.
+fn worst_table(worst: &[WorstTest]) -> String {
+    let mut text = String::new();
+    for (rank, test) in worst.iter().enumerate() {
+        let name = if rank == 0 { "worst: test" } else { "test" };
+        let command: Vec<String> = test.command.iter().map(f32::to_string).collect();
+        let payload = test
+            .payload
+            .map_or(String::new(), |kg| format!(" --payload {kg}"));
+        let _ = writeln!(
+            text,
+            "{name:>11} {:<6} CD {:.4}e-4 m², EMD {:.3} mm   --command {}{payload}",
+            test.test,
+            test.cd * 1e4,
+            test.emd * 1e3,
+            command.join(","),
+        );
     }
     text
 }
@@ -129,14 +246,47 @@ pub(super) fn table(metrics: &Metrics) -> String {
 pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     let settings = args.scoring.settings()?;
     let model = Model::load(&args.model)?;
-    let evaluation = Evaluator::new(&model, &args.data, settings)?.run(None, console)?;
-    console.result(&Metrics::new(&evaluation, &settings), |m| {
+    let evaluator = Evaluator::new(&model, &args.data, settings)?;
+    if evaluator.lacks_colors() {
+        tracing::warn!(
+            "{}: all points of the test clouds have one colour, as those that were imported without colours do: the \
+             network's colours are not scored",
+            args.data.display()
+        );
+    }
+    let evaluation = evaluator.run(None, console)?;
+    let mut worst = evaluation.worst_first();
+    worst.truncate(args.worst);
+    let metrics = Metrics::new(&evaluation, &settings);
+    if let Some(path) = &args.report {
+        let page = eval_page::page(args, &evaluator, &evaluation, &metrics, &worst)?;
+        std::fs::write(path, page.to_html())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    let evaluated = Evaluated {
+        metrics,
+        network_quantiles: NetworkQuantiles {
+            cd: evaluation.quantiles(|d| d.cd),
+            emd: evaluation.quantiles(|d| d.emd),
+            emd_squared: evaluation.quantiles(|d| d.emd_squared),
+        },
+        worst: (worst.into_iter())
+            .map(|test| WorstTest::new(&evaluator, &evaluation, test))
+            .collect(),
+    };
+    console.result(&evaluated, |e| {
+        let m = &e.metrics;
         format!(
-            "{}\nmeans over {} test commands; CD on {} points, EMD on {}",
-            table(m),
+            "{}\n{}\n{}\nmeans over {} test commands; CD on {} points, EMD and squared EMD (least mean squared \
+             distance)\non {}, exact: their duality gaps are at most {:.1e} m and {:.1e} m²",
+            table(&evaluation),
+            quantile_table(&e.network_quantiles),
+            worst_table(&e.worst),
             m.tests,
             m.points,
-            m.emd_points
+            m.emd_points,
+            m.emd_gap,
+            m.emd_squared_gap,
         )
     })
 }

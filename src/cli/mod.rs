@@ -1,10 +1,12 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
 mod collect;
+mod commands;
 mod console;
 mod data;
 mod demo;
 mod eval;
+mod eval_page;
 mod export;
 mod predict;
 mod render;
@@ -55,7 +57,7 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     Collect(collect::CollectArgs),
     Data(data::DataArgs),
-    Train(train::TrainArgs),
+    Train(Box<train::TrainArgs>),
     Predict(predict::PredictArgs),
     Eval(eval::EvalArgs),
     Demo(demo::DemoArgs),

@@ -1,40 +1,55 @@
 //! `tdcr predict`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::bail;
+use anyhow::{Context, bail, ensure};
 use clap::Args;
 use serde::Serialize;
-use tdcr::learn::train::Model;
+use tdcr::learn::data::{NpzArray, NpzValues, OutOfRange, write_npz};
+use tdcr::learn::train::{Model, Prediction};
+use tdcr::pipeline::{Monitor, PipelineError};
 use tdcr::sim::cloud::write_ply;
 use tdcr::sim::robot::{Loads, Robot};
 
+use super::SamplerArgs;
+use super::commands::read_commands;
 use super::console::Console;
-use super::{CommandArg, SamplerArgs};
 
-/// Predict the cloud of a settled robot for one command, and write it as PLY
+/// Predict the clouds of a settled robot for one command or many, and write them as PLY or NPZ
 #[derive(Debug, Args)]
 pub(super) struct PredictArgs {
     /// The trained model
     #[arg(long, default_value = "run/model.safetensors", value_name = "FILE")]
     model: PathBuf,
-    #[command(flatten)]
-    command: CommandArg,
+    /// Rest length of every tendon (m), separated by commas
+    #[arg(
+        long,
+        value_delimiter = ',',
+        required_unless_present = "commands",
+        allow_hyphen_values = true,
+        value_name = "M,M,..."
+    )]
+    command: Option<Vec<f64>>,
     /// Mass hung from the tip (kg), for a model of data with payloads
     #[arg(long, allow_hyphen_values = true, value_name = "KG")]
     payload: Option<f64>,
-    /// Points of the cloud
+    /// Commands instead: CSV, a line each, or JSON, a list of lists. For a model of data with payloads, the last number
+    /// of each is the payload (kg)
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["command", "payload"])]
+    commands: Option<PathBuf>,
+    /// Points of a cloud
     #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::amount)]
     points: usize,
     #[command(flatten)]
     sampler: SamplerArgs,
-    /// Seed of the noise that the cloud starts from
+    /// Seed of the noise that every cloud starts from
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// The PLY file to write
-    #[arg(long, default_value = "prediction.ply", value_name = "FILE")]
-    out: PathBuf,
+    /// What to write: a .ply or .npz file; for --commands a .npz file, or a folder for a PLY file each
+    /// [default: prediction.ply, with --commands predictions]
+    #[arg(long, value_name = "PATH")]
+    out: Option<PathBuf>,
 }
 
 #[derive(Serialize)]
@@ -44,53 +59,193 @@ struct Predicted {
     /// Corners of the cloud's bounding box (m).
     min: [f32; 3],
     max: [f32; 3],
+    /// Numbers of the command outside the training range, where predictions are extrapolations.
+    out_of_range: Vec<OutOfRange>,
     seconds: f64,
 }
 
-/// Points of a network that predicts positions alone are drawn in this colour.
+/// In a PLY file, the points of a network that predicts positions alone have this colour.
 const COLOR: [u8; 3] = [0, 114, 178];
 
 pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
-    let sampler = args.sampler.sampler()?;
     let model = Model::load(&args.model)?;
-    let condition = condition(args, &model)?;
+    match (&args.commands, &args.command) {
+        (Some(file), _) => many(args, &model, file, console),
+        (None, Some(command)) => one(args, &model, command, console),
+        (None, None) => bail!("say --command or --commands"),
+    }
+}
+
+fn one(
+    args: &PredictArgs,
+    model: &Model,
+    command: &[f64],
+    console: &Console,
+) -> anyhow::Result<()> {
+    let condition = condition(model, command, args.payload)?;
+    let out = args.out.clone().unwrap_or("prediction.ply".into());
+    let (prediction, predicted) = predict(args, model, &condition, &out, "the command")?;
+    if is_npz(&out) {
+        write_npz(&out, &arrays(&prediction, &[prediction.points.len(), 3]))?;
+    } else {
+        write_ply(&out, &prediction.into_cloud(COLOR))?;
+    }
+    console.result(&predicted, line)
+}
+
+fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> anyhow::Result<()> {
+    let payloads = takes_payloads(model);
+    let conditions = read_commands(file, |row| match (payloads, row.split_last()) {
+        (true, Some((payload, command))) => condition(model, command, Some(*payload)),
+        _ => condition(model, row, None),
+    })?;
+    let out = args.out.clone().unwrap_or("predictions".into());
+    let archive = is_npz(&out);
+    if !archive {
+        ensure!(
+            out.extension().is_none_or(|extension| extension != "ply"),
+            "--out {} is one PLY file, and --commands needs a .npz file or a folder",
+            out.display()
+        );
+        std::fs::create_dir_all(&out)
+            .with_context(|| format!("cannot make the folder {}", out.display()))?;
+    }
+    let mut results = Vec::new();
+    let mut all = Prediction {
+        points: Vec::new(),
+        colors: None,
+    };
+    console.begin("predict", conditions.len() as u64, 0);
+    for (index, condition) in conditions.iter().enumerate() {
+        if console.interrupted() {
+            return Err(PipelineError::Interrupted.into());
+        }
+        let path = match archive {
+            true => out.clone(),
+            false => out.join(format!("cloud-{index:05}.ply")),
+        };
+        let name = format!("command {index}");
+        let (prediction, predicted) = predict(args, model, condition, &path, &name)?;
+        if archive {
+            all.points.extend(prediction.points);
+            if let Some(colors) = prediction.colors {
+                all.colors.get_or_insert_default().extend(colors);
+            }
+        } else {
+            write_ply(&path, &prediction.into_cloud(COLOR))?;
+        }
+        results.push(predicted);
+        console.advance(1);
+    }
+    console.end();
+    if archive {
+        let values: Vec<f32> = conditions.iter().flatten().map(|x| *x as f32).collect();
+        let (count, dimension) = (conditions.len(), conditions[0].len());
+        let shape = [count, args.points, 3];
+        let commands = NpzArray {
+            name: "commands",
+            shape: &[count, dimension],
+            values: NpzValues::Floats(&values),
+        };
+        let mut arrays = arrays(&all, &shape);
+        arrays.push(commands);
+        write_npz(&out, &arrays)?;
+    }
+    console.result(&results, |all| {
+        all.iter().map(|predicted| line(predicted) + "\n").collect()
+    })
+}
+
+/// A cloud (m), and what is told of it; warns of a command outside the training range.
+fn predict(
+    args: &PredictArgs,
+    model: &Model,
+    condition: &[f64],
+    file: &Path,
+    name: &str,
+) -> anyhow::Result<(Prediction, Predicted)> {
+    let sampler = args.sampler.sampler()?;
+    let out_of_range = model.provenance.normalisation.out_of_range(condition)?;
+    for OutOfRange {
+        index,
+        value,
+        min,
+        max,
+    } in &out_of_range
+    {
+        let what = match takes_payloads(model) && index + 1 == condition.len() {
+            true => "the payload (kg)".to_owned(),
+            false => format!("tendon {index}"),
+        };
+        tracing::warn!(
+            "{name}: {what} is {value}, outside the training range {min} to {max}: \
+             the prediction is an extrapolation"
+        );
+    }
     let start = Instant::now();
-    let prediction = model.predict(&condition, args.points, args.seed, &sampler)?;
+    let prediction = model.predict(condition, args.points, args.seed, &sampler)?;
     let seconds = start.elapsed().as_secs_f64();
-    let cloud = prediction.into_cloud(COLOR);
     let bound = |pick: fn(f32, f32) -> f32, from: f32| {
-        cloud.points.iter().fold([from; 3], |b, p| {
+        prediction.points.iter().fold([from; 3], |b, p| {
             std::array::from_fn(|axis| pick(b[axis], p[axis]))
         })
     };
     let predicted = Predicted {
-        file: args.out.clone(),
-        points: cloud.len(),
+        file: file.to_owned(),
+        points: prediction.points.len(),
         min: bound(f32::min, f32::INFINITY),
         max: bound(f32::max, f32::NEG_INFINITY),
+        out_of_range,
         seconds,
     };
-    write_ply(&args.out, &cloud)?;
-    console.result(&predicted, |p| {
-        format!(
-            "{}: {} points from {:.3?} to {:.3?} m, predicted in {:.2} s",
-            p.file.display(),
-            p.points,
-            p.min,
-            p.max,
-            p.seconds
-        )
-    })
+    Ok((prediction, predicted))
+}
+
+fn line(predicted: &Predicted) -> String {
+    format!(
+        "{}: {} points from {:.3?} to {:.3?} m, predicted in {:.2} s",
+        predicted.file.display(),
+        predicted.points,
+        predicted.min,
+        predicted.max,
+        predicted.seconds
+    )
+}
+
+fn is_npz(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "npz")
+}
+
+/// Arrays of an archive: points and, where the network predicts them, colours, both of `shape`.
+fn arrays<'a>(prediction: &'a Prediction, shape: &'a [usize]) -> Vec<NpzArray<'a>> {
+    let points = NpzValues::Floats(prediction.points.as_flattened());
+    let colors = prediction.colors.as_ref();
+    let colors = colors.map(|colors| NpzValues::Bytes(colors.as_flattened()));
+    [("points", Some(points)), ("rgb", colors)]
+        .into_iter()
+        .filter_map(|(name, values)| {
+            values.map(|values| NpzArray {
+                name,
+                shape,
+                values,
+            })
+        })
+        .collect()
+}
+
+fn takes_payloads(model: &Model) -> bool {
+    let subject = model.provenance.subject.as_ref();
+    subject.is_some_and(|subject| subject.payload.is_some())
 }
 
 /// The command and, for a model of data with payloads, the payload.
-fn condition(args: &PredictArgs, model: &Model) -> anyhow::Result<Vec<f64>> {
-    let mut condition = args.command.lengths.clone();
+fn condition(model: &Model, command: &[f64], payload: Option<f64>) -> anyhow::Result<Vec<f64>> {
+    let mut condition = command.to_vec();
     let subject = model.provenance.subject.as_ref();
     if let Some(subject) = subject {
         Robot::new(subject.robot.clone())?.command(&condition)?;
     }
-    match (subject.and_then(|subject| subject.payload), args.payload) {
+    match (subject.and_then(|subject| subject.payload), payload) {
         (Some(_), Some(mass)) => {
             Loads::payload(mass)?;
             condition.push(mass);
@@ -101,5 +256,7 @@ fn condition(args: &PredictArgs, model: &Model) -> anyhow::Result<Vec<f64>> {
         (None, Some(_)) => bail!("the model was trained without payloads: leave out --payload"),
         (None, None) => {}
     }
+    // A model of imported data knows no robot, only how many numbers a command has.
+    model.provenance.normalisation.condition(&condition)?;
     Ok(condition)
 }

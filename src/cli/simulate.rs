@@ -5,14 +5,15 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nalgebra::DMatrix;
 use serde::Serialize;
 use tdcr::pipeline::{Monitor, PipelineError};
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
-use tdcr::sim::robot::{Command, Loads, Robot};
+use tdcr::sim::robot::{Loads, Robot};
 
+use super::commands::read_commands;
 use super::console::Console;
 
 /// Move a robot through a sequence of commands, from the straight pose at rest
@@ -21,7 +22,8 @@ pub(super) struct SimulateArgs {
     /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
     #[arg(long, default_value = "2m")]
     robot: String,
-    /// Commands as CSV: a line per time step, an entry per tendon (m, or N for a tension drive)
+    /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), or as JSON, a list
+    /// of lists
     #[arg(long, value_name = "FILE")]
     commands: PathBuf,
     /// Time step (s)
@@ -82,7 +84,7 @@ struct Simulated {
 
 pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> {
     let robot = Robot::new(super::load_robot(&args.robot)?)?;
-    let commands = read_commands(&args.commands, &robot)?;
+    let commands = read_commands(&args.commands, |row| Ok(robot.command(row)?))?;
     let loads = Loads::payload(args.payload)?;
     let mut stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
     let mut path = args
@@ -133,37 +135,6 @@ fn write_matrices(file: &Path, linear: &Linearisation) -> anyhow::Result<()> {
     let matrices = serde_json::json!({ "a": rows(&linear.a), "b": rows(&linear.b) });
     std::fs::write(file, matrices.to_string())
         .with_context(|| format!("cannot write to {}", file.display()))
-}
-
-/// Reads one command per line; empty lines and lines that begin with `#` are passed over.
-fn read_commands(file: &Path, robot: &Robot) -> anyhow::Result<Vec<Command>> {
-    let text = std::fs::read_to_string(file)
-        .with_context(|| format!("cannot read commands from {}", file.display()))?;
-    let mut commands = Vec::new();
-    for (number, line) in text.lines().enumerate() {
-        let line = line.trim();
-        if line.is_empty() || line.starts_with('#') {
-            continue;
-        }
-        let command = parse_command(line, robot);
-        commands.push(command.with_context(|| format!("{} line {}", file.display(), number + 1))?);
-    }
-    if commands.is_empty() {
-        bail!(
-            "{} has no commands; expected one line per time step",
-            file.display()
-        );
-    }
-    Ok(commands)
-}
-
-fn parse_command(line: &str, robot: &Robot) -> anyhow::Result<Command> {
-    let entry = |text: &str| {
-        let text = text.trim();
-        (text.parse::<f64>()).with_context(|| format!("`{text}` is not a number"))
-    };
-    let values: Vec<f64> = line.split(',').map(entry).collect::<anyhow::Result<_>>()?;
-    Ok(robot.command(&values)?)
 }
 
 /// The CSV file of the discs' path.

@@ -1,14 +1,18 @@
 //! `tdcr train`.
 
+use std::fmt::Display;
 use std::path::PathBuf;
 
-use anyhow::ensure;
+use anyhow::{bail, ensure};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use tdcr::learn::data::{PayloadRange, Recipe, StreamSpec, Subject};
+use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::net::{Channels, ContextShape};
 use tdcr::learn::train::TrainSettings;
-use tdcr::pipeline::{NetworkSize, StreamSettings, TrainingData, model_path, train};
+use tdcr::pipeline::{
+    Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
+};
 
 use super::console::Console;
 
@@ -22,45 +26,73 @@ pub(super) struct TrainArgs {
     data: PathBuf,
     #[command(flatten)]
     stream: StreamArgs,
-    /// Folder of the run: model and state
+    /// Folder of the run: model, state, and the log as log.csv and for TensorBoard
     #[arg(long, default_value = "run", value_name = "DIR")]
     out: PathBuf,
     /// Network: every point alone, or with a context from the cloud about it
     #[arg(long, value_enum, default_value_t = Net::Mlp)]
     net: Net,
-    /// Features per layer
-    #[arg(long, default_value_t = 96, value_name = "N")]
-    width: usize,
-    /// Layers
-    #[arg(long, default_value_t = 6, value_name = "N")]
-    depth: usize,
-    /// Features of the embedding of time and command
-    #[arg(long, default_value_t = 128, value_name = "N")]
-    embedding: usize,
+    /// Defaults of the options that say so
+    #[arg(long, default_value = Preset::default().name, value_parser = preset())]
+    preset: Preset,
+    #[arg(long, value_name = "N", help = by_preset("Features per layer", |p| p.width))]
+    width: Option<usize>,
+    #[arg(long, value_name = "N", help = by_preset("Layers", |p| p.depth))]
+    depth: Option<usize>,
+    #[arg(long, value_name = "N", help = by_preset("Features of the embedding of time and command", |p| p.embedding))]
+    embedding: Option<usize>,
     /// Learn the colours of the points beside their positions
     #[arg(long)]
     colors: bool,
-    /// Optimiser steps
-    #[arg(long, default_value_t = TrainSettings::default().steps, value_name = "N")]
-    steps: u64,
-    /// Clouds per step
-    #[arg(long, default_value_t = TrainSettings::default().clouds, value_name = "N")]
-    clouds: usize,
-    /// Points per cloud and step
-    #[arg(long, default_value_t = TrainSettings::default().points, value_name = "N")]
-    points: usize,
-    /// Learning rate after warm-up
-    #[arg(long, default_value_t = TrainSettings::default().learning_rate, value_name = "RATE")]
-    learning_rate: f64,
-    /// Steps between validations
-    #[arg(long, default_value_t = TrainSettings::default().validate_every, value_name = "N")]
-    validate_every: u64,
+    #[arg(long, value_name = "N", help = by_preset("Optimiser steps", |p| match p.length {
+        Length::Steps(steps) => steps.to_string(),
+        Length::Epochs(epochs) => format!("{epochs} epochs"),
+    }))]
+    steps: Option<u64>,
+    #[arg(long, value_name = "N", help = by_network("Clouds per step", |r| r.clouds))]
+    clouds: Option<usize>,
+    #[arg(long, value_name = "N", help = by_preset("Points per cloud and step, or all that a cloud has", |p| p.points))]
+    points: Option<usize>,
+    #[arg(long, value_name = "RATE", help = by_network("Learning rate after warm-up", |r| r.learning_rate))]
+    learning_rate: Option<f64>,
+    #[arg(long, value_name = "N", help = by_network("Steps of warm-up, at most a tenth of all", |r| r.warmup_steps))]
+    warmup: Option<u64>,
+    #[arg(long, value_name = "N", help = by_preset("Steps between validations", |p| p.validate_every))]
+    validate_every: Option<u64>,
+    /// End the run after so many validations without a better one [default: take all steps]
+    #[arg(long, value_name = "N")]
+    patience: Option<u64>,
     /// Seed of weights, noise and subsets
     #[arg(long, default_value_t = 0)]
     seed: u64,
     // The heading holds for what follows it.
     #[command(flatten)]
     context: ContextArgs,
+}
+
+/// Parses the name of a preset.
+fn preset() -> impl TypedValueParser<Value = Preset> {
+    let value = |preset: Preset| PossibleValue::new(preset.name).help(preset.purpose);
+    PossibleValuesParser::new(Preset::ALL.map(value))
+        .map(|name| Preset::named(&name).expect("one of the possible values"))
+}
+
+/// The help of an option whose default is the preset's.
+fn by_preset<T: Display>(about: &str, value: fn(&Preset) -> T) -> String {
+    let defaults = Preset::ALL.map(|preset| format!("{} {}", preset.name, value(&preset)));
+    format!("{about} [default: {}]", defaults.join(", "))
+}
+
+/// The same where it may be another for the hybrid network.
+fn by_network<T: Display + PartialEq>(about: &str, value: fn(&Rates) -> T) -> String {
+    let defaults = Preset::ALL.map(|preset| {
+        let [mlp, hybrid] = preset.rates.each_ref().map(value);
+        match mlp == hybrid {
+            true => format!("{} {mlp}", preset.name),
+            false => format!("{} {mlp}, hybrid {hybrid}", preset.name),
+        }
+    });
+    format!("{about} [default: {}]", defaults.join("; "))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -204,6 +236,52 @@ fn training_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
     })))
 }
 
+/// Network and settings: the preset's, but for what is asked for.
+fn plan(
+    args: &TrainArgs,
+    context: Option<ContextShape>,
+) -> anyhow::Result<(NetworkSize, TrainSettings)> {
+    let preset = Preset {
+        width: args.width.unwrap_or(args.preset.width),
+        depth: args.depth.unwrap_or(args.preset.depth),
+        embedding: args.embedding.unwrap_or(args.preset.embedding),
+        length: args.steps.map_or(args.preset.length, Length::Steps),
+        points: args.points.unwrap_or(args.preset.points),
+        validate_every: args.validate_every.unwrap_or(args.preset.validate_every),
+        ..args.preset
+    };
+    let rates = args.preset.rates[usize::from(args.net == Net::Hybrid)];
+    let rates = Rates {
+        clouds: args.clouds.unwrap_or(rates.clouds),
+        learning_rate: args.learning_rate.unwrap_or(rates.learning_rate),
+        warmup_steps: args.warmup.unwrap_or(rates.warmup_steps),
+    };
+    let set = match (preset.length, &args.stream.stream) {
+        (Length::Steps(_), _) => 0,
+        (Length::Epochs(_), None) => DataSet::open(&args.data)?.conditions(Split::Train)?.len(),
+        (Length::Epochs(epochs), Some(_)) => bail!(
+            "preset {} takes {epochs} epochs of a data set, and a stream has no end: say --steps N",
+            preset.name
+        ),
+    };
+    let settings = TrainSettings {
+        seed: args.seed,
+        patience: args.patience,
+        ..preset.settings(rates, preset.length.steps(rates.clouds, set))
+    };
+    let size = NetworkSize {
+        width: preset.width,
+        depth: preset.depth,
+        embedding: preset.embedding,
+        context,
+        channels: match args.colors {
+            true => Channels::XyzRgb,
+            false => Channels::Xyz,
+        },
+    };
+    Ok((size, settings))
+}
+
 #[derive(Serialize)]
 struct Run {
     model: PathBuf,
@@ -215,34 +293,15 @@ struct Run {
 }
 
 pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
-    let size = NetworkSize {
-        width: args.width,
-        depth: args.depth,
-        embedding: args.embedding,
-        context: args.context.shape(args.net)?,
-        channels: match args.colors {
-            true => Channels::XyzRgb,
-            false => Channels::Xyz,
-        },
-    };
-    let defaults = TrainSettings::default();
-    let settings = TrainSettings {
-        steps: args.steps,
-        clouds: args.clouds,
-        points: args.points,
-        learning_rate: args.learning_rate,
-        warmup_steps: defaults.warmup_steps.min(args.steps / 10),
-        validate_every: args.validate_every,
-        seed: args.seed,
-        ..defaults
-    };
+    let context = args.context.shape(args.net)?;
     let data = training_data(args)?;
+    let (size, settings) = plan(args, context)?;
     let trained = train(&data, &args.out, size, &settings, console)?;
     let scale = trained.model.provenance.normalisation.scale;
     let run = Run {
         model: model_path(&args.out),
         parameters: trained.model.network.params().len(),
-        steps: args.steps,
+        steps: trained.losses.len() as u64,
         best_step: trained.model.step,
         validation_cd: trained.model.validation_distance * scale * scale,
     };

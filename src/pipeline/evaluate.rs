@@ -12,12 +12,14 @@ use tdcr_learn::data::{
     CloudSet, Condition, DataSet, Normalisation, Recipe, Sample, Simulator, Split, Subject,
 };
 use tdcr_learn::flow::Sampler;
-use tdcr_learn::metrics::{chamfer, color_error, emd};
+use tdcr_learn::metrics::{chamfer, color_error, emd, emd_squared};
+use tdcr_learn::net::Channels;
 use tdcr_learn::train::{Model, Prediction};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::robot::Robot;
 
 use super::journal::Journal;
+use super::scores::{Distances, Evaluation, Scores};
 use super::{Monitor, PipelineError};
 
 /// How a network is scored.
@@ -25,7 +27,7 @@ use super::{Monitor, PipelineError};
 pub struct EvalSettings {
     /// Points of each cloud that the Chamfer distance is computed on.
     pub points: usize,
-    /// Points of each cloud that the earth mover's distance is computed on, no more than `points`.
+    /// Points of each cloud that the earth mover's distances are computed on, no more than `points`.
     pub emd_points: usize,
     /// Sampler of the predictions.
     pub sampler: Sampler,
@@ -33,86 +35,15 @@ pub struct EvalSettings {
     pub seed: u64,
 }
 
-/// Distances between two clouds.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Distances {
-    /// Squared Chamfer distance (m², paper, Eq. cd).
-    pub cd: f64,
-    /// Earth mover's distance (m, paper, Eq. emd).
-    pub emd: f64,
-}
-
-/// Distances of several predictors' clouds from the true one.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Scores {
-    /// Of the network's prediction.
-    pub network: Distances,
-    /// Of the training cloud whose command is nearest.
-    pub nearest: Distances,
-    /// Of the cloud of the mean training command; `None` where the data set names no robot.
-    pub mean: Option<Distances>,
-    /// Of a second, independent sample of the true surface: what a perfect predictor would reach.
-    /// `None` where the data set names no robot.
-    pub floor: Option<Distances>,
-    /// Mean absolute difference, in [0, 1], of the colours of the network's points from those of the nearest points of the
-    /// whole true cloud ([`color_error`]). `None` where the network predicts no colours.
-    pub color: Option<f64>,
-}
-
-/// The scores of every test command.
-#[derive(Clone, Debug)]
-pub struct Evaluation {
-    /// Scores by index in the test split.
-    pub per_test: Vec<Scores>,
-}
+/// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
+/// parse: it changes with the fields of [`Scores`] and with how they are computed.
+const JOURNAL_FORMAT: u32 = 3;
 
 /// A finished piece of the evaluation.
 #[derive(Serialize, Deserialize)]
 struct Entry {
     index: usize,
     scores: Scores,
-}
-
-impl Evaluation {
-    /// Mean scores over all test commands.
-    pub fn mean(&self) -> Scores {
-        let over = |distances: &dyn Fn(&Scores) -> Option<Distances>| -> Option<Distances> {
-            let all = self
-                .per_test
-                .iter()
-                .map(distances)
-                .collect::<Option<Vec<_>>>()?;
-            let mean =
-                |pick: fn(&Distances) -> f64| all.iter().map(pick).sum::<f64>() / all.len() as f64;
-            Some(Distances {
-                cd: mean(|d| d.cd),
-                emd: mean(|d| d.emd),
-            })
-        };
-        Scores {
-            network: over(&|s| Some(s.network)).expect("every test has it"),
-            nearest: over(&|s| Some(s.nearest)).expect("every test has it"),
-            mean: over(&|s| s.mean),
-            floor: over(&|s| s.floor),
-            color: {
-                let all: Option<Vec<f64>> = self.per_test.iter().map(|s| s.color).collect();
-                all.map(|all| all.iter().sum::<f64>() / all.len() as f64)
-            },
-        }
-    }
-
-    /// Indices of `count` test commands, from the network's best to its worst, evenly spread.
-    pub fn spread(&self, count: usize) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.per_test.len()).collect();
-        let cd = |index: &usize| self.per_test[*index].network.cd;
-        order.sort_by(|a, b| cd(a).total_cmp(&cd(b)));
-        let last = (order.len() - 1) as f64;
-        let mut ranks: Vec<usize> = (0..count)
-            .map(|k| (last * k as f64 / (count.max(2) - 1) as f64).round() as usize)
-            .collect();
-        ranks.dedup();
-        ranks.into_iter().map(|rank| order[rank]).collect()
-    }
 }
 
 /// A model, and the data set that it is tested on.
@@ -124,6 +55,8 @@ pub struct Evaluator<'a> {
     training: CloudSet,
     normalisation: Normalisation,
     test: Vec<Sample>,
+    /// Whether the test clouds have several colours between them.
+    colored: bool,
     simulation: Option<Simulation>,
 }
 
@@ -170,6 +103,9 @@ impl<'a> Evaluator<'a> {
                 available: settings.points,
             });
         }
+        let mut colors = test.iter().flat_map(|sample| &sample.cloud.colors);
+        let first = colors.next();
+        let colored = colors.any(|color| Some(color) != first);
         let simulation = recipe
             .map(|recipe| Simulation::new(recipe, &set, &training, settings.seed))
             .transpose()?;
@@ -179,13 +115,35 @@ impl<'a> Evaluator<'a> {
             training,
             normalisation: set.normalisation().clone(),
             test,
+            colored,
             simulation,
         })
+    }
+
+    /// The network that is scored.
+    pub fn model(&self) -> &Model {
+        self.model
+    }
+
+    /// How it is scored.
+    pub fn settings(&self) -> &EvalSettings {
+        &self.settings
+    }
+
+    /// The robot of the data set; `None` where it names none.
+    pub fn robot(&self) -> Option<&Robot> {
+        self.simulation.as_ref().map(|simulation| &simulation.robot)
     }
 
     /// The samples of the test split.
     pub fn test(&self) -> &[Sample] {
         &self.test
+    }
+
+    /// Whether the network predicts colours that the data set cannot judge: all points of its test clouds have one
+    /// colour, as those of clouds that were imported without colours do.
+    pub fn lacks_colors(&self) -> bool {
+        self.model.network.shape().channels() == Channels::XyzRgb && !self.colored
     }
 
     /// The network's cloud for test command `index`, `points` points.
@@ -228,6 +186,7 @@ impl<'a> Evaluator<'a> {
     ) -> Result<Evaluation, PipelineError> {
         let count = self.test.len();
         let key = json!({
+            "format": JOURNAL_FORMAT,
             "settings": self.settings,
             "model": {"step": self.model.step, "validation": self.model.validation_distance},
             "tests": count,
@@ -288,6 +247,7 @@ impl<'a> Evaluator<'a> {
         let color = |colors: &Vec<[u8; 3]>| {
             color_error((&prediction.points, colors), (&cloud.points, &cloud.colors))
         };
+        let colors = prediction.colors.as_ref().filter(|_| self.colored);
         Ok(Scores {
             network: against(&prediction.points)?,
             nearest: against(&nearest)?,
@@ -297,7 +257,7 @@ impl<'a> Evaluator<'a> {
                 .map(|s| against(&s.mean.points))
                 .transpose()?,
             floor: simulated.map(|cloud| against(&cloud.points)).transpose()?,
-            color: prediction.colors.as_ref().map(color).transpose()?,
+            color: colors.map(color).transpose()?,
         })
     }
 
@@ -316,9 +276,15 @@ impl<'a> Evaluator<'a> {
         truth: &[[f32; 3]],
     ) -> Result<Distances, PipelineError> {
         let few = self.settings.emd_points;
+        let (few_of_cloud, few_of_truth) = (&cloud[..few], &truth[..few]);
+        let emd = emd(few_of_cloud, few_of_truth)?;
+        let emd_squared = emd_squared(few_of_cloud, few_of_truth)?;
         Ok(Distances {
             cd: chamfer(cloud, truth)?,
-            emd: emd(&cloud[..few], &truth[..few])?.value,
+            emd: emd.value,
+            emd_gap: emd.gap,
+            emd_squared: emd_squared.value,
+            emd_squared_gap: emd_squared.gap,
         })
     }
 }

@@ -6,15 +6,21 @@
 
 mod collect;
 mod evaluate;
+mod events;
 mod journal;
+mod log;
 mod monitor;
+mod preset;
+mod scores;
 mod survey;
 mod train;
 
 pub use collect::{CollectSettings, CollectTimes, collect};
 use evaluate::require_same;
-pub use evaluate::{Distances, EvalSettings, Evaluation, Evaluator, Scores};
+pub use evaluate::{EvalSettings, Evaluator};
 pub use monitor::{Monitor, Silent};
+pub use preset::{Length, Preset, Rates};
+pub use scores::{Distances, Evaluation, Quantiles, Scores};
 pub use survey::{Survey, Tips};
 pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, model_path, train};
 
@@ -50,9 +56,12 @@ pub enum PipelineError {
         /// What the operating system said.
         source: std::io::Error,
     },
-    /// Training cannot start, or diverged.
+    /// Training cannot start.
     #[error(transparent)]
     Train(#[from] TrainError),
+    /// Training diverged, and left its last good state.
+    #[error(transparent)]
+    Diverged(Box<Divergence>),
     /// The folder holds a run with other settings or data.
     #[error("{} cannot be taken up: {source}; choose another folder, or remove this one", path.display())]
     OtherRun {
@@ -102,6 +111,38 @@ pub enum PipelineError {
         /// Points there are.
         available: usize,
     },
+}
+
+/// A run that diverged, and what it left.
+#[derive(Debug, Error)]
+#[error("{source}; {}", after_divergence(state, model, *learning_rate))]
+pub struct Divergence {
+    /// What happened, and at which step.
+    pub source: TrainError,
+    /// File and step of the last good state; none where there is none yet.
+    pub state: Option<(PathBuf, u64)>,
+    /// File and step of the best network; none where none was validated yet.
+    pub model: Option<(PathBuf, u64)>,
+    /// The run's learning rate after warm-up.
+    pub learning_rate: f64,
+}
+
+fn after_divergence(
+    state: &Option<(PathBuf, u64)>,
+    model: &Option<(PathBuf, u64)>,
+    learning_rate: f64,
+) -> String {
+    let kept = |what: &str, kept: &Option<(PathBuf, u64)>| match kept {
+        Some((path, step)) => format!("the {what} is of step {step}, in {}", path.display()),
+        None => format!("there is no {what} yet"),
+    };
+    format!(
+        "{}; {}. The same command would come to the same end: train into another folder (--out) with a lower \
+         --learning-rate than {learning_rate}, such as {}",
+        kept("last good state", state),
+        kept("best network", model),
+        learning_rate / 3.0
+    )
 }
 
 fn with_base(base: &BaseVisibility) -> &'static str {

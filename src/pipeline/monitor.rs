@@ -11,6 +11,9 @@ pub trait Monitor: Sync {
     /// Something worth showing beside the progress, e.g. the latest score.
     fn note(&self, text: &str);
 
+    /// How it stands now, to be shown until the next of these or of [`Self::note`]s: too much for a log.
+    fn status(&self, text: &str);
+
     /// The stage is over.
     fn end(&self);
 
@@ -26,6 +29,7 @@ impl Monitor for Silent {
     fn begin(&self, _stage: &str, _steps: u64, _done: u64) {}
     fn advance(&self, _steps: u64) {}
     fn note(&self, _text: &str) {}
+    fn status(&self, _text: &str) {}
     fn end(&self) {}
     fn interrupted(&self) -> bool {
         false

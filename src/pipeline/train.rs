@@ -6,13 +6,14 @@ use tdcr_learn::data::{CloudSet, DataSet, Meta, Split, StreamSpec};
 use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape};
 use tdcr_learn::train::{
-    Feed, Model, Provenance, StreamWindow, TrainSettings, Trainer, TrainingState,
+    Feed, Model, Provenance, StreamWindow, TrainError, TrainSettings, Trainer, TrainingState,
 };
 
-use super::{Monitor, PipelineError, require_same};
+use super::log::RunLog;
+use super::{Divergence, Monitor, PipelineError, require_same};
 
-/// Steps between two looks at the monitor, and so what is told at once.
-const STEPS_PER_REPORT: u64 = 10;
+/// Steps between two words on the loss.
+const STEPS_PER_STATUS: u64 = 10;
 
 /// Size of a network, but for what the data set says.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,10 +89,11 @@ fn state_path(run: &Path) -> PathBuf {
     run.join("state.safetensors")
 }
 
-/// Trains a network on `data`, keeping model and state in the folder `run`.
+/// Trains a network on `data`, keeping model, state and log in the folder `run`.
 ///
 /// The state is saved at every validation and at an interruption; a run that is taken up ends with
-/// the network of an uninterrupted one, bit for bit.
+/// the network and the `log.csv` of an uninterrupted one, bit for bit. A state whose loss is above its running level is
+/// not saved: when training diverges, the last good one is still there.
 ///
 /// # Errors
 /// [`PipelineError`]: a data set or files that do not fit, training that diverges, or an
@@ -173,19 +175,21 @@ fn train_on(
         path: run.to_owned(),
         source,
     })?;
-    // A validation looks at no cloud twice, and at no more points than a cloud has.
+    // A validation looks at no cloud twice, and neither it nor a step at more points than a cloud has.
     let settings = TrainSettings {
+        points: settings.points.min(training.points_per_cloud()),
         validation_clouds: settings.validation_clouds.min(validation.len()),
         validation_points: settings.validation_points.min(validation.points_per_cloud),
         ..settings.clone()
     };
     let mut trainer = open(run, size, &settings, training, validation)?;
+    let scale = provenance.normalisation.scale;
+    let mut log = RunLog::open(run, &trainer, scale)?;
     if !trainer.is_finished() {
         monitor.begin("train", settings.steps, trainer.steps_taken());
-        finish(&mut trainer, run, &provenance, monitor)?;
+        finish(&mut trainer, &mut log, run, &provenance, monitor)?;
         monitor.end();
     }
-    let scale = provenance.normalisation.scale;
     Ok(Trained {
         losses: trainer.losses().to_vec(),
         validations: (trainer.validations().iter())
@@ -215,40 +219,78 @@ fn open<'a>(
     resumed.map_err(|source| PipelineError::OtherRun { path, source })
 }
 
+/// Takes the steps that are left.
 fn finish(
     trainer: &mut Trainer,
+    log: &mut RunLog,
     run: &Path,
     provenance: &Provenance,
     monitor: &dyn Monitor,
 ) -> Result<(), PipelineError> {
-    let save = |trainer: &Trainer| -> Result<(), PipelineError> {
-        if let Some(model) = trainer.model(provenance.clone()) {
-            model.save(&model_path(run))?;
-        }
-        Ok(trainer.state(provenance.clone()).save(&state_path(run))?)
-    };
-    let distance = |a: &[[f32; 3]], b: &[[f32; 3]]| chamfer(a, b).unwrap_or(f64::NAN);
-    let mut told = trainer.steps_taken();
+    let (model_path, state_path) = (model_path(run), state_path(run));
+    let mut saved = (trainer.steps_taken() > 0).then_some(trainer.steps_taken());
+    let mut due = false;
     while !trainer.is_finished() {
-        trainer.step()?;
-        let step = trainer.steps_taken();
-        if step.is_multiple_of(STEPS_PER_REPORT) {
-            monitor.advance(step - told);
-            told = step;
+        let stepped = match step(trainer, provenance, monitor) {
+            Err(source) if source.is_divergence() => {
+                let best = trainer.model(provenance.clone()).map(|model| model.step);
+                return Err(PipelineError::Diverged(Box::new(Divergence {
+                    source,
+                    state: saved.map(|step| (state_path, step)),
+                    model: best.map(|step| (model_path, step)),
+                    learning_rate: trainer.settings().learning_rate,
+                })));
+            }
+            stepped => stepped?,
+        };
+        log.catch_up(trainer)?;
+        let interrupted = monitor.interrupted();
+        due |= stepped == Stepped::Validated || interrupted;
+        if due && (trainer.is_level() || trainer.is_finished()) {
+            if let Some(model) = trainer.model(provenance.clone()) {
+                model.save(&model_path)?;
+            }
+            log.sync()?;
+            trainer.state(provenance.clone()).save(&state_path)?;
+            (saved, due) = (Some(trainer.steps_taken()), false);
         }
-        if trainer.validation_is_due() {
-            let distance = trainer.validate(&distance)?;
-            let scale = provenance.normalisation.scale;
-            monitor.note(&format!(
-                "validation CD {:.3e} m²",
-                distance * scale * scale
-            ));
-            save(trainer)?;
-        }
-        if monitor.interrupted() && !trainer.is_finished() {
-            save(trainer)?;
+        if interrupted && !trainer.is_finished() {
             return Err(PipelineError::Interrupted);
         }
     }
     Ok(())
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Stepped {
+    Plain,
+    Validated,
+}
+
+/// Takes a step, and the validation that is due after it.
+fn step(
+    trainer: &mut Trainer,
+    provenance: &Provenance,
+    monitor: &dyn Monitor,
+) -> Result<Stepped, TrainError> {
+    let loss = trainer.step()?;
+    monitor.advance(1);
+    let area = provenance.normalisation.scale.powi(2);
+    if trainer.validation_is_due() {
+        let distance = |a: &[[f32; 3]], b: &[[f32; 3]]| chamfer(a, b).unwrap_or(f64::NAN);
+        let distance = trainer.validate(&distance)?;
+        monitor.note(&format!(
+            "loss {loss:.3e}, validation CD {:.3e} m²",
+            distance * area
+        ));
+        return Ok(Stepped::Validated);
+    }
+    if trainer.steps_taken().is_multiple_of(STEPS_PER_STATUS) {
+        let validated = trainer.validations().last();
+        let cd = validated.map_or(String::new(), |(_, distance)| {
+            format!(", validation CD {:.3e} m²", distance * area)
+        });
+        monitor.status(&format!("loss {loss:.3e}{cd}"));
+    }
+    Ok(Stepped::Plain)
 }

@@ -4,7 +4,7 @@ use super::axis::Spacing;
 use super::chart::{AxisStyle, Role, Series, duration_bars, line_chart};
 use super::html::{duration, escape};
 use super::sections::{CD_TITLE, CD_UNIT, figure, missing};
-use super::{Report, Stage};
+use super::{PerTest, Stage, Training};
 
 /// Points of a drawn curve at most.
 const CURVE_POINTS: usize = 300;
@@ -15,27 +15,21 @@ fn chart_figure(class: &str, chart: Option<String>, caption: &str) -> String {
 }
 
 /// The share of test commands below each Chamfer distance.
-pub(crate) fn distribution(report: &Report) -> String {
-    let Some(per_test) = &report.per_test else {
+pub(crate) fn distribution(per_test: Option<&PerTest>) -> String {
+    let Some(per_test) = per_test else {
         return missing();
     };
+    let curve = |name, role, values: &[f64]| Series {
+        name,
+        role,
+        points: cumulative_share(values),
+    };
     let mut series = vec![
-        Series {
-            name: "Network",
-            role: Role::Network,
-            points: cumulative_share(&per_test.network),
-        },
-        Series {
-            name: "Nearest training command",
-            role: Role::Nearest,
-            points: cumulative_share(&per_test.nearest),
-        },
+        curve("Network", Role::Network, &per_test.network),
+        curve("Nearest training command", Role::Nearest, &per_test.nearest),
     ];
-    if let Some(floor) = &report.floor {
-        series.push(floor_line(vec![
-            (floor.cd / CD_UNIT, 0.0),
-            (floor.cd / CD_UNIT, 100.0),
-        ]));
+    if !per_test.floor.is_empty() {
+        series.push(curve("Sampling floor", Role::Floor, &per_test.floor));
     }
     let chart = line_chart(
         "Share of test commands below each Chamfer distance",
@@ -54,7 +48,8 @@ pub(crate) fn distribution(report: &Report) -> String {
         chart,
         "Cumulative distribution over the test commands: the height of a curve is the share of \
          commands with a Chamfer distance of at most the value below it. The further left, the \
-         better; a long run to the right shows commands that are predicted badly.",
+         better; a long run to the right shows commands that are predicted badly. No prediction can \
+         be expected to run left of the sampling floor.",
     )
 }
 
@@ -74,16 +69,8 @@ fn cumulative_share(values: &[f64]) -> Vec<(f64, f64)> {
     points
 }
 
-fn floor_line(points: Vec<(f64, f64)>) -> Series<'static> {
-    Series {
-        name: "Sampling floor",
-        role: Role::Floor,
-        points,
-    }
-}
-
-/// The curves of training loss and validation error.
-pub(crate) fn training(report: &Report) -> String {
+/// The section of training loss and validation error.
+pub(crate) fn training(training: &Training) -> String {
     let step_axis = AxisStyle {
         title: "Training step",
         spacing: Spacing::Linear,
@@ -92,7 +79,7 @@ pub(crate) fn training(report: &Report) -> String {
         title,
         spacing: Spacing::Log,
     };
-    let stride = report.loss_curve.len().div_ceil(CURVE_POINTS).max(1);
+    let stride = training.loss_curve.len().div_ceil(CURVE_POINTS).max(1);
     let loss = line_chart(
         "Training loss",
         &step_axis,
@@ -100,7 +87,7 @@ pub(crate) fn training(report: &Report) -> String {
         &[Series {
             name: "Training",
             role: Role::Network,
-            points: binned(&report.loss_curve, stride),
+            points: binned(&training.loss_curve, stride),
         }],
     );
     let mut loss_caption =
@@ -108,7 +95,7 @@ pub(crate) fn training(report: &Report) -> String {
     if stride > 1 {
         loss_caption += &format!(" Each point is the mean of up to {stride} recorded values.");
     }
-    let validation: Vec<(f64, f64)> = report
+    let validation: Vec<(f64, f64)> = training
         .validation_curve
         .iter()
         .map(|&(step, cd)| (step as f64, cd / CD_UNIT))
@@ -124,7 +111,7 @@ pub(crate) fn training(report: &Report) -> String {
         }],
     );
     format!(
-        "<div class=\"pair\">{}{}</div>",
+        "<section><h2>Training</h2><div class=\"pair\">{}{}</div></section>",
         chart_figure("", loss, &loss_caption),
         chart_figure(
             "",
@@ -132,7 +119,7 @@ pub(crate) fn training(report: &Report) -> String {
             &format!(
                 "Chamfer distance between predicted and true clouds of validation commands, which \
                  are not trained on. {}",
-                escape(&report.validation_note)
+                escape(&training.validation_note)
             ),
         ),
     )
@@ -150,13 +137,17 @@ fn binned(curve: &[(u64, f64)], stride: usize) -> Vec<(f64, f64)> {
     curve.chunks(stride).map(mean).collect()
 }
 
-/// The time of each stage.
+/// The section of the time that each stage took; nothing without stages.
 pub(crate) fn stages(stages: &[Stage]) -> String {
+    if stages.is_empty() {
+        return String::new();
+    }
     let bars: Vec<(&str, f64)> = stages
         .iter()
         .map(|s| (s.name.as_str(), s.seconds))
         .collect();
     let total: f64 = bars.iter().map(|bar| bar.1).filter(|s| s.is_finite()).sum();
     let caption = format!("Wall-clock time of each stage; {} in all.", duration(total));
-    chart_figure("", duration_bars("Time per stage", &bars), &caption)
+    let chart = chart_figure("", duration_bars("Time per stage", &bars), &caption);
+    format!("<section><h2>Time per stage</h2>{chart}</section>")
 }

@@ -1,4 +1,4 @@
-//! The report on a trained network: one self-contained HTML page, and a picture for a README. Also
+//! The report on a network's scores: one self-contained HTML page, and a picture for a README. Also
 //! plots of anything, as self-contained SVG: [`Figure`].
 //!
 //! Plain data in, text or PNG bytes out: nothing here computes a score or reads a file. The page
@@ -42,13 +42,10 @@ pub struct Report {
     pub score_notes: Vec<String>,
     /// Scores of each test command.
     pub per_test: Option<PerTest>,
-    /// Training loss as `(step, loss)`, by ascending step.
-    pub loss_curve: Vec<(u64, f64)>,
-    /// Chamfer distance on the validation commands as `(step, m^2)`, by ascending step.
-    pub validation_curve: Vec<(u64, f64)>,
-    /// How these were computed, a sentence: fewer points than in the table make them larger.
-    pub validation_note: String,
-    /// Wall-clock time of each stage, in the order in which they ran.
+    /// How the network was trained; without it, the page has no such section.
+    pub training: Option<Training>,
+    /// Wall-clock time of each stage, in the order in which they ran; without any, the page has no such
+    /// section.
     pub stages: Vec<Stage>,
     /// Test commands whose clouds are shown.
     pub examples: Vec<Example>,
@@ -63,6 +60,8 @@ pub struct Score {
     pub cd: f64,
     /// Earth mover's distance (m).
     pub emd: f64,
+    /// Mean squared distance of the bijection that makes it least (m^2).
+    pub emd_squared: f64,
 }
 
 /// Chamfer distances (m^2) of every test command, in any order.
@@ -72,6 +71,19 @@ pub struct PerTest {
     pub network: Vec<f64>,
     /// Of the clouds of the nearest training commands.
     pub nearest: Vec<f64>,
+    /// Of second samples of the true surfaces; empty where there are none.
+    pub floor: Vec<f64>,
+}
+
+/// The course of a training.
+#[derive(Clone, Debug, Default)]
+pub struct Training {
+    /// Training loss as `(step, loss)`, by ascending step.
+    pub loss_curve: Vec<(u64, f64)>,
+    /// Chamfer distance on the validation commands as `(step, m^2)`, by ascending step.
+    pub validation_curve: Vec<(u64, f64)>,
+    /// How these were computed, a sentence: fewer points than in the table make them larger.
+    pub validation_note: String,
 }
 
 /// A stage of the run.
@@ -88,8 +100,12 @@ pub struct Stage {
 pub struct Example {
     /// Name of the example.
     pub label: String,
-    /// Rest lengths of the tendons (m).
+    /// Command of each tendon.
     pub command: Vec<f64>,
+    /// What the command is in.
+    pub command_unit: CommandUnit,
+    /// Mass hung from the tip (kg); `None` in a data set without payloads.
+    pub payload: Option<f64>,
     /// The cloud that was observed.
     pub truth: PointCloud,
     /// The cloud that the network predicts.
@@ -98,8 +114,20 @@ pub struct Example {
     pub nearest: PointCloud,
     /// Chamfer distance of the prediction from the truth (m^2).
     pub cd: f64,
+    /// Earth mover's distance of the prediction from the truth (m).
+    pub emd: f64,
     /// Chamfer distance of the nearest command's cloud from the truth (m^2).
     pub cd_nearest: f64,
+}
+
+/// Unit of a command.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CommandUnit {
+    /// Lengths of a simulated robot's tendons (m).
+    #[default]
+    Metres,
+    /// Those of another program or of a real robot, whatever they are.
+    AsRecorded,
 }
 
 impl Example {
@@ -122,8 +150,17 @@ impl Report {
                 ("scores", &sections::scores(self)),
                 ("viewer", &sections::viewer(&self.examples)),
                 ("pictures", &sections::pictures(&self.examples)),
-                ("distribution", &curves::distribution(self)),
-                ("training", &curves::training(self)),
+                (
+                    "distribution",
+                    &curves::distribution(self.per_test.as_ref()),
+                ),
+                (
+                    "training",
+                    &self
+                        .training
+                        .as_ref()
+                        .map_or_else(String::new, curves::training),
+                ),
                 ("stages", &curves::stages(&self.stages)),
                 ("settings", &sections::settings(&self.summary)),
             ],

@@ -2,7 +2,7 @@
 
 use super::html::{NOT_AVAILABLE, base64, column_decimals, escape, fill, fixed};
 use super::picture::{BOTH, Framing, NEAREST, PREDICTION, Subject, TRUTH};
-use super::{Example, Report, Score, viewer as viewer_data};
+use super::{CommandUnit, Example, Report, Score, viewer as viewer_data};
 
 /// Units of the table and the charts: 1e-4 m^2 and 1 mm.
 pub(crate) const CD_UNIT: f64 = 1e-4;
@@ -42,18 +42,25 @@ pub(crate) fn scores(report: &Report) -> String {
     if rows.is_empty() {
         return missing();
     }
-    let floor_cd = report.floor.as_ref().map_or(f64::NAN, |floor| floor.cd);
-    let floor_emd = report.floor.as_ref().map_or(f64::NAN, |floor| floor.emd);
-    let cd_decimals = column_decimals(rows.iter().map(|s| s.cd / CD_UNIT));
-    let emd_decimals = column_decimals(rows.iter().map(|s| s.emd / EMD_UNIT));
+    let column = |pick: fn(&Score) -> f64, unit: f64| {
+        let decimals = column_decimals(rows.iter().map(|score| pick(score) / unit));
+        let floor = report.floor.as_ref().map_or(f64::NAN, pick);
+        move |score: &Score| {
+            let value = fixed(pick(score) / unit, decimals);
+            let ratio = fixed(pick(score) / floor, 1);
+            format!("<td>{value}</td><td>{ratio}</td>")
+        }
+    };
+    let cd = column(|score| score.cd, CD_UNIT);
+    let emd = column(|score| score.emd, EMD_UNIT);
+    let emd_squared = column(|score| score.emd_squared, CD_UNIT);
     let row = |score: &Score, class: &str| {
         format!(
-            "<tr{class}><th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr{class}><th scope=\"row\">{}</th>{}{}{}</tr>",
             escape(&score.name),
-            fixed(score.cd / CD_UNIT, cd_decimals),
-            fixed(score.cd / floor_cd, 1),
-            fixed(score.emd / EMD_UNIT, emd_decimals),
-            fixed(score.emd / floor_emd, 1),
+            cd(score),
+            emd(score),
+            emd_squared(score),
         )
     };
     let mut body: String = report.scores.iter().map(|score| row(score, "")).collect();
@@ -65,12 +72,15 @@ pub(crate) fn scores(report: &Report) -> String {
     format!(
         "<div class=\"scroll\"><table><thead><tr><th scope=\"col\">Method</th>\
          <th scope=\"col\">{CD_TITLE}</th><th scope=\"col\">CD ÷ floor</th>\
-         <th scope=\"col\">EMD (mm)</th><th scope=\"col\">EMD ÷ floor</th></tr></thead>\
+         <th scope=\"col\">EMD (mm)</th><th scope=\"col\">EMD ÷ floor</th>\
+         <th scope=\"col\">Squared EMD (10⁻⁴\u{a0}m²)</th>\
+         <th scope=\"col\">Squared EMD ÷ floor</th></tr></thead>\
          <tbody>{body}</tbody></table></div>\
          <p class=\"note\">Lower is better. CD, the squared Chamfer distance: the mean squared \
          distance from each predicted point to the nearest true point, plus the same from true to \
          predicted. EMD, the earth mover’s distance: the mean distance between the points of both \
-         clouds when they are matched one to one at the least total distance. The sampling floor \
+         clouds when they are matched one to one at the least total distance. Squared EMD: the mean \
+         squared distance when they are matched at the least total squared distance. The sampling floor \
          is what two independent samples of the same surface score: no prediction can be expected \
          to score less. {notes}</p>"
     )
@@ -118,7 +128,7 @@ pub(crate) fn pictures(examples: &[Example]) -> String {
          Middle and right: grey where the outlines of both clouds agree, a colour where one cloud \
          stands out. A row is seen across its plane of bending, all pictures have the same scale, \
          and the bar at the lower left of each is {bar_cm}\u{a0}cm long. CD is the squared Chamfer \
-         distance from the true cloud. The command is the rest length of each tendon.</p>"
+         distance from the true cloud, EMD the earth mover’s distance.</p>"
     )
 }
 
@@ -131,7 +141,11 @@ fn picture_row(example: &Example, framing: &Framing, decimals: usize) -> String 
                 Subject::Truth => ("true cloud in its own colours", "Truth".to_owned()),
                 Subject::Prediction => (
                     "predicted cloud against the true cloud",
-                    format!("Prediction, CD\u{a0}{}", cd_text(example.cd, decimals)),
+                    format!(
+                        "Prediction, CD\u{a0}{}, EMD\u{a0}{}\u{a0}mm",
+                        cd_text(example.cd, decimals),
+                        fixed(example.emd / EMD_UNIT, 1)
+                    ),
                 ),
                 Subject::Nearest => (
                     "cloud of the nearest training command against the true cloud",
@@ -152,9 +166,9 @@ fn picture_row(example: &Example, framing: &Framing, decimals: usize) -> String 
         })
         .collect();
     format!(
-        "<article class=\"example\"><h3>{label}</h3><p>Command (mm): {}</p>\
+        "<article class=\"example\"><h3>{label}</h3><p>{}</p>\
          <div class=\"triple\">{figures}</div></article>",
-        command_text(&example.command),
+        condition_text(example),
     )
 }
 
@@ -168,17 +182,26 @@ fn cd_text(cd: f64, decimals: usize) -> String {
     }
 }
 
-/// Tendon lengths in millimetres, three of a module together.
-fn command_text(command: &[f64]) -> String {
-    if command.is_empty() {
-        return NOT_AVAILABLE.to_owned();
-    }
-    let module = |lengths: &[f64]| {
-        let texts: Vec<String> = lengths.iter().map(|x| fixed(x / 1e-3, 1)).collect();
+/// The command, three values of a module together, and the payload if there is one.
+fn condition_text(example: &Example) -> String {
+    let (name, unit, decimals) = match example.command_unit {
+        CommandUnit::Metres => ("Command (mm)", 1e-3, 1),
+        CommandUnit::AsRecorded => ("Command (as recorded)", 1.0, 3),
+    };
+    let module = |values: &[f64]| {
+        let texts: Vec<String> = values.iter().map(|x| fixed(x / unit, decimals)).collect();
         texts.join(", ")
     };
-    let modules: Vec<String> = command.chunks(3).map(module).collect();
-    modules.join(" | ")
+    let modules: Vec<String> = example.command.chunks(3).map(module).collect();
+    let command = match modules.join(" | ") {
+        none if none.is_empty() => NOT_AVAILABLE.to_owned(),
+        command => command,
+    };
+    let payload = match example.payload {
+        Some(payload) => format!("; payload (g): {}", fixed(payload / 1e-3, 1)),
+        None => String::new(),
+    };
+    format!("{name}: {command}{payload}")
 }
 
 /// The list of settings.

@@ -4,12 +4,15 @@
 
 mod colors;
 mod data;
+mod eval;
 mod export;
+mod predict;
 mod refusals;
 mod render;
 mod resume;
 mod road;
 mod simulate;
+mod training;
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -81,7 +84,7 @@ const TINY_NETWORK: [&str; 11] = [
 ];
 
 /// Keys of the mean scores.
-const SCORES: [&str; 8] = [
+const SCORES: [&str; 12] = [
     "cd",
     "cd_floor",
     "cd_nearest",
@@ -90,6 +93,10 @@ const SCORES: [&str; 8] = [
     "emd_floor",
     "emd_nearest",
     "emd_mean",
+    "emd_squared",
+    "emd_squared_floor",
+    "emd_squared_nearest",
+    "emd_squared_mean",
 ];
 
 /// Collects a small data set of robot 2m into `folder`, with more options.

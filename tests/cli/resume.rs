@@ -91,6 +91,24 @@ fn a_demo_that_is_interrupted_or_killed_ends_as_one_that_is_not() {
     }
 }
 
+#[test]
+fn scores_in_a_journal_of_another_format_are_computed_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("demo");
+    assert!(demo(&out).status().unwrap().success());
+    let expected = results(&out);
+    let journal = out.join("evaluation.jsonl");
+    let written = fs::read_to_string(&journal).unwrap();
+    // What an older version left: the same fields, of another meaning.
+    let entries: Vec<&str> = written.lines().skip(1).collect();
+    let wrong = entries.join("\n").replace("\"cd\":", "\"cd\":9");
+    let mut key: Value = serde_json::from_str(written.lines().next().unwrap()).unwrap();
+    assert!(key.as_object_mut().unwrap().remove("format").is_some());
+    fs::write(&journal, format!("{key}\n{wrong}\n")).unwrap();
+    assert!(demo(&out).status().unwrap().success());
+    assert!(results(&out) == expected);
+}
+
 fn collect(out: &Path, threads: &str) -> Command {
     let size = ["--samples", "24", "--points", "3000", "--payload", "0:0.03"];
     let how = ["--threads", threads, "--quiet", "--out", text(out)];

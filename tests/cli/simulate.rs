@@ -72,10 +72,7 @@ fn wrong_commands_are_named_with_their_line() {
         &format!("{PULL}\n0.01,x,0,0,0,0\n"),
         "line 3: `x` is not a number",
     );
-    simulate(
-        "# nothing\n",
-        "has no commands; expected one line per time step",
-    );
+    simulate("# nothing\n", "has no commands; expected one per line");
     refuse(
         &["simulate", "--commands", "/no/such.csv"],
         1,

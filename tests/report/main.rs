@@ -5,7 +5,9 @@ mod sample;
 
 use sample::{bent_tube, example, full_report};
 use std::sync::LazyLock;
-use tdcr::report::{PerTest, Report, Score, Stage, contact_sheet, scale_bar};
+use tdcr::report::{
+    CommandUnit, PerTest, Report, Score, Stage, Training, contact_sheet, scale_bar,
+};
 
 static PAGE: LazyLock<String> = LazyLock::new(|| full_report().to_html());
 
@@ -102,11 +104,74 @@ fn scores_are_shown_in_their_units_and_relative_to_the_floor() {
         cells
             .split("</td>")
             .map(|cell| cell.replace("<td>", ""))
-            .take(4)
+            .take(6)
             .collect()
     };
-    assert_eq!(row("Network"), ["0.330", "12.2", "5.2", "2.2"]);
-    assert_eq!(row("Sampling floor"), ["0.027", "1.0", "2.4", "1.0"]);
+    assert_eq!(
+        row("Network"),
+        ["0.330", "12.2", "5.2", "2.2", "0.324", "4.7"]
+    );
+    assert_eq!(
+        row("Sampling floor"),
+        ["0.027", "1.0", "2.4", "1.0", "0.069", "1.0"]
+    );
+}
+
+#[test]
+fn the_floor_of_every_test_command_is_drawn_beside_the_predictors() {
+    let distribution = between(&PAGE, "Every test command</h2>", "</section>");
+    for role in ["network", "nearest", "floor"] {
+        let path = between(distribution, &format!("class=\"line {role}\" d=\""), "\"");
+        // As many corners as a curve has at most: a value of each of 500 test commands, thinned.
+        assert_eq!(path.matches(['M', 'L']).count(), 250, "{role}");
+    }
+    assert!(distribution.contains("</i>Sampling floor</li>"));
+    assert!(distribution.contains("CD (10⁻⁴\u{a0}m²)"));
+}
+
+#[test]
+fn a_page_without_training_and_stages_has_no_such_sections() {
+    let headings = |page: &str| -> Vec<String> {
+        let sections = page.split("<h2>").skip(1);
+        sections
+            .map(|s| s.split("</h2>").next().unwrap().to_owned())
+            .collect()
+    };
+    let whole = headings(&PAGE);
+    let scored = Report {
+        training: None,
+        stages: Vec::new(),
+        ..full_report()
+    };
+    let page = scored.to_html();
+    assert_balanced(&page);
+    let left: Vec<String> = (whole.into_iter())
+        .filter(|heading| heading != "Training" && heading != "Time per stage")
+        .collect();
+    assert_eq!(headings(&page), left);
+    assert_eq!(left.len(), 5);
+    assert!(!page.contains("not available"));
+}
+
+#[test]
+fn an_example_says_its_command_and_payload_in_their_units() {
+    let mut example = example("a", 0.3, 0.4, 1.0);
+    example.command = vec![0.034, 0.007, 0.001, 0.0265];
+    let said = |example: &tdcr::report::Example| {
+        let page = Report {
+            examples: vec![example.clone()],
+            ..Report::default()
+        }
+        .to_html();
+        between(&page, "<h3>a</h3><p>", "</p>").to_owned()
+    };
+    assert_eq!(said(&example), "Command (mm): 34.0, 7.0, 1.0 | 26.5");
+    example.payload = Some(0.02);
+    example.command_unit = CommandUnit::AsRecorded;
+    assert_eq!(
+        said(&example),
+        "Command (as recorded): 0.034, 0.007, 0.001 | 0.026; payload (g): 20.0"
+    );
 }
 
 #[test]
@@ -159,7 +224,7 @@ fn text_is_escaped_wherever_it_stands() {
 fn an_empty_report_is_a_page_that_says_what_is_missing() {
     let page = Report::default().to_html();
     assert_balanced(&page);
-    assert_eq!(page.matches("not available").count(), 7);
+    assert_eq!(page.matches("not available").count(), 4);
     assert!(!page.contains("<canvas"));
 }
 
@@ -174,16 +239,20 @@ fn numbers_that_are_not_finite_are_not_available() {
         name: "n".to_owned(),
         cd,
         emd,
+        emd_squared: emd,
     };
     let report = Report {
         scores: vec![score(f64::NAN, f64::INFINITY), score(1e-4, 1e-3)],
         floor: Some(score(0.0, f64::NAN)),
-        loss_curve: vec![(0, f64::NAN), (1, -1.0), (2, 0.5), (3, f64::INFINITY)],
-        validation_curve: vec![(0, f64::NAN)],
-        validation_note: "On <few> points.".to_owned(),
+        training: Some(Training {
+            loss_curve: vec![(0, f64::NAN), (1, -1.0), (2, 0.5), (3, f64::INFINITY)],
+            validation_curve: vec![(0, f64::NAN)],
+            validation_note: "On <few> points.".to_owned(),
+        }),
         per_test: Some(PerTest {
             network: vec![f64::NAN, 0.0],
             nearest: vec![],
+            floor: vec![f64::NAN, f64::INFINITY],
         }),
         stages: vec![
             Stage {

@@ -1,6 +1,6 @@
 //! A report of made-up numbers about bent tubes.
 
-use tdcr::report::{Example, PerTest, Report, Score, Stage};
+use tdcr::report::{Example, PerTest, Report, Score, Stage, Training};
 use tdcr::sim::cloud::PointCloud;
 
 /// The next number in `[0, 1)` of a linear congruential generator (Knuth's MMIX constants).
@@ -69,7 +69,9 @@ pub fn example(label: &str, azimuth: f64, angle: f64, counter: f64) -> Example {
         prediction: bent_tube(azimuth + 0.02, angle * 1.02, counter, 0.003, 2),
         nearest: bent_tube(azimuth + 0.2, angle * 0.8, counter, 0.0, 3),
         cd: 3.1e-5,
+        emd: 5.1e-3,
         cd_nearest: 2.84e-4,
+        ..Example::default()
     }
 }
 
@@ -80,10 +82,11 @@ pub fn full_report() -> Report {
         let mut draw = || (0..12).map(|_| uniform(&mut state)).sum::<f64>() - 6.0;
         (0..500).map(|_| median * (spread * draw()).exp()).collect()
     };
-    let score = |name: &str, cd, emd| Score {
+    let score = |name: &str, cd, emd: f64| Score {
         name: name.to_owned(),
         cd,
         emd,
+        emd_squared: 1.2 * emd * emd,
     };
     let summary = [
         ("Robot", "2m, two modules, no base"),
@@ -125,10 +128,13 @@ pub fn full_report() -> Report {
         per_test: Some(PerTest {
             network: log_normal(2.6e-5, 0.6),
             nearest: log_normal(2.2e-4, 0.7),
+            floor: log_normal(2.7e-6, 0.1),
         }),
+        training: Some(Training {
         loss_curve: (0..4000).map(|k| (10 * k, loss(10 * k))).collect(),
         validation_curve: (1..=20).map(|k| (2000 * k, 3.0e-5 + 9e-4 / (k as f64).powf(1.7))).collect(),
         validation_note: "On 2,048 points of 16 clouds.".to_owned(),
+        }),
         stages: stages
             .map(|(name, seconds)| Stage {
                 name: name.to_owned(),

@@ -41,9 +41,12 @@ pub use collector::Collector;
 pub use conditions::{Condition, Design, PayloadRange, conditions};
 pub use dataset::DataSet;
 pub use error::DataError;
-pub use exchange::{CloudFileError, ExportFormat, ImportSettings, export, import, read_cloud};
+pub use exchange::{
+    CloudFileError, ExportFormat, ImportSettings, NpzArray, NpzValues, export, import, read_cloud,
+    write_npz,
+};
 pub use meta::{Meta, Origin};
-pub use normalisation::Normalisation;
+pub use normalisation::{Normalisation, OutOfRange};
 pub use sample::Sample;
 pub use simulator::{Recipe, SimulateError, SimulationTimes, Simulator, Subject};
 pub use split::{Split, SplitIndices, split_indices};

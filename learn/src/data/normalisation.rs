@@ -28,7 +28,46 @@ pub struct Normalisation {
     pub scale: f64,
 }
 
+/// A number of a condition outside the data's range.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct OutOfRange {
+    /// Which motor.
+    pub index: usize,
+    /// Its value (m, or kg for the payload).
+    pub value: f64,
+    /// The smallest value in the data.
+    pub min: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// What a condition may be outside `[0, 1]`: data sets are of single precision.
+const ROUNDING: f64 = 1e-6;
+
 impl Normalisation {
+    /// The numbers of a command (m) that lie outside the data's range, by more than rounding or not finite.
+    ///
+    /// # Errors
+    /// [`DataError::ConditionLength`] unless there is one component per motor.
+    pub fn out_of_range(&self, command: &[f64]) -> Result<Vec<OutOfRange>, DataError> {
+        self.require_length(command.len())?;
+        let ranges = zip(&self.motor_min, &self.motor_max);
+        let outside = zip(command, ranges)
+            .enumerate()
+            .filter_map(|(index, (value, range))| {
+                let (&value, (&min, &max)) = (value, range);
+                let margin = ROUNDING * divisor(min, max);
+                let inside = (min - margin..=max + margin).contains(&value);
+                (!inside).then_some(OutOfRange {
+                    index,
+                    value,
+                    min,
+                    max,
+                })
+            });
+        Ok(outside.collect())
+    }
+
     /// The condition, dimensionless and of length `D`, that stands for a command (m).
     ///
     /// # Errors

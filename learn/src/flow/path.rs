@@ -9,8 +9,8 @@ use crate::channels::{Channels, DIM};
 
 /// Prior, path and distribution of flow times (paper, Sec. Method).
 ///
-/// Positions start at `X_0 ~ N(0, sigma^2 I)`, colours uniform in [0, 1]; `X_t = (1 - t) X_0 + t X_1` (Eq. linear_path_tdcr), velocity `X_1 - X_0`,
-/// `t ~ Beta(alpha, 1)`.
+/// Positions start at `X_0 ~ N(0, sigma^2 I)`, colours uniform in [0, 1]; `X_t = (1 - t) X_0 + t X_1`
+/// (Eq. linear_path_tdcr), velocity `X_1 - X_0`, `t ~ Beta(alpha, 1)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FlowPath {

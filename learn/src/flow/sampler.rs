@@ -64,13 +64,9 @@ pub struct Sampler {
 }
 
 impl Default for Sampler {
-    /// 16 steps of Heun's method on the quadratic grid.
+    /// [`Sampler::DEFAULT`].
     fn default() -> Self {
-        Self {
-            method: Method::Heun,
-            steps: 16,
-            grid: TimeGrid::Power(2.0),
-        }
+        Self::DEFAULT
     }
 }
 
@@ -95,6 +91,13 @@ impl Method {
 }
 
 impl Sampler {
+    /// 16 steps of Heun's method on the quadratic grid.
+    pub const DEFAULT: Self = Self {
+        method: Method::Heun,
+        steps: 16,
+        grid: TimeGrid::Power(2.0),
+    };
+
     /// The paper's sampler: 100 equal steps of Heun's method.
     pub const PAPER: Self = Self {
         method: Method::Heun,

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::settings::SettingsError;
+use super::settings::{SPIKE_STEPS, SettingsError};
 use crate::net::ShapeError;
 
 /// Why a training run cannot start or go on.
@@ -25,9 +25,7 @@ pub enum TrainError {
         reason: String,
     },
     /// The loss, its gradient or the validation's distance is NaN or infinite.
-    #[error(
-        "training diverged at step {step}: {quantity} is {value}; a smaller learning rate may help"
-    )]
+    #[error("training diverged at step {step}: {quantity} is {value}")]
     Diverged {
         /// The step, the first is 1.
         step: u64,
@@ -35,6 +33,21 @@ pub enum TrainError {
         quantity: &'static str,
         /// Its value.
         value: f64,
+    },
+    /// The loss has been far above its running level for [`SPIKE_STEPS`] steps on end.
+    #[error(
+        "training diverged at step {step}: the loss is {loss}, and was above {factor} times its level of {level} for \
+         {SPIKE_STEPS} steps"
+    )]
+    Spike {
+        /// The step, the first is 1.
+        step: u64,
+        /// Its loss.
+        loss: f32,
+        /// The level before ([`TrainSettings::loss_level`](super::TrainSettings::loss_level)).
+        level: f32,
+        /// [`TrainSettings::spike_factor`](super::TrainSettings::spike_factor).
+        factor: f64,
     },
     /// A state belongs to another run.
     #[error("the training state is of another run: {what} was {found}, expected {expected}")]
@@ -123,6 +136,13 @@ pub enum FileProblem {
         /// What stands there.
         value: f64,
     },
+}
+
+impl TrainError {
+    /// Whether the run itself went wrong, not what it was given.
+    pub fn is_divergence(&self) -> bool {
+        matches!(self, Self::Diverged { .. } | Self::Spike { .. })
+    }
 }
 
 impl FileProblem {

@@ -14,6 +14,6 @@ mod trainer;
 pub use error::{FileError, FileProblem, TrainError};
 pub use feed::{Feed, StreamWindow};
 pub use model::{Model, PredictError, Prediction, Provenance};
-pub use settings::{SettingsError, TrainSettings};
+pub use settings::{SPIKE_STEPS, SettingsError, TrainSettings};
 pub use state::{Best, TrainingState};
 pub use trainer::{Distance, Trainer};

@@ -86,9 +86,8 @@ impl Model {
     /// A cloud of `points` points (m, world frame) for `command` `(D)` in physical units; where the data had payloads,
     /// its last value is the payload (kg).
     ///
-    /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts from is
-    /// a function of `seed`. Commands outside the training range are
-    /// extrapolated, without warrant.
+    /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts
+    /// from is a function of `seed`. Commands outside the training range are extrapolated, without warrant.
     ///
     /// # Errors
     /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity.

@@ -53,7 +53,18 @@ pub struct TrainSettings {
     pub validation_points: usize,
     /// Sampler of the validation's predictions.
     pub sampler: Sampler,
+    /// Validations without a new best one after which the run ends; none takes all steps.
+    pub patience: Option<u64>,
+    /// How many times its running level the loss may be for [`SPIKE_STEPS`] steps on end; above, the run has diverged.
+    pub spike_factor: f64,
 }
+
+/// Steps on end that the loss must be above its running level times [`TrainSettings::spike_factor`] to be divergence:
+/// single batches may be that far off.
+pub const SPIKE_STEPS: usize = 10;
+
+/// Losses, before those of the last [`SPIKE_STEPS`] steps, whose median is the running level.
+const LEVEL_STEPS: usize = 100;
 
 impl Default for TrainSettings {
     fn default() -> Self {
@@ -74,6 +85,8 @@ impl Default for TrainSettings {
             validation_clouds: 16,
             validation_points: 2048,
             sampler: Sampler::default(),
+            patience: None,
+            spike_factor: 3.0,
         }
     }
 }
@@ -154,6 +167,17 @@ impl TrainSettings {
                 return Err(SettingsError::new(field, value, format!("a {sign} number")));
             }
         }
+        if self.patience == Some(0) {
+            return Err(SettingsError::new("patience", 0, "at least 1"));
+        }
+        if !(self.spike_factor.is_finite() && self.spike_factor > 1.0) {
+            let expected = "a number above 1";
+            return Err(SettingsError::new(
+                "spike_factor",
+                self.spike_factor,
+                expected,
+            ));
+        }
         if !(0.0..1.0).contains(&self.average_decay) {
             return Err(SettingsError::new(
                 "average_decay",
@@ -181,6 +205,29 @@ impl TrainSettings {
     pub fn average_decay_at(&self, step: u64) -> f64 {
         let step = step as f64;
         self.average_decay.min((1.0 + step) / (10.0 + step))
+    }
+
+    /// The running level of `losses`, one per step: the median of up to 100 losses before the last [`SPIKE_STEPS`]. None
+    /// while there are fewer than [`SPIKE_STEPS`] before them.
+    pub fn loss_level(losses: &[f32]) -> Option<f32> {
+        let before = losses.len().checked_sub(SPIKE_STEPS)?;
+        if before < SPIKE_STEPS {
+            return None;
+        }
+        let mut recent = losses[before.saturating_sub(LEVEL_STEPS)..before].to_vec();
+        let middle = recent.len() / 2;
+        Some(*recent.select_nth_unstable_by(middle, f32::total_cmp).1)
+    }
+
+    /// How many of the last [`SPIKE_STEPS`] losses, from the last one back, are on end above the running level times
+    /// [`Self::spike_factor`]: with 0 all is well, with [`SPIKE_STEPS`] the run has diverged.
+    pub fn spike_length(&self, losses: &[f32]) -> usize {
+        let Some(level) = Self::loss_level(losses) else {
+            return 0;
+        };
+        let limit = self.spike_factor * f64::from(level);
+        let last = losses.iter().rev().take(SPIKE_STEPS);
+        last.take_while(|loss| f64::from(**loss) > limit).count()
     }
 }
 
@@ -211,6 +258,43 @@ mod tests {
         assert_eq!(settings.average_decay_at(1), 2.0 / 11.0);
         assert_eq!(settings.average_decay_at(90), 0.91);
         assert_eq!(settings.average_decay_at(1_000_000), 0.999);
+    }
+
+    /// Losses that fall and scatter by a factor of three either way, as those of few clouds do.
+    fn noisy_losses(steps: usize) -> Vec<f32> {
+        let scatter = |k: usize| (1.1 * ((k * 7919 % 101) as f32 / 50.0 - 1.0)).exp();
+        (0..steps)
+            .map(|k| (0.02 + (-(k as f32) / 80.0).exp()) * scatter(k))
+            .collect()
+    }
+
+    #[test]
+    fn a_rise_that_stays_is_a_spike_and_scatter_is_none() {
+        let settings = TrainSettings::default();
+        let mut losses = noisy_losses(600);
+        for steps in 1..=losses.len() {
+            assert_eq!(settings.spike_length(&losses[..steps]) / SPIKE_STEPS, 0);
+        }
+        losses.push(50.0);
+        assert_eq!(settings.spike_length(&losses), 1);
+        losses.push(0.02);
+        assert_eq!(settings.spike_length(&losses), 0);
+        for rise in 1..=SPIKE_STEPS {
+            losses.push(0.4 + rise as f32);
+            assert_eq!(settings.spike_length(&losses), rise);
+        }
+    }
+
+    #[test]
+    fn the_first_losses_of_a_run_have_no_level() {
+        let settings = TrainSettings::default();
+        let mut losses = vec![1.0; 2 * SPIKE_STEPS - 1];
+        losses[SPIKE_STEPS..].fill(100.0);
+        assert_eq!(TrainSettings::loss_level(&losses), None);
+        assert_eq!(settings.spike_length(&losses), 0);
+        losses.push(100.0);
+        assert_eq!(TrainSettings::loss_level(&losses), Some(1.0));
+        assert_eq!(settings.spike_length(&losses), SPIKE_STEPS);
     }
 
     #[test]
@@ -250,9 +334,23 @@ mod tests {
         assert_eq!(
             error(TrainSettings {
                 color_weight: 0.0,
-                ..good
+                ..good.clone()
             }),
             "color_weight is 0, expected a positive number"
+        );
+        assert_eq!(
+            error(TrainSettings {
+                patience: Some(0),
+                ..good.clone()
+            }),
+            "patience is 0, expected at least 1"
+        );
+        assert_eq!(
+            error(TrainSettings {
+                spike_factor: 1.0,
+                ..good
+            }),
+            "spike_factor is 1, expected a number above 1"
         );
     }
 }

@@ -47,6 +47,8 @@ pub struct TrainingState {
     pub best: Option<Best>,
     /// Loss of every step taken.
     pub losses: Vec<f32>,
+    /// Norm of the gradient of every step taken, before clipping.
+    pub gradient_norms: Vec<f32>,
     /// Step and distance of every validation.
     pub validations: Vec<(u64, f64)>,
 }
@@ -80,7 +82,9 @@ impl TrainingState {
             put_params(&mut writer, "best.", self.shape, &best.params);
         }
         let (steps, distances): (Vec<_>, Vec<_>) = self.validations.iter().copied().unzip();
+        let norms = &self.gradient_norms;
         writer.put("losses", &[self.losses.len()], &self.losses);
+        writer.put("gradient_norms", &[norms.len()], norms);
         writer.put("validations.step", &[steps.len()], &steps);
         writer.put("validations.distance", &[distances.len()], &distances);
         let header = Header {
@@ -117,6 +121,7 @@ impl TrainingState {
                     }),
                 },
                 losses: take_history(reader, "losses", header.step as usize)?,
+                gradient_norms: take_history(reader, "gradient_norms", header.step as usize)?,
                 validations: take_validations(reader, header.validations)?,
                 provenance: header.provenance,
                 shape: header.shape,

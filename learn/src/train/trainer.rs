@@ -8,7 +8,7 @@ use super::error::TrainError;
 use super::feed::{Feed, check_feed, check_set};
 use super::model::{Model, Provenance, positions};
 use super::optimizer::{AdamW, Update, norm};
-use super::settings::{SettingsError, TrainSettings};
+use super::settings::{SPIKE_STEPS, SettingsError, TrainSettings};
 use super::state::{Best, TrainingState, fingerprint};
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
@@ -35,6 +35,7 @@ pub struct Trainer<'a> {
     step: u64,
     best: Option<Best>,
     losses: Vec<f32>,
+    gradient_norms: Vec<f32>,
     validations: Vec<(u64, f64)>,
     samples: Samples,
     gradient: Vec<f32>,
@@ -91,6 +92,7 @@ impl<'a> Trainer<'a> {
             step: 0,
             best: None,
             losses: Vec::new(),
+            gradient_norms: Vec::new(),
             validations: Vec::new(),
             samples: Samples::default(),
             gradient: vec![0.0; parameters],
@@ -140,6 +142,7 @@ impl<'a> Trainer<'a> {
         trainer.step = state.step;
         trainer.best = state.best;
         trainer.losses = state.losses;
+        trainer.gradient_norms = state.gradient_norms;
         trainer.validations = state.validations;
         Ok(trainer)
     }
@@ -158,6 +161,7 @@ impl<'a> Trainer<'a> {
             second_moment: self.optimizer.second_moment.clone(),
             best: self.best.clone(),
             losses: self.losses.clone(),
+            gradient_norms: self.gradient_norms.clone(),
             validations: self.validations.clone(),
         }
     }
@@ -185,9 +189,23 @@ impl<'a> Trainer<'a> {
         self.step
     }
 
-    /// Whether all steps are taken.
+    /// Whether all steps are taken, or [`TrainSettings::patience`] is at its end.
     pub fn is_finished(&self) -> bool {
-        self.step >= self.settings.steps
+        self.step >= self.settings.steps || self.is_out_of_patience()
+    }
+
+    fn is_out_of_patience(&self) -> bool {
+        let Some((patience, best)) = self.settings.patience.zip(self.best.as_ref()) else {
+            return false;
+        };
+        let worse = self.validations.iter().rev();
+        worse.take_while(|(step, _)| *step > best.step).count() as u64 >= patience
+    }
+
+    /// Whether the last loss lies near its running level, and the run is worth keeping: false from the first step of a
+    /// spike that may become [`TrainError::Spike`].
+    pub fn is_level(&self) -> bool {
+        self.settings.spike_length(&self.losses) == 0
     }
 
     /// Whether the averaged weights of this step should be validated: every [`TrainSettings::validate_every`] steps and
@@ -206,6 +224,11 @@ impl<'a> Trainer<'a> {
         &self.losses
     }
 
+    /// Norm of the gradient of every step taken, before clipping.
+    pub fn gradient_norms(&self) -> &[f32] {
+        &self.gradient_norms
+    }
+
     /// Step and mean distance of every validation.
     pub fn validations(&self) -> &[(u64, f64)] {
         &self.validations
@@ -215,7 +238,8 @@ impl<'a> Trainer<'a> {
     ///
     /// # Errors
     /// [`TrainError::Diverged`] where the loss or its gradient is not finite, [`TrainError::Data`] where a stream's sample
-    /// cannot be made; the run stays as it was before the step.
+    /// cannot be made; the run stays as it was before the step. [`TrainError::Spike`] where this loss is the last of a
+    /// spike; the step is taken.
     pub fn step(&mut self) -> Result<f32, TrainError> {
         let step = self.step + 1;
         let clouds = self.training.at_step(step)?;
@@ -241,6 +265,16 @@ impl<'a> Trainer<'a> {
             .update(&update, &self.gradient, self.network.params_mut(), average);
         self.step = step;
         self.losses.push(loss);
+        self.gradient_norms
+            .push((gradient_norm as f32).min(f32::MAX));
+        if self.settings.spike_length(&self.losses) == SPIKE_STEPS {
+            return Err(TrainError::Spike {
+                step,
+                loss,
+                level: TrainSettings::loss_level(&self.losses).unwrap_or(f32::NAN),
+                factor: self.settings.spike_factor,
+            });
+        }
         Ok(loss)
     }
 

@@ -21,10 +21,10 @@ from scipy.spatial.distance import cdist
 POINTS = 200
 
 
-def tube(rng, bend):
+def tube(rng, bend, points=POINTS):
     """Surface samples (m) of a tube 0.3 m long and 40 mm wide, bent by `bend` rad to an arc."""
-    angle = bend * rng.random(POINTS)
-    around = 2 * np.pi * rng.random(POINTS)
+    angle = bend * rng.random(points)
+    around = 2 * np.pi * rng.random(points)
     x, y = 0.02 * np.cos(around), 0.02 * np.sin(around)
     radius = 0.3 / bend
     return np.stack(
@@ -35,6 +35,25 @@ def tube(rng, bend):
 def repeated(rng, cloud):
     """`POINTS` draws from the first 20 points."""
     return cloud[rng.integers(0, 20, POINTS)]
+
+
+def clusters(rng, near):
+    """Two balls of 2 mm, 1 m apart, the first of `near` points."""
+    ball = rng.normal(0, 2e-3, (POINTS, 3))
+    ball[near:, 0] += 1
+    return ball
+
+
+def collapsed(cloud):
+    """The cloud with every other point moved onto its first."""
+    cloud = cloud.copy()
+    cloud[::2] = cloud[0]
+    return cloud
+
+
+def lattice(rng):
+    """Corners of a lattice of 20 mm: points, distances and their sums repeat."""
+    return 0.02 * rng.integers(0, 5, (POINTS, 3))
 
 
 def metres(cloud):
@@ -57,7 +76,7 @@ def case(name, p, q):
         "p": p.tolist(),
         "q": q.tolist(),
         "chamfer": chamfer(x, y),
-        "chamfer_part": chamfer(x, y[: POINTS // 3]),
+        "chamfer_part": chamfer(x, y[: len(y) // 3]),
         "emd": assignment(cdist(x, y)),
         "emd_squared": assignment(cdist(x, y, "sqeuclidean")),
     }
@@ -75,6 +94,11 @@ def main():
         case("duplicates", repeated(rng, straight), repeated(rng, tube(rng, 0.3))),
         case("far apart", straight, tube(rng, 0.2) + [1.0, -0.5, 0.0]),
         case("collinear", line, 3 * line**2),
+        case("clusters that share out unequally", clusters(rng, 150), clusters(rng, 60)),
+        case("half of the points in one place", straight, collapsed(tube(rng, 0.8))),
+        case("lattice", lattice(rng), lattice(rng)),
+        case("coplanar", line + tube(rng, 0.5) * [0, 1, 0], tube(rng, 0.5) * [1, 1, 0]),
+        case("1,000 points", tube(rng, 0.3, 1000), tube(rng, 1.2, 1000)),
     ]
     path = Path(__file__).with_suffix(".json")
     lines = [json.dumps(c, separators=(",", ":")) for c in cases]

@@ -30,6 +30,26 @@ pub struct CloudFileError {
     pub problem: String,
 }
 
+/// An array of an NPZ file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NpzArray<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Its shape.
+    pub shape: &'a [usize],
+    /// Its values, row-major.
+    pub values: NpzValues<'a>,
+}
+
+/// Values of an array.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NpzValues<'a> {
+    /// `float32`.
+    Floats(&'a [f32]),
+    /// `uint8`.
+    Bytes(&'a [u8]),
+}
+
 /// What is wrong with the contents of a file, and where.
 #[derive(Debug, PartialEq)]
 pub(super) struct Fault {
@@ -84,6 +104,44 @@ pub fn read_cloud(path: &Path) -> Result<PointCloud, CloudFileError> {
         return Err(Fault::new("points", "no finite point, expected at least 1").at(path));
     }
     Ok(cloud)
+}
+
+/// Writes arrays to an NPZ file.
+///
+/// # Errors
+/// [`CloudFileError`] where the file cannot be written, or an array has not as many values as its shape says.
+pub fn write_npz(path: &Path, arrays: &[NpzArray]) -> Result<(), CloudFileError> {
+    let files: Result<Vec<_>, Fault> = arrays
+        .iter()
+        .map(|array| Ok((array.name, array.to_npy()?)))
+        .collect();
+    files
+        .and_then(|files| {
+            std::fs::write(path, npy::to_npz(&files)).map_err(|error| Fault::new("file", error))
+        })
+        .map_err(|fault| fault.at(path))
+}
+
+impl NpzArray<'_> {
+    fn to_npy(self) -> Result<Vec<u8>, Fault> {
+        let (count, descr, data) = match self.values {
+            NpzValues::Floats(values) => {
+                let data = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+                (values.len(), "<f4", data)
+            }
+            NpzValues::Bytes(values) => (values.len(), "|u1", values.to_vec()),
+        };
+        let expected: usize = self.shape.iter().product();
+        if count != expected {
+            let place = format!("array `{}`", self.name);
+            let problem = format!(
+                "{count} values, expected {expected} as {:?} says",
+                self.shape
+            );
+            return Err(Fault::new(place, problem));
+        }
+        Ok(npy::to_npy(self.shape, descr, &data))
+    }
 }
 
 #[cfg(test)]

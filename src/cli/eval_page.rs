@@ -1,0 +1,148 @@
+//! The page that `tdcr eval` writes, and what it shares with the demo's.
+
+use tdcr::learn::flow::{Sampler, TimeGrid};
+use tdcr::pipeline::{Distances, Evaluation, Evaluator, PipelineError};
+use tdcr::report::{CommandUnit, Example, PerTest, Report, Score};
+use tdcr::sim::cloud::PointCloud;
+
+use super::eval::{EvalArgs, Metrics};
+
+/// The page on an evaluation that shows the `worst` test commands.
+pub(super) fn page(
+    args: &EvalArgs,
+    evaluator: &Evaluator,
+    evaluation: &Evaluation,
+    metrics: &Metrics,
+    worst: &[usize],
+) -> Result<Report, PipelineError> {
+    let label = |rank: usize, test: usize| match rank {
+        0 => format!("test {test}, the worst"),
+        rank => format!("test {test}, number {} of the worst", rank + 1),
+    };
+    let (model, settings) = (evaluator.model(), evaluator.settings());
+    let entry = |name: &str, value: String| (name.to_owned(), value);
+    Ok(Report {
+        title: "A network's clouds against the true ones".to_owned(),
+        headline: format!(
+            "For {} test commands, the network's clouds are {:.1} times nearer to the true shape (mean Chamfer \
+             distance) than those of the nearest training command.",
+            metrics.tests,
+            metrics.cd_nearest / metrics.cd
+        ),
+        summary: vec![
+            entry("Model", args.model.display().to_string()),
+            entry("Data set", args.data.display().to_string()),
+            entry(
+                "Network",
+                format!("{} parameters", model.network.params().len()),
+            ),
+            entry("Training", format!("best at step {}", model.step)),
+            entry("Test commands", metrics.tests.to_string()),
+            entry("Sampler", sampler_text(&settings.sampler)),
+            entry("Seed", settings.seed.to_string()),
+            entry("tdcr", env!("CARGO_PKG_VERSION").to_owned()),
+        ],
+        scores: scores(evaluation),
+        floor: floor(evaluation),
+        score_notes: score_notes(metrics),
+        per_test: Some(per_test(evaluation)),
+        training: None,
+        stages: Vec::new(),
+        examples: (worst.iter().enumerate())
+            .map(|(rank, &test)| example(evaluator, evaluation, test, label(rank, test)))
+            .collect::<Result<_, _>>()?,
+    })
+}
+
+fn score(name: &str, distances: Distances) -> Score {
+    Score {
+        name: name.to_owned(),
+        cd: distances.cd,
+        emd: distances.emd,
+        emd_squared: distances.emd_squared,
+    }
+}
+
+/// Mean scores of the predictors.
+pub(super) fn scores(evaluation: &Evaluation) -> Vec<Score> {
+    let mean = evaluation.mean();
+    [
+        Some(score("Network", mean.network)),
+        Some(score("Nearest training command", mean.nearest)),
+        mean.mean.map(|mean| score("Mean command", mean)),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// Mean score of second samples of the true surfaces.
+pub(super) fn floor(evaluation: &Evaluation) -> Option<Score> {
+    let floor = evaluation.mean().floor;
+    floor.map(|floor| score("Sampling floor", floor))
+}
+
+/// How the scores were computed.
+pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
+    vec![
+        format!("Means over {} test commands.", metrics.tests),
+        format!(
+            "Chamfer distance on {} points of each cloud, earth mover's distances on {}.",
+            metrics.points, metrics.emd_points
+        ),
+        format!(
+            "The matchings are optimal: their duality gaps are at most {:.1e} m, and {:.1e} m² where squared.",
+            metrics.emd_gap, metrics.emd_squared_gap
+        ),
+    ]
+}
+
+/// Chamfer distances of each test command.
+pub(super) fn per_test(evaluation: &Evaluation) -> PerTest {
+    let all = &evaluation.per_test;
+    PerTest {
+        network: all.iter().map(|s| s.network.cd).collect(),
+        nearest: all.iter().map(|s| s.nearest.cd).collect(),
+        floor: all.iter().filter_map(|s| Some(s.floor?.cd)).collect(),
+    }
+}
+
+/// The clouds of one test command.
+pub(super) fn example(
+    evaluator: &Evaluator,
+    evaluation: &Evaluation,
+    test: usize,
+    label: String,
+) -> Result<Example, PipelineError> {
+    let scores = &evaluation.per_test[test];
+    let sample = &evaluator.test()[test];
+    let condition = &sample.condition;
+    Ok(Example {
+        label,
+        command: condition.motors.iter().map(|&x| x.into()).collect(),
+        command_unit: match evaluator.robot() {
+            Some(_) => CommandUnit::Metres,
+            None => CommandUnit::AsRecorded,
+        },
+        payload: condition.payload.map(f64::from),
+        truth: sample.cloud.clone(),
+        prediction: colorless(evaluator.predict(test)?.points),
+        nearest: colorless(evaluator.nearest(test)?),
+        cd: scores.network.cd,
+        emd: scores.network.emd,
+        cd_nearest: scores.nearest.cd,
+    })
+}
+
+fn colorless(points: Vec<[f32; 3]>) -> PointCloud {
+    let colors = vec![[128; 3]; points.len()];
+    PointCloud { points, colors }
+}
+
+fn sampler_text(sampler: &Sampler) -> String {
+    let grid = match sampler.grid {
+        TimeGrid::Uniform => "equal steps".to_owned(),
+        TimeGrid::Power(power) => format!("power {power}"),
+    };
+    format!("{}, {} steps, {grid}", sampler.method.name(), sampler.steps)
+}

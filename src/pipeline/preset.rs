@@ -1,0 +1,166 @@
+//! Networks and settings of training that fit together.
+
+use tdcr_learn::flow::Sampler;
+use tdcr_learn::train::TrainSettings;
+
+/// Sizes and settings that fit together; all else is as in [`TrainSettings::default`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Preset {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is for.
+    pub purpose: &'static str,
+    /// Features per layer.
+    pub width: usize,
+    /// Layers.
+    pub depth: usize,
+    /// Features of the embedding of time and condition.
+    pub embedding: usize,
+    /// How long the run is.
+    pub length: Length,
+    /// Points per cloud and step, or all of a cloud where it has fewer.
+    pub points: usize,
+    /// Steps between validations.
+    pub validate_every: u64,
+    /// Sampler of the validation's predictions.
+    pub sampler: Sampler,
+    /// What differs between the networks: an MLP's, a hybrid's.
+    pub rates: [Rates; 2],
+}
+
+/// Batch and learning rate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rates {
+    /// Clouds per step.
+    pub clouds: usize,
+    /// Learning rate after warm-up.
+    pub learning_rate: f64,
+    /// Steps of warm-up; at most a tenth of the run.
+    pub warmup_steps: u64,
+}
+
+/// Length of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Length {
+    /// Optimiser steps.
+    Steps(u64),
+    /// Times that as many clouds are drawn as the training set has.
+    Epochs(u64),
+}
+
+/// Many clouds of few points and a high rate: learns a small network fast on a CPU.
+const FEW_POINTS: Rates = Rates {
+    clouds: 64,
+    learning_rate: 2e-2,
+    warmup_steps: 500,
+};
+
+impl Preset {
+    /// All of them; the first is the default.
+    pub const ALL: [Self; 3] = [
+        Self {
+            name: "quick",
+            purpose: "a small network in minutes on a CPU",
+            width: 96,
+            depth: 6,
+            embedding: 128,
+            length: Length::Steps(9000),
+            points: 256,
+            validate_every: 750,
+            sampler: Sampler::DEFAULT,
+            rates: [FEW_POINTS; 2],
+        },
+        Self {
+            name: "laptop",
+            purpose: "a larger network in about an hour on 2 cores",
+            width: 128,
+            depth: 6,
+            embedding: 128,
+            length: Length::Steps(60_000),
+            points: 256,
+            validate_every: 3000,
+            sampler: Sampler::DEFAULT,
+            rates: [FEW_POINTS; 2],
+        },
+        Self {
+            name: "paper",
+            purpose: "the authors' settings, for days on a CPU",
+            width: 512,
+            depth: 6,
+            embedding: 256,
+            length: Length::Epochs(500),
+            points: 20_000,
+            validate_every: 5000,
+            sampler: Sampler::PAPER,
+            rates: [
+                Rates {
+                    clouds: 8,
+                    learning_rate: 3e-4,
+                    warmup_steps: 1000,
+                },
+                Rates {
+                    clouds: 32,
+                    learning_rate: 8e-4,
+                    warmup_steps: 4000,
+                },
+            ],
+        },
+    ];
+
+    /// The preset of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|preset| preset.name == name)
+    }
+}
+
+impl Length {
+    /// Steps of a run with batches of `clouds` clouds from a training set of `set` clouds.
+    pub fn steps(self, clouds: usize, set: usize) -> u64 {
+        match self {
+            Self::Steps(steps) => steps,
+            Self::Epochs(epochs) => epochs * set.div_ceil(clouds.max(1)) as u64,
+        }
+    }
+}
+
+impl Default for Preset {
+    fn default() -> Self {
+        Self::ALL[0]
+    }
+}
+
+impl Preset {
+    /// Settings of a run of `steps` steps with the rates of one of the networks.
+    pub fn settings(&self, rates: Rates, steps: u64) -> TrainSettings {
+        TrainSettings {
+            steps,
+            clouds: rates.clouds,
+            points: self.points,
+            learning_rate: rates.learning_rate,
+            warmup_steps: rates.warmup_steps.min(steps / 10),
+            validate_every: self.validate_every,
+            sampler: self.sampler,
+            ..TrainSettings::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_preset_is_the_default_settings() {
+        let quick = Preset::default();
+        assert_eq!(quick.name, "quick");
+        let settings = quick.settings(quick.rates[0], quick.length.steps(64, 1));
+        assert_eq!(settings, TrainSettings::default());
+    }
+
+    #[test]
+    fn an_epoch_draws_every_cloud_once_on_average() {
+        assert_eq!(Length::Epochs(500).steps(8, 8000), 500_000);
+        assert_eq!(Length::Epochs(3).steps(8, 17), 9);
+        assert_eq!(Length::Steps(7).steps(8, 17), 7);
+    }
+}

@@ -1,0 +1,244 @@
+//! The scores of an evaluation, and what they come to over the test commands.
+
+use serde::{Deserialize, Serialize};
+
+/// Distances between two clouds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Distances {
+    /// Squared Chamfer distance (m², paper, Eq. cd).
+    pub cd: f64,
+    /// Earth mover's distance (m, paper, Eq. emd).
+    pub emd: f64,
+    /// Duality gap of `emd` (m): no matching has a mean distance below `emd - emd_gap`.
+    pub emd_gap: f64,
+    /// Mean squared distance (m²) of the bijection that makes it least.
+    pub emd_squared: f64,
+    /// Duality gap of `emd_squared` (m²).
+    pub emd_squared_gap: f64,
+}
+
+/// Distances of several predictors' clouds from the true one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// Of the network's prediction.
+    pub network: Distances,
+    /// Of the training cloud whose command is nearest.
+    pub nearest: Distances,
+    /// Of the cloud of the mean training command; `None` where the data set names no robot.
+    pub mean: Option<Distances>,
+    /// Of a second, independent sample of the true surface: what a perfect predictor would reach.
+    /// `None` where the data set names no robot.
+    pub floor: Option<Distances>,
+    /// Mean absolute difference, in [0, 1], of the colours of the network's points from those of the nearest points
+    /// of the whole true cloud ([`color_error`](tdcr_learn::metrics::color_error)). `None` where the network predicts
+    /// no colours, or all points of the test clouds have one.
+    pub color: Option<f64>,
+}
+
+/// The scores of every test command.
+#[derive(Clone, Debug)]
+pub struct Evaluation {
+    /// Scores by index in the test split; at least one.
+    pub per_test: Vec<Scores>,
+}
+
+/// Quantiles of values over the test commands, in the unit of the values.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Quantiles {
+    /// Least.
+    pub min: f64,
+    /// 5 % lie below.
+    pub p5: f64,
+    /// 25 % lie below.
+    pub p25: f64,
+    /// Half lie below.
+    pub median: f64,
+    /// 75 % lie below.
+    pub p75: f64,
+    /// 95 % lie below.
+    pub p95: f64,
+    /// Greatest.
+    pub max: f64,
+}
+
+impl Distances {
+    /// Each distance combined over `all`, by `combine` of the values of one field.
+    fn combined(all: &[Self], combine: impl Fn(&mut dyn Iterator<Item = f64>) -> f64) -> Self {
+        let over = |pick: fn(&Self) -> f64| combine(&mut all.iter().map(pick));
+        Self {
+            cd: over(|d| d.cd),
+            emd: over(|d| d.emd),
+            emd_gap: over(|d| d.emd_gap),
+            emd_squared: over(|d| d.emd_squared),
+            emd_squared_gap: over(|d| d.emd_squared_gap),
+        }
+    }
+}
+
+impl Scores {
+    fn all(&self) -> impl Iterator<Item = Distances> {
+        [self.network, self.nearest]
+            .into_iter()
+            .chain(self.mean)
+            .chain(self.floor)
+    }
+}
+
+impl Evaluation {
+    /// Mean scores over all test commands. A mean gap is a duality gap of the mean distance.
+    pub fn mean(&self) -> Scores {
+        let count = self.per_test.len() as f64;
+        let mean = |all: &[Distances]| Distances::combined(all, |x| x.sum::<f64>() / count);
+        let over = |pick: fn(&Scores) -> Distances| {
+            mean(&self.per_test.iter().map(pick).collect::<Vec<_>>())
+        };
+        let over_known = |pick: fn(&Scores) -> Option<Distances>| {
+            let known = self.per_test.iter().map(pick).collect::<Option<Vec<_>>>();
+            known.map(|known| mean(&known))
+        };
+        Scores {
+            network: over(|s| s.network),
+            nearest: over(|s| s.nearest),
+            mean: over_known(|s| s.mean),
+            floor: over_known(|s| s.floor),
+            color: {
+                let known = self.per_test.iter().map(|s| s.color);
+                known.sum::<Option<f64>>().map(|sum| sum / count)
+            },
+        }
+    }
+
+    /// Greatest value of each distance, and of each gap, over all predictors and test commands.
+    pub fn greatest(&self) -> Distances {
+        let all: Vec<Distances> = self.per_test.iter().flat_map(Scores::all).collect();
+        Distances::combined(&all, |x| x.fold(0.0, f64::max))
+    }
+
+    /// Quantiles over the test commands of one distance of the network's predictions.
+    pub fn quantiles(&self, pick: fn(&Distances) -> f64) -> Quantiles {
+        let values = self.per_test.iter().map(|scores| pick(&scores.network));
+        Quantiles::of(values.collect())
+    }
+
+    /// Indices of all test commands, from the network's worst prediction by Chamfer distance to its best.
+    pub fn worst_first(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.per_test.len()).collect();
+        let cd = |index: &usize| self.per_test[*index].network.cd;
+        order.sort_by(|a, b| cd(b).total_cmp(&cd(a)));
+        order
+    }
+
+    /// Indices of `count` test commands, from the network's best to its worst, evenly spread.
+    pub fn spread(&self, count: usize) -> Vec<usize> {
+        let worst_first = self.worst_first();
+        let last = worst_first.len() - 1;
+        let mut ranks: Vec<usize> = (0..count)
+            .map(|k| (last as f64 * k as f64 / (count.max(2) - 1) as f64).round() as usize)
+            .collect();
+        ranks.dedup();
+        ranks
+            .into_iter()
+            .map(|rank| worst_first[last - rank])
+            .collect()
+    }
+}
+
+impl Quantiles {
+    /// Of at least one value. Between two values, a quantile is interpolated linearly (definition 7 of
+    /// Hyndman and Fan, The American Statistician 50, 1996; NumPy's default).
+    fn of(mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let last = values.len() - 1;
+        let at = |share: f64| {
+            let place = share * last as f64;
+            let below = place as usize;
+            let above = (below + 1).min(last);
+            values[below] + (place - below as f64) * (values[above] - values[below])
+        };
+        Self {
+            min: at(0.0),
+            p5: at(0.05),
+            p25: at(0.25),
+            median: at(0.5),
+            p75: at(0.75),
+            p95: at(0.95),
+            max: at(1.0),
+        }
+    }
+
+    /// The quantiles in ascending order, each with its name.
+    pub fn named(&self) -> [(&'static str, f64); 7] {
+        [
+            ("min", self.min),
+            ("5 %", self.p5),
+            ("25 %", self.p25),
+            ("median", self.median),
+            ("75 %", self.p75),
+            ("95 %", self.p95),
+            ("max", self.max),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn evaluation(cds: &[f64]) -> Evaluation {
+        let distances = |cd: f64| Distances {
+            cd,
+            emd: 10.0 * cd,
+            emd_gap: 1e-9 * cd,
+            emd_squared: 100.0 * cd,
+            emd_squared_gap: 1e-8 * cd,
+        };
+        let scores = |&cd: &f64| Scores {
+            network: distances(cd),
+            nearest: distances(2.0 * cd),
+            mean: None,
+            floor: Some(distances(0.5 * cd)),
+            color: Some(0.1 * cd),
+        };
+        Evaluation {
+            per_test: cds.iter().map(scores).collect(),
+        }
+    }
+
+    #[test]
+    fn quantiles_are_numpys() {
+        // numpy.quantile([0.3, 0.1, 0.7, 0.2, 1.5, 0.4], [0, 0.05, 0.25, 0.5, 0.75, 0.95, 1])
+        let expected = [0.1, 0.125, 0.225, 0.35, 0.625, 1.3, 1.5];
+        let quantiles = evaluation(&[0.3, 0.1, 0.7, 0.2, 1.5, 0.4]).quantiles(|d| d.cd);
+        for ((name, value), expected) in quantiles.named().into_iter().zip(expected) {
+            assert!((value - expected).abs() < 1e-15, "{name}: {value}");
+        }
+    }
+
+    #[test]
+    fn quantiles_of_one_test_are_its_value() {
+        let quantiles = evaluation(&[0.3]).quantiles(|d| d.emd);
+        assert!(quantiles.named().into_iter().all(|(_, value)| value == 3.0));
+    }
+
+    #[test]
+    fn the_worst_come_first_and_a_spread_runs_from_best_to_worst() {
+        let evaluation = evaluation(&[0.3, 0.1, 0.7, 0.2, 1.5]);
+        assert_eq!(evaluation.worst_first(), [4, 2, 0, 3, 1]);
+        assert_eq!(evaluation.spread(3), [1, 0, 4]);
+        assert_eq!(evaluation.spread(9), [1, 3, 0, 2, 4]);
+    }
+
+    #[test]
+    fn means_and_greatest_values_are_taken_of_each_distance_alone() {
+        let evaluation = evaluation(&[1.0, 3.0]);
+        let mean = evaluation.mean();
+        assert_eq!((mean.network.cd, mean.network.emd), (2.0, 20.0));
+        assert_eq!(mean.nearest.emd_squared, 400.0);
+        assert_eq!(mean.mean, None);
+        assert_eq!(mean.floor.map(|d| d.cd), Some(1.0));
+        assert_eq!(mean.color, Some(0.2));
+        let greatest = evaluation.greatest();
+        assert_eq!((greatest.cd, greatest.emd_squared), (6.0, 600.0));
+        assert!((greatest.emd_gap - 6e-9).abs() < 1e-20);
+    }
+}

@@ -1,0 +1,129 @@
+//! What `tdcr eval` says of a network, as JSON, as tables and as a page.
+
+use serde_json::Value;
+
+use crate::{refuse, succeed, succeed_json, text, train_tiny};
+
+/// Points that the clouds of a small set are compared on.
+const POINTS: [&str; 4] = ["--points", "400", "--emd-points", "100"];
+
+const QUANTILES: [&str; 7] = ["min", "p5", "p25", "median", "p75", "p95", "max"];
+
+/// A folder with a small data set of four test commands, and the arguments that score a network trained on it.
+fn trained(options: &[&str]) -> (tempfile::TempDir, Vec<String>) {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    let size = ["collect", "--samples", "40", "--points", "400"];
+    succeed_json(&[&size[..], &["--out", text(&data)], options].concat());
+    let trained = train_tiny(&data, &run, &[]);
+    let model = trained["model"].as_str().unwrap();
+    let arguments = [
+        &["eval", "--model", model, "--data", text(&data)],
+        &POINTS[..],
+    ]
+    .concat();
+    (folder, arguments.into_iter().map(str::to_owned).collect())
+}
+
+fn with<'a>(arguments: &'a [String], more: &[&'a str]) -> Vec<&'a str> {
+    arguments
+        .iter()
+        .map(String::as_str)
+        .chain(more.iter().copied())
+        .collect()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap()
+}
+
+#[test]
+fn quantiles_and_worst_tests_agree_with_the_means() {
+    let (_folder, arguments) = trained(&["--payload", "0:0.03"]);
+    let scores = succeed_json(&with(&arguments, &["--worst", "9"]));
+    let worst = scores["worst"].as_array().unwrap();
+    assert_eq!(worst.len(), 4);
+    for key in ["cd", "emd", "emd_squared"] {
+        let values: Vec<f64> = worst.iter().map(|test| number(&test[key])).collect();
+        let mean = values.iter().sum::<f64>() / 4.0;
+        assert!((mean / number(&scores[key]) - 1.0).abs() < 1e-12, "{key}");
+        let quantiles = QUANTILES.map(|name| number(&scores["network_quantiles"][key][name]));
+        assert!(quantiles.is_sorted(), "{key}: {quantiles:?}");
+        assert_eq!(
+            quantiles[0],
+            values.iter().copied().fold(f64::MAX, f64::min)
+        );
+        assert_eq!(quantiles[6], values.iter().copied().fold(0.0, f64::max));
+        let mut sorted = values;
+        sorted.sort_by(f64::total_cmp);
+        assert!((quantiles[3] / (0.5 * (sorted[1] + sorted[2])) - 1.0).abs() < 1e-12);
+    }
+    assert!(worst.is_sorted_by(|a, b| number(&a["cd"]) >= number(&b["cd"])));
+    let mut tests: Vec<u64> = worst.iter().map(|t| t["test"].as_u64().unwrap()).collect();
+    tests.sort_unstable();
+    assert_eq!(tests, [0, 1, 2, 3]);
+    for test in worst {
+        assert_eq!(test["command"].as_array().unwrap().len(), 6);
+        assert!((0.0..=0.031).contains(&number(&test["payload"])));
+        // The mean of squares is no less than the square of the mean.
+        assert!(number(&test["emd_squared"]) >= number(&test["emd"]).powi(2));
+    }
+    let two = succeed_json(&with(&arguments, &["--worst", "2"]));
+    assert_eq!(two["worst"].as_array().unwrap()[..], worst[..2]);
+}
+
+#[test]
+fn the_matchings_behind_the_scores_are_proven_optimal() {
+    let (_folder, arguments) = trained(&[]);
+    let scores = succeed_json(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    for (gap, value) in [
+        ("emd_gap", "emd_floor"),
+        ("emd_squared_gap", "emd_squared_floor"),
+    ] {
+        let share = number(&scores[gap]) / number(&scores[value]);
+        assert!((0.0..1e-9).contains(&share), "{gap}: {share}");
+    }
+}
+
+#[test]
+fn tables_show_quantiles_and_the_worst_commands() {
+    let (_folder, arguments) = trained(&[]);
+    let table = succeed(&with(&arguments, &["--quiet", "--worst", "1"]));
+    for expected in [
+        "sq. EMD (1e-4 m²)",
+        "median",
+        "worst: test",
+        "--command 0.0",
+        "duality gaps are at most",
+    ] {
+        assert!(table.contains(expected), "{expected}\n{table}");
+    }
+    assert_eq!(table.matches("--command").count(), 1);
+    let scores = succeed_json(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let emd = format!("{:.3}", 1e3 * number(&scores["emd"]));
+    assert!(table.contains(&emd), "{emd}\n{table}");
+}
+
+#[test]
+fn the_report_is_a_page_of_its_own_that_shows_the_worst_tests() {
+    let (folder, arguments) = trained(&[]);
+    let file = folder.path().join("scores.html");
+    let options = ["--report", text(&file), "--worst", "1"];
+    let scores = succeed_json(&with(&arguments, &options));
+    let page = std::fs::read_to_string(&file).unwrap();
+    let worst = scores["worst"][0]["test"].as_u64().unwrap();
+    assert!(page.contains(&format!("<h3>test {worst}, the worst</h3>")));
+    let ratio = format!(
+        "<td>{:.1}</td>",
+        number(&scores["cd"]) / number(&scores["cd_floor"])
+    );
+    let row = page.split("Network</th>").nth(1).unwrap();
+    assert!(row.split("</tr>").next().unwrap().contains(&ratio));
+    // Truth, prediction and nearest of one test; one chart of all of them.
+    assert_eq!(page.matches("<img ").count(), 3);
+    assert_eq!(page.matches("<svg ").count(), 1);
+    assert!(!page.contains("http:") && !page.contains("https:") && !page.contains("Training</h2>"));
+    let nowhere = folder.path().join("no/folder.html");
+    let options = ["--report", text(&nowhere)];
+    refuse(&with(&arguments, &options), 1, "cannot write");
+}

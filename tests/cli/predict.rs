@@ -1,0 +1,176 @@
+//! Predictions for many commands, as archives, and outside the training range.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::{collect_small, refuse, stderr, succeed_json, tdcr, text, train_tiny};
+
+const COMMANDS: &str =
+    "# six tendons\n0.034,0.007,0.001,0.026,0.015,0.019\n\n0.02,0.02,0.02,0.02,0.02,0.02\n";
+
+/// A model of small data, in a folder.
+fn model(folder: &Path, options: &[&str]) -> String {
+    let (data, run) = (folder.join("data"), folder.join("run"));
+    collect_small(&data, options);
+    let trained = train_tiny(&data, &run, &[]);
+    trained["model"].as_str().unwrap().to_owned()
+}
+
+fn predict(model: &str, options: &[&str]) -> Value {
+    succeed_json(&[&["predict", "--model", model, "--points", "50"], options].concat())
+}
+
+/// The number of bytes of `needle`'s first place in `bytes`.
+fn contains(bytes: &[u8], needle: &[u8]) -> bool {
+    bytes.windows(needle.len()).any(|window| window == needle)
+}
+
+#[test]
+fn many_commands_are_predicted_as_each_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(folder.path(), &[]);
+    let file = |name: &str| folder.path().join(name);
+    fs::write(file("commands.csv"), COMMANDS).unwrap();
+    let json = "[[0.034,0.007,0.001,0.026,0.015,0.019],[0.02,0.02,0.02,0.02,0.02,0.02]]";
+    fs::write(file("commands.json"), json).unwrap();
+    let batch = |commands: &str, out: &str| {
+        let (commands, out) = (file(commands), file(out));
+        predict(
+            &model,
+            &["--commands", text(&commands), "--out", text(&out)],
+        )
+    };
+    let many = batch("commands.csv", "clouds");
+    assert_eq!(many.as_array().unwrap().len(), 2);
+    batch("commands.json", "again");
+    for (index, command) in [
+        "0.034,0.007,0.001,0.026,0.015,0.019",
+        "0.02,0.02,0.02,0.02,0.02,0.02",
+    ]
+    .iter()
+    .enumerate()
+    {
+        let alone = file("alone.ply");
+        let single = predict(&model, &["--command", command, "--out", text(&alone)]);
+        assert_eq!(single["min"], many[index]["min"]);
+        let alone = fs::read(alone).unwrap();
+        for dir in ["clouds", "again"] {
+            let cloud = PathBuf::from(dir).join(format!("cloud-{index:05}.ply"));
+            assert!(fs::read(folder.path().join(cloud)).unwrap() == alone);
+        }
+    }
+    let all = batch("commands.csv", "all.npz");
+    assert_eq!(all[1]["max"], many[1]["max"]);
+    let archive = fs::read(file("all.npz")).unwrap();
+    assert!(contains(&archive, b"'shape': (2, 50, 3, )"));
+    assert!(contains(&archive, b"'shape': (2, 6, )"));
+    // The first coordinate of the last cloud's PLY stands in the archive too.
+    let ply = fs::read(file("clouds/cloud-00001.ply")).unwrap();
+    let body = ply.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    assert!(contains(&archive, &ply[body..body + 12]));
+    let alone = file("alone.npz");
+    predict(
+        &model,
+        &[
+            "--command",
+            "0.02,0.02,0.02,0.02,0.02,0.02",
+            "--out",
+            text(&alone),
+        ],
+    );
+    let alone = fs::read(alone).unwrap();
+    assert!(contains(&alone, b"'shape': (50, 3, )") && contains(&alone, &ply[body..body + 12]));
+}
+
+#[test]
+fn wrong_files_of_commands_are_named_with_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(folder.path(), &["--payload", "0:0.03"]);
+    let batch = |name: &str, content: &str, expected: &str| {
+        let file = folder.path().join(name);
+        fs::write(&file, content).unwrap();
+        let out = folder.path().join("out");
+        let arguments = ["predict", "--model", &model, "--commands", text(&file)];
+        refuse(
+            &[&arguments[..], &["--out", text(&out)]].concat(),
+            1,
+            expected,
+        );
+    };
+    batch(
+        "a.csv",
+        "0,0,0,0,0,0,0.01\n0,0,0,0,0,0\n",
+        "a.csv line 2: the command has 5 entries",
+    );
+    batch(
+        "a.csv",
+        "0,0,0,0,0,0,-1\n",
+        "a.csv line 1: the payload is -1 kg",
+    );
+    batch("a.csv", "0,zero\n", "a.csv line 1: `zero` is not a number");
+    batch("a.csv", "# nothing\n", "a.csv has no commands");
+    batch(
+        "a.json",
+        "[[0,0,0,0,0,0,0],[0]]",
+        "a.json entry 1: the command has 0 entries",
+    );
+    batch("a.json", "{}", "a.json is not a list of lists of numbers");
+    let file = folder.path().join("good.csv");
+    fs::write(&file, "0,0,0,0,0,0,0\n").unwrap();
+    let arguments = ["predict", "--model", &model, "--commands", text(&file)];
+    refuse(
+        &[&arguments[..], &["--out", "x.ply"]].concat(),
+        1,
+        "--out x.ply is one PLY file",
+    );
+    refuse(
+        &[&arguments[..], &["--payload", "0"]].concat(),
+        2,
+        "cannot be used with",
+    );
+    refuse(&["predict", "--model", &model], 2, "--command");
+}
+
+#[test]
+fn what_lies_outside_the_training_range_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(folder.path(), &["--payload", "0.01:0.02"]);
+    let out = folder.path().join("cloud.ply");
+    let options = [
+        "--command",
+        "0.02,0.02,0.04,0.02,0.02,0.02",
+        "--out",
+        text(&out),
+    ];
+    let inside = predict(&model, &[&options[..], &["--payload", "0.015"]].concat());
+    // No random command is at its very limit.
+    let outside = inside["out_of_range"].as_array().unwrap();
+    assert_eq!(outside.len(), 1, "{outside:?}");
+    assert_eq!(
+        (&outside[0]["index"], &outside[0]["value"]),
+        (&2.into(), &0.04.into())
+    );
+    assert!(outside[0]["max"].as_f64().unwrap() < 0.04);
+    let loaded = [
+        "predict",
+        "--model",
+        &model,
+        "--points",
+        "50",
+        "--payload",
+        "0.05",
+    ];
+    let output = tdcr(&[&loaded[..], &options].concat()).output().unwrap();
+    let said = stderr(&output);
+    assert!(output.status.success());
+    assert!(
+        said.contains("the command: tendon 2 is 0.04, outside the training range 0."),
+        "{said}"
+    );
+    assert!(
+        said.contains("the payload (kg) is 0.05, outside the training range 0 to 0.01"),
+        "{said}"
+    );
+}

@@ -1,0 +1,257 @@
+//! Training that is left alone: its log, presets, ends before the last step, and kills.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use crate::{TINY_NETWORK, collect_small, refuse, stderr, succeed, tdcr, text, train_tiny};
+
+/// Kills of a training run, at moments spread over it.
+const KILLS: u32 = 8;
+
+/// Runs of it that may come to their end instead, before the test gives up.
+const ATTEMPTS: u32 = 10 * KILLS;
+
+fn train(data: &Path, run: &Path) -> Command {
+    let size = [
+        "train",
+        "--width",
+        "16",
+        "--depth",
+        "2",
+        "--embedding",
+        "16",
+    ];
+    let length = ["--steps", "233", "--validate-every", "16", "--quiet"];
+    let places = ["--data", text(data), "--out", text(run)];
+    let mut command = tdcr(&[&size[..], &length, &places].concat());
+    command.stdout(Stdio::null()).stderr(Stdio::null());
+    command
+}
+
+/// Model, state and log of a run, and the steps of its events.
+fn results(run: &Path) -> ([Vec<u8>; 3], Vec<u64>) {
+    let files = ["model.safetensors", "state.safetensors", "log.csv"]
+        .map(|file| fs::read(run.join(file)).unwrap());
+    (files, event_steps(run))
+}
+
+/// Steps of the records of the event file. Checksums are left to the Python tests.
+fn event_steps(run: &Path) -> Vec<u64> {
+    let bytes = fs::read(run.join("events.out.tfevents.tdcr")).unwrap();
+    let (mut rest, mut steps) = (&bytes[..], vec![]);
+    while !rest.is_empty() {
+        let length = u64::from_le_bytes(rest[..8].try_into().unwrap()) as usize;
+        let event = &rest[12..12 + length];
+        // Field 1 is eight bytes, field 2 the step, of at most 14 bits here.
+        assert_eq!((event[0], event[9]), (0x09, 0x10));
+        let high = (event[10] >> 7) * event[11];
+        steps.push(u64::from(event[10] & 0x7f) + (u64::from(high) << 7));
+        rest = &rest[length + 16..];
+    }
+    steps
+}
+
+/// Steps of the lines of the log.
+fn logged_steps(csv: &[u8]) -> Vec<u64> {
+    let lines = std::str::from_utf8(csv).unwrap().lines().skip(1);
+    let step = |line: &str| line.split(',').next().unwrap().parse().unwrap();
+    lines.map(step).collect()
+}
+
+#[test]
+fn training_that_is_killed_at_any_moment_ends_as_if_it_had_not_been() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    collect_small(&data, &[]);
+    let whole = folder.path().join("whole");
+    let began = Instant::now();
+    assert!(train(&data, &whole).status().unwrap().success());
+    let span = began.elapsed();
+    let expected = results(&whole);
+    let steps = logged_steps(&expected.0[2]);
+    assert_eq!([&[0], &steps[..]].concat(), expected.1);
+    let due = |step: &u64| step.is_multiple_of(10) || step.is_multiple_of(16) || *step == 233;
+    assert!(steps.into_iter().eq((1..=233).filter(due)));
+
+    let mut run = folder.path().join("killed0");
+    let mut kills = 0;
+    for attempt in 1..=ATTEMPTS {
+        let mut child = train(&data, &run).spawn().unwrap();
+        // The golden ratio's multiples spread the moments evenly over a run.
+        let share = (f64::from(attempt) * 0.618_034).fract();
+        sleep(span.mul_f64(share).max(Duration::from_millis(5)));
+        child.kill().unwrap();
+        let finished = child.wait().unwrap().success();
+        kills += u32::from(!finished);
+        if !finished && kills == KILLS {
+            assert!(train(&data, &run).status().unwrap().success());
+        }
+        if finished || kills == KILLS {
+            assert!(results(&run) == expected, "{run:?} after {kills} kills");
+            run = folder.path().join(format!("killed{attempt}"));
+        }
+        if kills == KILLS {
+            return;
+        }
+    }
+    panic!("only {kills} of {ATTEMPTS} attempts were killed before their end");
+}
+
+#[test]
+fn what_was_logged_after_the_state_is_dropped_and_what_is_lost_written_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    collect_small(&data, &[]);
+    train_tiny(&data, &run, &[]);
+    let expected = results(&run);
+    let log = |name: &str| run.join(name);
+    let again = || {
+        train_tiny(&data, &run, &[]);
+        assert!(results(&run) == expected);
+    };
+    fs::write(log("log.csv"), "step,loss\n10,1\n50,2\n6").unwrap();
+    let events = fs::read(log("events.out.tfevents.tdcr")).unwrap();
+    fs::write(log("events.out.tfevents.tdcr"), &events[..events.len() - 3]).unwrap();
+    again();
+    fs::remove_file(log("log.csv")).unwrap();
+    fs::remove_file(log("events.out.tfevents.tdcr")).unwrap();
+    again();
+}
+
+#[test]
+fn divergence_names_the_last_good_state_and_what_to_do_and_keeps_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    collect_small(&data, &[]);
+    let places = ["--data", text(&data), "--out", text(&run)];
+    let rate = ["--learning-rate", "200", "--warmup", "399"];
+    let length = ["--steps", "4000", "--validate-every", "10"];
+    let size = [
+        "train",
+        "--width",
+        "16",
+        "--depth",
+        "2",
+        "--embedding",
+        "16",
+    ];
+    let arguments = [&size[..], &places, &rate, &length].concat();
+    let output = tdcr(&arguments).output().unwrap();
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    let state = run.join("state.safetensors");
+    assert!(said.contains("training diverged at step"), "{said}");
+    assert!(said.contains("lower --learning-rate than 200"), "{said}");
+    let place = format!(", in {};", state.display());
+    let (before, _) = said.split_once(&place).unwrap();
+    let (_, step) = before
+        .rsplit_once("the last good state is of step ")
+        .unwrap();
+    let step: u64 = step.parse().unwrap();
+    // Every validated step is saved, but for those of the spike.
+    let at = said.split_once("diverged at step ").unwrap().1;
+    let at: u64 = at.split_once(':').unwrap().0.parse().unwrap();
+    assert!((at - 20..=at - 10).contains(&step), "{said}");
+    let bytes = fs::read(&state).unwrap();
+    refuse(&arguments, 1, &format!("diverged at step {at}:"));
+    assert!(fs::read(&state).unwrap() == bytes);
+}
+
+#[test]
+fn a_run_out_of_patience_ends_early() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    collect_small(&data, &[]);
+    let options = [
+        "--patience",
+        "1",
+        "--steps",
+        "4000",
+        "--validate-every",
+        "1",
+    ];
+    let places = ["--data", text(&data), "--out", text(&run)];
+    let size = [
+        "train",
+        "--width",
+        "16",
+        "--depth",
+        "2",
+        "--embedding",
+        "16",
+    ];
+    let arguments = [&size[..], &places, &options].concat();
+    let ended = crate::succeed_json(&arguments);
+    let steps = ended["steps"].as_u64().unwrap();
+    assert!(steps < 4000);
+    assert_eq!(ended["best_step"].as_u64().unwrap() + 1, steps);
+    assert_eq!(crate::succeed_json(&arguments), ended);
+    let other = folder.path().join("other");
+    let other = ["--data", text(&data), "--out", text(&other)];
+    refuse(
+        &[&TINY_NETWORK[..], &other, &["--patience", "0"]].concat(),
+        1,
+        "patience is 0, expected at least 1",
+    );
+}
+
+#[test]
+fn presets_are_explained_and_what_is_asked_for_goes_before_them() {
+    let help = succeed(&["train", "--help"]);
+    for expected in [
+        "[default: quick]",
+        "the authors' settings",
+        "[default: quick 96, laptop 128, paper 512]",
+        "[default: quick 9000, laptop 60000, paper 500 epochs]",
+        "[default: quick 64; laptop 64; paper 8, hybrid 32]",
+        "[default: quick 0.02; laptop 0.02; paper 0.0003, hybrid 0.0008]",
+    ] {
+        assert!(help.contains(expected), "{expected} is not in\n{help}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    collect_small(&data, &[]);
+    // 16 training clouds in batches of 8: an epoch is two steps, and a cloud has 400 points of the 20,000.
+    let options = [
+        "--preset",
+        "paper",
+        "--width",
+        "8",
+        "--depth",
+        "2",
+        "--patience",
+        "1",
+    ];
+    let small = ["--embedding", "8", "--validate-every", "400"];
+    let places = ["--data", text(&data), "--out", text(&run)];
+    let trained = crate::succeed_json(&[&["train"], &options[..], &small, &places].concat());
+    assert!(trained["steps"].as_u64().unwrap() <= 1000);
+    let state = fs::read(run.join("state.safetensors")).unwrap();
+    let header = String::from_utf8_lossy(&state);
+    for expected in [
+        r#"\"steps\":1000,"#,
+        r#"\"clouds\":8,"#,
+        r#"\"points\":400,"#,
+        r#"\"learning_rate\":0.0003,"#,
+        r#"\"warmup_steps\":100,"#,
+        r#"\"width\":8"#,
+    ] {
+        assert!(header.contains(expected), "{expected}");
+    }
+    refuse(
+        &[
+            "train",
+            "--preset",
+            "paper",
+            "--stream",
+            "2m",
+            "--out",
+            "/tmp/never",
+        ],
+        1,
+        "preset paper takes 500 epochs of a data set, and a stream has no end: say --steps N",
+    );
+}
