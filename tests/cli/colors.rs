@@ -89,7 +89,7 @@ fn archives_hold_predicted_colours() {
     };
     let (plain, colored) = (model("plain", &[]), model("colored", &["--colors"]));
     let archive = predicted(&colored, &path("cloud.npz"));
-    assert_eq!(archive, predicted(&colored, &path("cloud.ply")));
+    assert!(archive == predicted(&colored, &path("cloud.ply")));
     let none = predicted(&plain, &path("plain.npz"));
     // Grey is what an archive without colours is read as.
     assert_eq!(distinct(&none), [[128; 3]].into());
@@ -105,8 +105,7 @@ fn archives_hold_predicted_colours() {
     let clouds = batch(&colored, "clouds");
     let cloud = |k: usize| read_cloud(&clouds.join(format!("cloud-{k:05}.ply"))).unwrap();
     let (first, second) = (cloud(0), cloud(1));
-    assert_eq!(first, archive);
-    assert_ne!(second.colors, first.colors);
+    assert!(first == archive && second.colors != first.colors);
     let all = fs::read(batch(&colored, "all.npz")).unwrap();
     let header = b"{'descr': '|u1', 'fortran_order': False, 'shape': (2, 300, 3, ), }";
     assert_eq!(places(&all, header), 1);
