@@ -9,7 +9,8 @@ use std::path::Path;
 
 use common::{collect, meta};
 use tdcr_learn::data::{
-    DataSet, ExportFormat, ImportSettings, Sample, Split, check, export, import, read_cloud,
+    DataSet, ExportFormat, ImportSettings, NpzArray, NpzValues, Sample, Split, check, export,
+    import, read_cloud, write_npz,
 };
 use tempfile::tempdir;
 
@@ -216,4 +217,28 @@ fn clouds_without_motors_or_with_others_are_named() {
     fs::write(clouds.join("03.json"), "{\"ctrl\": [3, 1]}").unwrap();
     assert_eq!(import(&clouds, &out, &SETTINGS).unwrap(), 12);
     assert!(import(Path::new("/no/such/folder"), &out, &SETTINGS).is_err());
+}
+
+#[test]
+fn arrays_are_read_as_they_are_written_and_must_fill_their_shape() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("cloud.npz");
+    let points = |values| NpzArray {
+        name: "points",
+        shape: &[2, 3],
+        values,
+    };
+    let error = write_npz(&path, &[points(NpzValues::Bytes(&[0; 5]))]).unwrap_err();
+    assert_eq!(error.place, "array `points`");
+    assert_eq!(error.problem, "5 values, expected 6 as [2, 3] says");
+    assert!(!path.exists());
+    let values = [0.5, 1.0, -2.0, 4.0, 5.0, 6.0];
+    let colors = NpzArray {
+        name: "rgb",
+        ..points(NpzValues::Bytes(&[1, 2, 3, 4, 5, 255]))
+    };
+    write_npz(&path, &[points(NpzValues::Floats(&values)), colors]).unwrap();
+    let cloud = read_cloud(&path).unwrap();
+    assert_eq!(cloud.points.as_flattened(), values);
+    assert_eq!(cloud.colors, [[1, 2, 3], [4, 5, 255]]);
 }
