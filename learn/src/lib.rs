@@ -68,4 +68,5 @@ pub mod data;
 pub mod flow;
 pub mod metrics;
 pub mod net;
+mod pool;
 pub mod train;

@@ -10,7 +10,7 @@ use reference::{Cloud, loss_gradient};
 use tdcr_learn::data::CloudSet;
 use tdcr_learn::flow::{FlowPath, Stream, rng};
 use tdcr_learn::net::{Channels, MlpShape};
-use tdcr_learn::train::{TrainError, TrainSettings, Trainer, TrainingState};
+use tdcr_learn::train::{Optimizer, TrainError, TrainSettings, Trainer, TrainingState};
 use tempfile::TempDir;
 use toy::{COLORED, SHAPE, bars, colored_bars, provenance, run, settings};
 
@@ -69,6 +69,7 @@ fn one_step_on_colours_is_that_of_the_reference() {
 
 fn one_step(shape: MlpShape, training: &CloudSet, validation: &CloudSet) {
     let settings = TrainSettings {
+        optimizer: Optimizer::AdamW,
         clip_norm: 0.01,
         learning_rate: 1e-2,
         ..settings()
@@ -282,6 +283,7 @@ fn a_loss_that_leaps_and_stays_stops_the_run_by_name() {
     let (training, validation) = (bars(5, 1), bars(3, 2));
     let settings = TrainSettings {
         steps: 200,
+        optimizer: Optimizer::AdamW,
         learning_rate: 100.0,
         warmup_steps: 199,
         ..settings()
