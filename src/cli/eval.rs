@@ -49,11 +49,11 @@ pub(super) struct ScoringArgs {
 }
 
 impl ScoringArgs {
-    pub fn settings(&self) -> anyhow::Result<EvalSettings> {
+    pub fn settings(&self, model: &Model) -> anyhow::Result<EvalSettings> {
         Ok(EvalSettings {
             points: self.points,
             emd_points: self.emd_points,
-            sampler: self.sampler.sampler()?,
+            sampler: self.sampler.sampler(&model.settings)?,
             seed: self.seed,
         })
     }
@@ -244,8 +244,8 @@ fn worst_table(worst: &[WorstTest]) -> String {
 }
 
 pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
-    let settings = args.scoring.settings()?;
     let model = Model::load(&args.model)?;
+    let settings = args.scoring.settings(&model)?;
     let evaluator = Evaluator::new(&model, &args.data, settings)?;
     if evaluator.lacks_colors() {
         tracing::warn!(

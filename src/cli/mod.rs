@@ -5,6 +5,7 @@ mod commands;
 mod console;
 mod data;
 mod demo;
+mod distill;
 mod eval;
 mod eval_page;
 mod export;
@@ -17,10 +18,11 @@ mod train;
 use std::io::IsTerminal;
 use std::process::ExitCode;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
+use tdcr::learn::train::{Target, TrainSettings};
 use tdcr::pipeline::PipelineError;
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
@@ -58,6 +60,7 @@ enum Command {
     Collect(collect::CollectArgs),
     Data(data::DataArgs),
     Train(Box<train::TrainArgs>),
+    Distill(distill::DistillArgs),
     Predict(predict::PredictArgs),
     Eval(eval::EvalArgs),
     Demo(demo::DemoArgs),
@@ -82,26 +85,33 @@ struct CommandArg {
 /// How the network's flow is integrated.
 #[derive(Debug, Args)]
 struct SamplerArgs {
-    /// How steps are taken: heun evaluates the network twice in each, the others once
-    #[arg(long, default_value = Method::default().name(), value_parser = method())]
-    sampler: Method,
-    /// Steps of the sampler
-    #[arg(long, default_value_t = 16, value_name = "N")]
-    sampler_steps: usize,
-    /// Exponent p of the time grid 1 - (1 - k/n)^p; 1 is uniform, as in the paper
-    #[arg(long, default_value_t = 2.0, value_name = "P")]
-    sampler_power: f32,
+    /// How steps are taken: heun evaluates the network twice in each, the others once [default: the model's own, heun]
+    #[arg(long, value_parser = method())]
+    sampler: Option<Method>,
+    /// Steps of the sampler [default: the model's own, 16]
+    #[arg(long, value_name = "N")]
+    sampler_steps: Option<usize>,
+    /// Exponent p of the time grid 1 - (1 - k/n)^p; 1 is uniform, as in the paper [default: the model's own, 2]
+    #[arg(long, value_name = "P")]
+    sampler_power: Option<f32>,
 }
 
 impl SamplerArgs {
-    fn sampler(&self) -> anyhow::Result<Sampler> {
-        let grid = TimeGrid::Power(self.sampler_power);
+    /// The sampler for a model trained with `settings`.
+    fn sampler(&self, settings: &TrainSettings) -> anyhow::Result<Sampler> {
+        let own = settings.sampler;
         let sampler = Sampler {
-            method: self.sampler,
-            steps: self.sampler_steps,
-            grid,
+            method: self.sampler.unwrap_or(own.method),
+            steps: self.sampler_steps.unwrap_or(own.steps),
+            grid: self.sampler_power.map_or(own.grid, TimeGrid::Power),
         };
         sampler.check()?;
+        ensure!(
+            settings.target == Target::Velocity || sampler == own,
+            "the network was distilled for {} steps of its own sampler: leave out --sampler, --sampler-steps and \
+             --sampler-power",
+            own.steps
+        );
         Ok(sampler)
     }
 }
@@ -172,6 +182,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Collect(args) => collect::run(args, &console),
         Command::Data(args) => data::run(args, &console),
         Command::Train(args) => train::run(args, &console),
+        Command::Distill(args) => distill::run(args, &console),
         Command::Predict(args) => predict::run(args, &console),
         Command::Eval(args) => eval::run(args, &console),
         Command::Demo(args) => demo::run(args, &console),

@@ -164,7 +164,7 @@ fn predict(
     file: &Path,
     name: &str,
 ) -> anyhow::Result<(Prediction, Predicted)> {
-    let sampler = args.sampler.sampler()?;
+    let sampler = args.sampler.sampler(&model.settings)?;
     let out_of_range = model.provenance.normalisation.out_of_range(condition)?;
     for OutOfRange {
         index,

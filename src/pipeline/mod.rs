@@ -19,10 +19,10 @@ pub use collect::{CollectSettings, CollectTimes, collect};
 use evaluate::require_same;
 pub use evaluate::{EvalSettings, Evaluator};
 pub use monitor::{Monitor, Silent};
-pub use preset::{Length, Preset, Rates};
+pub use preset::{Length, Preset, Rates, distillation};
 pub use scores::{Distances, Evaluation, Quantiles, Scores};
 pub use survey::{Survey, Tips};
-pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, model_path, train};
+pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, model_path, train};
 
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! Networks and settings of training that fit together.
 
 use tdcr_learn::flow::Sampler;
-use tdcr_learn::train::{Optimizer, TrainSettings};
+use tdcr_learn::train::{Optimizer, Target, TrainSettings};
 
 /// Sizes and settings that fit together; all else is as in [`TrainSettings::default`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,6 +125,26 @@ impl Length {
             Self::Steps(steps) => steps,
             Self::Epochs(epochs) => epochs * set.div_ceil(clouds.max(1)) as u64,
         }
+    }
+}
+
+/// Settings of the distillation of a network trained with `teacher`, to the steps of `sampler`: lower rates than those that
+/// the teacher was trained at, as the student starts where it ended.
+pub fn distillation(teacher: &TrainSettings, sampler: Sampler, steps: u64) -> TrainSettings {
+    TrainSettings {
+        steps,
+        clouds: sampler.steps * 64usize.div_ceil(sampler.steps),
+        optimizer: Optimizer::Muon {
+            learning_rate: 5e-3,
+        },
+        learning_rate: 5e-3,
+        warmup_steps: (steps / 10).min(100),
+        path: teacher.path,
+        color_weight: teacher.color_weight,
+        sampler,
+        target: Target::Steps,
+        validate_every: 500,
+        ..TrainSettings::default()
     }
 }
 

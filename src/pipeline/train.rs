@@ -6,7 +6,8 @@ use tdcr_learn::data::{CloudSet, DataSet, Meta, Split, StreamSpec};
 use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape};
 use tdcr_learn::train::{
-    Feed, Model, Provenance, StreamWindow, TrainError, TrainSettings, Trainer, TrainingState,
+    Feed, Model, Provenance, StreamWindow, Teacher, TrainError, TrainSettings, Trainer,
+    TrainingState,
 };
 
 use super::log::RunLog;
@@ -114,12 +115,14 @@ pub fn train(
                 subject: set.meta().and_then(|meta| meta.subject().cloned()),
                 normalisation: set.normalisation().clone(),
             };
+            let training = Feed::from(&training);
+            let shape = size.shape(training.condition_dim());
             train_on(
-                (&training).into(),
+                training,
                 &validation,
                 provenance,
                 run,
-                size,
+                shape,
                 settings,
                 monitor,
             )
@@ -149,12 +152,13 @@ pub fn train(
                 normalisation: window.normalisation().clone(),
             };
             let training = Feed::Stream(Box::new(window));
+            let shape = size.shape(training.condition_dim());
             train_on(
                 training,
                 &validation,
                 provenance,
                 run,
-                size,
+                shape,
                 settings,
                 monitor,
             )
@@ -162,12 +166,46 @@ pub fn train(
     }
 }
 
+/// Trains `teacher`'s network to come from prior to data in the few steps of `settings.sampler`, keeping model, state and log
+/// in the folder `run` as [`train`] does. `data` is a data set whose val split validates.
+///
+/// # Errors
+/// As [`train`], and where the data set shows another subject, or the settings do not suit a [`Teacher`].
+pub fn distill(
+    teacher: &Model,
+    data: &Path,
+    run: &Path,
+    settings: &TrainSettings,
+    monitor: &dyn Monitor,
+) -> Result<Trained, PipelineError> {
+    let set = DataSet::open(data)?;
+    let provenance = teacher.provenance.clone();
+    let found = set.meta().and_then(Meta::subject);
+    if let (Some(subject), Some(found)) = (&provenance.subject, found) {
+        require_same(subject, found)?;
+    }
+    let shape = teacher.network.shape();
+    let normalisation = &provenance.normalisation;
+    let validation = set.cloud_set_in(Split::Val, normalisation, shape.channels())?;
+    let lessons = Teacher::new(teacher, settings.sampler).map_err(TrainError::from)?;
+    let training = Feed::Teacher(Box::new(lessons));
+    train_on(
+        training,
+        &validation,
+        provenance,
+        run,
+        shape,
+        settings,
+        monitor,
+    )
+}
+
 fn train_on(
     training: Feed,
     validation: &CloudSet,
     provenance: Provenance,
     run: &Path,
-    size: NetworkSize,
+    shape: NetworkShape,
     settings: &TrainSettings,
     monitor: &dyn Monitor,
 ) -> Result<Trained, PipelineError> {
@@ -182,7 +220,7 @@ fn train_on(
         validation_points: settings.validation_points.min(validation.points_per_cloud),
         ..settings.clone()
     };
-    let mut trainer = open(run, size, &settings, training, validation)?;
+    let mut trainer = open(run, shape, &settings, training, validation)?;
     let scale = provenance.normalisation.scale;
     let mut log = RunLog::open(run, &trainer, scale)?;
     if !trainer.is_finished() {
@@ -204,12 +242,11 @@ fn train_on(
 /// The run in the folder `run`, or a new one.
 fn open<'a>(
     run: &Path,
-    size: NetworkSize,
+    shape: NetworkShape,
     settings: &TrainSettings,
     training: Feed<'a>,
     validation: &'a CloudSet,
 ) -> Result<Trainer<'a>, PipelineError> {
-    let shape = size.shape(training.condition_dim());
     let path = state_path(run);
     if !path.exists() {
         return Ok(Trainer::new(shape, settings.clone(), training, validation)?);

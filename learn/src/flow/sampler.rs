@@ -134,6 +134,17 @@ impl Sampler {
 
     /// Carries `points` `(N, C)` from `t = 0` to `t = 1`, in place.
     pub fn integrate(&self, field: &impl VelocityField, condition: &[f32], points: &mut [f32]) {
+        self.integrate_observed(field, condition, points, |_, _| {});
+    }
+
+    /// [`Sampler::integrate`] that shows the points after every step to `observe`, with the number of steps taken.
+    pub fn integrate_observed(
+        &self,
+        field: &impl VelocityField,
+        condition: &[f32],
+        points: &mut [f32],
+        mut observe: impl FnMut(usize, &[f32]),
+    ) {
         let times: Vec<f32> = self.grid.times(self.steps).collect();
         let mut velocity = vec![0.0; points.len()];
         let mut last = velocity.clone();
@@ -186,6 +197,7 @@ impl Sampler {
                     last.copy_from_slice(&velocity);
                 }
             }
+            observe(k + 1, points);
         }
     }
 }

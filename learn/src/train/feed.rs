@@ -3,7 +3,10 @@
 use tdcr_sim::robot::SpecError;
 
 use super::error::TrainError;
+use super::settings::{SettingsError, Target, TrainSettings};
 use super::state::{fingerprint, hash};
+use super::teacher::Teacher;
+use super::trainer::Samples;
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
 use crate::net::{Channels, DIM, NetworkShape};
 
@@ -17,6 +20,8 @@ pub enum Feed<'a> {
     Set(&'a CloudSet),
     /// The last clouds of a stream.
     Stream(Box<StreamWindow>),
+    /// No clouds, but another network's ways to them.
+    Teacher(Box<Teacher>),
 }
 
 /// A window of `clouds` clouds that moves along a stream, `fresh` clouds a step: step `k`, the first is 1, sees the
@@ -47,23 +52,33 @@ impl Feed<'_> {
         match self {
             Self::Set(set) => set.condition_dim,
             Self::Stream(window) => window.set.condition_dim,
+            Self::Teacher(teacher) => teacher.network().shape().condition_dim(),
         }
     }
 
-    /// Points per cloud `N`.
+    /// Points per cloud `N`; of a teacher, as many as one likes.
     pub fn points_per_cloud(&self) -> usize {
         match self {
             Self::Set(set) => set.points_per_cloud,
             Self::Stream(window) => window.set.points_per_cloud,
+            Self::Teacher(_) => usize::MAX,
         }
     }
 
-    /// The clouds that step `step` draws from.
-    pub(super) fn at_step(&mut self, step: u64) -> Result<&CloudSet, TrainError> {
+    /// Draws the batch of step `step`.
+    pub(super) fn draw(
+        &mut self,
+        settings: &TrainSettings,
+        channels: Channels,
+        step: u64,
+        samples: &mut Samples,
+    ) -> Result<(), TrainError> {
         match self {
-            Self::Set(set) => Ok(set),
-            Self::Stream(window) => window.at_step(step),
+            Self::Set(set) => samples.draw(settings, set, channels, step),
+            Self::Stream(window) => samples.draw(settings, window.at_step(step)?, channels, step),
+            Self::Teacher(teacher) => teacher.lesson(settings, step, samples),
         }
+        Ok(())
     }
 
     /// A hash of the clouds, or of what they follow from.
@@ -75,6 +90,7 @@ impl Feed<'_> {
                 let json = serde_json::to_string(&key).expect("plain values serialise");
                 hash(json.bytes().map(u32::from))
             }
+            Self::Teacher(teacher) => hash(teacher.network().params().iter().map(|p| p.to_bits())),
         }
     }
 }
@@ -207,11 +223,19 @@ fn put(
 pub(super) fn check_feed(
     feed: &Feed,
     shape: &NetworkShape,
-    points: usize,
+    settings: &TrainSettings,
 ) -> Result<(), TrainError> {
+    let points = settings.points;
+    let taught = matches!(feed, Feed::Teacher(_));
+    if taught != (settings.target == Target::Steps) {
+        let expected = "`steps` with a teacher, `velocity` with clouds";
+        let found = format!("{:?}", settings.target);
+        return Err(SettingsError::new("target", found, expected).into());
+    }
     let set = match feed {
         Feed::Set(set) => return check_set("training", set, shape, points),
         Feed::Stream(window) => &window.set,
+        Feed::Teacher(teacher) => return Ok(teacher.check(shape, settings)?),
     };
     if shape.channels() == Channels::XyzRgb && set.colors.is_none() {
         return Err(no_colors("training"));

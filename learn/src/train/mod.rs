@@ -10,12 +10,14 @@ mod optimizer;
 mod orthogonal;
 mod settings;
 mod state;
+mod teacher;
 mod trainer;
 
 pub use error::{FileError, FileProblem, TrainError};
 pub use feed::{Feed, StreamWindow};
 pub use model::{Model, PredictError, Prediction, Provenance};
 pub use optimizer::Optimizer;
-pub use settings::{SPIKE_STEPS, SettingsError, TrainSettings};
+pub use settings::{SPIKE_STEPS, SettingsError, Target, TrainSettings};
 pub use state::{Best, TrainingState};
+pub use teacher::Teacher;
 pub use trainer::{Distance, Trainer};

@@ -56,6 +56,8 @@ pub struct TrainSettings {
     pub validation_points: usize,
     /// Sampler of the validation's predictions.
     pub sampler: Sampler,
+    /// What the network learns.
+    pub target: Target,
     /// Validations without a new best one after which the run ends; none takes all steps.
     pub patience: Option<u64>,
     /// How many times its running level the loss may be for [`SPIKE_STEPS`] steps on end; above, the run has diverged.
@@ -89,10 +91,23 @@ impl Default for TrainSettings {
             validation_clouds: 16,
             validation_points: 2048,
             sampler: Sampler::default(),
+            target: Target::Velocity,
             patience: None,
             spike_factor: 3.0,
         }
     }
+}
+
+/// What a network learns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Target {
+    /// The velocity at any flow time, which any sampler may follow.
+    #[default]
+    Velocity,
+    /// The mean velocities over the steps of [`TrainSettings::sampler`], from a [`Teacher`](super::Teacher): the network is of
+    /// use with that sampler alone.
+    Steps,
 }
 
 /// A setting out of bounds.

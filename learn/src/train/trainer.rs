@@ -44,11 +44,11 @@ pub struct Trainer<'a> {
 
 /// A step's batch: `B` clouds of `N` points.
 #[derive(Debug, Default)]
-struct Samples {
-    times: Vec<f32>,
-    conditions: Vec<f32>,
-    points: Vec<f32>,
-    targets: Vec<f32>,
+pub(super) struct Samples {
+    pub times: Vec<f32>,
+    pub conditions: Vec<f32>,
+    pub points: Vec<f32>,
+    pub targets: Vec<f32>,
 }
 
 impl<'a> Trainer<'a> {
@@ -65,7 +65,7 @@ impl<'a> Trainer<'a> {
         let shape = shape.into();
         settings.check()?;
         let training = training.into();
-        check_feed(&training, &shape, settings.points)?;
+        check_feed(&training, &shape, &settings)?;
         check_set("validation", validation, &shape, settings.validation_points)?;
         if settings.validation_clouds > validation.len() {
             let expected = format!(
@@ -79,7 +79,10 @@ impl<'a> Trainer<'a> {
             )
             .into());
         }
-        let network = Network::new(shape, &mut rng(settings.seed, Stream::Parameters))?;
+        let network = match &training {
+            Feed::Teacher(teacher) => teacher.network().clone(),
+            _ => Network::new(shape, &mut rng(settings.seed, Stream::Parameters))?,
+        };
         let parameters = network.params().len();
         let updater = Updater::new(settings.optimizer, &shape.tensors());
         Ok(Self {
@@ -243,9 +246,9 @@ impl<'a> Trainer<'a> {
     /// spike; the step is taken.
     pub fn step(&mut self) -> Result<f32, TrainError> {
         let step = self.step + 1;
-        let clouds = self.training.at_step(step)?;
         let channels = self.network.shape().channels();
-        self.samples.draw(&self.settings, clouds, channels, step);
+        self.training
+            .draw(&self.settings, channels, step, &mut self.samples)?;
         let batch = self.samples.batch(self.settings.color_weight);
         let loss = self
             .network
@@ -330,7 +333,13 @@ impl<'a> Trainer<'a> {
 
 impl Samples {
     /// Draws the batch of step `step`: clouds with replacement, points of each without.
-    fn draw(&mut self, settings: &TrainSettings, set: &CloudSet, channels: Channels, step: u64) {
+    pub fn draw(
+        &mut self,
+        settings: &TrainSettings,
+        set: &CloudSet,
+        channels: Channels,
+        step: u64,
+    ) {
         let mut rng = rng(settings.seed, Stream::Step(step));
         let stride = settings.points * channels.count();
         self.times.clear();

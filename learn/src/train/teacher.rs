@@ -1,0 +1,146 @@
+//! Lessons from a trained network: its many small steps, to be learned as a few large ones.
+
+use rand::RngExt;
+use rayon::prelude::*;
+
+use super::model::Model;
+use super::settings::{SettingsError, Target, TrainSettings};
+use super::trainer::Samples;
+use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
+use crate::net::{Network, NetworkShape};
+
+/// Fewest steps that the teacher takes from prior to data: where its own predictions stop getting better.
+const TEACHER_STEPS: usize = 16;
+
+/// A trained network, and the few steps in which another one is to come where it comes in many.
+///
+/// Along its way from prior to data the student is taught the mean velocity over each of its steps,
+/// `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` at `X(t_k)` and `t_k`: Euler's method with these velocities makes exactly the
+/// teacher's way (distillation of a sampler, as Salimans and Ho 2022, but to the last number of steps at once). Conditions
+/// are uniform in the range that the teacher was trained in; no data are needed.
+#[derive(Clone, Debug)]
+pub struct Teacher {
+    network: Network,
+    path: FlowPath,
+    /// The student's: Euler's method.
+    sampler: Sampler,
+    /// The teacher's: `fine.steps` is a multiple of the student's steps, on the same grid.
+    fine: Sampler,
+}
+
+impl Teacher {
+    /// `model` as the teacher of a student that takes `steps` steps on the grid of `sampler`.
+    ///
+    /// # Errors
+    /// [`SettingsError`] where `sampler` is not Euler's method or out of bounds, or where `model` is a student itself.
+    pub fn new(model: &Model, sampler: Sampler) -> Result<Self, SettingsError> {
+        sampler.check()?;
+        if sampler.method != Method::Euler {
+            let found = sampler.method.name();
+            return Err(SettingsError::new("the student's sampler", found, "euler"));
+        }
+        if model.settings.target == Target::Steps {
+            let expected = "a network of velocities, not a distilled one";
+            return Err(SettingsError::new(
+                "the teacher's target",
+                "steps",
+                expected,
+            ));
+        }
+        let fine = Sampler {
+            method: Method::Exponential,
+            steps: sampler.steps * TEACHER_STEPS.div_ceil(sampler.steps),
+            grid: sampler.grid,
+        };
+        Ok(Self {
+            network: model.network.clone(),
+            path: model.settings.path,
+            sampler,
+            fine,
+        })
+    }
+
+    /// The teacher's network, from which the student starts.
+    pub fn network(&self) -> &Network {
+        &self.network
+    }
+
+    /// Refuses a student of another shape, or settings of other lessons.
+    pub(super) fn check(
+        &self,
+        shape: &NetworkShape,
+        settings: &TrainSettings,
+    ) -> Result<(), SettingsError> {
+        let refuse = |field, found: String, expected: String| {
+            Err(SettingsError::new(field, found, expected))
+        };
+        if *shape != self.network.shape() {
+            return refuse(
+                "the student's shape",
+                format!("{shape:?}"),
+                "the teacher's".into(),
+            );
+        }
+        if settings.sampler != self.sampler || settings.path != self.path {
+            let expected = "those that the teacher was made for";
+            return refuse("sampler or path", "another".into(), expected.into());
+        }
+        if !settings.clouds.is_multiple_of(self.sampler.steps) {
+            let expected = format!("a multiple of the student's {} steps", self.sampler.steps);
+            return refuse("clouds", settings.clouds.to_string(), expected);
+        }
+        Ok(())
+    }
+
+    /// Draws the batch of step `step`: `settings.clouds / n` ways from prior to data, each cut into the student's `n` steps.
+    pub(super) fn lesson(&self, settings: &TrainSettings, step: u64, samples: &mut Samples) {
+        let steps = self.sampler.steps;
+        let shape = self.network.shape();
+        let (channels, dim) = (shape.channels(), shape.condition_dim());
+        let cloud = settings.points * channels.count();
+        let ways = settings.clouds / steps;
+        let times: Vec<f32> = self.sampler.grid.times(steps).collect();
+        samples.times = times[..steps].repeat(ways);
+        samples.conditions.clear();
+        samples.points.resize(settings.clouds * cloud, 0.0);
+        samples.targets.resize(settings.clouds * cloud, 0.0);
+        let mut rng = rng(settings.seed, Stream::Step(step));
+        for points in samples.points.chunks_exact_mut(steps * cloud) {
+            let condition: Vec<f32> = (0..dim).map(|_| rng.random()).collect();
+            samples.conditions.extend(condition.repeat(steps));
+            self.path
+                .sample_prior(&mut rng, channels, &mut points[..cloud]);
+        }
+        let conditions = samples.conditions.par_chunks_exact(steps * dim);
+        let ways = samples.points.par_chunks_exact_mut(steps * cloud);
+        let ways = ways.zip(samples.targets.par_chunks_exact_mut(steps * cloud));
+        ways.zip(conditions)
+            .for_each(|((points, targets), condition)| {
+                self.walk(&condition[..dim], &times, points, targets);
+            });
+    }
+
+    /// One way: `points` `(n, N C)` begins with the prior's and receives where the student's steps begin, `targets` their
+    /// mean velocities.
+    fn walk(&self, condition: &[f32], times: &[f32], points: &mut [f32], targets: &mut [f32]) {
+        let cloud = points.len() / self.sampler.steps;
+        let every = self.fine.steps / self.sampler.steps;
+        let mut now = points[..cloud].to_vec();
+        self.fine
+            .integrate_observed(&self.network, condition, &mut now, |taken, reached| {
+                if !taken.is_multiple_of(every) {
+                    return;
+                }
+                let end = taken / every;
+                let h = times[end] - times[end - 1];
+                let start = (end - 1) * cloud..end * cloud;
+                let moves = points[start.clone()].iter().zip(reached);
+                for (target, (from, to)) in targets[start].iter_mut().zip(moves) {
+                    *target = (to - from) / h;
+                }
+                if end < self.sampler.steps {
+                    points[end * cloud..(end + 1) * cloud].copy_from_slice(reached);
+                }
+            });
+    }
+}
