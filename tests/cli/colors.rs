@@ -8,9 +8,10 @@ use serde_json::Value;
 use tdcr::learn::data::read_cloud;
 use tdcr::sim::cloud::PointCloud;
 
-use crate::{TINY_NETWORK, collect_small, refuse, stderr, succeed_json, tdcr, text, train_tiny};
+use crate::{
+    COMMAND, TINY_NETWORK, collect_small, refuse, stderr, succeed_json, tdcr, text, train_tiny,
+};
 
-const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
 const OTHER: &str = "0.02,0.02,0.02,0.02,0.02,0.02";
 
 /// What a model predicts under [`COMMAND`], 300 points, in a file of this name.

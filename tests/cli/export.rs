@@ -2,9 +2,7 @@
 
 use std::fs;
 
-use crate::{refuse, stderr, succeed, succeed_json, tdcr, text};
-
-const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
+use crate::{COMMAND, refuse, stderr, succeed, succeed_json, tdcr, text};
 
 #[test]
 fn every_format_that_is_written_is_read_as_the_same_robot() {

@@ -4,6 +4,7 @@
 
 mod colors;
 mod data;
+mod distill;
 mod eval;
 mod export;
 mod predict;
@@ -18,6 +19,9 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::Value;
+
+/// A command of 2m (m).
+const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
 
 /// The binary, ready to be given arguments.
 fn tdcr(arguments: &[&str]) -> Command {

@@ -3,9 +3,7 @@
 use std::fs;
 use std::path::PathBuf;
 
-use crate::{collect_small, refuse, text, train_tiny};
-
-const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
+use crate::{COMMAND, collect_small, refuse, text, train_tiny};
 
 #[test]
 fn a_wrong_robot_is_named() {

@@ -3,15 +3,14 @@
 use std::path::Path;
 use std::process::Stdio;
 
-use crate::{SCORES, collect_small, succeed, succeed_json, tdcr, text, train_tiny};
-
-const COMMAND: &str = "0.034,0.007,0.001,0.026,0.015,0.019";
+use crate::{COMMAND, SCORES, collect_small, succeed, succeed_json, tdcr, text, train_tiny};
 
 #[test]
 fn every_command_explains_itself() {
     let overview = succeed(&["--help"]);
     let commands = [
-        "settle", "simulate", "collect", "data", "train", "predict", "eval", "demo", "export",
+        "settle", "simulate", "collect", "data", "train", "distill", "predict", "eval", "demo",
+        "export",
     ];
     for command in commands {
         assert!(overview.contains(command));

@@ -144,3 +144,64 @@ impl Teacher {
             });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flow::TimeGrid;
+    use crate::net::{Channels, MlpShape};
+
+    /// From any of the places where a lesson's steps begin, the steps that are left end where the teacher's way ends.
+    #[test]
+    fn the_steps_of_a_lesson_make_the_teachers_way() {
+        let shape = MlpShape {
+            width: 16,
+            depth: 2,
+            embedding: 8,
+            condition_dim: 2,
+            channels: Channels::Xyz,
+        };
+        let network = Network::new(shape.into(), &mut rng(3, Stream::Parameters)).expect("a shape");
+        let grid = TimeGrid::Power(2.0);
+        let sampler = |method, steps| Sampler {
+            method,
+            steps,
+            grid,
+        };
+        let teacher = Teacher {
+            network,
+            path: FlowPath::default(),
+            sampler: sampler(Method::Euler, 3),
+            fine: sampler(Method::Exponential, 18),
+        };
+        let settings = TrainSettings {
+            clouds: 6,
+            points: 5,
+            sampler: teacher.sampler,
+            ..TrainSettings::default()
+        };
+        let mut samples = Samples::default();
+        teacher.lesson(&settings, 1, &mut samples);
+        let cloud = 5 * 3;
+        for way in 0..2 {
+            let first = 3 * way;
+            let condition = &samples.conditions[2 * first..2 * first + 2];
+            let mut end = samples.points[first * cloud..(first + 1) * cloud].to_vec();
+            teacher
+                .fine
+                .integrate(&teacher.network, condition, &mut end);
+            for start in 0..3 {
+                let place = first + start;
+                let mut x = samples.points[place * cloud..(place + 1) * cloud].to_vec();
+                for k in start..3 {
+                    let next = grid.times(3).nth(k + 1).expect("a time");
+                    let h = next - samples.times[first + k];
+                    let velocity = &samples.targets[(first + k) * cloud..(first + k + 1) * cloud];
+                    x.iter_mut().zip(velocity).for_each(|(x, v)| *x += h * v);
+                }
+                let error = x.iter().zip(&end).map(|(a, b)| (a - b).abs());
+                assert!(error.fold(0.0, f32::max) < 1e-5, "way {way} from {start}");
+            }
+        }
+    }
+}
