@@ -35,7 +35,7 @@ pub(super) struct DemoArgs {
     #[arg(long, default_value_t = 2000, value_name = "N")]
     samples: usize,
     /// Optimiser steps
-    #[arg(long, default_value_t = 9000, value_name = "N")]
+    #[arg(long, default_value_t = 7000, value_name = "N")]
     steps: u64,
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]

@@ -74,7 +74,7 @@ const LEVEL_STEPS: usize = 100;
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
-            steps: 9000,
+            steps: 7000,
             clouds: 64,
             points: 256,
             optimizer: Optimizer::MUON,
@@ -87,7 +87,7 @@ impl Default for TrainSettings {
             path: FlowPath::default(),
             color_weight: COLOR_WEIGHT,
             seed: 0,
-            validate_every: 750,
+            validate_every: 700,
             validation_clouds: 16,
             validation_points: 2048,
             sampler: Sampler::default(),
@@ -353,7 +353,7 @@ mod tests {
                 warmup_steps: 30_000,
                 ..good.clone()
             }),
-            "warmup_steps is 30000, expected fewer than the 9000 steps"
+            "warmup_steps is 30000, expected fewer than the 7000 steps"
         );
         assert!(
             error(TrainSettings {
