@@ -17,6 +17,9 @@ use crate::net::{Batch, COLOR_WEIGHT, DIM, Network, NetworkShape, Workspace};
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
 
+/// Steps whose losses and norms have room from the start (4 MB each).
+const HISTORY: u64 = 1 << 20;
+
 /// A training run.
 ///
 /// Everything random in step `k` follows from the settings' seed and `k`, so a run that is stopped and resumed equals
@@ -49,6 +52,8 @@ struct Samples {
     conditions: Vec<f32>,
     points: Vec<f32>,
     targets: Vec<f32>,
+    /// Indices of a cloud's points, the drawn ones first.
+    order: Vec<usize>,
 }
 
 impl<'a> Trainer<'a> {
@@ -81,6 +86,7 @@ impl<'a> Trainer<'a> {
         }
         let network = Network::new(shape, &mut rng(settings.seed, Stream::Parameters))?;
         let parameters = network.params().len();
+        let history = settings.steps.min(HISTORY) as usize;
         Ok(Self {
             data: [training.fingerprint(), fingerprint(validation)],
             training,
@@ -91,8 +97,8 @@ impl<'a> Trainer<'a> {
             optimizer: AdamW::new(parameters),
             step: 0,
             best: None,
-            losses: Vec::new(),
-            gradient_norms: Vec::new(),
+            losses: Vec::with_capacity(history),
+            gradient_norms: Vec::with_capacity(history),
             validations: Vec::new(),
             samples: Samples::default(),
             gradient: vec![0.0; parameters],
@@ -141,8 +147,8 @@ impl<'a> Trainer<'a> {
         };
         trainer.step = state.step;
         trainer.best = state.best;
-        trainer.losses = state.losses;
-        trainer.gradient_norms = state.gradient_norms;
+        trainer.losses.extend(state.losses);
+        trainer.gradient_norms.extend(state.gradient_norms);
         trainer.validations = state.validations;
         Ok(trainer)
     }
@@ -234,7 +240,8 @@ impl<'a> Trainer<'a> {
         &self.validations
     }
 
-    /// Takes one step; returns its loss, the mean squared velocity error before the step.
+    /// Takes one step; returns its loss, the mean squared velocity error before the step. Steps on a set in memory
+    /// allocate nothing after the first, up to the millionth.
     ///
     /// # Errors
     /// [`TrainError::Diverged`] where the loss or its gradient is not finite, [`TrainError::Data`] where a stream's sample
@@ -338,8 +345,13 @@ impl Samples {
             let time = settings.path.sample_time(&mut rng);
             let (data, _) = set.cloud(cloud).as_chunks::<DIM>();
             let start = self.targets.len();
-            for k in index::sample(&mut rng, data.len(), settings.points) {
-                self.targets.extend_from_slice(&data[k]);
+            // As `index::sample` shuffles, but in memory that stays.
+            self.order.clear();
+            self.order.extend(0..data.len());
+            for k in 0..settings.points {
+                let drawn = rng.random_range(k..data.len());
+                self.order.swap(k, drawn);
+                self.targets.extend_from_slice(&data[self.order[k]]);
             }
             settings.path.sample_prior(&mut rng, points);
             settings
