@@ -18,7 +18,7 @@ use serde::Serialize;
 use tdcr::learn::data::CloudSet;
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::{Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape};
-use tdcr::learn::train::{TrainSettings, Trainer};
+use tdcr::learn::train::{Optimizer, TrainSettings, Trainer};
 
 /// The authors' MLP, and the head of their Hybrid.
 const MLP: MlpShape = MlpShape {
@@ -109,6 +109,7 @@ fn measure(shape: NetworkShape, clouds: usize, steps: usize, sampler: Option<Sam
     let settings = TrainSettings {
         clouds,
         points: POINTS,
+        optimizer: Optimizer::AdamW,
         learning_rate: 3e-4,
         validation_clouds: 1,
         ..TrainSettings::default()

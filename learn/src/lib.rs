@@ -67,4 +67,5 @@ pub mod data;
 pub mod flow;
 pub mod metrics;
 pub mod net;
+mod pool;
 pub mod train;

@@ -11,7 +11,7 @@ use tdcr_learn::net::{
     Batch, COLOR_WEIGHT, Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape,
     Stage, Workspace,
 };
-use tdcr_learn::train::{TrainSettings, Trainer};
+use tdcr_learn::train::{Optimizer, TrainSettings, Trainer};
 
 const HEAD: MlpShape = MlpShape {
     width: 64,
@@ -77,13 +77,18 @@ fn a_gradient_of_either_network_reuses_its_memory() {
 #[test]
 fn training_steps_reuse_the_memory_of_the_first() {
     let set = toy::bars(5, 1);
-    let settings = TrainSettings {
-        steps: 40,
-        ..toy::settings()
-    };
-    for shape in [HEAD.into(), hybrid().into()] {
-        let shape: NetworkShape = shape;
-        let mut trainer = Trainer::new(shape, settings.clone(), &set, &set).unwrap();
+    let networks: [NetworkShape; 2] = [HEAD.into(), hybrid().into()];
+    let optimizers = [Optimizer::AdamW, Optimizer::MUON];
+    for (shape, optimizer) in networks
+        .into_iter()
+        .flat_map(|n| optimizers.map(|o| (n, o)))
+    {
+        let settings = TrainSettings {
+            steps: 40,
+            optimizer,
+            ..toy::settings()
+        };
+        let mut trainer = Trainer::new(shape, settings, &set, &set).unwrap();
         // Enough steps for the losses to have a level, and for lists without room to grow.
         let allocated = on_one_thread(|| {
             [1, 39].map(|steps| {
@@ -97,7 +102,7 @@ fn training_steps_reuse_the_memory_of_the_first() {
         });
         let [first, others] = allocated;
         assert!(first > 100_000, "{first} bytes at first");
-        assert_eq!(others, 0, "{shape:?}");
+        assert_eq!(others, 0, "{optimizer:?}, {shape:?}");
     }
 }
 

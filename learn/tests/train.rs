@@ -10,7 +10,7 @@ use reference::{Cloud, loss_gradient};
 use tdcr_learn::data::CloudSet;
 use tdcr_learn::flow::{FlowPath, Stream, rng};
 use tdcr_learn::net::MlpShape;
-use tdcr_learn::train::{TrainError, TrainSettings, Trainer, TrainingState};
+use tdcr_learn::train::{Optimizer, TrainError, TrainSettings, Trainer, TrainingState};
 use tempfile::TempDir;
 use toy::{SHAPE, bars, provenance, run, settings};
 
@@ -57,6 +57,7 @@ fn first_batch(settings: &TrainSettings, set: &CloudSet) -> Vec<Cloud> {
 fn one_step_is_adamw_on_the_clipped_gradient_of_the_reference() {
     let (training, validation) = (bars(5, 1), bars(3, 2));
     let settings = TrainSettings {
+        optimizer: Optimizer::AdamW,
         clip_norm: 0.01,
         learning_rate: 1e-2,
         ..settings()
@@ -269,6 +270,7 @@ fn a_loss_that_leaps_and_stays_stops_the_run_by_name() {
     let (training, validation) = (bars(5, 1), bars(3, 2));
     let settings = TrainSettings {
         steps: 200,
+        optimizer: Optimizer::AdamW,
         learning_rate: 100.0,
         warmup_steps: 199,
         ..settings()

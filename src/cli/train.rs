@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::net::ContextShape;
-use tdcr::learn::train::TrainSettings;
+use tdcr::learn::train::{Optimizer, TrainSettings};
 use tdcr::pipeline::{
     Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
 };
@@ -50,6 +50,8 @@ pub(super) struct TrainArgs {
     clouds: Option<usize>,
     #[arg(long, value_name = "N", help = by_preset("Points per cloud and step, or all that a cloud has", |p| p.points))]
     points: Option<usize>,
+    #[arg(long, value_enum, help = by_preset("Optimiser", |p| p.optimizer.name()))]
+    optimizer: Option<OptimizerName>,
     #[arg(long, value_name = "RATE", help = by_network("Learning rate after warm-up", |r| r.learning_rate))]
     learning_rate: Option<f64>,
     #[arg(long, value_name = "N", help = by_network("Steps of warm-up, at most a tenth of all", |r| r.warmup_steps))]
@@ -98,6 +100,14 @@ enum Net {
     Mlp,
     /// Point-voxel convolutions give points a context; far slower
     Hybrid,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum OptimizerName {
+    /// AdamW for all weights, the paper's; takes lower learning rates
+    Adamw,
+    /// Muon for the hidden layers' matrices, AdamW for the rest
+    Muon,
 }
 
 /// Sizes of the context network.
@@ -264,6 +274,10 @@ fn plan(
     let settings = TrainSettings {
         seed: args.seed,
         patience: args.patience,
+        optimizer: args.optimizer.map_or(preset.optimizer, |name| match name {
+            OptimizerName::Adamw => Optimizer::AdamW,
+            OptimizerName::Muon => Optimizer::MUON,
+        }),
         ..preset.settings(rates, preset.length.steps(rates.clouds, set))
     };
     let size = NetworkSize {

@@ -1,7 +1,7 @@
 //! Networks and settings of training that fit together.
 
 use tdcr_learn::flow::Sampler;
-use tdcr_learn::train::TrainSettings;
+use tdcr_learn::train::{Optimizer, TrainSettings};
 
 /// Sizes and settings that fit together; all else is as in [`TrainSettings::default`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +24,8 @@ pub struct Preset {
     pub validate_every: u64,
     /// Sampler of the validation's predictions.
     pub sampler: Sampler,
+    /// How gradients move the weights.
+    pub optimizer: Optimizer,
     /// What differs between the networks: an MLP's, a hybrid's.
     pub rates: [Rates; 2],
 }
@@ -68,6 +70,7 @@ impl Preset {
             points: 256,
             validate_every: 750,
             sampler: Sampler::DEFAULT,
+            optimizer: Optimizer::MUON,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -76,10 +79,11 @@ impl Preset {
             width: 128,
             depth: 6,
             embedding: 128,
-            length: Length::Steps(60_000),
+            length: Length::Steps(20_000),
             points: 256,
-            validate_every: 3000,
+            validate_every: 2000,
             sampler: Sampler::DEFAULT,
+            optimizer: Optimizer::MUON,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -92,6 +96,7 @@ impl Preset {
             points: 20_000,
             validate_every: 5000,
             sampler: Sampler::PAPER,
+            optimizer: Optimizer::AdamW,
             rates: [
                 Rates {
                     clouds: 8,
@@ -140,6 +145,7 @@ impl Preset {
             warmup_steps: rates.warmup_steps.min(steps / 10),
             validate_every: self.validate_every,
             sampler: self.sampler,
+            optimizer: self.optimizer,
             ..TrainSettings::default()
         }
     }

@@ -8,9 +8,9 @@ use super::conditioner::ConditionerTape;
 use super::hybrid::CloudTape;
 use super::kernels::add;
 use super::mlp::Mlp;
-use super::pool::Pool;
 use super::shape::{Channels, DIM};
 use super::trunk::{Keep, TILE, Trunk, TrunkGradient, TrunkTape};
+use crate::pool::Pool;
 
 /// Points per share: the unit of parallel work. Fixed, so that sums are grouped alike for any number of threads.
 const SHARE: usize = 8 * TILE;

@@ -11,9 +11,9 @@ use super::conditioner::{Conditioner, ConditionerTape, Part};
 use super::context::{ContextInput, ContextNet, ContextTape};
 use super::context_shape::ContextShape;
 use super::kernels::add;
-use super::pool::Pool;
 use super::shape::{MlpShape, ShapeError, Table, TensorSpec, fan_in};
 use super::trunk::{Trunk, TrunkTape};
+use crate::pool::Pool;
 
 /// Shape of a hybrid velocity network.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

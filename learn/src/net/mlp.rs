@@ -5,9 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use crate::flow::VelocityField;
 
 use super::conditioner::{Conditioner, ConditionerTape};
-use super::pool::Pool;
 use super::shape::{MlpShape, ShapeError, Table};
 use super::trunk::{Trunk, TrunkTape};
+use crate::pool::Pool;
 
 /// The paper's MLP velocity network (Sec. Method, Eq. mlp_velocity): every point alone, weights shared.
 #[derive(Clone, Debug)]

@@ -60,7 +60,6 @@ mod hybrid;
 mod kernels;
 mod mlp;
 mod network;
-mod pool;
 mod pv_conv;
 mod rows;
 mod shape;

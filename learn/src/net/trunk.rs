@@ -9,8 +9,8 @@ use super::dense::Dense;
 use super::kernels::{
     BlockTape, Modulate, ModulateBackward, activate, fill_rows, multiply, sum_rows,
 };
-use super::pool::Pool;
 use super::shape::{MlpShape, Table, fan_in};
+use crate::pool::Pool;
 
 /// Points per tile: few enough that the features of all blocks stay in a core's cache, enough to feed the products.
 pub(super) const TILE: usize = 128;

@@ -1,19 +1,85 @@
-//! AdamW with clipping by the global norm, and the running average of the weights.
+//! Optimisers with clipping by the global norm, and the running average of the weights.
 
-use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
-/// Decays of the first and second moments, and the term that keeps the quotient finite.
+use super::orthogonal::Orthogonaliser;
+use crate::net::TensorSpec;
+use crate::pool::Pool;
+
+/// AdamW's decays of the first and second moments, and the term that keeps the quotient finite.
 const BETA: [f64; 2] = [0.9, 0.999];
 const EPSILON: f32 = 1e-8;
+
+/// Decay of Muon's momentum.
+const MOMENTUM: f32 = 0.95;
 
 /// Parameters that one task updates.
 const STRIPE: usize = 8192;
 
-/// Adam's moments of the gradient, one per parameter (Loshchilov and Hutter 2019, Algorithm 2).
+/// Matrices with a shorter side are no hidden layers: points, colours and commands come in and go out there.
+const HIDDEN: usize = 16;
+
+/// How gradients move the weights.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Optimizer {
+    /// AdamW for all weights (Loshchilov and Hutter 2019): the paper's.
+    AdamW,
+    /// Muon for the hidden layers' matrices (Jordan et al. 2024): each step is their momentum, made orthogonal, so that
+    /// all directions of a layer learn at one rate; AdamW for all other weights.
+    Muon {
+        /// Learning rate of the matrices after warm-up; it follows the same schedule as AdamW's.
+        learning_rate: f64,
+    },
+}
+
+impl Optimizer {
+    /// Muon at the rate that learned fastest here.
+    pub const MUON: Self = Self::Muon {
+        learning_rate: 0.02,
+    };
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::AdamW => "adamw",
+            Self::Muon { .. } => "muon",
+        }
+    }
+}
+
+/// Moments of the gradient, one per parameter. Of a matrix under Muon, the first is its momentum, the second stays 0.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct AdamW {
-    pub first_moment: Vec<f32>,
-    pub second_moment: Vec<f32>,
+pub(super) struct Moments {
+    pub first: Vec<f32>,
+    pub second: Vec<f32>,
+}
+
+/// Moves the weights step by step.
+#[derive(Debug)]
+pub(super) struct Updater {
+    pub moments: Moments,
+    /// All parameters, in order.
+    pieces: Vec<Piece>,
+    orthogonalisers: Pool<(Orthogonaliser, Vec<f32>)>,
+}
+
+/// Parameters that one task updates.
+#[derive(Clone, Copy, Debug)]
+enum Piece {
+    /// So many numbers, by AdamW.
+    Elements(usize),
+    /// A matrix `(outputs, inputs)`, by Muon.
+    Matrix([usize; 2]),
+}
+
+impl Piece {
+    fn len(self) -> usize {
+        match self {
+            Self::Elements(len) => len,
+            Self::Matrix([outputs, inputs]) => outputs * inputs,
+        }
+    }
 }
 
 /// What one update is made with.
@@ -22,6 +88,8 @@ pub(super) struct Update {
     /// Step number, the first is 1.
     pub step: u64,
     pub learning_rate: f64,
+    /// Muon's.
+    pub matrix_learning_rate: f64,
     pub weight_decay: f64,
     /// Decay of the running average of the weights.
     pub average_decay: f64,
@@ -29,11 +97,64 @@ pub(super) struct Update {
     pub gradient_scale: f64,
 }
 
-impl AdamW {
-    pub fn new(parameters: usize) -> Self {
+/// Some parameters, and what belongs to them.
+struct Slices<'a> {
+    gradient: &'a [f32],
+    params: &'a mut [f32],
+    average: &'a mut [f32],
+    first: &'a mut [f32],
+    second: &'a mut [f32],
+}
+
+impl<'a> Slices<'a> {
+    fn split_at(self, middle: usize) -> [Self; 2] {
+        let (gradient, gradients) = self.gradient.split_at(middle);
+        let (params, all_params) = self.params.split_at_mut(middle);
+        let (average, averages) = self.average.split_at_mut(middle);
+        let (first, firsts) = self.first.split_at_mut(middle);
+        let (second, seconds) = self.second.split_at_mut(middle);
+        let left = Self {
+            gradient,
+            params,
+            average,
+            first,
+            second,
+        };
+        let right = Self {
+            gradient: gradients,
+            params: all_params,
+            average: averages,
+            first: firsts,
+            second: seconds,
+        };
+        [left, right]
+    }
+}
+
+impl Updater {
+    /// At rest, for parameters that are made of `tensors`, in order and without gaps.
+    pub fn new(optimizer: Optimizer, tensors: &[TensorSpec]) -> Self {
+        let mut pieces = Vec::new();
+        for tensor in tensors {
+            match (optimizer, &tensor.shape[..]) {
+                (Optimizer::Muon { .. }, &[outputs, inputs]) if outputs.min(inputs) >= HIDDEN => {
+                    pieces.push(Piece::Matrix([outputs, inputs]));
+                }
+                _ => {
+                    let stripes = tensor.range.clone().step_by(STRIPE);
+                    let len = |start: usize| STRIPE.min(tensor.range.end - start);
+                    pieces.extend(stripes.map(|start| Piece::Elements(len(start))));
+                }
+            }
+        }
+        let parameters = pieces.iter().map(|piece| piece.len()).sum();
         Self {
-            first_moment: vec![0.0; parameters],
-            second_moment: vec![0.0; parameters],
+            moments: Moments {
+                first: vec![0.0; parameters],
+                second: vec![0.0; parameters],
+            },
+            pieces,
+            orthogonalisers: Pool::default(),
         }
     }
 
@@ -45,29 +166,88 @@ impl AdamW {
         params: &mut [f32],
         average: &mut [f32],
     ) {
-        let step = update.step as f64;
-        let kept = (1.0 - update.learning_rate * update.weight_decay) as f32;
-        let rate = (update.learning_rate / (1.0 - BETA[0].powf(step))) as f32;
+        let slices = Slices {
+            gradient,
+            params,
+            average,
+            first: &mut self.moments.first,
+            second: &mut self.moments.second,
+        };
+        update.run(&self.pieces, slices, &self.orthogonalisers);
+    }
+}
+
+impl Update {
+    /// Piece by piece in parallel, halving their list.
+    fn run(
+        &self,
+        pieces: &[Piece],
+        slices: Slices,
+        orthogonalisers: &Pool<(Orthogonaliser, Vec<f32>)>,
+    ) {
+        match pieces {
+            [] => {}
+            [Piece::Elements(_)] => self.adamw(slices),
+            [Piece::Matrix(shape)] => orthogonalisers.with(Default::default, |(how, direction)| {
+                self.muon(*shape, slices, how, direction);
+            }),
+            _ => {
+                let (left, right) = pieces.split_at(pieces.len() / 2);
+                let middle = left.iter().map(|piece| piece.len()).sum();
+                let [a, b] = slices.split_at(middle);
+                rayon::join(
+                    || self.run(left, a, orthogonalisers),
+                    || self.run(right, b, orthogonalisers),
+                );
+            }
+        }
+    }
+
+    /// AdamW (Loshchilov and Hutter 2019, Algorithm 2).
+    fn adamw(&self, slices: Slices) {
+        let step = self.step as f64;
+        let kept = (1.0 - self.learning_rate * self.weight_decay) as f32;
+        let rate = (self.learning_rate / (1.0 - BETA[0].powf(step))) as f32;
         let unbias = (1.0 / (1.0 - BETA[1].powf(step)).sqrt()) as f32;
-        let gradient_scale = update.gradient_scale as f32;
+        let gradient_scale = self.gradient_scale as f32;
         let [gain1, gain2] = BETA.map(|beta| (1.0 - beta) as f32);
-        let average_gain = (1.0 - update.average_decay) as f32;
-        params
-            .par_chunks_mut(STRIPE)
-            .zip(average.par_chunks_mut(STRIPE))
-            .zip(gradient.par_chunks(STRIPE))
-            .zip(self.first_moment.par_chunks_mut(STRIPE))
-            .zip(self.second_moment.par_chunks_mut(STRIPE))
-            .for_each(|((((params, average), gradient), first), second)| {
-                let weights = params.iter_mut().zip(average).zip(gradient);
-                for (((p, a), g), (m, v)) in weights.zip(first.iter_mut().zip(second)) {
-                    let g = gradient_scale * g;
-                    *m += gain1 * (g - *m);
-                    *v += gain2 * (g * g - *v);
-                    *p = kept * *p - rate * *m / (unbias * v.sqrt() + EPSILON);
-                    *a += average_gain * (*p - *a);
-                }
-            });
+        let average_gain = (1.0 - self.average_decay) as f32;
+        let weights = (slices.params.iter_mut().zip(slices.average)).zip(slices.gradient);
+        let moments = slices.first.iter_mut().zip(slices.second);
+        for (((p, a), g), (m, v)) in weights.zip(moments) {
+            let g = gradient_scale * g;
+            *m += gain1 * (g - *m);
+            *v += gain2 * (g * g - *v);
+            *p = kept * *p - rate * *m / (unbias * v.sqrt() + EPSILON);
+            *a += average_gain * (*p - *a);
+        }
+    }
+
+    /// Muon with Nesterov's momentum; a tall matrix steps further, as its rows are longer than its columns.
+    fn muon(
+        &self,
+        [outputs, inputs]: [usize; 2],
+        slices: Slices,
+        orthogonaliser: &mut Orthogonaliser,
+        direction: &mut Vec<f32>,
+    ) {
+        let gradient_scale = self.gradient_scale as f32;
+        direction.clear();
+        for (m, g) in slices.first.iter_mut().zip(slices.gradient) {
+            let g = gradient_scale * g;
+            *m = MOMENTUM * *m + g;
+            direction.push(g + MOMENTUM * *m);
+        }
+        orthogonaliser.run(direction, [outputs, inputs]);
+        let kept = (1.0 - self.matrix_learning_rate * self.weight_decay) as f32;
+        let tall = (outputs as f64 / inputs as f64).max(1.0).sqrt();
+        let rate = (self.matrix_learning_rate * tall) as f32;
+        let average_gain = (1.0 - self.average_decay) as f32;
+        let weights = slices.params.iter_mut().zip(slices.average);
+        for ((p, a), d) in weights.zip(direction) {
+            *p = kept * *p - rate * *d;
+            *a += average_gain * (*p - *a);
+        }
     }
 }
 
@@ -90,27 +270,86 @@ fn sum_of_squares(numbers: &[f32]) -> f64 {
 mod tests {
     use super::*;
 
+    fn tensor(start: usize, shape: &[usize]) -> TensorSpec {
+        TensorSpec {
+            name: format!("from {start}"),
+            shape: shape.to_vec(),
+            range: start..start + shape.iter().product::<usize>(),
+        }
+    }
+
+    const FIRST: Update = Update {
+        step: 1,
+        learning_rate: 0.1,
+        matrix_learning_rate: 0.5,
+        weight_decay: 0.01,
+        average_decay: 0.75,
+        gradient_scale: 1.0,
+    };
+
     /// One parameter, gradients 0.5 then -0.2; expected values from the algorithm worked by hand.
     #[test]
     fn adamw_makes_the_steps_of_its_algorithm() {
-        let mut optimizer = AdamW::new(1);
+        let mut updater = Updater::new(Optimizer::AdamW, &[tensor(0, &[1])]);
         let (mut params, mut average) = ([1.0], [1.0]);
-        let mut update = Update {
-            step: 1,
-            learning_rate: 0.1,
-            weight_decay: 0.01,
-            average_decay: 0.75,
-            gradient_scale: 1.0,
-        };
-        optimizer.update(&update, &[0.5], &mut params, &mut average);
+        updater.update(&FIRST, &[0.5], &mut params, &mut average);
         // m = 0.05, v = 2.5e-4, quotient 1: 0.999 - 0.1.
         assert!((params[0] - 0.899).abs() < 1e-6);
         assert!((average[0] - 0.97475).abs() < 1e-6);
-        update.step = 2;
-        optimizer.update(&update, &[-0.2], &mut params, &mut average);
+        let second = Update { step: 2, ..FIRST };
+        updater.update(&second, &[-0.2], &mut params, &mut average);
         // m = 0.025 (unbiased 0.025/0.19), v = 2.8975e-4 (unbiased 2.8975e-4/1.999e-3).
         let expected = 0.899 * 0.999 - 0.1 * (0.025 / 0.19) / (2.8975e-4f64 / 1.999e-3).sqrt();
         assert!((f64::from(params[0]) - expected).abs() < 1e-6);
+    }
+
+    /// A gradient that is a multiple of a permutation has one singular value: the step is the permutation times what the
+    /// five iterations make of `1/sqrt(n)`, times the rate; worked by hand for both steps.
+    #[test]
+    fn muon_steps_by_the_rate_in_every_direction_of_a_matrix() {
+        let n = HIDDEN;
+        let mut updater = Updater::new(Optimizer::MUON, &[tensor(0, &[n, n])]);
+        let shifted = |row: usize| row * n + (row + 1) % n;
+        let mut gradient = vec![0.0; n * n];
+        (0..n).for_each(|row| gradient[shifted(row)] = 1e-3);
+        let mut reached = 1.0 / (n as f64).sqrt();
+        for _ in 0..5 {
+            let square = reached * reached;
+            reached *= 3.4445 - 4.7750 * square + 2.0315 * square * square;
+        }
+        let (mut params, mut average) = (vec![1.0; n * n], vec![1.0; n * n]);
+        updater.update(&FIRST, &gradient, &mut params, &mut average);
+        let kept = 1.0 - 0.5 * 0.01;
+        let expected = kept - 0.5 * reached;
+        let found = f64::from(params[shifted(3)]);
+        assert!((found - expected).abs() < 1e-4, "{found} for {expected}");
+        assert!((f64::from(params[0]) - kept).abs() < 1e-6);
+        let middle = 0.75 + 0.25 * expected;
+        assert!((f64::from(average[shifted(3)]) - middle).abs() < 1e-4);
+        // Without a gradient, the momentum goes on the same way.
+        gradient.fill(0.0);
+        let second = Update { step: 2, ..FIRST };
+        updater.update(&second, &gradient, &mut params, &mut average);
+        let found = f64::from(params[shifted(3)]);
+        let expected = expected * kept - 0.5 * reached;
+        assert!((found - expected).abs() < 1e-4, "{found} for {expected}");
+    }
+
+    #[test]
+    fn muon_leaves_thin_matrices_and_vectors_to_adamw() {
+        let tensors = [
+            tensor(0, &[64, 3]),
+            tensor(192, &[20_000]),
+            tensor(20_192, &[3, 64]),
+        ];
+        let run = |optimizer| {
+            let mut updater = Updater::new(optimizer, &tensors);
+            let gradient: Vec<f32> = (0..20_384).map(|k| (k as f32).sin()).collect();
+            let (mut params, mut average) = (vec![1.0; 20_384], vec![1.0; 20_384]);
+            updater.update(&FIRST, &gradient, &mut params, &mut average);
+            params
+        };
+        assert_eq!(run(Optimizer::MUON), run(Optimizer::AdamW));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::error::TrainError;
 use super::feed::{Feed, check_feed, check_set};
 use super::model::{Model, Provenance};
-use super::optimizer::{AdamW, Update, norm};
+use super::optimizer::{Moments, Update, Updater, norm};
 use super::settings::{SPIKE_STEPS, SettingsError, TrainSettings};
 use super::state::{Best, TrainingState, fingerprint};
 use crate::data::CloudSet;
@@ -34,7 +34,7 @@ pub struct Trainer<'a> {
     network: Network,
     /// Running average of the network's weights.
     average: Network,
-    optimizer: AdamW,
+    updater: Updater,
     step: u64,
     best: Option<Best>,
     losses: Vec<f32>,
@@ -87,6 +87,7 @@ impl<'a> Trainer<'a> {
         let network = Network::new(shape, &mut rng(settings.seed, Stream::Parameters))?;
         let parameters = network.params().len();
         let history = settings.steps.min(HISTORY) as usize;
+        let updater = Updater::new(settings.optimizer, &shape.tensors());
         Ok(Self {
             data: [training.fingerprint(), fingerprint(validation)],
             training,
@@ -94,7 +95,7 @@ impl<'a> Trainer<'a> {
             settings,
             average: network.clone(),
             network,
-            optimizer: AdamW::new(parameters),
+            updater,
             step: 0,
             best: None,
             losses: Vec::with_capacity(history),
@@ -141,9 +142,9 @@ impl<'a> Trainer<'a> {
         }
         trainer.network = Network::from_params(shape, state.params)?;
         trainer.average = Network::from_params(shape, state.average)?;
-        trainer.optimizer = AdamW {
-            first_moment: state.first_moment,
-            second_moment: state.second_moment,
+        trainer.updater.moments = Moments {
+            first: state.first_moment,
+            second: state.second_moment,
         };
         trainer.step = state.step;
         trainer.best = state.best;
@@ -163,8 +164,8 @@ impl<'a> Trainer<'a> {
             step: self.step,
             params: self.network.params().to_vec(),
             average: self.average.params().to_vec(),
-            first_moment: self.optimizer.first_moment.clone(),
-            second_moment: self.optimizer.second_moment.clone(),
+            first_moment: self.updater.moments.first.clone(),
+            second_moment: self.updater.moments.second.clone(),
             best: self.best.clone(),
             losses: self.losses.clone(),
             gradient_norms: self.gradient_norms.clone(),
@@ -262,12 +263,13 @@ impl<'a> Trainer<'a> {
         let update = Update {
             step,
             learning_rate: self.settings.learning_rate_at(step),
+            matrix_learning_rate: self.settings.matrix_learning_rate_at(step),
             weight_decay: self.settings.weight_decay,
             average_decay: self.settings.average_decay_at(step),
             gradient_scale: (self.settings.clip_norm / gradient_norm).min(1.0),
         };
         let average = self.average.params_mut();
-        self.optimizer
+        self.updater
             .update(&update, &self.gradient, self.network.params_mut(), average);
         self.step = step;
         self.losses.push(loss);

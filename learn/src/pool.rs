@@ -4,7 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Buffers that parallel work borrows and returns, so that only the first calls allocate.
 #[derive(Debug)]
-pub(super) struct Pool<T>(Mutex<Vec<T>>);
+pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 
 impl<T> Pool<T> {
     /// Runs `work` with a buffer from the pool, or a fresh one from `create` where all are in use.
