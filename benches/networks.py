@@ -7,6 +7,7 @@ installed (tests/python/requirements-torch.txt): the modules of examples/python/
 float32 and under bfloat16 autocast, with fused AdamW, as many threads as ours, and a malloc that keeps what it frees. Its
 best float32 mode and its best bfloat16 mode are shown. Each mode runs in a process of its own, ours before each of them,
 and of ours the median is shown. Our step also draws its batch and averages the weights; PyTorch's batch is ready.
+Of the paper's sampling, 100 steps of Heun's method, 5 are timed by both and the time is multiplied by 20.
 """
 
 import json
