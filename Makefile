@@ -46,10 +46,11 @@ test-mujoco:
 test-python: build
 	TDCR=$(TDCR) $(PYTHON) -m pytest -q -rs tests/python
 
-# Ours alone, then the table of ours beside MuJoCo's.
+# Ours alone, then the tables of ours beside MuJoCo's and, where it is installed, PyTorch's.
 bench: setup
 	cargo bench --locked --bench sim --bench metrics
 	$(PYTHON) benches/peers.py
+	$(PYTHON) benches/networks.py
 
 clean:
 	cargo clean

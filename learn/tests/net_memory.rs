@@ -1,12 +1,17 @@
-//! What the gradient of a batch allocates: nothing after the first.
+//! What training allocates: nothing after the first step, and at most what its batch and its weights account for.
 #![allow(clippy::unwrap_used, reason = "a test may stop where it fails")]
 
+mod toy;
+
+use allocation_counter::measure;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use tdcr_learn::data::CloudSet;
 use tdcr_learn::net::{
     Batch, COLOR_WEIGHT, Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape,
     Stage, Workspace,
 };
+use tdcr_learn::train::{Optimizer, TrainSettings, Trainer};
 
 const HEAD: MlpShape = MlpShape {
     width: 64,
@@ -16,8 +21,14 @@ const HEAD: MlpShape = MlpShape {
     channels: Channels::Xyz,
 };
 
-/// Bytes that the first two steps allocate, on one thread.
-fn two_steps(shape: NetworkShape) -> [u64; 2] {
+/// Runs `work` where all parallel work stays on its thread, whose allocations are counted.
+fn on_one_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    pool.unwrap().install(work)
+}
+
+/// Bytes that the first two gradients allocate.
+fn two_gradients(shape: NetworkShape) -> [u64; 2] {
     let network = Network::new(shape, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
     let points: Vec<f32> = (0..2 * 1500 * 3).map(|k| (k as f32).sin()).collect();
     let batch = Batch {
@@ -29,22 +40,17 @@ fn two_steps(shape: NetworkShape) -> [u64; 2] {
     };
     let mut gradient = vec![0.0; network.params().len()];
     let mut workspace = Workspace::default();
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(1)
-        .build()
-        .unwrap();
-    pool.install(|| {
+    on_one_thread(|| {
         [1, 2].map(|_| {
             let step = || {
                 network.loss_and_gradient(&batch, &mut workspace, &mut gradient);
             };
-            allocation_counter::measure(step).bytes_total
+            measure(step).bytes_total
         })
     })
 }
 
-#[test]
-fn a_step_of_either_network_reuses_its_memory() {
+fn hybrid() -> HybridShape {
     let stage = |channels, resolution| Stage {
         channels,
         resolution,
@@ -53,13 +59,89 @@ fn a_step_of_either_network_reuses_its_memory() {
         stages: [stage(16, 8), stage(16, 6), stage(24, 4)],
         ..ContextShape::default()
     };
-    let hybrid = HybridShape {
+    HybridShape {
         head: HEAD,
         context,
-    };
-    for shape in [HEAD.into(), hybrid.into()] {
-        let [first, second] = two_steps(shape);
+    }
+}
+
+#[test]
+fn a_gradient_of_either_network_reuses_its_memory() {
+    for shape in [HEAD.into(), hybrid().into()] {
+        let [first, second] = two_gradients(shape);
         assert!(first > 100_000, "{first} bytes at first");
         assert_eq!(second, 0, "{shape:?}");
+    }
+}
+
+#[test]
+fn training_steps_reuse_the_memory_of_the_first() {
+    let set = toy::bars(5, 1);
+    let networks: [NetworkShape; 2] = [HEAD.into(), hybrid().into()];
+    let optimizers = [Optimizer::AdamW, Optimizer::MUON];
+    for (shape, optimizer) in networks
+        .into_iter()
+        .flat_map(|n| optimizers.map(|o| (n, o)))
+    {
+        let settings = TrainSettings {
+            steps: 40,
+            optimizer,
+            ..toy::settings()
+        };
+        let mut trainer = Trainer::new(shape, settings, &set, &set).unwrap();
+        // Enough steps for the losses to have a level, and for lists without room to grow.
+        let allocated = on_one_thread(|| {
+            [1, 39].map(|steps| {
+                let steps = || {
+                    (0..steps).for_each(|_| {
+                        trainer.step().unwrap();
+                    });
+                };
+                measure(steps).bytes_total
+            })
+        });
+        let [first, others] = allocated;
+        assert!(first > 100_000, "{first} bytes at first");
+        assert_eq!(others, 0, "{optimizer:?}, {shape:?}");
+    }
+}
+
+/// The authors' MLP: each layer's output for the whole batch, and weights, gradient and two moments.
+#[test]
+fn training_takes_at_most_half_more_than_activations_and_four_times_the_weights() {
+    let shape = MlpShape {
+        width: 512,
+        depth: 6,
+        embedding: 256,
+        ..HEAD
+    };
+    let set = large_clouds();
+    let settings = TrainSettings {
+        clouds: 2,
+        points: 2048,
+        ..toy::settings()
+    };
+    let run = || {
+        let mut trainer = Trainer::new(shape, settings, &set, &set).unwrap();
+        (0..2).for_each(|_| {
+            trainer.step().unwrap();
+        });
+    };
+    let activations = 2 * 2048 * (shape.width * shape.depth + 3);
+    let bytes = (size_of::<f32>() * (activations + 4 * shape.parameter_count())) as u64;
+    let peak = on_one_thread(|| measure(run)).bytes_max;
+    assert!(2 * peak <= 3 * bytes, "{peak} bytes for {bytes}");
+    assert!(4 * peak > bytes, "{peak} bytes: is all of it counted?");
+}
+
+/// Clouds of 2,048 points.
+fn large_clouds() -> CloudSet {
+    let points = (0..3 * 2048 * 3).map(|k| (k as f32).sin());
+    CloudSet {
+        condition_dim: 2,
+        points_per_cloud: 2048,
+        conditions: vec![0.5; 3 * 2],
+        points: points.collect(),
+        colors: None,
     }
 }

@@ -1,6 +1,5 @@
 //! Optimisers with clipping by the global norm, and the running average of the weights.
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::orthogonal::Orthogonaliser;
@@ -254,12 +253,17 @@ impl Update {
 
 /// Euclidean norm of `gradient`, summed in a fixed order.
 pub(super) fn norm(gradient: &[f32]) -> f64 {
-    let square = |g: &f32| f64::from(*g) * f64::from(*g);
-    let stripes = gradient
-        .par_chunks(STRIPE)
-        .map(|stripe| stripe.iter().map(square).sum());
-    let squares: Vec<f64> = stripes.collect();
-    squares.iter().sum::<f64>().sqrt()
+    sum_of_squares(gradient).sqrt()
+}
+
+/// Sum of squares, of halves in parallel.
+fn sum_of_squares(numbers: &[f32]) -> f64 {
+    if numbers.len() <= STRIPE {
+        return numbers.iter().map(|x| f64::from(*x).powi(2)).sum();
+    }
+    let (left, right) = numbers.split_at(numbers.len() / 2);
+    let (left, right) = rayon::join(|| sum_of_squares(left), || sum_of_squares(right));
+    left + right
 }
 
 #[cfg(test)]

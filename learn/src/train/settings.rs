@@ -252,9 +252,12 @@ impl TrainSettings {
         if before < SPIKE_STEPS {
             return None;
         }
-        let mut recent = losses[before.saturating_sub(LEVEL_STEPS)..before].to_vec();
-        let middle = recent.len() / 2;
-        Some(*recent.select_nth_unstable_by(middle, f32::total_cmp).1)
+        let recent = &losses[before.saturating_sub(LEVEL_STEPS)..before];
+        let mut sorted = [0.0; LEVEL_STEPS];
+        let sorted = &mut sorted[..recent.len()];
+        sorted.copy_from_slice(recent);
+        let middle = sorted.len() / 2;
+        Some(*sorted.select_nth_unstable_by(middle, f32::total_cmp).1)
     }
 
     /// How many of the last [`SPIKE_STEPS`] losses, from the last one back, are on end above the running level times

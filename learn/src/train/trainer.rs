@@ -17,6 +17,9 @@ use crate::net::{Batch, Channels, DIM, Network, NetworkShape, Workspace};
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
 
+/// Steps whose losses and norms have room from the start (4 MB each).
+const HISTORY: u64 = 1 << 20;
+
 /// A training run.
 ///
 /// Everything random in step `k` follows from the settings' seed and `k`, so a run that is stopped and resumed equals
@@ -49,6 +52,8 @@ pub(super) struct Samples {
     pub conditions: Vec<f32>,
     pub points: Vec<f32>,
     pub targets: Vec<f32>,
+    /// Indices of a cloud's points, the drawn ones first.
+    order: Vec<usize>,
 }
 
 impl<'a> Trainer<'a> {
@@ -84,6 +89,7 @@ impl<'a> Trainer<'a> {
             _ => Network::new(shape, &mut rng(settings.seed, Stream::Parameters))?,
         };
         let parameters = network.params().len();
+        let history = settings.steps.min(HISTORY) as usize;
         let updater = Updater::new(settings.optimizer, &shape.tensors());
         Ok(Self {
             data: [training.fingerprint(), fingerprint(validation)],
@@ -95,8 +101,8 @@ impl<'a> Trainer<'a> {
             updater,
             step: 0,
             best: None,
-            losses: Vec::new(),
-            gradient_norms: Vec::new(),
+            losses: Vec::with_capacity(history),
+            gradient_norms: Vec::with_capacity(history),
             validations: Vec::new(),
             samples: Samples::default(),
             gradient: vec![0.0; parameters],
@@ -145,8 +151,8 @@ impl<'a> Trainer<'a> {
         };
         trainer.step = state.step;
         trainer.best = state.best;
-        trainer.losses = state.losses;
-        trainer.gradient_norms = state.gradient_norms;
+        trainer.losses.extend(state.losses);
+        trainer.gradient_norms.extend(state.gradient_norms);
         trainer.validations = state.validations;
         Ok(trainer)
     }
@@ -238,7 +244,8 @@ impl<'a> Trainer<'a> {
         &self.validations
     }
 
-    /// Takes one step; returns its loss, the mean squared velocity error before the step.
+    /// Takes one step; returns its loss, the mean squared velocity error before the step. Steps on a set in memory
+    /// allocate nothing after the first, up to the millionth.
     ///
     /// # Errors
     /// [`TrainError::Diverged`] where the loss or its gradient is not finite, [`TrainError::Data`] where a stream's sample
@@ -350,8 +357,15 @@ impl Samples {
             let cloud = rng.random_range(0..set.len());
             let time = settings.path.sample_time(&mut rng);
             let start = self.targets.len();
-            let subset = index::sample(&mut rng, set.points_per_cloud, settings.points);
-            set.gather(cloud, subset.into_iter(), channels, &mut self.targets);
+            // As `index::sample` shuffles, but in memory that stays.
+            self.order.clear();
+            self.order.extend(0..set.points_per_cloud);
+            for k in 0..settings.points {
+                let drawn = rng.random_range(k..set.points_per_cloud);
+                self.order.swap(k, drawn);
+            }
+            let subset = self.order[..settings.points].iter().copied();
+            set.gather(cloud, subset, channels, &mut self.targets);
             settings.path.sample_prior(&mut rng, channels, points);
             settings
                 .path

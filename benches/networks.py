@@ -1,0 +1,240 @@
+"""Training and sampling the paper's networks: ours beside PyTorch's, in one run.
+
+    make bench            or   .venv/bin/python benches/networks.py
+
+Prints Markdown tables: times, what products and memory account for of ours. PyTorch stands beside ours where it is
+installed (tests/python/requirements-torch.txt): the modules of examples/python/networks.py, eager and compiled, in
+float32 and under bfloat16 autocast, with fused AdamW, as many threads as ours, and a malloc that keeps what it frees. Its
+best float32 mode and its best bfloat16 mode are shown. Each mode runs in a process of its own, ours before each of them,
+and of ours the median is shown. Our step also draws its batch and averages the weights; PyTorch's batch is ready.
+Of the paper's sampling, 100 steps of Heun's method, 5 are timed by both and the time is multiplied by 20.
+"""
+
+import json
+import os
+import pathlib
+import resource
+import statistics
+import subprocess
+import sys
+import time
+
+ROOT = pathlib.Path(__file__).parent.parent
+NETWORKS = ("mlp", "hybrid")
+PRECISIONS = ("float32", "bfloat16")
+MODES = [(how, precision) for precision in PRECISIONS for how in ("eager", "compiled")]
+# glibc then neither returns memory to the system nor maps large blocks anew.
+MALLOC = {
+    "MALLOC_MMAP_THRESHOLD_": "8000000000",
+    "MALLOC_TRIM_THRESHOLD_": "16000000000",
+    "MALLOC_TOP_PAD_": "500000000",
+}
+# A compiled Hybrid takes minutes to compile, or never comes to an end.
+PATIENCE = 1200
+PAPER_STEPS = 100
+
+
+def ours(network):
+    """What benches/networks.rs measures of a network."""
+    command = ["cargo", "bench", "--quiet", "--locked", "--bench", "networks", "--", network]
+    run = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True, text=True)
+    return json.loads(run.stdout)
+
+
+def theirs(work, how, precision):
+    """What PyTorch takes for the same work in a mode, measured in another process; None where that fails."""
+    task = json.dumps({"work": work, "how": how, "precision": precision})
+    command = [sys.executable, __file__, task]
+    try:
+        run = subprocess.run(
+            command, env=os.environ | MALLOC, capture_output=True, check=True, text=True, timeout=PATIENCE
+        )
+        return json.loads(run.stdout)
+    except subprocess.TimeoutExpired:
+        reason = f"not ready after {PATIENCE} s"
+    except subprocess.CalledProcessError as error:
+        reason = (error.stderr.strip().splitlines() or [f"exit status {error.returncode}"])[-1]
+    print(f"  left out: {how} {precision}: {reason}", file=sys.stderr)
+    return None
+
+
+def median_seconds(runs, work):
+    times = []
+    for _ in range(runs):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return statistics.median(times)
+
+
+def peak_memory():
+    """Largest resident memory of this process so far (bytes; macOS counts so, Linux in KiB)."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def peer(work, how, precision):
+    """PyTorch's seconds of a step and of sampling, and the growth to its peak memory; runs in a process of its own."""
+    import torch
+
+    sys.path.insert(0, str(ROOT / "examples/python"))
+    import networks
+
+    torch.set_num_threads(work["threads"])
+    torch.manual_seed(0)
+    conditions = work["shape"].get("head", work["shape"])["condition_dim"]
+
+    def autocast():
+        return torch.autocast("cpu", dtype=torch.bfloat16, enabled=precision == "bfloat16")
+
+    def batch(clouds, points):
+        return torch.randn(clouds, points, 3), torch.rand(clouds), torch.rand(clouds, conditions)
+
+    def adamw(module):
+        return torch.optim.AdamW(module.parameters(), lr=3e-4, weight_decay=1e-4, fused=True)
+
+    # What PyTorch loads with its first step is no memory of the training.
+    tiny = torch.nn.Linear(1, 1)
+    tiny(torch.ones(1, 1)).sum().backward()
+    adamw(tiny).step()
+
+    inputs = batch(work["clouds"], work["points"])
+    targets = torch.randn_like(inputs[0])
+    before = peak_memory()
+    module = networks.network(work["shape"])
+    optimizer = adamw(module)
+    forward = torch.compile(module) if how == "compiled" else module
+
+    def step():
+        optimizer.zero_grad(set_to_none=True)
+        with autocast():
+            velocities = forward(*inputs)
+        networks.loss(velocities.float(), targets).backward()
+        torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
+        optimizer.step()
+
+    for _ in range(3):
+        step()
+    times = {"step": median_seconds(5, step), "peak": peak_memory() - before}
+    if work["sampling"]:
+        steps = work["sampling"]["steps"]
+        start, _, condition = batch(1, work["sampling"]["points"])
+
+        # Compiled modules do not run in inference mode.
+        @torch.no_grad()
+        def sample():
+            x, h = start, 1 / steps
+            with autocast():
+                for k in range(steps):
+                    u = forward(x, torch.full((1,), k * h), condition).float()
+                    ahead = forward(x + h * u, torch.full((1,), (k + 1) * h), condition).float()
+                    x = x + 0.5 * h * (u + ahead)
+            return x
+
+        sample()
+        times["sampling"] = median_seconds(3, sample)
+    return times
+
+
+def measure(network, modes):
+    """What ours and PyTorch, by mode, take for a network."""
+    rounds, peers = [], {}
+    for how, precision in modes or [(None, None)]:
+        print(f"{network}: ours", file=sys.stderr)
+        rounds.append(ours(network))
+        if modes:
+            print(f"{network}: PyTorch, {how} {precision}", file=sys.stderr)
+            peers[how, precision] = theirs(rounds[0], how, precision)
+    return rounds, {mode: result for mode, result in peers.items() if result}
+
+
+def works(network, rounds):
+    """By the work's name: its key in PyTorch's results, all rounds of ours, and the factor from seconds to what is shown."""
+    first = rounds[0]
+    name = network.upper() if network == "mlp" else network.capitalize()
+    batch = f"{first['clouds']} x {first['points']:,} points"
+    yield f"{name}: training step, {batch} (ms)", "step", [r["step"] for r in rounds], 1e3
+    if first["sampling"]:
+        points, steps = first["sampling"]["points"], first["sampling"]["steps"]
+        title = f"{name}: sampling {points:,} points, {2 * PAPER_STEPS} evaluations (s)"
+        yield title, "sampling", [r["sampling"]["work"] for r in rounds], PAPER_STEPS / steps
+
+
+def beside(mine, peers, key, precision, factor):
+    """A cell: PyTorch's best of a precision, which mode that is, and its ratio to ours."""
+    found = [(result[key], how) for (how, p), result in peers.items() if p == precision]
+    if not found:
+        return "-"
+    seconds, how = min(found)
+    return f"{factor * seconds:,.1f} {how}, **{seconds / mine:.1f}x**"
+
+
+def times_table(measured, precisions):
+    heads = ["ours", *(f"PyTorch {precision}, ratio" for precision in precisions)]
+    lines = ["| | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    for network, (rounds, peers) in measured.items():
+        for title, key, mine, factor in works(network, rounds):
+            seconds = statistics.median(work["seconds"] for work in mine)
+            cells = [f"{factor * seconds:,.1f}", *(beside(seconds, peers, key, p, factor) for p in precisions)]
+            lines.append(f"| {title} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def products_table(measured):
+    lines = ["| products of ours (GF/s) | in the work | alone | share |", "|---|---|---|---|"]
+    for network, (rounds, _) in measured.items():
+        for title, _, mine, _ in works(network, rounds):
+            inside, alone = (statistics.median(w[k] for w in mine) for k in ("products", "plain_products"))
+            share = statistics.median(w["products"] / w["plain_products"] for w in mine)
+            lines.append(f"| {title.rsplit(' (', 1)[0]} | {inside:.0f} | {alone:.0f} | {share:.0%} |")
+    return "\n".join(lines)
+
+
+def memory_table(measured):
+    """The peak of training beside the goal's measure: one output of each layer for the whole batch, and four times the weights."""
+    lines = [
+        "| peak memory of training (MB) | ours | activations + 4 x weights | ratio | PyTorch float32, bfloat16 |",
+        "|---|---|---|---|---|",
+    ]
+    for network, (rounds, peers) in measured.items():
+        memory = [r["memory"] for r in rounds]
+        activations, weights = (memory[0][k] / 1e6 for k in ("activations", "weights"))
+        cells = [f"{activations:.0f} + {weights:.0f}"]
+        if memory[0]["peak"] is None:
+            cells = ["-", *cells, "-"]
+        else:
+            peak = statistics.median(m["peak"] for m in memory) / 1e6
+            cells = [f"{peak:.0f}", *cells, f"{peak / (activations + weights):.2f}"]
+        by_precision = ([r["peak"] for (_, p), r in peers.items() if p == precision] for precision in PRECISIONS)
+        cells.append(", ".join(f"{min(peaks) / 1e6:.0f}" if peaks else "-" for peaks in by_precision))
+        title = f"{network}, {rounds[0]['clouds']} x {rounds[0]['points']:,} points"
+        lines.append(f"| {title} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def torch_version():
+    """PyTorch's version, or None; asked of another process, as ours is timed in between."""
+    command = [sys.executable, "-c", "import torch, safetensors; print(torch.__version__)"]
+    run = subprocess.run(command, capture_output=True, text=True)
+    return run.stdout.strip() if run.returncode == 0 else None
+
+
+def main():
+    version = torch_version()
+    if version:
+        print(f"PyTorch {version}, {os.cpu_count()} processors", file=sys.stderr)
+    else:
+        print("PyTorch is skipped: install tests/python/requirements-torch.txt to have it beside ours", file=sys.stderr)
+    measured = {network: measure(network, MODES if version else []) for network in NETWORKS}
+    print(times_table(measured, PRECISIONS if version else ()))
+    print()
+    print(products_table(measured))
+    print()
+    print(memory_table(measured))
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        print(json.dumps(peer(**json.loads(sys.argv[1]))))
+    else:
+        main()
