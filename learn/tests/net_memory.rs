@@ -76,8 +76,12 @@ fn a_gradient_of_either_network_reuses_its_memory() {
 
 #[test]
 fn training_steps_reuse_the_memory_of_the_first() {
-    let set = toy::bars(5, 1);
-    let networks: [NetworkShape; 2] = [HEAD.into(), hybrid().into()];
+    let set = toy::colored_bars(5, 1);
+    let colored = MlpShape {
+        channels: Channels::XyzRgb,
+        ..HEAD
+    };
+    let networks: [NetworkShape; 3] = [HEAD.into(), colored.into(), hybrid().into()];
     let optimizers = [Optimizer::AdamW, Optimizer::MUON];
     for (shape, optimizer) in networks
         .into_iter()
