@@ -54,7 +54,7 @@
 //! - [`data`]: data sets on disk (HDF5) and in memory; splits and normalisation.
 //! - [`net`]: the velocity networks, explicit layers with hand-derived backward passes.
 //! - [`flow`]: path, prior and flow times; samplers.
-//! - [`train`]: optimiser, schedule, weight average; models and resumable states on disk.
+//! - [`train`]: optimisers, schedule, weight average; models and resumable states on disk; distillation to few evaluations.
 //! - [`metrics`]: Chamfer and exact earth mover's distance.
 //!
 //! # What it is not for
