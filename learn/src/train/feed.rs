@@ -3,10 +3,10 @@
 use tdcr_sim::robot::SpecError;
 
 use super::error::TrainError;
+use super::samples::Samples;
 use super::settings::{SettingsError, Target, TrainSettings};
 use super::state::{fingerprint, hash};
 use super::teacher::Teacher;
-use super::trainer::Samples;
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
 use crate::net::{Channels, DIM, NetworkShape};
 

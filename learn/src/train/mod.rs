@@ -8,6 +8,7 @@ mod format;
 mod model;
 mod optimizer;
 mod orthogonal;
+mod samples;
 mod settings;
 mod state;
 mod teacher;

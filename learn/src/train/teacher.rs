@@ -4,8 +4,8 @@ use rand::RngExt;
 use rayon::prelude::*;
 
 use super::model::Model;
+use super::samples::Samples;
 use super::settings::{SettingsError, Target, TrainSettings};
-use super::trainer::Samples;
 use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape};
 

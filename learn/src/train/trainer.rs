@@ -1,6 +1,5 @@
 //! The training loop (paper, Alg. tdcr-training), one step at a time.
 
-use rand::RngExt;
 use rand::seq::index;
 use serde_json::Value;
 
@@ -8,11 +7,12 @@ use super::error::TrainError;
 use super::feed::{Feed, check_feed, check_set};
 use super::model::{Model, Provenance, positions};
 use super::optimizer::{Moments, Update, Updater, norm};
+use super::samples::Samples;
 use super::settings::{SPIKE_STEPS, SettingsError, TrainSettings};
 use super::state::{Best, TrainingState, fingerprint};
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
-use crate::net::{Batch, Channels, DIM, Network, NetworkShape, Workspace};
+use crate::net::{DIM, Network, NetworkShape, Workspace};
 
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
@@ -43,17 +43,6 @@ pub struct Trainer<'a> {
     samples: Samples,
     gradient: Vec<f32>,
     workspace: Workspace,
-}
-
-/// A step's batch: `B` clouds of `N` points.
-#[derive(Debug, Default)]
-pub(super) struct Samples {
-    pub times: Vec<f32>,
-    pub conditions: Vec<f32>,
-    pub points: Vec<f32>,
-    pub targets: Vec<f32>,
-    /// Indices of a cloud's points, the drawn ones first.
-    order: Vec<usize>,
 }
 
 impl<'a> Trainer<'a> {
@@ -335,54 +324,6 @@ impl<'a> Trainer<'a> {
         let subset = index::sample(&mut rng, points.len(), settings.validation_points);
         let truth: Vec<[f32; DIM]> = subset.iter().map(|k| points[k]).collect();
         distance(&predicted, &truth)
-    }
-}
-
-impl Samples {
-    /// Draws the batch of step `step`: clouds with replacement, points of each without.
-    pub fn draw(
-        &mut self,
-        settings: &TrainSettings,
-        set: &CloudSet,
-        channels: Channels,
-        step: u64,
-    ) {
-        let mut rng = rng(settings.seed, Stream::Step(step));
-        let stride = settings.points * channels.count();
-        self.times.clear();
-        self.conditions.clear();
-        self.points.resize(settings.clouds * stride, 0.0);
-        self.targets.clear();
-        for points in self.points.chunks_exact_mut(stride) {
-            let cloud = rng.random_range(0..set.len());
-            let time = settings.path.sample_time(&mut rng);
-            let start = self.targets.len();
-            // As `index::sample` shuffles, but in memory that stays.
-            self.order.clear();
-            self.order.extend(0..set.points_per_cloud);
-            for k in 0..settings.points {
-                let drawn = rng.random_range(k..set.points_per_cloud);
-                self.order.swap(k, drawn);
-            }
-            let subset = self.order[..settings.points].iter().copied();
-            set.gather(cloud, subset, channels, &mut self.targets);
-            settings.path.sample_prior(&mut rng, channels, points);
-            settings
-                .path
-                .follow(time, points, &mut self.targets[start..]);
-            self.times.push(time);
-            self.conditions.extend_from_slice(set.condition(cloud));
-        }
-    }
-
-    fn batch(&self, color_weight: f32) -> Batch<'_> {
-        Batch {
-            times: &self.times,
-            conditions: &self.conditions,
-            points: &self.points,
-            targets: &self.targets,
-            color_weight,
-        }
     }
 }
 
