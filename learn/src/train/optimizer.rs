@@ -20,10 +20,11 @@ const STRIPE: usize = 8192;
 const HIDDEN: usize = 16;
 
 /// How gradients move the weights.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Optimizer {
     /// AdamW for all weights (Loshchilov and Hutter 2019): the paper's.
+    #[default]
     AdamW,
     /// Muon for the hidden layers' matrices (Jordan et al. 2024): each step is their momentum, made orthogonal, so that
     /// all directions of a layer learn at one rate; AdamW for all other weights.
@@ -61,7 +62,7 @@ pub(super) struct Updater {
     pub moments: Moments,
     /// All parameters, in order.
     pieces: Vec<Piece>,
-    orthogonalisers: Pool<(Orthogonaliser, Vec<f32>)>,
+    orthogonalisers: Pool<Orthogonaliser>,
 }
 
 /// Parameters that one task updates.
@@ -108,24 +109,24 @@ struct Slices<'a> {
 
 impl<'a> Slices<'a> {
     fn split_at(self, middle: usize) -> [Self; 2] {
-        let (gradient, gradients) = self.gradient.split_at(middle);
-        let (params, all_params) = self.params.split_at_mut(middle);
-        let (average, averages) = self.average.split_at_mut(middle);
-        let (first, firsts) = self.first.split_at_mut(middle);
-        let (second, seconds) = self.second.split_at_mut(middle);
+        let gradient = self.gradient.split_at(middle);
+        let params = self.params.split_at_mut(middle);
+        let average = self.average.split_at_mut(middle);
+        let first = self.first.split_at_mut(middle);
+        let second = self.second.split_at_mut(middle);
         let left = Self {
-            gradient,
-            params,
-            average,
-            first,
-            second,
+            gradient: gradient.0,
+            params: params.0,
+            average: average.0,
+            first: first.0,
+            second: second.0,
         };
         let right = Self {
-            gradient: gradients,
-            params: all_params,
-            average: averages,
-            first: firsts,
-            second: seconds,
+            gradient: gradient.1,
+            params: params.1,
+            average: average.1,
+            first: first.1,
+            second: second.1,
         };
         [left, right]
     }
@@ -179,18 +180,14 @@ impl Updater {
 
 impl Update {
     /// Piece by piece in parallel, halving their list.
-    fn run(
-        &self,
-        pieces: &[Piece],
-        slices: Slices,
-        orthogonalisers: &Pool<(Orthogonaliser, Vec<f32>)>,
-    ) {
+    fn run(&self, pieces: &[Piece], slices: Slices, orthogonalisers: &Pool<Orthogonaliser>) {
         match pieces {
             [] => {}
             [Piece::Elements(_)] => self.adamw(slices),
-            [Piece::Matrix(shape)] => orthogonalisers.with(Default::default, |(how, direction)| {
-                self.muon(*shape, slices, how, direction);
-            }),
+            [Piece::Matrix(shape)] => orthogonalisers
+                .with(Orthogonaliser::default, |orthogonaliser| {
+                    self.muon(*shape, slices, orthogonaliser)
+                }),
             _ => {
                 let (left, right) = pieces.split_at(pieces.len() / 2);
                 let middle = left.iter().map(|piece| piece.len()).sum();
@@ -229,16 +226,15 @@ impl Update {
         [outputs, inputs]: [usize; 2],
         slices: Slices,
         orthogonaliser: &mut Orthogonaliser,
-        direction: &mut Vec<f32>,
     ) {
         let gradient_scale = self.gradient_scale as f32;
-        direction.clear();
-        for (m, g) in slices.first.iter_mut().zip(slices.gradient) {
+        let momenta = slices.first.iter_mut().zip(slices.gradient);
+        let ahead = momenta.map(|(m, g)| {
             let g = gradient_scale * g;
             *m = MOMENTUM * *m + g;
-            direction.push(g + MOMENTUM * *m);
-        }
-        orthogonaliser.run(direction, [outputs, inputs]);
+            g + MOMENTUM * *m
+        });
+        let direction = orthogonaliser.run(ahead, [outputs, inputs]);
         let kept = (1.0 - self.matrix_learning_rate * self.weight_decay) as f32;
         let tall = (outputs as f64 / inputs as f64).max(1.0).sqrt();
         let rate = (self.matrix_learning_rate * tall) as f32;

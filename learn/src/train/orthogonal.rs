@@ -23,15 +23,19 @@ pub(super) struct Orthogonaliser {
 }
 
 impl Orthogonaliser {
-    /// Replaces the singular values of `matrix` `(rows, columns)`, row-major, by values near 1 (0.7 to 1.2), those below
-    /// about a hundredth of its Frobenius norm by smaller ones; the singular vectors stay.
-    pub fn run(&mut self, matrix: &mut [f32], [rows, columns]: [usize; 2]) {
-        let square = |x: &f32| f64::from(*x) * f64::from(*x);
-        let norm = matrix.iter().map(square).sum::<f64>().sqrt() as f32;
-        let scale = 1.0 / (norm + EPSILON);
+    /// The `matrix` `(rows, columns)`, row-major, with singular values near 1 (0.7 to 1.2), those below about a hundredth
+    /// of its Frobenius norm with smaller ones; the singular vectors stay.
+    pub fn run(
+        &mut self,
+        matrix: impl Iterator<Item = f32>,
+        [rows, columns]: [usize; 2],
+    ) -> &[f32] {
         self.x.clear();
-        // The Gram matrix is taken over the shorter side: of a tall matrix, the transposed view is iterated.
-        self.x.extend(matrix.iter().map(|x| scale * x));
+        self.x.extend(matrix);
+        let square = |x: &f32| f64::from(*x) * f64::from(*x);
+        let norm = self.x.iter().map(square).sum::<f64>().sqrt() as f32;
+        let scale = 1.0 / (norm + EPSILON);
+        self.x.iter_mut().for_each(|x| *x *= scale);
         self.next.resize(self.x.len(), 0.0);
         let side = rows.min(columns);
         self.gram.resize(side * side, 0.0);
@@ -40,13 +44,14 @@ impl Orthogonaliser {
             self.iterate([rows, columns]);
             std::mem::swap(&mut self.x, &mut self.next);
         }
-        matrix.copy_from_slice(&self.x);
+        &self.x
     }
 
     /// `next = a X + (b A + c A^2) X` with `A = X X^T`, of `X` or of its transpose, whichever is wide.
     fn iterate(&mut self, [rows, columns]: [usize; 2]) {
         let [a, b, c] = QUINTIC;
         let side = rows.min(columns);
+        // The Gram matrix is taken over the shorter side: of a tall matrix, the transposed view is iterated.
         let x = MatRef::from_row_major_slice(&self.x, rows, columns);
         let next = MatMut::from_row_major_slice_mut(&mut self.next, rows, columns);
         let (x, next) = match rows > columns {
@@ -97,14 +102,14 @@ mod tests {
             let before = singular_values(given, shape);
             let norm = before.iter().map(|s| s * s).sum::<f32>().sqrt();
             prop_assume!(before.iter().all(|s| *s > 0.02 * norm));
-            let mut matrix = given.to_vec();
-            Orthogonaliser::default().run(&mut matrix, shape);
-            for s in singular_values(&matrix, shape) {
+            let mut orthogonaliser = Orthogonaliser::default();
+            let matrix = orthogonaliser.run(given.iter().copied(), shape);
+            for s in singular_values(matrix, shape) {
                 prop_assert!((0.6..1.3).contains(&s), "{s}");
             }
             // Of an odd polynomial of the matrix, the product with its transpose is symmetric and positive.
             let given = MatRef::from_row_major_slice(given, rows, columns);
-            let matrix = MatRef::from_row_major_slice(&matrix, rows, columns);
+            let matrix = MatRef::from_row_major_slice(matrix, rows, columns);
             let product = given * matrix.transpose();
             let asymmetry = (&product - product.transpose()).norm_l2();
             prop_assert!(asymmetry < 1e-4 * product.norm_l2(), "{asymmetry}");
@@ -116,8 +121,7 @@ mod tests {
 
     #[test]
     fn nothing_stays_nothing() {
-        let mut matrix = [0.0; 6];
-        Orthogonaliser::default().run(&mut matrix, [2, 3]);
-        assert_eq!(matrix, [0.0; 6]);
+        let mut orthogonaliser = Orthogonaliser::default();
+        assert_eq!(orthogonaliser.run([0.0; 6].into_iter(), [2, 3]), [0.0; 6]);
     }
 }

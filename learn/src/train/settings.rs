@@ -28,7 +28,8 @@ pub struct TrainSettings {
     pub clouds: usize,
     /// Points per cloud and step, a fresh random subset each time.
     pub points: usize,
-    /// How gradients move the weights.
+    /// How gradients move the weights; AdamW in files of before there was a choice.
+    #[serde(default)]
     pub optimizer: Optimizer,
     /// Learning rate of AdamW after warm-up.
     pub learning_rate: f64,
@@ -105,7 +106,7 @@ pub enum Target {
     /// The velocity at any flow time, which any sampler may follow.
     #[default]
     Velocity,
-    /// The mean velocities over the steps of [`TrainSettings::sampler`], from a [`Teacher`](super::Teacher): the network is of
+    /// The mean velocities over the steps of [`TrainSettings::sampler`], Euler's method, from a [`Teacher`](super::Teacher): the network is of
     /// use with that sampler alone.
     Steps,
 }
@@ -170,15 +171,11 @@ impl TrainSettings {
                 expected,
             ));
         }
-        let matrix_learning_rate = match self.optimizer {
-            Optimizer::AdamW => self.learning_rate,
-            Optimizer::Muon { learning_rate } => learning_rate,
-        };
         for (field, value, least) in [
             ("learning_rate", self.learning_rate, f64::MIN_POSITIVE),
             (
                 "muon's learning_rate",
-                matrix_learning_rate,
+                self.matrix_learning_rate(),
                 f64::MIN_POSITIVE,
             ),
             ("final_learning_rate", self.final_learning_rate, 0.0),
@@ -230,11 +227,14 @@ impl TrainSettings {
 
     /// Learning rate of the optimiser's matrices at step `step`: [`Self::learning_rate_at`], in proportion.
     pub fn matrix_learning_rate_at(&self, step: u64) -> f64 {
+        self.matrix_learning_rate() * (self.learning_rate_at(step) / self.learning_rate)
+    }
+
+    /// The same after warm-up.
+    fn matrix_learning_rate(&self) -> f64 {
         match self.optimizer {
-            Optimizer::AdamW => self.learning_rate_at(step),
-            Optimizer::Muon { learning_rate } => {
-                learning_rate * (self.learning_rate_at(step) / self.learning_rate)
-            }
+            Optimizer::AdamW => self.learning_rate,
+            Optimizer::Muon { learning_rate } => learning_rate,
         }
     }
 
