@@ -4,7 +4,7 @@
 mod toy;
 
 use tdcr_learn::data::CloudSet;
-use tdcr_learn::flow::{Method, Sampler, TimeGrid};
+use tdcr_learn::flow::{FlowPath, Method, Sampler, TimeGrid};
 use tdcr_learn::net::MlpShape;
 use tdcr_learn::train::{
     Feed, Model, Optimizer, Target, Teacher, TrainError, TrainSettings, Trainer,
@@ -56,7 +56,7 @@ fn lessons() -> TrainSettings {
 }
 
 fn feed(teacher: &Model) -> Feed<'static> {
-    Feed::Teacher(Box::new(Teacher::new(teacher, FEW).unwrap()))
+    Feed::Teacher(Box::new(Teacher::new(teacher).unwrap()))
 }
 
 /// Mean squared distance (m^2) of the clouds that two models make of the same noise.
@@ -109,15 +109,27 @@ fn lessons_that_are_taken_up_end_as_if_they_had_not_been_left() {
 fn lessons_that_do_not_suit_the_teacher_are_refused_by_name() {
     let validation = bars(3, 2);
     let teacher = teacher(&validation);
-    let heun = Sampler {
-        method: Method::Heun,
-        ..FEW
-    };
-    let error = Teacher::new(&teacher, heun).unwrap_err().to_string();
-    assert_eq!(error, "the student's sampler is heun, expected euler");
     let refused = |shape: MlpShape, settings: TrainSettings| -> TrainError {
         Trainer::new(shape, settings, feed(&teacher), &validation).unwrap_err()
     };
+    let heun = TrainSettings {
+        sampler: Sampler {
+            method: Method::Heun,
+            ..FEW
+        },
+        ..lessons()
+    };
+    let error = refused(SHAPE_OF_BOTH, heun).to_string();
+    assert_eq!(error, "the student's sampler is heun, expected euler");
+    let elsewhere = TrainSettings {
+        path: FlowPath {
+            prior_deviation: 0.25,
+            ..FlowPath::default()
+        },
+        ..lessons()
+    };
+    let error = refused(SHAPE_OF_BOTH, elsewhere).to_string();
+    assert!(error.starts_with("the student's path is"), "{error}");
     let odd = TrainSettings {
         clouds: 7,
         ..lessons()
@@ -134,14 +146,17 @@ fn lessons_that_do_not_suit_the_teacher_are_refused_by_name() {
         ..lessons()
     };
     let error = refused(SHAPE_OF_BOTH, other).to_string();
-    assert!(error.starts_with("target is Velocity"), "{error}");
+    assert!(error.starts_with("target is velocity"), "{error}");
     let clouds = Trainer::new(SHAPE_OF_BOTH, lessons(), &validation, &validation);
     let error = clouds.unwrap_err().to_string();
-    assert!(error.starts_with("target is Steps"), "{error}");
+    assert!(error.starts_with("target is steps"), "{error}");
     let student = Model {
         settings: lessons(),
         ..teacher.clone()
     };
-    let error = Teacher::new(&student, FEW).unwrap_err().to_string();
-    assert!(error.contains("not a distilled one"), "{error}");
+    let error = Teacher::new(&student).unwrap_err().to_string();
+    assert!(
+        error.contains("a distilled network cannot teach"),
+        "{error}"
+    );
 }

@@ -259,10 +259,7 @@ fn report(
             ),
             (
                 "Sampler".to_owned(),
-                format!(
-                    "Heun, {} steps, grid 1 - (1 - k/n)²",
-                    Sampler::default().steps
-                ),
+                eval_page::sampler_text(&Sampler::default()),
             ),
             ("Seed".to_owned(), args.seed.to_string()),
             ("tdcr".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),

@@ -258,11 +258,6 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     let mut worst = evaluation.worst_first();
     worst.truncate(args.worst);
     let metrics = Metrics::new(&evaluation, &settings);
-    if let Some(path) = &args.report {
-        let page = eval_page::page(args, &evaluator, &evaluation, &metrics, &worst)?;
-        std::fs::write(path, page.to_html())
-            .with_context(|| format!("cannot write {}", path.display()))?;
-    }
     let evaluated = Evaluated {
         metrics,
         network_quantiles: NetworkQuantiles {
@@ -270,8 +265,8 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
             emd: evaluation.quantiles(|d| d.emd),
             emd_squared: evaluation.quantiles(|d| d.emd_squared),
         },
-        worst: (worst.into_iter())
-            .map(|test| WorstTest::new(&evaluator, &evaluation, test))
+        worst: (worst.iter())
+            .map(|&test| WorstTest::new(&evaluator, &evaluation, test))
             .collect(),
     };
     console.result(&evaluated, |e| {
@@ -288,5 +283,12 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
             m.emd_gap,
             m.emd_squared_gap,
         )
-    })
+    })?;
+    // After the result: a page that cannot be written costs nothing but the page.
+    if let Some(path) = &args.report {
+        let page = eval_page::page(args, &evaluator, &evaluation, &evaluated.metrics, &worst)?;
+        std::fs::write(path, page.to_html())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
 }

@@ -139,7 +139,8 @@ fn colorless(points: Vec<[f32; 3]>) -> PointCloud {
     PointCloud { points, colors }
 }
 
-fn sampler_text(sampler: &Sampler) -> String {
+/// What the sampler is, in a few words.
+pub(super) fn sampler_text(sampler: &Sampler) -> String {
     let grid = match sampler.grid {
         TimeGrid::Uniform => "equal steps".to_owned(),
         TimeGrid::Power(power) => format!("power {power}"),

@@ -85,13 +85,13 @@ struct CommandArg {
 /// How the network's flow is integrated.
 #[derive(Debug, Args)]
 struct SamplerArgs {
-    /// How steps are taken: heun evaluates the network twice in each, the others once [default: the model's own, heun]
+    /// How steps are taken: heun evaluates the network twice in each, the others once [default: the model's own]
     #[arg(long, value_parser = method())]
     sampler: Option<Method>,
-    /// Steps of the sampler [default: the model's own, 16]
+    /// Steps of the sampler [default: the model's own]
     #[arg(long, value_name = "N")]
     sampler_steps: Option<usize>,
-    /// Exponent p of the time grid 1 - (1 - k/n)^p; 1 is uniform, as in the paper [default: the model's own, 2]
+    /// Exponent p of the time grid 1 - (1 - k/n)^p; 1 is uniform, as in the paper [default: the model's own]
     #[arg(long, value_name = "P")]
     sampler_power: Option<f32>,
 }

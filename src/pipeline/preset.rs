@@ -75,7 +75,7 @@ impl Preset {
         },
         Self {
             name: "laptop",
-            purpose: "a larger network in about an hour on 2 cores",
+            purpose: "a larger network in about half an hour on 2 cores",
             width: 128,
             depth: 6,
             embedding: 128,

@@ -106,63 +106,14 @@ pub fn train(
     settings: &TrainSettings,
     monitor: &dyn Monitor,
 ) -> Result<Trained, PipelineError> {
+    let run = Run {
+        folder: run,
+        settings,
+        monitor,
+    };
     match data {
-        TrainingData::Set(dir) => {
-            let set = DataSet::open(dir)?;
-            let read = |split| set.cloud_set_in(split, set.normalisation(), size.channels);
-            let (training, validation) = (read(Split::Train)?, read(Split::Val)?);
-            let provenance = Provenance {
-                subject: set.meta().and_then(|meta| meta.subject().cloned()),
-                normalisation: set.normalisation().clone(),
-            };
-            let training = Feed::from(&training);
-            let shape = size.shape(training.condition_dim());
-            train_on(
-                training,
-                &validation,
-                provenance,
-                run,
-                shape,
-                settings,
-                monitor,
-            )
-        }
-        TrainingData::Stream(stream) => {
-            stream.spec.recipe.check()?;
-            let threads = rayon::current_num_threads();
-            let window = StreamWindow::new(
-                stream.spec.clone(),
-                stream.window,
-                stream.fresh,
-                threads,
-                size.channels,
-            )?;
-            let subject = &stream.spec.recipe.subject;
-            let validation = match &stream.validation {
-                None => window.validation(settings.validation_clouds)?,
-                Some(dir) => {
-                    let set = DataSet::open(dir)?;
-                    let found = set.meta().and_then(Meta::subject);
-                    found.map_or(Ok(()), |found| require_same(subject, found))?;
-                    set.cloud_set_in(Split::Val, window.normalisation(), size.channels)?
-                }
-            };
-            let provenance = Provenance {
-                subject: Some(subject.clone()),
-                normalisation: window.normalisation().clone(),
-            };
-            let training = Feed::Stream(Box::new(window));
-            let shape = size.shape(training.condition_dim());
-            train_on(
-                training,
-                &validation,
-                provenance,
-                run,
-                shape,
-                settings,
-                monitor,
-            )
-        }
+        TrainingData::Set(dir) => run.on_set(dir, size),
+        TrainingData::Stream(stream) => run.on_stream(stream, size),
     }
 }
 
@@ -187,56 +138,149 @@ pub fn distill(
     let shape = teacher.network.shape();
     let normalisation = &provenance.normalisation;
     let validation = set.cloud_set_in(Split::Val, normalisation, shape.channels())?;
-    let lessons = Teacher::new(teacher, settings.sampler).map_err(TrainError::from)?;
-    let training = Feed::Teacher(Box::new(lessons));
-    train_on(
-        training,
-        &validation,
-        provenance,
-        run,
-        shape,
+    let teacher = Teacher::new(teacher).map_err(TrainError::from)?;
+    let training = Feed::Teacher(Box::new(teacher));
+    let run = Run {
+        folder: run,
         settings,
         monitor,
-    )
+    };
+    run.on(training, &validation, shape, provenance)
 }
 
-fn train_on(
-    training: Feed,
-    validation: &CloudSet,
-    provenance: Provenance,
-    run: &Path,
-    shape: NetworkShape,
-    settings: &TrainSettings,
-    monitor: &dyn Monitor,
-) -> Result<Trained, PipelineError> {
-    std::fs::create_dir_all(run).map_err(|source| PipelineError::Folder {
-        path: run.to_owned(),
-        source,
-    })?;
-    // A validation looks at no cloud twice, and neither it nor a step at more points than a cloud has.
-    let settings = TrainSettings {
-        points: settings.points.min(training.points_per_cloud()),
-        validation_clouds: settings.validation_clouds.min(validation.len()),
-        validation_points: settings.validation_points.min(validation.points_per_cloud),
-        ..settings.clone()
-    };
-    let mut trainer = open(run, shape, &settings, training, validation)?;
-    let scale = provenance.normalisation.scale;
-    let mut log = RunLog::open(run, &trainer, scale)?;
-    if !trainer.is_finished() {
-        monitor.begin("train", settings.steps, trainer.steps_taken());
-        finish(&mut trainer, &mut log, run, &provenance, monitor)?;
-        monitor.end();
+/// A run: where it is kept, how it learns, who watches.
+struct Run<'a> {
+    folder: &'a Path,
+    settings: &'a TrainSettings,
+    monitor: &'a dyn Monitor,
+}
+
+impl Run<'_> {
+    /// On the data set in the folder `dir`.
+    fn on_set(&self, dir: &Path, size: NetworkSize) -> Result<Trained, PipelineError> {
+        let set = DataSet::open(dir)?;
+        let read = |split| set.cloud_set_in(split, set.normalisation(), size.channels);
+        let (training, validation) = (read(Split::Train)?, read(Split::Val)?);
+        let provenance = Provenance {
+            subject: set.meta().and_then(|meta| meta.subject().cloned()),
+            normalisation: set.normalisation().clone(),
+        };
+        let shape = size.shape(training.condition_dim);
+        self.on(Feed::from(&training), &validation, shape, provenance)
     }
-    Ok(Trained {
-        losses: trainer.losses().to_vec(),
-        validations: (trainer.validations().iter())
-            .map(|(step, distance)| (*step, distance * scale * scale))
-            .collect(),
-        model: trainer
-            .model(provenance)
-            .expect("the last step is validated"),
-    })
+
+    /// On a stream.
+    fn on_stream(
+        &self,
+        stream: &StreamSettings,
+        size: NetworkSize,
+    ) -> Result<Trained, PipelineError> {
+        stream.spec.recipe.check()?;
+        let window = StreamWindow::new(
+            stream.spec.clone(),
+            stream.window,
+            stream.fresh,
+            rayon::current_num_threads(),
+            size.channels,
+        )?;
+        let subject = &stream.spec.recipe.subject;
+        let validation = match &stream.validation {
+            None => window.validation(self.settings.validation_clouds)?,
+            Some(dir) => {
+                let set = DataSet::open(dir)?;
+                let found = set.meta().and_then(Meta::subject);
+                found.map_or(Ok(()), |found| require_same(subject, found))?;
+                set.cloud_set_in(Split::Val, window.normalisation(), size.channels)?
+            }
+        };
+        let provenance = Provenance {
+            subject: Some(subject.clone()),
+            normalisation: window.normalisation().clone(),
+        };
+        let training = Feed::Stream(Box::new(window));
+        let shape = size.shape(training.condition_dim());
+        self.on(training, &validation, shape, provenance)
+    }
+
+    /// On `training`, a network of `shape`.
+    fn on(
+        &self,
+        training: Feed,
+        validation: &CloudSet,
+        shape: NetworkShape,
+        provenance: Provenance,
+    ) -> Result<Trained, PipelineError> {
+        std::fs::create_dir_all(self.folder).map_err(|source| PipelineError::Folder {
+            path: self.folder.to_owned(),
+            source,
+        })?;
+        // A validation looks at no cloud twice, and neither it nor a step at more points than a cloud has.
+        let settings = TrainSettings {
+            points: self.settings.points.min(training.points_per_cloud()),
+            validation_clouds: self.settings.validation_clouds.min(validation.len()),
+            validation_points: (self.settings.validation_points).min(validation.points_per_cloud),
+            ..self.settings.clone()
+        };
+        let mut trainer = open(self.folder, shape, &settings, training, validation)?;
+        let scale = provenance.normalisation.scale;
+        let mut log = RunLog::open(self.folder, &trainer, scale)?;
+        if !trainer.is_finished() {
+            let (steps, taken) = (settings.steps, trainer.steps_taken());
+            self.monitor.begin("train", steps, taken);
+            self.finish(&mut trainer, &mut log, &provenance)?;
+            self.monitor.end();
+        }
+        Ok(Trained {
+            losses: trainer.losses().to_vec(),
+            validations: (trainer.validations().iter())
+                .map(|(step, distance)| (*step, distance * scale * scale))
+                .collect(),
+            model: trainer
+                .model(provenance)
+                .expect("the last step is validated"),
+        })
+    }
+
+    /// Takes the steps that are left.
+    fn finish(
+        &self,
+        trainer: &mut Trainer,
+        log: &mut RunLog,
+        provenance: &Provenance,
+    ) -> Result<(), PipelineError> {
+        let (model_path, state_path) = (model_path(self.folder), state_path(self.folder));
+        let mut saved = (trainer.steps_taken() > 0).then_some(trainer.steps_taken());
+        let mut due = false;
+        while !trainer.is_finished() {
+            let stepped = match step(trainer, provenance, self.monitor) {
+                Err(source) if source.is_divergence() => {
+                    let best = trainer.model(provenance.clone()).map(|model| model.step);
+                    return Err(PipelineError::Diverged(Box::new(Divergence {
+                        source,
+                        state: saved.map(|step| (state_path, step)),
+                        model: best.map(|step| (model_path, step)),
+                        learning_rate: trainer.settings().learning_rate,
+                    })));
+                }
+                stepped => stepped?,
+            };
+            log.catch_up(trainer)?;
+            let interrupted = self.monitor.interrupted();
+            due |= stepped == Stepped::Validated || interrupted;
+            if due && (trainer.is_level() || trainer.is_finished()) {
+                if let Some(model) = trainer.model(provenance.clone()) {
+                    model.save(&model_path)?;
+                }
+                log.sync()?;
+                trainer.state(provenance.clone()).save(&state_path)?;
+                (saved, due) = (Some(trainer.steps_taken()), false);
+            }
+            if interrupted && !trainer.is_finished() {
+                return Err(PipelineError::Interrupted);
+            }
+        }
+        Ok(())
+    }
 }
 
 /// The run in the folder `run`, or a new one.
@@ -254,48 +298,6 @@ fn open<'a>(
     let state = TrainingState::load(&path)?;
     let resumed = Trainer::resume(state, shape, settings.clone(), training, validation);
     resumed.map_err(|source| PipelineError::OtherRun { path, source })
-}
-
-/// Takes the steps that are left.
-fn finish(
-    trainer: &mut Trainer,
-    log: &mut RunLog,
-    run: &Path,
-    provenance: &Provenance,
-    monitor: &dyn Monitor,
-) -> Result<(), PipelineError> {
-    let (model_path, state_path) = (model_path(run), state_path(run));
-    let mut saved = (trainer.steps_taken() > 0).then_some(trainer.steps_taken());
-    let mut due = false;
-    while !trainer.is_finished() {
-        let stepped = match step(trainer, provenance, monitor) {
-            Err(source) if source.is_divergence() => {
-                let best = trainer.model(provenance.clone()).map(|model| model.step);
-                return Err(PipelineError::Diverged(Box::new(Divergence {
-                    source,
-                    state: saved.map(|step| (state_path, step)),
-                    model: best.map(|step| (model_path, step)),
-                    learning_rate: trainer.settings().learning_rate,
-                })));
-            }
-            stepped => stepped?,
-        };
-        log.catch_up(trainer)?;
-        let interrupted = monitor.interrupted();
-        due |= stepped == Stepped::Validated || interrupted;
-        if due && (trainer.is_level() || trainer.is_finished()) {
-            if let Some(model) = trainer.model(provenance.clone()) {
-                model.save(&model_path)?;
-            }
-            log.sync()?;
-            trainer.state(provenance.clone()).save(&state_path)?;
-            (saved, due) = (Some(trainer.steps_taken()), false);
-        }
-        if interrupted && !trainer.is_finished() {
-            return Err(PipelineError::Interrupted);
-        }
-    }
-    Ok(())
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -72,8 +72,8 @@ fn text(path: &Path) -> &str {
 /// Options of a data set that is made in a moment.
 const SMALL_SET: [&str; 5] = ["collect", "--samples", "20", "--points", "400"];
 
-/// Options of a network that is trained in a moment.
-const TINY_NETWORK: [&str; 11] = [
+/// Options of a network of a moment's training.
+const TINY_SIZE: [&str; 7] = [
     "train",
     "--width",
     "16",
@@ -81,11 +81,16 @@ const TINY_NETWORK: [&str; 11] = [
     "2",
     "--embedding",
     "16",
-    "--steps",
-    "40",
-    "--validate-every",
-    "20",
 ];
+
+/// The same, trained in a moment.
+const TINY_NETWORK: [&str; 11] = {
+    let [train, width, w, depth, d, embedding, e] = TINY_SIZE;
+    let (steps, every) = ("--steps", "--validate-every");
+    [
+        train, width, w, depth, d, embedding, e, steps, "40", every, "20",
+    ]
+};
 
 /// Keys of the mean scores.
 const SCORES: [&str; 12] = [

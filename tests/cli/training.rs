@@ -6,7 +6,9 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::{TINY_NETWORK, collect_small, refuse, stderr, succeed, tdcr, text, train_tiny};
+use crate::{
+    TINY_NETWORK, TINY_SIZE, collect_small, refuse, stderr, succeed, tdcr, text, train_tiny,
+};
 
 /// Kills of a training run, at moments spread over it.
 const KILLS: u32 = 8;
@@ -15,18 +17,9 @@ const KILLS: u32 = 8;
 const ATTEMPTS: u32 = 10 * KILLS;
 
 fn train(data: &Path, run: &Path) -> Command {
-    let size = [
-        "train",
-        "--width",
-        "16",
-        "--depth",
-        "2",
-        "--embedding",
-        "16",
-    ];
     let length = ["--steps", "233", "--validate-every", "16", "--quiet"];
     let places = ["--data", text(data), "--out", text(run)];
-    let mut command = tdcr(&[&size[..], &length, &places].concat());
+    let mut command = tdcr(&[&TINY_SIZE[..], &length, &places].concat());
     command.stdout(Stdio::null()).stderr(Stdio::null());
     command
 }
@@ -129,16 +122,7 @@ fn divergence_names_the_last_good_state_and_what_to_do_and_keeps_it() {
     let places = ["--data", text(&data), "--out", text(&run)];
     let rate = ["--learning-rate", "200", "--warmup", "399"];
     let length = ["--steps", "4000", "--validate-every", "10"];
-    let size = [
-        "train",
-        "--width",
-        "16",
-        "--depth",
-        "2",
-        "--embedding",
-        "16",
-    ];
-    let arguments = [&size[..], &places, &rate, &length].concat();
+    let arguments = [&TINY_SIZE[..], &places, &rate, &length].concat();
     let output = tdcr(&arguments).output().unwrap();
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(1), "{said}");
@@ -174,16 +158,7 @@ fn a_run_out_of_patience_ends_early() {
         "1",
     ];
     let places = ["--data", text(&data), "--out", text(&run)];
-    let size = [
-        "train",
-        "--width",
-        "16",
-        "--depth",
-        "2",
-        "--embedding",
-        "16",
-    ];
-    let arguments = [&size[..], &places, &options].concat();
+    let arguments = [&TINY_SIZE[..], &places, &options].concat();
     let ended = crate::succeed_json(&arguments);
     let steps = ended["steps"].as_u64().unwrap();
     assert!(steps < 4000);

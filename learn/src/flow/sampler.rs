@@ -91,9 +91,9 @@ impl Method {
 }
 
 impl Sampler {
-    /// 16 steps of Heun's method on the quadratic grid.
+    /// 16 steps of the exponential method on the quadratic grid: clouds as good as those of 100 evaluations by Heun's.
     pub const DEFAULT: Self = Self {
-        method: Method::Heun,
+        method: Method::Exponential,
         steps: 16,
         grid: TimeGrid::Power(2.0),
     };

@@ -228,9 +228,11 @@ pub(super) fn check_feed(
     let points = settings.points;
     let taught = matches!(feed, Feed::Teacher(_));
     if taught != (settings.target == Target::Steps) {
-        let expected = "`steps` with a teacher, `velocity` with clouds";
-        let found = format!("{:?}", settings.target);
-        return Err(SettingsError::new("target", found, expected).into());
+        let expected = match taught {
+            true => "steps: a teacher teaches them",
+            false => "velocity: clouds teach nothing else",
+        };
+        return Err(SettingsError::new("target", settings.target.name(), expected).into());
     }
     let set = match feed {
         Feed::Set(set) => return check_set("training", set, shape, points),

@@ -106,9 +106,19 @@ pub enum Target {
     /// The velocity at any flow time, which any sampler may follow.
     #[default]
     Velocity,
-    /// The mean velocities over the steps of [`TrainSettings::sampler`], Euler's method, from a [`Teacher`](super::Teacher): the network is of
-    /// use with that sampler alone.
+    /// The mean velocities over the steps of [`TrainSettings::sampler`], Euler's method, from a
+    /// [`Teacher`](super::Teacher): the network is of use with that sampler alone.
     Steps,
+}
+
+impl Target {
+    /// Its name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Velocity => "velocity",
+            Self::Steps => "steps",
+        }
+    }
 }
 
 /// A setting out of bounds.

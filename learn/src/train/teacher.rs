@@ -12,52 +12,35 @@ use crate::net::{Network, NetworkShape};
 /// Fewest steps that the teacher takes from prior to data: where its own predictions stop getting better.
 const TEACHER_STEPS: usize = 16;
 
-/// A trained network, and the few steps in which another one is to come where it comes in many.
+/// A trained network, from which a student learns to come in a few steps where it comes in many.
 ///
-/// Along its way from prior to data the student is taught the mean velocity over each of its steps,
-/// `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` at `X(t_k)` and `t_k`: Euler's method with these velocities makes exactly the
-/// teacher's way (distillation of a sampler, as Salimans and Ho 2022, but to the last number of steps at once). Conditions
-/// are uniform in the range that the teacher was trained in; no data are needed.
+/// Along its way from prior to data the student is taught the mean velocity over each of the steps of its own sampler,
+/// Euler's method ([`TrainSettings::sampler`]): `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` at `X(t_k)` and `t_k`, with which it
+/// makes exactly the teacher's way (distillation of a sampler, as Salimans and Ho 2022, but to the last number of steps at
+/// once). Conditions are uniform in the range that the teacher was trained in; no data are needed.
 #[derive(Clone, Debug)]
 pub struct Teacher {
     network: Network,
     path: FlowPath,
-    /// The student's: Euler's method.
-    sampler: Sampler,
-    /// The teacher's: `fine.steps` is a multiple of the student's steps, on the same grid.
-    fine: Sampler,
 }
 
 impl Teacher {
-    /// `model` as the teacher of a student that takes `steps` steps on the grid of `sampler`.
+    /// `model` as a teacher.
     ///
     /// # Errors
-    /// [`SettingsError`] where `sampler` is not Euler's method or out of bounds, or where `model` is a student itself.
-    pub fn new(model: &Model, sampler: Sampler) -> Result<Self, SettingsError> {
-        sampler.check()?;
-        if sampler.method != Method::Euler {
-            let found = sampler.method.name();
-            return Err(SettingsError::new("the student's sampler", found, "euler"));
-        }
-        if model.settings.target == Target::Steps {
-            let expected = "a network of velocities, not a distilled one";
-            return Err(SettingsError::new(
+    /// [`SettingsError`] where `model` is a student itself.
+    pub fn new(model: &Model) -> Result<Self, SettingsError> {
+        match model.settings.target {
+            Target::Velocity => Ok(Self {
+                network: model.network.clone(),
+                path: model.settings.path,
+            }),
+            Target::Steps => Err(SettingsError::new(
                 "the teacher's target",
-                "steps",
-                expected,
-            ));
+                Target::Steps.name(),
+                "velocity: a distilled network cannot teach",
+            )),
         }
-        let fine = Sampler {
-            method: Method::Exponential,
-            steps: sampler.steps * TEACHER_STEPS.div_ceil(sampler.steps),
-            grid: sampler.grid,
-        };
-        Ok(Self {
-            network: model.network.clone(),
-            path: model.settings.path,
-            sampler,
-            fine,
-        })
     }
 
     /// The teacher's network, from which the student starts.
@@ -75,18 +58,27 @@ impl Teacher {
             Err(SettingsError::new(field, found, expected))
         };
         if *shape != self.network.shape() {
+            let expected = "the teacher's".into();
+            return refuse("the student's shape", format!("{shape:?}"), expected);
+        }
+        if settings.path != self.path {
+            let expected = format!("the teacher's {:?}", self.path);
             return refuse(
-                "the student's shape",
-                format!("{shape:?}"),
-                "the teacher's".into(),
+                "the student's path",
+                format!("{:?}", settings.path),
+                expected,
             );
         }
-        if settings.sampler != self.sampler || settings.path != self.path {
-            let expected = "those that the teacher was made for";
-            return refuse("sampler or path", "another".into(), expected.into());
+        let Sampler { method, steps, .. } = settings.sampler;
+        if method != Method::Euler {
+            return refuse(
+                "the student's sampler",
+                method.name().into(),
+                "euler".into(),
+            );
         }
-        if !settings.clouds.is_multiple_of(self.sampler.steps) {
-            let expected = format!("a multiple of the student's {} steps", self.sampler.steps);
+        if !settings.clouds.is_multiple_of(steps) {
+            let expected = format!("a multiple of the student's {steps} steps");
             return refuse("clouds", settings.clouds.to_string(), expected);
         }
         Ok(())
@@ -94,12 +86,12 @@ impl Teacher {
 
     /// Draws the batch of step `step`: `settings.clouds / n` ways from prior to data, each cut into the student's `n` steps.
     pub(super) fn lesson(&self, settings: &TrainSettings, step: u64, samples: &mut Samples) {
-        let steps = self.sampler.steps;
+        let Sampler { steps, grid, .. } = settings.sampler;
         let shape = self.network.shape();
         let (channels, dim) = (shape.channels(), shape.condition_dim());
         let cloud = settings.points * channels.count();
         let ways = settings.clouds / steps;
-        let times: Vec<f32> = self.sampler.grid.times(steps).collect();
+        let times: Vec<f32> = grid.times(steps).collect();
         samples.times = times[..steps].repeat(ways);
         samples.conditions.clear();
         samples.points.resize(settings.clouds * cloud, 0.0);
@@ -111,37 +103,54 @@ impl Teacher {
             self.path
                 .sample_prior(&mut rng, channels, &mut points[..cloud]);
         }
+        let fine = fine(settings.sampler);
         let conditions = samples.conditions.par_chunks_exact(steps * dim);
         let ways = samples.points.par_chunks_exact_mut(steps * cloud);
         let ways = ways.zip(samples.targets.par_chunks_exact_mut(steps * cloud));
         ways.zip(conditions)
             .for_each(|((points, targets), condition)| {
-                self.walk(&condition[..dim], &times, points, targets);
+                self.walk(&fine, &condition[..dim], &times, points, targets);
             });
     }
 
-    /// One way: `points` `(n, N C)` begins with the prior's and receives where the student's steps begin, `targets` their
-    /// mean velocities.
-    fn walk(&self, condition: &[f32], times: &[f32], points: &mut [f32], targets: &mut [f32]) {
-        let cloud = points.len() / self.sampler.steps;
-        let every = self.fine.steps / self.sampler.steps;
+    /// One way by the sampler `fine`: `points` `(n, N C)` begins with the prior's and receives where the student's steps begin,
+    /// which end at `times` `(n + 1)`; `targets` receives their mean velocities.
+    fn walk(
+        &self,
+        fine: &Sampler,
+        condition: &[f32],
+        times: &[f32],
+        points: &mut [f32],
+        targets: &mut [f32],
+    ) {
+        let steps = times.len() - 1;
+        let cloud = points.len() / steps;
+        let every = fine.steps / steps;
         let mut now = points[..cloud].to_vec();
-        self.fine
-            .integrate_observed(&self.network, condition, &mut now, |taken, reached| {
-                if !taken.is_multiple_of(every) {
-                    return;
-                }
-                let end = taken / every;
-                let h = times[end] - times[end - 1];
-                let start = (end - 1) * cloud..end * cloud;
-                let moves = points[start.clone()].iter().zip(reached);
-                for (target, (from, to)) in targets[start].iter_mut().zip(moves) {
-                    *target = (to - from) / h;
-                }
-                if end < self.sampler.steps {
-                    points[end * cloud..(end + 1) * cloud].copy_from_slice(reached);
-                }
-            });
+        fine.integrate_observed(&self.network, condition, &mut now, |taken, reached| {
+            if !taken.is_multiple_of(every) {
+                return;
+            }
+            let end = taken / every;
+            let h = times[end] - times[end - 1];
+            let start = (end - 1) * cloud..end * cloud;
+            let moves = points[start.clone()].iter().zip(reached);
+            for (target, (from, to)) in targets[start].iter_mut().zip(moves) {
+                *target = (to - from) / h;
+            }
+            if end < steps {
+                points[end * cloud..(end + 1) * cloud].copy_from_slice(reached);
+            }
+        });
+    }
+}
+
+/// The teacher's sampler: on the student's grid, and through all the times at which the student's steps end.
+fn fine(student: Sampler) -> Sampler {
+    Sampler {
+        method: Method::Exponential,
+        steps: student.steps * TEACHER_STEPS.div_ceil(student.steps),
+        grid: student.grid,
     }
 }
 
@@ -163,21 +172,18 @@ mod tests {
         };
         let network = Network::new(shape.into(), &mut rng(3, Stream::Parameters)).expect("a shape");
         let grid = TimeGrid::Power(2.0);
-        let sampler = |method, steps| Sampler {
-            method,
-            steps,
-            grid,
-        };
         let teacher = Teacher {
             network,
             path: FlowPath::default(),
-            sampler: sampler(Method::Euler, 3),
-            fine: sampler(Method::Exponential, 18),
         };
         let settings = TrainSettings {
             clouds: 6,
             points: 5,
-            sampler: teacher.sampler,
+            sampler: Sampler {
+                method: Method::Euler,
+                steps: 3,
+                grid,
+            },
             ..TrainSettings::default()
         };
         let mut samples = Samples::default();
@@ -187,9 +193,7 @@ mod tests {
             let first = 3 * way;
             let condition = &samples.conditions[2 * first..2 * first + 2];
             let mut end = samples.points[first * cloud..(first + 1) * cloud].to_vec();
-            teacher
-                .fine
-                .integrate(&teacher.network, condition, &mut end);
+            fine(settings.sampler).integrate(&teacher.network, condition, &mut end);
             for start in 0..3 {
                 let place = first + start;
                 let mut x = samples.points[place * cloud..(place + 1) * cloud].to_vec();
