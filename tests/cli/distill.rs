@@ -53,6 +53,6 @@ fn a_distilled_network_predicts_and_scores_with_its_own_steps_alone() {
     refuse(
         &[&again[..], &["--out", text(&folder.path().join("again"))]].concat(),
         1,
-        "the teacher's target is steps, expected a network of velocities, not a distilled one",
+        "the teacher's target is steps, expected velocity: a distilled network cannot teach",
     );
 }

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::{refuse, succeed, succeed_json, text, train_tiny};
+use crate::{refuse, stderr, succeed, succeed_json, tdcr, text, train_tiny};
 
 /// Points that the clouds of a small set are compared on.
 const POINTS: [&str; 4] = ["--points", "400", "--emd-points", "100"];
@@ -123,7 +123,16 @@ fn the_report_is_a_page_of_its_own_that_shows_the_worst_tests() {
     assert_eq!(page.matches("<img ").count(), 3);
     assert_eq!(page.matches("<svg ").count(), 1);
     assert!(!page.contains("http:") && !page.contains("https:") && !page.contains("Training</h2>"));
+}
+
+#[test]
+fn a_report_that_cannot_be_written_takes_no_scores_with_it() {
+    let (folder, arguments) = trained(&[]);
     let nowhere = folder.path().join("no/folder.html");
-    let options = ["--report", text(&nowhere)];
-    refuse(&with(&arguments, &options), 1, "cannot write");
+    let options = ["--report", text(&nowhere), "--json"];
+    let output = tdcr(&with(&arguments, &options)).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("cannot write"));
+    let scores: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(number(&scores["cd"]) > 0.0);
 }
