@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::{refuse, stderr, succeed, succeed_json, tdcr, text, train_tiny};
+use crate::{stderr, succeed, succeed_json, tdcr, text, train_tiny};
 
 /// Points that the clouds of a small set are compared on.
 const POINTS: [&str; 4] = ["--points", "400", "--emd-points", "100"];
