@@ -17,7 +17,9 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use tdcr::learn::data::CloudSet;
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
-use tdcr::learn::net::{Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape};
+use tdcr::learn::net::{
+    Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, vector_lanes,
+};
 use tdcr::learn::train::{Optimizer, TrainSettings, Trainer};
 
 /// The authors' MLP, and the head of their Hybrid.
@@ -49,6 +51,8 @@ const ROWS: usize = 128;
 #[derive(Serialize)]
 struct Measured {
     threads: usize,
+    /// Numbers (f32) in a vector of the kernels.
+    vector_lanes: usize,
     shape: NetworkShape,
     /// Clouds and points of a step.
     clouds: usize,
@@ -131,6 +135,7 @@ fn measure(shape: NetworkShape, clouds: usize, steps: usize, sampler: Option<Sam
     let step_flops = 3 * clouds as u64 * network.flops(POINTS);
     Measured {
         threads: rayon::current_num_threads(),
+        vector_lanes: vector_lanes(),
         shape,
         clouds,
         points: POINTS,

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Makes ready what `make test` needs, or says what is missing before anything else runs:
-# a Rust toolchain, a C compiler, and for the cross-checks MuJoCo, libclang (which reads MuJoCo's
+# a Rust toolchain, a C compiler, and for the cross-checks QEMU, MuJoCo, libclang (which reads MuJoCo's
 # header), and a Python virtual environment. MUJOCO_DIR and LIBCLANG_PATH, when set, stand for
 # MuJoCo's and libclang's packages.
 set -u
@@ -20,6 +20,9 @@ need python3 python3
 python3 -c 'import ensurepip, venv' 2>/dev/null || missing+=(python3-venv)
 [ -n "${MUJOCO_DIR:-}" ] || [ -f /usr/include/mujoco/mujoco.h ] || missing+=(libmujoco-dev)
 [ -n "${LIBCLANG_PATH:-}" ] || compgen -G '/usr/lib/llvm-*/lib/libclang.so' >/dev/null || missing+=(libclang-dev)
+
+# Stands for processors without this one's vector units.
+[ "$(uname -m)" != x86_64 ] || need qemu-x86_64 qemu-user
 
 # MuJoCo's renderer draws off-screen, in software.
 have_library() { # have_library FILE

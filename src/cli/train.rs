@@ -8,7 +8,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
-use tdcr::learn::net::{Channels, ContextShape};
+use tdcr::learn::net::{Channels, ContextShape, vector_lanes};
 use tdcr::learn::train::{Optimizer, TrainSettings};
 use tdcr::pipeline::{
     Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
@@ -304,6 +304,8 @@ struct Run {
     best_step: u64,
     /// Validation Chamfer distance of the best step (m²).
     validation_cd: f64,
+    /// Numbers in a vector of the kernels that it ran on.
+    vector_lanes: usize,
 }
 
 pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
@@ -318,6 +320,7 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
         steps: trained.losses.len() as u64,
         best_step: trained.model.step,
         validation_cd: trained.model.validation_distance * scale * scale,
+        vector_lanes: vector_lanes(),
     };
     console.result(&run, |r| {
         format!(

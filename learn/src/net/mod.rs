@@ -71,6 +71,7 @@ pub use crate::channels::{Channels, DIM};
 pub use batch::{Batch, COLOR_WEIGHT, Workspace};
 pub use context_shape::{ContextShape, Stage, TimeGate};
 pub use hybrid::{Hybrid, HybridShape};
+pub use kernels::vector_lanes;
 pub use mlp::Mlp;
 pub use network::{Network, NetworkShape};
 pub use shape::{MlpShape, ShapeError, TensorSpec};

@@ -1,0 +1,55 @@
+"""Training on the kernels of other processors: QEMU stands for machines without AVX-512, and without AVX2."""
+
+import csv
+import json
+import os
+import pathlib
+import platform
+import subprocess
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.skipif(platform.machine() != "x86_64", reason="the processors that QEMU stands for are x86-64")
+
+# QEMU's own processor has AVX2 and no AVX-512; Nehalem has neither.
+PROCESSORS = {"max": 8, "Nehalem": 1}
+
+SETTINGS = "--width 16 --depth 3 --embedding 16 --steps 20 --validate-every 20 --clouds 4 --points 128".split()
+CONTEXT = "--channels 8,8,8 --resolutions 4,3,2 --blocks 1 --context 8".split()
+
+# Relative: rounding grows along the run, most in the gradient's norm.
+TOLERANCES = {"loss": 1e-3, "validation_cd": 1e-3, "gradient_norm": 1e-2}
+
+
+@pytest.fixture(scope="module")
+def data(tdcr, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("kernels") / "data"
+    tdcr("collect", "--robot", "2m", "--samples", 20, "--points", 400, "--out", folder)
+    return folder
+
+
+def train(data, run, net, processor=None):
+    """Result and log of a short run, on another processor where one is named."""
+    binary = os.environ.get("TDCR") or str(pathlib.Path(__file__).parents[2] / "target/release/tdcr")
+    emulator = ["qemu-x86_64", "-cpu", processor] if processor else []
+    command = [*emulator, binary, "train", "--net", net, "--data", data, "--out", run, *SETTINGS, "--json", "--quiet"]
+    command += CONTEXT if net == "hybrid" else []
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    with open(run / "log.csv", encoding="utf-8") as file:
+        log = list(csv.DictReader(file))
+    columns = TOLERANCES.keys()
+    return json.loads(done.stdout), {name: [float(row[name]) for row in log if row[name]] for name in columns}
+
+
+@pytest.mark.parametrize("net", ["mlp", "hybrid"])
+def test_every_processors_kernels_give_the_same_training_curve(data, tmp_path, net):
+    result, curve = train(data, tmp_path / "own", net)
+    assert len(curve["loss"]) == 2 and curve["loss"][1] < 0.9 * curve["loss"][0]
+    assert result["vector_lanes"] in (1, 8, 16)
+    for processor, lanes in PROCESSORS.items():
+        result, other = train(data, tmp_path / processor, net, processor)
+        assert result["vector_lanes"] == lanes, processor
+        for name, tolerance in TOLERANCES.items():
+            np.testing.assert_allclose(other[name], curve[name], rtol=tolerance, err_msg=f"{processor}: {name}")
