@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn equal_points_count_each() {
-        let points = [[[0.5; 3]; 40], [[0.0; 3]; 40]].concat();
-        assert_eq!(KdTree::new(&points).k_nearest(&[0.1; 3]), [[0.0; 3]; 40]);
+        let points = [[[0.5; 3]; 40], [[0.2; 3]; 40]].concat();
+        assert_eq!(KdTree::new(&points).k_nearest(&[0.1; 3]), [[0.2; 3]; 40]);
     }
 }
