@@ -1,5 +1,5 @@
 //! Time of the metrics on clouds of the size that a robot's prediction is judged by: two samples of
-//! one pose, and of two poses.
+//! one pose, and of two poses; and of the spread of a cloud.
 #![allow(
     missing_docs,
     reason = "criterion's macros make undocumented functions"
@@ -9,7 +9,7 @@
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use tdcr::learn::metrics::{chamfer, emd, emd_squared};
+use tdcr::learn::metrics::{chamfer, emd, emd_squared, surface_spread};
 
 type Cloud = Vec<[f32; 3]>;
 
@@ -46,6 +46,9 @@ fn metrics(criterion: &mut Criterion) {
         ];
         let mut group = criterion.benchmark_group(format!("{n} points"));
         group.sample_size(10);
+        group.bench_function("surface_spread", |bencher| {
+            bencher.iter(|| surface_spread(&p, &p).unwrap());
+        });
         for (pose, q) in &poses {
             group.bench_with_input(BenchmarkId::new("chamfer", pose), q, |bencher, q| {
                 bencher.iter(|| chamfer(&p, q).unwrap());

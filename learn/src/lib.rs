@@ -55,7 +55,7 @@
 //! - [`net`]: the velocity networks, explicit layers with hand-derived backward passes.
 //! - [`flow`]: path, prior and flow times; samplers.
 //! - [`train`]: optimisers, schedule, weight average; models and resumable states on disk; distillation to few evaluations.
-//! - [`metrics`]: Chamfer and exact earth mover's distance.
+//! - [`metrics`]: Chamfer and exact earth mover's distance; the spread of points about their surface.
 //!
 //! # What it is not for
 //!

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use proptest::prelude::*;
 use serde_json::json;
 use tdcr_learn::flow::{FlowPath, Sampler, Stream, rng};
+use tdcr_learn::metrics::surface_spread;
 use tdcr_learn::net::{Channels, NetworkShape};
 use tdcr_learn::train::{Model, Trainer, TrainingState};
 use tempfile::TempDir;
@@ -267,4 +268,34 @@ fn damaged_files_never_panic() {
         Ok(())
     };
     runner.run(&strategy, damage).unwrap();
+}
+
+#[test]
+fn uncertainty_is_the_spread_of_all_samples_about_each_point() {
+    let (model, _folder) = model();
+    let predict = |points, seed| {
+        let predicted = model.predict(&[0.02, 0.02], points, seed, &Sampler::default());
+        predicted.unwrap()
+    };
+    let (first, second) = (predict(200, 1), predict(300, 2));
+    let alone = first.uncertainty(&[]).unwrap();
+    assert_eq!(alone, surface_spread(&first.points, &first.points).unwrap());
+    let pool = [first.points.clone(), second.points.clone()].concat();
+    let pooled = first.uncertainty(&[second]).unwrap();
+    assert_eq!(pooled, surface_spread(&first.points, &pool).unwrap());
+    assert_ne!(pooled, alone);
+}
+
+#[test]
+fn few_points_have_no_uncertainty() {
+    let (model, _folder) = model();
+    let predict = |points| {
+        let predicted = model.predict(&[0.02, 0.02], points, 0, &Sampler::default());
+        predicted.unwrap()
+    };
+    assert_eq!(predict(15).uncertainty(&[]), None);
+    assert!(predict(15).uncertainty(&[predict(1)]).is_some());
+    let mut broken = predict(16);
+    broken.points[3][1] = f32::INFINITY;
+    assert_eq!(broken.uncertainty(&[]), None);
 }

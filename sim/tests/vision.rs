@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::camera::{Camera, Distortion};
-use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid, write_ply};
+use tdcr_sim::cloud::{Observer, PointCloud, PointProperty, VoxelGrid, write_ply, write_ply_with};
 use tdcr_sim::render::{BaseVisibility, Instance, RgbdFrame, Scene, Shape, ShapeError};
 use tdcr_sim::robot::{Loads, Payload, Robot};
 use tdcr_sim::statics::Equilibrium;
@@ -411,6 +411,26 @@ fn samples_are_subsets_and_padding_repeats() {
     let padded = cloud.sample_or_pad(250, &mut rng);
     assert_eq!((padded.len(), names(&padded).len()), (250, 100));
     assert!(PointCloud::default().sample_or_pad(5, &mut rng).is_empty());
+}
+
+#[test]
+fn ply_files_hold_the_properties_of_each_point_after_its_colour() {
+    let path = std::env::temp_dir().join(format!("tdcr-property-{}.ply", std::process::id()));
+    let depth = PointProperty {
+        name: "depth",
+        values: &[0.5, 1.5, 2.5],
+    };
+    write_ply_with(&path, &numbered_cloud(3), &[depth]).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    let end = b"property uchar blue\nproperty float depth\nend_header\n";
+    let body = bytes.windows(end.len()).position(|w| w == end).unwrap() + end.len();
+    let rows: Vec<&[u8]> = bytes[body..].chunks(19).collect();
+    assert_eq!(rows.len(), 3);
+    for (row, value) in rows.iter().zip(depth.values) {
+        assert_eq!(row[15..], value.to_le_bytes());
+    }
+    assert_eq!(rows[1][..4], 1.0f32.to_le_bytes());
 }
 
 #[test]

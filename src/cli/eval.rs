@@ -81,6 +81,13 @@ pub(super) struct Metrics {
     /// Mean absolute colour difference of predicted points from the nearest true ones, in [0, 1]; `None` where the
     /// network or the data set has no colours.
     pub color: Option<f64>,
+    /// Mean uncertainty of the network's points (m); `None` where too few points tell.
+    pub uncertainty: Option<f64>,
+    /// Spearman's rank correlation of a point's uncertainty with its distance from the true cloud, over the points of
+    /// a test command; mean over the commands.
+    pub uncertainty_rank_points: Option<f64>,
+    /// Spearman's rank correlation of a cloud's mean uncertainty with its Chamfer distance, over the test commands.
+    pub uncertainty_rank_commands: Option<f64>,
     pub tests: usize,
     pub points: usize,
     pub emd_points: usize,
@@ -124,6 +131,7 @@ impl Metrics {
             mean,
             floor,
             color,
+            uncertainty,
         } = evaluation.mean();
         let greatest = evaluation.greatest();
         Self {
@@ -142,10 +150,27 @@ impl Metrics {
             emd_squared_mean: mean.map(|d| d.emd_squared),
             emd_squared_gap: greatest.emd_squared_gap,
             color,
+            uncertainty: uncertainty.map(|u| u.mean),
+            uncertainty_rank_points: uncertainty.and_then(|u| u.rank_correlation),
+            uncertainty_rank_commands: evaluation.uncertainty_rank_correlation(),
             tests: evaluation.per_test.len(),
             points: settings.points,
             emd_points: settings.emd_points,
         }
+    }
+
+    /// How uncertain the network is, and how well that tells its errors.
+    pub fn uncertainty_text(&self) -> Option<String> {
+        let number = |value: Option<f64>| value.map_or("unknown".to_owned(), |x| format!("{x:.2}"));
+        self.uncertainty.map(|mean| {
+            format!(
+                "Uncertainty of the network's points: {:.3} mm on average. Its rank correlation with the error is {} over \
+                 the points of a command, {} over the commands.",
+                1e3 * mean,
+                number(self.uncertainty_rank_points),
+                number(self.uncertainty_rank_commands)
+            )
+        })
     }
 }
 
@@ -180,6 +205,7 @@ pub(super) fn table(evaluation: &Evaluation) -> String {
         mean,
         floor,
         color,
+        ..
     } = evaluation.mean();
     for (name, distances) in [
         ("network", Some(network)),
@@ -272,9 +298,10 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     console.result(&evaluated, |e| {
         let m = &e.metrics;
         format!(
-            "{}\n{}\n{}\nmeans over {} test commands; CD on {} points, EMD and squared EMD (least mean squared \
+            "{}{}\n{}\n{}\nmeans over {} test commands; CD on {} points, EMD and squared EMD (least mean squared \
              distance)\non {}, exact: their duality gaps are at most {:.1e} m and {:.1e} m²",
             table(&evaluation),
+            (m.uncertainty_text()).map_or(String::new(), |text| text + "\n"),
             quantile_table(&e.network_quantiles),
             worst_table(&e.worst),
             m.tests,

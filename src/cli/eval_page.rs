@@ -84,7 +84,7 @@ pub(super) fn floor(evaluation: &Evaluation) -> Option<Score> {
 
 /// How the scores were computed.
 pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
-    vec![
+    let mut notes = vec![
         format!("Means over {} test commands.", metrics.tests),
         format!(
             "Chamfer distance on {} points of each cloud, earth mover's distances on {}.",
@@ -94,7 +94,9 @@ pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
             "The matchings are optimal: their duality gaps are at most {:.1e} m, and {:.1e} m² where squared.",
             metrics.emd_gap, metrics.emd_squared_gap
         ),
-    ]
+    ];
+    notes.extend(metrics.uncertainty_text());
+    notes
 }
 
 /// Chamfer distances of each test command.

@@ -8,8 +8,8 @@ use clap::Args;
 use serde::Serialize;
 use tdcr::learn::data::{NpzArray, NpzValues, OutOfRange, write_npz};
 use tdcr::learn::train::{Model, Prediction};
-use tdcr::pipeline::{Monitor, PipelineError};
-use tdcr::sim::cloud::write_ply;
+use tdcr::pipeline::{Monitor, PipelineError, Quantiles};
+use tdcr::sim::cloud::{PlyError, PointProperty, write_ply_with};
 use tdcr::sim::robot::{Loads, Robot};
 
 use super::SamplerArgs;
@@ -46,6 +46,10 @@ pub(super) struct PredictArgs {
     /// Seed of the noise that every cloud starts from
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Clouds, from noise of their own, whose points tell the uncertainty of the first, which is written. One is enough
+    /// for a network whose points move alone (the MLP)
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = super::amount)]
+    prior_samples: usize,
     /// What to write: a .ply or .npz file; for --commands a .npz file, or a folder for a PLY file each
     /// [default: prediction.ply, with --commands predictions]
     #[arg(long, value_name = "PATH")]
@@ -61,11 +65,32 @@ struct Predicted {
     max: [f32; 3],
     /// Numbers of the command outside the training range, where predictions are extrapolations.
     out_of_range: Vec<OutOfRange>,
+    /// How uncertain the points are (m); `None` where too few points tell.
+    uncertainty: Option<Uncertainty>,
     seconds: f64,
+}
+
+/// How uncertain the points of a cloud are.
+#[derive(Serialize)]
+struct Uncertainty {
+    /// Over the points (m).
+    #[serde(flatten)]
+    quantiles: Quantiles,
+    /// Where it is greatest (m, world frame).
+    max_at: [f32; 3],
+}
+
+/// A prediction, and how uncertain each of its points is (m), if that can be told.
+struct Cloud {
+    prediction: Prediction,
+    uncertainty: Option<Vec<f32>>,
 }
 
 /// In a PLY file, the points of a network that predicts positions alone have this colour.
 const COLOR: [u8; 3] = [0, 114, 178];
+
+/// Name of the uncertainty (m) of each point in files.
+const UNCERTAINTY: &str = "uncertainty";
 
 pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
     let model = Model::load(&args.model)?;
@@ -84,11 +109,11 @@ fn one(
 ) -> anyhow::Result<()> {
     let condition = condition(model, command, args.payload)?;
     let out = args.out.clone().unwrap_or("prediction.ply".into());
-    let (prediction, predicted) = predict(args, model, &condition, &out, "the command")?;
+    let (cloud, predicted) = predict(args, model, &condition, &out, "the command")?;
     if is_npz(&out) {
-        write_npz(&out, &arrays(&prediction, &[prediction.points.len(), 3]))?;
+        write_npz(&out, &cloud.arrays(&[cloud.prediction.points.len(), 3]))?;
     } else {
-        write_ply(&out, &prediction.into_cloud(COLOR))?;
+        cloud.write_ply(&out)?;
     }
     console.result(&predicted, line)
 }
@@ -111,10 +136,7 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
             .with_context(|| format!("cannot make the folder {}", out.display()))?;
     }
     let mut results = Vec::new();
-    let mut all = Prediction {
-        points: Vec::new(),
-        colors: None,
-    };
+    let mut clouds = Vec::new();
     console.begin("predict", conditions.len() as u64, 0);
     for (index, condition) in conditions.iter().enumerate() {
         if console.interrupted() {
@@ -125,14 +147,10 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
             false => out.join(format!("cloud-{index:05}.ply")),
         };
         let name = format!("command {index}");
-        let (prediction, predicted) = predict(args, model, condition, &path, &name)?;
-        if archive {
-            all.points.extend(prediction.points);
-            if let Some(colors) = prediction.colors {
-                all.colors.get_or_insert_default().extend(colors);
-            }
-        } else {
-            write_ply(&path, &prediction.into_cloud(COLOR))?;
+        let (cloud, predicted) = predict(args, model, condition, &path, &name)?;
+        match archive {
+            true => clouds.push(cloud),
+            false => cloud.write_ply(&path)?,
         }
         results.push(predicted);
         console.advance(1);
@@ -147,7 +165,8 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
             shape: &[count, dimension],
             values: NpzValues::Floats(&values),
         };
-        let mut arrays = arrays(&all, &shape);
+        let all = Cloud::concatenated(clouds);
+        let mut arrays = all.arrays(&shape);
         arrays.push(commands);
         write_npz(&out, &arrays)?;
     }
@@ -163,7 +182,7 @@ fn predict(
     condition: &[f64],
     file: &Path,
     name: &str,
-) -> anyhow::Result<(Prediction, Predicted)> {
+) -> anyhow::Result<(Cloud, Predicted)> {
     let sampler = args.sampler.sampler(&model.settings)?;
     let out_of_range = model.provenance.normalisation.out_of_range(condition)?;
     for OutOfRange {
@@ -183,47 +202,112 @@ fn predict(
         );
     }
     let start = Instant::now();
-    let prediction = model.predict(condition, args.points, args.seed, &sampler)?;
+    let sample = |seed| model.predict(condition, args.points, seed, &sampler);
+    let prediction = sample(args.seed)?;
+    let others = (1..args.prior_samples)
+        .map(|k| sample(args.seed.wrapping_add(k as u64)))
+        .collect::<Result<Vec<_>, _>>()?;
+    let cloud = Cloud {
+        uncertainty: prediction.uncertainty(&others),
+        prediction,
+    };
     let seconds = start.elapsed().as_secs_f64();
+    let points = &cloud.prediction.points;
     let bound = |pick: fn(f32, f32) -> f32, from: f32| {
-        prediction.points.iter().fold([from; 3], |b, p| {
+        points.iter().fold([from; 3], |b, p| {
             std::array::from_fn(|axis| pick(b[axis], p[axis]))
         })
     };
     let predicted = Predicted {
         file: file.to_owned(),
-        points: prediction.points.len(),
+        points: points.len(),
         min: bound(f32::min, f32::INFINITY),
         max: bound(f32::max, f32::NEG_INFINITY),
         out_of_range,
+        uncertainty: cloud.summary(),
         seconds,
     };
-    Ok((prediction, predicted))
+    Ok((cloud, predicted))
 }
 
 fn line(predicted: &Predicted) -> String {
-    format!(
+    let mut text = format!(
         "{}: {} points from {:.3?} to {:.3?} m, predicted in {:.2} s",
         predicted.file.display(),
         predicted.points,
         predicted.min,
         predicted.max,
         predicted.seconds
-    )
+    );
+    if let Some(Uncertainty { quantiles, max_at }) = &predicted.uncertainty {
+        text += &format!(
+            "; uncertainty {:.2} mm (median), {:.2} mm (95 %), at most {:.2} mm, at {max_at:.3?} m",
+            1e3 * quantiles.median,
+            1e3 * quantiles.p95,
+            1e3 * quantiles.max
+        );
+    }
+    text
 }
 
 fn is_npz(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "npz")
 }
 
-/// Arrays of an archive: points and, where the network predicts them, colours, both of `shape`.
-fn arrays<'a>(prediction: &'a Prediction, shape: &'a [usize]) -> Vec<NpzArray<'a>> {
-    let points = NpzValues::Floats(prediction.points.as_flattened());
-    let colors = prediction.colors.as_ref();
-    let colors = colors.map(|colors| NpzValues::Bytes(colors.as_flattened()));
-    [("points", Some(points)), ("rgb", colors)]
+impl Cloud {
+    /// The points of all `clouds`; what not all of them have is left out.
+    fn concatenated(clouds: Vec<Self>) -> Self {
+        let points = clouds.iter().map(|cloud| &cloud.prediction.points[..]);
+        let colors = clouds
+            .iter()
+            .map(|cloud| cloud.prediction.colors.as_deref());
+        let uncertainty = clouds.iter().map(|cloud| cloud.uncertainty.as_deref());
+        Self {
+            prediction: Prediction {
+                points: points.collect::<Vec<_>>().concat(),
+                colors: colors.collect::<Option<Vec<_>>>().map(|all| all.concat()),
+            },
+            uncertainty: (uncertainty.collect::<Option<Vec<_>>>()).map(|all| all.concat()),
+        }
+    }
+
+    fn summary(&self) -> Option<Uncertainty> {
+        let values = self.uncertainty.as_ref()?;
+        let greatest = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b]))?;
+        Some(Uncertainty {
+            quantiles: Quantiles::of(values.iter().map(|&value| value.into()).collect()),
+            max_at: self.prediction.points[greatest],
+        })
+    }
+
+    /// Writes it as PLY, the uncertainty as a property.
+    fn write_ply(self, path: &Path) -> Result<(), PlyError> {
+        let uncertainty = self.uncertainty.as_deref();
+        let uncertainty = uncertainty.map(|values| PointProperty {
+            name: UNCERTAINTY,
+            values,
+        });
+        let cloud = self.prediction.into_cloud(COLOR);
+        write_ply_with(path, &cloud, uncertainty.as_slice())
+    }
+
+    /// Arrays of an archive, for points of `shape`: points and, where there are any, colours and uncertainties.
+    fn arrays<'a>(&'a self, shape: &'a [usize]) -> Vec<NpzArray<'a>> {
+        let Prediction { points, colors } = &self.prediction;
+        let colors = colors.as_deref().map(<[_]>::as_flattened);
+        let uncertainty = self.uncertainty.as_deref();
+        let per_point = &shape[..shape.len() - 1];
+        [
+            (
+                "points",
+                shape,
+                Some(NpzValues::Floats(points.as_flattened())),
+            ),
+            ("rgb", shape, colors.map(NpzValues::Bytes)),
+            (UNCERTAINTY, per_point, uncertainty.map(NpzValues::Floats)),
+        ]
         .into_iter()
-        .filter_map(|(name, values)| {
+        .filter_map(|(name, shape, values)| {
             values.map(|values| NpzArray {
                 name,
                 shape,
@@ -231,6 +315,7 @@ fn arrays<'a>(prediction: &'a Prediction, shape: &'a [usize]) -> Vec<NpzArray<'a
             })
         })
         .collect()
+    }
 }
 
 fn takes_payloads(model: &Model) -> bool {

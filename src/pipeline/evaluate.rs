@@ -12,14 +12,16 @@ use tdcr_learn::data::{
     CloudSet, Condition, DataSet, Normalisation, Recipe, Sample, Simulator, Split, Subject,
 };
 use tdcr_learn::flow::Sampler;
-use tdcr_learn::metrics::{chamfer, color_error, emd, emd_squared};
+use tdcr_learn::metrics::{
+    MetricError, chamfer, color_error, emd, emd_squared, nearest_distances, rank_correlation,
+};
 use tdcr_learn::net::Channels;
 use tdcr_learn::train::{Model, Prediction};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::robot::Robot;
 
 use super::journal::Journal;
-use super::scores::{Distances, Evaluation, Scores};
+use super::scores::{Distances, Evaluation, Scores, UncertaintyScore};
 use super::{Monitor, PipelineError};
 
 /// How a network is scored.
@@ -37,7 +39,7 @@ pub struct EvalSettings {
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 3;
+const JOURNAL_FORMAT: u32 = 4;
 
 /// A finished piece of the evaluation.
 #[derive(Serialize, Deserialize)]
@@ -258,6 +260,7 @@ impl<'a> Evaluator<'a> {
                 .transpose()?,
             floor: simulated.map(|cloud| against(&cloud.points)).transpose()?,
             color: colors.map(color).transpose()?,
+            uncertainty: uncertainty(&prediction, &cloud.points)?,
         })
     }
 
@@ -331,6 +334,22 @@ impl Simulation {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         Ok(simulator.cloud(&sample.condition, self.points, &mut rng)?)
     }
+}
+
+/// How uncertain a prediction is, and how well that tells its distance from the true cloud.
+fn uncertainty(
+    prediction: &Prediction,
+    truth: &[[f32; 3]],
+) -> Result<Option<UncertaintyScore>, MetricError> {
+    let Some(values) = prediction.uncertainty(&[]) else {
+        return Ok(None);
+    };
+    let values: Vec<f64> = values.into_iter().map(f64::from).collect();
+    let distances = nearest_distances(&prediction.points, truth)?;
+    Ok(Some(UncertaintyScore {
+        mean: values.iter().sum::<f64>() / values.len() as f64,
+        rank_correlation: rank_correlation(&values, &distances),
+    }))
 }
 
 /// Refuses to score a model of one subject on clouds of another.

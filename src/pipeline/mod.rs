@@ -20,7 +20,7 @@ use evaluate::require_same;
 pub use evaluate::{EvalSettings, Evaluator};
 pub use monitor::{Monitor, Silent};
 pub use preset::{Length, Preset, Rates, distillation};
-pub use scores::{Distances, Evaluation, Quantiles, Scores};
+pub use scores::{Distances, Evaluation, Quantiles, Scores, UncertaintyScore};
 pub use survey::{Survey, Tips};
 pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, model_path, train};
 

@@ -1,6 +1,7 @@
 //! The scores of an evaluation, and what they come to over the test commands.
 
 use serde::{Deserialize, Serialize};
+use tdcr_learn::metrics::rank_correlation;
 
 /// Distances between two clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,6 +34,19 @@ pub struct Scores {
     /// of the whole true cloud ([`color_error`](tdcr_learn::metrics::color_error)). `None` where the network predicts
     /// no colours, or all points of the test clouds have one.
     pub color: Option<f64>,
+    /// How uncertain the network is; `None` where too few points tell.
+    pub uncertainty: Option<UncertaintyScore>,
+}
+
+/// How uncertain a network is ([`Prediction::uncertainty`](tdcr_learn::train::Prediction::uncertainty)), and how well
+/// that tells where its cloud is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UncertaintyScore {
+    /// Mean over the points (m).
+    pub mean: f64,
+    /// Spearman's rank correlation over the points, in [-1, 1], with the distance from the nearest point of the whole
+    /// true cloud; `None` where all points are equally uncertain, or equally wrong.
+    pub rank_correlation: Option<f64>,
 }
 
 /// The scores of every test command.
@@ -42,7 +56,7 @@ pub struct Evaluation {
     pub per_test: Vec<Scores>,
 }
 
-/// Quantiles of values over the test commands, in the unit of the values.
+/// Quantiles of values, in the unit of the values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Quantiles {
     /// Least.
@@ -105,6 +119,11 @@ impl Evaluation {
                 let known = self.per_test.iter().map(|s| s.color);
                 known.sum::<Option<f64>>().map(|sum| sum / count)
             },
+            uncertainty: {
+                let known = self.per_test.iter().map(|s| s.uncertainty);
+                let known = known.collect::<Option<Vec<_>>>();
+                known.map(|known| UncertaintyScore::mean(&known))
+            },
         }
     }
 
@@ -112,6 +131,14 @@ impl Evaluation {
     pub fn greatest(&self) -> Distances {
         let all: Vec<Distances> = self.per_test.iter().flat_map(Scores::all).collect();
         Distances::combined(&all, |x| x.fold(0.0, f64::max))
+    }
+
+    /// Spearman's rank correlation over the test commands, in [-1, 1], of the mean uncertainty of the network's cloud
+    /// with its Chamfer distance; `None` where one is not known, or all are equal.
+    pub fn uncertainty_rank_correlation(&self) -> Option<f64> {
+        let uncertainty = self.per_test.iter().map(|s| Some(s.uncertainty?.mean));
+        let distances: Vec<f64> = self.per_test.iter().map(|s| s.network.cd).collect();
+        rank_correlation(&uncertainty.collect::<Option<Vec<_>>>()?, &distances)
     }
 
     /// Quantiles over the test commands of one distance of the network's predictions.
@@ -143,10 +170,25 @@ impl Evaluation {
     }
 }
 
+impl UncertaintyScore {
+    /// Means over the test commands; that of the correlations is over those which are known.
+    fn mean(all: &[Self]) -> Self {
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let known: Vec<f64> = all.iter().filter_map(|s| s.rank_correlation).collect();
+        Self {
+            mean: mean(&all.iter().map(|s| s.mean).collect::<Vec<_>>()),
+            rank_correlation: (!known.is_empty()).then(|| mean(&known)),
+        }
+    }
+}
+
 impl Quantiles {
     /// Of at least one value. Between two values, a quantile is interpolated linearly (definition 7 of
     /// Hyndman and Fan, The American Statistician 50, 1996; NumPy's default).
-    fn of(mut values: Vec<f64>) -> Self {
+    ///
+    /// # Panics
+    /// Where there are no values.
+    pub fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
         let last = values.len() - 1;
         let at = |share: f64| {
@@ -198,6 +240,10 @@ mod tests {
             mean: None,
             floor: Some(distances(0.5 * cd)),
             color: Some(0.1 * cd),
+            uncertainty: Some(UncertaintyScore {
+                mean: cd.sqrt(),
+                rank_correlation: (cd > 1.0).then_some(0.25 * cd),
+            }),
         };
         Evaluation {
             per_test: cds.iter().map(scores).collect(),
@@ -229,6 +275,24 @@ mod tests {
     }
 
     #[test]
+    fn uncertainties_correlate_over_the_tests_where_all_are_known() {
+        let mut evaluation = evaluation(&[0.3, 0.1, 0.7, 0.2]);
+        assert_eq!(evaluation.uncertainty_rank_correlation(), Some(1.0));
+        let least = UncertaintyScore {
+            mean: 0.0,
+            rank_correlation: None,
+        };
+        evaluation.per_test[0].uncertainty = Some(least);
+        // 1 - 6 sum d^2 / (n (n^2 - 1)), ranks 0, 1, 3, 2 instead of 2, 0, 3, 1.
+        let expected = 1.0 - 6.0 * 6.0 / 60.0;
+        let found = evaluation.uncertainty_rank_correlation();
+        assert!(found.is_some_and(|found| (found - expected).abs() < 1e-15));
+        evaluation.per_test[0].uncertainty = None;
+        assert_eq!(evaluation.uncertainty_rank_correlation(), None);
+        assert_eq!(evaluation.mean().uncertainty, None);
+    }
+
+    #[test]
     fn means_and_greatest_values_are_taken_of_each_distance_alone() {
         let evaluation = evaluation(&[1.0, 3.0]);
         let mean = evaluation.mean();
@@ -237,6 +301,11 @@ mod tests {
         assert_eq!(mean.mean, None);
         assert_eq!(mean.floor.map(|d| d.cd), Some(1.0));
         assert_eq!(mean.color, Some(0.2));
+        let uncertainty = UncertaintyScore {
+            mean: 0.5 * (1.0 + 3.0_f64.sqrt()),
+            rank_correlation: Some(0.75),
+        };
+        assert_eq!(mean.uncertainty, Some(uncertainty));
         let greatest = evaluation.greatest();
         assert_eq!((greatest.cd, greatest.emd_squared), (6.0, 600.0));
         assert!((greatest.emd_gap - 6e-9).abs() < 1e-20);

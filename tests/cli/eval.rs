@@ -105,6 +105,81 @@ fn tables_show_quantiles_and_the_worst_commands() {
 }
 
 #[test]
+fn scores_say_how_well_the_uncertainty_tells_the_error() {
+    let (folder, arguments) = trained(&[]);
+    let scores = succeed_json(&with(&arguments, &["--worst", "9"]));
+    for key in ["uncertainty_rank_points", "uncertainty_rank_commands"] {
+        assert!((-1.0..=1.0).contains(&number(&scores[key])), "{key}");
+    }
+    // What `predict` says of the test commands, with the seeds of their clouds, averages to the same.
+    let out = folder.path().join("cloud.npz");
+    let model = arguments[2].as_str();
+    let mut pairs: Vec<(f64, f64)> = Vec::new();
+    for test in scores["worst"].as_array().unwrap() {
+        let command: Vec<String> = test["command"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(Value::to_string)
+            .collect();
+        let (command, seed) = (command.join(","), test["test"].to_string());
+        let options = [
+            "--command",
+            &command,
+            "--seed",
+            &seed,
+            "--points",
+            "400",
+            "--out",
+            text(&out),
+        ];
+        succeed_json(&[&["predict", "--model", model], &options[..]].concat());
+        pairs.push((
+            mean_uncertainty(&std::fs::read(&out).unwrap()),
+            number(&test["cd"]),
+        ));
+    }
+    let mean = pairs.iter().map(|pair| pair.0).sum::<f64>() / 4.0;
+    assert!(
+        (number(&scores["uncertainty"]) / mean - 1.0).abs() < 1e-4,
+        "{mean}"
+    );
+    // Spearman's formula without ties; the pairs are sorted by distance, the greatest first.
+    let squares: f64 = (pairs.iter().enumerate())
+        .map(|(k, pair)| {
+            (pairs.iter().filter(|other| other.0 > pair.0).count() as f64 - k as f64).powi(2)
+        })
+        .sum();
+    let expected = 1.0 - 6.0 * squares / 60.0;
+    assert!((number(&scores["uncertainty_rank_commands"]) - expected).abs() < 1e-12);
+    let file = folder.path().join("scores.html");
+    let table = succeed(&with(&arguments, &["--quiet", "--report", text(&file)]));
+    let page = std::fs::read_to_string(&file).unwrap();
+    let said = format!("{:.3} mm on average", 1e3 * mean);
+    assert!(table.contains(&said) && page.contains(&said), "{table}");
+}
+
+/// Mean of the 400 numbers (m) that the last array of a predicted archive holds.
+fn mean_uncertainty(archive: &[u8]) -> f64 {
+    let header = b"'shape': (400, ), }";
+    let place = archive
+        .windows(header.len())
+        .position(|w| w == header)
+        .unwrap();
+    let start = place
+        + archive[place..]
+            .iter()
+            .position(|&byte| byte == b'\n')
+            .unwrap()
+        + 1;
+    let values = archive[start..start + 1600].as_chunks().0.iter();
+    values
+        .map(|&bytes| f64::from(f32::from_le_bytes(bytes)))
+        .sum::<f64>()
+        / 400.0
+}
+
+#[test]
 fn the_report_is_a_page_of_its_own_that_shows_the_worst_tests() {
     let (folder, arguments) = trained(&[]);
     let file = folder.path().join("scores.html");

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::{collect_small, refuse, stderr, succeed_json, tdcr, text, train_tiny};
+use crate::{
+    COMMAND, collect_small, refuse, stderr, succeed, succeed_json, tdcr, text, train_tiny,
+};
 
 const COMMANDS: &str =
     "# six tendons\n0.034,0.007,0.001,0.026,0.015,0.019\n\n0.02,0.02,0.02,0.02,0.02,0.02\n";
@@ -173,4 +175,118 @@ fn what_lies_outside_the_training_range_is_named() {
         said.contains("the payload (kg) is 0.05, outside the training range 0 to 0.01"),
         "{said}"
     );
+}
+
+/// The `uncertainty` (m) of each point in the rows of a PLY file of predicted points.
+fn uncertainties(ply: &[u8]) -> Vec<f32> {
+    let end = b"property float uncertainty\nend_header\n";
+    let body = ply.windows(end.len()).position(|w| w == end).unwrap() + end.len();
+    let rows = ply[body..].chunks_exact(19);
+    rows.map(|row| f32::from_le_bytes(row[15..].try_into().unwrap()))
+        .collect()
+}
+
+#[test]
+fn files_say_how_uncertain_each_point_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(folder.path(), &[]);
+    let file = |name: &str| folder.path().join(name);
+    let predict = |name: &str, options: &[&str]| {
+        let (out, command) = (file(name), ["--command", COMMAND, "--out"]);
+        predict(&model, &[&command[..], &[text(&out)], options].concat())
+    };
+    let said = predict("cloud.ply", &[]);
+    let mut values = uncertainties(&fs::read(file("cloud.ply")).unwrap());
+    let bytes: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+    assert_eq!(values.len(), 50);
+    values.sort_by(f32::total_cmp);
+    let median = 0.5 * (f64::from(values[24]) + f64::from(values[25]));
+    let number = |key: &str| said["uncertainty"][key].as_f64().unwrap();
+    assert!((number("median") - median).abs() < 1e-9 && median > 0.0);
+    assert!((number("max") - f64::from(values[49])).abs() < 1e-9);
+    let at = said["uncertainty"]["max_at"].as_array().unwrap();
+    for axis in 0..3 {
+        let [min, at, max] = [&said["min"], &said["uncertainty"]["max_at"], &said["max"]]
+            .map(|corner| corner[axis].as_f64().unwrap());
+        assert!(min <= at && at <= max);
+    }
+    assert_eq!(at.len(), 3);
+    predict("cloud.npz", &[]);
+    let archive = fs::read(file("cloud.npz")).unwrap();
+    assert!(contains(&archive, b"uncertainty.npy") && contains(&archive, b"'shape': (50, )"));
+    assert!(contains(&archive, &bytes));
+    let more = predict("more.ply", &["--prior-samples", "3"]);
+    assert_eq!(more["min"], said["min"]);
+    assert_ne!(more["uncertainty"]["median"], said["uncertainty"]["median"]);
+    let line = succeed(&[
+        "predict",
+        "--model",
+        &model,
+        "--command",
+        COMMAND,
+        "--points",
+        "50",
+        "--out",
+        text(&file("cloud.ply")),
+    ]);
+    let expected = format!("uncertainty {:.2} mm (median)", 1e3 * median);
+    assert!(line.contains(&expected), "{line}");
+}
+
+#[test]
+fn archives_of_many_commands_hold_the_uncertainty_of_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(folder.path(), &[]);
+    let file = |name: &str| folder.path().join(name);
+    fs::write(file("commands.csv"), COMMANDS).unwrap();
+    let commands = file("commands.csv");
+    for out in ["all.npz", "clouds"] {
+        let out = file(out);
+        predict(
+            &model,
+            &["--commands", text(&commands), "--out", text(&out)],
+        );
+    }
+    let archive = fs::read(file("all.npz")).unwrap();
+    assert!(contains(&archive, b"'shape': (2, 50, )"));
+    let clouds = ["clouds/cloud-00000.ply", "clouds/cloud-00001.ply"];
+    let values = clouds.map(|cloud| uncertainties(&fs::read(file(cloud)).unwrap()));
+    let bytes: Vec<u8> = (values.concat().iter())
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    assert!(contains(&archive, &bytes));
+}
+
+#[test]
+fn predicted_files_are_read_back_whatever_else_they_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(folder.path(), &[]);
+    for name in ["cloud.ply", "cloud.npz"] {
+        let out = folder.path().join(name);
+        let said = predict(&model, &["--command", COMMAND, "--out", text(&out)]);
+        let cloud = tdcr::learn::data::read_cloud(&out).unwrap();
+        assert_eq!(cloud.len(), 50);
+        for axis in 0..3 {
+            let low = cloud
+                .points
+                .iter()
+                .map(|p| p[axis])
+                .fold(f32::MAX, f32::min);
+            assert_eq!(
+                f64::from(low) as f32,
+                said["min"][axis].as_f64().unwrap() as f32
+            );
+        }
+    }
+}
+
+#[test]
+fn a_handful_of_points_is_predicted_without_uncertainty() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(folder.path(), &[]);
+    let out = folder.path().join("cloud.ply");
+    let options = ["--command", COMMAND, "--points", "15", "--out", text(&out)];
+    let said = succeed_json(&[&["predict", "--model", &model], &options[..]].concat());
+    assert!(said["uncertainty"].is_null());
+    assert!(!contains(&fs::read(&out).unwrap(), b"uncertainty"));
 }

@@ -1,18 +1,26 @@
-//! Distances between point clouds: Chamfer and exact earth mover's.
+//! Distances between point clouds: Chamfer and exact earth mover's. What is uncertain about a cloud, and how well that
+//! tells its errors: the spread about its surface, and rank correlation.
 //!
 //! A cloud is a slice of positions `[x, y, z]` (m) in any frame that both clouds share. Sums run in
-//! `f64`. Results do not depend on threads: every call is sequential, and many calls may run at once.
+//! `f64`. Results do not depend on threads: every distance is found sequentially, and many calls may run at once.
 
 mod assignment;
 mod chamfer;
 mod color;
 mod emd;
+mod k_nearest;
 mod kdtree;
+mod nearest;
 mod priced_tree;
+mod rank;
+mod spread;
 
 pub use chamfer::chamfer;
 pub use color::{Colored, color_error};
 pub use emd::{Emd, GroundCost, emd, emd_squared, emd_with};
+pub use nearest::nearest_distances;
+pub use rank::rank_correlation;
+pub use spread::surface_spread;
 
 use std::fmt;
 
@@ -34,7 +42,7 @@ impl fmt::Display for Side {
     }
 }
 
-/// Why two clouds have no distance.
+/// Why clouds have no distance, or no spread.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MetricError {
     /// A cloud holds no point.
@@ -42,6 +50,16 @@ pub enum MetricError {
     EmptyCloud {
         /// The empty cloud.
         side: Side,
+    },
+    /// A cloud has too few points to lay planes through.
+    #[error("the {side} holds {found} points, expected at least {needed}")]
+    TooFew {
+        /// The cloud.
+        side: Side,
+        /// Its points.
+        found: usize,
+        /// Fewest points that do.
+        needed: usize,
     },
     /// No bijection exists between clouds of different sizes.
     #[error(

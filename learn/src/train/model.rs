@@ -9,6 +9,7 @@ use super::format::{Kind, Reader, Writer, read};
 use super::settings::TrainSettings;
 use crate::data::{DataError, Normalisation, Subject};
 use crate::flow::{Sampler, Stream, rng};
+use crate::metrics::surface_spread;
 use crate::net::{Channels, DIM, Network, NetworkShape};
 use tdcr_sim::cloud::PointCloud;
 
@@ -47,6 +48,25 @@ pub struct Prediction {
 }
 
 impl Prediction {
+    /// How uncertain the network is of each point (m): how far the prediction spreads, normal to its surface, over the
+    /// 16 points about it ([`surface_spread`]).
+    ///
+    /// A robot's surface has no thickness. Where a network is sure of it, all noise of the prior is carried to it, and
+    /// where it is not, points come to lie before and behind it. The points are those of this prediction and of
+    /// `others`, of the same command with other seeds. A network whose points move alone (the MLP) draws a point's
+    /// noise as it draws a cloud's, so that one prediction is as many samples as it has points, and `others` may be
+    /// empty; clouds of the Hybrid may also differ as a whole.
+    ///
+    /// Larger where predictions are worse, but no bound on the error: a network may be sure and wrong. Edges of the
+    /// robot, and few points, make it larger. `None` where there are fewer than 16 points, or one is not finite.
+    pub fn uncertainty(&self, others: &[Self]) -> Option<Vec<f32>> {
+        let pool: Vec<_> = (std::iter::once(self).chain(others))
+            .flat_map(|prediction| &prediction.points)
+            .copied()
+            .collect();
+        surface_spread(&self.points, &pool).ok()
+    }
+
     /// The cloud; points without colours of their own get `color`.
     pub fn into_cloud(self, color: [u8; 3]) -> PointCloud {
         let Self { points, colors } = self;

@@ -6,7 +6,7 @@ mod ply;
 mod voxels;
 
 pub use observe::Observer;
-pub use ply::{PlyError, write_ply};
+pub use ply::{PlyError, PointProperty, write_ply, write_ply_with};
 pub use voxels::VoxelGrid;
 
 use rand::Rng;
