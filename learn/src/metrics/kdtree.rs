@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 /// Most points in a leaf: few enough to scan, many enough to keep the tree shallow.
-const LEAF_CAPACITY: usize = 16;
+pub(super) const LEAF_CAPACITY: usize = 16;
 
 /// Squared Euclidean distance (m^2).
 #[inline]
@@ -27,8 +27,8 @@ impl Aabb {
 
     pub(super) fn of<'a>(points: impl IntoIterator<Item = &'a [f64; 3]>) -> Self {
         points.into_iter().fold(Self::EMPTY, |aabb, point| Self {
-            min: [0, 1, 2].map(|axis| aabb.min[axis].min(point[axis])),
-            max: [0, 1, 2].map(|axis| aabb.max[axis].max(point[axis])),
+            min: [0, 1, 2].map(|axis| lesser(aabb.min[axis], point[axis])),
+            max: [0, 1, 2].map(|axis| greater(aabb.max[axis], point[axis])),
         })
     }
 
@@ -43,16 +43,67 @@ impl Aabb {
         })
     }
 
+    /// Squared distance (m^2) between the nearest points of two boxes, zero where they meet.
+    #[inline]
+    pub(super) fn squared_gap(&self, other: &Self) -> f64 {
+        let apart = |axis: usize| {
+            let gap = greater(
+                self.min[axis] - other.max[axis],
+                other.min[axis] - self.max[axis],
+            );
+            greater(gap, 0.0)
+        };
+        let (dx, dy, dz) = (apart(0), apart(1), apart(2));
+        dx * dx + dy * dy + dz * dz
+    }
+
     /// Squared distance (m^2) from `x` to the box, zero inside.
     #[inline]
     pub(super) fn squared_distance(&self, x: &[f64; 3]) -> f64 {
         let outside = |axis: usize| {
-            (self.min[axis] - x[axis])
-                .max(x[axis] - self.max[axis])
-                .max(0.0)
+            greater(
+                greater(self.min[axis] - x[axis], x[axis] - self.max[axis]),
+                0.0,
+            )
         };
         let (dx, dy, dz) = (outside(0), outside(1), outside(2));
         dx * dx + dy * dy + dz * dz
+    }
+}
+
+/// `f64::min` of two numbers, in one instruction: NaN is not minded.
+#[inline]
+fn lesser(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// `f64::max` of two numbers, in one instruction: NaN is not minded.
+#[inline]
+fn greater(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// The index of a point below a key to sort it by, in one word, which is faster to move and to compare than the point.
+/// Keys are coordinates in single precision: a tree is right wherever it is cut. Equal keys are in the order of their
+/// indices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Entry(u64);
+
+impl Entry {
+    fn of(index: usize) -> Self {
+        Self(index as u64)
+    }
+
+    fn index(self) -> usize {
+        (self.0 & u64::from(u32::MAX)) as usize
+    }
+
+    /// The entry with the key of `coordinate` (m).
+    fn keyed(self, coordinate: f64) -> Self {
+        let bits = (coordinate as f32).to_bits();
+        // Order of the bits as integers is that of the numbers once negative ones are flipped.
+        let key = bits ^ ((bits as i32 >> 31) as u32 | 1 << 31);
+        Self(u64::from(key) << 32 | self.0 & u64::from(u32::MAX))
     }
 }
 
@@ -71,27 +122,24 @@ pub(super) struct KdTree {
 impl KdTree {
     /// Tree of one or more finite points (m).
     pub(super) fn new(points: &[[f64; 3]]) -> Self {
-        let depth = points
-            .len()
-            .div_ceil(LEAF_CAPACITY)
-            .next_power_of_two()
-            .ilog2();
-        let mut entries: Vec<([f64; 3], usize)> =
-            points.iter().copied().zip(0..points.len()).collect();
+        let n = points.len();
+        let depth = n.div_ceil(LEAF_CAPACITY).next_power_of_two().ilog2();
+        let mut entries: Vec<Entry> = (0..n).map(Entry::of).collect();
         let mut boxes = vec![Aabb::EMPTY; 2 << depth];
         for (node, aabb) in boxes.iter_mut().enumerate().skip(1) {
-            let entries = &mut entries[slots_below(node, points.len())];
-            *aabb = Aabb::of(entries.iter().map(|(point, _)| point));
+            let entries = &mut entries[slots_below(node, n)];
+            *aabb = Aabb::of(entries.iter().map(|entry| &points[entry.index()]));
             if node >> depth == 0 {
-                let half = slots_below(2 * node, points.len()).len();
+                let half = slots_below(2 * node, n).len();
                 let axis = aabb.longest_axis();
-                // Ties by index, so that equal points keep one order.
-                entries.select_nth_unstable_by(half, |(a, i), (b, j)| {
-                    a[axis].total_cmp(&b[axis]).then(i.cmp(j))
-                });
+                for entry in entries.iter_mut() {
+                    *entry = entry.keyed(points[entry.index()][axis]);
+                }
+                entries.select_nth_unstable(half);
             }
         }
-        let (points, order) = entries.into_iter().unzip();
+        let order: Vec<usize> = entries.iter().map(|entry| entry.index()).collect();
+        let points = order.iter().map(|&index| points[index]).collect();
         Self {
             points,
             order,
@@ -157,6 +205,22 @@ impl KdTree {
                 self.descend(child, limit, bound, leaf);
             }
         }
+    }
+
+    /// The leaves, in the order of their slots.
+    pub(super) fn leaves(&self) -> Range<usize> {
+        1 << self.depth..2 << self.depth
+    }
+
+    /// A leaf near `x`: from node to node, the half whose box is nearer.
+    pub(super) fn leaf_near(&self, x: &[f64; 3]) -> usize {
+        let mut node = 1;
+        while node >> self.depth == 0 {
+            let [below, above] =
+                [2 * node, 2 * node + 1].map(|child| self.boxes[child].squared_distance(x));
+            node = 2 * node + usize::from(above < below);
+        }
+        node
     }
 
     /// Slot and squared distance (m^2) of the point nearest to `x`; `guess` is any slot, the nearer
