@@ -43,6 +43,13 @@ fn metrics(criterion: &mut Criterion) {
         let poses = [
             ("one pose", cylinder_chain(n, 0.1, 2)),
             ("two poses", cylinder_chain(n, 0.3, 2)),
+            (
+                "far apart",
+                cylinder_chain(n, 0.1, 2)
+                    .iter()
+                    .map(|[x, y, z]| [x + 0.5, y + 0.1, *z])
+                    .collect(),
+            ),
         ];
         let mut group = criterion.benchmark_group(format!("{n} points"));
         group.sample_size(10);

@@ -184,10 +184,6 @@ impl<'a> Assignment<'a> {
         self.column_of[row].expect("solve matches every row")
     }
 
-    pub(super) fn columns(&self) -> &PricedTree {
-        &self.columns
-    }
-
     /// Dual variable `u_i` of a matched row.
     pub(super) fn row_potential(&self, row: usize) -> f64 {
         self.tight_offer(row).value
@@ -402,7 +398,7 @@ mod tests {
             for (row, x) in rows.iter().enumerate() {
                 let potential = assignment.row_potential(row);
                 for slot in 0..columns.len() {
-                    let value = assignment.columns().offer(x, slot).value;
+                    let value = assignment.columns.offer(x, slot).value;
                     prop_assert!(potential <= value + 1e-12);
                 }
             }

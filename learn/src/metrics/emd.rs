@@ -82,6 +82,11 @@ pub fn emd_with(p: &[[f32; 3]], q: &[[f32; 3]], cost: GroundCost) -> Result<Emd,
         });
     }
     let n = first.len();
+    let (first, second) = match cost {
+        GroundCost::Distance => (first, second),
+        // Moving a cloud as a whole adds the same to the cost of every bijection.
+        GroundCost::SquaredDistance => (centred(first), centred(second)),
+    };
     let bounds = Aabb::of(first.iter().chain(&second));
     let largest_cost = cost.of_squared(squared_distance(&bounds.min, &bounds.max));
     let (first, second) = (KdTree::new(&first), KdTree::new(&second));
@@ -95,19 +100,28 @@ pub fn emd_with(p: &[[f32; 3]], q: &[[f32; 3]], cost: GroundCost) -> Result<Emd,
     let mut value = 0.0;
     let mut matching = vec![0; n];
     for (slot, &row) in first.order().iter().enumerate() {
-        let column = assignment.column_of(slot);
-        value += assignment
-            .columns()
-            .offer(&first.points()[slot], column)
-            .cost
-            / n as f64;
-        matching[row] = order[column];
+        matching[row] = order[assignment.column_of(slot)];
+        value += cost.of_squared(squared_distance(
+            &p[row].map(f64::from),
+            &q[matching[row]].map(f64::from),
+        )) / n as f64;
     }
     Ok(Emd {
         value,
         gap,
         matching,
     })
+}
+
+/// The cloud, moved so that its mean lies in the origin.
+fn centred(mut cloud: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
+    let mean = mean(&cloud);
+    for point in &mut cloud {
+        for axis in 0..3 {
+            point[axis] -= mean[axis];
+        }
+    }
+    cloud
 }
 
 /// Prices of the points of `q`, nearly optimal, from the assignment between centroids.
@@ -140,10 +154,10 @@ fn coarse_prices(p: &KdTree, q: &KdTree, cost: GroundCost) -> Vec<f64> {
 fn centroids(tree: &KdTree, groups: usize) -> Vec<[f64; 3]> {
     let n = tree.len();
     (0..groups)
-        .map(|group| {
-            let run = &tree.points()[n * group / groups..n * (group + 1) / groups];
-            let mean = |axis: usize| run.iter().map(|x| x[axis]).sum::<f64>() / run.len() as f64;
-            [mean(0), mean(1), mean(2)]
-        })
+        .map(|group| mean(&tree.points()[n * group / groups..n * (group + 1) / groups]))
         .collect()
+}
+
+fn mean(points: &[[f64; 3]]) -> [f64; 3] {
+    [0, 1, 2].map(|axis| points.iter().map(|x| x[axis]).sum::<f64>() / points.len() as f64)
 }
