@@ -31,7 +31,7 @@
 //! // A toy: good shapes take thousands of steps, and a few minutes.
 //! let size = NetworkSize { width: 32, depth: 3, embedding: 32, context: None, channels: Channels::Xyz };
 //! let settings = TrainSettings { steps: 50, warmup_steps: 5, validate_every: 25, ..TrainSettings::default() };
-//! let trained = train(&TrainingData::Set(data), &run, size, &settings, &Silent)?;
+//! let trained = train(&TrainingData::Set(data), &run, size, &settings, None, &Silent)?;
 //!
 //! let command = [0.034, 0.007, 0.001, 0.026, 0.015, 0.019];
 //! let cloud = trained.model.predict(&command, 500, 0, &trained.model.settings.sampler)?;

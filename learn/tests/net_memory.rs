@@ -7,6 +7,7 @@ use allocation_counter::measure;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_learn::data::CloudSet;
+use tdcr_learn::flow::{Coupling, FlowPath};
 use tdcr_learn::net::{
     Batch, COLOR_WEIGHT, Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape,
     Stage, Workspace,
@@ -82,14 +83,21 @@ fn training_steps_reuse_the_memory_of_the_first() {
         ..HEAD
     };
     let networks: [NetworkShape; 3] = [HEAD.into(), colored.into(), hybrid().into()];
-    let optimizers = [Optimizer::AdamW, Optimizer::MUON];
-    for (shape, optimizer) in networks
-        .into_iter()
-        .flat_map(|n| optimizers.map(|o| (n, o)))
+    let ways = [
+        (Optimizer::AdamW, Coupling::Independent),
+        (Optimizer::MUON, Coupling::Independent),
+        (Optimizer::MUON, Coupling::OptimalTransport { batch: 8 }),
+    ];
+    for (shape, (optimizer, coupling)) in
+        (networks.into_iter()).flat_map(|network| ways.map(|way| (network, way)))
     {
         let settings = TrainSettings {
             steps: 40,
             optimizer,
+            path: FlowPath {
+                coupling,
+                ..FlowPath::default()
+            },
             ..toy::settings()
         };
         let mut trainer = Trainer::new(shape, settings, &set, &set).unwrap();
@@ -106,7 +114,7 @@ fn training_steps_reuse_the_memory_of_the_first() {
         });
         let [first, others] = allocated;
         assert!(first > 100_000, "{first} bytes at first");
-        assert_eq!(others, 0, "{optimizer:?}, {shape:?}");
+        assert_eq!(others, 0, "{optimizer:?}, {coupling:?}, {shape:?}");
     }
 }
 

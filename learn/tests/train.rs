@@ -8,11 +8,26 @@ use rand::RngExt;
 use rand::seq::index;
 use reference::{Cloud, loss_gradient};
 use tdcr_learn::data::CloudSet;
-use tdcr_learn::flow::{FlowPath, Stream, rng};
+use tdcr_learn::flow::{Coupling, FlowPath, Stream, rng};
+use tdcr_learn::metrics::emd_squared;
 use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{Optimizer, TrainError, TrainSettings, Trainer, TrainingState};
 use tempfile::TempDir;
 use toy::{COLORED, SHAPE, bars, colored_bars, provenance, run, settings};
+
+/// The noise in the order of the points that it flows to.
+fn coupled<'a>(coupling: Coupling, noise: &[&'a [f32]], points: &[[f32; 3]]) -> Vec<&'a [f32]> {
+    let Coupling::OptimalTransport { batch } = coupling else {
+        return noise.to_vec();
+    };
+    let groups = noise.chunks(batch).zip(points.chunks(batch));
+    let coupled = groups.flat_map(|(noise, points)| {
+        let positions: Vec<_> = noise.iter().map(|x| [x[0], x[1], x[2]]).collect();
+        let matching = emd_squared(points, &positions).unwrap().matching;
+        matching.into_iter().map(|k| noise[k]).collect::<Vec<_>>()
+    });
+    coupled.collect()
+}
 
 /// The batch of step 1, drawn again from the documented streams.
 fn first_batch(settings: &TrainSettings, set: &CloudSet, channels: Channels) -> Vec<Cloud> {
@@ -33,7 +48,9 @@ fn first_batch(settings: &TrainSettings, set: &CloudSet, channels: Channels) -> 
         };
         let mut noise = vec![0.0; settings.points * channels.count()];
         FlowPath::default().sample_prior(&mut rng, channels, &mut noise);
-        let noise = noise.chunks_exact(channels.count());
+        let noise: Vec<&[f32]> = noise.chunks_exact(channels.count()).collect();
+        let points: Vec<[f32; 3]> = subset.iter().map(|k| data[k]).collect();
+        let noise = coupled(settings.path.coupling, &noise, &points).into_iter();
         let t = f64::from(time);
         let path = noise.zip(subset.iter().map(row)).map(|(x0, x1)| {
             let pairs = x0.iter().map(|x| f64::from(*x)).zip(x1);
@@ -59,19 +76,33 @@ fn first_batch(settings: &TrainSettings, set: &CloudSet, channels: Channels) -> 
 
 #[test]
 fn one_step_is_adamw_on_the_clipped_gradient_of_the_reference() {
-    one_step(SHAPE, &bars(5, 1), &bars(3, 2));
+    one_step(SHAPE, FlowPath::default(), &bars(5, 1), &bars(3, 2));
 }
 
 #[test]
 fn one_step_on_colours_is_that_of_the_reference() {
-    one_step(COLORED, &colored_bars(5, 1), &colored_bars(3, 2));
+    let path = FlowPath::default();
+    one_step(COLORED, path, &colored_bars(5, 1), &colored_bars(3, 2));
 }
 
-fn one_step(shape: MlpShape, training: &CloudSet, validation: &CloudSet) {
+#[test]
+fn one_step_with_coupled_noise_and_other_times_is_that_of_the_reference() {
+    // Of 20 points, groups of 8, 8 and 4.
+    let path = FlowPath {
+        time_exponent: 1.5,
+        coupling: Coupling::OptimalTransport { batch: 8 },
+        ..FlowPath::default()
+    };
+    one_step(SHAPE, path, &bars(5, 1), &bars(3, 2));
+    one_step(COLORED, path, &colored_bars(5, 1), &colored_bars(3, 2));
+}
+
+fn one_step(shape: MlpShape, path: FlowPath, training: &CloudSet, validation: &CloudSet) {
     let settings = TrainSettings {
         optimizer: Optimizer::AdamW,
         clip_norm: 0.01,
         learning_rate: 1e-2,
+        path,
         ..settings()
     };
     let mut trainer = Trainer::new(shape, settings.clone(), training, validation).unwrap();

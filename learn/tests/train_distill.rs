@@ -79,7 +79,7 @@ fn apart(a: (&Model, Sampler), b: (&Model, Sampler)) -> f64 {
 fn a_student_comes_in_two_steps_where_its_teacher_comes_in_many() {
     let validation = bars(3, 2);
     let teacher = teacher(&validation);
-    let trainer = Trainer::new(SHAPE_OF_BOTH, lessons(), feed(&teacher), &validation).unwrap();
+    let trainer = Trainer::new(&teacher.network, lessons(), feed(&teacher), &validation).unwrap();
     let student = run(trainer, 300).model(provenance()).unwrap();
     let many = Sampler {
         method: Method::Heun,
@@ -95,11 +95,11 @@ fn a_student_comes_in_two_steps_where_its_teacher_comes_in_many() {
 fn lessons_that_are_taken_up_end_as_if_they_had_not_been_left() {
     let validation = bars(3, 2);
     let teacher = teacher(&validation);
-    let begin = || Trainer::new(SHAPE_OF_BOTH, lessons(), feed(&teacher), &validation).unwrap();
+    let network = &teacher.network;
+    let begin = || Trainer::new(network, lessons(), feed(&teacher), &validation).unwrap();
     let whole = run(begin(), 12).state(provenance());
     let half = run(begin(), 5).state(provenance());
-    let again =
-        Trainer::resume(half, SHAPE_OF_BOTH, lessons(), feed(&teacher), &validation).unwrap();
+    let again = Trainer::resume(half, network, lessons(), feed(&teacher), &validation).unwrap();
     let again = run(again, 12).state(provenance());
     assert_eq!(again.losses, whole.losses);
     assert!(again.params == whole.params && again.average == whole.average);

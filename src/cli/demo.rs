@@ -95,6 +95,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
             &run,
             NETWORK,
             &training,
+            None,
             console,
         )
     })?;

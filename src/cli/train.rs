@@ -8,8 +8,9 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
+use tdcr::learn::flow::{Coupling, FlowPath};
 use tdcr::learn::net::{Channels, ContextShape, vector_lanes};
-use tdcr::learn::train::{Optimizer, TrainSettings};
+use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
     Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
 };
@@ -55,7 +56,7 @@ pub(super) struct TrainArgs {
     points: Option<usize>,
     #[arg(long, value_enum, help = by_preset("Optimiser", |p| p.optimizer.name()))]
     optimizer: Option<OptimizerName>,
-    #[arg(long, value_name = "RATE", help = by_network("Learning rate after warm-up", |r| r.learning_rate))]
+    #[arg(long, value_name = "RATE", help = by_network("Learning rate after warm-up; Muon's own follows in proportion", |r| r.learning_rate))]
     learning_rate: Option<f64>,
     #[arg(long, value_name = "N", help = by_network("Steps of warm-up, at most a tenth of all", |r| r.warmup_steps))]
     warmup: Option<u64>,
@@ -64,6 +65,16 @@ pub(super) struct TrainArgs {
     /// End the run after so many validations without a better one [default: take all steps]
     #[arg(long, value_name = "N")]
     patience: Option<u64>,
+    /// How noise is coupled to the points of a cloud: independent, or optimal-transport[:K], matched within K points
+    #[arg(long, default_value = "independent", value_name = "COUPLING", value_parser = coupling)]
+    coupling: Coupling,
+    /// Flow times are Beta(ALPHA, 1): 1 is uniform, above it they are mostly near the data
+    #[arg(long, default_value_t = FlowPath::default().time_exponent, value_name = "ALPHA", allow_hyphen_values = true)]
+    time_exponent: f32,
+    /// Start at the weights of this model, of the same shape, robot and normalisation, to go on from a run with other
+    /// settings [default: random weights]
+    #[arg(long, value_name = "FILE")]
+    init: Option<PathBuf>,
     /// Seed of weights, noise and subsets
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -77,6 +88,22 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
     let value = |preset: Preset| PossibleValue::new(preset.name).help(preset.purpose);
     PossibleValuesParser::new(Preset::ALL.map(value))
         .map(|name| Preset::named(&name).expect("one of the possible values"))
+}
+
+/// Parses `independent`, `optimal-transport` or `optimal-transport:K`.
+fn coupling(text: &str) -> Result<Coupling, String> {
+    let found = match text.split_once(':') {
+        None if text == "independent" => Some(Coupling::Independent),
+        None if text == "optimal-transport" => Some(Coupling::OPTIMAL_TRANSPORT),
+        Some(("optimal-transport", batch)) => {
+            let batch = batch.parse().ok();
+            batch.map(|batch| Coupling::OptimalTransport { batch })
+        }
+        _ => None,
+    };
+    let coupling = found.ok_or("expected independent, optimal-transport or optimal-transport:K")?;
+    coupling.check().map_err(|error| error.to_string())?;
+    Ok(coupling)
 }
 
 /// The help of an option whose default is the preset's.
@@ -260,11 +287,11 @@ fn plan(
         validate_every: args.validate_every.unwrap_or(args.preset.validate_every),
         ..args.preset
     };
-    let rates = args.preset.rates[usize::from(args.net == Net::Hybrid)];
+    let usual = args.preset.rates[usize::from(args.net == Net::Hybrid)];
     let rates = Rates {
-        clouds: args.clouds.unwrap_or(rates.clouds),
-        learning_rate: args.learning_rate.unwrap_or(rates.learning_rate),
-        warmup_steps: args.warmup.unwrap_or(rates.warmup_steps),
+        clouds: args.clouds.unwrap_or(usual.clouds),
+        learning_rate: args.learning_rate.unwrap_or(usual.learning_rate),
+        warmup_steps: args.warmup.unwrap_or(usual.warmup_steps),
     };
     let set = match (preset.length, &args.stream.stream) {
         (Length::Steps(_), _) => 0,
@@ -274,13 +301,19 @@ fn plan(
             preset.name
         ),
     };
+    let optimizer = args.optimizer.map_or(preset.optimizer, |name| match name {
+        OptimizerName::Adamw => Optimizer::AdamW,
+        OptimizerName::Muon => Optimizer::MUON,
+    });
     let settings = TrainSettings {
         seed: args.seed,
         patience: args.patience,
-        optimizer: args.optimizer.map_or(preset.optimizer, |name| match name {
-            OptimizerName::Adamw => Optimizer::AdamW,
-            OptimizerName::Muon => Optimizer::MUON,
-        }),
+        optimizer: optimizer.scaled(rates.learning_rate / usual.learning_rate),
+        path: FlowPath {
+            time_exponent: args.time_exponent,
+            coupling: args.coupling,
+            ..FlowPath::default()
+        },
         ..preset.settings(rates, preset.length.steps(rates.clouds, set))
     };
     let size = NetworkSize {
@@ -312,7 +345,8 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
     let context = args.context.shape(args.net)?;
     let data = training_data(args)?;
     let (size, settings) = plan(args, context)?;
-    let trained = train(&data, &args.out, size, &settings, console)?;
+    let initial = args.init.as_deref().map(Model::load).transpose()?;
+    let trained = train(&data, &args.out, size, &settings, initial.as_ref(), console)?;
     let scale = trained.model.provenance.normalisation.scale;
     let run = Run {
         model: model_path(&args.out),

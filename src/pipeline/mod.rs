@@ -28,7 +28,7 @@ use std::path::PathBuf;
 
 use tdcr_learn::data::{DataError, PayloadRange, SimulateError};
 use tdcr_learn::metrics::MetricError;
-use tdcr_learn::train::{FileError, PredictError, TrainError};
+use tdcr_learn::train::{FileError, PredictError, Target, TrainError};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::SpecError;
 use thiserror::Error;
@@ -115,7 +115,7 @@ pub enum PipelineError {
 
 /// A run that diverged, and what it left.
 #[derive(Debug, Error)]
-#[error("{source}; {}", after_divergence(state, model, *learning_rate))]
+#[error("{source}; {}", self.advice())]
 pub struct Divergence {
     /// What happened, and at which step.
     pub source: TrainError,
@@ -123,26 +123,48 @@ pub struct Divergence {
     pub state: Option<(PathBuf, u64)>,
     /// File and step of the best network; none where none was validated yet.
     pub model: Option<(PathBuf, u64)>,
+    /// What the network was to learn.
+    pub target: Target,
     /// The run's learning rate after warm-up.
     pub learning_rate: f64,
 }
 
-fn after_divergence(
-    state: &Option<(PathBuf, u64)>,
-    model: &Option<(PathBuf, u64)>,
-    learning_rate: f64,
-) -> String {
-    let kept = |what: &str, kept: &Option<(PathBuf, u64)>| match kept {
-        Some((path, step)) => format!("the {what} is of step {step}, in {}", path.display()),
-        None => format!("there is no {what} yet"),
-    };
-    format!(
-        "{}; {}. The same command would come to the same end: train into another folder (--out) with a lower \
-         --learning-rate than {learning_rate}, such as {}",
-        kept("last good state", state),
-        kept("best network", model),
-        learning_rate / 3.0
-    )
+impl Divergence {
+    /// What is left, and how to go on.
+    fn advice(&self) -> String {
+        let kept = |what: &str, kept: &Option<(PathBuf, u64)>| match kept {
+            Some((path, step)) => format!("the {what} is of step {step}, in {}", path.display()),
+            None => format!("there is no {what} yet"),
+        };
+        let (state, model) = (
+            kept("last good state", &self.state),
+            kept("best network", &self.model),
+        );
+        format!(
+            "{state}; {model}. The same command would come to the same end: {}",
+            self.remedy()
+        )
+    }
+
+    fn remedy(&self) -> String {
+        if self.target == Target::Steps {
+            return "distil into another folder (--out) with another --seed".to_owned();
+        }
+        let lower = format!(
+            "train into another folder (--out) with a lower --learning-rate than {}, such as {:.1e}",
+            self.learning_rate,
+            self.learning_rate / 3.0
+        );
+        match &self.model {
+            None => lower,
+            Some((path, _)) => format!(
+                "{lower}. To go on from the best network, other options as they were: tdcr train --init {} \
+                 --learning-rate {:.1e} --out NEW",
+                path.display(),
+                self.learning_rate / 3.0
+            ),
+        }
+    }
 }
 
 fn with_base(base: &BaseVisibility) -> &'static str {

@@ -6,7 +6,7 @@ use tdcr_learn::data::{CloudSet, DataSet, Meta, Split, StreamSpec};
 use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape};
 use tdcr_learn::train::{
-    Feed, Model, Provenance, StreamWindow, Teacher, TrainError, TrainSettings, Trainer,
+    Feed, Model, Provenance, Start, StreamWindow, Teacher, TrainError, TrainSettings, Trainer,
     TrainingState,
 };
 
@@ -90,20 +90,22 @@ fn state_path(run: &Path) -> PathBuf {
     run.join("state.safetensors")
 }
 
-/// Trains a network on `data`, keeping model, state and log in the folder `run`.
+/// Trains a network on `data`, keeping model, state and log in the folder `run`. Its weights start at those of `initial`, at
+/// random ones without it.
 ///
 /// The state is saved at every validation and at an interruption; a run that is taken up ends with
 /// the network and the `log.csv` of an uninterrupted one, bit for bit. A state whose loss is above its running level is
 /// not saved: when training diverges, the last good one is still there.
 ///
 /// # Errors
-/// [`PipelineError`]: a data set or files that do not fit, training that diverges, or an
+/// [`PipelineError`]: a data set, an initial model or files that do not fit, training that diverges, or an
 /// interruption.
 pub fn train(
     data: &TrainingData,
     run: &Path,
     size: NetworkSize,
     settings: &TrainSettings,
+    initial: Option<&Model>,
     monitor: &dyn Monitor,
 ) -> Result<Trained, PipelineError> {
     let run = Run {
@@ -112,8 +114,8 @@ pub fn train(
         monitor,
     };
     match data {
-        TrainingData::Set(dir) => run.on_set(dir, size),
-        TrainingData::Stream(stream) => run.on_stream(stream, size),
+        TrainingData::Set(dir) => run.on_set(dir, size, initial),
+        TrainingData::Stream(stream) => run.on_stream(stream, size, initial),
     }
 }
 
@@ -135,17 +137,17 @@ pub fn distill(
     if let (Some(subject), Some(found)) = (&provenance.subject, found) {
         require_same(subject, found)?;
     }
-    let shape = teacher.network.shape();
-    let normalisation = &provenance.normalisation;
-    let validation = set.cloud_set_in(Split::Val, normalisation, shape.channels())?;
-    let teacher = Teacher::new(teacher).map_err(TrainError::from)?;
-    let training = Feed::Teacher(Box::new(teacher));
+    let channels = teacher.network.shape().channels();
+    let validation = set.cloud_set_in(Split::Val, &provenance.normalisation, channels)?;
+    let lessons = Teacher::new(teacher).map_err(TrainError::from)?;
+    let training = Feed::Teacher(Box::new(lessons));
+    let start = Start::from(&teacher.network);
     let run = Run {
         folder: run,
         settings,
         monitor,
     };
-    run.on(training, &validation, shape, provenance)
+    run.on(training, &validation, start, provenance)
 }
 
 /// A run: where it is kept, how it learns, who watches.
@@ -157,7 +159,12 @@ struct Run<'a> {
 
 impl Run<'_> {
     /// On the data set in the folder `dir`.
-    fn on_set(&self, dir: &Path, size: NetworkSize) -> Result<Trained, PipelineError> {
+    fn on_set(
+        &self,
+        dir: &Path,
+        size: NetworkSize,
+        initial: Option<&Model>,
+    ) -> Result<Trained, PipelineError> {
         let set = DataSet::open(dir)?;
         let read = |split| set.cloud_set_in(split, set.normalisation(), size.channels);
         let (training, validation) = (read(Split::Train)?, read(Split::Val)?);
@@ -165,8 +172,8 @@ impl Run<'_> {
             subject: set.meta().and_then(|meta| meta.subject().cloned()),
             normalisation: set.normalisation().clone(),
         };
-        let shape = size.shape(training.condition_dim);
-        self.on(Feed::from(&training), &validation, shape, provenance)
+        let start = start(initial, size.shape(training.condition_dim), &provenance)?;
+        self.on(Feed::from(&training), &validation, start, provenance)
     }
 
     /// On a stream.
@@ -174,6 +181,7 @@ impl Run<'_> {
         &self,
         stream: &StreamSettings,
         size: NetworkSize,
+        initial: Option<&Model>,
     ) -> Result<Trained, PipelineError> {
         stream.spec.recipe.check()?;
         let window = StreamWindow::new(
@@ -198,16 +206,16 @@ impl Run<'_> {
             normalisation: window.normalisation().clone(),
         };
         let training = Feed::Stream(Box::new(window));
-        let shape = size.shape(training.condition_dim());
-        self.on(training, &validation, shape, provenance)
+        let start = start(initial, size.shape(training.condition_dim()), &provenance)?;
+        self.on(training, &validation, start, provenance)
     }
 
-    /// On `training`, a network of `shape`.
+    /// On `training`, a network from its `start`.
     fn on(
         &self,
         training: Feed,
         validation: &CloudSet,
-        shape: NetworkShape,
+        start: Start,
         provenance: Provenance,
     ) -> Result<Trained, PipelineError> {
         std::fs::create_dir_all(self.folder).map_err(|source| PipelineError::Folder {
@@ -221,7 +229,7 @@ impl Run<'_> {
             validation_points: (self.settings.validation_points).min(validation.points_per_cloud),
             ..self.settings.clone()
         };
-        let mut trainer = open(self.folder, shape, &settings, training, validation)?;
+        let mut trainer = open(self.folder, start, &settings, training, validation)?;
         let scale = provenance.normalisation.scale;
         let mut log = RunLog::open(self.folder, &trainer, scale)?;
         if !trainer.is_finished() {
@@ -259,6 +267,7 @@ impl Run<'_> {
                         source,
                         state: saved.map(|step| (state_path, step)),
                         model: best.map(|step| (model_path, step)),
+                        target: trainer.settings().target,
                         learning_rate: trainer.settings().learning_rate,
                     })));
                 }
@@ -283,20 +292,35 @@ impl Run<'_> {
     }
 }
 
+/// Where the weights of a network of `shape` start, that is trained on data of `provenance`.
+fn start<'m>(
+    initial: Option<&'m Model>,
+    shape: NetworkShape,
+    provenance: &Provenance,
+) -> Result<Start<'m>, PipelineError> {
+    let Some(model) = initial else {
+        return Ok(shape.into());
+    };
+    if let (Some(of_model), Some(of_data)) = (&model.provenance.subject, &provenance.subject) {
+        require_same(of_model, of_data)?;
+    }
+    Ok(Start::at(model, shape, provenance)?)
+}
+
 /// The run in the folder `run`, or a new one.
 fn open<'a>(
     run: &Path,
-    shape: NetworkShape,
+    start: Start,
     settings: &TrainSettings,
     training: Feed<'a>,
     validation: &'a CloudSet,
 ) -> Result<Trainer<'a>, PipelineError> {
     let path = state_path(run);
     if !path.exists() {
-        return Ok(Trainer::new(shape, settings.clone(), training, validation)?);
+        return Ok(Trainer::new(start, settings.clone(), training, validation)?);
     }
     let state = TrainingState::load(&path)?;
-    let resumed = Trainer::resume(state, shape, settings.clone(), training, validation);
+    let resumed = Trainer::resume(state, start, settings.clone(), training, validation);
     resumed.map_err(|source| PipelineError::OtherRun { path, source })
 }
 

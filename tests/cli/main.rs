@@ -13,6 +13,7 @@ mod render;
 mod resume;
 mod road;
 mod simulate;
+mod start;
 mod training;
 
 use std::path::Path;

@@ -1,9 +1,14 @@
-//! Flow matching: the straight path from prior to data, random streams, and the sampler that integrates a learned flow.
+//! Flow matching: the straight path from prior to data and how they are coupled, random streams, and the sampler that
+//! integrates a learned flow.
 
+mod coupling;
+mod matcher;
 mod path;
 mod random;
 mod sampler;
 
+pub use coupling::Coupling;
+pub(crate) use matcher::Matcher;
 pub use path::FlowPath;
 pub use random::{Stream, rng};
 pub use sampler::{Method, Sampler, TimeGrid, VelocityField};

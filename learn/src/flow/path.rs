@@ -4,10 +4,10 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::{FlowError, require};
+use super::{Coupling, FlowError, require};
 use crate::channels::{Channels, DIM};
 
-/// Prior, path and distribution of flow times (paper, Sec. Method).
+/// Prior, coupling, path and distribution of flow times (paper, Sec. Method).
 ///
 /// Positions start at `X_0 ~ N(0, sigma^2 I)`, colours uniform in [0, 1]; `X_t = (1 - t) X_0 + t X_1`
 /// (Eq. linear_path_tdcr), velocity `X_1 - X_0`, `t ~ Beta(alpha, 1)`.
@@ -16,16 +16,21 @@ use crate::channels::{Channels, DIM};
 pub struct FlowPath {
     /// Standard deviation of the positions' prior `sigma`, in normalised units.
     pub prior_deviation: f32,
-    /// `alpha` of the flow times' Beta distribution; above 1 it favours times near the data.
+    /// `alpha` of the flow times' Beta distribution; above 1 it favours times near the data. The expected loss is that of
+    /// uniform times with the weight `alpha t^(alpha - 1)`, drawn by importance.
     pub time_exponent: f32,
+    /// Which sample of the prior flows to which point; independent in files of before there was a choice.
+    #[serde(default)]
+    pub coupling: Coupling,
 }
 
 impl Default for FlowPath {
-    /// The paper's: `sigma = 0.5`, `alpha = 3`.
+    /// The paper's: `sigma = 0.5`, `alpha = 3`, independent.
     fn default() -> Self {
         Self {
             prior_deviation: 0.5,
             time_exponent: 3.0,
+            coupling: Coupling::Independent,
         }
     }
 }
@@ -36,6 +41,7 @@ impl FlowPath {
         let Self {
             prior_deviation,
             time_exponent,
+            coupling,
         } = *self;
         let positive = |x: f32| x.is_finite() && x > 0.0;
         require(
@@ -49,7 +55,8 @@ impl FlowPath {
             "time_exponent",
             time_exponent.into(),
             "a positive number",
-        )
+        )?;
+        coupling.check()
     }
 
     /// A flow time: `u^(1/alpha)` with `u` uniform in [0, 1) has the distribution `Beta(alpha, 1)`.
@@ -96,14 +103,18 @@ mod tests {
 
     #[test]
     fn flow_times_have_the_moments_of_beta() {
-        let rng = &mut rng(1, Stream::Step(0));
-        let times: Vec<f64> = (0..100_000)
-            .map(|_| FlowPath::default().sample_time(rng).into())
-            .collect();
-        let mean = times.iter().sum::<f64>() / 1e5;
-        let square = times.iter().map(|t| t * t).sum::<f64>() / 1e5;
-        // Beta(3, 1): E[t] = 3/4, E[t^2] = 3/5; standard errors 6e-4 and 9e-4.
-        assert!((mean - 0.75).abs() < 3e-3 && (square - 0.6).abs() < 4e-3);
+        for time_exponent in [1.0, 2.0, 3.0, 5.0] {
+            let rng = &mut rng(1, Stream::Step(0));
+            let path = FlowPath {
+                time_exponent,
+                ..FlowPath::default()
+            };
+            let (mean, square) = moments((0..100_000).map(|_| path.sample_time(rng)));
+            // Beta(a, 1): E[t] = a/(a + 1), E[t^2] = a/(a + 2); standard errors at most 1e-3.
+            let a = f64::from(time_exponent);
+            assert!((mean - a / (a + 1.0)).abs() < 4e-3, "{mean} at {a}");
+            assert!((square - a / (a + 2.0)).abs() < 4e-3, "{square} at {a}");
+        }
     }
 
     #[test]

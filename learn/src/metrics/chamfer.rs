@@ -112,7 +112,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn cloud(sizes: std::ops::Range<usize>) -> impl Strategy<Value = Vec<[f32; 3]>> {
+    fn cloud(sizes: Range<usize>) -> impl Strategy<Value = Vec<[f32; 3]>> {
         prop::collection::vec(prop::array::uniform3(-1.0f32..1.0), sizes)
     }
 

@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::difference::Difference;
 use super::settings::{SPIKE_STEPS, SettingsError};
 use crate::net::ShapeError;
 
@@ -48,6 +49,18 @@ pub enum TrainError {
         level: f32,
         /// [`TrainSettings::spike_factor`](super::TrainSettings::spike_factor).
         factor: f64,
+    },
+    /// A model's weights are no start for a run.
+    #[error(
+        "the run cannot start at the weights of this model: its {what} is {found}, expected {expected}"
+    )]
+    OtherStart {
+        /// What differs.
+        what: String,
+        /// The model's.
+        found: String,
+        /// This run's.
+        expected: String,
     },
     /// A state belongs to another run.
     #[error("the training state is of another run: {what} was {found}, expected {expected}")]
@@ -139,6 +152,32 @@ pub enum FileProblem {
 }
 
 impl TrainError {
+    pub(super) fn other_run(difference: Difference) -> Self {
+        let Difference {
+            what,
+            found,
+            expected,
+        } = difference;
+        Self::OtherRun {
+            what,
+            found,
+            expected,
+        }
+    }
+
+    pub(super) fn other_start(difference: Difference) -> Self {
+        let Difference {
+            what,
+            found,
+            expected,
+        } = difference;
+        Self::OtherStart {
+            what,
+            found,
+            expected,
+        }
+    }
+
     /// Whether the run itself went wrong, not what it was given.
     pub fn is_divergence(&self) -> bool {
         matches!(self, Self::Diverged { .. } | Self::Spike { .. })

@@ -5,6 +5,7 @@ use tdcr_sim::robot::SpecError;
 use super::error::TrainError;
 use super::samples::Samples;
 use super::settings::{SettingsError, Target, TrainSettings};
+use super::start;
 use super::state::{fingerprint, hash};
 use super::teacher::Teacher;
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
@@ -90,7 +91,7 @@ impl Feed<'_> {
                 let json = serde_json::to_string(&key).expect("plain values serialise");
                 hash(json.bytes().map(u32::from))
             }
-            Self::Teacher(teacher) => hash(teacher.network().params().iter().map(|p| p.to_bits())),
+            Self::Teacher(teacher) => start::fingerprint(teacher.network()),
         }
     }
 }

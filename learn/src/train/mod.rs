@@ -2,6 +2,7 @@
 //!
 //! [`Trainer`] takes steps; [`TrainingState`] is all of it on disk, for exact resumption; [`Model`] is what predicts.
 
+mod difference;
 mod error;
 mod feed;
 mod format;
@@ -10,6 +11,7 @@ mod optimizer;
 mod orthogonal;
 mod samples;
 mod settings;
+mod start;
 mod state;
 mod teacher;
 mod trainer;
@@ -19,6 +21,7 @@ pub use feed::{Feed, StreamWindow};
 pub use model::{Model, PredictError, Prediction, Provenance};
 pub use optimizer::Optimizer;
 pub use settings::{SPIKE_STEPS, SettingsError, Target, TrainSettings};
+pub use start::Start;
 pub use state::{Best, TrainingState};
 pub use teacher::Teacher;
 pub use trainer::{Distance, Trainer};

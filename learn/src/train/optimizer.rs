@@ -40,6 +40,16 @@ impl Optimizer {
         learning_rate: 0.02,
     };
 
+    /// The same with a rate of its own, if it has one, that is `factor` times as high.
+    pub fn scaled(self, factor: f64) -> Self {
+        match self {
+            Self::AdamW => Self::AdamW,
+            Self::Muon { learning_rate } => Self::Muon {
+                learning_rate: learning_rate * factor,
+            },
+        }
+    }
+
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {

@@ -1,10 +1,11 @@
 //! The batch of a training step.
 
 use rand::RngExt;
+use rayon::prelude::*;
 
 use super::settings::TrainSettings;
 use crate::data::CloudSet;
-use crate::flow::{Stream, rng};
+use crate::flow::{Matcher, Stream, rng};
 use crate::net::{Batch, Channels};
 
 /// A step's batch: `B` clouds of `N` points.
@@ -16,6 +17,8 @@ pub(super) struct Samples {
     pub targets: Vec<f32>,
     /// Indices of a cloud's points, the drawn ones first.
     order: Vec<usize>,
+    /// One per cloud.
+    matchers: Vec<Matcher>,
 }
 
 impl Samples {
@@ -36,7 +39,6 @@ impl Samples {
         for points in self.points.chunks_exact_mut(stride) {
             let cloud = rng.random_range(0..set.len());
             let time = settings.path.sample_time(&mut rng);
-            let start = self.targets.len();
             // As `index::sample` shuffles, but in memory that stays.
             self.order.clear();
             self.order.extend(0..set.points_per_cloud);
@@ -47,12 +49,24 @@ impl Samples {
             let subset = self.order[..settings.points].iter().copied();
             set.gather(cloud, subset, channels, &mut self.targets);
             settings.path.sample_prior(&mut rng, channels, points);
-            settings
-                .path
-                .follow(time, points, &mut self.targets[start..]);
             self.times.push(time);
             self.conditions.extend_from_slice(set.condition(cloud));
         }
+        self.follow(settings, channels);
+    }
+
+    /// Turns noise into points on the way to the data, and data into velocities.
+    fn follow(&mut self, settings: &TrainSettings, channels: Channels) {
+        let stride = settings.points * channels.count();
+        self.matchers.resize_with(settings.clouds, Matcher::default);
+        let clouds = self.points.par_chunks_exact_mut(stride);
+        let clouds = clouds.zip(self.targets.par_chunks_exact_mut(stride));
+        let clouds = clouds.zip(&self.times).zip(&mut self.matchers);
+        clouds.for_each(|(((points, targets), &time), matcher)| {
+            let path = &settings.path;
+            path.coupling.couple(channels, points, targets, matcher);
+            path.follow(time, points, targets);
+        });
     }
 
     pub fn batch(&self, color_weight: f32) -> Batch<'_> {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::error::{FileError, FileProblem};
 use super::format::{Element, Kind, Reader, Writer, read};
 use super::model::{Provenance, check_header, put_params, take_params};
-use super::settings::TrainSettings;
+use super::settings::{Target, TrainSettings};
 use crate::data::CloudSet;
 use crate::net::NetworkShape;
 
@@ -33,6 +33,8 @@ pub struct TrainingState {
     pub settings: TrainSettings,
     /// Fingerprints of the training and the validation set ([`fingerprint`]).
     pub(super) data: [u64; 2],
+    /// Fingerprint of the network that the run started from; none where it started at random weights.
+    pub(super) initial: Option<u64>,
     /// Steps taken.
     pub step: u64,
     /// Weights, in the order of [`NetworkShape::tensors`], as all vectors below.
@@ -61,6 +63,8 @@ struct Header {
     shape: NetworkShape,
     settings: TrainSettings,
     data: [u64; 2],
+    #[serde(default)]
+    initial: Option<u64>,
     step: u64,
     validations: usize,
     best: Option<(u64, f64)>,
@@ -92,6 +96,7 @@ impl TrainingState {
             shape: self.shape,
             settings: self.settings.clone(),
             data: self.data,
+            initial: self.initial,
             step: self.step,
             validations: self.validations.len(),
             best: self.best.as_ref().map(|best| (best.step, best.distance)),
@@ -106,6 +111,7 @@ impl TrainingState {
     pub fn load(path: &Path) -> Result<Self, FileError> {
         read(path, Kind::TrainingState, |header: Header, reader| {
             check_header(&header.provenance, &header.shape, &header.settings)?;
+            let taught = header.settings.target == Target::Steps;
             let mut params = |prefix| take_params(reader, prefix, header.shape);
             Ok(Self {
                 params: params("params.")?,
@@ -127,6 +133,8 @@ impl TrainingState {
                 shape: header.shape,
                 settings: header.settings,
                 data: header.data,
+                // Before there was a choice, only students started from a network: their teacher's.
+                initial: header.initial.or(taught.then_some(header.data[0])),
                 step: header.step,
             })
         })

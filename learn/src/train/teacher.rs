@@ -43,7 +43,7 @@ impl Teacher {
         }
     }
 
-    /// The teacher's network, from which the student starts.
+    /// The teacher's network, from which a student does best to start.
     pub fn network(&self) -> &Network {
         &self.network
     }

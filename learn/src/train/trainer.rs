@@ -1,18 +1,19 @@
 //! The training loop (paper, Alg. tdcr-training), one step at a time.
 
 use rand::seq::index;
-use serde_json::Value;
 
+use super::difference::require_same;
 use super::error::TrainError;
 use super::feed::{Feed, check_feed, check_set};
 use super::model::{Model, Provenance, positions};
 use super::optimizer::{Moments, Update, Updater, norm};
 use super::samples::Samples;
 use super::settings::{SPIKE_STEPS, SettingsError, TrainSettings};
+use super::start::{self, Start};
 use super::state::{Best, TrainingState, fingerprint};
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
-use crate::net::{DIM, Network, NetworkShape, Workspace};
+use crate::net::{DIM, Network, Workspace};
 
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
@@ -30,6 +31,8 @@ pub struct Trainer<'a> {
     validation: &'a CloudSet,
     /// Fingerprints of the two sets.
     data: [u64; 2],
+    /// [`Start::fingerprint`].
+    initial: Option<u64>,
     settings: TrainSettings,
     network: Network,
     /// Running average of the network's weights.
@@ -46,17 +49,18 @@ pub struct Trainer<'a> {
 }
 
 impl<'a> Trainer<'a> {
-    /// A run at its start.
+    /// A run at its start: random weights of a network of the given shape, or those of a given network.
     ///
     /// # Errors
     /// [`TrainError`] where settings or shape are out of bounds, or the sets do not suit them.
-    pub fn new(
-        shape: impl Into<NetworkShape>,
+    pub fn new<'s>(
+        start: impl Into<Start<'s>>,
         settings: TrainSettings,
         training: impl Into<Feed<'a>>,
         validation: &'a CloudSet,
     ) -> Result<Self, TrainError> {
-        let shape = shape.into();
+        let start = start.into();
+        let shape = start.shape();
         settings.check()?;
         let training = training.into();
         check_feed(&training, &shape, &settings)?;
@@ -73,15 +77,13 @@ impl<'a> Trainer<'a> {
             )
             .into());
         }
-        let network = match &training {
-            Feed::Teacher(teacher) => teacher.network().clone(),
-            _ => Network::new(shape, &mut rng(settings.seed, Stream::Parameters))?,
-        };
+        let network = start.network(settings.seed)?;
         let parameters = network.params().len();
         let history = settings.steps.min(HISTORY) as usize;
         let updater = Updater::new(settings.optimizer, &shape.tensors());
         Ok(Self {
             data: [training.fingerprint(), fingerprint(validation)],
+            initial: start.fingerprint(),
             training,
             validation,
             settings,
@@ -102,26 +104,21 @@ impl<'a> Trainer<'a> {
     /// The run that `state` was saved from.
     ///
     /// # Errors
-    /// [`TrainError::OtherRun`] where `state` is of another shape, other settings or other data; else as
+    /// [`TrainError::OtherRun`] where `state` is of another shape, other settings, other data or another start; else as
     /// [`Trainer::new`].
-    pub fn resume(
+    pub fn resume<'s>(
         state: TrainingState,
-        shape: impl Into<NetworkShape>,
+        start: impl Into<Start<'s>>,
         settings: TrainSettings,
         training: impl Into<Feed<'a>>,
         validation: &'a CloudSet,
     ) -> Result<Self, TrainError> {
-        let shape = shape.into();
-        let as_value = |value: serde_json::Result<Value>| value.expect("plain values serialise");
-        require_same(
-            "shape",
-            as_value(serde_json::to_value(state.shape)),
-            as_value(serde_json::to_value(shape)),
-        )?;
-        let [found, expected] =
-            [&state.settings, &settings].map(|s| as_value(serde_json::to_value(s)));
-        require_same("settings", found, expected)?;
-        let mut trainer = Self::new(shape, settings, training, validation)?;
+        let start = start.into();
+        let shape = start.shape();
+        let other = TrainError::other_run;
+        require_same("shape", &state.shape, &shape).map_err(other)?;
+        require_same("settings", &state.settings, &settings).map_err(other)?;
+        let mut trainer = Self::new(start, settings, training, validation)?;
         for (set, found, expected) in [
             ("training set's fingerprint", state.data[0], trainer.data[0]),
             (
@@ -130,8 +127,10 @@ impl<'a> Trainer<'a> {
                 trainer.data[1],
             ),
         ] {
-            require_same(set, found.into(), expected.into())?;
+            require_same(set, &found, &expected).map_err(other)?;
         }
+        let [found, expected] = [state.initial, trainer.initial].map(start::describe);
+        require_same("the start of the weights", &found, &expected).map_err(other)?;
         trainer.network = Network::from_params(shape, state.params)?;
         trainer.average = Network::from_params(shape, state.average)?;
         trainer.updater.moments = Moments {
@@ -153,6 +152,7 @@ impl<'a> Trainer<'a> {
             shape: self.network.shape(),
             settings: self.settings.clone(),
             data: self.data,
+            initial: self.initial,
             step: self.step,
             params: self.network.params().to_vec(),
             average: self.average.params().to_vec(),
@@ -325,24 +325,6 @@ impl<'a> Trainer<'a> {
         let truth: Vec<[f32; DIM]> = subset.iter().map(|k| points[k]).collect();
         distance(&predicted, &truth)
     }
-}
-
-/// Refuses a `found` of the state that is not the run's `expected`; objects are compared field by field.
-fn require_same(what: &str, found: Value, expected: Value) -> Result<(), TrainError> {
-    if let (Value::Object(found), Value::Object(expected)) = (&found, &expected) {
-        return expected.iter().try_for_each(|(field, expected)| {
-            let found = found.get(field).cloned().unwrap_or(Value::Null);
-            require_same(&format!("{what}.{field}"), found, expected.clone())
-        });
-    }
-    if found == expected {
-        return Ok(());
-    }
-    Err(TrainError::OtherRun {
-        what: what.to_owned(),
-        found: found.to_string(),
-        expected: expected.to_string(),
-    })
 }
 
 fn require_finite(step: u64, quantity: &'static str, value: f64) -> Result<(), TrainError> {

@@ -1,0 +1,186 @@
+"""What a network learns in a given time under other settings, one changed at a time.
+
+    python3 benches/ablation.py OUT             trains, scores, and prints the tables of docs/learning.md
+    python3 benches/ablation.py OUT --pace      times the rows' steps instead, alternating, on a machine that is else idle
+
+OUT is a folder for data set, runs and scores. What it holds already is not made again, and an interrupted run goes on:
+start the script again. Needs Python's standard library and `target/release/tdcr` (or TDCR=path); takes about an hour.
+`--rows NAME,NAME` and `--evaluations N,N` do a part.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+
+ROOT = pathlib.Path(__file__).parent.parent
+TDCR = os.environ.get("TDCR", ROOT / "target/release/tdcr")
+
+# As `tdcr demo` makes it: 1,600 training, 200 validation and 200 test commands.
+DATA = ["--robot", "2m", "--samples", "2000", "--points", "10000"]
+# Steps of the default in the time that every row has.
+STEPS = 3000
+# Name: title, options of `tdcr train`, time of a step in default steps: the processor time of --pace on 2 cores.
+ROWS = {
+    "default": ("default: Muon, 64 clouds x 256 points, exponent 3", [], 1.0),
+    "transport": ("optimal transport within 32 points", ["--coupling", "optimal-transport:32"], 1.34),
+    "exponent-1": ("time exponent 1 (uniform times)", ["--time-exponent", "1"], 1.0),
+    "adamw": ("AdamW", ["--optimizer", "adamw"], 0.97),
+    "stream": ("fresh samples from the stream", ["--stream", "2m"], 0.95),
+    "few-clouds": ("8 clouds x 2,048 points (the paper's kind of batch)", ["--clouds", "8", "--points", "2048"], 0.98),
+    "exponent-2": ("time exponent 2", ["--time-exponent", "2"], 1.0),
+    "exponent-5": ("time exponent 5", ["--time-exponent", "5"], 1.0),
+}
+# Students of the default row: evaluations.
+STUDENTS = (4, 2)
+EVALUATIONS = (2, 4, 8, 16, 32, 64, 100, 200)
+# Title: method, exponent of the time grid, evaluations per step.
+SAMPLERS = {
+    "`heun`, equal steps (the paper's)": ("heun", 1, 2),
+    "`heun`, power 2": ("heun", 2, 2),
+    "`euler`, power 2": ("euler", 2, 1),
+    "`exponential`, power 2": ("exponential", 2, 1),
+}
+# Cheap, and the same for all: CD on 4,000 points. The earth mover's distances are not used.
+SCORING = ["--points", "4000", "--emd-points", "64", "--worst", "0"]
+# The ablation's sampler; 16 evaluations.
+SAMPLER = ("exponential", 16, 2)
+
+
+def tdcr(*arguments):
+    """Runs the program; returns what it says as JSON."""
+    command = [str(TDCR), *map(str, arguments), "--json", "--quiet"]
+    print("+", *command[1:-2], file=sys.stderr, flush=True)
+    return json.loads(subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout)
+
+
+class Study:
+    """The folder of an ablation."""
+
+    def __init__(self, out):
+        self.out = out
+        self.data = out / "data"
+        self.scores_file = out / "scores.json"
+        self.scores = json.loads(self.scores_file.read_text()) if self.scores_file.exists() else {}
+
+    def collect(self):
+        tdcr("collect", *DATA, "--out", self.data)
+
+    def sources(self, row):
+        """Options that say where a row's clouds come from."""
+        return ["--validation" if "--stream" in ROWS[row][1] else "--data", self.data]
+
+    def train(self, row):
+        """Trains a row for its share of the time; returns its steps."""
+        _, options, pace = ROWS[row]
+        steps = round(STEPS / pace)
+        tdcr("train", *options, *self.sources(row), "--steps", steps, "--out", self.out / row)
+        return steps
+
+    def distil(self, evaluations):
+        """Trains a student of the default row; returns its name."""
+        name = f"student-{evaluations}"
+        teacher = self.out / "default/model.safetensors"
+        options = ["--evaluations", evaluations, "--out", self.out / name]
+        tdcr("distill", "--model", teacher, "--data", self.data, *options)
+        return name
+
+    def score(self, run, sampler=None):
+        """CD (m^2) of a run's network and of the floor; `sampler` is a method, its steps and power, or the network's own."""
+        key = " ".join(map(str, [run, *(sampler or ["own"])]))
+        if key not in self.scores:
+            options = zip(("--sampler", "--sampler-steps", "--sampler-power"), sampler or ())
+            options = [argument for option in options for argument in option]
+            files = ["--model", self.out / run / "model.safetensors", "--data", self.data]
+            said = tdcr("eval", *files, *SCORING, *options)
+            self.scores[key] = {name: said[name] for name in ("cd", "cd_floor")}
+            self.scores_file.write_text(json.dumps(self.scores, indent=1))
+        return self.scores[key]
+
+
+def line(*cells):
+    print("|", " | ".join(map(str, cells)), "|", flush=True)
+
+
+def area(score):
+    return f"{score * 1e4:.3f}"
+
+
+def ablate(study, rows):
+    line("CD after the time of", f"{STEPS:,} default steps", "CD (1e-4 m²)", "CD / floor")
+    line("---", "---", "---", "---")
+    for row in rows:
+        steps = study.train(row)
+        score = study.score(row, SAMPLER)
+        line(ROWS[row][0], f"{steps:,}", area(score["cd"]), f"{score['cd'] / score['cd_floor']:.1f}")
+    line("sampling floor", "", area(score["cd_floor"]), "1")
+
+
+def count_evaluations(study, counts):
+    line("evaluations", *counts)
+    line(*["---"] * (1 + len(counts)))
+    study.train("default")
+    for title, (method, power, per_step) in SAMPLERS.items():
+        scores = (study.score("default", (method, count // per_step, power)) for count in counts)
+        line(title, *(area(score["cd"]) for score in scores))
+    students = {n: study.score(study.distil(n))["cd"] for n in STUDENTS if n in counts}
+    line("after `tdcr distill`", *(area(students[n]) if n in students else "" for n in counts))
+
+
+def seconds(study, row, steps):
+    """Wall-clock and processor time (s) of a run of `steps` steps."""
+    with tempfile.TemporaryDirectory() as out:
+        options = ["--steps", steps, "--validate-every", steps, "--out", out]
+        began, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
+        tdcr("train", *ROWS[row][1], *study.sources(row), *options)
+        wall, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def pace(study, rows, rounds=3, few=10, many=70):
+    """Prints what a step of each row takes: the least over `rounds` of a long run less a short one."""
+    least = {}
+    for _ in range(rounds):
+        for row in rows:
+            for steps in (few, many):
+                times = seconds(study, row, steps)
+                least[row, steps] = tuple(map(min, times, least.get((row, steps), times)))
+    per_step = {
+        row: [(long - short) / (many - few) for long, short in zip(least[row, many], least[row, few])] for row in rows
+    }
+    line("", "ms per step", "of the first", "processor ms per step", "of the first")
+    line(*["---"] * 5)
+    for row, (wall, processor) in per_step.items():
+        first = per_step[rows[0]]
+        times = (f"{1e3 * wall:.1f}", f"{wall / first[0]:.2f}", f"{1e3 * processor:.1f}", f"{processor / first[1]:.2f}")
+        line(row, *times)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=pathlib.Path)
+    parser.add_argument("--pace", action="store_true", help="time the rows' steps")
+    parser.add_argument("--rows", default=",".join(ROWS), help="rows of the ablation, default first")
+    parser.add_argument("--evaluations", default=",".join(map(str, EVALUATIONS)), help="columns of the second table")
+    arguments = parser.parse_args()
+    rows = [row for row in arguments.rows.split(",") if row]
+    counts = [int(count) for count in arguments.evaluations.split(",") if count]
+    study = Study(arguments.out)
+    study.collect()
+    if arguments.pace:
+        pace(study, rows)
+        return
+    if rows:
+        ablate(study, rows)
+        print()
+    if counts:
+        count_evaluations(study, counts)
+
+
+if __name__ == "__main__":
+    main()

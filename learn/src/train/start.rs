@@ -1,0 +1,96 @@
+//! Where the weights of a run start.
+
+use super::difference::require_same;
+use super::error::TrainError;
+use super::model::{Model, Provenance};
+use super::settings::Target;
+use super::state::hash;
+use crate::flow::{Stream, rng};
+use crate::net::{HybridShape, MlpShape, Network, NetworkShape, ShapeError};
+
+/// Where the weights of a run start.
+#[derive(Clone, Copy, Debug)]
+pub enum Start<'a> {
+    /// At random weights of a network of this shape, a function of [`TrainSettings::seed`](super::TrainSettings::seed).
+    Random(NetworkShape),
+    /// At the weights of this network.
+    Network(&'a Network),
+}
+
+impl From<NetworkShape> for Start<'_> {
+    fn from(shape: NetworkShape) -> Self {
+        Self::Random(shape)
+    }
+}
+
+impl From<MlpShape> for Start<'_> {
+    fn from(shape: MlpShape) -> Self {
+        Self::Random(shape.into())
+    }
+}
+
+impl From<HybridShape> for Start<'_> {
+    fn from(shape: HybridShape) -> Self {
+        Self::Random(shape.into())
+    }
+}
+
+impl<'a> From<&'a Network> for Start<'a> {
+    fn from(network: &'a Network) -> Self {
+        Self::Network(network)
+    }
+}
+
+impl<'a> Start<'a> {
+    /// At the weights of `model`, for a run of a network of `shape` on data of `provenance`.
+    ///
+    /// # Errors
+    /// [`TrainError::OtherStart`] where the model is of another shape, was trained on data of another normalisation, where
+    /// the same numbers mean other commands and points, or was distilled. Subjects are not compared.
+    pub fn at(
+        model: &'a Model,
+        shape: NetworkShape,
+        provenance: &Provenance,
+    ) -> Result<Self, TrainError> {
+        let of_model = &model.provenance.normalisation;
+        require_same("shape", &model.network.shape(), &shape)
+            .and_then(|()| require_same("normalisation", of_model, &provenance.normalisation))
+            .and_then(|()| require_same("target", &model.settings.target, &Target::Velocity))
+            .map_err(TrainError::other_start)?;
+        Ok(Self::Network(&model.network))
+    }
+
+    /// Shape of the network.
+    pub fn shape(&self) -> NetworkShape {
+        match self {
+            Self::Random(shape) => *shape,
+            Self::Network(network) => network.shape(),
+        }
+    }
+
+    /// The network at its start.
+    pub(super) fn network(&self, seed: u64) -> Result<Network, ShapeError> {
+        match self {
+            Self::Random(shape) => Network::new(*shape, &mut rng(seed, Stream::Parameters)),
+            Self::Network(network) => Ok((*network).clone()),
+        }
+    }
+
+    /// What tells it from other starts: [`fingerprint`] of a network; none for random weights, which follow from the settings.
+    pub(super) fn fingerprint(&self) -> Option<u64> {
+        match self {
+            Self::Random(_) => None,
+            Self::Network(network) => Some(fingerprint(network)),
+        }
+    }
+}
+
+/// A hash of all weights of a network.
+pub(super) fn fingerprint(network: &Network) -> u64 {
+    hash(network.params().iter().map(|weight| weight.to_bits()))
+}
+
+/// A start in words, from its fingerprint.
+pub(super) fn describe(fingerprint: Option<u64>) -> String {
+    fingerprint.map_or("random".to_owned(), |hash| format!("network {hash:016x}"))
+}
