@@ -6,10 +6,17 @@
 )]
 #![allow(clippy::unwrap_used, reason = "the clouds are valid")]
 
+use std::num::NonZeroUsize;
+
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use tdcr::learn::metrics::{chamfer, emd, emd_squared, surface_spread};
+use tdcr::learn::metrics::{
+    GroundCost, chamfer, emd, emd_approximate, emd_squared, surface_spread,
+};
+
+/// Neighbours that the approximate earth mover's distance takes together.
+const GROUP: NonZeroUsize = NonZeroUsize::new(8).unwrap();
 
 type Cloud = Vec<[f32; 3]>;
 
@@ -63,6 +70,13 @@ fn metrics(criterion: &mut Criterion) {
             group.bench_with_input(BenchmarkId::new("emd", pose), q, |bencher, q| {
                 bencher.iter(|| emd(&p, q).unwrap());
             });
+            group.bench_with_input(
+                BenchmarkId::new("emd_approximate", pose),
+                q,
+                |bencher, q| {
+                    bencher.iter(|| emd_approximate(&p, q, GroundCost::Distance, GROUP).unwrap());
+                },
+            );
             group.bench_with_input(BenchmarkId::new("emd_squared", pose), q, |bencher, q| {
                 bencher.iter(|| emd_squared(&p, q).unwrap());
             });

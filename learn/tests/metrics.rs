@@ -1,12 +1,14 @@
 //! The metrics against SciPy, against all permutations, and on geometry that is hard to match.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+use std::num::NonZeroUsize;
+
 use proptest::prelude::*;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_learn::metrics::{
-    Emd, GroundCost, MetricError, Side, chamfer, emd, emd_squared, emd_with,
+    Emd, GroundCost, MetricError, Side, chamfer, emd, emd_approximate, emd_squared, emd_with,
 };
 
 type Cloud = Vec<[f32; 3]>;
@@ -54,14 +56,19 @@ fn pair_cost(cost: GroundCost, a: [f32; 3], b: [f32; 3]) -> f64 {
     }
 }
 
-/// The matching is a permutation whose mean cost is the value, and the gap closes.
-fn assert_sound(p: &[[f32; 3]], q: &[[f32; 3]], cost: GroundCost, result: &Emd) {
+/// The matching is a permutation whose mean cost is the value.
+fn assert_matching(p: &[[f32; 3]], q: &[[f32; 3]], cost: GroundCost, result: &Emd) {
     let mut partners = result.matching.clone();
     partners.sort_unstable();
     assert!(partners.into_iter().eq(0..p.len()), "not a permutation");
     let pairs = p.iter().zip(&result.matching);
     let mean = pairs.map(|(a, &j)| pair_cost(cost, *a, q[j])).sum::<f64>() / p.len() as f64;
     assert_close("mean cost of the matching", mean, result.value);
+}
+
+/// The same, and the gap closes.
+fn assert_sound(p: &[[f32; 3]], q: &[[f32; 3]], cost: GroundCost, result: &Emd) {
+    assert_matching(p, q, cost, result);
     assert!(
         (0.0..=1e-9 * result.value).contains(&result.gap),
         "gap {:e} of value {:e}",
@@ -317,7 +324,65 @@ fn emd_names_what_is_wrong_with_its_clouds() {
     ));
 }
 
+/// How much above the least cost the approximation is, and its gap, relative to the least cost.
+fn excess_and_gap(p: &Cloud, q: &Cloud, cost: GroundCost, group: usize) -> [f64; 2] {
+    let result = emd_approximate(p, q, cost, NonZeroUsize::new(group).unwrap()).unwrap();
+    assert_matching(p, q, cost, &result);
+    let least = emd_with(p, q, cost).unwrap().value;
+    let excess = result.value - least;
+    assert!(excess >= -1e-12 * least, "{} below {least}", result.value);
+    assert!(
+        excess <= result.gap + 1e-9 * least,
+        "{excess:e} above the least, gap {:e}",
+        result.gap
+    );
+    [excess, result.gap].map(|x| x / least)
+}
+
+#[test]
+fn approximate_emd_is_near_for_clouds_apart() {
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    // 1,003 points make groups of 7 and of 8.
+    let (p, q) = (tube(1003, 0.1, &mut rng), tube(1003, 1.2, &mut rng));
+    let far: Cloud = q.iter().map(|[x, y, z]| [x + 1.0, *y, *z]).collect();
+    for cost in COSTS {
+        let [_, gap] = excess_and_gap(&p, &q, cost, 8);
+        assert!(gap < 0.2, "{gap}");
+        let [_, gap] = excess_and_gap(&p, &far, cost, 8);
+        assert!(gap < 0.01, "{gap}");
+    }
+}
+
+#[test]
+fn approximate_emd_names_what_is_wrong_with_its_clouds() {
+    let good = [[0.0; 3]; 2];
+    let unequal = emd_approximate(&good, &good[..1], COSTS[0], NonZeroUsize::MIN).unwrap_err();
+    assert_eq!(
+        unequal,
+        MetricError::UnequalSizes {
+            first: 2,
+            second: 1
+        }
+    );
+}
+
 proptest! {
+    #[test]
+    fn approximate_emd_keeps_its_bound((p, q) in pair(1..150, 1000), group in 1..20usize) {
+        for cost in COSTS {
+            excess_and_gap(&p, &q, cost, group);
+        }
+    }
+
+    #[test]
+    fn approximate_emd_keeps_its_bound_where_points_repeat((p, q) in pair(70..200, 1), group in 1..20usize) {
+        for cost in COSTS {
+            let result = emd_approximate(&p, &q, cost, NonZeroUsize::new(group).unwrap()).unwrap();
+            let least = emd_with(&p, &q, cost).unwrap().value;
+            prop_assert!(result.value >= least - 1e-12 && result.value - result.gap <= least + 1e-12);
+        }
+    }
+
     #[test]
     fn emd_is_least_over_all_permutations((p, q) in pair(1..8, 1000)) {
         for cost in COSTS {

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::matcher::Matcher;
 use super::{FlowError, require};
 use crate::channels::{Channels, DIM};
+use crate::metrics::Matcher;
 
 /// Largest group that is matched: the work grows with the cube of it.
 const MAX_BATCH: usize = 256;

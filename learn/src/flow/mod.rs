@@ -2,13 +2,11 @@
 //! integrates a learned flow.
 
 mod coupling;
-mod matcher;
 mod path;
 mod random;
 mod sampler;
 
 pub use coupling::Coupling;
-pub(crate) use matcher::Matcher;
 pub use path::FlowPath;
 pub use random::{Stream, rng};
 pub use sampler::{Method, Sampler, TimeGrid, VelocityField};

@@ -1,5 +1,7 @@
 //! Exact earth mover's distance between clouds of equal size.
 
+use std::ops::Range;
+
 use super::assignment::Assignment;
 use super::kdtree::{Aabb, KdTree, squared_distance};
 use super::priced_tree::PricedTree;
@@ -35,14 +37,14 @@ impl GroundCost {
     }
 }
 
-/// An optimal matching of two clouds, and the proof that it is optimal.
+/// A matching of two clouds, and the proof of how near to optimal it is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Emd {
     /// Mean ground cost of the matching (m, or m^2 for squared distances).
     pub value: f64,
     /// Duality gap, in the unit of `value`: no matching whatever has a mean cost below
-    /// `value - gap`. Zero but for rounding. The dual solution behind it was held against all pairs
-    /// of points after the matching was found.
+    /// `value - gap`. Of an exact solution it is zero but for rounding. The dual solution behind it
+    /// was held against all pairs of points.
     pub gap: f64,
     /// Index in the second cloud of the partner of each point of the first; a permutation.
     pub matching: Vec<usize>,
@@ -74,43 +76,59 @@ pub fn emd_squared(p: &[[f32; 3]], q: &[[f32; 3]]) -> Result<Emd, MetricError> {
 /// # Errors
 /// As [`emd`].
 pub fn emd_with(p: &[[f32; 3]], q: &[[f32; 3]], cost: GroundCost) -> Result<Emd, MetricError> {
-    let (first, second) = (checked(p, Side::First)?, checked(q, Side::Second)?);
-    if first.len() != second.len() {
-        return Err(MetricError::UnequalSizes {
-            first: first.len(),
-            second: second.len(),
-        });
-    }
-    let n = first.len();
-    let (first, second) = match cost {
-        GroundCost::Distance => (first, second),
-        // Moving a cloud as a whole adds the same to the cost of every bijection.
-        GroundCost::SquaredDistance => (centred(first), centred(second)),
-    };
-    let bounds = Aabb::of(first.iter().chain(&second));
-    let largest_cost = cost.of_squared(squared_distance(&bounds.min, &bounds.max));
-    let (first, second) = (KdTree::new(&first), KdTree::new(&second));
+    let [first, second] = trees(p, q, cost)?;
     let order = second.order().to_vec();
+    let bounds = Aabb::of(first.points().iter().chain(second.points()));
+    let largest_cost = cost.of_squared(squared_distance(&bounds.min, &bounds.max));
 
-    let prices = coarse_prices(&first, &second, cost);
+    let prices = start_prices(&first, &second, cost);
     let mut assignment = Assignment::new(first.points(), second, prices, cost);
     assignment.solve();
-    let gap = assignment.settle(TOLERANCE * largest_cost) / n as f64;
+    let gap = assignment.settle(TOLERANCE * largest_cost) / p.len() as f64;
 
-    let mut value = 0.0;
-    let mut matching = vec![0; n];
+    let mut matching = vec![0; p.len()];
     for (slot, &row) in first.order().iter().enumerate() {
         matching[row] = order[assignment.column_of(slot)];
-        value += cost.of_squared(squared_distance(
-            &p[row].map(f64::from),
-            &q[matching[row]].map(f64::from),
-        )) / n as f64;
     }
     Ok(Emd {
-        value,
+        value: mean_cost(p, q, &matching, cost),
         gap,
         matching,
     })
+}
+
+/// The two clouds as trees, once they are known to be clouds of one size.
+pub(super) fn trees(
+    p: &[[f32; 3]],
+    q: &[[f32; 3]],
+    cost: GroundCost,
+) -> Result<[KdTree; 2], MetricError> {
+    let clouds = [checked(p, Side::First)?, checked(q, Side::Second)?];
+    if p.len() != q.len() {
+        return Err(MetricError::UnequalSizes {
+            first: p.len(),
+            second: q.len(),
+        });
+    }
+    Ok(clouds.map(|cloud| match cost {
+        GroundCost::Distance => KdTree::new(&cloud),
+        // Moving a cloud as a whole adds the same to the cost of every bijection.
+        GroundCost::SquaredDistance => KdTree::new(&centred(cloud)),
+    }))
+}
+
+/// Mean cost (m, or m^2) of a matching.
+pub(super) fn mean_cost(
+    p: &[[f32; 3]],
+    q: &[[f32; 3]],
+    matching: &[usize],
+    cost: GroundCost,
+) -> f64 {
+    let costs = p.iter().zip(matching).map(|(p, &partner)| {
+        let squared = squared_distance(&p.map(f64::from), &q[partner].map(f64::from));
+        cost.of_squared(squared) / matching.len() as f64
+    });
+    costs.sum()
 }
 
 /// The cloud, moved so that its mean lies in the origin.
@@ -124,37 +142,56 @@ fn centred(mut cloud: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
     cloud
 }
 
-/// Prices of the points of `q`, nearly optimal, from the assignment between centroids.
-///
-/// The rows' potentials `u` of the coarse solution extend to any point `y` by their c-transform,
-/// `v(y) = min_a (c(x_a, y) - u_a)`, and `p = -v`.
-fn coarse_prices(p: &KdTree, q: &KdTree, cost: GroundCost) -> Vec<f64> {
-    if p.len() <= COARSEST {
-        return vec![0.0; q.len()];
+/// Prices of the points of `q` that an assignment starts from, the nearer to optimal the less is left to do.
+fn start_prices(p: &KdTree, q: &KdTree, cost: GroundCost) -> Vec<f64> {
+    match p.len() {
+        0..=COARSEST => vec![0.0; q.len()],
+        n => Coarse::new(p, q, n.div_ceil(COARSENING), cost).prices,
     }
-    let groups = p.len().div_ceil(COARSENING);
-    let (coarse_p, coarse_q) = (
-        KdTree::new(&centroids(p, groups)),
-        KdTree::new(&centroids(q, groups)),
-    );
-    let prices = coarse_prices(&coarse_p, &coarse_q, cost);
-    let mut assignment = Assignment::new(coarse_p.points(), coarse_q, prices, cost);
-    assignment.solve();
-    let potentials = (0..groups)
-        .map(|row| -assignment.row_potential(row))
-        .collect();
-    let transform = PricedTree::new(coarse_p, potentials, cost);
-    q.points()
-        .iter()
-        .map(|y| -transform.lowest_value(y, f64::INFINITY))
-        .collect()
 }
 
-/// Centroids of `groups` runs of neighbours of nearly equal size.
+/// The assignment between the centroids of groups of neighbours, and what it tells of the points.
+pub(super) struct Coarse {
+    /// For each group of `p`, its partner among those of `q`.
+    pub matching: Vec<usize>,
+    /// Prices of the points of `q`, nearly optimal, in slot order.
+    ///
+    /// The rows' potentials `u` of the coarse solution extend to any point `y` by their c-transform,
+    /// `v(y) = min_a (c(x_a, y) - u_a)`, and the prices are `-v`.
+    pub prices: Vec<f64>,
+}
+
+impl Coarse {
+    pub fn new(p: &KdTree, q: &KdTree, groups: usize, cost: GroundCost) -> Self {
+        let [coarse_p, coarse_q] = [p, q].map(|tree| KdTree::new(&centroids(tree, groups)));
+        let order = coarse_q.order().to_vec();
+        let prices = start_prices(&coarse_p, &coarse_q, cost);
+        let mut assignment = Assignment::new(coarse_p.points(), coarse_q, prices, cost);
+        assignment.solve();
+        let mut matching = vec![0; groups];
+        for (slot, &group) in coarse_p.order().iter().enumerate() {
+            matching[group] = order[assignment.column_of(slot)];
+        }
+        let potentials = (0..groups)
+            .map(|row| -assignment.row_potential(row))
+            .collect();
+        let transform = PricedTree::new(coarse_p, potentials, cost);
+        let prices = (q.points().iter())
+            .map(|y| -transform.lowest_value(y, f64::INFINITY))
+            .collect();
+        Self { matching, prices }
+    }
+}
+
+/// Slots of group `group` of `groups` nearly equal ones of `n` points, neighbours in tree order.
+pub(super) fn group_slots(n: usize, groups: usize, group: usize) -> Range<usize> {
+    n * group / groups..n * (group + 1) / groups
+}
+
+/// Centroids of `groups` groups of neighbours.
 fn centroids(tree: &KdTree, groups: usize) -> Vec<[f64; 3]> {
-    let n = tree.len();
     (0..groups)
-        .map(|group| mean(&tree.points()[n * group / groups..n * (group + 1) / groups]))
+        .map(|group| mean(&tree.points()[group_slots(tree.len(), groups, group)]))
         .collect()
 }
 

@@ -4,20 +4,24 @@
 //! A cloud is a slice of positions `[x, y, z]` (m) in any frame that both clouds share. Sums run in
 //! `f64`. Results do not depend on threads: every distance is found sequentially, and many calls may run at once.
 
+mod approximate;
 mod assignment;
 mod chamfer;
 mod color;
 mod emd;
 mod k_nearest;
 mod kdtree;
+mod matcher;
 mod nearest;
 mod priced_tree;
 mod rank;
 mod spread;
 
+pub use approximate::emd_approximate;
 pub use chamfer::chamfer;
 pub use color::{Colored, color_error};
 pub use emd::{Emd, GroundCost, emd, emd_squared, emd_with};
+pub(crate) use matcher::Matcher;
 pub use nearest::nearest_distances;
 pub use rank::rank_correlation;
 pub use spread::surface_spread;

@@ -5,7 +5,8 @@ use rayon::prelude::*;
 
 use super::settings::TrainSettings;
 use crate::data::CloudSet;
-use crate::flow::{Matcher, Stream, rng};
+use crate::flow::{Stream, rng};
+use crate::metrics::Matcher;
 use crate::net::{Batch, Channels};
 
 /// A step's batch: `B` clouds of `N` points.

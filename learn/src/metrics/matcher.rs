@@ -6,8 +6,7 @@ const FREE: usize = usize::MAX;
 /// Solves assignment problems one after another in memory that stays.
 ///
 /// Each row is matched along a shortest augmenting path in reduced costs (Jonker and Volgenant, Computing 38, 1987, without
-/// their reductions): `O(n^3)`. For clouds see [`metrics::emd_squared`](crate::metrics::emd_squared), whose memory grows
-/// with the points, not with the pairs.
+/// their reductions): `O(n^3)`. For clouds see [`emd`](super::emd), whose memory grows with the points, not with the pairs.
 #[derive(Debug, Default)]
 pub(crate) struct Matcher {
     /// `(n, n)`, row-major.
@@ -94,6 +93,11 @@ impl Matcher {
             }
         }
         nearest
+    }
+
+    /// The row that each column is matched with, of the last problem.
+    pub fn rows(&self) -> &[usize] {
+        &self.row_of
     }
 
     /// Puts the rows of `values` `(n, width)` where the columns are that they were matched with.
