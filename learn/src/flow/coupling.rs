@@ -96,7 +96,8 @@ mod tests {
 
     fn mean_square(from: &[[f32; 3]], to: &[[f32; 3]]) -> f64 {
         let square = |(x, y): (&[f32; 3], &[f32; 3])| -> f64 {
-            (0..3).map(|k| f64::from(x[k] - y[k]).powi(2)).sum()
+            let difference = |k: usize| f64::from(x[k]) - f64::from(y[k]);
+            (0..3).map(|k| difference(k).powi(2)).sum()
         };
         from.iter().zip(to).map(square).sum::<f64>() / from.len() as f64
     }
@@ -134,7 +135,8 @@ mod tests {
                 let [prior, coupled, data] = [prior, coupled, data].map(|rows| positions(rows, channels));
                 let least = emd_squared(&prior, &data).expect("clouds of equal size").value;
                 let reached = mean_square(&coupled, &data);
-                prop_assert!((reached - least).abs() <= 1e-9 * (1.0 + least), "{reached} is not {least}");
+                // Costs are squares of f32 differences.
+                prop_assert!((reached - least).abs() <= 1e-6 * least, "{reached} is not {least}");
             }
         }
     }
