@@ -39,7 +39,7 @@ pub struct EvalSettings {
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 4;
+const JOURNAL_FORMAT: u32 = 5;
 
 /// A finished piece of the evaluation.
 #[derive(Serialize, Deserialize)]
@@ -258,7 +258,9 @@ impl<'a> Evaluator<'a> {
                 .as_ref()
                 .map(|s| against(&s.mean.points))
                 .transpose()?,
-            floor: simulated.map(|cloud| against(&cloud.points)).transpose()?,
+            floor: simulated
+                .map(|cloud| self.floor(&self.subset(&cloud.points, &mut rng), &truth))
+                .transpose()?,
             color: colors.map(color).transpose()?,
             uncertainty: uncertainty(&prediction, &cloud.points)?,
         })
@@ -279,17 +281,33 @@ impl<'a> Evaluator<'a> {
         truth: &[[f32; 3]],
     ) -> Result<Distances, PipelineError> {
         let few = self.settings.emd_points;
-        let (few_of_cloud, few_of_truth) = (&cloud[..few], &truth[..few]);
-        let emd = emd(few_of_cloud, few_of_truth)?;
-        let emd_squared = emd_squared(few_of_cloud, few_of_truth)?;
-        Ok(Distances {
-            cd: chamfer(cloud, truth)?,
-            emd: emd.value,
-            emd_gap: emd.gap,
-            emd_squared: emd_squared.value,
-            emd_squared_gap: emd_squared.gap,
-        })
+        distances([cloud, truth], [&cloud[..few], &truth[..few]])
     }
+
+    /// What two samples of the same surfaces score. For CD the second is what other cameras see; but those see some parts,
+    /// like a base, in another density, which counts in the earth mover's distances: for them it is other points of `truth`,
+    /// where there are enough.
+    fn floor(&self, again: &[[f32; 3]], truth: &[[f32; 3]]) -> Result<Distances, PipelineError> {
+        let few = self.settings.emd_points;
+        let second = truth.get(few..2 * few).unwrap_or(&again[..few]);
+        distances([again, truth], [second, &truth[..few]])
+    }
+}
+
+/// CD of one pair of clouds, earth mover's distances of another.
+fn distances(
+    [cloud, truth]: [&[[f32; 3]]; 2],
+    [few_of_cloud, few_of_truth]: [&[[f32; 3]]; 2],
+) -> Result<Distances, PipelineError> {
+    let emd = emd(few_of_cloud, few_of_truth)?;
+    let emd_squared = emd_squared(few_of_cloud, few_of_truth)?;
+    Ok(Distances {
+        cd: chamfer(cloud, truth)?,
+        emd: emd.value,
+        emd_gap: emd.gap,
+        emd_squared: emd_squared.value,
+        emd_squared_gap: emd_squared.gap,
+    })
 }
 
 impl Simulation {

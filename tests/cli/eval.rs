@@ -200,6 +200,25 @@ fn the_report_is_a_page_of_its_own_that_shows_the_worst_tests() {
     assert!(!page.contains("http:") && !page.contains("https:") && !page.contains("Training</h2>"));
 }
 
+/// Other cameras see the base in another density, and that alone would put the floor where the nearest command is.
+#[test]
+fn the_floor_of_a_set_with_a_base_is_below_other_commands() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    let size = ["collect", "--samples", "40", "--points", "2000", "--base"];
+    succeed_json(&[&size[..], &["--out", text(&data)]].concat());
+    let trained = train_tiny(&data, &run, &[]);
+    let model = trained["model"].as_str().unwrap();
+    let eval = ["eval", "--model", model, "--data", text(&data)];
+    let points = ["--points", "2000", "--emd-points", "400"];
+    let scores = succeed_json(&[&eval[..], &points].concat());
+    let [floor, nearest] = ["emd_squared_floor", "emd_squared_nearest"].map(|k| number(&scores[k]));
+    assert!(
+        floor < 0.5 * nearest,
+        "floor {floor} m^2, nearest {nearest} m^2"
+    );
+}
+
 #[test]
 fn a_report_that_cannot_be_written_takes_no_scores_with_it() {
     let (folder, arguments) = trained(&[]);
