@@ -10,6 +10,13 @@ fn header(run: &Path) -> String {
     String::from_utf8_lossy(&fs::read(run.join("state.safetensors")).unwrap()).into_owned()
 }
 
+fn loss_of_step_10(run: &Path) -> f64 {
+    let log = fs::read_to_string(run.join("log.csv")).unwrap();
+    let line = log.lines().nth(1).unwrap();
+    let loss = line.strip_prefix("10,").unwrap().split(',').next();
+    loss.unwrap().parse().unwrap()
+}
+
 #[test]
 fn a_run_that_starts_at_a_model_is_taken_up_with_the_same_model_alone() {
     let folder = tempfile::tempdir().unwrap();
@@ -21,6 +28,8 @@ fn a_run_that_starts_at_a_model_is_taken_up_with_the_same_model_alone() {
     let trained = train_tiny(&data, &second, &init);
     assert!(header(&second).contains(r#"\"muon\":{\"learning_rate\":0.002}"#));
     assert_eq!(train_tiny(&data, &second, &init), trained);
+    let [at_random, at_model] = [&first, &second].map(|run| loss_of_step_10(run));
+    assert!(at_model < 0.7 * at_random, "{at_model} and {at_random}");
 
     let other = |init: &[&str], expected: &str| {
         let places = ["--data", text(&data), "--out", text(&second)];
