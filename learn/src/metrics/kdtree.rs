@@ -85,7 +85,7 @@ fn greater(a: f64, b: f64) -> f64 {
 
 /// The index of a point below a key to sort it by, in one word, which is faster to move and to compare than the point.
 /// Keys are coordinates in single precision: a tree is right wherever it is cut. Equal keys are in the order of their
-/// indices.
+/// indices, of which there are fewer than `2^32` (100 GB of points).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Entry(u64);
 
