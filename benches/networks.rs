@@ -18,7 +18,7 @@ use serde::Serialize;
 use tdcr::learn::data::CloudSet;
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::{
-    Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, vector_lanes,
+    Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, Precision, vector_lanes,
 };
 use tdcr::learn::train::{Optimizer, TrainSettings, Trainer};
 
@@ -97,9 +97,14 @@ fn main() {
         head: MLP,
         context: ContextShape::default(),
     };
-    let measured = match std::env::args().nth(1).as_deref() {
-        Some("hybrid") => measure(hybrid.into(), 2, 5, None),
-        _ => measure(MLP.into(), 8, 7, Some(SAMPLER)),
+    let argument = |index| std::env::args().nth(index);
+    let precision = match argument(2).as_deref() {
+        Some("bfloat16") => Precision::Bfloat16,
+        _ => Precision::Float32,
+    };
+    let measured = match argument(1).as_deref() {
+        Some("hybrid") => measure(hybrid.into(), precision, [2, 5], None),
+        _ => measure(MLP.into(), precision, [8, 7], Some(SAMPLER)),
     };
     println!(
         "{}",
@@ -108,12 +113,18 @@ fn main() {
 }
 
 /// Takes `steps` timed steps of `clouds` clouds, and samples three clouds.
-fn measure(shape: NetworkShape, clouds: usize, steps: usize, sampler: Option<Sampler>) -> Measured {
+fn measure(
+    shape: NetworkShape,
+    precision: Precision,
+    [clouds, steps]: [usize; 2],
+    sampler: Option<Sampler>,
+) -> Measured {
     let set = noise();
     let settings = TrainSettings {
         clouds,
         points: POINTS,
         optimizer: Optimizer::AdamW,
+        precision,
         learning_rate: 3e-4,
         validation_clouds: 1,
         ..TrainSettings::default()
@@ -131,6 +142,7 @@ fn measure(shape: NetworkShape, clouds: usize, steps: usize, sampler: Option<Sam
     drop(trainer);
 
     let network = Network::new(shape, &mut ChaCha8Rng::seed_from_u64(0)).expect("a valid shape");
+    let network = network.with_precision(precision);
     let products = products(&shape, clouds, POINTS);
     let step_flops = 3 * clouds as u64 * network.flops(POINTS);
     Measured {

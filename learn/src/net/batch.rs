@@ -8,12 +8,16 @@ use super::conditioner::ConditionerTape;
 use super::hybrid::CloudTape;
 use super::kernels::add;
 use super::mlp::Mlp;
-use super::trunk::{Keep, TILE, Trunk, TrunkGradient, TrunkTape};
+use super::bf16::Passes;
+use super::trunk::{Keep, TilePass, Trunk, TrunkGradient, TrunkTapes, TrunkWeights};
+use super::trunk_bf16::{self, PackedTrunk};
 use crate::channels::{Channels, DIM};
-use crate::pool::Pool;
 
-/// Points per share: the unit of parallel work. Fixed, so that sums are grouped alike for any number of threads.
-const SHARE: usize = 8 * TILE;
+/// Tiles per share, the unit of parallel work. Fixed, so that sums are grouped alike for any number of threads.
+const SHARE: usize = 8;
+
+/// Most points of a tile, whatever its numbers.
+const LARGEST_TILE: usize = trunk_bf16::TILE;
 
 /// Parameters that one task sums over the shares.
 const STRIPE: usize = 4096;
@@ -80,6 +84,7 @@ pub struct Workspace {
     pub(super) shares: Vec<Share>,
     pub(super) d_modulation: Vec<f32>,
     pub(super) cloud: Option<CloudTape>,
+    pub(super) packed: PackedTrunk,
 }
 
 /// Some points of one cloud, and their part of the loss and of the gradient.
@@ -114,17 +119,19 @@ impl Mlp {
             shares,
             d_modulation,
             cloud: _,
+            packed,
         } = workspace;
         self.conditioner
             .forward(params, batch.times, batch.conditions, conditioner);
         let (clouds, channels) = (batch.clouds(), shape.channels.count());
-        divide(clouds, batch.points.len() / clouds / channels, shares);
         let pass = PointPass {
             trunk: &self.trunk,
-            params: &params[self.trunk.range.clone()],
+            weights: self.trunk_weights(packed, Passes::Training),
             tapes: &self.tapes,
             loss: batch.loss(shape.channels),
         };
+        let points = batch.points.len() / clouds / channels;
+        divide(clouds, points, pass.weights.tile(), shares);
         let modulation_len = self.conditioner.outputs();
         shares.par_iter_mut().for_each(|share| {
             let modulation = &conditioner.modulation[share.cloud * modulation_len..];
@@ -160,19 +167,17 @@ impl Mlp {
 /// Forward and backward pass of the layers that act on points.
 pub(super) struct PointPass<'a> {
     pub trunk: &'a Trunk,
-    /// The trunk's.
-    pub params: &'a [f32],
-    pub tapes: &'a Pool<TrunkTape>,
+    pub weights: TrunkWeights<'a>,
+    pub tapes: &'a TrunkTapes,
     pub loss: Loss,
 }
 
 impl PointPass<'_> {
     /// One share, tile by tile: `points` `(.., inputs)` and `targets` `(.., C)` are of all shares.
     pub fn run(&self, modulation: &[f32], points: &[f32], targets: &[f32], share: &mut Share) {
-        self.tapes.with(
-            || self.trunk.tape(),
-            |tape| self.evaluate(modulation, points, targets, share, tape),
-        );
+        self.trunk.with_pass(self.weights, self.tapes, |pass| {
+            self.evaluate(modulation, points, targets, share, pass);
+        });
     }
 
     fn evaluate(
@@ -181,33 +186,25 @@ impl PointPass<'_> {
         points: &[f32],
         targets: &[f32],
         share: &mut Share,
-        tape: &mut TrunkTape,
+        pass: &mut dyn TilePass,
     ) {
         let (inputs, channels) = (self.trunk.input.inputs, self.loss.channels);
         let Range { start, end } = share.points;
         share.squared_error = 0.0;
-        reset(&mut share.gradient.params, self.params.len());
+        reset(&mut share.gradient.params, self.weights.params.len());
         reset(&mut share.gradient.modulation, modulation.len());
         if let Some(d_points) = &mut share.gradient.points {
             d_points.clear();
         }
-        let points = points[start * inputs..end * inputs].chunks(TILE * inputs);
-        let targets = targets[start * channels..end * channels].chunks(TILE * channels);
-        let mut velocities = [0.0; TILE * Channels::XyzRgb.count()];
+        let tile = self.weights.tile();
+        let points = points[start * inputs..end * inputs].chunks(tile * inputs);
+        let targets = targets[start * channels..end * channels].chunks(tile * channels);
+        let mut velocities = [0.0; LARGEST_TILE * Channels::XyzRgb.count()];
         for (points, targets) in points.zip(targets) {
             let velocities = &mut velocities[..targets.len()];
-            let keep = Keep::EveryBlock;
-            self.trunk
-                .forward(self.params, modulation, points, keep, tape, velocities);
+            pass.forward(modulation, points, Keep::EveryBlock, velocities);
             share.squared_error += self.loss.differentiate(velocities, targets);
-            self.trunk.backward(
-                self.params,
-                modulation,
-                points,
-                velocities,
-                tape,
-                &mut share.gradient,
-            );
+            pass.backward(modulation, points, velocities, &mut share.gradient);
         }
     }
 }
@@ -239,15 +236,16 @@ impl Loss {
     }
 }
 
-/// Divides `clouds` clouds of `points` points into shares, cloud by cloud. Keeps the buffers of `shares`.
-pub(super) fn divide(clouds: usize, points: usize, shares: &mut Vec<Share>) {
-    let per_cloud = points.div_ceil(SHARE);
+/// Divides `clouds` clouds of `points` points into shares of tiles of `tile` points, cloud by cloud. Keeps the buffers of `shares`.
+pub(super) fn divide(clouds: usize, points: usize, tile: usize, shares: &mut Vec<Share>) {
+    let len = SHARE * tile;
+    let per_cloud = points.div_ceil(len);
     shares.resize_with(clouds * per_cloud, Share::default);
     for (index, share) in shares.iter_mut().enumerate() {
         share.cloud = index / per_cloud;
-        let start = index % per_cloud * SHARE;
+        let start = index % per_cloud * len;
         let first = share.cloud * points;
-        share.points = first + start..first + points.min(start + SHARE);
+        share.points = first + start..first + points.min(start + len);
     }
 }
 

@@ -11,8 +11,9 @@ use super::conditioner::{Conditioner, ConditionerTape, Part};
 use super::context::{ContextInput, ContextNet, ContextTape};
 use super::context_shape::ContextShape;
 use super::kernels::add;
+use super::precision::Precision;
 use super::shape::{MlpShape, ShapeError, Table, TensorSpec, fan_in};
-use super::trunk::{Trunk, TrunkTape};
+use super::trunk::{Trunk, TrunkTapes, TrunkWeights};
 use crate::pool::Pool;
 
 /// Shape of a hybrid velocity network.
@@ -85,9 +86,10 @@ struct Layers {
 #[derive(Clone, Debug)]
 pub struct Hybrid {
     shape: HybridShape,
+    precision: Precision,
     params: Vec<f32>,
     layers: Layers,
-    tapes: Pool<TrunkTape>,
+    tapes: TrunkTapes,
     clouds: Pool<(ConditionerTape, CloudTape)>,
 }
 
@@ -139,9 +141,10 @@ impl Hybrid {
         }
         Ok(Self {
             shape,
+            precision: Precision::default(),
             params,
             layers,
-            tapes: Pool::default(),
+            tapes: TrunkTapes::default(),
             clouds: Pool::default(),
         })
     }
@@ -159,6 +162,16 @@ impl Hybrid {
     /// The flat parameter vector, to be changed in place.
     pub fn params_mut(&mut self) -> &mut [f32] {
         &mut self.params
+    }
+
+    /// What numbers its products are of.
+    pub fn precision(&self) -> Precision {
+        self.precision
+    }
+
+    /// The same network with products of other numbers.
+    pub fn with_precision(self, precision: Precision) -> Self {
+        Self { precision, ..self }
     }
 
     /// Floating-point operations of the velocities of a cloud of `points` points, products alone.
@@ -195,6 +208,7 @@ impl Hybrid {
             shares,
             d_modulation,
             cloud,
+            packed: _,
         } = workspace;
         let cloud = cloud.get_or_insert_with(|| self.cloud_tape());
         let conditioner = &self.layers.conditioner;
@@ -205,7 +219,7 @@ impl Hybrid {
         let stride = batch.points.len() / batch.clouds();
         let loss = batch.loss(head.channels);
         let mut squared_error = 0.0;
-        divide(1, stride / head.channels.count(), shares);
+        divide(1, stride / head.channels.count(), 128, shares);
         for (k, &time) in batch.times.iter().enumerate() {
             let modulations = k * conditioner.outputs()..(k + 1) * conditioner.outputs();
             let sample = CloudBatch {
@@ -235,7 +249,10 @@ impl Hybrid {
         self.see(sample.time, &sample.modulation, sample.points, tape);
         let pass = PointPass {
             trunk,
-            params: &self.params[trunk.range.clone()],
+            weights: TrunkWeights {
+                params: &self.params[trunk.range.clone()],
+                packed: None,
+            },
             tapes: &self.tapes,
             loss: sample.loss,
         };
@@ -379,9 +396,12 @@ impl VelocityField for Hybrid {
             conditioner.forward(&self.params, &[t], condition, tape);
             let modulation = self.split(&tape.modulation);
             self.see(t, &modulation, points, cloud);
-            let params = &self.params[trunk.range.clone()];
+            let weights = TrunkWeights {
+                params: &self.params[trunk.range.clone()],
+                packed: None,
+            };
             trunk.velocities(
-                params,
+                weights,
                 modulation.head,
                 &cloud.inputs,
                 &self.tapes,

@@ -234,7 +234,7 @@ impl WithSimd for ModulateBackward<'_> {
 
 /// Sum of a row's elements.
 #[inline(always)]
-fn sum<S: Simd>(simd: S, x: &[f32]) -> f32 {
+pub(super) fn sum<S: Simd>(simd: S, x: &[f32]) -> f32 {
     let (x, rest) = S::as_simd_f32s(x);
     let lanes = x
         .iter()
@@ -244,7 +244,7 @@ fn sum<S: Simd>(simd: S, x: &[f32]) -> f32 {
 
 /// Scalar product of two rows.
 #[inline(always)]
-fn dot<S: Simd>(simd: S, x: &[f32], y: &[f32]) -> f32 {
+pub(super) fn dot<S: Simd>(simd: S, x: &[f32], y: &[f32]) -> f32 {
     let ((x, x_rest), (y, y_rest)) = (S::as_simd_f32s(x), S::as_simd_f32s(y));
     let lanes = x.iter().zip(y).fold(simd.splat_f32s(0.0), |sums, (x, y)| {
         simd.mul_add_f32s(*x, *y, sums)

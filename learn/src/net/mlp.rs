@@ -6,18 +6,22 @@ use crate::flow::VelocityField;
 
 use super::conditioner::{Conditioner, ConditionerTape};
 use super::shape::{MlpShape, ShapeError, Table};
-use super::trunk::{Trunk, TrunkTape};
+use super::bf16::Passes;
+use super::precision::Precision;
+use super::trunk::{Trunk, TrunkTapes, TrunkWeights};
+use super::trunk_bf16::PackedTrunk;
 use crate::pool::Pool;
 
 /// The paper's MLP velocity network (Sec. Method, Eq. mlp_velocity): every point alone, weights shared.
 #[derive(Clone, Debug)]
 pub struct Mlp {
     shape: MlpShape,
+    precision: Precision,
     params: Vec<f32>,
     pub(super) conditioner: Conditioner,
     pub(super) trunk: Trunk,
-    pub(super) tapes: Pool<TrunkTape>,
-    conditioner_tapes: Pool<ConditionerTape>,
+    pub(super) tapes: TrunkTapes,
+    scratch: Pool<(ConditionerTape, PackedTrunk)>,
 }
 
 impl Mlp {
@@ -56,15 +60,43 @@ impl Mlp {
             conditioner,
             trunk,
             shape,
+            precision: Precision::default(),
             params,
-            tapes: Pool::default(),
-            conditioner_tapes: Pool::default(),
+            tapes: TrunkTapes::default(),
+            scratch: Pool::default(),
         })
     }
 
     /// The network's shape.
     pub fn shape(&self) -> MlpShape {
         self.shape
+    }
+
+    /// What numbers its products are of.
+    pub fn precision(&self) -> Precision {
+        self.precision
+    }
+
+    /// The same network with products of other numbers.
+    pub fn with_precision(self, precision: Precision) -> Self {
+        Self { precision, ..self }
+    }
+
+    /// The trunk's weights, packed for `passes` where its products are of bfloat16 numbers.
+    pub(super) fn trunk_weights<'a>(
+        &'a self,
+        packed: &'a mut PackedTrunk,
+        passes: Passes,
+    ) -> TrunkWeights<'a> {
+        let params = &self.params[self.trunk.range.clone()];
+        let packed = match self.precision {
+            Precision::Float32 => None,
+            Precision::Bfloat16 => {
+                packed.set(&self.trunk, params, passes);
+                Some(&*packed)
+            }
+        };
+        TrunkWeights { params, packed }
     }
 
     /// Floating-point operations of the velocities of a cloud of `points` points, products alone.
@@ -95,13 +127,11 @@ impl VelocityField for Mlp {
             "condition dimension"
         );
         assert_eq!(points.len(), velocities.len(), "one velocity per point");
-        self.conditioner_tapes
-            .with(ConditionerTape::default, |tape| {
-                self.conditioner
-                    .forward(&self.params, &[t], condition, tape);
-                let params = &self.params[self.trunk.range.clone()];
-                self.trunk
-                    .velocities(params, &tape.modulation, points, &self.tapes, velocities);
-            });
+        self.scratch.with(Default::default, |(tape, packed)| {
+            self.conditioner.forward(&self.params, &[t], condition, tape);
+            let weights = self.trunk_weights(packed, Passes::Forward);
+            self.trunk
+                .velocities(weights, &tape.modulation, points, &self.tapes, velocities);
+        });
     }
 }

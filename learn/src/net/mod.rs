@@ -47,6 +47,7 @@
 //! A cloud's blocks of points and planes of voxels run in parallel, sums over them in fixed order.
 
 mod batch;
+mod bf16;
 #[cfg(test)]
 mod check;
 mod conditioner;
@@ -60,11 +61,13 @@ mod hybrid;
 mod kernels;
 mod mlp;
 mod network;
+mod precision;
 mod pv_conv;
 mod rows;
 mod shape;
 mod squeeze;
 mod trunk;
+mod trunk_bf16;
 mod voxels;
 
 pub use crate::channels::{Channels, DIM};
@@ -74,4 +77,5 @@ pub use hybrid::{Hybrid, HybridShape};
 pub use kernels::vector_lanes;
 pub use mlp::Mlp;
 pub use network::{Network, NetworkShape};
+pub use precision::Precision;
 pub use shape::{MlpShape, ShapeError, TensorSpec};

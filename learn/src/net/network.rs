@@ -9,6 +9,7 @@ use crate::flow::VelocityField;
 use super::batch::{Batch, Workspace};
 use super::hybrid::{Hybrid, HybridShape};
 use super::mlp::Mlp;
+use super::precision::Precision;
 use super::shape::{MlpShape, ShapeError, TensorSpec};
 use crate::channels::Channels;
 
@@ -139,6 +140,22 @@ impl Network {
         match self {
             Self::Mlp(network) => network.params_mut(),
             Self::Hybrid(network) => network.params_mut(),
+        }
+    }
+
+    /// What numbers its products are of: [`Precision::Float32`] unless asked for otherwise.
+    pub fn precision(&self) -> Precision {
+        match self {
+            Self::Mlp(network) => network.precision(),
+            Self::Hybrid(network) => network.precision(),
+        }
+    }
+
+    /// The same network with products of other numbers.
+    pub fn with_precision(self, precision: Precision) -> Self {
+        match self {
+            Self::Mlp(network) => Self::Mlp(Box::new(network.with_precision(precision))),
+            Self::Hybrid(network) => Self::Hybrid(Box::new(network.with_precision(precision))),
         }
     }
 

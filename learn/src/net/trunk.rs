@@ -10,6 +10,7 @@ use super::kernels::{
     BlockTape, Modulate, ModulateBackward, activate, fill_rows, multiply, sum_rows,
 };
 use super::shape::{MlpShape, Table, fan_in};
+use super::trunk_bf16::{self, Bf16Pass, PackedTrunk};
 use crate::pool::Pool;
 
 /// Points per tile: few enough that the features of all blocks stay in a core's cache, enough to feed the products.
@@ -18,10 +19,10 @@ pub(super) const TILE: usize = 128;
 /// The layers that act on points; their tensors' ranges count from the first of them (`Trunk::range`).
 #[derive(Clone, Debug)]
 pub(super) struct Trunk {
-    width: usize,
+    pub width: usize,
     /// The points' share of the input layer; its bias is part of the modulation's shift.
     pub input: Dense,
-    blocks: Vec<Dense>,
+    pub blocks: Vec<Dense>,
     pub output: Dense,
     /// Where the trunk's tensors lie in the flat parameter vector.
     pub range: Range<usize>,
@@ -35,6 +36,47 @@ pub(super) struct TrunkTape {
     activated: Vec<f32>,
     slope: Vec<f32>,
     d_activated: Vec<f32>,
+}
+
+/// Tapes for either kind of numbers.
+#[derive(Clone, Debug, Default)]
+pub(super) struct TrunkTapes {
+    float32: Pool<TrunkTape>,
+    bfloat16: Pool<trunk_bf16::TrunkTape>,
+}
+
+/// The trunk's parameters, and the hidden layers' weights in tiles where their products are of bfloat16 numbers.
+#[derive(Clone, Copy)]
+pub(super) struct TrunkWeights<'a> {
+    pub params: &'a [f32],
+    pub packed: Option<&'a PackedTrunk>,
+}
+
+impl TrunkWeights<'_> {
+    /// Points per tile.
+    pub fn tile(self) -> usize {
+        match self.packed {
+            None => TILE,
+            Some(_) => trunk_bf16::TILE,
+        }
+    }
+}
+
+/// The trunk's layers on one tile of points.
+pub(super) trait TilePass {
+    /// Velocities `(T, C)` of at most [`TrunkWeights::tile`] points `(T, inputs)` under one cloud's modulation vector.
+    fn forward(&mut self, modulation: &[f32], points: &[f32], keep: Keep, velocities: &mut [f32]);
+
+    /// Backward pass of [`TilePass::forward`], from `d_velocities` `(T, C)`, the gradient by its velocities.
+    ///
+    /// Adds to `gradient`. Consumes the tape's features.
+    fn backward(
+        &mut self,
+        modulation: &[f32],
+        points: &[f32],
+        d_velocities: &[f32],
+        gradient: &mut TrunkGradient,
+    );
 }
 
 /// What a forward pass keeps.
@@ -105,8 +147,59 @@ impl Trunk {
         layers.map(|layer| layer.flops(points)).sum()
     }
 
+    /// Velocities `(N, C)` of any number of points `(N, inputs)`, tile by tile in parallel.
+    pub fn velocities(
+        &self,
+        weights: TrunkWeights,
+        modulation: &[f32],
+        points: &[f32],
+        tapes: &TrunkTapes,
+        velocities: &mut [f32],
+    ) {
+        let tile = weights.tile();
+        points
+            .par_chunks(tile * self.input.inputs)
+            .zip(velocities.par_chunks_mut(tile * self.output.outputs))
+            .for_each(|(points, velocities)| {
+                self.with_pass(weights, tapes, |pass| {
+                    pass.forward(modulation, points, Keep::Nothing, velocities);
+                });
+            });
+    }
+
+    /// Runs `work` with the pass that suits the weights.
+    pub fn with_pass<R>(
+        &self,
+        weights: TrunkWeights,
+        tapes: &TrunkTapes,
+        work: impl FnOnce(&mut dyn TilePass) -> R,
+    ) -> R {
+        let TrunkWeights { params, packed } = weights;
+        let trunk = self;
+        match packed {
+            None => tapes.float32.with(
+                || self.tape(),
+                |tape| {
+                    work(&mut Float32Pass {
+                        trunk,
+                        params,
+                        tape,
+                    })
+                },
+            ),
+            Some(packed) => tapes.bfloat16.with(trunk_bf16::TrunkTape::default, |tape| {
+                work(&mut Bf16Pass {
+                    trunk,
+                    params,
+                    packed,
+                    tape,
+                })
+            }),
+        }
+    }
+
     /// Room for one tile.
-    pub fn tape(&self) -> TrunkTape {
+    fn tape(&self) -> TrunkTape {
         let matrix = || vec![0.0; TILE * self.width];
         TrunkTape {
             features: matrix(),
@@ -120,52 +213,34 @@ impl Trunk {
             d_activated: matrix(),
         }
     }
+}
 
-    /// Velocities `(N, C)` of any number of points `(N, inputs)`, tile by tile in parallel.
-    pub fn velocities(
-        &self,
-        params: &[f32],
-        modulation: &[f32],
-        points: &[f32],
-        tapes: &Pool<TrunkTape>,
-        velocities: &mut [f32],
-    ) {
-        points
-            .par_chunks(TILE * self.input.inputs)
-            .zip(velocities.par_chunks_mut(TILE * self.output.outputs))
-            .for_each(|(points, velocities)| {
-                tapes.with(
-                    || self.tape(),
-                    |tape| {
-                        let keep = Keep::Nothing;
-                        self.forward(params, modulation, points, keep, tape, velocities);
-                    },
-                );
-            });
-    }
+/// The trunk in floats.
+struct Float32Pass<'a> {
+    trunk: &'a Trunk,
+    params: &'a [f32],
+    tape: &'a mut TrunkTape,
+}
 
-    /// Velocities `(T, C)` of at most [`TILE`] points `(T, inputs)` under one cloud's modulation vector.
-    pub fn forward(
-        &self,
-        params: &[f32],
-        modulation: &[f32],
-        points: &[f32],
-        keep: Keep,
-        tape: &mut TrunkTape,
-        velocities: &mut [f32],
-    ) {
-        let len = points.len() / self.input.inputs * self.width;
-        let (shift, blocks) = modulation.split_at(self.width);
+impl TilePass for Float32Pass<'_> {
+    fn forward(&mut self, modulation: &[f32], points: &[f32], keep: Keep, velocities: &mut [f32]) {
+        let Self {
+            trunk,
+            params,
+            tape,
+        } = self;
+        let len = points.len() / trunk.input.inputs * trunk.width;
+        let (shift, blocks) = modulation.split_at(trunk.width);
         let features = &mut tape.features[..len];
         fill_rows(features, shift);
-        self.input.add_product(params, points, features);
-        let modulations = blocks.chunks_exact(2 * self.width);
-        for (l, (layer, modulation)) in self.blocks.iter().zip(modulations).enumerate() {
+        trunk.input.add_product(params, points, features);
+        let modulations = blocks.chunks_exact(2 * trunk.width);
+        for (l, (layer, modulation)) in trunk.blocks.iter().zip(modulations).enumerate() {
             let tape = match keep {
                 Keep::EveryBlock => &mut tape.blocks[l],
                 Keep::Nothing => &mut tape.blocks[0],
             };
-            let (scale, offset) = modulation.split_at(self.width);
+            let (scale, offset) = modulation.split_at(trunk.width);
             let bias = &params[layer.bias.clone()];
             Arch::new().dispatch(Modulate {
                 features,
@@ -178,57 +253,58 @@ impl Trunk {
         }
         let (activated, slope) = (&mut tape.activated[..len], &mut tape.slope[..len]);
         activate(features, activated, slope);
-        self.output.forward(params, activated, velocities);
+        trunk.output.forward(params, activated, velocities);
     }
 
-    /// Backward pass of [`Trunk::forward`], from `d_velocities` `(T, C)`, the gradient by its velocities.
-    ///
-    /// Adds to `gradient`. Consumes the tape's features.
-    pub fn backward(
-        &self,
-        params: &[f32],
+    fn backward(
+        &mut self,
         modulation: &[f32],
         points: &[f32],
         d_velocities: &[f32],
-        tape: &mut TrunkTape,
         gradient: &mut TrunkGradient,
     ) {
-        let len = points.len() / self.input.inputs * self.width;
+        let Self {
+            trunk,
+            params,
+            tape,
+        } = self;
+        let len = points.len() / trunk.input.inputs * trunk.width;
         let TrunkGradient {
             params: gradient,
             modulation: d_modulation,
             points: d_points,
         } = gradient;
-        let (d_shift, d_blocks) = d_modulation.split_at_mut(self.width);
+        let (d_shift, d_blocks) = d_modulation.split_at_mut(trunk.width);
         let d = &mut tape.features[..len];
         let d_activated = &mut tape.d_activated[..len];
-        self.output
+        trunk
+            .output
             .backward(gradient, &tape.activated[..len], d_velocities);
-        self.output.backward_input(params, d_velocities, d);
+        trunk.output.backward_input(params, d_velocities, d);
         multiply(&tape.slope[..len], d);
 
-        let modulations = modulation[self.width..].chunks_exact(2 * self.width);
-        let modulations = modulations.zip(d_blocks.chunks_exact_mut(2 * self.width));
-        let blocks = self.blocks.iter().zip(&tape.blocks).zip(modulations);
+        let modulations = modulation[trunk.width..].chunks_exact(2 * trunk.width);
+        let modulations = modulations.zip(d_blocks.chunks_exact_mut(2 * trunk.width));
+        let blocks = trunk.blocks.iter().zip(&tape.blocks).zip(modulations);
         for ((layer, tape), (modulation, d_modulation)) in blocks.rev() {
             layer.backward(gradient, &tape.activated[..len], d);
             layer.backward_input(params, d, d_activated);
-            let (d_scale, d_offset) = d_modulation.split_at_mut(self.width);
+            let (d_scale, d_offset) = d_modulation.split_at_mut(trunk.width);
             Arch::new().dispatch(ModulateBackward {
                 features: d,
                 activated: d_activated,
-                scale: &modulation[..self.width],
+                scale: &modulation[..trunk.width],
                 tape,
                 d_scale,
                 d_offset,
             });
         }
         sum_rows(d, d_shift);
-        self.input.backward_weight(gradient, points, d);
+        trunk.input.backward_weight(gradient, points, d);
         if let Some(d_points) = d_points {
             let start = d_points.len();
             d_points.resize(start + points.len(), 0.0);
-            self.input.backward_input(params, d, &mut d_points[start..]);
+            trunk.input.backward_input(params, d, &mut d_points[start..]);
         }
     }
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::optimizer::Optimizer;
 use crate::flow::{FlowError, FlowPath, Sampler};
-use crate::net::COLOR_WEIGHT;
+use crate::net::{COLOR_WEIGHT, Precision};
 
 /// Largest batch; far above any useful one.
 const MAX_CLOUDS: usize = 65_536;
@@ -31,6 +31,9 @@ pub struct TrainSettings {
     /// How gradients move the weights; AdamW in files of before there was a choice.
     #[serde(default)]
     pub optimizer: Optimizer,
+    /// What numbers the network's products are of; floats in files of before there was a choice.
+    #[serde(default)]
+    pub precision: Precision,
     /// Learning rate of AdamW after warm-up.
     pub learning_rate: f64,
     /// Learning rate at the last step.
@@ -79,6 +82,7 @@ impl Default for TrainSettings {
             clouds: 64,
             points: 256,
             optimizer: Optimizer::MUON,
+            precision: Precision::Float32,
             learning_rate: 2e-2,
             final_learning_rate: 1e-6,
             warmup_steps: 500,

@@ -77,7 +77,7 @@ impl<'a> Trainer<'a> {
             )
             .into());
         }
-        let network = start.network(settings.seed)?;
+        let network = start.network(settings.seed)?.with_precision(settings.precision);
         let parameters = network.params().len();
         let history = settings.steps.min(HISTORY) as usize;
         let updater = Updater::new(settings.optimizer, &shape.tensors());
@@ -131,8 +131,12 @@ impl<'a> Trainer<'a> {
         }
         let [found, expected] = [state.initial, trainer.initial].map(start::describe);
         require_same("the start of the weights", &found, &expected).map_err(other)?;
-        trainer.network = Network::from_params(shape, state.params)?;
-        trainer.average = Network::from_params(shape, state.average)?;
+        let network = |params| {
+            let network = Network::from_params(shape, params)?;
+            Ok::<_, TrainError>(network.with_precision(trainer.settings.precision))
+        };
+        trainer.average = network(state.average)?;
+        trainer.network = network(state.params)?;
         trainer.updater.moments = Moments {
             first: state.first_moment,
             second: state.second_moment,

@@ -1,0 +1,16 @@
+//! Products of bfloat16 numbers, summed as floats: on a matrix unit where the processor has one.
+
+#[cfg(target_arch = "x86_64")]
+mod amx;
+mod dense;
+mod kernels;
+mod pack;
+mod product;
+mod tile;
+mod transpose;
+
+pub use dense::{PackedWeight, Passes};
+pub use kernels::{BlockTape, Modulate, ModulateBackward};
+pub use pack::Floats;
+pub use product::{Output, has_matrix_unit, multiply};
+pub use tile::Tiles;

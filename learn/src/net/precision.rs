@@ -1,0 +1,40 @@
+//! What numbers the networks' products are of.
+
+use serde::{Deserialize, Serialize};
+
+use super::bf16::has_matrix_unit;
+
+/// Numbers that the products of a network's layers on points and voxels are of; sums, norms, weights and gradients are
+/// floats (f32) in either.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// Floats of 32 bits.
+    #[default]
+    Float32,
+    /// Operands rounded to bfloat16: floats with a mantissa of 8 bits. Many times faster on a processor with a matrix unit
+    /// (Intel's AMX), slower on others.
+    Bfloat16,
+}
+
+impl Precision {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Float32, Self::Bfloat16];
+
+    /// The faster one on this machine: [`Precision::Bfloat16`] with a matrix unit.
+    pub fn fastest() -> Self {
+        if has_matrix_unit() {
+            Self::Bfloat16
+        } else {
+            Self::Float32
+        }
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Float32 => "float32",
+            Self::Bfloat16 => "bfloat16",
+        }
+    }
+}
