@@ -142,7 +142,9 @@ fn measure(
     drop(trainer);
 
     let network = Network::new(shape, &mut ChaCha8Rng::seed_from_u64(0)).expect("a valid shape");
-    let network = network.with_precision(precision);
+    let network = network
+        .with_precision(precision)
+        .expect("a width that suits it");
     let products = products(&shape, clouds, POINTS);
     let step_flops = 3 * clouds as u64 * network.flops(POINTS);
     Measured {

@@ -10,7 +10,7 @@ use tdcr_learn::data::CloudSet;
 use tdcr_learn::flow::{Coupling, FlowPath};
 use tdcr_learn::net::{
     Batch, COLOR_WEIGHT, Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape,
-    Stage, Workspace,
+    Precision, Stage, Workspace,
 };
 use tdcr_learn::train::{Optimizer, TrainSettings, Trainer};
 
@@ -29,8 +29,9 @@ fn on_one_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
 }
 
 /// Bytes that the first two gradients allocate.
-fn two_gradients(shape: NetworkShape) -> [u64; 2] {
+fn two_gradients(shape: NetworkShape, precision: Precision) -> [u64; 2] {
     let network = Network::new(shape, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
+    let network = network.with_precision(precision).unwrap();
     let points: Vec<f32> = (0..2 * 1500 * 3).map(|k| (k as f32).sin()).collect();
     let batch = Batch {
         times: &[0.3, 0.9],
@@ -68,10 +69,12 @@ fn hybrid() -> HybridShape {
 
 #[test]
 fn a_gradient_of_either_network_reuses_its_memory() {
-    for shape in [HEAD.into(), hybrid().into()] {
-        let [first, second] = two_gradients(shape);
-        assert!(first > 100_000, "{first} bytes at first");
-        assert_eq!(second, 0, "{shape:?}");
+    for precision in Precision::ALL {
+        for shape in [HEAD.into(), hybrid().into()] {
+            let [first, second] = two_gradients(shape, precision);
+            assert!(first > 100_000, "{first} bytes at first");
+            assert_eq!(second, 0, "{precision:?}, {shape:?}");
+        }
     }
 }
 
@@ -128,22 +131,31 @@ fn training_takes_at_most_half_more_than_activations_and_four_times_the_weights(
         ..HEAD
     };
     let set = large_clouds();
-    let settings = TrainSettings {
-        clouds: 2,
-        points: 2048,
-        ..toy::settings()
-    };
-    let run = || {
-        let mut trainer = Trainer::new(shape, settings, &set, &set).unwrap();
-        (0..2).for_each(|_| {
-            trainer.step().unwrap();
-        });
-    };
     let activations = 2 * 2048 * (shape.width * shape.depth + 3);
     let bytes = (size_of::<f32>() * (activations + 4 * shape.parameter_count())) as u64;
-    let peak = on_one_thread(|| measure(run)).bytes_max;
-    assert!(2 * peak <= 3 * bytes, "{peak} bytes for {bytes}");
-    assert!(4 * peak > bytes, "{peak} bytes: is all of it counted?");
+    for precision in Precision::ALL {
+        let settings = TrainSettings {
+            clouds: 2,
+            points: 2048,
+            precision,
+            ..toy::settings()
+        };
+        let run = || {
+            let mut trainer = Trainer::new(shape, settings, &set, &set).unwrap();
+            (0..2).for_each(|_| {
+                trainer.step().unwrap();
+            });
+        };
+        let peak = on_one_thread(|| measure(run)).bytes_max;
+        assert!(
+            2 * peak <= 3 * bytes,
+            "{precision:?}: {peak} bytes for {bytes}"
+        );
+        assert!(
+            4 * peak > bytes,
+            "{precision:?}: {peak} bytes: is all of it counted?"
+        );
+    }
 }
 
 /// Clouds of 2,048 points.

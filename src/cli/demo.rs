@@ -19,6 +19,7 @@ use tdcr::report::{Example, Report, Stage, Training, contact_sheet, scale_bar};
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::RobotSpec;
 
+use super::PrecisionArgs;
 use super::console::Console;
 use super::eval::{Metrics, table};
 use super::eval_page;
@@ -37,6 +38,8 @@ pub(super) struct DemoArgs {
     /// Optimiser steps
     #[arg(long, default_value_t = 7000, value_name = "N")]
     steps: u64,
+    #[command(flatten)]
+    precision: PrecisionArgs,
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -84,9 +87,11 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     };
     clock.time("collect", || collect(&settings, &data, console).map(drop))?;
 
+    let precision = args.precision.of_width(NETWORK.width);
     let training = TrainSettings {
         validate_every: (args.steps / 12).max(1),
         seed: args.seed,
+        precision,
         ..PRESET.settings(PRESET.rates[0], args.steps)
     };
     let trained = clock.time("train", || {
@@ -104,6 +109,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         points: POINTS,
         emd_points: EMD_POINTS,
         sampler: Sampler::default(),
+        precision,
         seed: args.seed,
     };
     let (evaluation, examples) = clock.time("evaluate", || {

@@ -8,6 +8,7 @@ use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pipeline::{distill, distillation, model_path};
 
+use super::PrecisionArgs;
 use super::console::Console;
 
 /// Train a trained network to predict in a few evaluations what it predicts in many
@@ -33,6 +34,8 @@ pub(super) struct DistillArgs {
     /// Optimiser steps
     #[arg(long, default_value_t = 2000, value_name = "N")]
     steps: u64,
+    #[command(flatten)]
+    precision: PrecisionArgs,
     /// Seed of commands and noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -59,6 +62,7 @@ pub(super) fn run(args: &DistillArgs, console: &Console) -> anyhow::Result<()> {
     };
     let settings = TrainSettings {
         seed: args.seed,
+        precision: args.precision.of_width(teacher.network.shape().width()),
         ..distillation(&teacher.settings, sampler, args.steps)
     };
     let student = distill(&teacher, &args.data, &args.out, &settings, console)?.model;

@@ -9,9 +9,9 @@ use serde::Serialize;
 use tdcr::learn::train::Model;
 use tdcr::pipeline::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles, Scores};
 
-use super::SamplerArgs;
 use super::console::Console;
 use super::eval_page;
+use super::{PrecisionArgs, SamplerArgs};
 
 /// Score a trained model on the test commands of a data set, beside trivial predictors and the floor
 #[derive(Debug, Args)]
@@ -43,6 +43,8 @@ pub(super) struct ScoringArgs {
     emd_points: usize,
     #[command(flatten)]
     sampler: SamplerArgs,
+    #[command(flatten)]
+    precision: PrecisionArgs,
     /// Seed of noise and subsets
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -54,6 +56,7 @@ impl ScoringArgs {
             points: self.points,
             emd_points: self.emd_points,
             sampler: self.sampler.sampler(&model.settings)?,
+            precision: self.precision.of_width(model.network.shape().width()),
             seed: self.seed,
         })
     }

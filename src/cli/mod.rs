@@ -22,6 +22,7 @@ use anyhow::{Context, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
+use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Target, TrainSettings};
 use tdcr::pipeline::PipelineError;
 use tdcr::sim::render::{BaseVisibility, Sensor};
@@ -114,6 +115,29 @@ impl SamplerArgs {
         );
         Ok(sampler)
     }
+}
+
+/// What numbers a network computes with.
+#[derive(Debug, Args)]
+struct PrecisionArgs {
+    /// Numbers of the network's products: bfloat16 is many times faster on a processor with a matrix unit (AMX), and
+    /// rounds to 8 bits; sums are float32 in either [default: bfloat16 with such a unit and a width that is a multiple
+    /// of 32, else float32]
+    #[arg(long, value_parser = precision())]
+    precision: Option<Precision>,
+}
+
+impl PrecisionArgs {
+    /// For a network whose layers on points have `width` features.
+    fn of_width(&self, width: usize) -> Precision {
+        self.precision.unwrap_or(Precision::fastest(width))
+    }
+}
+
+/// Parses the name of a precision.
+fn precision() -> impl TypedValueParser<Value = Precision> {
+    PossibleValuesParser::new(Precision::ALL.map(Precision::name))
+        .map(|name| Precision::named(&name).expect("one of the possible values"))
 }
 
 /// Parses the name of a method.

@@ -12,9 +12,9 @@ use tdcr::pipeline::{Monitor, PipelineError, Quantiles};
 use tdcr::sim::cloud::{PlyError, PointProperty, write_ply_with};
 use tdcr::sim::robot::{Loads, Robot};
 
-use super::SamplerArgs;
 use super::commands::read_commands;
 use super::console::Console;
+use super::{PrecisionArgs, SamplerArgs};
 
 /// Predict the clouds of a settled robot for one command or many, and write them as PLY or NPZ
 #[derive(Debug, Args)]
@@ -43,6 +43,8 @@ pub(super) struct PredictArgs {
     points: usize,
     #[command(flatten)]
     sampler: SamplerArgs,
+    #[command(flatten)]
+    precision: PrecisionArgs,
     /// Seed of the noise that every cloud starts from
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -94,6 +96,8 @@ const UNCERTAINTY: &str = "uncertainty";
 
 pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
     let model = Model::load(&args.model)?;
+    let precision = args.precision.of_width(model.network.shape().width());
+    let model = model.with_precision(precision)?;
     match (&args.commands, &args.command) {
         (Some(file), _) => many(args, &model, file, console),
         (None, Some(command)) => one(args, &model, command, console),

@@ -15,6 +15,7 @@ use tdcr::pipeline::{
     Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
 };
 
+use super::PrecisionArgs;
 use super::console::Console;
 
 /// Train a velocity network on a data set or a stream by action-conditioned flow matching
@@ -54,6 +55,8 @@ pub(super) struct TrainArgs {
     clouds: Option<usize>,
     #[arg(long, value_name = "N", help = by_preset("Points per cloud and step, or all that a cloud has", |p| p.points))]
     points: Option<usize>,
+    #[command(flatten)]
+    precision: PrecisionArgs,
     #[arg(long, value_enum, help = by_preset("Optimiser", |p| p.optimizer.name()))]
     optimizer: Option<OptimizerName>,
     #[arg(long, value_name = "RATE", help = by_network("Learning rate after warm-up; Muon's own follows in proportion", |r| r.learning_rate))]
@@ -307,6 +310,7 @@ fn plan(
     });
     let settings = TrainSettings {
         seed: args.seed,
+        precision: args.precision.of_width(preset.width),
         patience: args.patience,
         optimizer: optimizer.scaled(rates.learning_rate / usual.learning_rate),
         path: FlowPath {

@@ -15,8 +15,8 @@ use tdcr_learn::flow::Sampler;
 use tdcr_learn::metrics::{
     MetricError, chamfer, color_error, emd, emd_squared, nearest_distances, rank_correlation,
 };
-use tdcr_learn::net::Channels;
-use tdcr_learn::train::{Model, Prediction};
+use tdcr_learn::net::{Channels, Precision};
+use tdcr_learn::train::{Model, Prediction, TrainError};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::robot::Robot;
 
@@ -33,13 +33,15 @@ pub struct EvalSettings {
     pub emd_points: usize,
     /// Sampler of the predictions.
     pub sampler: Sampler,
+    /// What numbers the network's products are of.
+    pub precision: Precision,
     /// Seed of noise and subsets.
     pub seed: u64,
 }
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 5;
+const JOURNAL_FORMAT: u32 = 6;
 
 /// A finished piece of the evaluation.
 #[derive(Serialize, Deserialize)]
@@ -49,8 +51,8 @@ struct Entry {
 }
 
 /// A model, and the data set that it is tested on.
-pub struct Evaluator<'a> {
-    model: &'a Model,
+pub struct Evaluator {
+    model: Model,
     settings: EvalSettings,
     /// Training commands and clouds, in the units of the data set's `normalisation`, which is not the
     /// model's where that was trained on another set.
@@ -71,17 +73,14 @@ struct Simulation {
     mean: PointCloud,
 }
 
-impl<'a> Evaluator<'a> {
+impl Evaluator {
     /// Prepares to test `model` on the data set in the folder `data`.
     ///
     /// # Errors
     /// [`PipelineError`] where the data set cannot be read, shows another subject than the model's (robot,
-    /// base, payloads), or has fewer points per cloud than are to be compared.
-    pub fn new(
-        model: &'a Model,
-        data: &Path,
-        settings: EvalSettings,
-    ) -> Result<Self, PipelineError> {
+    /// base, payloads), or has fewer points per cloud than are to be compared, and where the network's width
+    /// does not suit the precision.
+    pub fn new(model: &Model, data: &Path, settings: EvalSettings) -> Result<Self, PipelineError> {
         let set = DataSet::open(data)?;
         let recipe = set.meta().and_then(|meta| meta.origin.recipe().cloned());
         if let (Some(of_model), Some(recipe)) = (&model.provenance.subject, &recipe) {
@@ -112,7 +111,9 @@ impl<'a> Evaluator<'a> {
             .map(|recipe| Simulation::new(recipe, &set, &training, settings.seed))
             .transpose()?;
         Ok(Self {
-            model,
+            model: (model.clone())
+                .with_precision(settings.precision)
+                .map_err(TrainError::from)?,
             settings,
             training,
             normalisation: set.normalisation().clone(),
@@ -124,7 +125,7 @@ impl<'a> Evaluator<'a> {
 
     /// The network that is scored.
     pub fn model(&self) -> &Model {
-        self.model
+        &self.model
     }
 
     /// How it is scored.

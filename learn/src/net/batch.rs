@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::bf16::Passes;
 use super::conditioner::ConditionerTape;
 use super::hybrid::CloudTape;
 use super::kernels::add;
 use super::mlp::Mlp;
-use super::bf16::Passes;
 use super::trunk::{Keep, TilePass, Trunk, TrunkGradient, TrunkTapes, TrunkWeights};
 use super::trunk_bf16::{self, PackedTrunk};
 use crate::channels::{Channels, DIM};

@@ -170,8 +170,12 @@ impl Hybrid {
     }
 
     /// The same network with products of other numbers.
-    pub fn with_precision(self, precision: Precision) -> Self {
-        Self { precision, ..self }
+    ///
+    /// # Errors
+    /// [`ShapeError::Precision`] where its width does not suit them.
+    pub fn with_precision(self, precision: Precision) -> Result<Self, ShapeError> {
+        precision.check(self.shape.head.width)?;
+        Ok(Self { precision, ..self })
     }
 
     /// Floating-point operations of the velocities of a cloud of `points` points, products alone.

@@ -4,10 +4,10 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::flow::VelocityField;
 
-use super::conditioner::{Conditioner, ConditionerTape};
-use super::shape::{MlpShape, ShapeError, Table};
 use super::bf16::Passes;
+use super::conditioner::{Conditioner, ConditionerTape};
 use super::precision::Precision;
+use super::shape::{MlpShape, ShapeError, Table};
 use super::trunk::{Trunk, TrunkTapes, TrunkWeights};
 use super::trunk_bf16::PackedTrunk;
 use crate::pool::Pool;
@@ -78,8 +78,12 @@ impl Mlp {
     }
 
     /// The same network with products of other numbers.
-    pub fn with_precision(self, precision: Precision) -> Self {
-        Self { precision, ..self }
+    ///
+    /// # Errors
+    /// [`ShapeError::Precision`] where its width does not suit them.
+    pub fn with_precision(self, precision: Precision) -> Result<Self, ShapeError> {
+        precision.check(self.shape.width)?;
+        Ok(Self { precision, ..self })
     }
 
     /// The trunk's weights, packed for `passes` where its products are of bfloat16 numbers.
@@ -128,7 +132,8 @@ impl VelocityField for Mlp {
         );
         assert_eq!(points.len(), velocities.len(), "one velocity per point");
         self.scratch.with(Default::default, |(tape, packed)| {
-            self.conditioner.forward(&self.params, &[t], condition, tape);
+            self.conditioner
+                .forward(&self.params, &[t], condition, tape);
             let weights = self.trunk_weights(packed, Passes::Forward);
             self.trunk
                 .velocities(weights, &tape.modulation, points, &self.tapes, velocities);

@@ -63,6 +63,11 @@ impl NetworkShape {
         self.head().condition_dim
     }
 
+    /// Features of the layers on points.
+    pub fn width(&self) -> usize {
+        self.head().width
+    }
+
     /// What points consist of.
     pub fn channels(&self) -> Channels {
         self.head().channels
@@ -152,11 +157,14 @@ impl Network {
     }
 
     /// The same network with products of other numbers.
-    pub fn with_precision(self, precision: Precision) -> Self {
-        match self {
-            Self::Mlp(network) => Self::Mlp(Box::new(network.with_precision(precision))),
-            Self::Hybrid(network) => Self::Hybrid(Box::new(network.with_precision(precision))),
-        }
+    ///
+    /// # Errors
+    /// [`ShapeError::Precision`] where its width does not suit them.
+    pub fn with_precision(self, precision: Precision) -> Result<Self, ShapeError> {
+        Ok(match self {
+            Self::Mlp(network) => Self::Mlp(Box::new(network.with_precision(precision)?)),
+            Self::Hybrid(network) => Self::Hybrid(Box::new(network.with_precision(precision)?)),
+        })
     }
 
     /// Floating-point operations of the velocities of a cloud of `points` points, products alone.

@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::bf16::has_matrix_unit;
+use super::bf16::{DEPTH, has_matrix_unit};
+use super::shape::ShapeError;
 
 /// Numbers that the products of a network's layers on points and voxels are of; sums, norms, weights and gradients are
 /// floats (f32) in either.
@@ -13,7 +14,7 @@ pub enum Precision {
     #[default]
     Float32,
     /// Operands rounded to bfloat16: floats with a mantissa of 8 bits. Many times faster on a processor with a matrix unit
-    /// (Intel's AMX), slower on others.
+    /// (Intel's AMX), slower on others. The layers on points must have a multiple of 32 features.
     Bfloat16,
 }
 
@@ -21,12 +22,27 @@ impl Precision {
     /// Both.
     pub const ALL: [Self; 2] = [Self::Float32, Self::Bfloat16];
 
-    /// The faster one on this machine: [`Precision::Bfloat16`] with a matrix unit.
-    pub fn fastest() -> Self {
-        if has_matrix_unit() {
+    /// The faster one on this machine for layers of `width` features: [`Precision::Bfloat16`] with a matrix unit.
+    pub fn fastest(width: usize) -> Self {
+        if has_matrix_unit() && Self::Bfloat16.check(width).is_ok() {
             Self::Bfloat16
         } else {
             Self::Float32
+        }
+    }
+
+    /// The one of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL
+            .into_iter()
+            .find(|precision| precision.name() == name)
+    }
+
+    /// Refuses layers of `width` features that it cannot take.
+    pub(super) fn check(self, width: usize) -> Result<(), ShapeError> {
+        match self {
+            Self::Bfloat16 if !width.is_multiple_of(DEPTH) => Err(ShapeError::Precision { width }),
+            _ => Ok(()),
         }
     }
 

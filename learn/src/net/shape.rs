@@ -44,6 +44,14 @@ pub enum ShapeError {
     /// The time gate of a hybrid network is no function of time.
     #[error("the time gate's centre or steepness is not a finite number")]
     Gate,
+    /// Products of bfloat16 numbers take features 32 at a time.
+    #[error(
+        "the network's width is {width}, and with bfloat16 it must be a multiple of 32: choose such a width, or float32"
+    )]
+    Precision {
+        /// Features of the layers on points.
+        width: usize,
+    },
     /// A parameter vector of another length than the shape's.
     #[error("{found} parameters do not fit a network of {expected}")]
     ParameterCount {

@@ -304,7 +304,9 @@ impl TilePass for Float32Pass<'_> {
         if let Some(d_points) = d_points {
             let start = d_points.len();
             d_points.resize(start + points.len(), 0.0);
-            trunk.input.backward_input(params, d, &mut d_points[start..]);
+            trunk
+                .input
+                .backward_input(params, d, &mut d_points[start..]);
         }
     }
 }

@@ -77,7 +77,9 @@ impl<'a> Trainer<'a> {
             )
             .into());
         }
-        let network = start.network(settings.seed)?.with_precision(settings.precision);
+        let network = start
+            .network(settings.seed)?
+            .with_precision(settings.precision)?;
         let parameters = network.params().len();
         let history = settings.steps.min(HISTORY) as usize;
         let updater = Updater::new(settings.optimizer, &shape.tensors());
@@ -133,7 +135,7 @@ impl<'a> Trainer<'a> {
         require_same("the start of the weights", &found, &expected).map_err(other)?;
         let network = |params| {
             let network = Network::from_params(shape, params)?;
-            Ok::<_, TrainError>(network.with_precision(trainer.settings.precision))
+            network.with_precision(trainer.settings.precision)
         };
         trainer.average = network(state.average)?;
         trainer.network = network(state.params)?;

@@ -1,11 +1,19 @@
-//! Element-wise loops of the blocks, with bfloat16 numbers kept for the backward pass.
+//! Element-wise loops over the rows of a tile of points, with bfloat16 numbers kept for the backward pass.
+//!
+//! Rows of floats may be apart by more than their numbers; all have a whole number of [`Part`]s.
 
-use std::f32::consts::{LN_2, LOG2_E};
+#[cfg(target_arch = "x86_64")]
+use pulp::NullaryFnOnce;
+#[cfg(target_arch = "x86_64")]
+use pulp::x86::V4;
+use pulp::{Arch, Simd, WithSimd};
 
-use pulp::{Simd, WithSimd};
-
-use super::super::kernels::{EPSILON, sum};
-use super::tile::{DEPTH, Tiles, round, widen};
+use super::super::kernels::EPSILON;
+use super::super::trunk::Keep;
+#[cfg(target_arch = "x86_64")]
+use super::lanes::Wide;
+use super::lanes::{Lanes, Loops, Part};
+use super::tile::Tiles;
 
 /// What a block's backward pass needs of its forward pass, one row per point of a tile of points.
 #[derive(Debug, Default)]
@@ -30,64 +38,152 @@ impl BlockTape {
     }
 }
 
-/// As the floats' [`Modulate`](super::super::kernels::Modulate).
-pub struct Modulate<'a> {
-    /// Rows may be apart by more than their numbers.
-    pub features: &'a mut [f32],
-    pub scale: &'a [f32],
-    pub offset: &'a [f32],
-    pub bias: &'a [f32],
-    pub tape: &'a mut BlockTape,
+/// A loop over rows.
+pub trait Kernel: Sized {
+    /// Runs with the given vectors, and on parts with the given lanes.
+    fn run_with<S: Simd>(self, simd: S, lanes: impl Lanes);
+
+    /// Runs on the widest vectors that the machine has.
+    fn run(self) {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(simd) = V4::try_new() {
+            return simd.vectorize(OnWide(self, simd));
+        }
+        Arch::new().dispatch(OnLoops(self));
+    }
 }
 
-impl WithSimd for Modulate<'_> {
+#[cfg(target_arch = "x86_64")]
+struct OnWide<K>(K, V4);
+
+#[cfg(target_arch = "x86_64")]
+impl<K: Kernel> NullaryFnOnce for OnWide<K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(kernel, simd) = self;
+        kernel.run_with(simd, Wide(simd));
+    }
+}
+
+struct OnLoops<K>(K);
+
+impl<K: Kernel> WithSimd for OnLoops<K> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self {
-            features,
-            scale,
-            offset,
-            bias,
-            tape,
-        } = self;
-        let width = scale.len();
-        let stride = features.len() / tape.inverse_deviation.len();
-        let kept = (tape.normalised.chunks_exact_mut(width)).zip(tape.slope.chunks_exact_mut(width));
-        let rows = features.chunks_exact_mut(stride).zip(&mut tape.inverse_deviation);
-        for (index, ((features, inverse_deviation), (normalised, slope))) in rows.zip(kept).enumerate() {
-            let features = &mut features[..width];
-            let [mean, square] = moments(simd, features).map(|sum| sum / width as f32);
-            let variance = mean.mul_add(-mean, square).max(0.0);
-            *inverse_deviation = 1.0 / (variance + EPSILON).sqrt();
-            let affine = [*inverse_deviation, -mean * *inverse_deviation];
-            let (features, features_rest) = features.as_chunks_mut();
-            let (scale, scale_rest) = scale.as_chunks();
-            let (offset, offset_rest) = offset.as_chunks();
-            let (bias, bias_rest) = bias.as_chunks();
-            let (normalised, normalised_rest) = normalised.as_chunks_mut();
-            let (slope, slope_rest) = slope.as_chunks_mut();
-            let mut activated = tape.activated.row_mut(index);
-            let affines = scale.iter().zip(offset).zip(bias);
-            let outputs = features.iter_mut().zip(normalised).zip(slope);
-            for (((scale, offset), bias), ((features, normalised), slope)) in affines.zip(outputs) {
-                let activated = activated.next().expect("a line for every part");
-                modulate(affine, [scale, offset, bias], features, normalised, slope, activated);
-            }
-            if let Some(activated) = activated.next() {
-                let rest = features_rest.len();
-                let padded = |x: &[f32]| std::array::from_fn(|k| if k < rest { x[k] } else { 0.0 });
-                let mut features = padded(features_rest);
-                let (mut normalised, mut slope) = ([0; DEPTH], [0; DEPTH]);
-                let affines = [scale_rest, offset_rest, bias_rest].map(padded);
-                modulate(affine, affines.each_ref(), &mut features, &mut normalised, &mut slope, activated);
-                activated[rest..].fill(0);
-                features_rest.copy_from_slice(&features[..rest]);
-                normalised_rest.copy_from_slice(&normalised[..rest]);
-                slope_rest.copy_from_slice(&slope[..rest]);
+        self.0.run_with(simd, Loops);
+    }
+}
+
+/// The parts of a row.
+#[inline(always)]
+pub fn parts<T>(row: &[T]) -> &[Part<T>] {
+    row.as_chunks().0
+}
+
+/// The parts of a row.
+#[inline(always)]
+pub fn parts_mut<T>(row: &mut [T]) -> &mut [Part<T>] {
+    row.as_chunks_mut().0
+}
+
+/// As the floats' [`Modulate`](super::super::kernels::Modulate).
+pub struct Modulate<'a> {
+    pub features: &'a mut [f32],
+    pub scale: &'a [f32],
+    pub offset: &'a [f32],
+    pub bias: &'a [f32],
+    pub keep: Keep,
+    pub tape: &'a mut BlockTape,
+}
+
+impl Kernel for Modulate<'_> {
+    #[inline(always)]
+    fn run_with<S: Simd>(self, simd: S, lanes: impl Lanes) {
+        let tape = self.tape;
+        let (width, rows) = (self.scale.len(), tape.inverse_deviation.len());
+        let stride = self.features.len() / rows;
+        for row in 0..rows {
+            let features = &mut self.features[row * stride..][..width];
+            let [sum, squares] = moments(simd, features);
+            let mean = sum / width as f32;
+            let variance = mean.mul_add(-mean, squares / width as f32).max(0.0);
+            let inverse_deviation = 1.0 / (variance + EPSILON).sqrt();
+            tape.inverse_deviation[row] = inverse_deviation;
+            let affine = [inverse_deviation, -mean * inverse_deviation];
+            let features = parts_mut(features);
+            let activated = tape.activated.row_mut(row);
+            let kept = row * width..(row + 1) * width;
+            let maps = [self.scale, self.offset, self.bias];
+            match self.keep {
+                Keep::EveryBlock => {
+                    let kept = [&mut tape.normalised[kept.clone()], &mut tape.slope[kept]];
+                    modulate_and_keep(lanes, affine, maps, features, kept, activated);
+                }
+                Keep::Nothing => modulate(lanes, affine, maps, features, activated),
             }
         }
+    }
+}
+
+/// A row's features `h` become `m + bias` with `m = scale x + offset` and `x = affine[0] h + affine[1]`; returns `x` and
+/// `m`.
+#[inline(always)]
+fn modulate_part<L: Lanes>(
+    lanes: L,
+    [factor, shift]: [L::Vector; 2],
+    [scale, offset, bias]: [&Part<f32>; 3],
+    features: &mut Part<f32>,
+) -> [L::Vector; 2] {
+    let x = lanes.mul_add(lanes.load(features), factor, shift);
+    let m = lanes.mul_add(x, lanes.load(scale), lanes.load(offset));
+    lanes.store(lanes.add(m, lanes.load(bias)), features);
+    [x, m]
+}
+
+/// One row.
+#[inline(always)]
+fn modulate<'a>(
+    lanes: impl Lanes,
+    affine: [f32; 2],
+    [scale, offset, bias]: [&[f32]; 3],
+    features: &mut [Part<f32>],
+    activated: impl Iterator<Item = &'a mut Part<u16>>,
+) {
+    let affine = [lanes.splat(affine[0]), lanes.splat(affine[1])];
+    let maps = parts(scale).iter().zip(parts(offset)).zip(parts(bias));
+    for ((features, activated), ((scale, offset), bias)) in
+        features.iter_mut().zip(activated).zip(maps)
+    {
+        let [_, m] = modulate_part(lanes, affine, [scale, offset, bias], features);
+        *activated = lanes.round(lanes.mul(m, lanes.sigmoid(m)));
+    }
+}
+
+/// The same, with the normalised features and SiLU's slope.
+#[inline(always)]
+fn modulate_and_keep<'a>(
+    lanes: impl Lanes,
+    affine: [f32; 2],
+    [scale, offset, bias]: [&[f32]; 3],
+    features: &mut [Part<f32>],
+    [normalised, slope]: [&mut [u16]; 2],
+    activated: impl Iterator<Item = &'a mut Part<u16>>,
+) {
+    let affine = [lanes.splat(affine[0]), lanes.splat(affine[1])];
+    let maps = parts(scale).iter().zip(parts(offset)).zip(parts(bias));
+    let kept = parts_mut(normalised).iter_mut().zip(parts_mut(slope));
+    for (((features, activated), (normalised, slope)), ((scale, offset), bias)) in
+        features.iter_mut().zip(activated).zip(kept).zip(maps)
+    {
+        let [x, m] = modulate_part(lanes, affine, [scale, offset, bias], features);
+        let [value, derivative] = lanes.silu(m);
+        *activated = lanes.round(value);
+        *normalised = lanes.round(x);
+        *slope = lanes.round(derivative);
     }
 }
 
@@ -105,13 +201,12 @@ fn moments<S: Simd>(simd: S, x: &[f32]) -> [f32; 2] {
         squares[k] = simd.mul_add_f32s(x, x, squares[k]);
     };
     for part in parts {
-        for k in 0..CHAINS {
-            add(k, part[k]);
+        for (k, x) in part.iter().enumerate() {
+            add(k, *x);
         }
     }
     last.iter().enumerate().for_each(|(k, x)| add(k, *x));
-    let total = |chains: [S::f32s; CHAINS]| {
-        let [a, b, c, d] = chains;
+    let total = |[a, b, c, d]: [S::f32s; CHAINS]| {
         simd.reduce_sum_f32s(simd.add_f32s(simd.add_f32s(a, b), simd.add_f32s(c, d)))
     };
     let squares_of_rest: f32 = rest.iter().map(|x| x * x).sum();
@@ -121,149 +216,67 @@ fn moments<S: Simd>(simd: S, x: &[f32]) -> [f32; 2] {
     ]
 }
 
-/// Part of a row: features `h` become `m + bias`; `affine` makes the normalised ones of them.
-#[inline(always)]
-fn modulate(
-    affine: [f32; 2],
-    [scale, offset, bias]: [&[f32; DEPTH]; 3],
-    features: &mut [f32; DEPTH],
-    normalised: &mut [u16; DEPTH],
-    slope: &mut [u16; DEPTH],
-    activated: &mut [u16; DEPTH],
-) {
-    for k in 0..DEPTH {
-        let x = features[k].mul_add(affine[0], affine[1]);
-        let m = x.mul_add(scale[k], offset[k]);
-        let (value, derivative) = silu(m);
-        normalised[k] = round(x);
-        activated[k] = round(value);
-        slope[k] = round(derivative);
-        features[k] = m + bias[k];
-    }
-}
-
-/// `SiLU(x) = x sigmoid(x)` and its derivative, to about 1e-5: finer than bfloat16 numbers are, without a division.
-#[inline(always)]
-fn silu(x: f32) -> (f32, f32) {
-    let sigmoid = reciprocal(1.0 + exp(-x));
-    let value = x * sigmoid;
-    (value, value.mul_add(1.0 - sigmoid, sigmoid))
-}
-
-/// `e^x`, to about 4e-6 relative for `x` in [-87, 87]; clamped to that interval.
-///
-/// As the floats' exponential, with a Taylor polynomial of degree 5.
-#[inline(always)]
-fn exp(x: f32) -> f32 {
-    const ROUND: f32 = 12_582_912.0;
-    const TAYLOR: [f32; 6] = [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
-    let x = x.clamp(-87.0, 87.0);
-    let shifted = x.mul_add(LOG2_E, ROUND);
-    let r = (shifted - ROUND).mul_add(-LN_2, x);
-    let mut polynomial = TAYLOR[0];
-    for coefficient in &TAYLOR[1..] {
-        polynomial = polynomial.mul_add(r, *coefficient);
-    }
-    let power = (shifted.to_bits() << 23).wrapping_add(1.0f32.to_bits());
-    polynomial * f32::from_bits(power)
-}
-
-/// `1/x` for normal `x > 0`, to about 4e-6 relative: a guess from the bits, within 12 %, and a step each of third and of
-/// second order.
-#[inline(always)]
-fn reciprocal(x: f32) -> f32 {
-    let guess = f32::from_bits(0x7ef3_11c7u32.wrapping_sub(x.to_bits()));
-    let error = (-x).mul_add(guess, 1.0);
-    let better = guess.mul_add(error.mul_add(error, error), guess);
-    let error = (-x).mul_add(better, 1.0);
-    better.mul_add(error, better)
-}
-
-/// As the floats' [`ModulateBackward`](super::super::kernels::ModulateBackward).
+/// As the floats' [`ModulateBackward`](super::super::kernels::ModulateBackward), with the gradient by the features also
+/// rounded, as a left matrix, and summed over the rows.
 pub struct ModulateBackward<'a> {
-    /// Rows of this and of `activated` may be apart by more than their numbers.
     pub features: &'a mut [f32],
     pub activated: &'a [f32],
     pub scale: &'a [f32],
     pub tape: &'a BlockTape,
     pub d_scale: &'a mut [f32],
     pub d_offset: &'a mut [f32],
+    pub rounded: &'a mut Tiles,
+    pub sum: &'a mut [f32],
 }
 
-impl WithSimd for ModulateBackward<'_> {
-    type Output = ();
-
+impl Kernel for ModulateBackward<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let width = self.scale.len();
+    fn run_with<S: Simd>(self, _: S, lanes: impl Lanes) {
         let tape = self.tape;
-        let stride = self.features.len() / tape.inverse_deviation.len();
-        let gradients = (self.features.chunks_exact_mut(stride)).zip(self.activated.chunks_exact(stride));
-        let kept = (tape.normalised.chunks_exact(width)).zip(tape.slope.chunks_exact(width));
-        let rows = gradients.zip(&tape.inverse_deviation).zip(kept);
-        for (((d, d_activated), inverse_deviation), (normalised, slope)) in rows {
-            let d = &mut d[..width];
-            let sums = modulate_backward(
-                simd,
-                d,
-                [&d_activated[..width], self.scale],
-                [normalised, slope],
-                [&mut *self.d_scale, &mut *self.d_offset],
-            );
-            let [mean, slant] = sums.map(|sum| -sum * inverse_deviation / width as f32);
-            let normalised = &normalised[..d.len()];
-            for k in 0..d.len() {
-                let centred = d[k].mul_add(*inverse_deviation, mean);
-                d[k] = widen(normalised[k]).mul_add(slant, centred);
+        let (width, rows) = (self.scale.len(), tape.inverse_deviation.len());
+        let stride = self.features.len() / rows;
+        for row in 0..rows {
+            let d = parts_mut(&mut self.features[row * stride..][..width]);
+            let d_activated = parts(&self.activated[row * stride..][..width]);
+            let kept = row * width..(row + 1) * width;
+            let normalised = parts(&tape.normalised[kept.clone()]);
+            let slope = parts(&tape.slope[kept]);
+
+            // The gradient by the normalised features, its sum, and its product with those features.
+            let (mut sum, mut slant) = (lanes.splat(0.0), lanes.splat(0.0));
+            let inputs = d_activated.iter().zip(parts(self.scale));
+            let inputs = inputs.zip(normalised.iter().zip(slope));
+            let d_maps = parts_mut(self.d_scale)
+                .iter_mut()
+                .zip(parts_mut(self.d_offset));
+            for ((d, ((d_activated, scale), (normalised, slope))), (d_scale, d_offset)) in
+                d.iter_mut().zip(inputs).zip(d_maps)
+            {
+                let x = lanes.widen(normalised);
+                let by_s = lanes.load(d_activated);
+                let by_m = lanes.mul_add(by_s, lanes.widen(slope), lanes.load(d));
+                lanes.store(lanes.mul_add(by_m, x, lanes.load(d_scale)), d_scale);
+                lanes.store(lanes.add(by_m, lanes.load(d_offset)), d_offset);
+                let by_x = lanes.mul(by_m, lanes.load(scale));
+                lanes.store(by_x, d);
+                sum = lanes.add(sum, by_x);
+                slant = lanes.mul_add(by_x, x, slant);
+            }
+
+            // Through the norm: `(d - mean(d) - x mean(d x)) / deviation`.
+            let inverse_deviation = tape.inverse_deviation[row];
+            let each = -inverse_deviation / width as f32;
+            let shift = lanes.splat(lanes.total(sum) * each);
+            let slant = lanes.splat(lanes.total(slant) * each);
+            let factor = lanes.splat(inverse_deviation);
+            let outputs = self.rounded.row_mut(row).zip(parts_mut(self.sum));
+            for ((d, normalised), (rounded, sum)) in d.iter_mut().zip(normalised).zip(outputs) {
+                let centred = lanes.mul_add(lanes.load(d), factor, shift);
+                let by_h = lanes.mul_add(lanes.widen(normalised), slant, centred);
+                lanes.store(by_h, d);
+                lanes.store(lanes.add(by_h, lanes.load(sum)), sum);
+                *rounded = lanes.round(by_h);
             }
         }
     }
-}
-
-/// Numbers that a step of a loop takes: the lanes of the widest vectors.
-const LANES: usize = 16;
-
-/// A row's gradient by the normalised features in place of the one by the block's output; returns its sum and its scalar
-/// product with those features.
-#[inline(always)]
-fn modulate_backward<S: Simd>(
-    simd: S,
-    d: &mut [f32],
-    [d_activated, scale]: [&[f32]; 2],
-    [normalised, slope]: [&[u16]; 2],
-    [d_scale, d_offset]: [&mut [f32]; 2],
-) -> [f32; 2] {
-    let (d, d_rest) = d.as_chunks_mut::<LANES>();
-    let (d_activated, d_activated_rest) = d_activated.as_chunks::<LANES>();
-    let (scale, scale_rest) = scale.as_chunks::<LANES>();
-    let (normalised, normalised_rest) = normalised.as_chunks::<LANES>();
-    let (slope, slope_rest) = slope.as_chunks::<LANES>();
-    let (d_scale, d_scale_rest) = d_scale.as_chunks_mut::<LANES>();
-    let (d_offset, d_offset_rest) = d_offset.as_chunks_mut::<LANES>();
-    let mut sums = [[0.0; LANES]; 2];
-    let parts = d.iter_mut().zip(d_activated).zip(scale).zip(normalised).zip(slope);
-    for (((((d, d_activated), scale), normalised), slope), (d_scale, d_offset)) in
-        parts.zip(d_scale.iter_mut().zip(d_offset))
-    {
-        for k in 0..LANES {
-            let x = widen(normalised[k]);
-            let by_m = d_activated[k].mul_add(widen(slope[k]), d[k]);
-            d_scale[k] = by_m.mul_add(x, d_scale[k]);
-            d_offset[k] += by_m;
-            d[k] = by_m * scale[k];
-            sums[0][k] += d[k];
-            sums[1][k] = d[k].mul_add(x, sums[1][k]);
-        }
-    }
-    let [mut total, mut slant] = sums.map(|lanes| sum(simd, &lanes));
-    for (k, d) in d_rest.iter_mut().enumerate() {
-        let x = widen(normalised_rest[k]);
-        let by_m = d_activated_rest[k].mul_add(widen(slope_rest[k]), *d);
-        d_scale_rest[k] = by_m.mul_add(x, d_scale_rest[k]);
-        d_offset_rest[k] += by_m;
-        *d = by_m * scale_rest[k];
-        total += *d;
-        slant = d.mul_add(x, slant);
-    }
-    [total, slant]
 }

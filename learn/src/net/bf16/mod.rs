@@ -3,14 +3,17 @@
 #[cfg(target_arch = "x86_64")]
 mod amx;
 mod dense;
+mod ends;
 mod kernels;
+mod lanes;
 mod pack;
 mod product;
+mod shuffle;
 mod tile;
-mod transpose;
 
 pub use dense::{PackedWeight, Passes};
-pub use kernels::{BlockTape, Modulate, ModulateBackward};
+pub use ends::{Enter, EnterBackward, Leave, LeaveBackward};
+pub use kernels::{BlockTape, Kernel, Modulate, ModulateBackward};
 pub use pack::Floats;
 pub use product::{Output, has_matrix_unit, multiply};
-pub use tile::Tiles;
+pub use tile::{DEPTH, Tiles};

@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use pulp::{Arch, Simd, WithSimd};
 
+use super::shuffle::{Turn, transpose, turn};
 use super::tile::{DEPTH, SIDE, Tile, Tiles, round};
-use super::transpose::transpose;
 
 /// A row-major matrix of floats whose rows are `stride` numbers apart.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +28,9 @@ impl<'a> Floats<'a> {
     /// The rows, without what lies between them.
     pub fn rows(&self) -> impl Iterator<Item = &'a [f32]> + use<'a> {
         let columns = self.columns;
-        self.numbers.chunks(self.stride).map(move |row| &row[..columns])
+        self.numbers
+            .chunks(self.stride)
+            .map(move |row| &row[..columns])
     }
 }
 
@@ -65,12 +67,6 @@ impl Tiles {
         transpose(self.tiles_mut());
     }
 
-    /// Becomes the left matrix `floats^T`; the inner dimension is the rows of `floats`.
-    pub fn set_left_transposed(&mut self, floats: Floats) {
-        self.set_right(floats);
-        self.transpose();
-    }
-
     /// Becomes the right matrix `floats^T`; the inner dimension is the columns of `floats`.
     pub fn set_right_transposed(&mut self, floats: Floats) {
         self.set_left(floats);
@@ -79,16 +75,26 @@ impl Tiles {
 
     /// Becomes the right matrix of which `left` is the left one: of `rows` rows and `columns` columns, which `left` has as
     /// its inner dimension, and this as its outer one.
-    pub fn set_right_from(&mut self, left: &Self, [rows, columns]: [usize; 2]) {
+    pub fn set_right_from(&mut self, left: &Self, shape: [usize; 2]) {
+        self.set_turned(Turn::Right, left, shape);
+    }
+
+    /// Becomes the transpose of the left matrix `left` of `rows` rows and `columns` columns, also a left matrix.
+    pub fn set_left_transposed_from(&mut self, left: &Self, shape: [usize; 2]) {
+        self.set_turned(Turn::LeftTransposed, left, shape);
+    }
+
+    fn set_turned(&mut self, way: Turn, left: &Self, [rows, columns]: [usize; 2]) {
         self.resize(columns, rows);
-        for (block, tiles) in self.blocks_mut().enumerate() {
-            Arch::new().dispatch(PairsOfTiles {
-                tiles,
-                lefts: left.tiles(),
-                first: block * SIDE / DEPTH,
-                step: left.depth(),
-                column: block * SIDE % DEPTH,
-            });
+        let depth = self.depth();
+        let bands = left.tiles().chunks_exact(2 * left.depth());
+        for (band, lefts) in bands.enumerate() {
+            let (upper, lower) = lefts.split_at(left.depth());
+            for (column, (upper, lower)) in upper.iter().zip(lower).enumerate() {
+                let first = 2 * column * depth + band;
+                let to = self.tiles_mut().get_disjoint_mut([first, first + depth]);
+                turn(way, [upper, lower], to.expect("tiles of two blocks"));
+            }
         }
     }
 }
@@ -124,38 +130,6 @@ impl WithSimd for Pairs<'_> {
     }
 }
 
-/// One block of a right matrix, from every `step`-th left tile from the first on, at half a tile's columns from `column`.
-struct PairsOfTiles<'a> {
-    tiles: &'a mut [Tile],
-    lefts: &'a [Tile],
-    first: usize,
-    step: usize,
-    column: usize,
-}
-
-impl WithSimd for PairsOfTiles<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let mut lefts = self.lefts.iter().skip(self.first).step_by(self.step);
-        for tile in self.tiles {
-            // A right tile is as deep as two left tiles are high.
-            for half in 0..DEPTH / SIDE {
-                let Some(left) = lefts.next() else { return };
-                for pair in 0..SIDE / 2 {
-                    let line = |row: usize| &left.line(row)[self.column..self.column + SIDE];
-                    let (even, odd) = (line(2 * pair), line(2 * pair + 1));
-                    let (to, _) = tile.line_mut(half * SIDE / 2 + pair).as_chunks_mut::<2>();
-                    for ((pair, even), odd) in to.iter_mut().zip(even).zip(odd) {
-                        *pair = [*even, *odd];
-                    }
-                }
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -165,7 +139,9 @@ mod tests {
 
     /// Whole numbers, which bfloat16 holds exactly up to 256.
     fn numbers() -> Vec<f32> {
-        (0..ROWS * COLUMNS).map(|k| (k * 31 % 256 + 1) as f32).collect()
+        (0..ROWS * COLUMNS)
+            .map(|k| (k * 31 % 256 + 1) as f32)
+            .collect()
     }
 
     /// Number `(outer, inner)` of a left matrix.
@@ -206,7 +182,7 @@ mod tests {
         assert_holds(&left, left_at, [ROWS, COLUMNS], plain);
         tiles.set_right(floats);
         assert_holds(&tiles, right_at, [COLUMNS, ROWS], mirrored);
-        tiles.set_left_transposed(floats);
+        tiles.set_left_transposed_from(&left, [ROWS, COLUMNS]);
         assert_holds(&tiles, left_at, [COLUMNS, ROWS], mirrored);
         tiles.set_right_transposed(floats);
         assert_holds(&tiles, right_at, [ROWS, COLUMNS], plain);

@@ -37,7 +37,7 @@ impl<'a> Output<'a> {
 
 /// Tiles along the inner dimension that are multiplied with all others before the next ones: a pair of blocks of them,
 /// left or right, takes a third of a first cache.
-const CACHED: usize = 8;
+const CACHED: usize = 16;
 
 /// What runs the products.
 trait Unit {
@@ -81,13 +81,19 @@ fn run(unit: &impl Unit, output: Output, accum: Accum, left: &Tiles, right: &Til
     } = output;
     assert_eq!(left.depth(), right.depth(), "one inner dimension");
     let depth = left.depth();
-    assert!(left.tiles().len() >= rows.div_ceil(STEP) * 2 * depth, "as many rows as the output");
-    assert!(right.tiles().len() >= columns.div_ceil(STEP) * 2 * depth, "as many columns as the output");
+    assert!(
+        left.tiles().len() >= rows.div_ceil(STEP) * 2 * depth,
+        "as many rows as the output"
+    );
+    assert!(
+        right.tiles().len() >= columns.div_ceil(STEP) * 2 * depth,
+        "as many columns as the output"
+    );
     for start in (0..depth).step_by(CACHED) {
         let part = start..depth.min(start + CACHED);
         let accum = if start == 0 { accum } else { Accum::Add };
-                for row in (0..rows).step_by(STEP) {
-            for column in (0..columns).step_by(STEP) {
+        for column in (0..columns).step_by(STEP) {
+            for row in (0..rows).step_by(STEP) {
                 let block = Block {
                     left: pair(left, row, &part),
                     right: pair(right, column, &part),
@@ -122,7 +128,10 @@ fn add_edge(
 ) {
     let mut whole = [0.0; STEP * STEP];
     unit.multiply(block, Accum::Replace, &mut whole, STEP);
-    let lines = c.chunks_mut(stride).take(height).map(|line| &mut line[..width]);
+    let lines = c
+        .chunks_mut(stride)
+        .take(height)
+        .map(|line| &mut line[..width]);
     for (line, product) in lines.zip(whole.chunks_exact(STEP)) {
         match accum {
             Accum::Replace => line.copy_from_slice(&product[..width]),
@@ -140,7 +149,9 @@ impl Unit for Vectors {
             for (side, right) in block.right.iter().enumerate() {
                 let c = &mut c[half * SIDE * stride + side * SIDE..];
                 if let Accum::Replace = accum {
-                    c.chunks_mut(stride).take(SIDE).for_each(|line| line[..SIDE].fill(0.0));
+                    c.chunks_mut(stride)
+                        .take(SIDE)
+                        .for_each(|line| line[..SIDE].fill(0.0));
                 }
                 Arch::new().dispatch(MultiplyAdd {
                     left,
@@ -184,7 +195,10 @@ impl WithSimd for MultiplyAdd<'_> {
             }
         }
         for (line, sums) in self.c.chunks_mut(self.stride).zip(&sums) {
-            line[..SIDE].iter_mut().zip(sums).for_each(|(c, sum)| *c += sum);
+            line[..SIDE]
+                .iter_mut()
+                .zip(sums)
+                .for_each(|(c, sum)| *c += sum);
         }
     }
 }
@@ -199,13 +213,22 @@ mod tests {
 
     /// The definition, of numbers that bfloat16 holds exactly.
     fn exact(a: &[f32], b: &[f32], [rows, columns, inner]: [usize; 3]) -> Vec<f32> {
-        let dot = |i: usize, j: usize| (0..inner).map(|k| a[i * inner + k] * b[k * columns + j]).sum();
-        (0..rows * columns).map(|at| dot(at / columns, at % columns)).collect()
+        let dot = |i: usize, j: usize| {
+            (0..inner)
+                .map(|k| a[i * inner + k] * b[k * columns + j])
+                .sum()
+        };
+        (0..rows * columns)
+            .map(|at| dot(at / columns, at % columns))
+            .collect()
     }
 
     fn rounded(seed: u64, len: usize) -> Vec<f32> {
         let numbers = single(&numbers(seed, len));
-        numbers.into_iter().map(|x| (x * 16.0).round() / 16.0).collect()
+        numbers
+            .into_iter()
+            .map(|x| (x * 16.0).round() / 16.0)
+            .collect()
     }
 
     fn assert_multiplies(unit: &impl Unit) {
@@ -217,9 +240,21 @@ mod tests {
             rights.set_right(Floats::dense(&b, columns));
             let expected = exact(&a, &b, sizes);
             let mut c = vec![1.0; rows * columns];
-            run(unit, Output::dense(&mut c, columns), Accum::Replace, &lefts, &rights);
+            run(
+                unit,
+                Output::dense(&mut c, columns),
+                Accum::Replace,
+                &lefts,
+                &rights,
+            );
             assert_eq!(c, expected, "{sizes:?}");
-            run(unit, Output::dense(&mut c, columns), Accum::Add, &lefts, &rights);
+            run(
+                unit,
+                Output::dense(&mut c, columns),
+                Accum::Add,
+                &lefts,
+                &rights,
+            );
             let twice: Vec<f32> = expected.iter().map(|x| 2.0 * x).collect();
             assert_eq!(c, twice, "{sizes:?}, added");
         }
