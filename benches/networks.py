@@ -2,11 +2,12 @@
 
     make bench            or   .venv/bin/python benches/networks.py
 
-Prints Markdown tables: times, what products and memory account for of ours. PyTorch stands beside ours where it is
-installed (tests/python/requirements-torch.txt): the modules of examples/python/networks.py, eager and compiled, in
-float32 and under bfloat16 autocast, with fused AdamW, as many threads as ours, and a malloc that keeps what it frees. Its
-best float32 mode and its best bfloat16 mode are shown. Each mode runs in a process of its own, ours before each of them,
-and of ours the median is shown. Our step also draws its batch and averages the weights; PyTorch's batch is ready.
+Prints Markdown tables: times, what products and memory account for of ours, in float32 and, where the processor has a
+matrix unit, in bfloat16. PyTorch stands beside ours where it is installed (tests/python/requirements-torch.txt): the
+modules of examples/python/networks.py, eager and compiled, in float32 and under bfloat16 autocast, with fused AdamW, as
+many threads as ours, and a malloc that keeps what it frees. Its best float32 mode and its best bfloat16 mode are shown,
+each with its ratio to our fastest that computes with such numbers or finer ones. Each mode runs in a process of its own,
+ours before each of them, and of ours the median is shown. Our step also draws its batch and averages the weights; PyTorch's batch is ready.
 Of the paper's sampling, 100 steps of Heun's method, 5 are timed by both and the time is multiplied by 20.
 """
 
@@ -34,9 +35,9 @@ PATIENCE = 1200
 PAPER_STEPS = 100
 
 
-def ours(network):
+def ours(network, precision):
     """What benches/networks.rs measures of a network."""
-    command = ["cargo", "bench", "--quiet", "--locked", "--bench", "networks", "--", network]
+    command = ["cargo", "bench", "--quiet", "--locked", "--bench", "networks", "--", network, precision]
     run = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True, text=True)
     return json.loads(run.stdout)
 
@@ -137,27 +138,33 @@ def peer(work, how, precision):
 
 
 def measure(network, modes):
-    """What ours and PyTorch, by mode, take for a network."""
-    rounds, peers = [], {}
-    for how, precision in modes or [(None, None)]:
-        print(f"{network}: ours", file=sys.stderr)
-        rounds.append(ours(network))
-        if modes:
+    """What ours, by precision and in rounds, and PyTorch, by mode, take for a network."""
+    rounds, peers = {precision: [] for precision in PRECISIONS}, {}
+    for how, precision in modes or [(None, precision) for precision in PRECISIONS]:
+        print(f"{network}: ours, {precision}", file=sys.stderr)
+        mine = ours(network, precision)
+        # Without a matrix unit ours is faster in float32, and that is what runs.
+        rounds[precision if mine["matrix_unit"] else "float32"].append(mine)
+        if how:
             print(f"{network}: PyTorch, {how} {precision}", file=sys.stderr)
-            peers[how, precision] = theirs(rounds[0], how, precision)
+            peers[how, precision] = theirs(mine, how, precision)
+    rounds = {precision: mine for precision, mine in rounds.items() if mine}
     return rounds, {mode: result for mode, result in peers.items() if result}
 
 
 def works(network, rounds):
-    """By the work's name: its key in PyTorch's results, all rounds of ours, and the factor from seconds to what is shown."""
-    first = rounds[0]
+    """By the work's name: its key in PyTorch's results, all rounds of ours by precision, and the factor from seconds to
+    what is shown."""
+    first = rounds["float32"][0]
     name = network.upper() if network == "mlp" else network.capitalize()
     batch = f"{first['clouds']} x {first['points']:,} points"
-    yield f"{name}: training step, {batch} (ms)", "step", [r["step"] for r in rounds], 1e3
+    steps = {precision: [r["step"] for r in mine] for precision, mine in rounds.items()}
+    yield f"{name}: training step, {batch} (ms)", "step", steps, 1e3
     if first["sampling"]:
         points, steps = first["sampling"]["points"], first["sampling"]["steps"]
         title = f"{name}: sampling {points:,} points, {2 * PAPER_STEPS} evaluations (s)"
-        yield title, "sampling", [r["sampling"]["work"] for r in rounds], PAPER_STEPS / steps
+        samplings = {precision: [r["sampling"]["work"] for r in mine] for precision, mine in rounds.items()}
+        yield title, "sampling", samplings, PAPER_STEPS / steps
 
 
 def beside(mine, peers, key, precision, factor):
@@ -166,24 +173,28 @@ def beside(mine, peers, key, precision, factor):
     if not found:
         return "-"
     seconds, how = min(found)
-    return f"{factor * seconds:,.1f} {how}, **{seconds / mine:.1f}x**"
+    ratio = seconds / min(ours for p, ours in mine.items() if p in (precision, "float32"))
+    return f"{factor * seconds:,.1f} {how}, **{ratio:.2f}x**"
 
 
 def times_table(measured, precisions):
-    heads = ["ours", *(f"PyTorch {precision}, ratio" for precision in precisions)]
+    heads = [f"{who} {p}" for who in ("ours", "PyTorch") for p in (PRECISIONS if who == "ours" else precisions)]
     lines = ["| | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
     for network, (rounds, peers) in measured.items():
-        for title, key, mine, factor in works(network, rounds):
-            seconds = statistics.median(work["seconds"] for work in mine)
-            cells = [f"{factor * seconds:,.1f}", *(beside(seconds, peers, key, p, factor) for p in precisions)]
+        for title, key, works_of, factor in works(network, rounds):
+            mine = {p: statistics.median(work["seconds"] for work in found) for p, found in works_of.items()}
+            cells = [f"{factor * mine[p]:,.1f}" if p in mine else "-" for p in PRECISIONS]
+            cells += [beside(mine, peers, key, p, factor) for p in precisions]
             lines.append(f"| {title} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
 def products_table(measured):
-    lines = ["| products of ours (GF/s) | in the work | alone | share |", "|---|---|---|---|"]
+    """Products in float32; those in bfloat16 have no others to be set beside."""
+    lines = ["| products of ours, float32 (GF/s) | in the work | alone | share |", "|---|---|---|---|"]
     for network, (rounds, _) in measured.items():
         for title, _, mine, _ in works(network, rounds):
+            mine = mine["float32"]
             inside, alone = (statistics.median(w[k] for w in mine) for k in ("products", "plain_products"))
             share = statistics.median(w["products"] / w["plain_products"] for w in mine)
             lines.append(f"| {title.rsplit(' (', 1)[0]} | {inside:.0f} | {alone:.0f} | {share:.0%} |")
@@ -193,10 +204,11 @@ def products_table(measured):
 def memory_table(measured):
     """The peak of training beside the goal's measure: one output of each layer for the whole batch, and four times the weights."""
     lines = [
-        "| peak memory of training (MB) | ours | activations + 4 x weights | ratio | PyTorch float32, bfloat16 |",
+        "| peak memory of training (MB) | ours, float32 | activations + 4 x weights | ratio | PyTorch float32, bfloat16 |",
         "|---|---|---|---|---|",
     ]
     for network, (rounds, peers) in measured.items():
+        rounds = rounds["float32"]
         memory = [r["memory"] for r in rounds]
         activations, weights = (memory[0][k] / 1e6 for k in ("activations", "weights"))
         cells = [f"{activations:.0f} + {weights:.0f}"]
