@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(platform.machine() != "x86_64", reason="the proc
 # QEMU's own processor has AVX2 and no AVX-512; Nehalem has neither.
 PROCESSORS = {"max": 8, "Nehalem": 1}
 
-SETTINGS = "--width 32 --depth 3 --embedding 16 --steps 20 --validate-every 20 --clouds 4 --points 128".split()
+SETTINGS = "--width 32 --depth 3 --embedding 16 --steps 20 --validate-every 20 --clouds 2 --points 64".split()
 CONTEXT = "--channels 8,8,8 --resolutions 4,3,2 --blocks 1 --context 8".split()
 
 # Relative: rounding grows along the run, most in the gradient's norm, and bfloat16 rounds to 8 bits.
