@@ -54,6 +54,7 @@ mod conditioner;
 mod context;
 mod context_shape;
 mod conv3d;
+mod conv3d_bf16;
 mod dense;
 mod grid;
 mod group_norm;

@@ -5,12 +5,16 @@ mod amx;
 mod dense;
 mod kernels;
 mod pack;
+mod panel;
 mod product;
+mod rows;
 mod tile;
 mod transpose;
 
 pub use dense::{PackedWeight, Passes};
 pub use kernels::{BlockTape, Modulate, ModulateBackward};
 pub use pack::Floats;
-pub use product::{Output, has_matrix_unit, multiply};
+pub use panel::Panel;
+pub use rows::{Paired, Rows, padded};
+pub use product::{Output, Term, has_matrix_unit, multiply, multiply_terms};
 pub use tile::Tiles;
