@@ -140,9 +140,9 @@ fn shifts(grid: Grid) -> impl Iterator<Item = usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bf16::Passes;
+    use super::super::bf16::{Passes, Room};
     use super::super::check::{assert_close, assert_is_gradient, numbers, single};
-    use super::super::conv3d_bf16::{ConvRoom, PackedConv};
+    use super::super::conv3d_bf16::PackedConv;
     use super::*;
 
     const GRID: Grid = Grid { resolution: 3 };
@@ -259,7 +259,7 @@ mod tests {
                 buffer
             };
             let (x, dy) = (filled(2, inputs), filled(3, outputs));
-            let (mut packed, mut room) = (PackedConv::default(), ConvRoom::default());
+            let (mut packed, mut room) = (PackedConv::default(), Room::default());
             packed.set(&conv, &params, Passes::Training);
 
             let (mut y, mut expected) = (fresh(outputs), fresh(outputs));

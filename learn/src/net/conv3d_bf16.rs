@@ -4,29 +4,18 @@
 //! of neighbours, are the whole convolution, and their sum stays in registers. So is the gradient by the input, from
 //! weights in the reverse order. The gradient by the weight has the rows as its inner dimension.
 
-use std::ops::Range;
-
 use faer::Accum;
 use rayon::prelude::*;
 
-use super::bf16::{Floats, Output, Paired, Passes, Rows, Term, Tiles, multiply_terms, padded};
+use super::bf16::{Floats, Passes, Room, Tiles, Weights, padded};
 use super::conv3d::{Conv3d, NEIGHBOURS, shift};
 use super::grid::Grid;
-use super::kernels::{add, fill_rows};
+use super::kernels::fill_rows;
 use super::rows::Sums;
 
 /// Lines of neighbours, and neighbours in a line.
 const LINES: usize = NEIGHBOURS / LINE;
 const LINE: usize = 3;
-
-/// Rows of a grid that a task of the convolution takes.
-const TASK: usize = 128;
-
-/// Rows of a grid that the gradient by the weight sums over before it is read and written again.
-const CHUNK: usize = 512;
-
-/// Parts of a grid whose gradients by the weight are summed apart, and then added in order.
-const PARTS: usize = 4;
 
 /// A convolution's weight in tiles, a line of neighbours at a time.
 #[derive(Debug, Default)]
@@ -81,16 +70,26 @@ impl Packed {
     fn each(&mut self, pack: impl Fn(usize, &mut PackedLine) + Sync) {
         self.0.par_iter_mut().enumerate().for_each(|(line, packed)| pack(line, packed));
     }
-}
 
-/// A grid as the products take it, and room for the gradient by the weight.
-#[derive(Debug, Default)]
-pub(super) struct ConvRoom {
-    rows: Rows,
-    paired: Paired,
-    /// The gradient by the output, transposed, a left matrix per chunk of rows.
-    transposed: Vec<Tiles>,
-    partials: Vec<f32>,
+    /// Grid `y` of `columns` features from the grid in `room`; `prepare` as [`Room::multiply`] has it.
+    fn convolve(
+        &self,
+        grid: Grid,
+        room: &Room,
+        y: &mut [f32],
+        columns: usize,
+        prepare: impl Fn(&mut [f32]) -> Accum + Sync,
+    ) {
+        let weights = Weights {
+            starts: std::array::from_fn(|line| shift(grid, line * LINE)),
+            adjacent: LINE,
+            matrices: self.0.each_ref().map(|packed| &packed.tiles),
+        };
+        let body = grid.body_mut(y, columns);
+        room.multiply(&weights, body, columns, prepare);
+        body.par_chunks_mut(grid.plane() * columns)
+            .for_each(|plane| grid.clear_padding(plane, columns));
+    }
 }
 
 impl Conv3d {
@@ -99,13 +98,13 @@ impl Conv3d {
         &self,
         params: &[f32],
         packed: &PackedConv,
-        room: &mut ConvRoom,
+        room: &mut Room,
         x: &[f32],
         y: &mut [f32],
     ) {
-        room.rows.set(x, self.inputs);
         let bias = &params[self.bias.clone()];
-        convolve(self.grid, &room.rows, &packed.forward, self.outputs, y, |y| {
+        room.enter(x, self.inputs);
+        packed.forward.convolve(self.grid, room, y, self.outputs, |y| {
             fill_rows(y, bias);
             Accum::Add
         });
@@ -115,95 +114,27 @@ impl Conv3d {
     pub fn backward_input_bf16(
         &self,
         packed: &PackedConv,
-        room: &mut ConvRoom,
+        room: &mut Room,
         dy: &[f32],
         dx: &mut [f32],
     ) {
-        room.rows.set(dy, self.outputs);
-        convolve(self.grid, &room.rows, &packed.backward, self.inputs, dx, |_| Accum::Replace);
+        room.enter(dy, self.outputs);
+        packed.backward.convolve(self.grid, room, dx, self.inputs, |_| Accum::Replace);
     }
 
     /// [`Conv3d::backward`] with bfloat16 products.
     pub fn backward_bf16(
         &self,
-        room: &mut ConvRoom,
+        room: &mut Room,
         gradient: &mut [f32],
         x: &[f32],
         dy: &[f32],
         sums: &mut Sums,
     ) {
-        let (inputs, outputs) = (self.inputs, self.outputs);
-        let grid = self.grid;
-        let ConvRoom {
-            rows,
-            paired,
-            transposed,
-            partials,
-        } = room;
-        rows.set(x, inputs);
-        paired.set(rows);
-        let body = grid.body(dy, outputs);
-        let chunks = body.par_chunks(CHUNK * outputs);
-        transposed.resize_with(chunks.len(), Tiles::default);
-        let floats = chunks.map(|chunk| Floats::dense(chunk, outputs));
-        (transposed.par_iter_mut().zip(floats)).for_each(|(tiles, dy)| tiles.set_left_transposed(dy));
-
-        let weight = NEIGHBOURS * inputs * outputs;
-        partials.resize(PARTS * weight, 0.0);
-        let per_part = transposed.len().div_ceil(PARTS);
-        let tasks = partials.par_chunks_mut(LINE * LINE * inputs * outputs).enumerate();
-        tasks.for_each(|(task, partial)| {
-            partial.fill(0.0);
-            let (part, plane) = (task / LINE, task % LINE);
-            let chunks = transposed.iter().enumerate().skip(part * per_part).take(per_part);
-            for (chunk, dy) in chunks {
-                let rows = chunk * CHUNK..(body.len() / outputs).min((chunk + 1) * CHUNK);
-                let weights = partial.chunks_exact_mut(inputs * outputs).enumerate();
-                for (index, dw) in weights {
-                    let neighbour = plane * LINE * LINE + index;
-                    let term = Term {
-                        left: dy.panel(0..dy.depth()),
-                        right: paired.panel(rows.start + shift(grid, neighbour), rows.len()),
-                    };
-                    multiply_terms(Output::dense(dw, inputs), Accum::Add, &[term]);
-                }
-            }
-        });
-        let stripe = inputs * outputs;
-        let gradients = gradient[self.weight.clone()].par_chunks_mut(stripe).enumerate();
-        gradients.for_each(|(index, gradient)| {
-            for partial in partials.chunks_exact(weight) {
-                add(&partial[index * stripe..][..stripe], gradient);
-            }
-        });
-        let bias = &mut gradient[self.bias.clone()];
-        sums.add_columns(body, grid.rows(), bias);
+        let starts: [usize; NEIGHBOURS] = std::array::from_fn(|n| shift(self.grid, n));
+        let dy = self.grid.body(dy, self.outputs);
+        let weight = &mut gradient[self.weight.clone()];
+        room.add_weight_gradient(starts, (x, self.inputs), (dy, self.outputs), weight);
+        sums.add_columns(dy, self.grid.rows(), &mut gradient[self.bias.clone()]);
     }
-}
-
-/// Grid `y` of `columns` features from the grid `x`; `prepare` says what is in `y` before the products.
-fn convolve(
-    grid: Grid,
-    x: &Rows,
-    weights: &Packed,
-    columns: usize,
-    y: &mut [f32],
-    prepare: impl Fn(&mut [f32]) -> Accum + Sync,
-) {
-    let body = grid.body_mut(y, columns);
-    let tasks = body.par_chunks_mut(TASK * columns).enumerate();
-    tasks.for_each(|(task, y)| {
-        let accum = prepare(y);
-        let Range { start, end } = task * TASK..task * TASK + y.len() / columns;
-        let terms: [Term; LINES] = std::array::from_fn(|line| {
-            let right = &weights.0[line].tiles;
-            Term {
-                left: x.panel(start + shift(grid, line * LINE), end - start, LINE),
-                right: right.panel(0..right.depth()),
-            }
-        });
-        multiply_terms(Output::dense(y, columns), accum, &terms);
-    });
-    body.par_chunks_mut(grid.plane() * columns)
-        .for_each(|plane| grid.clear_padding(plane, columns));
 }

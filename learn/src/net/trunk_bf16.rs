@@ -201,7 +201,11 @@ impl TilePass for Bf16Pass<'_> {
         sum_rows(d, d_shift);
         let Some(input) = &packed.input else {
             trunk.input.backward_weight(gradient, points, d);
-            assert!(d_points.is_none(), "points with context have many numbers");
+            if let Some(d_points) = d_points {
+                let start = d_points.len();
+                d_points.resize(start + points.len(), 0.0);
+                trunk.input.backward_input(params, d, &mut d_points[start..]);
+            }
             return;
         };
         tape.d_transposed.set_left_transposed(Floats::dense(d, width));

@@ -40,6 +40,11 @@ pub struct Panel<'a> {
 }
 
 impl Tiles {
+    /// The whole matrix.
+    pub fn whole(&self) -> Panel<'_> {
+        self.panel(0..self.depth())
+    }
+
     /// Of all blocks the tiles `part` along the inner dimension.
     pub fn panel(&self, part: Range<usize>) -> Panel<'_> {
         let tile = SIDE * DEPTH;

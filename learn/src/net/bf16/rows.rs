@@ -27,14 +27,11 @@ struct Aligned {
 impl Aligned {
     const LINE: usize = 64;
 
-    /// Makes room for `len` numbers, which are zero where their number changes.
-    fn resize(&mut self, len: usize) {
-        let more = len + Self::LINE / size_of::<u16>();
-        if self.numbers.len() != more {
-            self.numbers.clear();
-            self.numbers.resize(more, 0);
-            self.start = self.numbers.as_ptr().align_offset(Self::LINE);
-        }
+    /// `len` zeros.
+    fn reset(&mut self, len: usize) {
+        self.numbers.clear();
+        self.numbers.resize(len + Self::LINE / size_of::<u16>(), 0);
+        self.start = self.numbers.as_ptr().align_offset(Self::LINE);
     }
 
     fn numbers(&self) -> &[u16] {
@@ -59,12 +56,8 @@ impl Rows {
     pub fn set(&mut self, floats: &[f32], columns: usize) {
         let (stride, rows) = (padded(columns), floats.len() / columns);
         if [self.columns, self.rows] != [columns, rows] {
-            *self = Self {
-                columns,
-                rows,
-                ..Self::default()
-            };
-            self.numbers.resize((rows + BEHIND) * stride);
+            [self.columns, self.rows] = [columns, rows];
+            self.numbers.reset((rows + BEHIND) * stride);
         }
         let numbers = &mut self.numbers.numbers_mut()[..rows * stride];
         let tasks = numbers.par_chunks_mut(TASK * stride).zip(floats.par_chunks(TASK * columns));
@@ -99,18 +92,21 @@ impl Rows {
 pub struct Paired {
     numbers: [Aligned; 2],
     columns: usize,
+    rows: usize,
 }
 
 impl Paired {
     /// Pairs the rows of `rows`, in parallel.
     pub fn set(&mut self, rows: &Rows) {
         let stride = padded(rows.columns);
-        self.columns = rows.columns;
         let all = (rows.rows + BEHIND) * stride;
         let source = &rows.numbers.numbers()[..all];
+        if [self.columns, self.rows] != [rows.columns, rows.rows] {
+            [self.columns, self.rows] = [rows.columns, rows.rows];
+            self.numbers.iter_mut().for_each(|numbers| numbers.reset(all));
+        }
         for (odd, numbers) in self.numbers.iter_mut().enumerate() {
             let source = &source[odd * stride..];
-            numbers.resize(all);
             let pairs = numbers.numbers_mut().par_chunks_mut(2 * TASK * stride);
             pairs.zip(source.par_chunks(2 * TASK * stride)).for_each(|(numbers, source)| {
                 Arch::new().dispatch(|| {
