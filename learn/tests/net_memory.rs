@@ -10,7 +10,7 @@ use tdcr_learn::data::CloudSet;
 use tdcr_learn::flow::{Coupling, FlowPath};
 use tdcr_learn::net::{
     Batch, COLOR_WEIGHT, Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape,
-    Stage, Workspace,
+    Precision, Stage, Workspace,
 };
 use tdcr_learn::train::{Optimizer, TrainSettings, Trainer};
 
@@ -29,8 +29,9 @@ fn on_one_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
 }
 
 /// Bytes that the first two gradients allocate.
-fn two_gradients(shape: NetworkShape) -> [u64; 2] {
+fn two_gradients(shape: NetworkShape, precision: Precision) -> [u64; 2] {
     let network = Network::new(shape, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
+    let network = network.with_precision(precision);
     let points: Vec<f32> = (0..2 * 1500 * 3).map(|k| (k as f32).sin()).collect();
     let batch = Batch {
         times: &[0.3, 0.9],
@@ -69,9 +70,11 @@ fn hybrid() -> HybridShape {
 #[test]
 fn a_gradient_of_either_network_reuses_its_memory() {
     for shape in [HEAD.into(), hybrid().into()] {
-        let [first, second] = two_gradients(shape);
-        assert!(first > 100_000, "{first} bytes at first");
-        assert_eq!(second, 0, "{shape:?}");
+        for precision in Precision::ALL {
+            let [first, second] = two_gradients(shape, precision);
+            assert!(first > 100_000, "{first} bytes at first");
+            assert_eq!(second, 0, "{precision:?}, {shape:?}");
+        }
     }
 }
 

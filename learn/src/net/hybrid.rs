@@ -103,6 +103,9 @@ struct Packed {
     context: PackedContext,
 }
 
+/// Points per share of a cloud: fewer than of the MLP's batches of many clouds.
+const SHARE: usize = 1024;
+
 /// Memory of one cloud.
 #[derive(Debug)]
 pub(super) struct CloudTape {
@@ -231,8 +234,7 @@ impl Hybrid {
         let loss = batch.loss(head.channels);
         let mut squared_error = 0.0;
         self.pack(Passes::Training, &mut cloud.packed);
-        let tile = self.trunk_weights(&cloud.packed).tile();
-        divide(1, stride / head.channels.count(), tile, shares);
+        divide(1, stride / head.channels.count(), SHARE, shares);
         for (k, &time) in batch.times.iter().enumerate() {
             let modulations = k * conditioner.outputs()..(k + 1) * conditioner.outputs();
             let sample = CloudBatch {

@@ -41,6 +41,7 @@ impl Tiles {
             Arch::new().dispatch(|| {
                 for (line, part) in lines.zip(row.chunks(DEPTH)) {
                     line.iter_mut().zip(part).for_each(|(y, x)| *y = round(*x));
+                    line[part.len()..].fill(0);
                 }
             });
         }

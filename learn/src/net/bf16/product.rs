@@ -59,7 +59,7 @@ impl<'a> Output<'a> {
 
 /// Tiles along the inner dimension that are multiplied with all others before the next ones: a pair of blocks of them,
 /// left or right, takes a third of a first cache.
-const CACHED: usize = 8;
+const CACHED: usize = 16;
 
 /// What runs the products.
 trait Unit {
