@@ -8,7 +8,7 @@ use serde_json::{from_value, json, to_value};
 use tdcr_learn::flow::VelocityField;
 use tdcr_learn::net::{
     Batch, COLOR_WEIGHT, Channels, ContextShape, Hybrid, HybridShape, Mlp, MlpShape, NetworkShape,
-    Stage, TimeGate, Workspace,
+    Precision, Stage, TimeGate, Workspace,
 };
 
 const HEAD: MlpShape = MlpShape {
@@ -39,6 +39,9 @@ const SHAPE: HybridShape = HybridShape {
         },
     },
 };
+
+/// By how much rounding to bfloat16, of 8 bits, may change a tensor.
+const ROUNDING: f64 = 5e-3;
 
 fn uniform(seed: u64, len: usize) -> Vec<f32> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -89,21 +92,80 @@ fn loss_and_gradient(network: &Hybrid, samples: &Samples) -> (f64, Vec<f32>) {
 
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
-    let network = network(SHAPE);
-    let samples = Samples::new(2, 1500);
-    let results = [1, 2, 3].map(|threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
-        pool.install(|| {
+    for precision in Precision::ALL {
+        let shape = HybridShape {
+            head: MlpShape { width: 32, ..HEAD },
+            ..SHAPE
+        };
+        let network = network(shape).with_precision(precision).unwrap();
+        let samples = Samples::new(2, 1500);
+        let results = [1, 2, 3].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| {
+                let mut velocities = vec![0.0; samples.points.len()];
+                network.velocity(0.5, &[0.2, 0.3, 0.4], &samples.points, &mut velocities);
+                (loss_and_gradient(&network, &samples), velocities)
+            })
+        });
+        assert_eq!(results[0], results[1]);
+        assert_eq!(results[0], results[2]);
+    }
+}
+
+/// Relative distance in the Euclidean norm.
+fn distance(found: &[f32], exact: &[f32]) -> f64 {
+    let square = |x: f32| f64::from(x).powi(2);
+    let errors = found.iter().zip(exact).map(|(f, e)| square(f - e));
+    (errors.sum::<f64>() / exact.iter().copied().map(square).sum::<f64>()).sqrt()
+}
+
+/// Of a head whose input is packed and of one whose input is not, with context layers of odd sizes.
+#[test]
+fn products_of_bfloat16_numbers_change_results_by_their_rounding() {
+    let wide = ContextShape {
+        stages: [stage(40, 7), stage(24, 5), stage(72, 3)],
+        joined: 33,
+        features: 45,
+        ..SHAPE.context
+    };
+    for context in [SHAPE.context, wide] {
+        let shape = HybridShape {
+            head: MlpShape { width: 64, ..HEAD },
+            context,
+        };
+        let float32 = Hybrid::new(shape, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
+        // What starts at zero must not stay there.
+        let noise = uniform(6, float32.params().len());
+        let params = float32
+            .params()
+            .iter()
+            .zip(&noise)
+            .map(|(p, n)| p + 0.05 * n);
+        let float32 = Hybrid::from_params(shape, params.collect()).unwrap();
+        let bfloat16 = float32.clone().with_precision(Precision::Bfloat16).unwrap();
+        let samples = Samples::new(2, 700);
+        let [exact, rounded] = [&float32, &bfloat16].map(|n| loss_and_gradient(n, &samples));
+        assert!((rounded.0 / exact.0 - 1.0).abs() < 1e-3);
+        for tensor in shape.tensors() {
+            let [exact, rounded] = [&exact.1, &rounded.1].map(|g| &g[tensor.range.clone()]);
+            let found = distance(rounded, exact);
+            assert!(
+                (1e-6..ROUNDING).contains(&found),
+                "{}: {found}",
+                tensor.name
+            );
+        }
+        let velocities = [&float32, &bfloat16].map(|network| {
             let mut velocities = vec![0.0; samples.points.len()];
             network.velocity(0.5, &[0.2, 0.3, 0.4], &samples.points, &mut velocities);
-            (loss_and_gradient(&network, &samples), velocities)
-        })
-    });
-    assert_eq!(results[0], results[1]);
-    assert_eq!(results[0], results[2]);
+            velocities
+        });
+        let found = distance(&velocities[1], &velocities[0]);
+        assert!((1e-6..ROUNDING).contains(&found), "velocities: {found}");
+    }
 }
 
 #[test]

@@ -131,7 +131,7 @@ impl Mlp {
             loss: batch.loss(shape.channels),
         };
         let points = batch.points.len() / clouds / channels;
-        divide(clouds, points, pass.weights.tile(), shares);
+        divide(clouds, points, SHARE * pass.weights.tile(), shares);
         let modulation_len = self.conditioner.outputs();
         shares.par_iter_mut().for_each(|share| {
             let modulation = &conditioner.modulation[share.cloud * modulation_len..];
@@ -236,9 +236,8 @@ impl Loss {
     }
 }
 
-/// Divides `clouds` clouds of `points` points into shares of tiles of `tile` points, cloud by cloud. Keeps the buffers of `shares`.
-pub(super) fn divide(clouds: usize, points: usize, tile: usize, shares: &mut Vec<Share>) {
-    let len = SHARE * tile;
+/// Divides `clouds` clouds of `points` points into shares of `len` points, cloud by cloud. Keeps the buffers of `shares`.
+pub(super) fn divide(clouds: usize, points: usize, len: usize, shares: &mut Vec<Share>) {
     let per_cloud = points.div_ceil(len);
     shares.resize_with(clouds * per_cloud, Share::default);
     for (index, share) in shares.iter_mut().enumerate() {

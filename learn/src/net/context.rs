@@ -1,14 +1,19 @@
 //! The context network: what a point learns from the cloud about it.
 
+use faer::Accum;
+use rayon::prelude::*;
+
+use super::bf16::{PackedWeight, Passes, Room};
 use super::context_shape::{ContextShape, STAGES, block_name};
 use super::dense::Dense;
 use super::grid::Grid;
 use super::group_norm::{AffineNorm, Normed};
 use super::kernels::fill_rows;
-use super::pv_conv::{PvBlock, PvInput, PvScratch, PvTape};
+use super::pv_conv::{PackedPvBlock, PvBlock, PvInput, PvScratch, PvTape};
 use super::rows::{Rows, Sums};
 use super::shape::{Initial, Table, fan_in};
 use super::voxels::Voxels;
+use super::weights::Weights;
 
 /// Point-voxel context `(N, F)` of a cloud's points `(N, C)`, from channels `[e | x]`:
 ///
@@ -38,6 +43,21 @@ struct StageNet {
     blocks: Vec<PvBlock>,
 }
 
+/// The network's weights in tiles.
+#[derive(Debug, Default)]
+pub(super) struct PackedContext {
+    stages: Vec<PackedStage>,
+    joins: Vec<PackedWeight>,
+    output: PackedWeight,
+}
+
+#[derive(Debug, Default)]
+struct PackedStage {
+    /// Of no use to the first stage, whose projection is of few numbers.
+    project: PackedWeight,
+    blocks: Vec<PackedPvBlock>,
+}
+
 /// Memory of one cloud's forward and backward pass.
 #[derive(Debug)]
 pub(super) struct ContextTape {
@@ -53,6 +73,7 @@ pub(super) struct ContextTape {
     d_maximum: Vec<f32>,
     d_activated: Vec<f32>,
     sums: Sums,
+    room: Room,
 }
 
 #[derive(Debug)]
@@ -138,6 +159,29 @@ impl ContextNet {
         stages.sum::<u64>() + joins.sum::<u64>() + self.join_maximum.flops(1)
     }
 
+    /// Packs the network's weights.
+    pub fn pack(&self, params: &[f32], passes: Passes, packed: &mut PackedContext) {
+        packed
+            .stages
+            .resize_with(self.stages.len(), PackedStage::default);
+        packed
+            .joins
+            .resize_with(self.joins.len(), PackedWeight::default);
+        let stages = self.stages.par_iter().zip(&mut packed.stages);
+        stages.for_each(|(stage, packed)| {
+            packed.project.set(&stage.project, params, passes);
+            packed
+                .blocks
+                .resize_with(stage.blocks.len(), PackedPvBlock::default);
+            let blocks = stage.blocks.par_iter().zip(&mut packed.blocks);
+            blocks.for_each(|(block, packed)| block.pack(params, passes, packed));
+        });
+        for (join, packed) in self.joins.iter().zip(&mut packed.joins) {
+            packed.set(join, params, passes);
+        }
+        packed.output.set(&self.output, params, passes);
+    }
+
     /// Room for a cloud.
     pub fn tape(&self) -> ContextTape {
         let stages = self.stages.iter().map(|stage| StageTape {
@@ -158,17 +202,19 @@ impl ContextNet {
             d_maximum: Vec::new(),
             d_activated: Vec::new(),
             sums: Sums::default(),
+            room: Room::default(),
         }
     }
 
     /// Fills `tape.context`.
     pub fn forward(&self, input: ContextInput, tape: &mut ContextTape) {
         let ContextInput {
-            params,
+            weights,
             points,
             shift,
             mut films,
         } = input;
+        let room = &mut tape.room;
         let count = points.len() / self.stages[0].project.inputs;
         for (s, stage) in self.stages.iter().enumerate() {
             let (before, tape) = tape.stages.split_at_mut(s);
@@ -176,20 +222,26 @@ impl ContextNet {
             tape.voxels.place(points, self.stages[0].project.inputs);
             let first = &mut tape.features[0];
             first.resize(count * stage.project.outputs, 0.0);
+            let stage_weights = weights.of(|packed| &packed.stages[s]);
+            let project = stage_weights.of(|packed| &packed.project);
             match before.last() {
                 None => {
                     fill_rows(first, shift);
-                    stage.project.par_add_product(params, points, first);
+                    let project = project.floats();
+                    stage.project.par_add_product(project, room, points, first);
                 }
-                Some(before) => stage.project.par_forward(params, before.output(), first),
+                Some(before) => stage
+                    .project
+                    .par_forward(project, room, before.output(), first),
             }
-            stage.forward(params, &mut films, tape);
+            stage.forward(stage_weights, &mut films, tape);
         }
-        self.join(params, count, tape);
+        self.join(weights, count, tape);
     }
 
     /// The context from the stages' outputs.
-    fn join(&self, params: &[f32], count: usize, tape: &mut ContextTape) {
+    fn join(&self, weights: Weights<PackedContext>, count: usize, tape: &mut ContextTape) {
+        let params = weights.params;
         let last = tape.stages[STAGES - 1].output();
         let channels = self.join_maximum.inputs;
         tape.maximum.clear();
@@ -214,15 +266,18 @@ impl ContextNet {
         features.resize(count * self.join_maximum.outputs, 0.0);
         tape.activated.resize(features.len(), 0.0);
         fill_rows(features, &tape.shift);
-        for (join, stage) in self.joins.iter().zip(&tape.stages) {
-            join.par_add_product(params, stage.output(), features);
+        let room = &mut tape.room;
+        for (k, (join, stage)) in self.joins.iter().zip(&tape.stages).enumerate() {
+            let weights = weights.of(|packed| &packed.joins[k]);
+            join.par_add_product(weights, room, stage.output(), features);
         }
         let rows = Rows::points(count);
         self.join_norm
             .forward(params, rows, features, norm, &mut tape.activated);
         tape.context.resize(count * self.output.outputs, 0.0);
+        let output = weights.of(|packed| &packed.output);
         self.output
-            .par_forward(params, &tape.activated, &mut tape.context);
+            .par_forward(output, room, &tape.activated, &mut tape.context);
     }
 
     /// Backward pass of [`ContextNet::forward`], from `d_context` `(N, F)`.
@@ -237,30 +292,37 @@ impl ContextNet {
         [d_shift, mut d_films]: [&mut [f32]; 2],
     ) {
         let ContextInput {
-            params,
+            weights,
             points,
             mut films,
             ..
         } = input;
-        self.join_backward(params, d_context, tape, gradient);
+        self.join_backward(weights, d_context, tape, gradient);
+        let (room, sums) = (&mut tape.room, &mut tape.sums);
         for (s, stage) in self.stages.iter().enumerate().rev() {
             let (before, tape_s) = tape.stages.split_at_mut(s);
             let tape_s = &mut tape_s[0];
-            stage.backward(params, &mut films, tape_s, gradient, &mut d_films);
+            let stage_weights = weights.of(|packed| &packed.stages[s]);
+            stage.backward(stage_weights, &mut films, tape_s, gradient, &mut d_films);
+            let project = stage_weights.of(|packed| &packed.project);
             let d = &tape_s.d;
             match before.last_mut() {
                 None => {
-                    stage.project.par_backward_weight(gradient, points, d);
+                    let project = project.floats();
+                    stage
+                        .project
+                        .par_backward_weight(project, room, gradient, points, d);
                     let rows = Rows::points(d.len() / d_shift.len());
-                    tape.sums.add_columns(d, rows, d_shift);
+                    sums.add_columns(d, rows, d_shift);
                 }
                 Some(before) => {
+                    let both = [before.output(), d];
                     stage
                         .project
-                        .par_backward(gradient, before.output(), d, &mut tape.sums);
+                        .par_backward(project, room, gradient, both, sums);
                     stage
                         .project
-                        .par_add_backward_input(params, d, &mut before.d);
+                        .par_input_gradient(project, room, Accum::Add, d, &mut before.d);
                 }
             }
         }
@@ -269,17 +331,20 @@ impl ContextNet {
     /// Gradients by the stages' outputs, as far as they come from the joining layer.
     fn join_backward(
         &self,
-        params: &[f32],
+        weights: Weights<PackedContext>,
         d_context: &[f32],
         tape: &mut ContextTape,
         gradient: &mut [f32],
     ) {
         let rows = Rows::points(d_context.len() / self.output.outputs);
-        let (d, sums) = (&mut tape.d_activated, &mut tape.sums);
+        let params = weights.params;
+        let (d, sums, room) = (&mut tape.d_activated, &mut tape.sums, &mut tape.room);
+        let output = weights.of(|packed| &packed.output);
         self.output
-            .par_backward(gradient, &tape.activated, d_context, sums);
+            .par_backward(output, room, gradient, [&tape.activated, d_context], sums);
         d.resize(tape.activated.len(), 0.0);
-        self.output.par_backward_input(params, d_context, d);
+        self.output
+            .par_input_gradient(output, room, Accum::Replace, d_context, d);
         let Normed {
             features,
             tape: norm,
@@ -287,10 +352,11 @@ impl ContextNet {
         self.join_norm
             .backward(params, rows, features, norm, d, gradient);
 
-        for (join, stage) in self.joins.iter().zip(&mut tape.stages) {
-            join.par_backward_weight(gradient, stage.features.last().expect(OUTPUT), d);
+        for (k, (join, stage)) in self.joins.iter().zip(&mut tape.stages).enumerate() {
+            let weights = weights.of(|packed| &packed.joins[k]);
+            join.par_backward_weight(weights, room, gradient, stage.output(), d);
             stage.d.resize(rows.count * join.inputs, 0.0);
-            join.par_backward_input(params, d, &mut stage.d);
+            join.par_input_gradient(weights, room, Accum::Replace, d, &mut stage.d);
         }
         let d_shift = &mut tape.shift;
         d_shift.fill(0.0);
@@ -310,7 +376,7 @@ impl ContextNet {
 /// What the context network acts on.
 #[derive(Clone, Copy)]
 pub(super) struct ContextInput<'a> {
-    pub params: &'a [f32],
+    pub weights: Weights<'a, PackedContext>,
     /// `(N, C)`.
     pub points: &'a [f32],
     /// The embedding's share of the first projection.
@@ -330,14 +396,14 @@ impl StageTape {
 
 impl StageNet {
     /// The stage's blocks; takes their scales and offsets from the front of `films`.
-    fn forward(&self, params: &[f32], films: &mut &[f32], tape: &mut StageTape) {
+    fn forward(&self, weights: Weights<PackedStage>, films: &mut &[f32], tape: &mut StageTape) {
         let c = self.project.outputs;
         for (b, (block, block_tape)) in self.blocks.iter().zip(&mut tape.blocks).enumerate() {
             let (film, rest) = films.split_at(2 * c);
             *films = rest;
             let (input, output) = tape.features.split_at_mut(b + 1);
             let input = PvInput {
-                params,
+                weights: weights.of(|packed| &packed.blocks[b]),
                 film: film.split_at(c).into(),
                 voxels: &tape.voxels,
                 features: &input[b],
@@ -350,7 +416,7 @@ impl StageNet {
     /// and offsets, and their gradients, from the ends of `films` and `d_films`.
     fn backward(
         &self,
-        params: &[f32],
+        weights: Weights<PackedStage>,
         films: &mut &[f32],
         tape: &mut StageTape,
         gradient: &mut [f32],
@@ -365,7 +431,7 @@ impl StageNet {
                 .split_off_mut(start..)
                 .expect("a gradient per scale and offset");
             let input = PvInput {
-                params,
+                weights: weights.of(|packed| &packed.blocks[b]),
                 film: film.split_at(c).into(),
                 voxels: &tape.voxels,
                 features: &tape.features[b],

@@ -7,13 +7,16 @@ use serde::{Deserialize, Serialize};
 use crate::flow::VelocityField;
 
 use super::batch::{Batch, Loss, PointPass, Share, Workspace, add_trunk_gradients, divide, reset};
+use super::bf16::Passes;
 use super::conditioner::{Conditioner, ConditionerTape, Part};
-use super::context::{ContextInput, ContextNet, ContextTape};
+use super::context::{ContextInput, ContextNet, ContextTape, PackedContext};
 use super::context_shape::ContextShape;
 use super::kernels::add;
 use super::precision::Precision;
 use super::shape::{MlpShape, ShapeError, Table, TensorSpec, fan_in};
 use super::trunk::{Trunk, TrunkTapes, TrunkWeights};
+use super::trunk_bf16::PackedTrunk;
+use super::weights::Weights;
 use crate::pool::Pool;
 
 /// Shape of a hybrid velocity network.
@@ -93,9 +96,20 @@ pub struct Hybrid {
     clouds: Pool<(ConditionerTape, CloudTape)>,
 }
 
+/// The weights in tiles.
+#[derive(Debug, Default)]
+struct Packed {
+    trunk: PackedTrunk,
+    context: PackedContext,
+}
+
+/// Points per share of a cloud: fewer than of the MLP's batches of many clouds.
+const SHARE: usize = 1024;
+
 /// Memory of one cloud.
 #[derive(Debug)]
 pub(super) struct CloudTape {
+    packed: Packed,
     context: ContextTape,
     /// `[x | context]`, `(N, C + F)`.
     inputs: Vec<f32>,
@@ -223,7 +237,8 @@ impl Hybrid {
         let stride = batch.points.len() / batch.clouds();
         let loss = batch.loss(head.channels);
         let mut squared_error = 0.0;
-        divide(1, stride / head.channels.count(), 128, shares);
+        self.pack(Passes::Training, &mut cloud.packed);
+        divide(1, stride / head.channels.count(), SHARE, shares);
         for (k, &time) in batch.times.iter().enumerate() {
             let modulations = k * conditioner.outputs()..(k + 1) * conditioner.outputs();
             let sample = CloudBatch {
@@ -253,10 +268,7 @@ impl Hybrid {
         self.see(sample.time, &sample.modulation, sample.points, tape);
         let pass = PointPass {
             trunk,
-            weights: TrunkWeights {
-                params: &self.params[trunk.range.clone()],
-                packed: None,
-            },
+            weights: self.trunk_weights(&tape.packed),
             tapes: &self.tapes,
             loss: sample.loss,
         };
@@ -270,7 +282,7 @@ impl Hybrid {
         }
         self.blend_backward(sample.time, shares, tape, d_modulation.global);
         context.backward(
-            self.context_input(&sample.modulation, sample.points),
+            self.context_input(&sample.modulation, sample.points, &tape.packed),
             &tape.d_context,
             &mut tape.context,
             gradient,
@@ -281,9 +293,32 @@ impl Hybrid {
 
     fn cloud_tape(&self) -> CloudTape {
         CloudTape {
+            packed: Packed::default(),
             context: self.layers.context.tape(),
             inputs: Vec::new(),
             d_context: Vec::new(),
+        }
+    }
+
+    /// Packs the weights, where products are of bfloat16 numbers.
+    fn pack(&self, passes: Passes, packed: &mut Packed) {
+        if self.precision == Precision::Bfloat16 {
+            let Layers { trunk, context, .. } = &self.layers;
+            packed
+                .trunk
+                .set(trunk, &self.params[trunk.range.clone()], passes);
+            context.pack(&self.params, passes, &mut packed.context);
+        }
+    }
+
+    fn if_packed<'a, P>(&self, packed: &'a P) -> Option<&'a P> {
+        (self.precision == Precision::Bfloat16).then_some(packed)
+    }
+
+    fn trunk_weights<'a>(&'a self, packed: &'a Packed) -> TrunkWeights<'a> {
+        TrunkWeights {
+            params: &self.params[self.layers.trunk.range.clone()],
+            packed: self.if_packed(&packed.trunk),
         }
     }
 
@@ -291,9 +326,13 @@ impl Hybrid {
         &'a self,
         modulation: &Split<&'a [f32]>,
         points: &'a [f32],
+        packed: &'a Packed,
     ) -> ContextInput<'a> {
         ContextInput {
-            params: &self.params,
+            weights: Weights {
+                params: &self.params,
+                packed: self.if_packed(&packed.context),
+            },
             points,
             shift: modulation.shift,
             films: modulation.films,
@@ -302,7 +341,7 @@ impl Hybrid {
 
     /// Fills `tape.inputs` with the points and their context, the cloud's blended with the embedding's by the time gate.
     fn see(&self, time: f32, modulation: &Split<&[f32]>, points: &[f32], tape: &mut CloudTape) {
-        let input = self.context_input(modulation, points);
+        let input = self.context_input(modulation, points, &tape.packed);
         self.layers.context.forward(input, &mut tape.context);
         let (global, channels) = (modulation.global, self.shape.head.channels.count());
         let weight = self.shape.context.gate.weight(time);
@@ -399,13 +438,10 @@ impl VelocityField for Hybrid {
         self.clouds.with(create, |(tape, cloud)| {
             conditioner.forward(&self.params, &[t], condition, tape);
             let modulation = self.split(&tape.modulation);
+            self.pack(Passes::Forward, &mut cloud.packed);
             self.see(t, &modulation, points, cloud);
-            let weights = TrunkWeights {
-                params: &self.params[trunk.range.clone()],
-                packed: None,
-            };
             trunk.velocities(
-                weights,
+                self.trunk_weights(&cloud.packed),
                 modulation.head,
                 &cloud.inputs,
                 &self.tapes,

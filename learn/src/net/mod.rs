@@ -54,7 +54,9 @@ mod conditioner;
 mod context;
 mod context_shape;
 mod conv3d;
+mod conv3d_bf16;
 mod dense;
+mod dense_rows;
 mod grid;
 mod group_norm;
 mod hybrid;
@@ -69,6 +71,7 @@ mod squeeze;
 mod trunk;
 mod trunk_bf16;
 mod voxels;
+mod weights;
 
 pub use crate::channels::{Channels, DIM};
 pub use batch::{Batch, COLOR_WEIGHT, Workspace};

@@ -1,8 +1,11 @@
 //! Point-voxel convolution and the residual block about it.
 
+use faer::Accum;
 use rayon::prelude::*;
 
+use super::bf16::{PackedWeight, Passes, Room};
 use super::conv3d::Conv3d;
+use super::conv3d_bf16::PackedConv;
 use super::dense::Dense;
 use super::grid::Grid;
 use super::group_norm::{AffineNorm, GroupNorm, Normed};
@@ -11,6 +14,7 @@ use super::rows::{Rows, Sums};
 use super::shape::{Table, fan_in};
 use super::squeeze::{Squeeze, SqueezeTape};
 use super::voxels::Voxels;
+use super::weights::Weights;
 
 /// A convolution with its norm.
 #[derive(Clone, Debug)]
@@ -40,6 +44,14 @@ pub(super) struct PvBlock {
     film: GroupNorm,
 }
 
+/// A block's weights in tiles.
+#[derive(Debug, Default)]
+pub(super) struct PackedPvBlock {
+    convs: [PackedConv; 2],
+    point: PackedWeight,
+    mix: PackedWeight,
+}
+
 /// Features of one cloud that the backward pass needs. Grids have margins.
 #[derive(Debug, Default)]
 pub(super) struct PvTape {
@@ -60,12 +72,14 @@ pub(super) struct PvScratch {
     voxels: [Vec<f32>; 2],
     points: [Vec<f32>; 2],
     sums: Sums,
+    /// For products of voxels and of points.
+    rooms: [Room; 2],
 }
 
 /// What a block acts on.
 #[derive(Clone, Copy)]
 pub(super) struct PvInput<'a> {
-    pub params: &'a [f32],
+    pub weights: Weights<'a, PackedPvBlock>,
     /// FiLM's scale and offset.
     pub film: [&'a [f32]; 2],
     /// Where the cloud's points lie.
@@ -100,6 +114,15 @@ impl PvBlock {
         }
     }
 
+    /// Packs the block's weights.
+    pub fn pack(&self, params: &[f32], passes: Passes, packed: &mut PackedPvBlock) {
+        for (layer, packed) in self.layers.iter().zip(&mut packed.convs) {
+            packed.set(&layer.conv, params, passes);
+        }
+        packed.point.set(&self.point, params, passes);
+        packed.mix.set(&self.mix, params, passes);
+    }
+
     /// Floating-point operations of the forward pass over `points` points, products alone.
     pub fn flops(&self, points: usize) -> u64 {
         let convs = self.layers.iter().map(|layer| layer.conv.flops());
@@ -116,15 +139,17 @@ impl PvBlock {
         output: &mut Vec<f32>,
     ) {
         let PvInput {
-            params,
+            weights,
             film,
             voxels,
             features: h,
         } = input;
+        let params = weights.params;
         let (grid, c) = (self.grid, self.channels);
         let PvScratch {
             voxels: [entered, left],
             sums,
+            rooms: [room, point_room],
             ..
         } = scratch;
         self.prepare(h.len(), tape, [entered, left], output);
@@ -132,8 +157,9 @@ impl PvBlock {
         voxels.average(h, c, entered);
         let [first, second] = &mut tape.convolved;
         let [layer1, layer2] = &self.layers;
-        layer1.forward(params, entered, first, &mut tape.activated);
-        layer2.forward(params, &tape.activated, second, left);
+        let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
+        layer1.forward(convs[0], room, entered, first, &mut tape.activated);
+        layer2.forward(convs[1], room, &tape.activated, second, left);
 
         let means = sums.columns(grid.body(left, c), grid.rows(), c);
         tape.squeeze.means.clear();
@@ -143,7 +169,9 @@ impl PvBlock {
         voxels.interpolate(left, c, &mut tape.interpolated);
 
         let rows = Rows::points(h.len() / c);
-        self.point.par_forward(params, h, &mut tape.point.features);
+        let point = weights.of(|packed| &packed.point);
+        self.point
+            .par_forward(point, point_room, h, &mut tape.point.features);
         let Normed {
             features,
             tape: norm,
@@ -152,8 +180,9 @@ impl PvBlock {
             .forward(params, rows, features, norm, &mut tape.joined);
         add_gained(&tape.interpolated, &tape.squeeze.gains, &mut tape.joined);
 
+        let mix = weights.of(|packed| &packed.mix);
         self.mix
-            .par_forward(params, &tape.joined, &mut tape.mixed.features);
+            .par_forward(mix, point_room, &tape.joined, &mut tape.mixed.features);
         let Normed { features, tape } = &mut tape.mixed;
         self.film.forward(rows, film, features, tape, output);
         par_add(h, output);
@@ -172,17 +201,19 @@ impl PvBlock {
         d_film: [&mut [f32]; 2],
     ) {
         let PvInput {
-            params,
+            weights,
             film,
             voxels,
             features: h,
         } = input;
+        let params = weights.params;
         let (grid, c) = (self.grid, self.channels);
         let rows = Rows::points(h.len() / c);
         let PvScratch {
             voxels: [entered, d_voxels],
             points: [d_mixed, d_joined],
             sums,
+            rooms: [room, point_room],
         } = scratch;
         copy(d, d_mixed);
         let Normed {
@@ -191,9 +222,12 @@ impl PvBlock {
         } = &mut tape.mixed;
         self.film
             .backward(rows, film, features, norm, d_mixed, d_film);
-        self.mix.par_backward(gradient, &tape.joined, d_mixed, sums);
+        let mix = weights.of(|packed| &packed.mix);
+        self.mix
+            .par_backward(mix, point_room, gradient, [&tape.joined, d_mixed], sums);
         d_joined.resize(d.len(), 0.0);
-        self.mix.par_backward_input(params, d_mixed, d_joined);
+        self.mix
+            .par_input_gradient(mix, point_room, Accum::Replace, d_mixed, d_joined);
 
         let d_point = d_mixed;
         copy(d_joined, d_point);
@@ -203,8 +237,11 @@ impl PvBlock {
         } = &mut tape.point;
         self.point_norm
             .backward(params, rows, features, norm, d_point, gradient);
-        self.point.par_backward(gradient, h, d_point, sums);
-        self.point.par_add_backward_input(params, d_point, d);
+        let point = weights.of(|packed| &packed.point);
+        self.point
+            .par_backward(point, point_room, gradient, [h, d_point], sums);
+        self.point
+            .par_input_gradient(point, point_room, Accum::Add, d_point, d);
 
         let d_gains = sum_products(d_joined, &tape.interpolated, c, sums);
         tape.squeeze.d.clear();
@@ -217,14 +254,29 @@ impl PvBlock {
 
         let [first, second] = &mut tape.convolved;
         let [layer1, layer2] = &self.layers;
-        layer2.backward(params, &tape.activated, second, d_voxels, gradient, sums);
+        let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
+        layer2.backward(
+            convs[1],
+            room,
+            (&tape.activated, d_voxels),
+            second,
+            gradient,
+            sums,
+        );
         let d_activated = entered;
-        layer2.conv.backward_input(params, d_voxels, d_activated);
+        layer2.backward_input(convs[1], room, d_voxels, d_activated);
         // What entered the first convolution is made again, where its output was.
         let entered = &mut tape.activated;
         voxels.average(h, c, entered);
-        layer1.backward(params, entered, first, d_activated, gradient, sums);
-        layer1.conv.backward_input(params, d_activated, d_voxels);
+        layer1.backward(
+            convs[0],
+            room,
+            (entered, d_activated),
+            first,
+            gradient,
+            sums,
+        );
+        layer1.backward_input(convs[0], room, d_activated, d_voxels);
         voxels.average_backward(d_voxels, c, d);
     }
 
@@ -258,10 +310,21 @@ impl PvBlock {
 
 impl VoxelLayer {
     /// Grid `y` from grid `x`.
-    fn forward(&self, params: &[f32], x: &[f32], normed: &mut Normed, y: &mut [f32]) {
+    fn forward(
+        &self,
+        weights: Weights<PackedConv>,
+        room: &mut Room,
+        x: &[f32],
+        normed: &mut Normed,
+        y: &mut [f32],
+    ) {
         let (grid, channels) = (self.conv.grid, self.norm.norm.channels);
         let Normed { features, tape } = normed;
-        self.conv.forward(params, x, features);
+        let params = weights.params;
+        match weights.packed {
+            None => self.conv.forward(params, x, features),
+            Some(packed) => self.conv.forward_bf16(params, packed, room, x, features),
+        }
         let (features, y) = (
             grid.body_mut(features, channels),
             grid.body_mut(y, channels),
@@ -269,13 +332,13 @@ impl VoxelLayer {
         self.norm.forward(params, grid.rows(), features, tape, y);
     }
 
-    /// Turns `d`, the gradient by `y`, into the gradient behind the convolution; adds to `gradient`.
+    /// Turns `d`, the gradient by `y`, into the gradient behind the convolution of `x`; adds to `gradient`.
     fn backward(
         &self,
-        params: &[f32],
-        x: &[f32],
+        weights: Weights<PackedConv>,
+        room: &mut Room,
+        (x, d): (&[f32], &mut [f32]),
         normed: &mut Normed,
-        d: &mut [f32],
         gradient: &mut [f32],
         sums: &mut Sums,
     ) {
@@ -284,8 +347,25 @@ impl VoxelLayer {
         let (features, rows) = (grid.body(features, channels), grid.rows());
         let body = grid.body_mut(d, channels);
         self.norm
-            .backward(params, rows, features, tape, body, gradient);
-        self.conv.backward(gradient, x, d, sums);
+            .backward(weights.params, rows, features, tape, body, gradient);
+        match weights.packed {
+            None => self.conv.backward(gradient, x, d, sums),
+            Some(_) => self.conv.backward_bf16(room, gradient, x, d, sums),
+        }
+    }
+
+    /// The gradient `dx` from the gradient `d` behind the convolution.
+    fn backward_input(
+        &self,
+        weights: Weights<PackedConv>,
+        room: &mut Room,
+        d: &[f32],
+        dx: &mut [f32],
+    ) {
+        match weights.packed {
+            None => self.conv.backward_input(weights.params, d, dx),
+            Some(packed) => self.conv.backward_input_bf16(packed, room, d, dx),
+        }
     }
 }
 

@@ -156,7 +156,6 @@ impl Bf16Pass<'_> {
         let rows = points.len() / layer.inputs;
         match &self.packed.input {
             PackedInput::Few(_) => {
-                assert!(d_points.is_none(), "points with context have many numbers");
                 tape.d_input.clear();
                 tape.d_input.resize(layer.inputs * width, 0.0);
                 EnterBackward {
@@ -170,6 +169,14 @@ impl Bf16Pass<'_> {
                 for (feature, d_weight) in d_weight.enumerate() {
                     let column = tape.d_input[feature..].iter().step_by(width);
                     d_weight.iter_mut().zip(column).for_each(|(d, c)| *d += c);
+                }
+                if let Some(d_points) = d_points {
+                    let start = d_points.len();
+                    d_points.resize(start + points.len(), 0.0);
+                    let rows = tape.features.chunks_exact(width + PAD);
+                    for (d, d_point) in rows.zip(d_points[start..].chunks_exact_mut(layer.inputs)) {
+                        layer.backward_input(self.params, &d[..width], d_point);
+                    }
                 }
             }
             PackedInput::Many(packed) => {

@@ -7,7 +7,10 @@ mod ends;
 mod kernels;
 mod lanes;
 mod pack;
+mod panel;
 mod product;
+mod room;
+mod rows;
 mod shuffle;
 mod tile;
 
@@ -16,4 +19,6 @@ pub use ends::{Enter, EnterBackward, Leave, LeaveBackward};
 pub use kernels::{BlockTape, Kernel, Modulate, ModulateBackward};
 pub use pack::Floats;
 pub use product::{Output, has_matrix_unit, multiply};
+pub use room::{Room, Weights};
+pub use rows::padded;
 pub use tile::{DEPTH, Tiles};

@@ -43,6 +43,7 @@ impl Tiles {
             Arch::new().dispatch(|| {
                 for (line, part) in lines.zip(row.chunks(DEPTH)) {
                     line.iter_mut().zip(part).for_each(|(y, x)| *y = round(*x));
+                    line[part.len()..].fill(0);
                 }
             });
         }
@@ -65,6 +66,12 @@ impl Tiles {
     /// Turns the left matrix `B` into the right matrix `B^T`, and a right matrix `B` into the left matrix `B^T`.
     pub fn transpose(&mut self) {
         transpose(self.tiles_mut());
+    }
+
+    /// Becomes the left matrix `floats^T`; the inner dimension is the rows of `floats`.
+    pub fn set_left_transposed(&mut self, floats: Floats) {
+        self.set_right(floats);
+        self.transpose();
     }
 
     /// Becomes the right matrix `floats^T`; the inner dimension is the columns of `floats`.
@@ -182,6 +189,8 @@ mod tests {
         assert_holds(&left, left_at, [ROWS, COLUMNS], plain);
         tiles.set_right(floats);
         assert_holds(&tiles, right_at, [COLUMNS, ROWS], mirrored);
+        tiles.set_left_transposed(floats);
+        assert_holds(&tiles, left_at, [COLUMNS, ROWS], mirrored);
         tiles.set_left_transposed_from(&left, [ROWS, COLUMNS]);
         assert_holds(&tiles, left_at, [COLUMNS, ROWS], mirrored);
         tiles.set_right_transposed(floats);

@@ -1,18 +1,57 @@
 //! Products of tiled matrices.
 
-use std::ops::Range;
-
 use faer::Accum;
 use pulp::{Arch, Simd, WithSimd};
 
 #[cfg(target_arch = "x86_64")]
 use super::amx;
-use super::tile::{DEPTH, SIDE, STEP, Tile, Tiles, widen};
+use super::panel::Panel;
+use super::tile::{SIDE, Tiles, widen};
 
-/// Two tiles by two, along the inner dimension.
-pub struct Block<'a> {
-    pub left: [&'a [Tile]; 2],
-    pub right: [&'a [Tile]; 2],
+/// A left and a right matrix, to be multiplied.
+#[derive(Clone, Copy, Debug)]
+pub struct Term<'a> {
+    pub left: Panel<'a>,
+    pub right: Panel<'a>,
+}
+
+/// Four tiles of a product, for which a matrix unit has registers: by rows and columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    Square,
+    Tall,
+    Wide,
+}
+
+/// Which blocks of tiles are multiplied one after the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// The same rows with all columns: the left matrix stays in the first cache.
+    AlongRows,
+    /// The same columns with all rows: the right matrix stays in the first cache, and the left one streams by.
+    AlongColumns,
+}
+
+/// Four tiles of a product: those from the tile `first` on.
+#[derive(Clone, Copy, Debug)]
+pub struct Four {
+    pub first: [usize; 2],
+    pub shape: Shape,
+    pub order: Order,
+}
+
+/// Numbers in four tiles.
+const FOUR: usize = 4 * SIDE * SIDE;
+
+impl Shape {
+    /// Tiles by rows and by columns.
+    pub const fn tiles(self) -> [usize; 2] {
+        match self {
+            Self::Square => [2, 2],
+            Self::Tall => [4, 1],
+            Self::Wide => [1, 4],
+        }
+    }
 }
 
 /// The product, `(rows, columns)` floats of row-major memory whose rows are `stride` numbers apart.
@@ -35,20 +74,21 @@ impl<'a> Output<'a> {
     }
 }
 
-/// Tiles along the inner dimension that are multiplied with all others before the next ones: a pair of blocks of them,
-/// left or right, takes a third of a first cache.
+/// Tiles along the inner dimension that are multiplied with all others before the next ones: a pair of blocks of them
+/// takes two thirds of a first cache.
 const CACHED: usize = 16;
 
 /// What runs the products.
 trait Unit {
-    /// Puts the product of `block` into the 32 x 32 floats of `c`, whose rows are `stride` numbers apart, or adds it.
-    fn multiply(&self, block: &Block, accum: Accum, c: &mut [f32], stride: usize);
+    /// Puts the sum of the products of `terms` into `c`, whose rows are `stride` numbers apart, or adds it: four tiles.
+    /// Where a matrix has fewer blocks, its last one is taken again.
+    fn multiply(&self, terms: &[Term], four: Four, accum: Accum, c: &mut [f32], stride: usize);
 }
 
 #[cfg(target_arch = "x86_64")]
 impl Unit for amx::Unit {
-    fn multiply(&self, block: &Block, accum: Accum, c: &mut [f32], stride: usize) {
-        self.multiply_tiles(block, accum, c, stride);
+    fn multiply(&self, terms: &[Term], four: Four, accum: Accum, c: &mut [f32], stride: usize) {
+        self.multiply_tiles(terms, four, accum, c, stride);
     }
 }
 
@@ -64,75 +104,110 @@ pub fn has_matrix_unit() -> bool {
 ///
 /// # Panics
 /// Where the operands do not fit each other or the output.
-pub fn multiply(output: Output, accum: Accum, left: &Tiles, right: &Tiles) {
+pub fn multiply(mut output: Output, accum: Accum, left: &Tiles, right: &Tiles) {
     #[cfg(target_arch = "x86_64")]
     if amx::is_available() {
-        return run(&amx::Unit::new(), output, accum, left, right);
+        return run_cached(&amx::Unit::new(), &mut output, accum, left, right);
     }
-    run(&Vectors, output, accum, left, right);
+    run_cached(&Vectors, &mut output, accum, left, right);
 }
 
-fn run(unit: &impl Unit, output: Output, accum: Accum, left: &Tiles, right: &Tiles) {
-    let Output {
-        numbers,
-        stride,
-        rows,
-        columns,
-    } = output;
+/// `C = sum of A B` over all terms, or `C += ...`: all of it stays in registers.
+///
+/// # Panics
+/// Where the operands do not fit each other.
+pub fn multiply_terms(mut output: Output, accum: Accum, terms: &[Term]) {
+    #[cfg(target_arch = "x86_64")]
+    if amx::is_available() {
+        return run(
+            &amx::Unit::new(),
+            &mut output,
+            accum,
+            terms,
+            Order::AlongRows,
+        );
+    }
+    run(&Vectors, &mut output, accum, terms, Order::AlongRows);
+}
+
+fn run_cached(unit: &impl Unit, output: &mut Output, accum: Accum, left: &Tiles, right: &Tiles) {
     assert_eq!(left.depth(), right.depth(), "one inner dimension");
     let depth = left.depth();
-    assert!(
-        left.tiles().len() >= rows.div_ceil(STEP) * 2 * depth,
-        "as many rows as the output"
-    );
-    assert!(
-        right.tiles().len() >= columns.div_ceil(STEP) * 2 * depth,
-        "as many columns as the output"
-    );
     for start in (0..depth).step_by(CACHED) {
-        let part = start..depth.min(start + CACHED);
         let accum = if start == 0 { accum } else { Accum::Add };
-        for column in (0..columns).step_by(STEP) {
-            for row in (0..rows).step_by(STEP) {
-                let block = Block {
-                    left: pair(left, row, &part),
-                    right: pair(right, column, &part),
-                };
-                let (height, width) = (STEP.min(rows - row), STEP.min(columns - column));
-                let c = &mut numbers[row * stride + column..];
-                if (height, width) == (STEP, STEP) {
-                    unit.multiply(&block, accum, c, stride);
-                } else {
-                    add_edge(unit, &block, accum, c, stride, [height, width]);
+        let part = start..depth.min(start + CACHED);
+        let term = Term {
+            left: left.panel(part.clone()),
+            right: right.panel(part),
+        };
+        run(unit, output, accum, &[term], Order::AlongColumns);
+    }
+}
+
+/// Rows of tiles that take turns with the columns.
+const GROUP: usize = 4;
+
+fn run(unit: &impl Unit, output: &mut Output, accum: Accum, terms: &[Term], order: Order) {
+    let [rows, columns] = [output.rows, output.columns].map(|len| len.div_ceil(SIDE));
+    for Term { left, right } in terms {
+        assert!(left.blocks() >= rows, "as many rows as the output");
+        assert!(right.blocks() >= columns, "as many columns as the output");
+    }
+    let [paired_rows, paired_columns] = [rows, columns].map(|tiles| tiles / 2 * 2);
+    let mut four = |first, shape| {
+        let four = Four {
+            first,
+            shape,
+            order,
+        };
+        add_four(unit, output, accum, terms, four);
+    };
+    if order == Order::AlongColumns {
+        for column in (0..paired_columns).step_by(2) {
+            for row in (0..paired_rows).step_by(2) {
+                four([row, column], Shape::Square);
+            }
+        }
+    }
+    for group in (0..rows).step_by(GROUP) {
+        if order == Order::AlongRows {
+            for row in (group..paired_rows.min(group + GROUP)).step_by(2) {
+                for column in (0..paired_columns).step_by(2) {
+                    four([row, column], Shape::Square);
                 }
             }
+        }
+        if columns > paired_columns {
+            four([group, paired_columns], Shape::Tall);
+        }
+    }
+    if rows > paired_rows {
+        for column in (0..paired_columns).step_by(4) {
+            four([paired_rows, column], Shape::Wide);
         }
     }
 }
 
-/// The tiles `part` of the two blocks from row, or column, `first` on.
-fn pair<'a>(tiles: &'a Tiles, first: usize, part: &Range<usize>) -> [&'a [Tile]; 2] {
-    let depth = tiles.depth();
-    let (a, b) = tiles.tiles()[first / SIDE * depth..][..2 * depth].split_at(depth);
-    [&a[part.clone()], &b[part.clone()]]
-}
-
-/// A block of which only `height` rows and `width` columns are in the output.
-fn add_edge(
-    unit: &impl Unit,
-    block: &Block,
-    accum: Accum,
-    c: &mut [f32],
-    stride: usize,
-    [height, width]: [usize; 2],
-) {
-    let mut whole = [0.0; STEP * STEP];
-    unit.multiply(block, Accum::Replace, &mut whole, STEP);
+/// Four tiles of the product, as far as the output has them.
+fn add_four(unit: &impl Unit, output: &mut Output, accum: Accum, terms: &[Term], four: Four) {
+    let stride = output.stride;
+    let [row, column] = four.first.map(|tile| tile * SIDE);
+    let [most, widest] = four.shape.tiles().map(|tiles| tiles * SIDE);
+    let (height, width) = (
+        most.min(output.rows - row),
+        widest.min(output.columns - column),
+    );
+    let c = &mut output.numbers[row * stride + column..];
+    if [height, width] == [most, widest] {
+        return unit.multiply(terms, four, accum, c, stride);
+    }
+    let mut whole = [0.0; FOUR];
+    unit.multiply(terms, four, Accum::Replace, &mut whole, widest);
     let lines = c
         .chunks_mut(stride)
         .take(height)
         .map(|line| &mut line[..width]);
-    for (line, product) in lines.zip(whole.chunks_exact(STEP)) {
+    for (line, product) in lines.zip(whole.chunks_exact(widest)) {
         match accum {
             Accum::Replace => line.copy_from_slice(&product[..width]),
             Accum::Add => line.iter_mut().zip(product).for_each(|(c, p)| *c += p),
@@ -144,18 +219,20 @@ fn add_edge(
 struct Vectors;
 
 impl Unit for Vectors {
-    fn multiply(&self, block: &Block, accum: Accum, c: &mut [f32], stride: usize) {
-        for (half, left) in block.left.iter().enumerate() {
-            for (side, right) in block.right.iter().enumerate() {
-                let c = &mut c[half * SIDE * stride + side * SIDE..];
-                if let Accum::Replace = accum {
-                    c.chunks_mut(stride)
-                        .take(SIDE)
-                        .for_each(|line| line[..SIDE].fill(0.0));
-                }
+    fn multiply(&self, terms: &[Term], four: Four, accum: Accum, c: &mut [f32], stride: usize) {
+        let [rows, columns] = four.shape.tiles();
+        for tile in 0..rows * columns {
+            let at = [tile / columns, tile % columns];
+            let c = &mut c[(at[0] * stride + at[1]) * SIDE..];
+            if let Accum::Replace = accum {
+                c.chunks_mut(stride)
+                    .take(SIDE)
+                    .for_each(|line| line[..SIDE].fill(0.0));
+            }
+            for term in terms {
                 Arch::new().dispatch(MultiplyAdd {
-                    left,
-                    right,
+                    term,
+                    at: [four.first[0] + at[0], four.first[1] + at[1]],
                     c,
                     stride,
                 });
@@ -166,8 +243,8 @@ impl Unit for Vectors {
 
 /// One tile of the product.
 struct MultiplyAdd<'a> {
-    left: &'a [Tile],
-    right: &'a [Tile],
+    term: &'a Term<'a>,
+    at: [usize; 2],
     c: &'a mut [f32],
     stride: usize,
 }
@@ -177,16 +254,18 @@ impl WithSimd for MultiplyAdd<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
+        let Term { left, right } = self.term;
+        assert_eq!(left.depth(), right.depth(), "one inner dimension");
         let mut sums = [[0.0f32; SIDE]; SIDE];
-        for (left, right) in self.left.iter().zip(self.right) {
+        for tile in 0..left.depth() {
             for pair in 0..SIDE {
-                let line = right.line(pair);
+                let line = right.line(self.at[1], tile, pair);
                 let (mut even, mut odd) = ([0.0; SIDE], [0.0; SIDE]);
                 for k in 0..SIDE {
                     (even[k], odd[k]) = (widen(line[2 * k]), widen(line[2 * k + 1]));
                 }
                 for (row, sums) in sums.iter_mut().enumerate() {
-                    let numbers: &[u16; DEPTH] = left.line(row);
+                    let numbers = left.line(self.at[0], tile, row);
                     let (first, second) = (widen(numbers[2 * pair]), widen(numbers[2 * pair + 1]));
                     for k in 0..SIDE {
                         sums[k] = second.mul_add(odd[k], first.mul_add(even[k], sums[k]));
@@ -209,7 +288,15 @@ mod tests {
     use super::super::pack::Floats;
     use super::*;
 
-    const SIZES: [[usize; 3]; 4] = [[1, 1, 1], [32, 32, 32], [40, 70, 33], [97, 16, 100]];
+    /// Among them such with an odd number of tiles by rows, by columns and by both.
+    const SIZES: [[usize; 3]; 6] = [
+        [1, 1, 1],
+        [32, 32, 32],
+        [40, 70, 33],
+        [97, 16, 100],
+        [80, 80, 40],
+        [48, 130, 300],
+    ];
 
     /// The definition, of numbers that bfloat16 holds exactly.
     fn exact(a: &[f32], b: &[f32], [rows, columns, inner]: [usize; 3]) -> Vec<f32> {
@@ -240,17 +327,17 @@ mod tests {
             rights.set_right(Floats::dense(&b, columns));
             let expected = exact(&a, &b, sizes);
             let mut c = vec![1.0; rows * columns];
-            run(
+            run_cached(
                 unit,
-                Output::dense(&mut c, columns),
+                &mut Output::dense(&mut c, columns),
                 Accum::Replace,
                 &lefts,
                 &rights,
             );
             assert_eq!(c, expected, "{sizes:?}");
-            run(
+            run_cached(
                 unit,
-                Output::dense(&mut c, columns),
+                &mut Output::dense(&mut c, columns),
                 Accum::Add,
                 &lefts,
                 &rights,

@@ -1,0 +1,147 @@
+//! Matrices of bfloat16 numbers whose rows products may enter anywhere.
+
+use pulp::Arch;
+use rayon::prelude::*;
+
+use super::panel::{Panel, Steps};
+use super::tile::{DEPTH, SIDE, round};
+
+/// Rows of zeros behind the last: products take rows by tiles.
+const BEHIND: usize = 4 * SIDE;
+
+/// Rows, or pairs of them, that a task takes.
+const TASK: usize = 128;
+
+/// `columns` and zeros behind them: rows then start at halves of a cache's line, and at every second tile's line.
+pub fn padded(columns: usize) -> usize {
+    columns.next_multiple_of(SIDE)
+}
+
+/// Numbers that start at a cache's line.
+#[derive(Debug, Default)]
+struct Aligned {
+    numbers: Vec<u16>,
+    start: usize,
+}
+
+impl Aligned {
+    const LINE: usize = 64;
+
+    /// `len` zeros.
+    fn reset(&mut self, len: usize) {
+        self.numbers.clear();
+        self.numbers.resize(len + Self::LINE / size_of::<u16>(), 0);
+        self.start = self.numbers.as_ptr().align_offset(Self::LINE);
+    }
+
+    fn numbers(&self) -> &[u16] {
+        &self.numbers[self.start..]
+    }
+
+    fn numbers_mut(&mut self) -> &mut [u16] {
+        &mut self.numbers[self.start..]
+    }
+}
+
+/// A row-major matrix, its rows padded with zeros: a left matrix from any row on.
+#[derive(Debug, Default)]
+pub struct Rows {
+    numbers: Aligned,
+    columns: usize,
+    rows: usize,
+}
+
+impl Rows {
+    /// Rounds `floats`, of `columns` columns, in parallel.
+    pub fn set(&mut self, floats: &[f32], columns: usize) {
+        let (stride, rows) = (padded(columns), floats.len() / columns);
+        if [self.columns, self.rows] != [columns, rows] {
+            [self.columns, self.rows] = [columns, rows];
+            self.numbers.reset((rows + BEHIND) * stride);
+        }
+        let numbers = &mut self.numbers.numbers_mut()[..rows * stride];
+        let tasks = numbers
+            .par_chunks_mut(TASK * stride)
+            .zip(floats.par_chunks(TASK * columns));
+        tasks.for_each(|(numbers, floats)| {
+            Arch::new().dispatch(|| {
+                let rows = numbers
+                    .chunks_exact_mut(stride)
+                    .zip(floats.chunks_exact(columns));
+                for (row, floats) in rows {
+                    row.iter_mut().zip(floats).for_each(|(y, x)| *y = round(*x));
+                }
+            });
+        });
+    }
+
+    /// The left matrix of `count` rows from row `first` on, each with the numbers of `following` rows from there on as its
+    /// inner dimension.
+    pub fn panel(&self, first: usize, count: usize, following: usize) -> Panel<'_> {
+        let stride = padded(self.columns);
+        let steps = Steps {
+            line: stride,
+            inner: DEPTH,
+            outer: SIDE * stride,
+        };
+        let size = [count.div_ceil(SIDE), (following * stride).div_ceil(DEPTH)];
+        Panel::of_rows(self.numbers.numbers(), first * stride, steps, size)
+    }
+}
+
+/// Pairs of adjacent rows, number by number: a right matrix from any row on, whose inner dimension is the rows.
+///
+/// Both ways to pair them are there, with an even and with an odd row as the first of each pair.
+#[derive(Debug, Default)]
+pub struct Paired {
+    numbers: [Aligned; 2],
+    columns: usize,
+    rows: usize,
+}
+
+impl Paired {
+    /// Pairs the rows of `rows`, in parallel.
+    pub fn set(&mut self, rows: &Rows) {
+        let stride = padded(rows.columns);
+        let all = (rows.rows + BEHIND) * stride;
+        let source = &rows.numbers.numbers()[..all];
+        if [self.columns, self.rows] != [rows.columns, rows.rows] {
+            [self.columns, self.rows] = [rows.columns, rows.rows];
+            self.numbers
+                .iter_mut()
+                .for_each(|numbers| numbers.reset(all));
+        }
+        for (odd, numbers) in self.numbers.iter_mut().enumerate() {
+            let source = &source[odd * stride..];
+            let pairs = numbers.numbers_mut().par_chunks_mut(2 * TASK * stride);
+            pairs
+                .zip(source.par_chunks(2 * TASK * stride))
+                .for_each(|(numbers, source)| {
+                    Arch::new().dispatch(|| {
+                        let pairs = numbers.chunks_exact_mut(2 * stride);
+                        for (pair, rows) in pairs.zip(source.chunks_exact(2 * stride)) {
+                            let (first, second) = rows.split_at(stride);
+                            let (pair, _) = pair.as_chunks_mut::<2>();
+                            let numbers = first.iter().zip(second);
+                            for (pair, (first, second)) in pair.iter_mut().zip(numbers) {
+                                *pair = [*first, *second];
+                            }
+                        }
+                    });
+                });
+        }
+    }
+
+    /// The right matrix of `count` rows, and up to 31 further ones, from row `first` on.
+    pub fn panel(&self, first: usize, count: usize) -> Panel<'_> {
+        let stride = padded(self.columns);
+        let steps = Steps {
+            line: 2 * stride,
+            inner: DEPTH * stride,
+            outer: DEPTH,
+        };
+        let size = [stride / SIDE, count.div_ceil(DEPTH)];
+        let (pair, odd) = (first / 2, first % 2);
+        Panel::of_rows(self.numbers[odd].numbers(), pair * 2 * stride, steps, size)
+    }
+}
