@@ -161,12 +161,18 @@ impl ContextNet {
 
     /// Packs the network's weights.
     pub fn pack(&self, params: &[f32], passes: Passes, packed: &mut PackedContext) {
-        packed.stages.resize_with(self.stages.len(), PackedStage::default);
-        packed.joins.resize_with(self.joins.len(), PackedWeight::default);
+        packed
+            .stages
+            .resize_with(self.stages.len(), PackedStage::default);
+        packed
+            .joins
+            .resize_with(self.joins.len(), PackedWeight::default);
         let stages = self.stages.par_iter().zip(&mut packed.stages);
         stages.for_each(|(stage, packed)| {
             packed.project.set(&stage.project, params, passes);
-            packed.blocks.resize_with(stage.blocks.len(), PackedPvBlock::default);
+            packed
+                .blocks
+                .resize_with(stage.blocks.len(), PackedPvBlock::default);
             let blocks = stage.blocks.par_iter().zip(&mut packed.blocks);
             blocks.for_each(|(block, packed)| block.pack(params, passes, packed));
         });
@@ -224,7 +230,9 @@ impl ContextNet {
                     let project = project.floats();
                     stage.project.par_add_product(project, room, points, first);
                 }
-                Some(before) => stage.project.par_forward(project, room, before.output(), first),
+                Some(before) => stage
+                    .project
+                    .par_forward(project, room, before.output(), first),
             }
             stage.forward(stage_weights, &mut films, tape);
         }

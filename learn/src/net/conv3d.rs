@@ -275,7 +275,10 @@ mod tests {
             let mut gradients = [vec![1.0; table.len()], vec![1.0; table.len()]];
             conv.backward(&mut gradients[0], &x, &dy, &mut Sums::default());
             conv.backward_bf16(&mut room, &mut gradients[1], &x, &dy, &mut Sums::default());
-            assert_eq!(gradients[1], gradients[0], "gradient by the weight, {conv:?}");
+            assert_eq!(
+                gradients[1], gradients[0],
+                "gradient by the weight, {conv:?}"
+            );
         }
     }
 

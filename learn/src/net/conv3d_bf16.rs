@@ -40,7 +40,8 @@ impl PackedConv {
     pub fn set(&mut self, conv: &Conv3d, params: &[f32], passes: Passes) {
         let (inputs, outputs) = (conv.inputs, conv.outputs);
         let weights = &params[conv.weight.clone()];
-        let weight = |neighbour: usize| &weights[neighbour * inputs * outputs..][..inputs * outputs];
+        let weight =
+            |neighbour: usize| &weights[neighbour * inputs * outputs..][..inputs * outputs];
         self.forward.each(|line, PackedLine { tiles, floats }| {
             let stride = padded(inputs);
             floats.resize(outputs * LINE * stride, 0.0);
@@ -68,7 +69,10 @@ impl PackedConv {
 
 impl Packed {
     fn each(&mut self, pack: impl Fn(usize, &mut PackedLine) + Sync) {
-        self.0.par_iter_mut().enumerate().for_each(|(line, packed)| pack(line, packed));
+        self.0
+            .par_iter_mut()
+            .enumerate()
+            .for_each(|(line, packed)| pack(line, packed));
     }
 
     /// Grid `y` of `columns` features from the grid in `room`; `prepare` as [`Room::multiply`] has it.
@@ -104,10 +108,12 @@ impl Conv3d {
     ) {
         let bias = &params[self.bias.clone()];
         room.enter(x, self.inputs);
-        packed.forward.convolve(self.grid, room, y, self.outputs, |y| {
-            fill_rows(y, bias);
-            Accum::Add
-        });
+        packed
+            .forward
+            .convolve(self.grid, room, y, self.outputs, |y| {
+                fill_rows(y, bias);
+                Accum::Add
+            });
     }
 
     /// [`Conv3d::backward_input`], with the weight packed.
@@ -119,7 +125,9 @@ impl Conv3d {
         dx: &mut [f32],
     ) {
         room.enter(dy, self.outputs);
-        packed.backward.convolve(self.grid, room, dx, self.inputs, |_| Accum::Replace);
+        packed
+            .backward
+            .convolve(self.grid, room, dx, self.inputs, |_| Accum::Replace);
     }
 
     /// [`Conv3d::backward`] with bfloat16 products.

@@ -6,8 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::flow::VelocityField;
 
+use super::batch::{
+    Batch, Loss, PointPass, STRIPE, Share, Workspace, add_trunk_gradients, divide, reset,
+};
 use super::bf16::Passes;
-use super::batch::{Batch, Loss, PointPass, Share, Workspace, add_trunk_gradients, divide, reset};
 use super::conditioner::{Conditioner, ConditionerTape, Part};
 use super::context::{ContextInput, ContextNet, ContextTape, PackedContext};
 use super::context_shape::ContextShape;
@@ -228,7 +230,9 @@ impl Hybrid {
         let conditioner = &self.layers.conditioner;
         conditioner.forward(params, batch.times, batch.conditions, tape);
         reset(d_modulation, tape.modulation.len());
-        gradient.fill(0.0);
+        gradient
+            .par_chunks_mut(STRIPE)
+            .for_each(|stripe| stripe.fill(0.0));
 
         let stride = batch.points.len() / batch.clouds();
         let loss = batch.loss(head.channels);
@@ -300,7 +304,9 @@ impl Hybrid {
     fn pack(&self, passes: Passes, packed: &mut Packed) {
         if self.precision == Precision::Bfloat16 {
             let Layers { trunk, context, .. } = &self.layers;
-            packed.trunk.set(trunk, &self.params[trunk.range.clone()], passes);
+            packed
+                .trunk
+                .set(trunk, &self.params[trunk.range.clone()], passes);
             context.pack(&self.params, passes, &mut packed.context);
         }
     }

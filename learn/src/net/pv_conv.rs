@@ -170,7 +170,8 @@ impl PvBlock {
 
         let rows = Rows::points(h.len() / c);
         let point = weights.of(|packed| &packed.point);
-        self.point.par_forward(point, point_room, h, &mut tape.point.features);
+        self.point
+            .par_forward(point, point_room, h, &mut tape.point.features);
         let Normed {
             features,
             tape: norm,
@@ -254,13 +255,27 @@ impl PvBlock {
         let [first, second] = &mut tape.convolved;
         let [layer1, layer2] = &self.layers;
         let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
-        layer2.backward(convs[1], room, (&tape.activated, d_voxels), second, gradient, sums);
+        layer2.backward(
+            convs[1],
+            room,
+            (&tape.activated, d_voxels),
+            second,
+            gradient,
+            sums,
+        );
         let d_activated = entered;
         layer2.backward_input(convs[1], room, d_voxels, d_activated);
         // What entered the first convolution is made again, where its output was.
         let entered = &mut tape.activated;
         voxels.average(h, c, entered);
-        layer1.backward(convs[0], room, (entered, d_activated), first, gradient, sums);
+        layer1.backward(
+            convs[0],
+            room,
+            (entered, d_activated),
+            first,
+            gradient,
+            sums,
+        );
         layer1.backward_input(convs[0], room, d_activated, d_voxels);
         voxels.average_backward(d_voxels, c, d);
     }

@@ -69,7 +69,10 @@ impl<'a> Panel<'a> {
     fn new(numbers: Numbers<'a>, first: usize, steps: Steps, [blocks, depth]: [usize; 2]) -> Self {
         assert!(blocks > 0 && depth > 0, "an empty operand");
         let last = (blocks - 1) * steps.outer + (depth - 1) * steps.inner + (SIDE - 1) * steps.line;
-        assert!(first + last + DEPTH <= numbers.len(), "an operand within its numbers");
+        assert!(
+            first + last + DEPTH <= numbers.len(),
+            "an operand within its numbers"
+        );
         Self {
             numbers,
             first,
@@ -110,7 +113,9 @@ impl<'a> Panel<'a> {
         let at = self.start(block) + tile * self.steps.inner + line * self.steps.line;
         match self.numbers {
             Numbers::Tiles(tiles) => tiles[at / (SIDE * DEPTH)].line(at / DEPTH % SIDE),
-            Numbers::Rows(numbers) => numbers[at..].first_chunk().expect("a line within the numbers"),
+            Numbers::Rows(numbers) => numbers[at..]
+                .first_chunk()
+                .expect("a line within the numbers"),
         }
     }
 

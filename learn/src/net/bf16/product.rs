@@ -59,7 +59,7 @@ impl<'a> Output<'a> {
 
 /// Tiles along the inner dimension that are multiplied with all others before the next ones: a pair of blocks of them,
 /// left or right, takes a third of a first cache.
-const CACHED: usize = 16;
+const CACHED: usize = 8;
 
 /// What runs the products.
 trait Unit {
@@ -178,14 +178,20 @@ fn add_four(
     let stride = output.stride;
     let [row, column] = first.map(|tile| tile * SIDE);
     let [most, widest] = shape.tiles().map(|tiles| tiles * SIDE);
-    let (height, width) = (most.min(output.rows - row), widest.min(output.columns - column));
+    let (height, width) = (
+        most.min(output.rows - row),
+        widest.min(output.columns - column),
+    );
     let c = &mut output.numbers[row * stride + column..];
     if [height, width] == [most, widest] {
         return unit.multiply(terms, first, shape, accum, c, stride);
     }
     let mut whole = [0.0; FOUR];
     unit.multiply(terms, first, shape, Accum::Replace, &mut whole, widest);
-    let lines = c.chunks_mut(stride).take(height).map(|line| &mut line[..width]);
+    let lines = c
+        .chunks_mut(stride)
+        .take(height)
+        .map(|line| &mut line[..width]);
     for (line, product) in lines.zip(whole.chunks_exact(widest)) {
         match accum {
             Accum::Replace => line.copy_from_slice(&product[..width]),
@@ -212,7 +218,9 @@ impl Unit for Vectors {
             let at = [tile / columns, tile % columns];
             let c = &mut c[(at[0] * stride + at[1]) * SIDE..];
             if let Accum::Replace = accum {
-                c.chunks_mut(stride).take(SIDE).for_each(|line| line[..SIDE].fill(0.0));
+                c.chunks_mut(stride)
+                    .take(SIDE)
+                    .for_each(|line| line[..SIDE].fill(0.0));
             }
             for term in terms {
                 Arch::new().dispatch(MultiplyAdd {
@@ -259,7 +267,10 @@ impl WithSimd for MultiplyAdd<'_> {
             }
         }
         for (line, sums) in self.c.chunks_mut(self.stride).zip(&sums) {
-            line[..SIDE].iter_mut().zip(sums).for_each(|(c, sum)| *c += sum);
+            line[..SIDE]
+                .iter_mut()
+                .zip(sums)
+                .for_each(|(c, sum)| *c += sum);
         }
     }
 }
@@ -282,13 +293,22 @@ mod tests {
 
     /// The definition, of numbers that bfloat16 holds exactly.
     fn exact(a: &[f32], b: &[f32], [rows, columns, inner]: [usize; 3]) -> Vec<f32> {
-        let dot = |i: usize, j: usize| (0..inner).map(|k| a[i * inner + k] * b[k * columns + j]).sum();
-        (0..rows * columns).map(|at| dot(at / columns, at % columns)).collect()
+        let dot = |i: usize, j: usize| {
+            (0..inner)
+                .map(|k| a[i * inner + k] * b[k * columns + j])
+                .sum()
+        };
+        (0..rows * columns)
+            .map(|at| dot(at / columns, at % columns))
+            .collect()
     }
 
     fn rounded(seed: u64, len: usize) -> Vec<f32> {
         let numbers = single(&numbers(seed, len));
-        numbers.into_iter().map(|x| (x * 16.0).round() / 16.0).collect()
+        numbers
+            .into_iter()
+            .map(|x| (x * 16.0).round() / 16.0)
+            .collect()
     }
 
     fn assert_multiplies(unit: &impl Unit) {
@@ -300,9 +320,21 @@ mod tests {
             rights.set_right(Floats::dense(&b, columns));
             let expected = exact(&a, &b, sizes);
             let mut c = vec![1.0; rows * columns];
-            run_cached(unit, &mut Output::dense(&mut c, columns), Accum::Replace, &lefts, &rights);
+            run_cached(
+                unit,
+                &mut Output::dense(&mut c, columns),
+                Accum::Replace,
+                &lefts,
+                &rights,
+            );
             assert_eq!(c, expected, "{sizes:?}");
-            run_cached(unit, &mut Output::dense(&mut c, columns), Accum::Add, &lefts, &rights);
+            run_cached(
+                unit,
+                &mut Output::dense(&mut c, columns),
+                Accum::Add,
+                &lefts,
+                &rights,
+            );
             let twice: Vec<f32> = expected.iter().map(|x| 2.0 * x).collect();
             assert_eq!(c, twice, "{sizes:?}, added");
         }
