@@ -148,40 +148,43 @@ fn run(unit: &impl Unit, output: &mut Output, accum: Accum, terms: &[Term]) {
         assert!(right.blocks() >= columns, "as many columns as the output");
     }
     let [paired_rows, paired_columns] = [rows, columns].map(|tiles| tiles / 2 * 2);
-    let mut four = |first, shape| add_four(unit, output, accum, terms, first, shape);
+    let ends = [output.rows, output.columns];
     for group in (0..rows).step_by(GROUP) {
         for row in (group..paired_rows.min(group + GROUP)).step_by(2) {
             for column in (0..paired_columns).step_by(2) {
-                four([row, column], Shape::Square);
+                let first = [row, column];
+                add_four(unit, output, accum, terms, first, ends, Shape::Square);
             }
         }
         if columns > paired_columns {
-            four([group, paired_columns], Shape::Tall);
+            let first = [group, paired_columns];
+            add_four(unit, output, accum, terms, first, ends, Shape::Tall);
         }
     }
     if rows > paired_rows {
+        // The last column, if it is alone, is done.
+        let ends = [output.rows, output.columns.min(paired_columns * SIDE)];
         for column in (0..paired_columns).step_by(4) {
-            four([paired_rows, column], Shape::Wide);
+            let first = [paired_rows, column];
+            add_four(unit, output, accum, terms, first, ends, Shape::Wide);
         }
     }
 }
 
-/// Four tiles of the product from the tile `first` on, as far as the output has them.
+/// Four tiles of the product from the tile `first` on, as far as the output goes to the row and the column `ends`.
 fn add_four(
     unit: &impl Unit,
     output: &mut Output,
     accum: Accum,
     terms: &[Term],
     first: [usize; 2],
+    ends: [usize; 2],
     shape: Shape,
 ) {
     let stride = output.stride;
     let [row, column] = first.map(|tile| tile * SIDE);
     let [most, widest] = shape.tiles().map(|tiles| tiles * SIDE);
-    let (height, width) = (
-        most.min(output.rows - row),
-        widest.min(output.columns - column),
-    );
+    let (height, width) = (most.min(ends[0] - row), widest.min(ends[1] - column));
     let c = &mut output.numbers[row * stride + column..];
     if [height, width] == [most, widest] {
         return unit.multiply(terms, first, shape, accum, c, stride);
@@ -282,13 +285,15 @@ mod tests {
     use super::*;
 
     /// Among them such with an odd number of tiles by rows, by columns and by both.
-    const SIZES: [[usize; 3]; 6] = [
+    const SIZES: [[usize; 3]; 8] = [
         [1, 1, 1],
         [32, 32, 32],
         [40, 70, 33],
         [97, 16, 100],
         [80, 80, 40],
         [48, 130, 300],
+        [70, 48, 40],
+        [112, 112, 70],
     ];
 
     /// The definition, of numbers that bfloat16 holds exactly.
