@@ -40,8 +40,9 @@ const SHAPE: HybridShape = HybridShape {
     },
 };
 
-/// By how much rounding to bfloat16, of 8 bits, may change a tensor.
-const ROUNDING: f64 = 5e-3;
+/// By how much rounding to bfloat16, of 8 bits, may change results of the head, and single tensors of the context, whose
+/// gradients pass two dozen products and norms and may be small differences of large numbers.
+const ROUNDING: [f64; 2] = [5e-3, 5e-2];
 
 fn uniform(seed: u64, len: usize) -> Vec<f32> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -137,23 +138,30 @@ fn products_of_bfloat16_numbers_change_results_by_their_rounding() {
             context,
         };
         let float32 = Hybrid::new(shape, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
-        // What starts at zero must not stay there.
+        // What starts at zero must not stay there. But for the maximum's share: rounding may change which point has it.
         let noise = uniform(6, float32.params().len());
-        let params = float32
-            .params()
+        let params = float32.params().iter().zip(&noise);
+        let mut params: Vec<f32> = params.map(|(p, n)| p + 0.05 * n).collect();
+        let tensors = shape.tensors();
+        let maximum = tensors
             .iter()
-            .zip(&noise)
-            .map(|(p, n)| p + 0.05 * n);
-        let float32 = Hybrid::from_params(shape, params.collect()).unwrap();
+            .find(|tensor| tensor.name == "context.join_maximum.weight");
+        params[maximum.unwrap().range.clone()].fill(0.0);
+        let float32 = Hybrid::from_params(shape, params).unwrap();
         let bfloat16 = float32.clone().with_precision(Precision::Bfloat16).unwrap();
         let samples = Samples::new(2, 700);
         let [exact, rounded] = [&float32, &bfloat16].map(|n| loss_and_gradient(n, &samples));
         assert!((rounded.0 / exact.0 - 1.0).abs() < 1e-3);
-        for tensor in shape.tensors() {
+        let found = distance(&rounded.1, &exact.1);
+        assert!((1e-6..ROUNDING[0]).contains(&found), "gradient: {found}");
+        for tensor in tensors {
             let [exact, rounded] = [&exact.1, &rounded.1].map(|g| &g[tensor.range.clone()]);
+            let most = ROUNDING[usize::from(!tensor.name.starts_with("head."))];
             let found = distance(rounded, exact);
+            // Features that no point or voxel activates have no gradient.
+            let silent = exact == rounded && exact.iter().all(|g| *g == 0.0);
             assert!(
-                (1e-6..ROUNDING).contains(&found),
+                silent || (1e-6..most).contains(&found),
                 "{}: {found}",
                 tensor.name
             );
@@ -164,7 +172,7 @@ fn products_of_bfloat16_numbers_change_results_by_their_rounding() {
             velocities
         });
         let found = distance(&velocities[1], &velocities[0]);
-        assert!((1e-6..ROUNDING).contains(&found), "velocities: {found}");
+        assert!((1e-6..ROUNDING[0]).contains(&found), "velocities: {found}");
     }
 }
 

@@ -19,8 +19,8 @@ const SHARE: usize = 8;
 /// Most points of a tile, whatever its numbers.
 const LARGEST_TILE: usize = trunk_bf16::TILE;
 
-/// Parameters that one task sums over the shares.
-const STRIPE: usize = 4096;
+/// Parameters that one task clears, or sums over the shares.
+pub(super) const STRIPE: usize = 4096;
 
 /// The paper's weight of the colours' error (Eq. rgb_loss_tdcr): `lambda_rgb`.
 pub const COLOR_WEIGHT: f32 = 0.05;

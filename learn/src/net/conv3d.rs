@@ -240,7 +240,9 @@ mod tests {
     /// On the unit that this machine has; products of either unit have tests of their own.
     #[test]
     fn bfloat16_products_give_what_those_of_floats_give() {
-        for (resolution, [inputs, outputs]) in [(3, [2, 3]), (9, [37, 20]), (5, [16, 80])] {
+        for (resolution, [inputs, outputs]) in
+            [(3, [2, 3]), (9, [37, 20]), (5, [16, 80]), (4, [112, 112])]
+        {
             let grid = Grid { resolution };
             let mut table = Table::default();
             let conv = Conv3d::declare(&mut table, "conv", grid, inputs, outputs);

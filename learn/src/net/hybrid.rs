@@ -6,7 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::flow::VelocityField;
 
-use super::batch::{Batch, Loss, PointPass, Share, Workspace, add_trunk_gradients, divide, reset};
+use super::batch::{
+    Batch, Loss, PointPass, STRIPE, Share, Workspace, add_trunk_gradients, divide, reset,
+};
 use super::bf16::Passes;
 use super::conditioner::{Conditioner, ConditionerTape, Part};
 use super::context::{ContextInput, ContextNet, ContextTape, PackedContext};
@@ -232,7 +234,9 @@ impl Hybrid {
         let conditioner = &self.layers.conditioner;
         conditioner.forward(params, batch.times, batch.conditions, tape);
         reset(d_modulation, tape.modulation.len());
-        gradient.fill(0.0);
+        gradient
+            .par_chunks_mut(STRIPE)
+            .for_each(|stripe| stripe.fill(0.0));
 
         let stride = batch.points.len() / batch.clouds();
         let loss = batch.loss(head.channels);

@@ -154,18 +154,20 @@ fn run(unit: &impl Unit, output: &mut Output, accum: Accum, terms: &[Term], orde
         assert!(right.blocks() >= columns, "as many columns as the output");
     }
     let [paired_rows, paired_columns] = [rows, columns].map(|tiles| tiles / 2 * 2);
-    let mut four = |first, shape| {
+    let [all_rows, all_columns] = [output.rows, output.columns];
+    let ends = [all_rows, all_columns];
+    let mut four = |first, shape, ends| {
         let four = Four {
             first,
             shape,
             order,
         };
-        add_four(unit, output, accum, terms, four);
+        add_four(unit, output, accum, terms, four, ends);
     };
     if order == Order::AlongColumns {
         for column in (0..paired_columns).step_by(2) {
             for row in (0..paired_rows).step_by(2) {
-                four([row, column], Shape::Square);
+                four([row, column], Shape::Square, ends);
             }
         }
     }
@@ -173,30 +175,36 @@ fn run(unit: &impl Unit, output: &mut Output, accum: Accum, terms: &[Term], orde
         if order == Order::AlongRows {
             for row in (group..paired_rows.min(group + GROUP)).step_by(2) {
                 for column in (0..paired_columns).step_by(2) {
-                    four([row, column], Shape::Square);
+                    four([row, column], Shape::Square, ends);
                 }
             }
         }
         if columns > paired_columns {
-            four([group, paired_columns], Shape::Tall);
+            four([group, paired_columns], Shape::Tall, ends);
         }
     }
     if rows > paired_rows {
+        // The last column, if it is alone, is done.
+        let ends = [all_rows, all_columns.min(paired_columns * SIDE)];
         for column in (0..paired_columns).step_by(4) {
-            four([paired_rows, column], Shape::Wide);
+            four([paired_rows, column], Shape::Wide, ends);
         }
     }
 }
 
-/// Four tiles of the product, as far as the output has them.
-fn add_four(unit: &impl Unit, output: &mut Output, accum: Accum, terms: &[Term], four: Four) {
+/// Four tiles of the product, as far as the output goes to the row and the column `ends`.
+fn add_four(
+    unit: &impl Unit,
+    output: &mut Output,
+    accum: Accum,
+    terms: &[Term],
+    four: Four,
+    ends: [usize; 2],
+) {
     let stride = output.stride;
     let [row, column] = four.first.map(|tile| tile * SIDE);
     let [most, widest] = four.shape.tiles().map(|tiles| tiles * SIDE);
-    let (height, width) = (
-        most.min(output.rows - row),
-        widest.min(output.columns - column),
-    );
+    let (height, width) = (most.min(ends[0] - row), widest.min(ends[1] - column));
     let c = &mut output.numbers[row * stride + column..];
     if [height, width] == [most, widest] {
         return unit.multiply(terms, four, accum, c, stride);
@@ -289,13 +297,15 @@ mod tests {
     use super::*;
 
     /// Among them such with an odd number of tiles by rows, by columns and by both.
-    const SIZES: [[usize; 3]; 6] = [
+    const SIZES: [[usize; 3]; 8] = [
         [1, 1, 1],
         [32, 32, 32],
         [40, 70, 33],
         [97, 16, 100],
         [80, 80, 40],
         [48, 130, 300],
+        [70, 48, 40],
+        [112, 112, 70],
     ];
 
     /// The definition, of numbers that bfloat16 holds exactly.

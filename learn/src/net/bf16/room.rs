@@ -13,13 +13,13 @@ use super::tile::Tiles;
 const TASK: usize = 128;
 
 /// Rows that the gradient by a weight sums over before it is read and written again.
-const CHUNK: usize = 512;
+const CHUNK: usize = 1024;
 
 /// Parts of the rows whose gradients by a weight are summed apart, and then added in order.
-const PARTS: usize = 4;
+const PARTS: usize = 2;
 
 /// Parts of the weights whose gradients are summed apart.
-const GROUPS: usize = 3;
+const GROUPS: usize = 9;
 
 /// Weights that act on the rows of a matrix at some distance from the output's row; their products are summed.
 pub struct Weights<'a, const N: usize> {
@@ -70,7 +70,7 @@ impl Room {
     }
 
     /// Adds `dY^T X(start..)` for each start, one behind the other, to `gradient`: the matrix `x` has `inputs` columns, `dy`
-    /// has `outputs`. `N` is one or a multiple of three.
+    /// has `outputs`. `N` is one or a multiple of nine.
     pub fn add_weight_gradient<const N: usize>(
         &mut self,
         starts: [usize; N],
@@ -78,8 +78,7 @@ impl Room {
         (dy, outputs): (&[f32], usize),
         gradient: &mut [f32],
     ) {
-        self.rows.set(x, inputs);
-        self.paired.set(&self.rows);
+        self.paired.set(x, inputs);
         let (chunks, size) = (dy.par_chunks(CHUNK * outputs), inputs * outputs);
         let count = chunks.len();
         if self.transposed.len() < count {

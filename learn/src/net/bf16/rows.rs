@@ -1,6 +1,6 @@
 //! Matrices of bfloat16 numbers whose rows products may enter anywhere.
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::panel::{Panel, Steps};
@@ -100,35 +100,27 @@ pub struct Paired {
 }
 
 impl Paired {
-    /// Pairs the rows of `rows`, in parallel.
-    pub fn set(&mut self, rows: &Rows) {
-        let stride = padded(rows.columns);
-        let all = (rows.rows + BEHIND) * stride;
-        let source = &rows.numbers.numbers()[..all];
-        if [self.columns, self.rows] != [rows.columns, rows.rows] {
-            [self.columns, self.rows] = [rows.columns, rows.rows];
+    /// Rounds and pairs the rows of `floats`, of `columns` columns, in parallel.
+    pub fn set(&mut self, floats: &[f32], columns: usize) {
+        let (stride, rows) = (padded(columns), floats.len() / columns);
+        if [self.columns, self.rows] != [columns, rows] {
+            [self.columns, self.rows] = [columns, rows];
+            let all = (rows + BEHIND) * stride;
             self.numbers
                 .iter_mut()
                 .for_each(|numbers| numbers.reset(all));
         }
         for (odd, numbers) in self.numbers.iter_mut().enumerate() {
-            let source = &source[odd * stride..];
-            let pairs = numbers.numbers_mut().par_chunks_mut(2 * TASK * stride);
-            pairs
-                .zip(source.par_chunks(2 * TASK * stride))
-                .for_each(|(numbers, source)| {
-                    Arch::new().dispatch(|| {
-                        let pairs = numbers.chunks_exact_mut(2 * stride);
-                        for (pair, rows) in pairs.zip(source.chunks_exact(2 * stride)) {
-                            let (first, second) = rows.split_at(stride);
-                            let (pair, _) = pair.as_chunks_mut::<2>();
-                            let numbers = first.iter().zip(second);
-                            for (pair, (first, second)) in pair.iter_mut().zip(numbers) {
-                                *pair = [*first, *second];
-                            }
-                        }
-                    });
+            let floats = &floats[(odd * columns).min(floats.len())..];
+            let tasks = numbers.numbers_mut().par_chunks_mut(TASK * 2 * stride);
+            let tasks = tasks.zip(floats.par_chunks(TASK * 2 * columns));
+            tasks.for_each(|(numbers, floats)| {
+                Arch::new().dispatch(Pairs {
+                    numbers,
+                    floats,
+                    columns,
                 });
+            });
         }
     }
 
@@ -143,5 +135,35 @@ impl Paired {
         let size = [stride / SIDE, count.div_ceil(DEPTH)];
         let (pair, odd) = (first / 2, first % 2);
         Panel::of_rows(self.numbers[odd].numbers(), pair * 2 * stride, steps, size)
+    }
+}
+
+/// Pairs of rows; the last may be without its second row.
+struct Pairs<'a> {
+    numbers: &'a mut [u16],
+    floats: &'a [f32],
+    columns: usize,
+}
+
+impl WithSimd for Pairs<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (columns, stride) = (self.columns, padded(self.columns));
+        let lines = self.numbers.chunks_exact_mut(2 * stride);
+        for (line, rows) in lines.zip(self.floats.chunks(2 * columns)) {
+            let (first, second) = rows.split_at(columns);
+            let (pairs, _) = line.as_chunks_mut::<2>();
+            if second.is_empty() {
+                pairs
+                    .iter_mut()
+                    .zip(first)
+                    .for_each(|(pair, x)| *pair = [round(*x), 0]);
+            }
+            for ((pair, first), second) in pairs.iter_mut().zip(first).zip(second) {
+                *pair = [round(*first), round(*second)];
+            }
+        }
     }
 }
