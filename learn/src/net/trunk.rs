@@ -57,7 +57,7 @@ impl TrunkWeights<'_> {
     pub fn tile(self) -> usize {
         match self.packed {
             None => TILE,
-            Some(_) => trunk_bf16::TILE,
+            Some(packed) => packed.tile(),
         }
     }
 }

@@ -14,7 +14,7 @@ use super::dense::Dense;
 use super::kernels::sum_rows;
 use super::trunk::{Keep, TilePass, Trunk, TrunkGradient};
 
-/// Points per tile: the gradient by a weight is read and written once a tile.
+/// Most points per tile: the gradient by a weight is read and written once a tile.
 pub(super) const TILE: usize = 512;
 
 /// Inputs from which on the input layer's products are of bfloat16 numbers too.
@@ -64,6 +64,14 @@ impl PackedInput {
 }
 
 impl PackedTrunk {
+    /// Points per tile; fewer where they have a context, whose tiles take memory too.
+    pub fn tile(&self) -> usize {
+        match self.input {
+            PackedInput::Few(_) => TILE,
+            PackedInput::Many(_) => TILE / 2,
+        }
+    }
+
     /// Packs the weights of `trunk`, of which `params` are the parameters.
     pub fn set(&mut self, trunk: &Trunk, params: &[f32], passes: Passes) {
         self.input.set(&trunk.input, params, passes);
