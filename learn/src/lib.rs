@@ -46,8 +46,8 @@
 //! # Conventions
 //!
 //! Networks see normalised units: points divided by the data set's scale `s`, commands min-max scaled
-//! to `[0, 1]`. Everything outside is in metres. Learning is in `f32`, metrics in `f64`. Results are
-//! functions of the seed, whatever the number of threads.
+//! to `[0, 1]`. Everything outside is in metres. Learning is in `f32`, or with `bfloat16` products
+//! ([`Precision`](net::Precision)), metrics in `f64`. Results are functions of the seed, whatever the number of threads.
 //!
 //! # Modules
 //!

@@ -15,6 +15,12 @@
 //! All that depends on `e` alone is computed once per cloud (the *conditioner*), the rest at every point, a tile of
 //! points at a time (the *trunk*). Parameters are one flat vector; [`NetworkShape::tensors`] names its parts.
 //!
+//! # Numbers
+//!
+//! Weights, gradients, sums and norms are f32. The operands of the products on points and voxels may be rounded to bfloat16
+//! ([`Precision`]), for processors with a unit for such matrices: gradients then differ by some 0.2 % in the MLP, and by as
+//! much or more in the Hybrid, where rounding may change which point has a maximum.
+//!
 //! # Hybrid
 //!
 //! The same layers act on `[x | C | e]`, with a context `C` of the cloud `X` about the point:
