@@ -16,7 +16,8 @@ use super::priced_tree::PricedTree;
 /// `group` neighbours are matched exactly by their centroids, then the points of matched groups among themselves; the gap
 /// comes from the dual solution of the centroids, held against all pairs of points. Both ends are off by at most about the
 /// groups' size: for clouds apart that is little, for two samples of one surface, which are no farther apart than their
-/// points from their neighbours, it is most of the value. Groups of one make the solution exact, as far as the gap says so.
+/// points from their neighbours, it is a third of the value for groups of 2 and most of it for larger ones (10,000 points of
+/// a robot; of two poses 26 mm apart, 2 to 8 % for groups of 2 to 32). Groups of one make the solution exact, as far as the gap says so.
 ///
 /// # Errors
 /// As [`emd`](super::emd).
