@@ -116,8 +116,8 @@ def data_folder(folder):
 def read_ply(path):
     """Positions and colours of a binary PLY file as tdcr writes it."""
     head, body = path.read_bytes().split(b"end_header\n", maxsplit=1)
-    assert b"property float x" in head and b"property uchar red" in head
-    row = np.dtype([("points", "<f4", 3), ("colors", "u1", 3)])
+    assert b"property float x" in head and b"property uchar red" in head and b"property float uncertainty" in head
+    row = np.dtype([("points", "<f4", 3), ("colors", "u1", 3), ("uncertainty", "<f4")])
     rows = np.frombuffer(body, row)
     return rows["points"], rows["colors"]
 
