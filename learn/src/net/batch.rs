@@ -9,8 +9,9 @@ use super::conditioner::ConditionerTape;
 use super::hybrid::CloudTape;
 use super::kernels::add;
 use super::mlp::Mlp;
-use super::trunk::{Keep, TilePass, Trunk, TrunkGradient, TrunkTapes, TrunkWeights};
+use super::trunk::{Keep, TilePass, Trunk, TrunkGradient, TrunkTapes};
 use super::trunk_bf16::{self, PackedTrunk};
+use super::weights::Weights;
 use crate::channels::{Channels, DIM};
 
 /// Tiles per share, the unit of parallel work. Fixed, so that sums are grouped alike for any number of threads.
@@ -167,7 +168,7 @@ impl Mlp {
 /// Forward and backward pass of the layers that act on points.
 pub(super) struct PointPass<'a> {
     pub trunk: &'a Trunk,
-    pub weights: TrunkWeights<'a>,
+    pub weights: Weights<'a, PackedTrunk>,
     pub tapes: &'a TrunkTapes,
     pub loss: Loss,
 }

@@ -16,7 +16,7 @@ use super::context_shape::ContextShape;
 use super::kernels::add;
 use super::precision::Precision;
 use super::shape::{MlpShape, ShapeError, Table, TensorSpec, fan_in};
-use super::trunk::{Trunk, TrunkTapes, TrunkWeights};
+use super::trunk::{Trunk, TrunkTapes};
 use super::trunk_bf16::PackedTrunk;
 use super::weights::Weights;
 use crate::pool::Pool;
@@ -319,8 +319,8 @@ impl Hybrid {
         (self.precision == Precision::Bfloat16).then_some(packed)
     }
 
-    fn trunk_weights<'a>(&'a self, packed: &'a Packed) -> TrunkWeights<'a> {
-        TrunkWeights {
+    fn trunk_weights<'a>(&'a self, packed: &'a Packed) -> Weights<'a, PackedTrunk> {
+        Weights {
             params: &self.params[self.layers.trunk.range.clone()],
             packed: self.if_packed(&packed.trunk),
         }

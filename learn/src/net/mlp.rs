@@ -8,8 +8,9 @@ use super::bf16::Passes;
 use super::conditioner::{Conditioner, ConditionerTape};
 use super::precision::Precision;
 use super::shape::{MlpShape, ShapeError, Table};
-use super::trunk::{Trunk, TrunkTapes, TrunkWeights};
+use super::trunk::{Trunk, TrunkTapes};
 use super::trunk_bf16::PackedTrunk;
+use super::weights::Weights;
 use crate::pool::Pool;
 
 /// The paper's MLP velocity network (Sec. Method, Eq. mlp_velocity): every point alone, weights shared.
@@ -91,7 +92,7 @@ impl Mlp {
         &'a self,
         packed: &'a mut PackedTrunk,
         passes: Passes,
-    ) -> TrunkWeights<'a> {
+    ) -> Weights<'a, PackedTrunk> {
         let params = &self.params[self.trunk.range.clone()];
         let packed = match self.precision {
             Precision::Float32 => None,
@@ -100,7 +101,7 @@ impl Mlp {
                 Some(&*packed)
             }
         };
-        TrunkWeights { params, packed }
+        Weights { params, packed }
     }
 
     /// Floating-point operations of the velocities of a cloud of `points` points, products alone.

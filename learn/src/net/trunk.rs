@@ -11,6 +11,7 @@ use super::kernels::{
 };
 use super::shape::{MlpShape, Table, fan_in};
 use super::trunk_bf16::{self, Bf16Pass, PackedTrunk};
+use super::weights::Weights;
 use crate::pool::Pool;
 
 /// Points per tile: few enough that the features of all blocks stay in a core's cache, enough to feed the products.
@@ -45,14 +46,7 @@ pub(super) struct TrunkTapes {
     bfloat16: Pool<trunk_bf16::TrunkTape>,
 }
 
-/// The trunk's parameters, and the hidden layers' weights in tiles where their products are of bfloat16 numbers.
-#[derive(Clone, Copy)]
-pub(super) struct TrunkWeights<'a> {
-    pub params: &'a [f32],
-    pub packed: Option<&'a PackedTrunk>,
-}
-
-impl TrunkWeights<'_> {
+impl Weights<'_, PackedTrunk> {
     /// Points per tile.
     pub fn tile(self) -> usize {
         match self.packed {
@@ -64,7 +58,7 @@ impl TrunkWeights<'_> {
 
 /// The trunk's layers on one tile of points.
 pub(super) trait TilePass {
-    /// Velocities `(T, C)` of at most [`TrunkWeights::tile`] points `(T, inputs)` under one cloud's modulation vector.
+    /// Velocities `(T, C)` of at most [`Weights::tile`] points `(T, inputs)` under one cloud's modulation vector.
     fn forward(&mut self, modulation: &[f32], points: &[f32], keep: Keep, velocities: &mut [f32]);
 
     /// Backward pass of [`TilePass::forward`], from `d_velocities` `(T, C)`, the gradient by its velocities.
@@ -150,7 +144,7 @@ impl Trunk {
     /// Velocities `(N, C)` of any number of points `(N, inputs)`, tile by tile in parallel.
     pub fn velocities(
         &self,
-        weights: TrunkWeights,
+        weights: Weights<PackedTrunk>,
         modulation: &[f32],
         points: &[f32],
         tapes: &TrunkTapes,
@@ -170,11 +164,11 @@ impl Trunk {
     /// Runs `work` with the pass that suits the weights.
     pub fn with_pass<R>(
         &self,
-        weights: TrunkWeights,
+        weights: Weights<PackedTrunk>,
         tapes: &TrunkTapes,
         work: impl FnOnce(&mut dyn TilePass) -> R,
     ) -> R {
-        let TrunkWeights { params, packed } = weights;
+        let Weights { params, packed } = weights;
         let trunk = self;
         match packed {
             None => tapes.float32.with(

@@ -6,6 +6,7 @@
 
 use std::arch::asm;
 use std::arch::x86_64::__cpuid_count;
+use std::marker::PhantomData;
 use std::sync::OnceLock;
 
 use faer::Accum;
@@ -56,8 +57,8 @@ fn request() -> bool {
     false
 }
 
-/// The unit, ready for products on this thread.
-pub struct Unit(());
+/// The unit, ready for products on this thread: tile registers are a thread's own, so it cannot be sent to another.
+pub struct Unit(PhantomData<*const ()>);
 
 /// Shape of the tile registers (palette 1): each of the eight has 16 rows of 64 bytes.
 #[repr(C, align(64))]
@@ -93,7 +94,7 @@ impl Unit {
                 options(nostack, readonly),
             );
         }
-        Self(())
+        Self(PhantomData)
     }
 
     /// Puts the sum of the products of `terms` into `c`, whose rows are `stride` numbers apart, or adds it: four tiles.

@@ -140,7 +140,7 @@ impl Leave<'_> {
 }
 
 /// Backward pass of [`Leave`]: the gradient by the features, also rounded as a left matrix and summed over the rows; adds
-/// to the gradients by weight and bias.
+/// to the gradient by the weight.
 pub struct LeaveBackward<'a> {
     pub d_outputs: &'a [f32],
     pub weight: &'a [f32],
