@@ -3,7 +3,7 @@
 use faer::Accum;
 use rayon::prelude::*;
 
-use super::bf16::{PackedWeight, Passes, Room};
+use super::bf16::{Operands, PackedWeight, Passes};
 use super::context_shape::{ContextShape, STAGES, block_name};
 use super::dense::Dense;
 use super::grid::Grid;
@@ -73,7 +73,7 @@ pub(super) struct ContextTape {
     d_maximum: Vec<f32>,
     d_activated: Vec<f32>,
     sums: Sums,
-    room: Room,
+    operands: Operands,
 }
 
 #[derive(Debug)]
@@ -202,7 +202,7 @@ impl ContextNet {
             d_maximum: Vec::new(),
             d_activated: Vec::new(),
             sums: Sums::default(),
-            room: Room::default(),
+            operands: Operands::default(),
         }
     }
 
@@ -214,7 +214,7 @@ impl ContextNet {
             shift,
             mut films,
         } = input;
-        let room = &mut tape.room;
+        let operands = &mut tape.operands;
         let count = points.len() / self.stages[0].project.inputs;
         for (s, stage) in self.stages.iter().enumerate() {
             let (before, tape) = tape.stages.split_at_mut(s);
@@ -228,11 +228,15 @@ impl ContextNet {
                 None => {
                     fill_rows(first, shift);
                     let project = project.floats();
-                    stage.project.par_add_product(project, room, points, first);
+                    stage
+                        .project
+                        .par_add_product(project, operands, points, first);
                 }
-                Some(before) => stage
-                    .project
-                    .par_forward(project, room, before.output(), first),
+                Some(before) => {
+                    stage
+                        .project
+                        .par_forward(project, operands, before.output(), first)
+                }
             }
             stage.forward(stage_weights, &mut films, tape);
         }
@@ -266,10 +270,10 @@ impl ContextNet {
         features.resize(count * self.join_maximum.outputs, 0.0);
         tape.activated.resize(features.len(), 0.0);
         fill_rows(features, &tape.shift);
-        let room = &mut tape.room;
+        let operands = &mut tape.operands;
         for (k, (join, stage)) in self.joins.iter().zip(&tape.stages).enumerate() {
             let weights = weights.of(|packed| &packed.joins[k]);
-            join.par_add_product(weights, room, stage.output(), features);
+            join.par_add_product(weights, operands, stage.output(), features);
         }
         let rows = Rows::points(count);
         self.join_norm
@@ -277,7 +281,7 @@ impl ContextNet {
         tape.context.resize(count * self.output.outputs, 0.0);
         let output = weights.of(|packed| &packed.output);
         self.output
-            .par_forward(output, room, &tape.activated, &mut tape.context);
+            .par_forward(output, operands, &tape.activated, &mut tape.context);
     }
 
     /// Backward pass of [`ContextNet::forward`], from `d_context` `(N, F)`.
@@ -298,7 +302,7 @@ impl ContextNet {
             ..
         } = input;
         self.join_backward(weights, d_context, tape, gradient);
-        let (room, sums) = (&mut tape.room, &mut tape.sums);
+        let (operands, sums) = (&mut tape.operands, &mut tape.sums);
         for (s, stage) in self.stages.iter().enumerate().rev() {
             let (before, tape_s) = tape.stages.split_at_mut(s);
             let tape_s = &mut tape_s[0];
@@ -311,7 +315,7 @@ impl ContextNet {
                     let project = project.floats();
                     stage
                         .project
-                        .par_backward_weight(project, room, gradient, points, d);
+                        .par_backward_weight(project, operands, gradient, points, d);
                     let rows = Rows::points(d.len() / d_shift.len());
                     sums.add_columns(d, rows, d_shift);
                 }
@@ -319,10 +323,14 @@ impl ContextNet {
                     let both = [before.output(), d];
                     stage
                         .project
-                        .par_backward(project, room, gradient, both, sums);
-                    stage
-                        .project
-                        .par_input_gradient(project, room, Accum::Add, d, &mut before.d);
+                        .par_backward(project, operands, gradient, both, sums);
+                    stage.project.par_input_gradient(
+                        project,
+                        operands,
+                        Accum::Add,
+                        d,
+                        &mut before.d,
+                    );
                 }
             }
         }
@@ -338,13 +346,18 @@ impl ContextNet {
     ) {
         let rows = Rows::points(d_context.len() / self.output.outputs);
         let params = weights.params;
-        let (d, sums, room) = (&mut tape.d_activated, &mut tape.sums, &mut tape.room);
+        let (d, sums, operands) = (&mut tape.d_activated, &mut tape.sums, &mut tape.operands);
         let output = weights.of(|packed| &packed.output);
-        self.output
-            .par_backward(output, room, gradient, [&tape.activated, d_context], sums);
+        self.output.par_backward(
+            output,
+            operands,
+            gradient,
+            [&tape.activated, d_context],
+            sums,
+        );
         d.resize(tape.activated.len(), 0.0);
         self.output
-            .par_input_gradient(output, room, Accum::Replace, d_context, d);
+            .par_input_gradient(output, operands, Accum::Replace, d_context, d);
         let Normed {
             features,
             tape: norm,
@@ -354,9 +367,9 @@ impl ContextNet {
 
         for (k, (join, stage)) in self.joins.iter().zip(&mut tape.stages).enumerate() {
             let weights = weights.of(|packed| &packed.joins[k]);
-            join.par_backward_weight(weights, room, gradient, stage.output(), d);
+            join.par_backward_weight(weights, operands, gradient, stage.output(), d);
             stage.d.resize(rows.count * join.inputs, 0.0);
-            join.par_input_gradient(weights, room, Accum::Replace, d, &mut stage.d);
+            join.par_input_gradient(weights, operands, Accum::Replace, d, &mut stage.d);
         }
         let d_shift = &mut tape.shift;
         d_shift.fill(0.0);

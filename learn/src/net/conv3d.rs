@@ -140,7 +140,7 @@ fn shifts(grid: Grid) -> impl Iterator<Item = usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bf16::{Passes, Room};
+    use super::super::bf16::{Operands, Passes};
     use super::super::check::{assert_close, assert_is_gradient, numbers, single};
     use super::super::conv3d_bf16::PackedConv;
     use super::*;
@@ -261,22 +261,28 @@ mod tests {
                 buffer
             };
             let (x, dy) = (filled(2, inputs), filled(3, outputs));
-            let (mut packed, mut room) = (PackedConv::default(), Room::default());
+            let (mut packed, mut operands) = (PackedConv::default(), Operands::default());
             packed.set(&conv, &params, Passes::Training);
 
             let (mut y, mut expected) = (fresh(outputs), fresh(outputs));
             conv.forward(&params, &x, &mut expected);
-            conv.forward_bf16(&params, &packed, &mut room, &x, &mut y);
+            conv.forward_bf16(&params, &packed, &mut operands, &x, &mut y);
             assert_eq!(y, expected, "forward, {conv:?}");
 
             let (mut dx, mut expected) = (fresh(inputs), fresh(inputs));
             conv.backward_input(&params, &dy, &mut expected);
-            conv.backward_input_bf16(&packed, &mut room, &dy, &mut dx);
+            conv.backward_input_bf16(&packed, &mut operands, &dy, &mut dx);
             assert_eq!(dx, expected, "gradient by the input, {conv:?}");
 
             let mut gradients = [vec![1.0; table.len()], vec![1.0; table.len()]];
             conv.backward(&mut gradients[0], &x, &dy, &mut Sums::default());
-            conv.backward_bf16(&mut room, &mut gradients[1], &x, &dy, &mut Sums::default());
+            conv.backward_bf16(
+                &mut operands,
+                &mut gradients[1],
+                &x,
+                &dy,
+                &mut Sums::default(),
+            );
             assert_eq!(
                 gradients[1], gradients[0],
                 "gradient by the weight, {conv:?}"

@@ -7,7 +7,7 @@
 use faer::Accum;
 use rayon::prelude::*;
 
-use super::bf16::{Floats, Passes, Room, Tiles, Weights, padded};
+use super::bf16::{Floats, Operands, Passes, Taps, Tiles, padded};
 use super::conv3d::{Conv3d, NEIGHBOURS, shift};
 use super::grid::Grid;
 use super::kernels::fill_rows;
@@ -75,22 +75,22 @@ impl Packed {
             .for_each(|(line, packed)| pack(line, packed));
     }
 
-    /// Grid `y` of `columns` features from the grid in `room`; `prepare` as [`Room::multiply`] has it.
+    /// Grid `y` of `columns` features from the grid in `operands`; `prepare` as [`Operands::multiply`] has it.
     fn convolve(
         &self,
         grid: Grid,
-        room: &Room,
+        operands: &Operands,
         y: &mut [f32],
         columns: usize,
         prepare: impl Fn(&mut [f32]) -> Accum + Sync,
     ) {
-        let weights = Weights {
+        let taps = Taps {
             starts: std::array::from_fn(|line| shift(grid, line * LINE)),
             adjacent: LINE,
             matrices: self.0.each_ref().map(|packed| &packed.tiles),
         };
         let body = grid.body_mut(y, columns);
-        room.multiply(&weights, body, columns, prepare);
+        operands.multiply(&taps, body, columns, prepare);
         body.par_chunks_mut(grid.plane() * columns)
             .for_each(|plane| grid.clear_padding(plane, columns));
     }
@@ -102,15 +102,15 @@ impl Conv3d {
         &self,
         params: &[f32],
         packed: &PackedConv,
-        room: &mut Room,
+        operands: &mut Operands,
         x: &[f32],
         y: &mut [f32],
     ) {
         let bias = &params[self.bias.clone()];
-        room.enter(x, self.inputs);
+        operands.enter(x, self.inputs);
         packed
             .forward
-            .convolve(self.grid, room, y, self.outputs, |y| {
+            .convolve(self.grid, operands, y, self.outputs, |y| {
                 fill_rows(y, bias);
                 Accum::Add
             });
@@ -120,20 +120,20 @@ impl Conv3d {
     pub fn backward_input_bf16(
         &self,
         packed: &PackedConv,
-        room: &mut Room,
+        operands: &mut Operands,
         dy: &[f32],
         dx: &mut [f32],
     ) {
-        room.enter(dy, self.outputs);
+        operands.enter(dy, self.outputs);
         packed
             .backward
-            .convolve(self.grid, room, dx, self.inputs, |_| Accum::Replace);
+            .convolve(self.grid, operands, dx, self.inputs, |_| Accum::Replace);
     }
 
     /// [`Conv3d::backward`] with bfloat16 products.
     pub fn backward_bf16(
         &self,
-        room: &mut Room,
+        operands: &mut Operands,
         gradient: &mut [f32],
         x: &[f32],
         dy: &[f32],
@@ -142,7 +142,7 @@ impl Conv3d {
         let starts: [usize; NEIGHBOURS] = std::array::from_fn(|n| shift(self.grid, n));
         let dy = self.grid.body(dy, self.outputs);
         let weight = &mut gradient[self.weight.clone()];
-        room.add_weight_gradient(starts, (x, self.inputs), (dy, self.outputs), weight);
+        operands.add_weight_gradient(starts, (x, self.inputs), (dy, self.outputs), weight);
         sums.add_columns(dy, self.grid.rows(), &mut gradient[self.bias.clone()]);
     }
 }

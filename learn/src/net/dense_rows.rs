@@ -4,7 +4,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
-use super::bf16::{PackedWeight, Room, Tiles, Weights as Terms};
+use super::bf16::{Operands, PackedWeight, Taps, Tiles};
 use super::dense::Dense;
 use super::kernels::fill_rows;
 use super::rows::{Rows, Sums};
@@ -19,7 +19,7 @@ impl Dense {
     pub fn par_forward(
         &self,
         weights: Weights<PackedWeight>,
-        room: &mut Room,
+        operands: &mut Operands,
         x: &[f32],
         y: &mut [f32],
     ) {
@@ -29,8 +29,8 @@ impl Dense {
             return (rows.zip(y.par_chunks_mut(ROWS * self.outputs)))
                 .for_each(|(x, y)| self.forward(params, x, y));
         };
-        room.enter(x, self.inputs);
-        room.multiply(&alone(&packed.forward), y, self.outputs, |y| {
+        operands.enter(x, self.inputs);
+        operands.multiply(&alone(&packed.forward), y, self.outputs, |y| {
             fill_rows(y, &params[self.bias.clone()]);
             Accum::Add
         });
@@ -40,7 +40,7 @@ impl Dense {
     pub fn par_add_product(
         &self,
         weights: Weights<PackedWeight>,
-        room: &mut Room,
+        operands: &mut Operands,
         x: &[f32],
         y: &mut [f32],
     ) {
@@ -49,15 +49,15 @@ impl Dense {
             return (rows.zip(y.par_chunks_mut(ROWS * self.outputs)))
                 .for_each(|(x, y)| self.add_product(weights.params, x, y));
         };
-        room.enter(x, self.inputs);
-        room.multiply(&alone(&packed.forward), y, self.outputs, |_| Accum::Add);
+        operands.enter(x, self.inputs);
+        operands.multiply(&alone(&packed.forward), y, self.outputs, |_| Accum::Add);
     }
 
     /// [`Dense::input_gradient`].
     pub fn par_input_gradient(
         &self,
         weights: Weights<PackedWeight>,
-        room: &mut Room,
+        operands: &mut Operands,
         accum: Accum,
         dy: &[f32],
         dx: &mut [f32],
@@ -67,15 +67,15 @@ impl Dense {
             return (rows.zip(dy.par_chunks(ROWS * self.outputs)))
                 .for_each(|(dx, dy)| self.input_gradient(weights.params, accum, dy, dx));
         };
-        room.enter(dy, self.outputs);
-        room.multiply(&alone(&packed.backward), dx, self.inputs, |_| accum);
+        operands.enter(dy, self.outputs);
+        operands.multiply(&alone(&packed.backward), dx, self.inputs, |_| accum);
     }
 
     /// [`Dense::backward_weight`], parallel over the outputs where it is in floats.
     pub fn par_backward_weight(
         &self,
         weights: Weights<PackedWeight>,
-        room: &mut Room,
+        operands: &mut Operands,
         gradient: &mut [f32],
         x: &[f32],
         dy: &[f32],
@@ -83,7 +83,7 @@ impl Dense {
         let gradient = &mut gradient[self.weight.clone()];
         if weights.packed.is_some() {
             let (x, dy) = ((x, self.inputs), (dy, self.outputs));
-            return room.add_weight_gradient([0], x, dy, gradient);
+            return operands.add_weight_gradient([0], x, dy, gradient);
         }
         let rows = dy.len() / self.outputs;
         gradient
@@ -103,20 +103,20 @@ impl Dense {
     pub fn par_backward(
         &self,
         weights: Weights<PackedWeight>,
-        room: &mut Room,
+        operands: &mut Operands,
         gradient: &mut [f32],
         [x, dy]: [&[f32]; 2],
         sums: &mut Sums,
     ) {
-        self.par_backward_weight(weights, room, gradient, x, dy);
+        self.par_backward_weight(weights, operands, gradient, x, dy);
         let rows = Rows::points(dy.len() / self.outputs);
         sums.add_columns(dy, rows, &mut gradient[self.bias.clone()]);
     }
 }
 
 /// One weight that acts on the rows as they are.
-fn alone(matrix: &Tiles) -> Terms<'_, 1> {
-    Terms {
+fn alone(matrix: &Tiles) -> Taps<'_, 1> {
+    Taps {
         starts: [0],
         adjacent: 1,
         matrices: [matrix],

@@ -3,7 +3,7 @@
 use faer::Accum;
 use rayon::prelude::*;
 
-use super::bf16::{PackedWeight, Passes, Room};
+use super::bf16::{Operands, PackedWeight, Passes};
 use super::conv3d::Conv3d;
 use super::conv3d_bf16::PackedConv;
 use super::dense::Dense;
@@ -73,7 +73,7 @@ pub(super) struct PvScratch {
     points: [Vec<f32>; 2],
     sums: Sums,
     /// For products of voxels and of points.
-    rooms: [Room; 2],
+    rooms: [Operands; 2],
 }
 
 /// What a block acts on.
@@ -149,7 +149,7 @@ impl PvBlock {
         let PvScratch {
             voxels: [entered, left],
             sums,
-            rooms: [room, point_room],
+            rooms: [operands, point_operands],
             ..
         } = scratch;
         self.prepare(h.len(), tape, [entered, left], output);
@@ -158,8 +158,8 @@ impl PvBlock {
         let [first, second] = &mut tape.convolved;
         let [layer1, layer2] = &self.layers;
         let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
-        layer1.forward(convs[0], room, entered, first, &mut tape.activated);
-        layer2.forward(convs[1], room, &tape.activated, second, left);
+        layer1.forward(convs[0], operands, entered, first, &mut tape.activated);
+        layer2.forward(convs[1], operands, &tape.activated, second, left);
 
         let means = sums.columns(grid.body(left, c), grid.rows(), c);
         tape.squeeze.means.clear();
@@ -171,7 +171,7 @@ impl PvBlock {
         let rows = Rows::points(h.len() / c);
         let point = weights.of(|packed| &packed.point);
         self.point
-            .par_forward(point, point_room, h, &mut tape.point.features);
+            .par_forward(point, point_operands, h, &mut tape.point.features);
         let Normed {
             features,
             tape: norm,
@@ -182,7 +182,7 @@ impl PvBlock {
 
         let mix = weights.of(|packed| &packed.mix);
         self.mix
-            .par_forward(mix, point_room, &tape.joined, &mut tape.mixed.features);
+            .par_forward(mix, point_operands, &tape.joined, &mut tape.mixed.features);
         let Normed { features, tape } = &mut tape.mixed;
         self.film.forward(rows, film, features, tape, output);
         par_add(h, output);
@@ -213,7 +213,7 @@ impl PvBlock {
             voxels: [entered, d_voxels],
             points: [d_mixed, d_joined],
             sums,
-            rooms: [room, point_room],
+            rooms: [operands, point_operands],
         } = scratch;
         copy(d, d_mixed);
         let Normed {
@@ -224,10 +224,10 @@ impl PvBlock {
             .backward(rows, film, features, norm, d_mixed, d_film);
         let mix = weights.of(|packed| &packed.mix);
         self.mix
-            .par_backward(mix, point_room, gradient, [&tape.joined, d_mixed], sums);
+            .par_backward(mix, point_operands, gradient, [&tape.joined, d_mixed], sums);
         d_joined.resize(d.len(), 0.0);
         self.mix
-            .par_input_gradient(mix, point_room, Accum::Replace, d_mixed, d_joined);
+            .par_input_gradient(mix, point_operands, Accum::Replace, d_mixed, d_joined);
 
         let d_point = d_mixed;
         copy(d_joined, d_point);
@@ -239,9 +239,9 @@ impl PvBlock {
             .backward(params, rows, features, norm, d_point, gradient);
         let point = weights.of(|packed| &packed.point);
         self.point
-            .par_backward(point, point_room, gradient, [h, d_point], sums);
+            .par_backward(point, point_operands, gradient, [h, d_point], sums);
         self.point
-            .par_input_gradient(point, point_room, Accum::Add, d_point, d);
+            .par_input_gradient(point, point_operands, Accum::Add, d_point, d);
 
         let d_gains = sum_products(d_joined, &tape.interpolated, c, sums);
         tape.squeeze.d.clear();
@@ -257,26 +257,26 @@ impl PvBlock {
         let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
         layer2.backward(
             convs[1],
-            room,
+            operands,
             (&tape.activated, d_voxels),
             second,
             gradient,
             sums,
         );
         let d_activated = entered;
-        layer2.backward_input(convs[1], room, d_voxels, d_activated);
+        layer2.backward_input(convs[1], operands, d_voxels, d_activated);
         // What entered the first convolution is made again, where its output was.
         let entered = &mut tape.activated;
         voxels.average(h, c, entered);
         layer1.backward(
             convs[0],
-            room,
+            operands,
             (entered, d_activated),
             first,
             gradient,
             sums,
         );
-        layer1.backward_input(convs[0], room, d_activated, d_voxels);
+        layer1.backward_input(convs[0], operands, d_activated, d_voxels);
         voxels.average_backward(d_voxels, c, d);
     }
 
@@ -313,7 +313,7 @@ impl VoxelLayer {
     fn forward(
         &self,
         weights: Weights<PackedConv>,
-        room: &mut Room,
+        operands: &mut Operands,
         x: &[f32],
         normed: &mut Normed,
         y: &mut [f32],
@@ -323,7 +323,9 @@ impl VoxelLayer {
         let params = weights.params;
         match weights.packed {
             None => self.conv.forward(params, x, features),
-            Some(packed) => self.conv.forward_bf16(params, packed, room, x, features),
+            Some(packed) => self
+                .conv
+                .forward_bf16(params, packed, operands, x, features),
         }
         let (features, y) = (
             grid.body_mut(features, channels),
@@ -336,7 +338,7 @@ impl VoxelLayer {
     fn backward(
         &self,
         weights: Weights<PackedConv>,
-        room: &mut Room,
+        operands: &mut Operands,
         (x, d): (&[f32], &mut [f32]),
         normed: &mut Normed,
         gradient: &mut [f32],
@@ -350,7 +352,7 @@ impl VoxelLayer {
             .backward(weights.params, rows, features, tape, body, gradient);
         match weights.packed {
             None => self.conv.backward(gradient, x, d, sums),
-            Some(_) => self.conv.backward_bf16(room, gradient, x, d, sums),
+            Some(_) => self.conv.backward_bf16(operands, gradient, x, d, sums),
         }
     }
 
@@ -358,13 +360,13 @@ impl VoxelLayer {
     fn backward_input(
         &self,
         weights: Weights<PackedConv>,
-        room: &mut Room,
+        operands: &mut Operands,
         d: &[f32],
         dx: &mut [f32],
     ) {
         match weights.packed {
             None => self.conv.backward_input(weights.params, d, dx),
-            Some(packed) => self.conv.backward_input_bf16(packed, room, d, dx),
+            Some(packed) => self.conv.backward_input_bf16(packed, operands, d, dx),
         }
     }
 }

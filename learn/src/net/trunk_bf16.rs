@@ -7,8 +7,8 @@ use faer::Accum;
 use rayon::prelude::*;
 
 use super::bf16::{
-    BlockTape, Enter, EnterBackward, Floats, Kernel, Leave, LeaveBackward, Modulate,
-    ModulateBackward, Output, PackedWeight, Passes, Tiles, multiply,
+    BlockTape, Floats, InputBackward, InputLayer, Kernel, Modulate, ModulateBackward, Output,
+    OutputBackward, OutputLayer, PackedWeight, Passes, Tiles, multiply,
 };
 use super::dense::Dense;
 use super::kernels::sum_rows;
@@ -134,7 +134,7 @@ impl Bf16Pass<'_> {
     fn enter(&mut self, shift: &[f32], points: &[f32]) {
         let features = &mut self.tape.features[..];
         match &self.packed.input {
-            PackedInput::Few(weight) => Enter {
+            PackedInput::Few(weight) => InputLayer {
                 points,
                 weight,
                 shift,
@@ -166,7 +166,7 @@ impl Bf16Pass<'_> {
             PackedInput::Few(_) => {
                 tape.d_input.clear();
                 tape.d_input.resize(layer.inputs * width, 0.0);
-                EnterBackward {
+                InputBackward {
                     points,
                     d: &tape.features,
                     d_weight: &mut tape.d_input,
@@ -234,7 +234,7 @@ impl TilePass for Bf16Pass<'_> {
             let output = padded(features, width);
             multiply(output, Accum::Add, &block.activated, &packed.forward);
         }
-        Leave {
+        OutputLayer {
             features,
             weight: &params[trunk.output.weight.clone()],
             bias: &params[trunk.output.bias.clone()],
@@ -271,7 +271,7 @@ impl TilePass for Bf16Pass<'_> {
                 parts.expect("tensors of their own").into()
             }
         };
-        LeaveBackward {
+        OutputBackward {
             d_outputs: d_velocities,
             weight: &self.params[weight],
             kept: tape.last.each_ref().map(|kept| &kept[..]),

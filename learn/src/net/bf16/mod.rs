@@ -3,22 +3,22 @@
 #[cfg(target_arch = "x86_64")]
 mod amx;
 mod dense;
-mod ends;
 mod kernels;
 mod lanes;
+mod operands;
+mod outer_layers;
 mod pack;
 mod panel;
 mod product;
-mod room;
 mod rows;
 mod shuffle;
 mod tile;
 
 pub use dense::{PackedWeight, Passes};
-pub use ends::{Enter, EnterBackward, Leave, LeaveBackward};
 pub use kernels::{BlockTape, Kernel, Modulate, ModulateBackward};
+pub use operands::{Operands, Taps};
+pub use outer_layers::{InputBackward, InputLayer, OutputBackward, OutputLayer};
 pub use pack::Floats;
 pub use product::{Output, has_matrix_unit, multiply};
-pub use room::{Room, Weights};
 pub use rows::padded;
 pub use tile::{DEPTH, Tiles};

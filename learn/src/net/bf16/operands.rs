@@ -22,7 +22,7 @@ const PARTS: usize = 2;
 const GROUPS: usize = 9;
 
 /// Weights that act on the rows of a matrix at some distance from the output's row; their products are summed.
-pub struct Weights<'a, const N: usize> {
+pub struct Taps<'a, const N: usize> {
     /// The row that each acts on for the output's first row.
     pub starts: [usize; N],
     /// Adjacent rows that each acts on at once.
@@ -33,7 +33,7 @@ pub struct Weights<'a, const N: usize> {
 
 /// A matrix as products take it, and room for the gradient by a weight; kept from call to call.
 #[derive(Debug, Default)]
-pub struct Room {
+pub struct Operands {
     rows: Rows,
     paired: Paired,
     /// The gradient by the output, transposed, a left matrix per chunk of rows.
@@ -41,7 +41,7 @@ pub struct Room {
     partials: Vec<f32>,
 }
 
-impl Room {
+impl Operands {
     /// Rounds the matrix `x`, of `columns` columns, for the next product.
     pub fn enter(&mut self, x: &[f32], columns: usize) {
         self.rows.set(x, columns);
@@ -50,7 +50,7 @@ impl Room {
     /// `Y += X W`, or `Y = X W`, with the matrix that was entered; `prepare` says which, having seen the part of `y`.
     pub fn multiply<const N: usize>(
         &self,
-        weights: &Weights<N>,
+        taps: &Taps<N>,
         y: &mut [f32],
         columns: usize,
         prepare: impl Fn(&mut [f32]) -> Accum + Sync,
@@ -59,10 +59,10 @@ impl Room {
         tasks.for_each(|(task, y)| {
             let accum = prepare(y);
             let terms: [Term; N] = std::array::from_fn(|k| {
-                let (first, count) = (task * TASK + weights.starts[k], y.len() / columns);
+                let (first, count) = (task * TASK + taps.starts[k], y.len() / columns);
                 Term {
-                    left: self.rows.panel(first, count, weights.adjacent),
-                    right: weights.matrices[k].whole(),
+                    left: self.rows.panel(first, count, taps.adjacent),
+                    right: taps.matrices[k].whole(),
                 }
             });
             multiply_terms(Output::dense(y, columns), accum, &terms);

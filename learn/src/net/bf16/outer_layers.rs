@@ -23,7 +23,7 @@ fn rows_of<const C: usize>(weight: &[f32]) -> [&[Part<f32>]; C] {
 }
 
 /// A layer from few numbers: rows of features `y = shift + W x`.
-pub struct Enter<'a> {
+pub struct InputLayer<'a> {
     /// `(T, I)`.
     pub points: &'a [f32],
     /// `W^T`, `(I, H)`.
@@ -32,7 +32,7 @@ pub struct Enter<'a> {
     pub features: &'a mut [f32],
 }
 
-impl Kernel for Enter<'_> {
+impl Kernel for InputLayer<'_> {
     #[inline(always)]
     fn run_with<S: Simd>(self, _: S, _: impl Lanes) {
         let width = self.shift.len();
@@ -52,15 +52,15 @@ impl Kernel for Enter<'_> {
     }
 }
 
-/// Gradient by the weight of [`Enter`]: adds `d^T x` to `d_weight`, which is `(I, H)` as the weight is there.
-pub struct EnterBackward<'a> {
+/// Gradient by the weight of [`InputLayer`]: adds `d^T x` to `d_weight`, which is `(I, H)` as the weight is there.
+pub struct InputBackward<'a> {
     pub points: &'a [f32],
     pub d: &'a [f32],
     pub d_weight: &'a mut [f32],
     pub width: usize,
 }
 
-impl Kernel for EnterBackward<'_> {
+impl Kernel for InputBackward<'_> {
     #[inline(always)]
     fn run_with<S: Simd>(self, _: S, _: impl Lanes) {
         let width = self.width;
@@ -82,7 +82,7 @@ impl Kernel for EnterBackward<'_> {
 }
 
 /// A layer to few numbers behind SiLU: rows `y = W SiLU(h) + b`.
-pub struct Leave<'a> {
+pub struct OutputLayer<'a> {
     pub features: &'a [f32],
     /// `(C, H)`.
     pub weight: &'a [f32],
@@ -93,7 +93,7 @@ pub struct Leave<'a> {
     pub outputs: &'a mut [f32],
 }
 
-impl Kernel for Leave<'_> {
+impl Kernel for OutputLayer<'_> {
     #[inline(always)]
     fn run_with<S: Simd>(self, _: S, lanes: impl Lanes) {
         match self.bias.len() {
@@ -103,7 +103,7 @@ impl Kernel for Leave<'_> {
     }
 }
 
-impl Leave<'_> {
+impl OutputLayer<'_> {
     #[inline(always)]
     fn rows<const C: usize>(self, lanes: impl Lanes) {
         let weights = rows_of::<C>(self.weight);
@@ -139,9 +139,9 @@ impl Leave<'_> {
     }
 }
 
-/// Backward pass of [`Leave`]: the gradient by the features, also rounded as a left matrix and summed over the rows; adds
+/// Backward pass of [`OutputLayer`]: the gradient by the features, also rounded as a left matrix and summed over the rows; adds
 /// to the gradient by the weight.
-pub struct LeaveBackward<'a> {
+pub struct OutputBackward<'a> {
     pub d_outputs: &'a [f32],
     pub weight: &'a [f32],
     pub kept: [&'a [u16]; 2],
@@ -152,7 +152,7 @@ pub struct LeaveBackward<'a> {
     pub channels: usize,
 }
 
-impl Kernel for LeaveBackward<'_> {
+impl Kernel for OutputBackward<'_> {
     #[inline(always)]
     fn run_with<S: Simd>(self, _: S, lanes: impl Lanes) {
         match self.channels {
@@ -162,7 +162,7 @@ impl Kernel for LeaveBackward<'_> {
     }
 }
 
-impl LeaveBackward<'_> {
+impl OutputBackward<'_> {
     #[inline(always)]
     fn rows<const C: usize>(self, lanes: impl Lanes) {
         let weights = rows_of::<C>(self.weight);
