@@ -2,7 +2,7 @@
 # Makes ready what `make test` needs, or says what is missing before anything else runs:
 # a Rust toolchain, a C compiler, and for the cross-checks QEMU, MuJoCo, libclang (which reads MuJoCo's
 # header), and a Python virtual environment. MUJOCO_DIR and LIBCLANG_PATH, when set, stand for
-# MuJoCo's and libclang's packages.
+# MuJoCo's and libclang's packages. PyTorch, the largest of all, may be missing: WITHOUT_PYTORCH=1 leaves it out.
 set -u
 cd "$(dirname "$0")/.."
 
@@ -55,5 +55,30 @@ if ! cmp -s "$requirements" "$stamp"; then
         exit 1
     fi
     cp "$requirements" "$stamp"
+fi
+
+# Its wheel for CPUs (200 MB) is not where pip looks; uv knows the place. Where that cannot be reached, pip's own brings
+# the libraries of a GPU with it.
+install_pytorch() {
+    echo "setup: installing PyTorch for CPUs"
+    .venv/bin/uv pip install -q --python .venv/bin/python --torch-backend cpu -r "$pytorch" && return
+    local free_gb=$(($(df -Pk .venv | awk 'END { print $4 }') / 1000000))
+    if [ "$free_gb" -lt "$pytorch_gb" ]; then
+        echo "setup: no wheel for CPUs, and $free_gb GB of disk are free of the $pytorch_gb that the other one takes" >&2
+        return 1
+    fi
+    echo "setup: no wheel for CPUs within reach; taking the one for GPUs (6 GB, minutes)"
+    .venv/bin/python -m pip install -q --no-cache-dir --disable-pip-version-check -r "$pytorch"
+}
+
+pytorch=tests/python/requirements-torch.txt
+pytorch_stamp=.venv/requirements-torch.installed
+pytorch_gb=15 # Installed 6, and as much on the way.
+if [ -z "${WITHOUT_PYTORCH:-}" ] && ! cmp -s "$pytorch" "$pytorch_stamp"; then
+    if install_pytorch; then
+        cp "$pytorch" "$pytorch_stamp"
+    else
+        echo "setup: PyTorch could not be installed; the checks of the networks against it will be skipped" >&2
+    fi
 fi
 echo "setup: ready"
