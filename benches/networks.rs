@@ -1,6 +1,6 @@
 //! The times and the memory of a network's training that `benches/networks.py` sets beside PyTorch's: prints one line of
-//! JSON, for the network and the precision named by the arguments (`mlp` or `hybrid`, `float32` or `bfloat16`; without a
-//! matrix unit float32 runs in any case); one per process, as peak memory is the process's.
+//! JSON, for the network and the precision named by the arguments (`mlp` or `hybrid`, `float32` or `bfloat16`; where
+//! bfloat16 is not the faster one, float32 runs in any case); one per process, as peak memory is the process's.
 //!
 //! At the authors' sizes: a whole step of the `Trainer` (draw of the batch, forward, backward, clipping, AdamW, running
 //! average of the weights), and of the MLP the evaluations that sampling a cloud consists of. Beside them, in the same
@@ -54,8 +54,8 @@ struct Measured {
     threads: usize,
     /// Numbers (f32) in a vector of the kernels.
     vector_lanes: usize,
-    /// Whether products of bfloat16 numbers run on a matrix unit.
-    matrix_unit: bool,
+    /// The numbers of the products.
+    precision: Precision,
     shape: NetworkShape,
     /// Clouds and points of a step.
     clouds: usize,
@@ -153,7 +153,7 @@ fn measure(
     Measured {
         threads: rayon::current_num_threads(),
         vector_lanes: vector_lanes(),
-        matrix_unit: Precision::fastest(MLP.width) == Precision::Bfloat16,
+        precision,
         shape,
         clouds,
         points: POINTS,

@@ -32,20 +32,24 @@ fn on_one_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
 fn two_gradients(shape: NetworkShape, precision: Precision) -> [u64; 2] {
     let network = Network::new(shape, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
     let network = network.with_precision(precision).unwrap();
-    let points: Vec<f32> = (0..2 * 1500 * 3).map(|k| (k as f32).sin()).collect();
-    let batch = Batch {
+    // The second batch fills more voxels than the first.
+    let close: Vec<f32> = (0..2 * 1500 * 3)
+        .map(|k| (k as f32).sin().powi(9))
+        .collect();
+    let spread: Vec<f32> = (0..2 * 1500 * 3).map(|k| (k as f32).sin()).collect();
+    let batch = |points| Batch {
         times: &[0.3, 0.9],
         conditions: &[0.1, 0.2, 0.3, 0.4],
-        points: &points,
-        targets: &points,
+        points,
+        targets: points,
         color_weight: COLOR_WEIGHT,
     };
     let mut gradient = vec![0.0; network.params().len()];
     let mut workspace = Workspace::default();
     on_one_thread(|| {
-        [1, 2].map(|_| {
+        [&close, &spread].map(|points| {
             let step = || {
-                network.loss_and_gradient(&batch, &mut workspace, &mut gradient);
+                network.loss_and_gradient(&batch(points), &mut workspace, &mut gradient);
             };
             measure(step).bytes_total
         })

@@ -120,9 +120,9 @@ impl SamplerArgs {
 /// What numbers a network computes with.
 #[derive(Debug, Args)]
 struct PrecisionArgs {
-    /// Numbers of the network's products: bfloat16 is many times faster on a processor with a matrix unit (AMX), and
-    /// rounds to 8 bits; sums are float32 in either [default: bfloat16 with such a unit and a width that is a multiple
-    /// of 32, else float32]
+    /// Numbers of the network's products: bfloat16 rounds to 8 bits, and is many times faster on a processor with a matrix
+    /// unit (AMX), faster on AMD's with AVX-512 BF16; sums are float32 in either [default: bfloat16 on such a processor
+    /// and with a width that is a multiple of 32, else float32]
     #[arg(long, value_parser = precision())]
     precision: Option<Precision>,
 }

@@ -50,7 +50,7 @@ impl Conv3d {
         }
     }
 
-    /// Floating-point operations of the forward pass.
+    /// Floating-point operations of the forward pass where no voxel is empty.
     pub fn flops(&self) -> u64 {
         2 * (NEIGHBOURS * self.grid.voxels() * self.inputs * self.outputs) as u64
     }
@@ -104,7 +104,12 @@ impl Conv3d {
 
     /// Runs `work` on every plane of `y`, with the row where it starts counted from the first plane; then clears the
     /// padding, into which the products also write.
-    fn per_plane(&self, y: &mut [f32], channels: usize, work: impl Fn(usize, &mut [f32]) + Sync) {
+    pub(super) fn per_plane(
+        &self,
+        y: &mut [f32],
+        channels: usize,
+        work: impl Fn(usize, &mut [f32]) + Sync,
+    ) {
         let grid = self.grid;
         grid.body_mut(y, channels)
             .par_chunks_mut(grid.plane() * channels)

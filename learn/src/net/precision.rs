@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::bf16::{DEPTH, has_matrix_unit};
+use super::bf16::{DEPTH, is_faster};
 use super::shape::ShapeError;
 
 /// Numbers that the products of a network's layers on points and voxels are of; sums, norms, weights and gradients are
@@ -14,7 +14,8 @@ pub enum Precision {
     #[default]
     Float32,
     /// Operands rounded to bfloat16: floats with a mantissa of 8 bits. Many times faster on a processor with a matrix unit
-    /// (Intel's AMX), slower on others. The layers on points must have a multiple of 32 features.
+    /// (Intel's AMX), faster on AMD's with AVX-512 BF16 (Zen 4 and later), slower on others. The layers on points must have
+    /// a multiple of 32 features.
     Bfloat16,
 }
 
@@ -22,9 +23,9 @@ impl Precision {
     /// Both.
     pub const ALL: [Self; 2] = [Self::Float32, Self::Bfloat16];
 
-    /// The faster one on this machine for layers of `width` features: [`Precision::Bfloat16`] with a matrix unit.
+    /// The faster one on this machine for layers of `width` features.
     pub fn fastest(width: usize) -> Self {
-        if has_matrix_unit() && Self::Bfloat16.check(width).is_ok() {
+        if is_faster() && Self::Bfloat16.check(width).is_ok() {
             Self::Bfloat16
         } else {
             Self::Float32

@@ -4,7 +4,6 @@ use faer::Accum;
 use rayon::prelude::*;
 
 use super::bf16::{Operands, PackedWeight, Passes};
-use super::conv3d::Conv3d;
 use super::conv3d_bf16::PackedConv;
 use super::dense::Dense;
 use super::grid::Grid;
@@ -13,15 +12,9 @@ use super::kernels::{add, vectorised};
 use super::rows::{Rows, Sums};
 use super::shape::{Table, fan_in};
 use super::squeeze::{Squeeze, SqueezeTape};
+use super::voxel_layer::{VoxelLayer, VoxelRoom};
 use super::voxels::Voxels;
 use super::weights::Weights;
-
-/// A convolution with its norm.
-#[derive(Clone, Debug)]
-struct VoxelLayer {
-    conv: Conv3d,
-    norm: AffineNorm,
-}
 
 /// Point-voxel convolution (Liu et al. 2019) with GroupNorm and SiLU, then a shared MLP that FiLM modulates; residual:
 ///
@@ -55,6 +48,8 @@ pub(super) struct PackedPvBlock {
 /// Features of one cloud that the backward pass needs. Grids have margins.
 #[derive(Debug, Default)]
 pub(super) struct PvTape {
+    /// What enters the first convolution, of every voxel that holds points, `(M, C)`.
+    averages: Vec<f32>,
     convolved: [Normed; 2],
     /// Between the convolutions.
     activated: Vec<f32>,
@@ -71,9 +66,11 @@ pub(super) struct PvTape {
 pub(super) struct PvScratch {
     voxels: [Vec<f32>; 2],
     points: [Vec<f32>; 2],
-    sums: Sums,
-    /// For products of voxels and of points.
-    rooms: [Operands; 2],
+    /// Gradient by the averages.
+    d_averages: Vec<f32>,
+    voxel_room: VoxelRoom,
+    /// For products of points.
+    operands: Operands,
 }
 
 /// What a block acts on.
@@ -91,16 +88,7 @@ pub(super) struct PvInput<'a> {
 impl PvBlock {
     /// Adds the block's tensors, but for FiLM's.
     pub fn declare(table: &mut Table, name: &str, channels: usize, grid: Grid) -> Self {
-        let layers = [0, 1].map(|k| VoxelLayer {
-            conv: Conv3d::declare(
-                table,
-                &format!("{name}.convs.{k}"),
-                grid,
-                channels,
-                channels,
-            ),
-            norm: AffineNorm::declare(table, &format!("{name}.conv_norms.{k}"), channels),
-        });
+        let layers = [0, 1].map(|k| VoxelLayer::declare(table, name, k, grid, channels));
         let initial = fan_in(channels);
         Self {
             grid,
@@ -147,21 +135,24 @@ impl PvBlock {
         let params = weights.params;
         let (grid, c) = (self.grid, self.channels);
         let PvScratch {
-            voxels: [entered, left],
-            sums,
-            rooms: [operands, point_operands],
+            voxels: [spare, left],
+            voxel_room: room,
+            operands,
             ..
         } = scratch;
-        self.prepare(h.len(), tape, [entered, left], output);
+        self.prepare(h.len(), tape, [spare, left], output);
 
-        voxels.average(h, c, entered);
+        voxels.average(h, c, &mut tape.averages);
         let [first, second] = &mut tape.convolved;
         let [layer1, layer2] = &self.layers;
         let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
-        layer1.forward(convs[0], operands, entered, first, &mut tape.activated);
-        layer2.forward(convs[1], operands, &tape.activated, second, left);
+        let few = voxels.few(&tape.averages, c);
+        layer1.convolve_few(convs[0], room, few, spare, first);
+        layer1.activate(params, first, &mut tape.activated);
+        layer2.convolve(convs[1], room, &tape.activated, second);
+        layer2.activate(params, second, left);
 
-        let means = sums.columns(grid.body(left, c), grid.rows(), c);
+        let means = room.sums.columns(grid.body(left, c), grid.rows(), c);
         tape.squeeze.means.clear();
         let mean = means.iter().map(|sum| (sum / grid.voxels() as f64) as f32);
         tape.squeeze.means.extend(mean);
@@ -171,7 +162,7 @@ impl PvBlock {
         let rows = Rows::points(h.len() / c);
         let point = weights.of(|packed| &packed.point);
         self.point
-            .par_forward(point, point_operands, h, &mut tape.point.features);
+            .par_forward(point, operands, h, &mut tape.point.features);
         let Normed {
             features,
             tape: norm,
@@ -182,7 +173,7 @@ impl PvBlock {
 
         let mix = weights.of(|packed| &packed.mix);
         self.mix
-            .par_forward(mix, point_operands, &tape.joined, &mut tape.mixed.features);
+            .par_forward(mix, operands, &tape.joined, &mut tape.mixed.features);
         let Normed { features, tape } = &mut tape.mixed;
         self.film.forward(rows, film, features, tape, output);
         par_add(h, output);
@@ -210,11 +201,13 @@ impl PvBlock {
         let (grid, c) = (self.grid, self.channels);
         let rows = Rows::points(h.len() / c);
         let PvScratch {
-            voxels: [entered, d_voxels],
+            voxels: [d_activated, d_voxels],
             points: [d_mixed, d_joined],
-            sums,
-            rooms: [operands, point_operands],
+            d_averages,
+            voxel_room: room,
+            operands,
         } = scratch;
+        let sums = &mut room.sums;
         copy(d, d_mixed);
         let Normed {
             features,
@@ -224,10 +217,10 @@ impl PvBlock {
             .backward(rows, film, features, norm, d_mixed, d_film);
         let mix = weights.of(|packed| &packed.mix);
         self.mix
-            .par_backward(mix, point_operands, gradient, [&tape.joined, d_mixed], sums);
+            .par_backward(mix, operands, gradient, [&tape.joined, d_mixed], sums);
         d_joined.resize(d.len(), 0.0);
         self.mix
-            .par_input_gradient(mix, point_operands, Accum::Replace, d_mixed, d_joined);
+            .par_input_gradient(mix, operands, Accum::Replace, d_mixed, d_joined);
 
         let d_point = d_mixed;
         copy(d_joined, d_point);
@@ -239,9 +232,9 @@ impl PvBlock {
             .backward(params, rows, features, norm, d_point, gradient);
         let point = weights.of(|packed| &packed.point);
         self.point
-            .par_backward(point, point_operands, gradient, [h, d_point], sums);
+            .par_backward(point, operands, gradient, [h, d_point], sums);
         self.point
-            .par_input_gradient(point, point_operands, Accum::Add, d_point, d);
+            .par_input_gradient(point, operands, Accum::Add, d_point, d);
 
         let d_gains = sum_products(d_joined, &tape.interpolated, c, sums);
         tape.squeeze.d.clear();
@@ -255,29 +248,18 @@ impl PvBlock {
         let [first, second] = &mut tape.convolved;
         let [layer1, layer2] = &self.layers;
         let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
-        layer2.backward(
-            convs[1],
-            operands,
-            (&tape.activated, d_voxels),
-            second,
-            gradient,
-            sums,
-        );
-        let d_activated = entered;
-        layer2.backward_input(convs[1], operands, d_voxels, d_activated);
-        // What entered the first convolution is made again, where its output was.
-        let entered = &mut tape.activated;
-        voxels.average(h, c, entered);
-        layer1.backward(
-            convs[0],
-            operands,
-            (entered, d_activated),
-            first,
-            gradient,
-            sums,
-        );
-        layer1.backward_input(convs[0], operands, d_activated, d_voxels);
-        voxels.average_backward(d_voxels, c, d);
+        layer2.activate_backward(params, second, d_voxels, gradient);
+        let matrices: [&[f32]; 2] = [&tape.activated, d_voxels];
+        layer2.convolve_backward(convs[1], room, matrices, gradient, d_activated);
+        layer1.activate_backward(params, first, d_activated, gradient);
+        d_averages.clear();
+        d_averages.reserve(h.len());
+        d_averages.resize(tape.averages.len(), 0.0);
+        let few = (voxels.few(&tape.averages, c), &d_activated[..]);
+        // What was between the layers is not needed any more.
+        let spare = [&mut tape.activated[..], d_voxels];
+        layer1.convolve_backward_few(convs[0], room, few, spare, gradient, d_averages);
+        voxels.average_backward(d_averages, c, d);
     }
 
     /// Room for features of `len` numbers.
@@ -304,69 +286,6 @@ impl PvBlock {
             .chain([&mut tape.interpolated, &mut tape.joined, output])
         {
             buffer.resize(len, 0.0);
-        }
-    }
-}
-
-impl VoxelLayer {
-    /// Grid `y` from grid `x`.
-    fn forward(
-        &self,
-        weights: Weights<PackedConv>,
-        operands: &mut Operands,
-        x: &[f32],
-        normed: &mut Normed,
-        y: &mut [f32],
-    ) {
-        let (grid, channels) = (self.conv.grid, self.norm.norm.channels);
-        let Normed { features, tape } = normed;
-        let params = weights.params;
-        match weights.packed {
-            None => self.conv.forward(params, x, features),
-            Some(packed) => self
-                .conv
-                .forward_bf16(params, packed, operands, x, features),
-        }
-        let (features, y) = (
-            grid.body_mut(features, channels),
-            grid.body_mut(y, channels),
-        );
-        self.norm.forward(params, grid.rows(), features, tape, y);
-    }
-
-    /// Turns `d`, the gradient by `y`, into the gradient behind the convolution of `x`; adds to `gradient`.
-    fn backward(
-        &self,
-        weights: Weights<PackedConv>,
-        operands: &mut Operands,
-        (x, d): (&[f32], &mut [f32]),
-        normed: &mut Normed,
-        gradient: &mut [f32],
-        sums: &mut Sums,
-    ) {
-        let (grid, channels) = (self.conv.grid, self.norm.norm.channels);
-        let Normed { features, tape } = normed;
-        let (features, rows) = (grid.body(features, channels), grid.rows());
-        let body = grid.body_mut(d, channels);
-        self.norm
-            .backward(weights.params, rows, features, tape, body, gradient);
-        match weights.packed {
-            None => self.conv.backward(gradient, x, d, sums),
-            Some(_) => self.conv.backward_bf16(operands, gradient, x, d, sums),
-        }
-    }
-
-    /// The gradient `dx` from the gradient `d` behind the convolution.
-    fn backward_input(
-        &self,
-        weights: Weights<PackedConv>,
-        operands: &mut Operands,
-        d: &[f32],
-        dx: &mut [f32],
-    ) {
-        match weights.packed {
-            None => self.conv.backward_input(weights.params, d, dx),
-            Some(packed) => self.conv.backward_input_bf16(packed, operands, d, dx),
         }
     }
 }

@@ -4,10 +4,14 @@ use rayon::prelude::*;
 
 use super::grid::Grid;
 use super::kernels::vectorised;
+use super::occupied::{Few, Occupied};
 use crate::channels::DIM;
 
 /// Points that a task reads voxels for.
 const POINTS: usize = 256;
+
+/// Voxels that a task averages points for.
+const VOXELS: usize = 64;
 
 /// Where a cloud's points lie in a grid (Liu et al. 2019, Sec. 4.1).
 ///
@@ -20,12 +24,16 @@ pub(super) struct Voxels {
     grid: Grid,
     /// Per point.
     places: Vec<Place>,
-    /// Points by the plane of their voxel.
-    averaged: Planes,
+    /// The voxels with points.
+    occupied: Occupied,
+    /// Points by their voxel.
+    averaged: Sorted,
     /// Points by the plane below them.
-    interpolated: Planes,
+    interpolated: Sorted,
     /// Points in every row of the grid without its margins.
     counts: Vec<u32>,
+    /// Of these rows, the index of the voxel among those with points.
+    indices: Vec<usize>,
 }
 
 /// Where a point lies.
@@ -33,6 +41,8 @@ pub(super) struct Voxels {
 struct Place {
     /// Row of its voxel.
     row: usize,
+    /// Index of its voxel among the occupied ones.
+    voxel: usize,
     /// Its share of the voxel's average.
     share: f32,
     /// Row of the voxel below it in all axes.
@@ -43,35 +53,36 @@ struct Place {
     fractions: [f32; DIM],
 }
 
-/// Points in the order of planes, and of their index within a plane.
+/// Points in the order of planes or voxels, and of their index within one.
 #[derive(Debug, Default)]
-struct Planes {
+struct Sorted {
     starts: Vec<usize>,
     points: Vec<usize>,
 }
 
-impl Planes {
-    /// Sorts points by `plane`.
-    fn sort(&mut self, planes: usize, places: &[Place], plane: impl Fn(&Place) -> usize) {
+impl Sorted {
+    /// Sorts points by `bin`, which is below `bins`. Room is made for `most` bins.
+    fn sort(&mut self, bins: usize, most: usize, places: &[Place], bin: impl Fn(&Place) -> usize) {
         self.starts.clear();
-        self.starts.resize(planes + 2, 0);
-        // Counts are shifted by two: while points are placed, entry `k + 1` is where the next of plane `k` goes.
+        self.starts.reserve(most + 2);
+        self.starts.resize(bins + 2, 0);
+        // Counts are shifted by two: while points are placed, entry `k + 1` is where the next of bin `k` goes.
         places
             .iter()
-            .for_each(|place| self.starts[plane(place) + 2] += 1);
+            .for_each(|place| self.starts[bin(place) + 2] += 1);
         for k in 1..self.starts.len() {
             self.starts[k] += self.starts[k - 1];
         }
         self.points.resize(places.len(), 0);
         for (index, place) in places.iter().enumerate() {
-            let next = &mut self.starts[plane(place) + 1];
+            let next = &mut self.starts[bin(place) + 1];
             self.points[*next] = index;
             *next += 1;
         }
     }
 
-    fn of(&self, plane: usize) -> &[usize] {
-        &self.points[self.starts[plane]..self.starts[plane + 1]]
+    fn of(&self, bin: usize) -> &[usize] {
+        &self.points[self.starts[bin]..self.starts[bin + 1]]
     }
 }
 
@@ -100,9 +111,11 @@ impl Voxels {
         Self {
             grid,
             places: Vec::new(),
-            averaged: Planes::default(),
-            interpolated: Planes::default(),
+            occupied: Occupied::default(),
+            averaged: Sorted::default(),
+            interpolated: Sorted::default(),
             counts: Vec::new(),
+            indices: Vec::new(),
         }
     }
 
@@ -138,6 +151,7 @@ impl Voxels {
             let step = |axis: usize, step| if below[axis] + 1 < r { step } else { 0 };
             Place {
                 row: grid.row(x.map(|x| x.round_ties_even() as usize)),
+                voxel: 0,
                 share: 1.0,
                 below: grid.row(below),
                 steps: [step(0, 1), step(1, grid.line()), step(2, grid.plane())],
@@ -149,37 +163,56 @@ impl Voxels {
         self.places
             .iter()
             .for_each(|place| self.counts[place.row] += 1);
+        let count = self.places.len();
+        self.occupied.set(grid, &self.counts, count);
+        self.indices.resize(self.counts.len(), 0);
+        for (index, row) in self.occupied.rows().iter().enumerate() {
+            self.indices[*row] = index;
+        }
         for place in &mut self.places {
+            place.voxel = self.indices[place.row];
             place.share = 1.0 / self.counts[place.row] as f32;
         }
-        let plane = grid.plane();
+        let occupied = self.occupied.rows().len();
         self.averaged
-            .sort(r, &self.places, |place| place.row / plane);
+            .sort(occupied, count, &self.places, |place| place.voxel);
+        let plane = grid.plane();
         self.interpolated
-            .sort(r, &self.places, |place| place.below / plane);
+            .sort(r, r, &self.places, |place| place.below / plane);
     }
 
-    /// Average of the points' features `(N, C)` in every voxel; zero where there is none.
-    pub fn average(&self, features: &[f32], channels: usize, voxels: &mut [f32]) {
-        self.per_plane(voxels, channels, |plane, start, voxels| {
-            voxels.fill(0.0);
-            for &index in self.averaged.of(plane) {
-                let Place { row, share, .. } = self.places[index];
-                let voxel = &mut voxels[(row - start) * channels..][..channels];
-                add_scaled(share, &features[index * channels..][..channels], voxel);
-            }
-        });
+    /// Features `(M, C)` as those of the occupied voxels.
+    pub fn few<'a>(&'a self, features: &'a [f32], channels: usize) -> Few<'a> {
+        Few {
+            voxels: &self.occupied,
+            features,
+            channels,
+        }
     }
 
-    /// Adds the gradient by the points' features to `d_features`.
-    pub fn average_backward(&self, d_voxels: &[f32], channels: usize, d_features: &mut [f32]) {
-        let d_voxels = self.grid.body(d_voxels, channels);
+    /// Average of the points' features `(N, C)` in every occupied voxel, `(M, C)`.
+    pub fn average(&self, features: &[f32], channels: usize, averages: &mut Vec<f32>) {
+        averages.clear();
+        averages.reserve(features.len());
+        averages.resize(self.occupied.rows().len() * channels, 0.0);
+        averages
+            .par_chunks_mut(VOXELS * channels)
+            .enumerate()
+            .for_each(|(task, averages)| {
+                for (voxel, average) in averages.chunks_exact_mut(channels).enumerate() {
+                    for &index in self.averaged.of(task * VOXELS + voxel) {
+                        let features = &features[index * channels..][..channels];
+                        add_scaled(self.places[index].share, features, average);
+                    }
+                }
+            });
+    }
+
+    /// Adds the gradient by the points' features to `d_features`, from that by the averages.
+    pub fn average_backward(&self, d_averages: &[f32], channels: usize, d_features: &mut [f32]) {
         self.per_point(d_features, channels, |place, d| {
-            add_scaled(
-                place.share,
-                &d_voxels[place.row * channels..][..channels],
-                d,
-            );
+            let d_average = &d_averages[place.voxel * channels..][..channels];
+            add_scaled(place.share, d_average, d);
         });
     }
 
@@ -331,15 +364,19 @@ mod tests {
     fn averages_and_their_gradient_are_those_of_the_definition() {
         let (points, voxels) = cloud();
         let features = numbers(2, COUNT * CHANNELS);
-        let mut found = grid();
-        voxels.average(&single(&features), CHANNELS, &mut found);
+        let (mut found, mut averages) = (grid(), Vec::new());
+        voxels.average(&single(&features), CHANNELS, &mut averages);
+        voxels.few(&averages, CHANNELS).spread(GRID, &mut found);
         assert_close(GRID.body(&found, CHANNELS), &average(&points, &features));
 
         let weights = numbers(3, GRID.resolution * GRID.plane() * CHANNELS);
         GRID.body_mut(&mut found, CHANNELS)
             .copy_from_slice(&single(&weights));
+        voxels
+            .occupied
+            .collect(GRID, &found, CHANNELS, &mut averages);
         let mut d = vec![0.0; features.len()];
-        voxels.average_backward(&found, CHANNELS, &mut d);
+        voxels.average_backward(&averages, CHANNELS, &mut d);
         assert_is_gradient(&d, &features, &weights, |features| {
             average(&points, features)
         });

@@ -65,7 +65,7 @@ impl<'a> Panel<'a> {
     }
 
     /// # Panics
-    /// Where a tile's line lies outside of the numbers: the matrix unit reads them unchecked.
+    /// Where a tile's line lies outside of the numbers: what multiplies them reads unchecked.
     fn new(numbers: Numbers<'a>, first: usize, steps: Steps, [blocks, depth]: [usize; 2]) -> Self {
         assert!(blocks > 0 && depth > 0, "an empty operand");
         let last = (blocks - 1) * steps.outer + (depth - 1) * steps.inner + (SIDE - 1) * steps.line;
