@@ -31,13 +31,14 @@ ROWS = {
     "transport": ("optimal transport within 32 points", ["--coupling", "optimal-transport:32"], 1.34),
     "exponent-1": ("time exponent 1 (uniform times)", ["--time-exponent", "1"], 1.0),
     "exponent-2": ("time exponent 2", ["--time-exponent", "2"], 1.0),
+    "exponent-5": ("time exponent 5", ["--time-exponent", "5"], 1.0),
     "adamw": ("AdamW", ["--optimizer", "adamw"], 0.97),
     "stream": ("fresh samples from the stream", ["--stream", "2m"], 0.95),
     "few-clouds": ("8 clouds x 2,048 points (the paper's kind of batch)", ["--clouds", "8", "--points", "2048"], 0.98),
 }
 # Students of the default row: their evaluations.
 STUDENTS = (4,)
-EVALUATIONS = (2, 4, 8, 16, 32)
+EVALUATIONS = (2, 4, 8, 16, 32, 64, 100, 200)
 # Title: method, exponent of the time grid, evaluations per step.
 SAMPLERS = {
     "`heun`, equal steps (the paper's)": ("heun", 1, 2),
