@@ -333,6 +333,20 @@ fn plan(
     Ok((size, settings))
 }
 
+/// Says where the clouds have fewer points than `asked` for: steps take all that there are.
+fn warn_of_few_points(asked: usize, data: &TrainingData) -> anyhow::Result<()> {
+    let found = match data {
+        TrainingData::Set(dir) => DataSet::open(dir)?.points_per_cloud(Split::Train)?,
+        TrainingData::Stream(stream) => stream.spec.points,
+    };
+    if asked > found {
+        tracing::warn!(
+            "--points {asked} is more than the {found} points of a cloud: every step takes all {found}"
+        );
+    }
+    Ok(())
+}
+
 #[derive(Serialize)]
 struct Run {
     model: PathBuf,
@@ -349,6 +363,9 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
     let context = args.context.shape(args.net)?;
     let data = training_data(args)?;
     let (size, settings) = plan(args, context)?;
+    if let Some(asked) = args.points {
+        warn_of_few_points(asked, &data)?;
+    }
     let initial = args.init.as_deref().map(Model::load).transpose()?;
     let trained = train(&data, &args.out, size, &settings, initial.as_ref(), console)?;
     let scale = trained.model.provenance.normalisation.scale;
