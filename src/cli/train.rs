@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::flow::{Coupling, FlowPath};
-use tdcr::learn::net::{Channels, ContextShape, vector_lanes};
+use tdcr::learn::net::{Channels, ContextShape, Precision, vector_lanes};
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
     Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
@@ -355,6 +355,8 @@ struct Run {
     best_step: u64,
     /// Validation Chamfer distance of the best step (m²).
     validation_cd: f64,
+    /// Numbers of the network's products.
+    precision: Precision,
     /// Numbers in a vector of the kernels that it ran on.
     vector_lanes: usize,
 }
@@ -375,6 +377,7 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
         steps: trained.losses.len() as u64,
         best_step: trained.model.step,
         validation_cd: trained.model.validation_distance * scale * scale,
+        precision: settings.precision,
         vector_lanes: vector_lanes(),
     };
     console.result(&run, |r| {
