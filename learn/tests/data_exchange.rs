@@ -9,8 +9,8 @@ use std::path::Path;
 
 use common::{collect, meta};
 use tdcr_learn::data::{
-    DataSet, ExportFormat, ImportSettings, NpzArray, NpzValues, Sample, Split, check, export,
-    import, read_cloud, write_npz,
+    DataSet, ExportFormat, ImportSettings, NpzArray, NpzRows, NpzValues, Sample, Split, check,
+    export, import, read_cloud, write_npz,
 };
 use tempfile::tempdir;
 
@@ -241,4 +241,72 @@ fn arrays_are_read_as_they_are_written_and_must_fill_their_shape() {
     let cloud = read_cloud(&path).unwrap();
     assert_eq!(cloud.points.as_flattened(), values);
     assert_eq!(cloud.colors, [[1, 2, 3], [4, 5, 255]]);
+}
+
+#[test]
+fn archives_of_rows_are_those_of_whole_arrays_and_there_only_once_whole() {
+    let folder = tempdir().unwrap();
+    let [whole, rows] = ["whole.npz", "rows.npz"].map(|name| folder.path().join(name));
+    let array = |name, shape, values| NpzArray {
+        name,
+        shape,
+        values,
+    };
+    let (points, colors) = ([0.5, 1.0, -2.0, 4.0, 5.0, 6.0], [1, 2, 3, 4, 5, 255]);
+    let arrays = [
+        array("points", &[2, 3][..], NpzValues::Floats(&points)),
+        array("rgb", &[2, 3], NpzValues::Bytes(&colors)),
+    ];
+    write_npz(&whole, &arrays).unwrap();
+
+    fs::write(&rows, "what was there before").unwrap();
+    let mut archive = NpzRows::new(&rows);
+    for k in [0, 1] {
+        let range = 3 * k..3 * k + 3;
+        let point = array("points", &[3], NpzValues::Floats(&points[range.clone()]));
+        let color = array("rgb", &[3], NpzValues::Bytes(&colors[range]));
+        let first_alone = array("spread", &[1], NpzValues::Floats(&[0.25]));
+        archive.push(&[point, color, first_alone][..3 - k]).unwrap();
+        assert_eq!(fs::read(&rows).unwrap(), b"what was there before");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+    archive.finish().unwrap();
+    assert!(fs::read(&rows).unwrap() == fs::read(&whole).unwrap());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+#[test]
+fn rows_that_do_not_fit_those_before_are_refused() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("rows.npz");
+    let mut archive = NpzRows::new(&path);
+    let mut push = |shape: &[usize], values| {
+        let name = "points";
+        archive.push(&[NpzArray {
+            name,
+            shape,
+            values,
+        }])
+    };
+    push(&[2], NpzValues::Floats(&[1.0, 2.0])).unwrap();
+    for (shape, values, problem) in [
+        (&[3][..], NpzValues::Floats(&[0.0; 3]), "a row of shape [3]"),
+        (
+            &[2],
+            NpzValues::Bytes(&[0; 2]),
+            "a row of shape [2] and type `|u1`",
+        ),
+        (&[2], NpzValues::Floats(&[0.0; 3]), "3 values, expected 2"),
+    ] {
+        let error = push(shape, values).unwrap_err();
+        assert_eq!(error.place, "array `points`");
+        assert!(error.problem.starts_with(problem), "{error}");
+    }
+    let nowhere = folder.path().join("no/folder.npz");
+    let row = NpzArray {
+        name: "points",
+        shape: &[1],
+        values: NpzValues::Floats(&[1.0]),
+    };
+    assert!(NpzRows::new(&nowhere).push(&[row]).is_err());
 }

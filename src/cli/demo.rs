@@ -120,7 +120,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     })?;
 
     let metrics = DemoMetrics {
-        metrics: Metrics::new(&evaluation, &scoring),
+        metrics: Metrics::new(&evaluation, &scoring, &trained.model.settings),
         seconds: clock.seconds.values().sum(),
         stages: clock.seconds.clone(),
     };
@@ -267,6 +267,10 @@ fn report(
             (
                 "Sampler".to_owned(),
                 eval_page::sampler_text(&Sampler::default()),
+            ),
+            (
+                "Precision".to_owned(),
+                eval_page::precision_text(&metrics.metrics),
             ),
             ("Seed".to_owned(), args.seed.to_string()),
             ("tdcr".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),

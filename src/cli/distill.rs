@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
+use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pipeline::{distill, distillation, model_path};
 
@@ -51,6 +52,8 @@ struct Run {
     validation_cd: f64,
     /// The same of the teacher, as it was trained.
     teacher_validation_cd: f64,
+    /// Numbers of the networks' products.
+    precision: Precision,
 }
 
 pub(super) fn run(args: &DistillArgs, console: &Console) -> anyhow::Result<()> {
@@ -74,6 +77,7 @@ pub(super) fn run(args: &DistillArgs, console: &Console) -> anyhow::Result<()> {
         best_step: student.step,
         validation_cd: student.validation_distance * area,
         teacher_validation_cd: teacher.validation_distance * area,
+        precision: settings.precision,
     };
     console.result(&run, |r| {
         format!(

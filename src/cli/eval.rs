@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
-use tdcr::learn::train::Model;
+use tdcr::learn::net::Precision;
+use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pipeline::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles, Scores};
 
 use super::console::Console;
@@ -94,6 +95,9 @@ pub(super) struct Metrics {
     pub tests: usize,
     pub points: usize,
     pub emd_points: usize,
+    /// Numbers of the network's products when it predicted, and when it was trained.
+    pub precision: Precision,
+    pub training_precision: Precision,
 }
 
 /// What `tdcr eval` says.
@@ -127,7 +131,8 @@ struct WorstTest {
 }
 
 impl Metrics {
-    pub fn new(evaluation: &Evaluation, settings: &EvalSettings) -> Self {
+    /// Of a network that was trained with `training`.
+    pub fn new(evaluation: &Evaluation, settings: &EvalSettings, training: &TrainSettings) -> Self {
         let Scores {
             network,
             nearest,
@@ -159,6 +164,8 @@ impl Metrics {
             tests: evaluation.per_test.len(),
             points: settings.points,
             emd_points: settings.emd_points,
+            precision: settings.precision,
+            training_precision: training.precision,
         }
     }
 
@@ -286,7 +293,7 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     let evaluation = evaluator.run(None, console)?;
     let mut worst = evaluation.worst_first();
     worst.truncate(args.worst);
-    let metrics = Metrics::new(&evaluation, &settings);
+    let metrics = Metrics::new(&evaluation, &settings, &model.settings);
     let evaluated = Evaluated {
         metrics,
         network_quantiles: NetworkQuantiles {

@@ -39,6 +39,7 @@ pub(super) fn page(
             entry("Training", format!("best at step {}", model.step)),
             entry("Test commands", metrics.tests.to_string()),
             entry("Sampler", sampler_text(&settings.sampler)),
+            entry("Precision", precision_text(metrics)),
             entry("Seed", settings.seed.to_string()),
             entry("tdcr", env!("CARGO_PKG_VERSION").to_owned()),
         ],
@@ -139,6 +140,15 @@ pub(super) fn example(
 fn colorless(points: Vec<[f32; 3]>) -> PointCloud {
     let colors = vec![[128; 3]; points.len()];
     PointCloud { points, colors }
+}
+
+/// What numbers the network's products are of.
+pub(super) fn precision_text(metrics: &Metrics) -> String {
+    format!(
+        "{} in prediction, {} in training",
+        metrics.precision.name(),
+        metrics.training_precision.name()
+    )
 }
 
 /// What the sampler is, in a few words.

@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use serde::Serialize;
-use tdcr::learn::data::{NpzArray, NpzValues, OutOfRange, write_npz};
+use tdcr::learn::data::{NpzArray, NpzRows, NpzValues, OutOfRange, write_npz};
 use tdcr::learn::train::{Model, Prediction};
 use tdcr::pipeline::{Monitor, PipelineError, Quantiles};
 use tdcr::sim::cloud::{PlyError, PointProperty, write_ply_with};
@@ -129,8 +129,8 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
         _ => condition(model, row, None),
     })?;
     let out = args.out.clone().unwrap_or("predictions".into());
-    let archive = is_npz(&out);
-    if !archive {
+    let mut archive = is_npz(&out).then(|| NpzRows::new(&out));
+    if archive.is_none() {
         ensure!(
             out.extension().is_none_or(|extension| extension != "ply"),
             "--out {} is one PLY file, and --commands needs a .npz file or a folder",
@@ -140,39 +140,37 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
             .with_context(|| format!("cannot make the folder {}", out.display()))?;
     }
     let mut results = Vec::new();
-    let mut clouds = Vec::new();
     console.begin("predict", conditions.len() as u64, 0);
     for (index, condition) in conditions.iter().enumerate() {
         if console.interrupted() {
             return Err(PipelineError::Interrupted.into());
         }
         let path = match archive {
-            true => out.clone(),
-            false => out.join(format!("cloud-{index:05}.ply")),
+            Some(_) => out.clone(),
+            None => out.join(format!("cloud-{index:05}.ply")),
         };
         let name = format!("command {index}");
         let (cloud, predicted) = predict(args, model, condition, &path, &name)?;
-        match archive {
-            true => clouds.push(cloud),
-            false => cloud.write_ply(&path)?,
+        match &mut archive {
+            Some(archive) => {
+                let values: Vec<f32> = condition.iter().map(|x| *x as f32).collect();
+                let (shape, dimension) = ([cloud.prediction.points.len(), 3], [values.len()]);
+                let mut row = cloud.arrays(&shape);
+                row.push(NpzArray {
+                    name: "commands",
+                    shape: &dimension,
+                    values: NpzValues::Floats(&values),
+                });
+                archive.push(&row)?;
+            }
+            None => cloud.write_ply(&path)?,
         }
         results.push(predicted);
         console.advance(1);
     }
     console.end();
-    if archive {
-        let values: Vec<f32> = conditions.iter().flatten().map(|x| *x as f32).collect();
-        let (count, dimension) = (conditions.len(), conditions[0].len());
-        let shape = [count, args.points, 3];
-        let commands = NpzArray {
-            name: "commands",
-            shape: &[count, dimension],
-            values: NpzValues::Floats(&values),
-        };
-        let all = Cloud::concatenated(clouds);
-        let mut arrays = all.arrays(&shape);
-        arrays.push(commands);
-        write_npz(&out, &arrays)?;
+    if let Some(archive) = archive {
+        archive.finish()?;
     }
     console.result(&results, |all| {
         all.iter().map(|predicted| line(predicted) + "\n").collect()
@@ -259,22 +257,6 @@ fn is_npz(path: &Path) -> bool {
 }
 
 impl Cloud {
-    /// The points of all `clouds`; what not all of them have is left out.
-    fn concatenated(clouds: Vec<Self>) -> Self {
-        let points = clouds.iter().map(|cloud| &cloud.prediction.points[..]);
-        let colors = clouds
-            .iter()
-            .map(|cloud| cloud.prediction.colors.as_deref());
-        let uncertainty = clouds.iter().map(|cloud| cloud.uncertainty.as_deref());
-        Self {
-            prediction: Prediction {
-                points: points.collect::<Vec<_>>().concat(),
-                colors: colors.collect::<Option<Vec<_>>>().map(|all| all.concat()),
-            },
-            uncertainty: (uncertainty.collect::<Option<Vec<_>>>()).map(|all| all.concat()),
-        }
-    }
-
     fn summary(&self) -> Option<Uncertainty> {
         let values = self.uncertainty.as_ref()?;
         let greatest = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b]))?;

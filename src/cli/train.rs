@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::flow::{Coupling, FlowPath};
-use tdcr::learn::net::{Channels, ContextShape, vector_lanes};
+use tdcr::learn::net::{Channels, ContextShape, Precision, vector_lanes};
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
     Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
@@ -333,6 +333,20 @@ fn plan(
     Ok((size, settings))
 }
 
+/// Says where the clouds have fewer points than `asked` for: steps take all that there are.
+fn warn_of_few_points(asked: usize, data: &TrainingData) -> anyhow::Result<()> {
+    let found = match data {
+        TrainingData::Set(dir) => DataSet::open(dir)?.points_per_cloud(Split::Train)?,
+        TrainingData::Stream(stream) => stream.spec.points,
+    };
+    if asked > found {
+        tracing::warn!(
+            "--points {asked} is more than the {found} points of a cloud: every step takes all {found}"
+        );
+    }
+    Ok(())
+}
+
 #[derive(Serialize)]
 struct Run {
     model: PathBuf,
@@ -341,6 +355,8 @@ struct Run {
     best_step: u64,
     /// Validation Chamfer distance of the best step (m²).
     validation_cd: f64,
+    /// Numbers of the network's products.
+    precision: Precision,
     /// Numbers in a vector of the kernels that it ran on.
     vector_lanes: usize,
 }
@@ -349,6 +365,9 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
     let context = args.context.shape(args.net)?;
     let data = training_data(args)?;
     let (size, settings) = plan(args, context)?;
+    if let Some(asked) = args.points {
+        warn_of_few_points(asked, &data)?;
+    }
     let initial = args.init.as_deref().map(Model::load).transpose()?;
     let trained = train(&data, &args.out, size, &settings, initial.as_ref(), console)?;
     let scale = trained.model.provenance.normalisation.scale;
@@ -358,6 +377,7 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
         steps: trained.losses.len() as u64,
         best_step: trained.model.step,
         validation_cd: trained.model.validation_distance * scale * scale,
+        precision: settings.precision,
         vector_lanes: vector_lanes(),
     };
     console.result(&run, |r| {

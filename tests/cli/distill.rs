@@ -20,6 +20,7 @@ fn a_distilled_network_predicts_and_scores_with_its_own_steps_alone() {
     let how = ["distill", "--steps", "20", "--evaluations", "3"];
     let distilled = succeed_json(&[&how[..], &files].concat());
     assert_eq!(distilled["evaluations"], 3);
+    assert_eq!(distilled["precision"], "float32");
     assert!(distilled["validation_cd"].as_f64().unwrap() > 0.0);
     assert!(distilled["teacher_validation_cd"].as_f64().unwrap() > 0.0);
 

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::{stderr, succeed, succeed_json, tdcr, text, train_tiny};
+use crate::{collect_small, stderr, succeed, succeed_json, tdcr, text, train_tiny};
 
 /// Points that the clouds of a small set are compared on.
 const POINTS: [&str; 4] = ["--points", "400", "--emd-points", "100"];
@@ -198,6 +198,39 @@ fn the_report_is_a_page_of_its_own_that_shows_the_worst_tests() {
     assert_eq!(page.matches("<img ").count(), 3);
     assert_eq!(page.matches("<svg ").count(), 1);
     assert!(!page.contains("http:") && !page.contains("https:") && !page.contains("Training</h2>"));
+}
+
+#[test]
+fn scores_say_what_precision_they_were_reached_in() {
+    let folder = tempfile::tempdir().unwrap();
+    let [data, run, file] = ["data", "run", "scores.html"].map(|name| folder.path().join(name));
+    collect_small(&data, &[]);
+    let size = [
+        "train",
+        "--width",
+        "32",
+        "--depth",
+        "2",
+        "--embedding",
+        "16",
+    ];
+    let length = ["--steps", "4", "--precision", "bfloat16"];
+    let places = ["--data", text(&data), "--out", text(&run)];
+    let trained = succeed_json(&[&size[..], &length, &places].concat());
+    assert_eq!(trained["precision"], "bfloat16");
+    let model = trained["model"].as_str().unwrap();
+    let eval = ["eval", "--model", model, "--data", text(&data)];
+    let eval = [&eval[..], &POINTS].concat();
+    let options = ["--report", text(&file), "--precision", "float32"];
+    let scores = succeed_json(&[&eval[..], &options].concat());
+    assert_eq!(
+        [&scores["precision"], &scores["training_precision"]],
+        ["float32", "bfloat16"]
+    );
+    let page = std::fs::read_to_string(&file).unwrap();
+    assert!(page.contains("float32 in prediction, bfloat16 in training"));
+    let scores = succeed_json(&[&eval[..], &["--precision", "bfloat16"]].concat());
+    assert_eq!(scores["precision"], "bfloat16");
 }
 
 /// Other cameras see the base in another density, and that alone would put the floor where the nearest command is.

@@ -89,6 +89,12 @@ fn a_demo_that_is_interrupted_or_killed_ends_as_one_that_is_not() {
     for key in SCORES {
         assert!(expected.2[key].as_f64().unwrap() > 0.0, "{key}");
     }
+    // A demo computes in one precision, whichever suits the machine.
+    let precision = expected.2["precision"].as_str().unwrap();
+    assert_eq!(expected.2["training_precision"], precision);
+    let said = format!("{precision} in prediction, {precision} in training");
+    let page = fs::read_to_string(whole.join("report.html")).unwrap();
+    assert!(page.contains(&said));
 }
 
 #[test]

@@ -187,6 +187,31 @@ fn a_run_out_of_patience_ends_early() {
 }
 
 #[test]
+fn more_points_than_clouds_have_are_said_to_be_cut_where_they_were_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    collect_small(&data, &[]);
+    let said = |run: &str, options: &[&str]| {
+        let run = folder.path().join(run);
+        let arguments = [&TINY_NETWORK[..], options, &["--out", text(&run)]].concat();
+        let output = tdcr(&arguments).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        stderr(&output)
+    };
+    let set = ["--data", text(&data)];
+    let cut = "--points 401 is more than the 400 points of a cloud: every step takes all 400";
+    let many = said("many", &[&set[..], &["--points", "401"]].concat());
+    assert!(many.contains(cut), "{many}");
+    for points in [&["--points", "400"][..], &["--preset", "paper"]] {
+        let enough = said(points[1], &[&set[..], points].concat());
+        assert!(!enough.contains("WARN"), "{enough}");
+    }
+    let stream = ["--stream", "2m", "--stream-points", "400", "--window", "4"];
+    let streamed = said("streamed", &[&stream[..], &["--points", "401"]].concat());
+    assert!(streamed.contains(cut), "{streamed}");
+}
+
+#[test]
 fn presets_are_explained_and_what_is_asked_for_goes_before_them() {
     let help = succeed(&["train", "--help"]);
     for expected in [

@@ -81,6 +81,14 @@ impl DataSet {
         Ok(conditions)
     }
 
+    /// Number of points in each cloud of a split.
+    ///
+    /// # Errors
+    /// As [`read_split`](Self::read_split), of what the shards' headers tell.
+    pub fn points_per_cloud(&self, split: Split) -> Result<usize, DataError> {
+        Ok(self.shards(split)?.sizes.points)
+    }
+
     /// Reads a split in the units that a network sees, without colours: 12 bytes of memory a point.
     ///
     /// Points and commands are normalised as they are read; the copies `motors_norm` and `scale` in the shards serve

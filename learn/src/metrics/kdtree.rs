@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 /// Most points in a leaf: few enough to scan, many enough to keep the tree shallow.
-pub(super) const LEAF_CAPACITY: usize = 16;
+const LEAF_CAPACITY: usize = 16;
 
 /// Squared Euclidean distance (m^2).
 #[inline]
@@ -73,13 +73,13 @@ impl Aabb {
 
 /// `f64::min` of two numbers, in one instruction: NaN is not minded.
 #[inline]
-fn lesser(a: f64, b: f64) -> f64 {
+pub(super) fn lesser(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
 /// `f64::max` of two numbers, in one instruction: NaN is not minded.
 #[inline]
-fn greater(a: f64, b: f64) -> f64 {
+pub(super) fn greater(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 

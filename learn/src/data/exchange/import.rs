@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use tdcr_sim::cloud::{PointCloud, VoxelGrid, write_ply};
 
-use super::npy::{to_npy, to_npz};
-use super::{EXTENSIONS, Fault, read_cloud};
+use super::{EXTENSIONS, Fault, NpzArray, NpzValues, read_cloud, write_npz};
 use crate::data::conditions::rng;
 use crate::data::{Collector, Condition, DataError, DataSet, Meta, Origin, Sample, Split};
 
@@ -160,14 +159,18 @@ fn write_cloud(path: &Path, format: ExportFormat, cloud: &PointCloud) -> Result<
         }
         ExportFormat::Npz => {
             let path = path.with_extension("npz");
-            let coordinates = cloud.points.as_flattened().iter();
-            let points: Vec<u8> = coordinates.flat_map(|x| x.to_le_bytes()).collect();
-            let shape = [cloud.len(), 3];
-            let arrays = [
-                ("points", to_npy(&shape, "<f4", &points)),
-                ("rgb", to_npy(&shape, "|u1", cloud.colors.as_flattened())),
-            ];
-            std::fs::write(&path, to_npz(&arrays)).map_err(DataError::io("write", &path))
+            let shape = &[cloud.len(), 3];
+            let array = |name, values| NpzArray {
+                name,
+                shape,
+                values,
+            };
+            let points = NpzValues::Floats(cloud.points.as_flattened());
+            let colors = NpzValues::Bytes(cloud.colors.as_flattened());
+            Ok(write_npz(
+                &path,
+                &[array("points", points), array("rgb", colors)],
+            )?)
         }
     }
 }

@@ -2,11 +2,13 @@
 
 mod import;
 mod npy;
+mod npz;
 mod pcd;
 mod ply;
 mod table;
 
 pub use import::{ExportFormat, ImportSettings, export, import};
+pub use npz::{NpzArray, NpzRows, NpzValues, write_npz};
 
 use std::path::{Path, PathBuf};
 
@@ -28,26 +30,6 @@ pub struct CloudFileError {
     pub place: String,
     /// What was found, and what would be right.
     pub problem: String,
-}
-
-/// An array of an NPZ file.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NpzArray<'a> {
-    /// Its name.
-    pub name: &'a str,
-    /// Its shape.
-    pub shape: &'a [usize],
-    /// Its values, row-major.
-    pub values: NpzValues<'a>,
-}
-
-/// Values of an array.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum NpzValues<'a> {
-    /// `float32`.
-    Floats(&'a [f32]),
-    /// `uint8`.
-    Bytes(&'a [u8]),
 }
 
 /// What is wrong with the contents of a file, and where.
@@ -106,46 +88,11 @@ pub fn read_cloud(path: &Path) -> Result<PointCloud, CloudFileError> {
     Ok(cloud)
 }
 
-/// Writes arrays to an NPZ file.
-///
-/// # Errors
-/// [`CloudFileError`] where the file cannot be written, or an array has not as many values as its shape says.
-pub fn write_npz(path: &Path, arrays: &[NpzArray]) -> Result<(), CloudFileError> {
-    let files: Result<Vec<_>, Fault> = arrays
-        .iter()
-        .map(|array| Ok((array.name, array.to_npy()?)))
-        .collect();
-    files
-        .and_then(|files| {
-            std::fs::write(path, npy::to_npz(&files)).map_err(|error| Fault::new("file", error))
-        })
-        .map_err(|fault| fault.at(path))
-}
-
-impl NpzArray<'_> {
-    fn to_npy(self) -> Result<Vec<u8>, Fault> {
-        let (count, descr, data) = match self.values {
-            NpzValues::Floats(values) => {
-                let data = values.iter().flat_map(|x| x.to_le_bytes()).collect();
-                (values.len(), "<f4", data)
-            }
-            NpzValues::Bytes(values) => (values.len(), "|u1", values.to_vec()),
-        };
-        let expected: usize = self.shape.iter().product();
-        if count != expected {
-            let place = format!("array `{}`", self.name);
-            let problem = format!(
-                "{count} values, expected {expected} as {:?} says",
-                self.shape
-            );
-            return Err(Fault::new(place, problem));
-        }
-        Ok(npy::to_npy(self.shape, descr, &data))
-    }
-}
-
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 mod tests {
+    use std::io::Cursor;
+
     use proptest::prelude::*;
 
     use super::*;
@@ -178,9 +125,10 @@ mod tests {
             damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..6),
             length in any::<prop::sample::Index>(),
         ) {
-            let npy = npy::to_npy(&[2, 3], "<f4", &[0; 24]);
-            let npz = npy::to_npz(&[("points", npy.clone())]);
-            let mut bytes = [ply_seed(), pcd_seed(), npy, npz][seed].clone();
+            let npy = [npy::header(&[2, 3], "<f4"), vec![0; 24]].concat();
+            let mut npz = Cursor::new(Vec::new());
+            npy::write_archive(&mut npz, [("points".to_owned(), 152, &npy[..])]).unwrap();
+            let mut bytes = [ply_seed(), pcd_seed(), npy, npz.into_inner()][seed].clone();
             for (position, value) in damage {
                 let position = position.index(bytes.len());
                 bytes[position] = value;

@@ -1,6 +1,6 @@
 //! NumPy's NPY and NPZ.
 
-use std::io::{Cursor, Read, Write};
+use std::io::{self, Cursor, Read, Seek, Write};
 
 use tdcr_sim::cloud::PointCloud;
 use zip::write::SimpleFileOptions;
@@ -182,8 +182,8 @@ fn numbers<const N: usize>(data: &[u8], read: impl Fn([u8; N]) -> f64) -> Vec<f6
         .collect()
 }
 
-/// An NPY file, version 1.0, of `data` in C order.
-pub(super) fn to_npy(shape: &[usize], descr: &str, data: &[u8]) -> Vec<u8> {
+/// An NPY file, version 1.0, up to its data, which follow in C order.
+pub(super) fn header(shape: &[usize], descr: &str) -> Vec<u8> {
     let sizes: String = shape.iter().map(|size| format!("{size}, ")).collect();
     let mut header =
         format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({sizes}), }}");
@@ -192,19 +192,21 @@ pub(super) fn to_npy(shape: &[usize], descr: &str, data: &[u8]) -> Vec<u8> {
     header.push_str(&" ".repeat(padding));
     header.push('\n');
     let length = (header.len() as u16).to_le_bytes();
-    [MAGIC, &[1, 0], &length, header.as_bytes(), data].concat()
+    [MAGIC, &[1, 0], &length, header.as_bytes()].concat()
 }
 
-/// An NPZ file of NPY files, uncompressed.
-pub(super) fn to_npz(arrays: &[(&str, Vec<u8>)]) -> Vec<u8> {
+/// Writes an NPZ file, uncompressed, of NPY files: names, sizes (bytes) and contents.
+pub(super) fn write_archive<R: Read>(
+    file: impl Write + Seek,
+    arrays: impl IntoIterator<Item = (String, u64, R)>,
+) -> io::Result<()> {
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
-    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-    for (name, npy) in arrays {
-        archive
-            .start_file(format!("{name}.npy"), options)
-            .and_then(|()| Ok(archive.write_all(npy)?))
-            .expect("memory takes an archive");
+    let mut archive = ZipWriter::new(file);
+    for (name, size, mut npy) in arrays {
+        let options = options.large_file(size >= u64::from(u32::MAX));
+        archive.start_file(format!("{name}.npy"), options)?;
+        io::copy(&mut npy, &mut archive)?;
     }
-    let written = archive.finish().expect("memory takes an archive");
-    written.into_inner()
+    archive.finish()?;
+    Ok(())
 }
