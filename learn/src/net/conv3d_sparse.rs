@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::conv3d::{Conv3d, NEIGHBOURS, shift};
 use super::kernels::{fill_rows, vectorised};
-use super::occupied::{Few, Occupied};
+use super::occupied::{Occupied, Sparse};
 use super::rows::Sums;
 use crate::pool::Pool;
 
@@ -24,8 +24,8 @@ pub(super) type Rooms = Pool<Vec<f32>>;
 
 impl Conv3d {
     /// [`Conv3d::forward`] of a few voxels' features.
-    pub fn forward_few(&self, params: &[f32], x: Few, rooms: &Rooms, y: &mut [f32]) {
-        let Few {
+    pub fn forward_sparse(&self, params: &[f32], x: Sparse, rooms: &Rooms, y: &mut [f32]) {
+        let Sparse {
             voxels, features, ..
         } = x;
         let (grid, bias) = (self.grid, &params[self.bias.clone()]);
@@ -60,7 +60,7 @@ impl Conv3d {
     }
 
     /// [`Conv3d::backward_input`] for a few voxels: gradient `dx` `(M, inputs)`.
-    pub fn backward_input_few(
+    pub fn backward_input_sparse(
         &self,
         params: &[f32],
         voxels: &Occupied,
@@ -92,15 +92,15 @@ impl Conv3d {
     }
 
     /// [`Conv3d::backward`] of a few voxels' features.
-    pub fn backward_few(
+    pub fn backward_sparse(
         &self,
         gradient: &mut [f32],
-        x: Few,
+        x: Sparse,
         dy: &[f32],
         rooms: &Rooms,
         sums: &mut Sums,
     ) {
-        let Few {
+        let Sparse {
             voxels, features, ..
         } = x;
         let (inputs, outputs) = (self.inputs, self.outputs);
@@ -228,15 +228,15 @@ mod tests {
             for buffer in [&mut y, &mut dense_y, &mut dy] {
                 grid.prepare(buffer, outputs);
             }
-            let few = Few {
+            let sparse = Sparse {
                 voxels: &occupied,
                 features: &x,
                 channels: inputs,
             };
-            few.spread(grid, &mut dense_x);
+            sparse.spread(grid, &mut dense_x);
             let (rooms, sums) = (Rooms::default(), &mut Sums::default());
 
-            conv.forward_few(&params, few, &rooms, &mut y);
+            conv.forward_sparse(&params, sparse, &rooms, &mut y);
             conv.forward(&params, &dense_x, &mut dense_y);
             assert_close(&y, &dense_y);
 
@@ -246,14 +246,14 @@ mod tests {
             body.chunks_exact_mut(grid.plane() * outputs)
                 .for_each(|plane| grid.clear_padding(plane, outputs));
             let mut dx = vec![0.0; x.len()];
-            conv.backward_input_few(&params, &occupied, &dy, &rooms, &mut dx);
+            conv.backward_input_sparse(&params, &occupied, &dy, &rooms, &mut dx);
             conv.backward_input(&params, &dy, &mut dense_dx);
             let mut expected = vec![0.0; x.len()];
             occupied.collect(grid, &dense_dx, inputs, &mut expected);
             assert_close(&dx, &expected);
 
             let [mut gradient, mut expected] = [(); 2].map(|()| vec![1.0; table.len()]);
-            conv.backward_few(&mut gradient, few, &dy, &rooms, sums);
+            conv.backward_sparse(&mut gradient, sparse, &dy, &rooms, sums);
             conv.backward(&mut expected, &dense_x, &dy, sums);
             assert_close(&gradient, &expected);
         }

@@ -51,13 +51,13 @@ impl Occupied {
 
 /// Features `(M, C)` of the voxels that hold points; all others have none.
 #[derive(Clone, Copy)]
-pub(super) struct Few<'a> {
+pub(super) struct Sparse<'a> {
     pub voxels: &'a Occupied,
     pub features: &'a [f32],
     pub channels: usize,
 }
 
-impl Few<'_> {
+impl Sparse<'_> {
     /// Puts the features into a grid, zeros in all other voxels.
     pub fn spread(self, grid: Grid, all: &mut [f32]) {
         let c = self.channels;

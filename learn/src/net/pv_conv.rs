@@ -146,8 +146,8 @@ impl PvBlock {
         let [first, second] = &mut tape.convolved;
         let [layer1, layer2] = &self.layers;
         let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
-        let few = voxels.few(&tape.averages, c);
-        layer1.convolve_few(convs[0], room, few, spare, first);
+        let sparse = voxels.sparse(&tape.averages, c);
+        layer1.convolve_sparse(convs[0], room, sparse, spare, first);
         layer1.activate(params, first, &mut tape.activated);
         layer2.convolve(convs[1], room, &tape.activated, second);
         layer2.activate(params, second, left);
@@ -255,10 +255,10 @@ impl PvBlock {
         d_averages.clear();
         d_averages.reserve(h.len());
         d_averages.resize(tape.averages.len(), 0.0);
-        let few = (voxels.few(&tape.averages, c), &d_activated[..]);
+        let sparse = (voxels.sparse(&tape.averages, c), &d_activated[..]);
         // What was between the layers is not needed any more.
         let spare = [&mut tape.activated[..], d_voxels];
-        layer1.convolve_backward_few(convs[0], room, few, spare, gradient, d_averages);
+        layer1.convolve_backward_sparse(convs[0], room, sparse, spare, gradient, d_averages);
         voxels.average_backward(d_averages, c, d);
     }
 

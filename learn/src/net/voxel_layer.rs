@@ -6,7 +6,7 @@ use super::conv3d_bf16::PackedConv;
 use super::conv3d_sparse::Rooms;
 use super::grid::Grid;
 use super::group_norm::{AffineNorm, Normed};
-use super::occupied::Few;
+use super::occupied::Sparse;
 use super::rows::Sums;
 use super::shape::Table;
 use super::weights::Weights;
@@ -58,11 +58,11 @@ impl VoxelLayer {
     }
 
     /// The convolution of a grid with the features of a few voxels. `spare` is a grid to be used as room.
-    pub fn convolve_few(
+    pub fn convolve_sparse(
         &self,
         weights: Weights<PackedConv>,
         room: &mut VoxelRoom,
-        x: Few,
+        x: Sparse,
         spare: &mut [f32],
         normed: &mut Normed,
     ) {
@@ -70,10 +70,10 @@ impl VoxelLayer {
             x.spread(self.conv.grid, spare);
             return self.convolve(weights, room, spare, normed);
         }
-        (self.conv).forward_few(weights.params, x, &room.float32, &mut normed.features);
+        (self.conv).forward_sparse(weights.params, x, &room.float32, &mut normed.features);
     }
 
-    /// Whether the products of all voxels take less time, on a matrix unit, than to gather and to scatter those of a few.
+    /// Whether the products of all voxels take less time, on a matrix unit, than to gather and to scatter those of a sparse.
     /// Those are of floats in either precision.
     fn takes_all(weights: Weights<PackedConv>) -> bool {
         weights.packed.is_some() && has_matrix_unit()
@@ -126,13 +126,13 @@ impl VoxelLayer {
         }
     }
 
-    /// [`VoxelLayer::convolve_backward`] of [`VoxelLayer::convolve_few`], to the gradient `dx` `(M, C)` by the few voxels'
+    /// [`VoxelLayer::convolve_backward`] of [`VoxelLayer::convolve_sparse`], to the gradient `dx` `(M, C)` by the few voxels'
     /// features. `spare` are grids to be used as room.
-    pub fn convolve_backward_few(
+    pub fn convolve_backward_sparse(
         &self,
         weights: Weights<PackedConv>,
         room: &mut VoxelRoom,
-        (x, d): (Few, &[f32]),
+        (x, d): (Sparse, &[f32]),
         spare: [&mut [f32]; 2],
         gradient: &mut [f32],
         dx: &mut [f32],
@@ -144,7 +144,7 @@ impl VoxelLayer {
             return (x.voxels).collect(self.conv.grid, d_all, x.channels, dx);
         }
         let VoxelRoom { float32, sums, .. } = room;
-        self.conv.backward_few(gradient, x, d, float32, sums);
-        (self.conv).backward_input_few(weights.params, x.voxels, d, float32, dx);
+        self.conv.backward_sparse(gradient, x, d, float32, sums);
+        (self.conv).backward_input_sparse(weights.params, x.voxels, d, float32, dx);
     }
 }

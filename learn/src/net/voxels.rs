@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::grid::Grid;
 use super::kernels::vectorised;
-use super::occupied::{Few, Occupied};
+use super::occupied::{Occupied, Sparse};
 use crate::channels::DIM;
 
 /// Points that a task reads voxels for.
@@ -182,8 +182,8 @@ impl Voxels {
     }
 
     /// Features `(M, C)` as those of the occupied voxels.
-    pub fn few<'a>(&'a self, features: &'a [f32], channels: usize) -> Few<'a> {
-        Few {
+    pub fn sparse<'a>(&'a self, features: &'a [f32], channels: usize) -> Sparse<'a> {
+        Sparse {
             voxels: &self.occupied,
             features,
             channels,
@@ -366,7 +366,7 @@ mod tests {
         let features = numbers(2, COUNT * CHANNELS);
         let (mut found, mut averages) = (grid(), Vec::new());
         voxels.average(&single(&features), CHANNELS, &mut averages);
-        voxels.few(&averages, CHANNELS).spread(GRID, &mut found);
+        voxels.sparse(&averages, CHANNELS).spread(GRID, &mut found);
         assert_close(GRID.body(&found, CHANNELS), &average(&points, &features));
 
         let weights = numbers(3, GRID.resolution * GRID.plane() * CHANNELS);
