@@ -18,10 +18,13 @@ PROCESSORS = {"max": 8, "Nehalem": 1}
 SETTINGS = "--width 32 --depth 3 --embedding 16 --steps 20 --validate-every 20 --clouds 2 --points 64".split()
 CONTEXT = "--channels 8,8,8 --resolutions 4,3,2 --blocks 1 --context 8".split()
 
-# Relative: rounding grows along the run, most in the gradient's norm, and bfloat16 rounds to 8 bits.
+# Relative: rounding grows along the run, most in the gradient's norm, and bfloat16 rounds to 8 bits. In the Hybrid it moves
+# maxima too: the curves of five kernels, and that in float32, ended within 2.3 % of each other (within 0.2 % from other seeds).
 TOLERANCES = {
-    "float32": {"loss": 1e-3, "validation_cd": 1e-3, "gradient_norm": 1e-2},
-    "bfloat16": {"loss": 1e-2, "validation_cd": 1e-2, "gradient_norm": 5e-2},
+    ("mlp", "float32"): {"loss": 1e-3, "validation_cd": 1e-3, "gradient_norm": 1e-2},
+    ("hybrid", "float32"): {"loss": 1e-3, "validation_cd": 1e-3, "gradient_norm": 1e-2},
+    ("mlp", "bfloat16"): {"loss": 1e-2, "validation_cd": 1e-2, "gradient_norm": 5e-2},
+    ("hybrid", "bfloat16"): {"loss": 4e-2, "validation_cd": 4e-2, "gradient_norm": 1e-1},
 }
 
 
@@ -43,7 +46,7 @@ def train(data, run, net, precision, processor=None):
     assert done.returncode == 0, done.stderr
     with open(run / "log.csv", encoding="utf-8") as file:
         log = list(csv.DictReader(file))
-    columns = TOLERANCES[precision]
+    columns = TOLERANCES[net, precision]
     return json.loads(done.stdout), {name: [float(row[name]) for row in log if row[name]] for name in columns}
 
 
@@ -56,5 +59,5 @@ def test_every_processors_kernels_give_the_same_training_curve(data, tmp_path, n
     for processor, lanes in PROCESSORS.items():
         result, other = train(data, tmp_path / processor, net, precision, processor)
         assert result["vector_lanes"] == lanes, processor
-        for name, tolerance in TOLERANCES[precision].items():
+        for name, tolerance in TOLERANCES[net, precision].items():
             np.testing.assert_allclose(other[name], curve[name], rtol=tolerance, err_msg=f"{processor}: {name}")
