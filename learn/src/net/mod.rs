@@ -18,8 +18,9 @@
 //! # Numbers
 //!
 //! Weights, gradients, sums and norms are f32. The operands of the products on points and voxels may be rounded to bfloat16
-//! ([`Precision`]), for processors with a unit for such matrices: gradients then differ by some 0.2 % in the MLP, and by as
-//! much or more in the Hybrid, where rounding may change which point has a maximum.
+//! ([`Precision`]), for processors that multiply such numbers faster: gradients then differ by some 0.2 % in the MLP, and by as
+//! much or more in the Hybrid, where rounding may change which point has a maximum. Without a matrix unit, a block's first
+//! convolution stays f32: its few products are not worth rounding.
 //!
 //! # Hybrid
 //!
