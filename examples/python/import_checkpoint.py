@@ -20,7 +20,8 @@ The MLP's layers, with embedding e, width H, C numbers per point and D motors, a
 The time's features are cosines, then sines. A Hybrid has t_proj and c_proj, these layers as `head.`, its input of
 [x | context | e], and a context network as `ctx_net.`. How that one's layers are called is not published. A tensor of it
 is found by its shape where one alone has it; for all others say --names FILE, JSON from the names of networks.py to the
-checkpoint's. Two layers are one in the checkpoint: `context.stages.0.project`, of [e | x], and `context.join`, of the
+checkpoint's. `--guess FILE` writes such a file, to be looked through: layers of the same shapes, in the order in which both
+networks have them. Two layers are one in the checkpoint: `context.stages.0.project`, of [e | x], and `context.join`, of the
 stages' outputs and then the maximum. Where the networks differ in more than names, no file is written.
 """
 
@@ -140,9 +141,8 @@ def point_layers(weights, prefix, sizes):
     return tensors, shape, inputs - outputs
 
 
-def context_layers(weights, shape, names):
-    """The context network's tensors: those named in `names`, then those whose shape one tensor alone has."""
-    theirs = {n: matrix(v) for n, v in weights.left.items() if n.startswith("ctx_net.")}
+def expected_context(shape):
+    """Shapes of the context network's tensors as a checkpoint has them, and those of the layers that are one there."""
     ours = {n: v for n, v in network(shape).state_dict().items() if n.startswith("context.")}
     widths = {
         layer: [ours.pop(f"{share}.weight").shape for share in shares] for layer, shares in JOINT.items()
@@ -152,6 +152,42 @@ def context_layers(weights, shape, names):
         expected[f"{layer}.weight"] = (shapes[0][0], sum(shape[1] for shape in shapes))
     for biased, layer in zip(BIASED, JOINT):
         expected[f"{layer}.bias"] = expected.pop(f"{biased}.bias")
+    return expected, widths
+
+
+def alike(shapes):
+    """Layers by the shapes of their tensors: lists of names, in the order in which they come."""
+    layers, groups = {}, {}
+    for name, shape in shapes.items():
+        layer, _, part = name.rpartition(".")
+        layers.setdefault(layer, {})[part] = tuple(shape)
+    for layer, parts in layers.items():
+        groups.setdefault(tuple(sorted(parts.items())), []).append(layer)
+    return groups
+
+
+def guess(state, context=None):
+    """Names of the context network's tensors, ours to the checkpoint's: layers alike in shape, in their order.
+
+    Layers of which the checkpoint has another number are left out.
+    """
+    weights = Weights(state)
+    _, sizes = embedding(weights)
+    _, head, features = point_layers(weights, "head.", sizes)
+    shape = {"head": head, "context": {**(context or CONTEXT), "features": features}}
+    theirs = alike({n: matrix(v).shape for n, v in weights.left.items() if n.startswith("ctx_net.")})
+    names = {}
+    for parts, ours in alike(expected_context(shape)[0]).items():
+        if len(ours) == len(theirs.get(parts, [])):
+            for our, their in zip(ours, theirs[parts]):
+                names |= {f"{our}.{part}": f"{their}.{part}" for part, _ in parts}
+    return names
+
+
+def context_layers(weights, shape, names):
+    """The context network's tensors: those named in `names`, then those whose shape one tensor alone has."""
+    theirs = {n: matrix(v) for n, v in weights.left.items() if n.startswith("ctx_net.")}
+    expected, widths = expected_context(shape)
     found = {}
 
     def settle(ours, key):
@@ -171,15 +207,15 @@ def context_layers(weights, shape, names):
     while settled:
         settled = False
         for ours in [name for name in expected if name not in found]:
-            alike = [n for n in expected if n not in found and expected[n] == expected[ours]]
+            same = [n for n in expected if n not in found and expected[n] == expected[ours]]
             keys = [key for key, value in theirs.items() if tuple(value.shape) == expected[ours]]
-            if len(alike) == len(keys) == 1:
+            if len(same) == len(keys) == 1:
                 settle(ours, keys[0])
                 settled = True
     missing = [f"{name} {list(expected[name])}" for name in expected if name not in found]
     unknown = [f"{key} {list(value.shape)}" for key, value in theirs.items()]
     if missing or unknown:
-        lines = ["the shapes of the context network do not tell which tensor is which; say --names FILE"]
+        lines = ["the shapes of the context network do not tell which tensor is which; say --names FILE (see --guess)"]
         lines += [f"  in the checkpoint: {key}" for key in unknown]
         lines += [f"  expected: {name}" for name in missing]
         raise CheckpointError("\n".join(lines))
@@ -261,14 +297,35 @@ def header(shape, units):
     return {"format": FORMAT, "kind": "model", "content": content}
 
 
+def write_guess(checkpoint, file):
+    """Writes the names guessed for `checkpoint` to `file`, which must not exist."""
+    state = read_state(checkpoint)
+    if not any(name.startswith("ctx_net.") for name in state):
+        raise CheckpointError(f"{checkpoint}: no tensor starts with `ctx_net.`: no names are needed")
+    names = guess(state)
+    named = set(names.values())
+    with file.open("x") as out:
+        json.dump(names, out, indent=1)
+    left = [name for name in state if name.startswith("ctx_net.") and name not in named]
+    print(f"{file}: {len(names)} names, by order among layers of the same shapes; look them through")
+    for name in left:
+        print(f"  not named: {name} {list(state[name].shape)}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("checkpoint", type=Path)
-    parser.add_argument("--data", type=Path, required=True, help="folder of the two normalisation files")
+    parser.add_argument("--data", type=Path, help="folder of the two normalisation files")
     parser.add_argument("--names", type=Path, help="JSON: names of the context network's tensors, ours to theirs")
+    parser.add_argument("--guess", type=Path, help="writes names guessed by order here, to be checked, and no model")
     parser.add_argument("--out", type=Path, default=Path("model.safetensors"))
     args = parser.parse_args()
+    if args.data is None and args.guess is None:
+        parser.error("--data is missing: the folder of the data set that the network was trained on")
     try:
+        if args.guess:
+            write_guess(args.checkpoint, args.guess)
+            return
         names = json.loads(args.names.read_text()) if args.names else {}
         module, shape = convert(read_state(args.checkpoint), names=names)
         description = header(shape, normalisation(args.data))

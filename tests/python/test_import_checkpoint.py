@@ -23,7 +23,7 @@ from torch import nn  # noqa: E402
 sys.path.insert(0, str(ROOT / "examples/python"))
 import import_checkpoint  # noqa: E402
 import networks  # noqa: E402
-from import_checkpoint import CheckpointError, convert, read_state  # noqa: E402
+from import_checkpoint import CheckpointError, convert, guess, read_state  # noqa: E402
 
 WIDTH, BLOCKS, EMBEDDING, MOTORS = 24, 3, 16, 4
 
@@ -232,3 +232,32 @@ def test_what_shapes_tell_needs_no_name_and_the_rest_is_asked_for():
     assert all(torch.equal(a, b) for a, b in zip(module.parameters(), expected.parameters()))
     with pytest.raises(CheckpointError, match="no tensor `ctx_net.absent`"):
         convert(state, CONTEXT, names | {"context.output.weight": "ctx_net.absent"})
+
+
+def layers_in_other_words():
+    """The Hybrid of `hybrid`, its context network's layers called otherwise, in the order in which they act."""
+    module, state, names = hybrid()
+    layers, words = {}, {}
+    for ours, key in names.items():
+        layer, _, part = ours.rpartition(".")
+        words[key] = f"ctx_net.part{layers.setdefault(layer, len(layers))}.{part}"
+    return module, {words.get(key, key): value for key, value in state.items()}
+
+
+def test_names_are_guessed_by_order_among_layers_alike():
+    expected, state = layers_in_other_words()
+    names = guess(state, CONTEXT)
+    assert set(names.values()) == {key for key in state if key.startswith("ctx_net.")}
+    module, _ = convert(state, CONTEXT, names)
+    assert all(torch.equal(a, b) for a, b in zip(module.parameters(), expected.parameters()))
+
+
+def test_layers_that_the_checkpoint_has_more_of_are_not_guessed():
+    _, state = layers_in_other_words()
+    convolution = next(key for key in state if key.startswith("ctx_net.") and state[key].dim() == 5)
+    layer = convolution.removesuffix(".weight")
+    more = {f"ctx_net.more.{part}": state[f"{layer}.{part}"] for part in ("weight", "bias")}
+    named = guess(state | more, CONTEXT).values()
+    shape = state[convolution].shape
+    assert named
+    assert not [key for key in named if state[key].shape == shape]

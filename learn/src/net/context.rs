@@ -4,15 +4,13 @@ use faer::Accum;
 use rayon::prelude::*;
 
 use super::bf16::{Operands, PackedWeight, Passes};
-use super::context_shape::{ContextShape, STAGES, block_name};
+use super::context_shape::{ContextShape, STAGES};
+use super::context_stage::{PackedStage, StageNet, StageTape};
 use super::dense::Dense;
-use super::grid::Grid;
 use super::group_norm::{AffineNorm, Normed};
 use super::kernels::fill_rows;
-use super::pv_conv::{PackedPvBlock, PvBlock, PvInput, PvScratch, PvTape};
 use super::rows::{Rows, Sums};
 use super::shape::{Initial, Table, fan_in};
-use super::voxels::Voxels;
 use super::weights::Weights;
 
 /// Point-voxel context `(N, F)` of a cloud's points `(N, C)`, from channels `[e | x]`:
@@ -35,27 +33,12 @@ pub(super) struct ContextNet {
     output: Dense,
 }
 
-#[derive(Clone, Debug)]
-struct StageNet {
-    grid: Grid,
-    /// From the points or the stage before. The first has no bias: that is part of the embedding's share.
-    project: Dense,
-    blocks: Vec<PvBlock>,
-}
-
 /// The network's weights in tiles.
 #[derive(Debug, Default)]
 pub(super) struct PackedContext {
     stages: Vec<PackedStage>,
     joins: Vec<PackedWeight>,
     output: PackedWeight,
-}
-
-#[derive(Debug, Default)]
-struct PackedStage {
-    /// Of no use to the first stage, whose projection is of few numbers.
-    project: PackedWeight,
-    blocks: Vec<PackedPvBlock>,
 }
 
 /// Memory of one cloud's forward and backward pass.
@@ -76,17 +59,6 @@ pub(super) struct ContextTape {
     operands: Operands,
 }
 
-#[derive(Debug)]
-struct StageTape {
-    voxels: Voxels,
-    /// Input of every block, then the stage's output.
-    features: Vec<Vec<f32>>,
-    blocks: Vec<PvTape>,
-    scratch: PvScratch,
-    /// Gradient by the stage's output, then by its input.
-    d: Vec<f32>,
-}
-
 impl ContextNet {
     /// Adds the network's tensors, for points of `inputs` numbers.
     pub fn declare(
@@ -98,26 +70,14 @@ impl ContextNet {
         let mut before = inputs;
         let mut stages = Vec::new();
         for (s, stage) in shape.stages.into_iter().enumerate() {
-            let (grid, channels) = (
-                Grid {
-                    resolution: stage.resolution,
-                },
-                stage.channels,
-            );
             let name = format!("context.stages.{s}.project");
+            // The first projection's bias is part of the embedding's share.
             let project = match s {
-                0 => table.product(&name, before, channels, fan_in(before + embedding)),
-                _ => table.dense(&name, before, channels, fan_in(before)),
+                0 => table.product(&name, before, stage.channels, fan_in(before + embedding)),
+                _ => table.dense(&name, before, stage.channels, fan_in(before)),
             };
-            let blocks = (0..shape.blocks)
-                .map(|b| PvBlock::declare(table, &block_name(s, b), channels, grid))
-                .collect();
-            before = channels;
-            stages.push(StageNet {
-                grid,
-                project,
-                blocks,
-            });
+            before = stage.channels;
+            stages.push(StageNet::declare(table, s, stage, project, shape.blocks));
         }
         let all = shape
             .stages
@@ -150,10 +110,7 @@ impl ContextNet {
 
     /// Floating-point operations of the forward pass over `points` points, products alone.
     pub fn flops(&self, points: usize) -> u64 {
-        let stages = self.stages.iter().map(|stage| {
-            let blocks = stage.blocks.iter().map(|block| block.flops(points));
-            stage.project.flops(points) + blocks.sum::<u64>()
-        });
+        let stages = self.stages.iter().map(|stage| stage.flops(points));
         let joins = self.joins.iter().chain([&self.output]);
         let joins = joins.map(|layer| layer.flops(points));
         stages.sum::<u64>() + joins.sum::<u64>() + self.join_maximum.flops(1)
@@ -168,14 +125,7 @@ impl ContextNet {
             .joins
             .resize_with(self.joins.len(), PackedWeight::default);
         let stages = self.stages.par_iter().zip(&mut packed.stages);
-        stages.for_each(|(stage, packed)| {
-            packed.project.set(&stage.project, params, passes);
-            packed
-                .blocks
-                .resize_with(stage.blocks.len(), PackedPvBlock::default);
-            let blocks = stage.blocks.par_iter().zip(&mut packed.blocks);
-            blocks.for_each(|(block, packed)| block.pack(params, passes, packed));
-        });
+        stages.for_each(|(stage, packed)| stage.pack(params, passes, packed));
         for (join, packed) in self.joins.iter().zip(&mut packed.joins) {
             packed.set(join, params, passes);
         }
@@ -184,15 +134,8 @@ impl ContextNet {
 
     /// Room for a cloud.
     pub fn tape(&self) -> ContextTape {
-        let stages = self.stages.iter().map(|stage| StageTape {
-            voxels: Voxels::new(stage.grid),
-            features: vec![Vec::new(); stage.blocks.len() + 1],
-            blocks: stage.blocks.iter().map(|_| PvTape::default()).collect(),
-            scratch: PvScratch::default(),
-            d: Vec::new(),
-        });
         ContextTape {
-            stages: stages.collect(),
+            stages: self.stages.iter().map(StageNet::tape).collect(),
             maximum: Vec::new(),
             highest: Vec::new(),
             shift: Vec::new(),
@@ -220,7 +163,7 @@ impl ContextNet {
             let (before, tape) = tape.stages.split_at_mut(s);
             let tape = &mut tape[0];
             tape.voxels.place(points, self.stages[0].project.inputs);
-            let first = &mut tape.features[0];
+            let first = tape.input_mut();
             first.resize(count * stage.project.outputs, 0.0);
             let stage_weights = weights.of(|packed| &packed.stages[s]);
             let project = stage_weights.of(|packed| &packed.project);
@@ -396,64 +339,4 @@ pub(super) struct ContextInput<'a> {
     pub shift: &'a [f32],
     /// Scale and offset of every block.
     pub films: &'a [f32],
-}
-
-/// Why a stage has an output.
-const OUTPUT: &str = "the features end with the output";
-
-impl StageTape {
-    fn output(&self) -> &[f32] {
-        self.features.last().expect(OUTPUT)
-    }
-}
-
-impl StageNet {
-    /// The stage's blocks; takes their scales and offsets from the front of `films`.
-    fn forward(&self, weights: Weights<PackedStage>, films: &mut &[f32], tape: &mut StageTape) {
-        let c = self.project.outputs;
-        for (b, (block, block_tape)) in self.blocks.iter().zip(&mut tape.blocks).enumerate() {
-            let (film, rest) = films.split_at(2 * c);
-            *films = rest;
-            let (input, output) = tape.features.split_at_mut(b + 1);
-            let input = PvInput {
-                weights: weights.of(|packed| &packed.blocks[b]),
-                film: film.split_at(c).into(),
-                voxels: &tape.voxels,
-                features: &input[b],
-            };
-            block.forward(input, block_tape, &mut tape.scratch, &mut output[0]);
-        }
-    }
-
-    /// Turns `tape.d` from the gradient by the output into that by the first block's input; takes the blocks' scales
-    /// and offsets, and their gradients, from the ends of `films` and `d_films`.
-    fn backward(
-        &self,
-        weights: Weights<PackedStage>,
-        films: &mut &[f32],
-        tape: &mut StageTape,
-        gradient: &mut [f32],
-        d_films: &mut &mut [f32],
-    ) {
-        let c = self.project.outputs;
-        for (b, block) in self.blocks.iter().enumerate().rev() {
-            let (rest, film) = films.split_at(films.len() - 2 * c);
-            *films = rest;
-            let start = d_films.len() - 2 * c;
-            let d_film = d_films
-                .split_off_mut(start..)
-                .expect("a gradient per scale and offset");
-            let input = PvInput {
-                weights: weights.of(|packed| &packed.blocks[b]),
-                film: film.split_at(c).into(),
-                voxels: &tape.voxels,
-                features: &tape.features[b],
-            };
-            let d_film = d_film.split_at_mut(c).into();
-            let StageTape {
-                blocks, scratch, d, ..
-            } = tape;
-            block.backward(input, &mut blocks[b], scratch, d, gradient, d_film);
-        }
-    }
 }

@@ -2,7 +2,6 @@
 
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use crate::flow::VelocityField;
 
@@ -10,82 +9,17 @@ use super::batch::{
     Batch, Loss, PointPass, STRIPE, Share, Workspace, add_trunk_gradients, divide, reset,
 };
 use super::bf16::Passes;
-use super::conditioner::{Conditioner, ConditionerTape, Part};
-use super::context::{ContextInput, ContextNet, ContextTape, PackedContext};
+use super::conditioner::ConditionerTape;
+use super::context::{ContextInput, ContextTape, PackedContext};
 use super::context_shape::ContextShape;
+use super::hybrid_shape::{HybridShape, Layers};
 use super::kernels::add;
 use super::precision::Precision;
-use super::shape::{MlpShape, ShapeError, Table, TensorSpec, fan_in};
-use super::trunk::{Trunk, TrunkTapes};
+use super::shape::{ShapeError, Table};
+use super::trunk::TrunkTapes;
 use super::trunk_bf16::PackedTrunk;
 use super::weights::Weights;
 use crate::pool::Pool;
-
-/// Shape of a hybrid velocity network.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct HybridShape {
-    /// The head, an MLP that acts on every point and its context; embedding, condition and channels are the whole
-    /// network's.
-    pub head: MlpShape,
-    /// The network that gives a point its context.
-    pub context: ContextShape,
-}
-
-impl HybridShape {
-    /// Refuses sizes of which no network can be made.
-    pub fn check(&self) -> Result<(), ShapeError> {
-        self.head.check()?;
-        self.context.check()
-    }
-
-    /// Length of the flat parameter vector.
-    pub fn parameter_count(&self) -> usize {
-        self.tensors().last().map_or(0, |tensor| tensor.range.end)
-    }
-
-    /// The tensors in the order in which the flat parameter vector holds them.
-    ///
-    /// Layers of concatenated features are stored as their shares, as [`MlpShape::tensors`] has it: of `[x | e]` the first
-    /// stage's projection and `context.shift`, of `[x | context | e]` the head's input and `head.shift`. A convolution's
-    /// weight is `(3, 3, 3, outputs, inputs)`.
-    pub fn tensors(&self) -> Vec<TensorSpec> {
-        let mut table = Table::default();
-        self.declare(&mut table);
-        table.tensors
-    }
-
-    /// Adds the network's tensors to `table`; returns its layers.
-    fn declare(&self, table: &mut Table) -> Layers {
-        let Self { head, context } = self;
-        let (embedding, channels) = (head.embedding, head.channels.count());
-        let inputs = channels + context.features;
-        let [global, shift] = context.parts(embedding, channels);
-        let head_shift = Part::new("head.shift", head.width, fan_in(inputs + embedding));
-        let films: Vec<_> = head
-            .films("head.")
-            .into_iter()
-            .chain(context.films())
-            .collect();
-        Layers {
-            conditioner: Conditioner::declare(
-                table,
-                [embedding, head.condition_dim],
-                &[global, shift, head_shift],
-                &films,
-            ),
-            trunk: head.declare_trunk(table, "head.", inputs),
-            context: ContextNet::declare(table, context, embedding, channels),
-        }
-    }
-}
-
-#[derive(Clone, Debug)]
-struct Layers {
-    conditioner: Conditioner,
-    trunk: Trunk,
-    context: ContextNet,
-}
 
 /// The paper's Hybrid velocity network (Sec. Method, Eqs. contextnet and time_gate): a cloud's points are seen together.
 #[derive(Clone, Debug)]

@@ -7,7 +7,8 @@ use serde_json::Value;
 use crate::flow::VelocityField;
 
 use super::batch::{Batch, Workspace};
-use super::hybrid::{Hybrid, HybridShape};
+use super::hybrid::Hybrid;
+use super::hybrid_shape::HybridShape;
 use super::mlp::Mlp;
 use super::precision::Precision;
 use super::shape::{MlpShape, ShapeError, TensorSpec};
