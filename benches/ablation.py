@@ -34,6 +34,9 @@ ROWS = {
     "exponent-5": ("time exponent 5", ["--time-exponent", "5"], 1.0),
     "adamw": ("AdamW", ["--optimizer", "adamw"], 0.97),
     "stream": ("fresh samples from the stream", ["--stream", "2m"], 0.95),
+    "colors": ("with colours, weight 0.05 (the paper's)", ["--colors"], 1.0),
+    "colors-0.5": ("with colours, weight 0.5", ["--colors", "--color-weight", "0.5"], 1.0),
+    "colors-0.005": ("with colours, weight 0.005", ["--colors", "--color-weight", "0.005"], 1.0),
     "few-clouds": ("8 clouds x 2,048 points (the paper's kind of batch)", ["--clouds", "8", "--points", "2048"], 0.98),
 }
 # Students of the default row: their evaluations.
@@ -45,7 +48,11 @@ SAMPLERS = {
     "`heun`, power 2": ("heun", 2, 2),
     "`euler`, power 2": ("euler", 2, 1),
     "`exponential`, power 2": ("exponential", 2, 1),
+    "`exponential3`, power 2": ("exponential3", 2, 1),
 }
+# Of adaptive steps.
+TOLERANCES = (0.003, 0.002, 0.001, 0.0005, 0.0002)
+ADAPTIVE = ("adams-bashforth", "exponential", "exponential3")
 # Cheap, and the same for all: CD on 4,000 points. The earth mover's distances are not used.
 SCORING = ["--points", "4000", "--emd-points", "64", "--worst", "0"]
 # The ablation's sampler; 16 evaluations.
@@ -92,13 +99,20 @@ class Study:
 
     def score(self, run, sampler=None):
         """CD (m^2) of a run's network and of the floor; `sampler` is a method, its steps and power, or the network's own."""
+        options = zip(("--sampler", "--sampler-steps", "--sampler-power"), sampler or ())
         key = " ".join(map(str, [run, *(sampler or ["own"])]))
+        return self.score_with(key, run, [argument for option in options for argument in option])
+
+    def score_adaptive(self, run, method, tolerance):
+        """The same with steps of a tolerance, and the evaluations that a prediction then takes."""
+        options = ["--sampler", method, "--sampler-tolerance", tolerance]
+        return self.score_with(f"{run} {method} tolerance {tolerance}", run, options)
+
+    def score_with(self, key, run, options):
         if key not in self.scores:
-            options = zip(("--sampler", "--sampler-steps", "--sampler-power"), sampler or ())
-            options = [argument for option in options for argument in option]
             files = ["--model", self.out / run / "model.safetensors", "--data", self.data]
             said = tdcr("eval", *files, *SCORING, *options)
-            self.scores[key] = {name: said[name] for name in ("cd", "cd_floor")}
+            self.scores[key] = {name: said[name] for name in ("cd", "cd_floor", "evaluations")}
             self.scores_file.write_text(json.dumps(self.scores, indent=1))
         return self.scores[key]
 
@@ -130,6 +144,14 @@ def count_evaluations(study, counts):
         line(title, *(area(score["cd"]) for score in scores))
     students = {n: study.score(study.distil(n))["cd"] for n in STUDENTS if n in counts}
     line("after `tdcr distill`", *(area(students[n]) if n in students else "" for n in counts))
+
+
+def lay_steps(study, tolerances):
+    line("tolerance", *tolerances)
+    line(*["---"] * (1 + len(tolerances)))
+    for method in ADAPTIVE:
+        scores = [study.score_adaptive("default", method, tolerance) for tolerance in tolerances]
+        line(f"`{method}`", *(f"{area(score['cd'])} ({score['evaluations']:.1f})" for score in scores))
 
 
 def seconds(study, row, steps):
@@ -180,6 +202,8 @@ def main():
         print()
     if counts:
         count_evaluations(study, counts)
+        print()
+        lay_steps(study, TOLERANCES)
 
 
 if __name__ == "__main__":

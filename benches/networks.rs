@@ -173,7 +173,9 @@ fn measure(
 
 fn sample(network: &Network, sampler: Sampler, condition: &[f32]) -> Sampling {
     let mut points = noise().cloud(0).to_vec();
-    let seconds = median(3, || sampler.integrate(network, condition, &mut points));
+    let seconds = median(3, || {
+        sampler.integrate(network, condition, &mut points);
+    });
     let flops = sampler.evaluations() as u64 * network.flops(CLOUD);
     let products = products(&network.shape(), 1, CLOUD);
     Sampling {

@@ -92,6 +92,8 @@ pub(super) struct Metrics {
     pub uncertainty_rank_points: Option<f64>,
     /// Spearman's rank correlation of a cloud's mean uncertainty with its Chamfer distance, over the test commands.
     pub uncertainty_rank_commands: Option<f64>,
+    /// Evaluations of the network in a prediction; mean over the test commands.
+    pub evaluations: f64,
     pub tests: usize,
     pub points: usize,
     pub emd_points: usize,
@@ -140,6 +142,7 @@ impl Metrics {
             floor,
             color,
             uncertainty,
+            evaluations,
         } = evaluation.mean();
         let greatest = evaluation.greatest();
         Self {
@@ -161,6 +164,7 @@ impl Metrics {
             uncertainty: uncertainty.map(|u| u.mean),
             uncertainty_rank_points: uncertainty.and_then(|u| u.rank_correlation),
             uncertainty_rank_commands: evaluation.uncertainty_rank_correlation(),
+            evaluations,
             tests: evaluation.per_test.len(),
             points: settings.points,
             emd_points: settings.emd_points,
@@ -308,13 +312,14 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     console.result(&evaluated, |e| {
         let m = &e.metrics;
         format!(
-            "{}{}\n{}\n{}\nmeans over {} test commands; CD on {} points, EMD and squared EMD (least mean squared \
-             distance)\non {}, exact: their duality gaps are at most {:.1e} m and {:.1e} m²",
+            "{}{}\n{}\n{}\nmeans over {} test commands, of {} evaluations of the network each; CD on {} points, EMD and squared\n\
+             EMD (least mean squared distance) on {}, exact: their duality gaps are at most {:.1e} m and {:.1e} m²",
             table(&evaluation),
             (m.uncertainty_text()).map_or(String::new(), |text| text + "\n"),
             quantile_table(&e.network_quantiles),
             worst_table(&e.worst),
             m.tests,
+            (10.0 * m.evaluations).round() / 10.0,
             m.points,
             m.emd_points,
             m.emd_gap,

@@ -156,6 +156,7 @@ pub(super) fn sampler_text(sampler: &Sampler) -> String {
     let grid = match sampler.grid {
         TimeGrid::Uniform => "equal steps".to_owned(),
         TimeGrid::Power(power) => format!("power {power}"),
+        TimeGrid::Adaptive(tolerance) => format!("at most, tolerance {tolerance}"),
     };
     format!("{}, {} steps, {grid}", sampler.method.name(), sampler.steps)
 }

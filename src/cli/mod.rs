@@ -83,18 +83,25 @@ struct CommandArg {
     lengths: Vec<f64>,
 }
 
+/// Steps that a sampler takes at the most, where a tolerance lays them.
+const MOST_STEPS: usize = 200;
+
 /// How the network's flow is integrated.
 #[derive(Debug, Args)]
 struct SamplerArgs {
     /// How steps are taken: heun evaluates the network twice in each, the others once [default: the model's own]
     #[arg(long, value_parser = method())]
     sampler: Option<Method>,
-    /// Steps of the sampler [default: the model's own]
+    /// Steps of the sampler; with a tolerance, the most that it takes [default: the model's own; 200 with a tolerance]
     #[arg(long, value_name = "N")]
     sampler_steps: Option<usize>,
     /// Exponent p of the time grid 1 - (1 - k/n)^p; 1 is uniform, as in the paper [default: the model's own]
     #[arg(long, value_name = "P")]
     sampler_power: Option<f32>,
+    /// Steps as long as this allows: what the flow's change over a step moves the points by, as a part of the data's reach
+    /// (with adams-bashforth, exponential and exponential3)
+    #[arg(long, value_name = "TOL", conflicts_with = "sampler_power")]
+    sampler_tolerance: Option<f32>,
 }
 
 impl SamplerArgs {
@@ -103,14 +110,21 @@ impl SamplerArgs {
         let own = settings.sampler;
         let sampler = Sampler {
             method: self.sampler.unwrap_or(own.method),
-            steps: self.sampler_steps.unwrap_or(own.steps),
-            grid: self.sampler_power.map_or(own.grid, TimeGrid::Power),
+            steps: match self.sampler_tolerance {
+                None => self.sampler_steps.unwrap_or(own.steps),
+                Some(_) => self.sampler_steps.unwrap_or(MOST_STEPS),
+            },
+            grid: match (self.sampler_power, self.sampler_tolerance) {
+                (_, Some(tolerance)) => TimeGrid::Adaptive(tolerance),
+                (Some(power), None) => TimeGrid::Power(power),
+                (None, None) => own.grid,
+            },
         };
         sampler.check()?;
         ensure!(
             settings.target == Target::Velocity || sampler == own,
-            "the network was distilled for {} steps of its own sampler: leave out --sampler, --sampler-steps and \
-             --sampler-power",
+            "the network was distilled for {} steps of its own sampler: leave out --sampler, --sampler-steps, \
+             --sampler-power and --sampler-tolerance",
             own.steps
         );
         Ok(sampler)

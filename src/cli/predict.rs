@@ -69,6 +69,8 @@ struct Predicted {
     out_of_range: Vec<OutOfRange>,
     /// How uncertain the points are (m); `None` where too few points tell.
     uncertainty: Option<Uncertainty>,
+    /// Evaluations of the network that the cloud took.
+    evaluations: usize,
     seconds: f64,
 }
 
@@ -227,6 +229,7 @@ fn predict(
         max: bound(f32::max, f32::NEG_INFINITY),
         out_of_range,
         uncertainty: cloud.summary(),
+        evaluations: cloud.prediction.evaluations,
         seconds,
     };
     Ok((cloud, predicted))
@@ -234,12 +237,13 @@ fn predict(
 
 fn line(predicted: &Predicted) -> String {
     let mut text = format!(
-        "{}: {} points from {:.3?} to {:.3?} m, predicted in {:.2} s",
+        "{}: {} points from {:.3?} to {:.3?} m, predicted in {:.2} s by {} evaluations of the network",
         predicted.file.display(),
         predicted.points,
         predicted.min,
         predicted.max,
-        predicted.seconds
+        predicted.seconds,
+        predicted.evaluations
     );
     if let Some(Uncertainty { quantiles, max_at }) = &predicted.uncertainty {
         text += &format!(
@@ -279,7 +283,7 @@ impl Cloud {
 
     /// Arrays of an archive, for points of `shape`: points and, where there are any, colours and uncertainties.
     fn arrays<'a>(&'a self, shape: &'a [usize]) -> Vec<NpzArray<'a>> {
-        let Prediction { points, colors } = &self.prediction;
+        let Prediction { points, colors, .. } = &self.prediction;
         let colors = colors.as_deref().map(<[_]>::as_flattened);
         let uncertainty = self.uncertainty.as_deref();
         let per_point = &shape[..shape.len() - 1];

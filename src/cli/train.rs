@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::flow::{Coupling, FlowPath};
-use tdcr::learn::net::{Channels, ContextShape, Precision, vector_lanes};
+use tdcr::learn::net::{COLOR_WEIGHT, Channels, ContextShape, Precision, vector_lanes};
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
     Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
@@ -46,6 +46,9 @@ pub(super) struct TrainArgs {
     /// Learn the colours of the points beside their positions
     #[arg(long)]
     colors: bool,
+    /// Weight of the colours' error beside the positions'
+    #[arg(long, default_value_t = COLOR_WEIGHT, value_name = "W", requires = "colors", allow_hyphen_values = true)]
+    color_weight: f32,
     #[arg(long, value_name = "N", help = by_preset("Optimiser steps", |p| match p.length {
         Length::Steps(steps) => steps.to_string(),
         Length::Epochs(epochs) => format!("{epochs} epochs"),
@@ -318,6 +321,7 @@ fn plan(
             coupling: args.coupling,
             ..FlowPath::default()
         },
+        color_weight: args.color_weight,
         ..preset.settings(rates, preset.length.steps(rates.clouds, set))
     };
     let size = NetworkSize {

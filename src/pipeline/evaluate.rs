@@ -41,7 +41,7 @@ pub struct EvalSettings {
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 6;
+const JOURNAL_FORMAT: u32 = 7;
 
 /// A finished piece of the evaluation.
 #[derive(Serialize, Deserialize)]
@@ -264,6 +264,7 @@ impl Evaluator {
                 .transpose()?,
             color: colors.map(color).transpose()?,
             uncertainty: uncertainty(&prediction, &cloud.points)?,
+            evaluations: prediction.evaluations as f64,
         })
     }
 

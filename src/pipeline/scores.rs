@@ -36,6 +36,8 @@ pub struct Scores {
     pub color: Option<f64>,
     /// How uncertain the network is; `None` where too few points tell.
     pub uncertainty: Option<UncertaintyScore>,
+    /// Evaluations of the network that the prediction took.
+    pub evaluations: f64,
 }
 
 /// How uncertain a network is ([`Prediction::uncertainty`](tdcr_learn::train::Prediction::uncertainty)), and how well
@@ -124,6 +126,7 @@ impl Evaluation {
                 let known = known.collect::<Option<Vec<_>>>();
                 known.map(|known| UncertaintyScore::mean(&known))
             },
+            evaluations: self.per_test.iter().map(|s| s.evaluations).sum::<f64>() / count,
         }
     }
 
@@ -244,6 +247,7 @@ mod tests {
                 mean: cd.sqrt(),
                 rank_correlation: (cd > 1.0).then_some(0.25 * cd),
             }),
+            evaluations: 8.0 * cd,
         };
         Evaluation {
             per_test: cds.iter().map(scores).collect(),
@@ -301,6 +305,7 @@ mod tests {
         assert_eq!(mean.mean, None);
         assert_eq!(mean.floor.map(|d| d.cd), Some(1.0));
         assert_eq!(mean.color, Some(0.2));
+        assert_eq!(mean.evaluations, 16.0);
         let uncertainty = UncertaintyScore {
             mean: 0.5 * (1.0 + 3.0_f64.sqrt()),
             rank_correlation: Some(0.75),

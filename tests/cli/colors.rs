@@ -182,3 +182,23 @@ fn clouds_that_were_imported_without_colours_have_none_to_learn_or_to_score() {
         "{said}"
     );
 }
+
+#[test]
+fn the_weight_of_colours_is_asked_for_with_them_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    collect_small(&data, &[]);
+    train_tiny(&data, &run, &["--colors", "--color-weight", "0.2"]);
+    let refused = |out: &Path, options: &[&str], code: i32, expected: &str| {
+        let set = ["--data", text(&data), "--out", text(out)];
+        let arguments = [&TINY_NETWORK[..], &set, options].concat();
+        refuse(&arguments, code, expected);
+    };
+    let kept = "settings.color_weight was 0.2, expected 0.05";
+    refused(&run, &["--colors"], 1, kept);
+    let other = folder.path().join("other");
+    let none = ["--colors", "--color-weight", "0"];
+    let expected = "color_weight is 0, expected a positive number";
+    refused(&other, &none, 1, expected);
+    refused(&other, &["--color-weight", "0.2"], 2, "--colors");
+}

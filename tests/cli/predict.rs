@@ -290,3 +290,35 @@ fn a_handful_of_points_is_predicted_without_uncertainty() {
     assert!(said["uncertainty"].is_null());
     assert!(!contains(&fs::read(&out).unwrap(), b"uncertainty"));
 }
+
+#[test]
+fn a_tolerance_lays_the_steps_of_a_prediction() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(folder.path(), &[]);
+    let out = folder.path().join("cloud.ply");
+    let files = ["--command", COMMAND, "--out", text(&out)];
+    let evaluations = |options: &[&str]| {
+        let predicted = predict(&model, &[&files, options].concat());
+        predicted["evaluations"].as_u64().unwrap()
+    };
+    assert_eq!(evaluations(&[]), 16);
+    let [coarse, fine] = ["1e-2", "1e-4"].map(|t| evaluations(&["--sampler-tolerance", t]));
+    assert!((2..fine).contains(&coarse), "{coarse}, {fine}");
+    let few = ["--sampler-tolerance", "1e-4", "--sampler-steps", "7"];
+    assert_eq!(evaluations(&few), 7);
+
+    let refused = |options: &[&str], code: i32, expected: &str| {
+        let arguments = ["predict", "--model", &model];
+        refuse(&[&arguments, &files[..], options].concat(), code, expected);
+    };
+    let heun = ["--sampler", "heun", "--sampler-tolerance", "0.01"];
+    let expected = "sampler tolerance is 0.01, expected none with heun and euler";
+    refused(&heun, 1, expected);
+    refused(
+        &["--sampler-tolerance", "0"],
+        1,
+        "sampler tolerance is 0, expected 1e-6 to 1",
+    );
+    let both = ["--sampler-tolerance", "0.01", "--sampler-power", "2"];
+    refused(&both, 2, "cannot be used with");
+}

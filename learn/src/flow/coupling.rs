@@ -36,7 +36,7 @@ impl Coupling {
             Self::OptimalTransport { batch } => require(
                 (2..=MAX_BATCH).contains(&batch),
                 "the coupling's batch",
-                batch as f64,
+                batch,
                 "2 to 256",
             ),
         }

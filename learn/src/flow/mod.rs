@@ -2,14 +2,17 @@
 //! integrates a learned flow.
 
 mod coupling;
+mod multistep;
 mod path;
 mod random;
 mod sampler;
+mod time_grid;
 
 pub use coupling::Coupling;
 pub use path::FlowPath;
 pub use random::{Stream, rng};
-pub use sampler::{Method, Sampler, TimeGrid, VelocityField};
+pub use sampler::{Method, Sampler, VelocityField};
+pub use time_grid::TimeGrid;
 
 /// A flow setting out of bounds.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -18,7 +21,7 @@ pub struct FlowError {
     /// The setting.
     pub field: &'static str,
     /// Its value.
-    pub found: f64,
+    pub found: String,
     /// What would be right.
     pub expected: &'static str,
 }
@@ -27,7 +30,7 @@ pub struct FlowError {
 fn require(
     accepted: bool,
     field: &'static str,
-    found: f64,
+    found: impl ToString,
     expected: &'static str,
 ) -> Result<(), FlowError> {
     if accepted {
@@ -35,7 +38,7 @@ fn require(
     } else {
         Err(FlowError {
             field,
-            found,
+            found: found.to_string(),
             expected,
         })
     }

@@ -47,13 +47,13 @@ impl FlowPath {
         require(
             positive(prior_deviation),
             "prior_deviation",
-            prior_deviation.into(),
+            prior_deviation,
             "a positive length",
         )?;
         require(
             positive(time_exponent),
             "time_exponent",
-            time_exponent.into(),
+            time_exponent,
             "a positive number",
         )?;
         coupling.check()

@@ -2,34 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{FlowError, require};
+use super::multistep::{Extended, Multistep};
+use super::{FlowError, TimeGrid, require};
 
 /// A velocity field `u(X, t | c)` over whole clouds.
 pub trait VelocityField {
     /// Velocities `(N, C)` of `points` `(N, C)`, row-major, at flow time `t` in [0, 1] under `condition`; all in
     /// normalised units.
     fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]);
-}
-
-/// Where in [0, 1] the steps of an integration lie.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum TimeGrid {
-    /// Equal steps, `t_k = k/n` (paper, Alg. tdcr-sampling).
-    Uniform,
-    /// `t_k = 1 - (1 - k/n)^p`: for `p > 1` denser towards the data, where the learned field bends most.
-    Power(f32),
-}
-
-impl TimeGrid {
-    /// The grid of `steps` steps: `steps + 1` times from 0 to 1.
-    pub fn times(&self, steps: usize) -> impl Iterator<Item = f32> {
-        let exponent = match self {
-            Self::Uniform => 1.0,
-            Self::Power(exponent) => f64::from(*exponent),
-        };
-        (0..=steps).map(move |k| (1.0 - (1.0 - k as f64 / steps as f64).powf(exponent)) as f32)
-    }
 }
 
 /// How a step of the integration is taken, from `t` to `t' = t + h`.
@@ -48,6 +28,8 @@ pub enum Method {
     /// (an exponential multistep method, as DPM-Solver++ 2M: Lu et al., 2022). For clouds `D` moves much less than the
     /// velocity near the data.
     Exponential,
+    /// The same of third order: `D` is extended quadratically from the last three evaluations.
+    Exponential3,
 }
 
 /// Integration of a field from prior to data.
@@ -72,11 +54,12 @@ impl Default for Sampler {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::Heun,
         Self::Euler,
         Self::AdamsBashforth,
         Self::Exponential,
+        Self::Exponential3,
     ];
 
     /// Its name.
@@ -86,7 +69,20 @@ impl Method {
             Self::Euler => "euler",
             Self::AdamsBashforth => "adams-bashforth",
             Self::Exponential => "exponential",
+            Self::Exponential3 => "exponential3",
         }
+    }
+
+    /// The multistep method of it; `None` for Heun's, of one step.
+    fn multistep(self, len: usize) -> Option<Multistep> {
+        let (extended, order) = match self {
+            Self::Heun => return None,
+            Self::Euler => (Extended::Velocity, 1),
+            Self::AdamsBashforth => (Extended::Velocity, 2),
+            Self::Exponential => (Extended::Data, 2),
+            Self::Exponential3 => (Extended::Data, 3),
+        };
+        Some(Multistep::new(extended, order, len))
     }
 }
 
@@ -110,21 +106,22 @@ impl Sampler {
         require(
             (1..=100_000).contains(&self.steps),
             "sampler steps",
-            self.steps as f64,
+            self.steps,
             "1 to 100000",
         )?;
-        match self.grid {
-            TimeGrid::Uniform => Ok(()),
-            TimeGrid::Power(p) => require(
-                (1.0..=10.0).contains(&p),
-                "sampler grid power",
-                p.into(),
-                "1 to 10",
+        self.grid.check()?;
+        match (self.grid, self.method) {
+            (TimeGrid::Adaptive(tolerance), Method::Heun | Method::Euler) => require(
+                false,
+                "sampler tolerance",
+                tolerance,
+                "none with heun and euler, which do not keep how the flow changes",
             ),
+            _ => Ok(()),
         }
     }
 
-    /// Evaluations of the field that an integration takes.
+    /// Evaluations of the field that an integration takes, at the most where steps are adaptive.
     pub fn evaluations(&self) -> usize {
         match self.method {
             Method::Heun => 2 * self.steps,
@@ -132,9 +129,14 @@ impl Sampler {
         }
     }
 
-    /// Carries `points` `(N, C)` from `t = 0` to `t = 1`, in place.
-    pub fn integrate(&self, field: &impl VelocityField, condition: &[f32], points: &mut [f32]) {
-        self.integrate_observed(field, condition, points, |_, _| {});
+    /// Carries `points` `(N, C)` from `t = 0` to `t = 1`, in place; returns the evaluations of the field that it took.
+    pub fn integrate(
+        &self,
+        field: &impl VelocityField,
+        condition: &[f32],
+        points: &mut [f32],
+    ) -> usize {
+        self.integrate_observed(field, condition, points, |_, _| {})
     }
 
     /// [`Sampler::integrate`] that shows the points after every step to `observe`, with the number of steps taken.
@@ -143,64 +145,71 @@ impl Sampler {
         field: &impl VelocityField,
         condition: &[f32],
         points: &mut [f32],
-        mut observe: impl FnMut(usize, &[f32]),
-    ) {
-        let times: Vec<f32> = self.grid.times(self.steps).collect();
-        let mut velocity = vec![0.0; points.len()];
-        let mut last = velocity.clone();
-        let mut ahead = match self.method {
-            Method::Heun => velocity.clone(),
-            _ => Vec::new(),
+        observe: impl FnMut(usize, &[f32]),
+    ) -> usize {
+        let field = |t: f64, points: &[f32], velocity: &mut [f32]| {
+            field.velocity(t as f32, condition, points, velocity);
         };
-        for k in 0..self.steps {
-            let (start, end) = (times[k], times[k + 1]);
-            let h = end - start;
-            field.velocity(start, condition, points, &mut velocity);
-            // How far a step goes on as the last one changed: 0 in the first.
-            let ratio = if k > 0 {
-                h / (start - times[k - 1])
-            } else {
-                0.0
-            };
-            match self.method {
-                Method::Euler => step(points, &velocity, h),
-                Method::Heun => {
-                    ahead.copy_from_slice(points);
-                    step(&mut ahead, &velocity, h);
-                    field.velocity(end, condition, &ahead, &mut last);
-                    step(points, &velocity, 0.5 * h);
-                    step(points, &last, 0.5 * h);
-                }
-                Method::AdamsBashforth => {
-                    step(points, &velocity, h * (1.0 + 0.5 * ratio));
-                    step(points, &last, -0.5 * h * ratio);
-                    last.copy_from_slice(&velocity);
-                }
-                Method::Exponential => {
-                    // From here on `velocity` and `last` are the data that the velocity points at.
-                    let (u, u_end) = (1.0 - start, 1.0 - end);
-                    velocity
-                        .iter_mut()
-                        .zip(&*points)
-                        .for_each(|(v, x)| *v = x + u * *v);
-                    // Of `D`'s slope in time, the integral over the step.
-                    let curved = if u_end > 0.0 {
-                        u_end * (u / u_end).ln()
-                    } else {
-                        0.0
-                    };
-                    let slope = ratio / h * (h - curved);
-                    let keep = u_end / u;
-                    for ((x, d), before) in points.iter_mut().zip(&velocity).zip(&last) {
-                        *x = keep * *x + (1.0 - keep) * d + slope * (d - before);
-                    }
-                    last.copy_from_slice(&velocity);
-                }
-            }
-            observe(k + 1, points);
+        match self.method.multistep(points.len()) {
+            None => self.heun(field, points, observe),
+            Some(multistep) => self.steps_of(multistep, field, points, observe),
         }
     }
+
+    fn heun(
+        &self,
+        field: impl Fn(f64, &[f32], &mut [f32]),
+        points: &mut [f32],
+        mut observe: impl FnMut(usize, &[f32]),
+    ) -> usize {
+        let times = self.grid.times(self.steps).expect(FIXED);
+        let [mut velocity, mut ahead, mut velocity_ahead] =
+            [(); 3].map(|()| vec![0.0; points.len()]);
+        for (k, ends) in times.windows(2).enumerate() {
+            let (start, end, h) = (ends[0].into(), ends[1].into(), ends[1] - ends[0]);
+            field(start, points, &mut velocity);
+            ahead.copy_from_slice(points);
+            step(&mut ahead, &velocity, h);
+            field(end, &ahead, &mut velocity_ahead);
+            step(points, &velocity, 0.5 * h);
+            step(points, &velocity_ahead, 0.5 * h);
+            observe(k + 1, points);
+        }
+        2 * self.steps
+    }
+
+    fn steps_of(
+        &self,
+        mut multistep: Multistep,
+        field: impl Fn(f64, &[f32], &mut [f32]),
+        points: &mut [f32],
+        mut observe: impl FnMut(usize, &[f32]),
+    ) -> usize {
+        let times = self.grid.times(self.steps);
+        let mut velocity = vec![0.0; points.len()];
+        let mut t = 0.0;
+        for k in 1..=self.steps {
+            field(t, points, &mut velocity);
+            multistep.evaluate(t, points, &velocity);
+            t = match (&times, self.grid) {
+                (Some(times), _) => times[k].into(),
+                (None, TimeGrid::Adaptive(tolerance)) if k < self.steps => {
+                    multistep.longest_step(tolerance.into())
+                }
+                _ => 1.0,
+            };
+            multistep.step(t, points);
+            observe(k, points);
+            if t == 1.0 {
+                return k;
+            }
+        }
+        self.steps
+    }
 }
+
+/// Why Heun's grid has times.
+const FIXED: &str = "a checked sampler of Heun's method has a fixed grid";
 
 /// `x += h v`.
 fn step(points: &mut [f32], velocity: &[f32], h: f32) {
@@ -241,19 +250,22 @@ mod tests {
     #[test]
     fn methods_converge_with_their_order() {
         let field = Gaussian { a: 0.5, b: 0.2 };
-        for (method, expected) in [
-            (Method::Heun, 2.0),
-            (Method::Euler, 1.0),
-            (Method::AdamsBashforth, 2.0),
-            (Method::Exponential, 2.0),
+        let grids = [TimeGrid::Uniform, TimeGrid::Power(2.0)];
+        // With equal steps, the errors of the method of third order change their sign at some number of steps.
+        for (method, expected, steps, grids) in [
+            (Method::Heun, 2.0, 64, &grids[..]),
+            (Method::Euler, 1.0, 64, &grids),
+            (Method::AdamsBashforth, 2.0, 64, &grids),
+            (Method::Exponential, 2.0, 64, &grids),
+            (Method::Exponential3, 3.0, 32, &grids[1..]),
         ] {
-            for grid in [TimeGrid::Uniform, TimeGrid::Power(2.0)] {
+            for &grid in grids {
                 let sampler = |steps| Sampler {
                     method,
                     steps,
                     grid,
                 };
-                let [coarse, fine] = [64, 128].map(|steps| error(&field, sampler(steps)));
+                let [coarse, fine] = [steps, 2 * steps].map(|steps| error(&field, sampler(steps)));
                 let order = (coarse / fine).log2();
                 assert!(
                     (order - expected).abs() < 0.3,
@@ -290,9 +302,69 @@ mod tests {
                 ..Sampler::default()
             };
             let field = Counting(0.into());
-            sampler.integrate(&field, &[], &mut [0.0; 3]);
-            assert_eq!(field.0.into_inner(), sampler.evaluations());
+            let taken = sampler.integrate(&field, &[], &mut [0.0; 3]);
+            assert_eq!(taken, sampler.evaluations());
+            assert_eq!(field.0.into_inner(), taken);
         }
+    }
+
+    fn adaptive(method: Method, tolerance: f32) -> Sampler {
+        Sampler {
+            method,
+            steps: 2000,
+            grid: TimeGrid::Adaptive(tolerance),
+        }
+    }
+
+    #[test]
+    fn a_smaller_tolerance_takes_more_steps_and_errs_less() {
+        let field = Gaussian { a: 0.5, b: 0.05 };
+        for method in [
+            Method::AdamsBashforth,
+            Method::Exponential,
+            Method::Exponential3,
+        ] {
+            let [coarse, fine] = [1e-2, 1e-4].map(|tolerance| {
+                let sampler = adaptive(method, tolerance);
+                let evaluations = sampler.integrate(&field, &[], &mut [0.3, -0.5, 0.7]);
+                (evaluations, error(&field, sampler))
+            });
+            assert!(
+                coarse.0 < fine.0 && fine.0 < 500,
+                "{method:?}: {coarse:?}, {fine:?}"
+            );
+            assert!(
+                fine.1 < 0.1 * coarse.1 && fine.1 < 2e-3,
+                "{method:?}: {coarse:?}, {fine:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn an_adaptive_integration_ends_with_the_steps_that_it_may_take() {
+        let sampler = Sampler {
+            steps: 5,
+            ..adaptive(Method::Exponential, 1e-6)
+        };
+        let field = Gaussian { a: 0.5, b: 0.0 };
+        let mut points = [0.3, -0.5, 0.7];
+        assert_eq!(sampler.integrate(&field, &[], &mut points), 5);
+        assert!(points.iter().all(|x| x.abs() < 1e-5), "{points:?}");
+    }
+
+    #[test]
+    fn a_tolerance_is_refused_where_no_step_knows_the_one_before() {
+        for method in [Method::Heun, Method::Euler] {
+            let error = adaptive(method, 0.01).check().expect_err("one step");
+            assert!(error.to_string().contains("none with heun and euler"));
+        }
+        let error = adaptive(Method::Exponential, 0.0)
+            .check()
+            .expect_err("no tolerance");
+        assert_eq!(
+            error.to_string(),
+            "sampler tolerance is 0, expected 1e-6 to 1"
+        );
     }
 
     #[test]
@@ -328,20 +400,6 @@ mod tests {
             )
         });
         assert!(dense < 0.25 * uniform, "{dense} against {uniform}");
-    }
-
-    #[test]
-    fn grids_run_from_zero_to_one() {
-        for grid in [
-            TimeGrid::Uniform,
-            TimeGrid::Power(2.0),
-            TimeGrid::Power(3.0),
-        ] {
-            let times: Vec<f32> = grid.times(4).collect();
-            assert_eq!((times.len(), times[0], times[4]), (5, 0.0, 1.0));
-            assert!(times.is_sorted());
-        }
-        assert_eq!(TimeGrid::Power(2.0).times(4).nth(1), Some(0.4375));
     }
 
     #[test]

@@ -18,8 +18,11 @@ pub(super) fn require_same<T: Serialize>(
     found: &T,
     expected: &T,
 ) -> Result<(), Difference> {
-    let [found, expected] =
-        [found, expected].map(|value| serde_json::to_value(value).expect("plain values serialise"));
+    // By way of text, which writes an f32 in as many digits as tell it from others.
+    let [found, expected] = [found, expected].map(|value| {
+        let text = serde_json::to_string(value).expect("plain values serialise");
+        serde_json::from_str(&text).expect("what was written is read")
+    });
     require_same_values(what, &found, &expected)
 }
 

@@ -45,6 +45,8 @@ pub struct Prediction {
     pub points: Vec<[f32; DIM]>,
     /// Colours of the points, 8-bit RGB; `None` from a network of positions alone.
     pub colors: Option<Vec<[u8; 3]>>,
+    /// Evaluations of the network that it took.
+    pub evaluations: usize,
 }
 
 impl Prediction {
@@ -69,7 +71,7 @@ impl Prediction {
 
     /// The cloud; points without colours of their own get `color`.
     pub fn into_cloud(self, color: [u8; 3]) -> PointCloud {
-        let Self { points, colors } = self;
+        let Self { points, colors, .. } = self;
         let colors = colors.unwrap_or_else(|| vec![color; points.len()]);
         PointCloud { points, colors }
     }
@@ -129,13 +131,14 @@ impl Model {
         let mut rows = vec![0.0; points * channels.count()];
         let rng = &mut rng(seed, Stream::Sample(0));
         self.settings.path.sample_prior(rng, channels, &mut rows);
-        sampler.integrate(&self.network, &condition, &mut rows);
+        let evaluations = sampler.integrate(&self.network, &condition, &mut rows);
         let mut points = positions(&rows, channels);
         let components = points.as_flattened_mut();
         self.provenance.normalisation.denormalise_points(components);
         Ok(Prediction {
             points,
             colors: colors(&rows, channels),
+            evaluations,
         })
     }
 
