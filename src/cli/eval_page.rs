@@ -153,10 +153,15 @@ pub(super) fn precision_text(metrics: &Metrics) -> String {
 
 /// What the sampler is, in a few words.
 pub(super) fn sampler_text(sampler: &Sampler) -> String {
-    let grid = match sampler.grid {
-        TimeGrid::Uniform => "equal steps".to_owned(),
-        TimeGrid::Power(power) => format!("power {power}"),
-        TimeGrid::Adaptive(tolerance) => format!("at most, tolerance {tolerance}"),
+    let Sampler {
+        method,
+        steps,
+        grid,
+    } = sampler;
+    let steps = match grid {
+        TimeGrid::Uniform => format!("{steps} equal steps"),
+        TimeGrid::Power(power) => format!("{steps} steps, power {power}"),
+        TimeGrid::Adaptive(tolerance) => format!("at most {steps} steps, tolerance {tolerance}"),
     };
-    format!("{}, {} steps, {grid}", sampler.method.name(), sampler.steps)
+    format!("{}, {steps}", method.name())
 }
