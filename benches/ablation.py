@@ -4,7 +4,7 @@
     python3 benches/ablation.py OUT --pace      times the rows' steps instead, alternating, on a machine that is else idle
 
 OUT is a folder for data set, runs and scores. What it holds already is not made again, and an interrupted run goes on:
-start the script again. Needs Python's standard library and `target/release/tdcr` (or TDCR=path); takes about an hour.
+start the script again. Needs Python's standard library and `target/release/tdcr` (or TDCR=path); takes an hour and a half.
 `--rows NAME,NAME` and `--evaluations N,N` do a part.
 """
 
