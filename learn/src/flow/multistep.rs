@@ -19,8 +19,8 @@ const ORDERS: usize = 3;
 /// ```
 ///
 /// of as many terms as the method's order, fewer in the first steps; what the first step so lacks of second order, the second
-/// adds. The equation is then solved exactly (Hairer, Norsett and
-/// Wanner, Solving Ordinary Differential Equations I, Sec. III.5; for the data, DPM-Solver++: Lu et al., 2022).
+/// adds. The equation is then solved exactly (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, Sec.
+/// III.5; for the data, DPM-Solver++: Lu et al., 2022).
 #[derive(Debug)]
 pub(super) struct Multistep {
     extended: Extended,
