@@ -261,3 +261,18 @@ def test_layers_that_the_checkpoint_has_more_of_are_not_guessed():
     shape = state[convolution].shape
     assert named
     assert not [key for key in named if state[key].shape == shape]
+
+
+def test_a_guess_is_written_for_the_importer_and_never_over_a_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(import_checkpoint, "CONTEXT", CONTEXT)
+    expected, state = layers_in_other_words()
+    checkpoint, names = tmp_path / "last.pt", tmp_path / "names.json"
+    torch.save({"model": state}, checkpoint)
+    import_checkpoint.write_guess(checkpoint, names)
+    module, _ = convert(read_state(checkpoint), CONTEXT, json.loads(names.read_text()))
+    assert all(torch.equal(a, b) for a, b in zip(module.parameters(), expected.parameters()))
+    with pytest.raises(FileExistsError):
+        import_checkpoint.write_guess(checkpoint, names)
+    torch.save({"model": {"t_proj.weight": torch.zeros(2, 2)}}, checkpoint)
+    with pytest.raises(CheckpointError, match="no names are needed"):
+        import_checkpoint.write_guess(checkpoint, tmp_path / "other.json")
