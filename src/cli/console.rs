@@ -11,6 +11,7 @@ use anyhow::Context;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde::Serialize;
 use tdcr::pipeline::Monitor;
+use tdcr::report::counted;
 
 use super::printable::printable;
 use super::{Global, INTERRUPTED};
@@ -187,7 +188,7 @@ impl Monitor for Console {
         bar.reset_eta();
         if let Bars::Lines = self.bars {
             match done {
-                0 => tracing::info!("{name}: {steps} steps"),
+                0 => tracing::info!("{name}: {}", counted(steps as usize, "step")),
                 done => tracing::info!("{name}: {done} of {steps} steps done before, going on"),
             }
         }

@@ -287,7 +287,7 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(path) = &args.report {
         super::output::format("--report", path, &["html"])?;
     }
-    let model = Model::load(&args.model)?;
+    let model = super::load_model(&args.model)?;
     let settings = args.scoring.settings(&model)?;
     let evaluator = Evaluator::new(&model, &args.data, settings)?;
     if evaluator.lacks_colors() {

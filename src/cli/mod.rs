@@ -20,7 +20,9 @@ mod settle_many;
 mod simulate;
 mod train;
 
+use std::ffi::OsString;
 use std::num::NonZero;
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, ensure};
@@ -28,7 +30,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::Precision;
-use tdcr::learn::train::{Target, TrainSettings};
+use tdcr::learn::train::{Model, Target, TrainSettings};
 use tdcr::pipeline::PipelineError;
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
@@ -223,6 +225,9 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
             .build_global()
             .context("cannot start the threads")?;
     }
+    if cli.global.json {
+        refuse_unwritable_names(std::env::args_os())?;
+    }
     let console = Console::new(&cli.global)?;
     match &cli.command {
         Command::Settle(args) => settle::run(args, &console),
@@ -240,6 +245,18 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
     }
 }
 
+/// Refuses names that JSON, which is Unicode, cannot tell. Asked before the work is done, so that none is lost.
+fn refuse_unwritable_names(arguments: impl Iterator<Item = OsString>) -> anyhow::Result<()> {
+    for argument in arguments {
+        ensure!(
+            argument.to_str().is_some(),
+            "--json cannot say the name {}, which is not UTF-8; rename it, or leave out --json",
+            argument.display()
+        );
+    }
+    Ok(())
+}
+
 /// A robot by name or file; says what of a file of another tool was passed over.
 fn load_robot(name_or_path: &str) -> anyhow::Result<RobotSpec> {
     let (spec, notes) = RobotSpec::load_with_notes(name_or_path)?;
@@ -247,6 +264,16 @@ fn load_robot(name_or_path: &str) -> anyhow::Result<RobotSpec> {
         tracing::warn!("{}", printable(&note.to_string()));
     }
     Ok(spec)
+}
+
+/// A trained model from its file.
+fn load_model(file: &Path) -> anyhow::Result<Model> {
+    ensure!(
+        file.exists(),
+        "there is no model {}; `tdcr train --out DIR` makes DIR/model.safetensors",
+        file.display()
+    );
+    Ok(Model::load(file)?)
 }
 
 /// Cameras whose faults are known.

@@ -9,6 +9,7 @@ use serde::Serialize;
 use tdcr::learn::data::{NpzArray, NpzRows, NpzValues, OutOfRange, write_npz};
 use tdcr::learn::train::{Model, Prediction};
 use tdcr::pipeline::{Monitor, Quantiles};
+use tdcr::report::counted;
 use tdcr::sim::cloud::{PlyError, PointProperty, write_ply_with};
 use tdcr::sim::robot::{Loads, Robot};
 
@@ -98,7 +99,7 @@ const UNCERTAINTY: &str = "uncertainty";
 
 pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
     check_out(args)?;
-    let model = Model::load(&args.model)?;
+    let model = super::load_model(&args.model)?;
     let precision = args.precision.of_width(model.network.shape().width());
     let model = model.with_precision(precision)?;
     match (&args.commands, &args.command) {
@@ -123,7 +124,11 @@ fn check_out(args: &PredictArgs) -> anyhow::Result<()> {
     match args.commands {
         None => output::format("--out", &out, &["ply", "npz"]).map(drop),
         Some(_) if is_npz(&out) => Ok(()),
-        Some(_) => output::folder("--out", &out, "a .npz file, or a folder for a PLY file each"),
+        Some(_) => output::folder(
+            "--out",
+            &out,
+            "a .npz file, or a folder for a PLY file each",
+        ),
     }
 }
 
@@ -256,13 +261,13 @@ fn predict(
 
 fn line(predicted: &Predicted) -> String {
     let mut text = format!(
-        "{}: {} points from {:.3?} to {:.3?} m, predicted in {:.2} s by {} evaluations of the network",
+        "{}: {} from {:.3?} to {:.3?} m, predicted in {:.2} s by {} of the network",
         predicted.file.display(),
-        predicted.points,
+        counted(predicted.points, "point"),
         predicted.min,
         predicted.max,
         predicted.seconds,
-        predicted.evaluations
+        counted(predicted.evaluations, "evaluation")
     );
     if let Some(Uncertainty { quantiles, max_at }) = &predicted.uncertainty {
         text += &format!(

@@ -106,7 +106,9 @@ fn reason(outcome: &Outcome) -> Option<String> {
                 Bound::Low => "low",
                 Bound::High => "high",
             };
-            let bounds = active.iter().map(|a| format!("{} ({})", a.tendon, end(a.bound)));
+            let bounds = active
+                .iter()
+                .map(|a| format!("{} ({})", a.tendon, end(a.bound)));
             let bounds: Vec<String> = bounds.collect();
             let bounds = bounds.join(", ");
             Some(format!(
@@ -133,6 +135,14 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
         ..Search::default()
     };
     let controller = ShapeController::new(&robot, &loads, search)?;
+    let found = match (&args.path, targets.as_slice()) {
+        (None, [tip]) => vec![Found::new(
+            &robot,
+            *tip,
+            &next(&robot, &controller, *tip, None)?,
+        )],
+        _ => follow(&robot, &controller, &targets, console)?,
+    };
     let command_units: Vec<&str> = robot.tendons().iter().map(Tendon::unit).collect();
     let table = Table {
         tdcr_version: env!("CARGO_PKG_VERSION"),
@@ -140,7 +150,7 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
         loads: LoadsSaid::new(&loads),
         units: json!({"command": command_units, "target": "m", "tip_position": "m", "error": "m"}),
         tolerance: args.tolerance,
-        found: follow(&robot, &controller, &targets, console)?,
+        found,
     };
     if let Some((out, format)) = args.out.as_deref().zip(format) {
         write(out, format, &robot, &table)?;
@@ -154,7 +164,11 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
             only.error,
             only.reason.as_deref().unwrap_or_default()
         ),
-        (_, all) => bail!("{missed} of {} points are not reached", all.len()),
+        (_, all) => bail!(
+            "{missed} of {} points {} not reached",
+            all.len(),
+            if missed == 1 { "is" } else { "are" }
+        ),
     }
 }
 
@@ -223,7 +237,7 @@ fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Resu
             .chain([&found.error]);
         for number in numbers {
             // Writing to a string cannot fail.
-            let _ = write!(text, "{number},");
+            let _ = write!(text, "{number:?},");
         }
         let _ = writeln!(text, "{}", found.reached);
     }
@@ -233,7 +247,7 @@ fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Resu
 fn for_people(table: &Table) -> String {
     let mut text = String::new();
     for found in &table.found {
-        let command: Vec<String> = found.command.iter().map(|c| format!("{c:.6}")).collect();
+        let command: Vec<String> = found.command.iter().map(|c| format!("{c:.9}")).collect();
         let [x, y, z] = found.tip_position;
         let _ = writeln!(
             text,

@@ -11,6 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use serde_json::{Value, json};
 use tdcr::pipeline::Monitor;
+use tdcr::report::counted;
 use tdcr::sim::robot::{Command, Loads, Robot, Tendon};
 use tdcr::sim::sensitivity::{Axis, Parameter, SensitivityError};
 use tdcr::sim::statics::{Equilibrium, Settler};
@@ -233,8 +234,8 @@ fn survey(
     };
     console.result(&survey, |survey| {
         format!(
-            "{} commands, {} settled, largest residual {:.1e} N m\nper command: median {:.1} us, 99th percentile {:.1} us\n",
-            survey.count, survey.converged, survey.max_residual, survey.median_us, survey.p99_us
+            "{}, {} settled, largest residual {:.1e} N m\nper command: median {:.1} us, 99th percentile {:.1} us\n",
+            counted(survey.count as usize, "command"), survey.converged, survey.max_residual, survey.median_us, survey.p99_us
         )
     })?;
     if stopped {
@@ -287,7 +288,14 @@ fn table(settled: &Settled) -> String {
         text.push_str(
             "\ntip by            Fx (N)     Fy (N)     Fz (N)   Mx (N m)   My (N m)   Mz (N m)\n",
         );
-        let names = ["x (m)", "y (m)", "z (m)", "rot x (rad)", "rot y (rad)", "rot z (rad)"];
+        let names = [
+            "x (m)",
+            "y (m)",
+            "z (m)",
+            "rot x (rad)",
+            "rot y (rad)",
+            "rot z (rad)",
+        ];
         for (name, row) in names.iter().zip(compliance) {
             let _ = write!(text, "{name:13}");
             for entry in row {

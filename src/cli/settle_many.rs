@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::Value;
 use tdcr::pipeline::Monitor;
+use tdcr::report::counted;
 use tdcr::sim::robot::{Command, Loads, Robot};
 use tdcr::sim::statics::{Equilibrium, Settler};
 
@@ -108,14 +109,15 @@ pub(super) fn run(
             };
             console.result(&summary, |s| {
                 let file = s.file.display();
-                format!("{file}: {} of {} commands settled", s.settled, s.commands)
+                let commands = counted(s.commands, "command");
+                format!("{file}: {} of {commands} settled", s.settled)
             })?;
         }
     }
     let failed = table.settled.iter().filter(|s| !s.converged).count();
     if failed > 0 {
-        let count = table.settled.len();
-        bail!("{failed} of {count} commands did not settle");
+        let count = counted(table.settled.len(), "command");
+        bail!("{failed} of {count} did not settle");
     }
     Ok(())
 }
@@ -157,7 +159,17 @@ fn csv(robot: &Robot, settled: &[Settled]) -> String {
         .map(|(t, tendon)| format!("c{t} ({})", tendon.unit()))
         .collect();
     header.extend(
-        ["payload (kg)", "x (m)", "y (m)", "z (m)", "qw", "qx", "qy", "qz"].map(str::to_owned),
+        [
+            "payload (kg)",
+            "x (m)",
+            "y (m)",
+            "z (m)",
+            "qw",
+            "qx",
+            "qy",
+            "qz",
+        ]
+        .map(str::to_owned),
     );
     header.extend((0..tendons.len()).map(|t| format!("tension{t} (N)")));
     header.extend((0..tendons.len()).map(|t| format!("length{t} (m)")));
@@ -181,7 +193,7 @@ fn csv(robot: &Robot, settled: &[Settled]) -> String {
             .chain([&row.smallest_stiffness, &row.residual]);
         for number in numbers {
             // Writing to a string cannot fail.
-            let _ = write!(text, "{number},");
+            let _ = write!(text, "{number:?},");
         }
         let _ = writeln!(text, "{},{}", row.iterations, row.converged);
     }

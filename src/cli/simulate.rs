@@ -10,6 +10,7 @@ use clap::{Args, ValueEnum};
 use nalgebra::DMatrix;
 use serde::Serialize;
 use tdcr::pipeline::Monitor;
+use tdcr::report::counted;
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
 use tdcr::sim::robot::{Loads, Robot};
 
@@ -91,9 +92,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         output::format("--linearise", file, &["json"])?;
     }
     let robot = Robot::new(super::load_robot(&args.robot)?)?;
-    let commands = read_commands(&args.commands, |row| {
-        Ok(robot.command(&row.unloaded()?)?)
-    })?;
+    let commands = read_commands(&args.commands, |row| Ok(robot.command(&row.unloaded()?)?))?;
     let loads = Loads::payload(args.payload)?;
     let mut stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
     let mut path = args
@@ -200,8 +199,9 @@ fn table(simulated: &Simulated) -> String {
         .fold(0.0, |fastest: f64, v| fastest.max(v.abs()));
     let _ = writeln!(
         text,
-        "\n{} steps, {:.3} s; the fastest joint turns at {fastest:.3e} rad/s",
-        simulated.steps, simulated.time
+        "\n{}, {:.3} s; the fastest joint turns at {fastest:.3e} rad/s",
+        counted(simulated.steps, "step"),
+        simulated.time
     );
     text
 }

@@ -1,6 +1,7 @@
 //! The page on data sets: what is in them, drawn.
 
 use super::axis::Spacing;
+use super::count::counted;
 use super::figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
 use super::html::{base64, escape, fill};
 use super::picture::cloud_sheet;
@@ -116,7 +117,7 @@ impl SetSummary {
         let mut outline = convex_hull(&seen);
         outline.extend(outline.first().copied());
         Panel {
-            title: format!("{}, {} tips", self.name, seen.len()),
+            title: format!("{}, {}", self.name, counted(seen.len(), "tip")),
             x: Scale::linear("y (m)"),
             y: Scale::linear("z (m)"),
             aspect: Aspect::Equal,
@@ -140,8 +141,8 @@ impl SetSummary {
             escape(&self.name)
         );
         let caption = format!(
-            "{} clouds, each across its plane of bending; the bars are {:.0}\u{a0}cm long.",
-            self.clouds.len(),
+            "{}, each across its plane of bending; the bars are {:.0}\u{a0}cm long.",
+            counted(self.clouds.len(), "cloud"),
             100.0 * bar
         );
         format!(

@@ -7,6 +7,7 @@
 
 mod axis;
 mod chart;
+mod count;
 mod curves;
 mod data_page;
 mod figure;
@@ -17,6 +18,7 @@ mod sections;
 mod viewer;
 
 pub use axis::Spacing;
+pub use count::counted;
 pub use data_page::{DataPage, SetSummary};
 pub use figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
 pub use picture::{cloud_sheet, contact_sheet, scale_bar};

@@ -216,6 +216,12 @@ pub enum DataError {
         /// What was found, and what would be right.
         problem: String,
     },
+    /// A folder that is not there, or holds nothing of a data set.
+    #[error("there is no data set in {}; `tdcr collect --out {}` makes one, `tdcr data import` makes one of clouds", .path.display(), .path.display())]
+    NoDataSet {
+        /// The folder.
+        path: PathBuf,
+    },
     /// A folder holds no shard.
     #[error("{} holds no shard, expected shard-00000.h5 and so on", .path.display())]
     NoShards {

@@ -111,6 +111,13 @@ impl Normalisation {
         }
     }
 
+    /// Whether one of the two normalisation files is in the folder `dir`.
+    pub(super) fn is_in(dir: &Path) -> bool {
+        [MOTORS_FILE, POINTS_FILE]
+            .iter()
+            .any(|file| dir.join(file).exists())
+    }
+
     /// Reads the two normalisation files in the folder `dir`. Their motor `scale` follows from `min` and `max` and is
     /// not used.
     ///

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{self, DataSet, ExportFormat, ImportSettings};
+use tdcr::report::counted;
 
 use super::Console;
 
@@ -57,7 +58,7 @@ struct Moved {
 impl Moved {
     fn tell(&self, console: &Console) -> anyhow::Result<()> {
         console.result(self, |m| {
-            format!("{}: {} clouds", m.dir.display(), m.clouds)
+            format!("{}: {}", m.dir.display(), counted(m.clouds, "cloud"))
         })
     }
 }

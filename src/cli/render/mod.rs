@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use tdcr::report::counted;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
 use tdcr::sim::render::{BaseVisibility, Instance, RgbdFrame, Scene, Sensor, Shape};
@@ -99,7 +100,11 @@ struct MaskValue {
 }
 
 pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
-    output::folder("--out", &args.out, "a folder for the pictures of all cameras")?;
+    output::folder(
+        "--out",
+        &args.out,
+        "a folder for the pictures of all cameras",
+    )?;
     let robot = Robot::new(super::load_robot(&args.robot)?)?;
     let command = robot.command(&args.command.lengths)?;
     let loads = args.loads.on(&robot)?;
@@ -151,9 +156,10 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(&views)? + "\n";
     files::write(&args.out.join("views.json"), text.as_bytes())?;
     console.result(&views, |views| {
-        let (cameras, points) = (views.cameras.len(), views.points);
+        let cameras = counted(views.cameras.len(), "view");
+        let points = counted(views.points, "point");
         let folder = args.out.display();
-        format!("{folder}: {cameras} views, {points} points in cloud.ply; views.json lists them")
+        format!("{folder}: {cameras}, {points} in cloud.ply; views.json lists them")
     })
 }
 
