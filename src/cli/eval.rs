@@ -3,7 +3,6 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::net::Precision;
@@ -329,8 +328,7 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     // After the result: a page that cannot be written costs nothing but the page.
     if let Some(path) = &args.report {
         let page = eval_page::page(args, &evaluator, &evaluation, &evaluated.metrics, &worst)?;
-        std::fs::write(path, page.to_html())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        super::write_file(path, page.to_html())?;
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::sim::mjcf::{self, ExportOptions};
@@ -65,7 +65,7 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
     let Some(out) = &args.out else {
         return console.result(&Printed { text }, |printed| printed.text.clone());
     };
-    std::fs::write(out, &text).with_context(|| format!("cannot write {}", out.display()))?;
+    super::write_file(out, &text)?;
     let exported = Exported {
         file: out.clone(),
         bytes: text.len(),

@@ -15,7 +15,8 @@ mod settle;
 mod simulate;
 mod train;
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, ensure};
@@ -25,6 +26,7 @@ use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Target, TrainSettings};
 use tdcr::pipeline::PipelineError;
+use tdcr::sim::files::write_atomically;
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
 use tracing_subscriber::filter::LevelFilter;
@@ -72,13 +74,13 @@ enum Command {
 /// What the tendons are asked for.
 #[derive(Debug, Args)]
 struct CommandArg {
-    /// Rest length of every tendon (m), separated by commas
+    /// Command of every tendon (m, or N for a tension drive), separated by commas
     #[arg(
         long = "command",
         value_delimiter = ',',
         required = true,
         allow_hyphen_values = true,
-        value_name = "M,M,..."
+        value_name = "C,C,..."
     )]
     lengths: Vec<f64>,
 }
@@ -227,6 +229,12 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
     }
+}
+
+/// Writes a file that is whole or keeps what it held.
+fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
+    write_atomically(path, |file| file.write_all(bytes.as_ref()))
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// A robot by name or file; says what of a file of another tool was passed over.

@@ -1,8 +1,7 @@
 //! `tdcr simulate`.
 
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, IntoInnerError, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -11,6 +10,7 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 use tdcr::pipeline::{Monitor, PipelineError};
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
+use tdcr::sim::files::AtomicFile;
 use tdcr::sim::robot::{Loads, Robot};
 
 use super::commands::read_commands;
@@ -133,20 +133,19 @@ fn write_matrices(file: &Path, linear: &Linearisation) -> anyhow::Result<()> {
             .collect()
     };
     let matrices = serde_json::json!({ "a": rows(&linear.a), "b": rows(&linear.b) });
-    std::fs::write(file, matrices.to_string())
-        .with_context(|| format!("cannot write to {}", file.display()))
+    super::write_file(file, matrices.to_string())
 }
 
-/// The CSV file of the discs' path.
+/// The CSV file of the discs' path, which takes its place when the path is whole.
 struct PathFile {
-    out: BufWriter<File>,
+    out: BufWriter<AtomicFile>,
     name: PathBuf,
 }
 
 impl PathFile {
     fn create(file: &Path, robot: &Robot) -> anyhow::Result<Self> {
-        let created =
-            File::create(file).with_context(|| format!("cannot create {}", file.display()))?;
+        let created = AtomicFile::create(file)
+            .with_context(|| format!("cannot create {}", file.display()))?;
         let mut path = Self {
             out: BufWriter::new(created),
             name: file.to_owned(),
@@ -173,9 +172,10 @@ impl PathFile {
             .with_context(|| format!("cannot write to {}", self.name.display()))
     }
 
-    fn finish(mut self) -> anyhow::Result<()> {
-        self.out
-            .flush()
+    fn finish(self) -> anyhow::Result<()> {
+        let written = self.out.into_inner().map_err(IntoInnerError::into_error);
+        written
+            .and_then(AtomicFile::commit)
             .with_context(|| format!("cannot write to {}", self.name.display()))
     }
 }

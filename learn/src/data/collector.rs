@@ -8,12 +8,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
+use tdcr_sim::files::{TEMPORARY, write_atomically};
+
 use super::meta::{META_FILE, Meta};
 use super::normalisation::NormalisationFit;
 use super::shard::{Array, Batch, Sizes};
 use super::shard_file::ShardFile;
 use super::{DataError, Normalisation, Sample, Split, split_indices};
-use crate::atomic::{TEMPORARY, write_atomically};
 
 /// Samples in a block, the last excepted: what is made, and at worst lost, at once.
 const BLOCK: usize = 8;
@@ -360,7 +361,7 @@ fn require_fresh(dir: &Path) -> Result<(), DataError> {
 }
 
 /// Name of the first entry of `dir`, in name order, that is not `known`; none where there is no such folder.
-fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<String>, DataError> {
+pub(super) fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<String>, DataError> {
     let entries = match fs::read_dir(dir) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         entries => entries.map_err(DataError::io("list", dir))?,
@@ -393,7 +394,7 @@ fn write_meta(dir: &Path, meta: &Meta) -> Result<(), DataError> {
         .map_err(DataError::io("write", &path))
 }
 
-fn remove_staging(staging: &Path) -> Result<(), DataError> {
+pub(super) fn remove_staging(staging: &Path) -> Result<(), DataError> {
     match fs::remove_dir_all(staging) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
             Err(DataError::io("remove", staging)(error))

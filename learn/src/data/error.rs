@@ -182,6 +182,14 @@ pub enum DataError {
         /// An entry that does not belong to a data set.
         found: String,
     },
+    /// A folder that is to hold clouds, and only those of one export, holds something.
+    #[error("{} holds `{found}`, expected an empty folder, or a new one", .path.display())]
+    NotEmpty {
+        /// The folder.
+        path: PathBuf,
+        /// An entry in it.
+        found: String,
+    },
     /// Another collector is writing to the folder.
     #[error("{} is being written by another process, expected to be the only one", .path.display())]
     InUse {

@@ -6,6 +6,7 @@ mod compile;
 mod file;
 mod loads;
 mod spec;
+mod units;
 mod validate;
 
 pub use cameras::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, RingSpec};
@@ -17,6 +18,7 @@ pub use spec::{
     Backbone, BaseSpec, Body, Drive, Friction, HoleCircle, Holes, Limit, MassSpec, ModuleSpec,
     PerDisc, Pull, RigidMass, RobotSpec, RouteSpec, Routing, TendonSpec, Waypoint,
 };
+pub use units::{CommandUnit, DisplayUnit, TendonGroup};
 
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -155,7 +155,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     };
     write_ply(&args.out.join(views.cloud), &cloud)?;
     let text = serde_json::to_string_pretty(&views)? + "\n";
-    files::write(&args.out.join("views.json"), text.as_bytes())?;
+    super::write_file(&args.out.join("views.json"), text.as_bytes())?;
     console.result(&views, |views| {
         let (cameras, points) = (views.cameras.len(), views.points);
         let folder = args.out.display();
@@ -206,16 +206,16 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
     let millimetres = frame.depth.iter().map(|z| (1e3 * z).round() as u16);
     let values = frame.mask.iter().map(|&instance| mask_value(instance));
     let color = files::rgb_png(size, frame.color.as_flattened())?;
-    files::write(&folder.join(&view.color), &color)?;
-    files::write(
+    super::write_file(&folder.join(&view.color), &color)?;
+    super::write_file(
         &folder.join(&view.depth_png),
         &files::grey_png(size, millimetres)?,
     )?;
-    files::write(
+    super::write_file(
         &folder.join(&view.depth_npy),
         &files::npy(size, &frame.depth),
     )?;
-    files::write(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
+    super::write_file(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
     Ok(view)
 }
 
