@@ -68,6 +68,8 @@ impl ScoringArgs {
 pub(super) struct Metrics {
     pub cd: f64,
     pub cd_floor: Option<f64>,
+    /// Of a perfect predictor, whose points are independent of each other.
+    pub cd_perfect: Option<f64>,
     pub cd_nearest: f64,
     pub cd_mean: Option<f64>,
     pub emd: f64,
@@ -139,6 +141,7 @@ impl Metrics {
             network,
             nearest,
             mean,
+            perfect,
             floor,
             color,
             uncertainty,
@@ -148,6 +151,7 @@ impl Metrics {
         Self {
             cd: network.cd,
             cd_floor: floor.map(|d| d.cd),
+            cd_perfect: perfect.map(|d| d.cd),
             cd_nearest: nearest.cd,
             cd_mean: mean.map(|d| d.cd),
             emd: network.emd,
@@ -217,6 +221,7 @@ pub(super) fn table(evaluation: &Evaluation) -> String {
         network,
         nearest,
         mean,
+        perfect,
         floor,
         color,
         ..
@@ -225,6 +230,7 @@ pub(super) fn table(evaluation: &Evaluation) -> String {
         ("network", Some(network)),
         ("nearest training command", Some(nearest)),
         ("mean command", mean),
+        ("perfect predictor", perfect),
         ("sampling floor", floor),
     ] {
         let Some(d) = distances else { continue };

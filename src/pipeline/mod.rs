@@ -12,6 +12,7 @@ mod log;
 mod monitor;
 mod preset;
 mod scores;
+mod simulation;
 mod survey;
 mod train;
 
