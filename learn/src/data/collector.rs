@@ -1,6 +1,6 @@
 //! Making a data set on disk, a block of samples at a time.
 
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File};
 use std::io;
 use std::ops::Range;
 use std::panic::resume_unwind;
@@ -14,6 +14,7 @@ use super::shard::{Array, Batch, Sizes};
 use super::shard_file::ShardFile;
 use super::{DataError, Normalisation, Sample, Split, split_indices};
 use crate::atomic::{TEMPORARY, write_atomically};
+use crate::lock::try_lock;
 
 /// Samples in a block, the last excepted: what is made, and at worst lost, at once.
 const BLOCK: usize = 8;
@@ -377,14 +378,10 @@ fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<String>, DataErr
 /// Keeps other collectors out of `dir` for as long as the file is open.
 fn lock(dir: &Path) -> Result<File, DataError> {
     let path = dir.join(STAGING).join(LOCK_FILE);
-    let file = File::create(&path).map_err(DataError::io("create", &path))?;
-    match file.try_lock() {
-        Err(TryLockError::WouldBlock) => Err(DataError::InUse {
-            path: dir.to_owned(),
-        }),
-        // A file system without locks loses this protection and nothing else.
-        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
-    }
+    let file = try_lock(&path).map_err(DataError::io("create", &path))?;
+    file.ok_or_else(|| DataError::InUse {
+        path: dir.to_owned(),
+    })
 }
 
 fn write_meta(dir: &Path, meta: &Meta) -> Result<(), DataError> {
