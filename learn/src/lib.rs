@@ -55,6 +55,7 @@
 //! - [`net`]: the velocity networks, explicit layers with hand-derived backward passes.
 //! - [`flow`]: path, prior and flow times; samplers.
 //! - [`train`]: optimisers, schedule, weight average; models and resumable states on disk; distillation to few evaluations.
+//! - [`lock`]: folders that one process at a time writes to.
 //! - [`metrics`]: Chamfer and exact earth mover's distance; the spread of points about their surface.
 //!
 //! # What it is not for
@@ -65,6 +66,7 @@
 mod channels;
 pub mod data;
 pub mod flow;
+pub mod lock;
 pub mod metrics;
 pub mod net;
 mod pool;

@@ -82,6 +82,7 @@ pub(super) fn scores(evaluation: &Evaluation) -> Vec<Score> {
         Some(score("Network", mean.network)),
         Some(score("Nearest training command", mean.nearest)),
         mean.mean.map(|mean| score("Mean command", mean)),
+        mean.perfect.map(|perfect| score("Perfect predictor", perfect)),
     ]
     .into_iter()
     .flatten()
@@ -102,6 +103,9 @@ pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
             "Chamfer distance on {} points of each cloud, earth mover's distances on {}.",
             metrics.points, metrics.emd_points
         ),
+        "A perfect predictor draws points of the seen surface independently of each other; the floor's view has its \
+         pixels and voxels in a random phase."
+            .to_owned(),
         format!(
             "The matchings are optimal: their duality gaps are at most {:.1e} m, and {:.1e} m² where squared.",
             metrics.emd_gap, metrics.emd_squared_gap

@@ -37,7 +37,7 @@ pub struct Report {
     /// Scores of the network and of what it is compared with, in the order of the
     /// table; the first, the network's, stands out.
     pub scores: Vec<Score>,
-    /// Score of two independent samples of the same surface: what a perfect predictor would reach.
+    /// Score of two samples of the same surface, which no predictor can be expected to be below.
     /// The table's last row, and the unit of its ratios.
     pub floor: Option<Score>,
     /// How the scores were computed, a sentence each: numbers of points and of commands, ...

@@ -1,6 +1,6 @@
 //! Making a data set on disk, a block of samples at a time.
 
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File};
 use std::io;
 use std::ops::Range;
 use std::panic::resume_unwind;
@@ -15,6 +15,7 @@ use super::normalisation::NormalisationFit;
 use super::shard::{Array, Batch, Sizes};
 use super::shard_file::ShardFile;
 use super::{DataError, Normalisation, Sample, Split, split_indices};
+use crate::lock::try_lock;
 
 /// Samples in a block, the last excepted: what is made, and at worst lost, at once.
 const BLOCK: usize = 8;
@@ -378,14 +379,10 @@ pub(super) fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<Strin
 /// Keeps other collectors out of `dir` for as long as the file is open.
 fn lock(dir: &Path) -> Result<File, DataError> {
     let path = dir.join(STAGING).join(LOCK_FILE);
-    let file = File::create(&path).map_err(DataError::io("create", &path))?;
-    match file.try_lock() {
-        Err(TryLockError::WouldBlock) => Err(DataError::InUse {
-            path: dir.to_owned(),
-        }),
-        // A file system without locks loses this protection and nothing else.
-        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
-    }
+    let file = try_lock(&path).map_err(DataError::io("create", &path))?;
+    file.ok_or_else(|| DataError::InUse {
+        path: dir.to_owned(),
+    })
 }
 
 fn write_meta(dir: &Path, meta: &Meta) -> Result<(), DataError> {
