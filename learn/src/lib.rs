@@ -66,7 +66,10 @@ mod atomic;
 mod channels;
 pub mod data;
 pub mod flow;
+mod limits;
 pub mod metrics;
 pub mod net;
 mod pool;
 pub mod train;
+
+pub use limits::OverLimit;
