@@ -6,6 +6,7 @@ use thiserror::Error;
 
 use super::RobotSpec;
 use crate::exchange::{ImportError, Imported, Note};
+use crate::reading::{LARGEST_TEXT, read_text};
 use crate::{mjcf, urdf};
 
 /// Why a robot specification was refused.
@@ -112,7 +113,7 @@ fn parse(
     path: &Path,
     read: impl Fn(&str) -> Result<RobotSpec, String>,
 ) -> Result<(RobotSpec, Vec<Note>), SpecError> {
-    let text = std::fs::read_to_string(path).map_err(|source| SpecError::Read {
+    let text = read_text(path, LARGEST_TEXT).map_err(|source| SpecError::Read {
         path: path.to_owned(),
         source,
     })?;
