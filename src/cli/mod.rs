@@ -79,6 +79,10 @@ enum Command {
     Render(render::RenderArgs),
 }
 
+/// Help of every `--robot`.
+const ROBOT: &str =
+    "2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml for MuJoCo's MJCF, or .urdf)";
+
 /// What the tendons are asked for.
 #[derive(Debug, Args)]
 struct CommandArg {

@@ -20,8 +20,7 @@ use super::output;
 /// Move a robot through a sequence of commands, from the straight pose at rest
 #[derive(Debug, Args)]
 pub(super) struct SimulateArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), with a first line of
     /// names if need be, or as JSON, a list of lists

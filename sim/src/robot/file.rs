@@ -7,6 +7,7 @@ use thiserror::Error;
 use super::RobotSpec;
 use super::missing::{self, MissingFields};
 use crate::exchange::{ImportError, Imported, Note};
+use crate::reading::{LARGEST_TEXT, read_text};
 use crate::{mjcf, urdf};
 
 /// Why a robot specification was refused.
@@ -159,7 +160,7 @@ fn parse(
     read: impl Fn(&str) -> Result<RobotSpec, Refusal>,
     missing: impl Fn(&str) -> Vec<MissingFields>,
 ) -> Result<(RobotSpec, Vec<Note>), SpecError> {
-    let text = std::fs::read_to_string(path).map_err(|source| SpecError::Read {
+    let text = read_text(path, LARGEST_TEXT).map_err(|source| SpecError::Read {
         path: path.to_owned(),
         source,
     })?;

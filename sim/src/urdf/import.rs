@@ -9,14 +9,17 @@ use urdf_rs::{Geometry, Inertial, Joint, JointType, Link, Pose};
 
 use super::{EXTENSION, LINK_SHARE};
 use crate::exchange::{
-    DiscLayout, DiscMass, ImportError, Imported, Layout, Note, Place, ring_around,
+    DiscLayout, DiscMass, ImportError, Imported, Layout, Note, Place, ring_around, xml,
 };
+use crate::reading::{LARGEST_TEXT, read_text};
 use crate::robot::{BaseSpec, Disc, Holes, Payload, RigidMass, Robot, RobotSpec};
 
 /// Difference that counts as none (m, rad; of masses and damping, as a share).
 const SAME: f64 = 1e-9;
 /// How much a joint's limits may fall short of a free turn: they are often written as 3.14 (rad).
 const NEARLY_FREE: f64 = 0.01;
+/// How deep elements may nest; URDF's own go six deep.
+const DEEPEST: usize = 64;
 /// Image size of the cameras around a robot that its file says nothing about (pixels).
 const RESOLUTION: [u32; 2] = [1280, 720];
 
@@ -27,7 +30,7 @@ const RESOLUTION: [u32; 2] = [1280, 720];
 /// [`ImportError`] when the file cannot be read or is not URDF, for whatever is not a chain of links
 /// on triples of joints about x, y and z, and for links that disagree with `<tdcr>`.
 pub fn import(path: &Path) -> Result<Imported, ImportError> {
-    let text = std::fs::read_to_string(path).map_err(|source| ImportError::Read {
+    let text = read_text(path, LARGEST_TEXT).map_err(|source| ImportError::Read {
         path: path.to_owned(),
         source,
     })?;
@@ -56,7 +59,8 @@ struct Step<'a> {
 
 impl Reader<'_> {
     fn robot(self, text: &str) -> Result<Imported, ImportError> {
-        let xml = roxmltree::Document::parse(text).map_err(|e| self.syntax(e.to_string()))?;
+        // The bounds hold for `urdf_rs` too, which takes the nesting in stack.
+        let xml = xml::parse(text, DEEPEST).map_err(|reason| self.syntax(reason))?;
         let urdf = urdf_rs::read_from_string(text).map_err(|e| self.syntax(e.to_string()))?;
         let chain = self.chain(&urdf)?;
         let mut children = xml.root_element().children();

@@ -19,8 +19,7 @@ use super::{CommandArg, output};
 /// See a settled robot with its cameras: colour, depth and mask images, and the fused cloud
 #[derive(Debug, Args)]
 pub(super) struct RenderArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     #[command(flatten)]
     command: CommandArg,
