@@ -55,6 +55,7 @@
 //! - [`net`]: the velocity networks, explicit layers with hand-derived backward passes.
 //! - [`flow`]: path, prior and flow times; samplers.
 //! - [`train`]: optimisers, schedule, weight average; models and resumable states on disk; distillation to few evaluations.
+//! - [`lock`]: folders that one process at a time writes to.
 //! - [`metrics`]: Chamfer and exact earth mover's distance; the spread of points about their surface.
 //!
 //! # What it is not for
@@ -62,11 +63,14 @@
 //! It is no framework: the layers serve these networks alone, on a CPU. A command outside the training
 //! range is extrapolated without warrant.
 
-mod atomic;
 mod channels;
 pub mod data;
 pub mod flow;
+mod limits;
+pub mod lock;
 pub mod metrics;
 pub mod net;
 mod pool;
 pub mod train;
+
+pub use limits::OverLimit;

@@ -349,12 +349,13 @@ fn a_cloud_lies_on_the_robot_one_point_to_a_voxel() {
 }
 
 #[test]
-fn an_interleaved_observer_sees_other_points_of_the_same_surface() {
+fn a_displaced_observer_sees_other_points_of_the_same_surface() {
     let (robot, equilibrium) = bent_robot();
-    let observer = Observer::new(&robot, BaseVisibility::Hidden, VoxelGrid::new(0.002));
-    let mut other = observer.interleaved();
-    let mut observer = observer;
-    let (first, second) = (observer.observe(&equilibrium), other.observe(&equilibrium));
+    let mut observer = Observer::new(&robot, BaseVisibility::Hidden, VoxelGrid::new(0.002));
+    let first = observer.observe(&equilibrium);
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    observer.displace(&mut rng);
+    let second = observer.observe(&equilibrium);
     assert!((first.len() as f64 / second.len() as f64 - 1.0).abs() < 0.05);
     let mut points: Vec<_> = first
         .points
@@ -368,6 +369,20 @@ fn an_interleaved_observer_sees_other_points_of_the_same_surface() {
         points.len(),
         first.len() + second.len(),
         "no point in common"
+    );
+    for point in &second.points {
+        let point = Vector3::from(point.map(f64::from));
+        let off = (0..10).map(|disc| distance_to_disc(&robot, &equilibrium, disc, &point));
+        assert!(off.fold(f64::INFINITY, f64::min) < 1e-6);
+    }
+    observer.displace(&mut rng);
+    assert_ne!(observer.observe(&equilibrium), second, "each in its phase");
+    let mut again = Observer::new(&robot, BaseVisibility::Hidden, VoxelGrid::new(0.002));
+    again.displace(&mut ChaCha8Rng::seed_from_u64(3));
+    assert_eq!(
+        again.observe(&equilibrium),
+        second,
+        "a function of the seed"
     );
 }
 

@@ -3,7 +3,6 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::net::Precision;
@@ -68,6 +67,8 @@ impl ScoringArgs {
 pub(super) struct Metrics {
     pub cd: f64,
     pub cd_floor: Option<f64>,
+    /// Of a perfect predictor, whose points are independent of each other.
+    pub cd_perfect: Option<f64>,
     pub cd_nearest: f64,
     pub cd_mean: Option<f64>,
     pub emd: f64,
@@ -139,6 +140,7 @@ impl Metrics {
             network,
             nearest,
             mean,
+            perfect,
             floor,
             color,
             uncertainty,
@@ -148,6 +150,7 @@ impl Metrics {
         Self {
             cd: network.cd,
             cd_floor: floor.map(|d| d.cd),
+            cd_perfect: perfect.map(|d| d.cd),
             cd_nearest: nearest.cd,
             cd_mean: mean.map(|d| d.cd),
             emd: network.emd,
@@ -217,6 +220,7 @@ pub(super) fn table(evaluation: &Evaluation) -> String {
         network,
         nearest,
         mean,
+        perfect,
         floor,
         color,
         ..
@@ -225,6 +229,7 @@ pub(super) fn table(evaluation: &Evaluation) -> String {
         ("network", Some(network)),
         ("nearest training command", Some(nearest)),
         ("mean command", mean),
+        ("perfect predictor", perfect),
         ("sampling floor", floor),
     ] {
         let Some(d) = distances else { continue };
@@ -332,8 +337,7 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     // After the result: a page that cannot be written costs nothing but the page.
     if let Some(path) = &args.report {
         let page = eval_page::page(args, &evaluator, &evaluation, &evaluated.metrics, &worst)?;
-        std::fs::write(path, page.to_html())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        super::write_file(path, page.to_html())?;
     }
     Ok(())
 }

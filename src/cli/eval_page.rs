@@ -2,8 +2,9 @@
 
 use tdcr::learn::flow::{Sampler, TimeGrid};
 use tdcr::pipeline::{Distances, Evaluation, Evaluator, PipelineError};
-use tdcr::report::{CommandUnit, Example, PerTest, Report, Score};
+use tdcr::report::{Example, MotorGroup, PerTest, Report, Score};
 use tdcr::sim::cloud::PointCloud;
+use tdcr::sim::robot::Robot;
 
 use super::eval::{EvalArgs, Metrics};
 
@@ -49,6 +50,7 @@ pub(super) fn page(
         per_test: Some(per_test(evaluation)),
         training: None,
         stages: Vec::new(),
+        motors: motors(evaluator),
         examples: (worst.iter().enumerate())
             .map(|(rank, &test)| example(evaluator, evaluation, test, label(rank, test)))
             .collect::<Result<_, _>>()?,
@@ -64,6 +66,15 @@ fn score(name: &str, distances: Distances) -> Score {
     }
 }
 
+/// Which numbers of the data set's commands belong together.
+pub(super) fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
+    let count = evaluator
+        .test()
+        .first()
+        .map_or(0, |sample| sample.condition.motors.len());
+    MotorGroup::of(evaluator.robot().map(Robot::spec), count)
+}
+
 /// Mean scores of the predictors.
 pub(super) fn scores(evaluation: &Evaluation) -> Vec<Score> {
     let mean = evaluation.mean();
@@ -71,6 +82,8 @@ pub(super) fn scores(evaluation: &Evaluation) -> Vec<Score> {
         Some(score("Network", mean.network)),
         Some(score("Nearest training command", mean.nearest)),
         mean.mean.map(|mean| score("Mean command", mean)),
+        mean.perfect
+            .map(|perfect| score("Perfect predictor", perfect)),
     ]
     .into_iter()
     .flatten()
@@ -91,6 +104,9 @@ pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
             "Chamfer distance on {} points of each cloud, earth mover's distances on {}.",
             metrics.points, metrics.emd_points
         ),
+        "A perfect predictor draws points of the seen surface independently of each other; the floor's view has its \
+         pixels and voxels in a random phase."
+            .to_owned(),
         format!(
             "The matchings are optimal: their duality gaps are at most {:.1e} m, and {:.1e} m² where squared.",
             metrics.emd_gap, metrics.emd_squared_gap
@@ -123,10 +139,6 @@ pub(super) fn example(
     Ok(Example {
         label,
         command: condition.motors.iter().map(|&x| x.into()).collect(),
-        command_unit: match evaluator.robot() {
-            Some(_) => CommandUnit::Metres,
-            None => CommandUnit::AsRecorded,
-        },
         payload: condition.payload.map(f64::from),
         truth: sample.cloud.clone(),
         prediction: colorless(evaluator.predict(test)?.points),

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::sim::mjcf::{self, ExportOptions};
@@ -14,8 +14,7 @@ use super::console::Console;
 /// Write a robot as a file of another tool, or as a robot file
 #[derive(Debug, Args)]
 pub(super) struct ExportArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     /// The format to write
     #[arg(long, value_enum, default_value_t = Format::Mjcf)]
@@ -65,7 +64,7 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
     let Some(out) = &args.out else {
         return console.result(&Printed { text }, |printed| printed.text.clone());
     };
-    std::fs::write(out, &text).with_context(|| format!("cannot write {}", out.display()))?;
+    super::write_file(out, &text)?;
     let exported = Exported {
         file: out.clone(),
         bytes: text.len(),

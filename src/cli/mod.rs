@@ -21,6 +21,7 @@ mod simulate;
 mod train;
 
 use std::ffi::OsString;
+use std::io::Write;
 use std::num::NonZero;
 use std::path::Path;
 use std::process::ExitCode;
@@ -32,6 +33,7 @@ use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Model, Target, TrainSettings};
 use tdcr::pipeline::PipelineError;
+use tdcr::sim::files::write_atomically;
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
 use tracing_subscriber::filter::LevelFilter;
@@ -78,16 +80,20 @@ enum Command {
     Render(render::RenderArgs),
 }
 
+/// Help of every `--robot`.
+const ROBOT: &str =
+    "2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml for MuJoCo's MJCF, or .urdf)";
+
 /// What the tendons are asked for.
 #[derive(Debug, Args)]
 struct CommandArg {
-    /// Rest length of every tendon (m), separated by commas
+    /// Command of every tendon (m, or N for a tension drive), separated by commas
     #[arg(
         long = "command",
         value_delimiter = ',',
         required = true,
         allow_hyphen_values = true,
-        value_name = "M,M,..."
+        value_name = "C,C,..."
     )]
     lengths: Vec<f64>,
 }
@@ -255,6 +261,12 @@ fn refuse_unwritable_names(arguments: impl Iterator<Item = OsString>) -> anyhow:
         );
     }
     Ok(())
+}
+
+/// Writes a file that is whole or keeps what it held.
+fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
+    write_atomically(path, |file| file.write_all(bytes.as_ref()))
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// A robot by name or file; says what of a file of another tool was passed over.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 
 /// Extensions of files that people ask a program for. A folder of such a name is a mistake.
 const FILES: [&str; 20] = [
@@ -45,9 +45,4 @@ pub(super) fn folder(option: &str, path: &Path, what: &str) -> anyhow::Result<()
 fn has(path: &Path, extension: &str) -> bool {
     path.extension()
         .is_some_and(|found| found.eq_ignore_ascii_case(extension))
-}
-
-/// Writes a file.
-pub(super) fn write(path: &Path, text: &str) -> anyhow::Result<()> {
-    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -23,13 +23,14 @@ pub(super) struct PredictArgs {
     /// The trained model
     #[arg(long, default_value = "run/model.safetensors", value_name = "FILE")]
     model: PathBuf,
-    /// Rest length of every tendon (m), separated by commas
+    /// Command of every tendon, separated by commas: m, or N for a tension drive; for a network of imported clouds, the
+    /// units of their motors
     #[arg(
         long,
         value_delimiter = ',',
         required_unless_present = "commands",
         allow_hyphen_values = true,
-        value_name = "M,M,..."
+        value_name = "C,C,..."
     )]
     command: Option<Vec<f64>>,
     /// Mass hung from the tip (kg), for a model of data with payloads
@@ -164,6 +165,7 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
     if archive.is_none() {
         std::fs::create_dir_all(&out)
             .with_context(|| format!("cannot make the folder {}", out.display()))?;
+        refuse_stale(&out, conditions.len())?;
     }
     let mut results = Vec::new();
     console.begin("predict", conditions.len() as u64, 0);
@@ -203,6 +205,26 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
     })
 }
 
+/// Refuses a folder with clouds of earlier predictions that `count` new ones would leave among themselves.
+fn refuse_stale(folder: &Path, count: usize) -> anyhow::Result<()> {
+    let context = || format!("cannot read the folder {}", folder.display());
+    for entry in std::fs::read_dir(folder).with_context(context)? {
+        let name = entry.with_context(context)?.file_name();
+        let name = name.to_string_lossy();
+        let number = name
+            .strip_prefix("cloud-")
+            .and_then(|name| name.strip_suffix(".ply"));
+        let number = number.and_then(|number| number.parse::<usize>().ok());
+        ensure!(
+            number.is_none_or(|number| number < count),
+            "{} holds {name} of an earlier prediction, which would stay among the clouds of {count} commands; \
+             remove it, or choose another --out",
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
 /// A cloud (m), and what is told of it; warns of a command outside the training range.
 fn predict(
     args: &PredictArgs,
@@ -220,12 +242,18 @@ fn predict(
         max,
     } in &out_of_range
     {
-        let what = match takes_payloads(model) && index + 1 == condition.len() {
-            true => "the payload (kg)".to_owned(),
-            false => format!("tendon {index}"),
+        let subject = model.provenance.subject.as_ref();
+        let tendons = subject.map(|subject| subject.robot.tendons());
+        let (what, unit) = match tendons.as_ref().map(|tendons| tendons.get(*index)) {
+            Some(Some(tendon)) => (
+                format!("tendon {index}"),
+                format!(" {}", tendon.drive.unit()),
+            ),
+            Some(None) => ("the payload".to_owned(), " kg".to_owned()),
+            None => (format!("motor {index}"), String::new()),
         };
         tracing::warn!(
-            "{name}: {what} is {value}, outside the training range {min} to {max}: \
+            "{name}: {what} is {value}{unit}, outside the training range {min} to {max}{unit}: \
              the prediction is an extrapolation"
         );
     }

@@ -5,13 +5,16 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use clap::Args;
+use nalgebra::Vector3;
 use serde::Serialize;
 use serde_json::{Value, json};
 use tdcr::pipeline::Monitor;
+use tdcr::report::counted;
 use tdcr::sim::inverse::shape::{
-    Bound, Outcome, Search, ShapeController, ShapeError, ShapeSolution, Target,
+    Arrival, Bound, Outcome, PathPoint, Search, ShapeController, ShapeSolution, Target,
 };
-use tdcr::sim::robot::{Robot, Tendon};
+use tdcr::sim::robot::{Loads, Robot, Tendon};
+use tdcr::sim::statics::Settler;
 
 use super::commands::read_points;
 use super::console::{Console, Interrupted};
@@ -21,8 +24,7 @@ use super::output;
 /// Find the command that brings the tip to a point, or along a path of points
 #[derive(Debug, Args)]
 pub(super) struct ReachArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     /// Where the tip disc's origin should be, world frame (m)
     #[arg(
@@ -35,7 +37,7 @@ pub(super) struct ReachArgs {
     )]
     tip: Option<[f64; 3]>,
     /// Points to bring it to one after another: CSV, a line each, with a first line of names if need be (x, y and z among
-    /// others), or JSON, a list of lists. Each command is sought near the one before
+    /// others), or JSON, a list of lists. The robot is led along without jumps, as far as it can be
     #[arg(long, value_name = "FILE")]
     path: Option<PathBuf>,
     #[command(flatten)]
@@ -78,6 +80,12 @@ struct Found {
     reached: bool,
     /// Why not; `None` where it is reached.
     reason: Option<String>,
+    /// How the robot comes here from the point before; `None` for a single point.
+    arrival: Option<&'static str>,
+    /// Commands to go through before this one, so that it comes here without a jump.
+    via: Vec<Vec<f64>>,
+    /// How far the disc that moves most comes since the point before (m).
+    disc_change: f64,
 }
 
 impl Found {
@@ -90,9 +98,34 @@ impl Found {
             error: solution.errors[0],
             reached: solution.outcome == Outcome::Reached,
             reason: reason(&solution.outcome),
+            arrival: None,
+            via: Vec::new(),
+            disc_change: 0.0,
         }
     }
+
+    fn on_path(robot: &Robot, target: [f64; 3], point: &PathPoint) -> Self {
+        let arrival = match point.arrival {
+            Arrival::First => "first",
+            Arrival::Followed => "followed",
+            Arrival::Switched => SWITCHED,
+        };
+        let via = point.via.iter().map(|command| command.as_slice().to_vec());
+        Self {
+            arrival: Some(arrival),
+            via: via.collect(),
+            disc_change: point.disc_change,
+            ..Self::new(robot, target, &point.solution)
+        }
+    }
+
+    fn switched(&self) -> bool {
+        self.arrival == Some(SWITCHED)
+    }
 }
+
+/// The robot jumps to another branch of solutions.
+const SWITCHED: &str = "switched";
 
 /// Why a search ended short of its target.
 fn reason(outcome: &Outcome) -> Option<String> {
@@ -148,7 +181,13 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),
         loads: LoadsSaid::new(&loads),
-        units: json!({"command": command_units, "target": "m", "tip_position": "m", "error": "m"}),
+        units: json!({
+            "command": command_units,
+            "target": "m",
+            "tip_position": "m",
+            "error": "m",
+            "disc_change": "m",
+        }),
         tolerance: args.tolerance,
         found,
     };
@@ -172,7 +211,7 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
     }
 }
 
-/// The commands for targets one after another, each sought near the one before.
+/// The commands for targets one after another, on one branch of solutions where there is one.
 fn follow(
     robot: &Robot,
     controller: &ShapeController,
@@ -180,37 +219,49 @@ fn follow(
     console: &Console,
 ) -> anyhow::Result<Vec<Found>> {
     let mut all = Vec::with_capacity(targets.len());
-    let mut last: Option<ShapeSolution> = None;
+    let mut path = controller.path();
     console.begin("reach", targets.len() as u64, 0);
     for &target in targets {
         if console.interrupted() {
             return Err(Interrupted.into());
         }
-        let solution = next(robot, controller, target, last.as_ref())?;
-        all.push(Found::new(robot, target, &solution));
-        last = Some(solution);
+        let point = path.follow(&[Target::tip(robot, target.into())])?;
+        all.push(Found::on_path(robot, target, &point));
         console.advance(1);
     }
     console.end();
     Ok(all)
 }
 
-fn next(
-    robot: &Robot,
-    controller: &ShapeController,
-    target: [f64; 3],
-    last: Option<&ShapeSolution>,
-) -> Result<ShapeSolution, ShapeError> {
-    let target = [Target::tip(robot, target.into())];
-    match last {
-        Some(last) => controller.reach_from(&target, &last.command),
-        None => controller.reach(&target),
+/// Says where a path's commands do not tell all: where the robot jumps, and where a command alone, from the straight
+/// pose, leads elsewhere.
+fn warn(robot: &Robot, loads: &Loads, tolerance: f64, path: &[Found]) -> anyhow::Result<()> {
+    let switches = path.iter().filter(|found| found.switched()).count();
+    if switches > 0 {
+        let points = counted(switches, "point");
+        tracing::warn!("at {points} the robot jumps to another branch of solutions");
     }
+    let mut settler = Settler::new(robot);
+    let mut elsewhere = 0;
+    for found in path {
+        let settled = settler.settle(&robot.command(&found.command)?, loads);
+        let tip = settled.positions[robot.discs().len() - 1];
+        let there = (tip - Vector3::from(found.tip_position)).norm() <= tolerance;
+        elsewhere += usize::from(!there);
+    }
+    if elsewhere > 0 {
+        tracing::warn!(
+            "from the straight pose, {} of {} leads elsewhere: go through all from the first",
+            elsewhere,
+            counted(path.len(), "command")
+        );
+    }
+    Ok(())
 }
 
 fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Result<()> {
     if format == "json" {
-        return output::write(out, &(serde_json::to_string_pretty(table)? + "\n"));
+        return super::write_file(out, serde_json::to_string_pretty(table)? + "\n");
     }
     let commands = robot.tendons().iter().enumerate();
     let mut header: Vec<String> = commands
@@ -225,23 +276,28 @@ fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Resu
             "y (m)",
             "z (m)",
             "error (m)",
+            "disc_change (m)",
             "reached",
+            "arrival",
         ]
         .map(str::to_owned),
     );
     let mut text = header.join(",") + "\n";
+    // Writing to a string cannot fail.
     for found in &table.found {
+        for command in &found.via {
+            command.iter().for_each(|c| drop(write!(text, "{c:?},")));
+            text.push_str(",,,,,,,,,via\n");
+        }
         let numbers = (found.command.iter())
             .chain(&found.target)
             .chain(&found.tip_position)
-            .chain([&found.error]);
-        for number in numbers {
-            // Writing to a string cannot fail.
-            let _ = write!(text, "{number:?},");
-        }
-        let _ = writeln!(text, "{}", found.reached);
+            .chain([&found.error, &found.disc_change]);
+        numbers.for_each(|number| drop(write!(text, "{number:?},")));
+        let arrival = found.arrival.unwrap_or_default();
+        let _ = writeln!(text, "{},{arrival}", found.reached);
     }
-    output::write(out, &text)
+    super::write_file(out, &text)
 }
 
 fn for_people(table: &Table) -> String {
@@ -251,12 +307,16 @@ fn for_people(table: &Table) -> String {
         let [x, y, z] = found.tip_position;
         let _ = writeln!(
             text,
-            "--command {}   tip {x:.6}, {y:.6}, {z:.6} m, {:.1e} m from the point{}",
+            "--command {}   tip {x:.6}, {y:.6}, {z:.6} m, {:.1e} m from the point{}{}",
             command.join(","),
             found.error,
             match &found.reason {
                 Some(reason) => format!(": {reason}"),
                 None => String::new(),
+            },
+            match found.switched() {
+                true => format!("; a JUMP of up to {:.3} m", found.disc_change),
+                false => String::new(),
             }
         );
     }

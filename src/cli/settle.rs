@@ -23,8 +23,7 @@ use super::settle_many;
 /// Settle a robot under a command: where its discs come to rest
 #[derive(Debug, Args)]
 pub(super) struct SettleArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     /// Command of every tendon (m, or N for a tension drive), separated by commas
     #[arg(

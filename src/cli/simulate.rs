@@ -1,8 +1,7 @@
 //! `tdcr simulate`.
 
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, IntoInnerError, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -12,6 +11,7 @@ use serde::Serialize;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
+use tdcr::sim::files::AtomicFile;
 use tdcr::sim::robot::{Loads, Robot};
 
 use super::commands::read_commands;
@@ -21,8 +21,7 @@ use super::output;
 /// Move a robot through a sequence of commands, from the straight pose at rest
 #[derive(Debug, Args)]
 pub(super) struct SimulateArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), with a first line of
     /// names if need be, or as JSON, a list of lists
@@ -141,20 +140,19 @@ fn write_matrices(file: &Path, linear: &Linearisation) -> anyhow::Result<()> {
             .collect()
     };
     let matrices = serde_json::json!({ "a": rows(&linear.a), "b": rows(&linear.b) });
-    std::fs::write(file, matrices.to_string())
-        .with_context(|| format!("cannot write to {}", file.display()))
+    super::write_file(file, matrices.to_string())
 }
 
-/// The CSV file of the discs' path.
+/// The CSV file of the discs' path, which takes its place when the path is whole.
 struct PathFile {
-    out: BufWriter<File>,
+    out: BufWriter<AtomicFile>,
     name: PathBuf,
 }
 
 impl PathFile {
     fn create(file: &Path, robot: &Robot) -> anyhow::Result<Self> {
-        let created =
-            File::create(file).with_context(|| format!("cannot create {}", file.display()))?;
+        let created = AtomicFile::create(file)
+            .with_context(|| format!("cannot create {}", file.display()))?;
         let mut path = Self {
             out: BufWriter::new(created),
             name: file.to_owned(),
@@ -181,9 +179,10 @@ impl PathFile {
             .with_context(|| format!("cannot write to {}", self.name.display()))
     }
 
-    fn finish(mut self) -> anyhow::Result<()> {
-        self.out
-            .flush()
+    fn finish(self) -> anyhow::Result<()> {
+        let written = self.out.into_inner().map_err(IntoInnerError::into_error);
+        written
+            .and_then(AtomicFile::commit)
             .with_context(|| format!("cannot write to {}", self.name.display()))
     }
 }

@@ -8,20 +8,18 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use tdcr_learn::data::{
-    CloudSet, Condition, DataSet, Normalisation, Recipe, Sample, Simulator, Split, Subject,
-};
+use tdcr_learn::data::{CloudSet, DataSet, Normalisation, Sample, Split, Subject};
 use tdcr_learn::flow::Sampler;
 use tdcr_learn::metrics::{
     MetricError, chamfer, color_error, emd, emd_squared, nearest_distances, rank_correlation,
 };
 use tdcr_learn::net::{Channels, Precision};
 use tdcr_learn::train::{Model, Prediction, TrainError};
-use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::robot::Robot;
 
 use super::journal::Journal;
 use super::scores::{Distances, Evaluation, Scores, UncertaintyScore};
+use super::simulation::Simulation;
 use super::{Monitor, PipelineError};
 
 /// How a network is scored.
@@ -41,7 +39,7 @@ pub struct EvalSettings {
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 7;
+const JOURNAL_FORMAT: u32 = 8;
 
 /// A finished piece of the evaluation.
 #[derive(Serialize, Deserialize)]
@@ -62,15 +60,6 @@ pub struct Evaluator {
     /// Whether the test clouds have several colours between them.
     colored: bool,
     simulation: Option<Simulation>,
-}
-
-/// The simulated robot of a data set, to see true shapes again.
-struct Simulation {
-    robot: Robot,
-    recipe: Recipe,
-    points: usize,
-    /// Cloud of the mean training command.
-    mean: PointCloud,
 }
 
 impl Evaluator {
@@ -241,8 +230,11 @@ impl Evaluator {
         let nearest = self.nearest(index)?;
         let mut against =
             |points: &[[f32; 3]]| self.distances(&self.subset(points, &mut rng), &truth);
-        let simulated = match &self.simulation {
-            Some(simulation) => Some(simulation.see_again(&self.test[index], self.settings.seed)?),
+        let again = match &self.simulation {
+            Some(simulation) => {
+                let condition = &self.test[index].condition;
+                Some(simulation.see_again(condition, self.settings.seed, index)?)
+            }
             None => None,
         };
         let prediction = self.predict(index)?;
@@ -251,17 +243,27 @@ impl Evaluator {
             color_error((&prediction.points, colors), (&cloud.points, &cloud.colors))
         };
         let colors = prediction.colors.as_ref().filter(|_| self.colored);
+        let network = against(&prediction.points)?;
+        let nearest = against(&nearest)?;
+        let mean = self.simulation.as_ref();
+        let mean = mean.map(|s| against(&s.mean.points)).transpose()?;
+        let (mut perfect, mut floor) = (None, None);
+        if let Some(again) = again {
+            let view = self.subset(&again.view.points, &mut rng);
+            let of_floor = self.floor(&view, &truth)?;
+            floor = Some(of_floor);
+            // The floor's points of the earth mover's distances are independent of each other already.
+            perfect = Some(Distances {
+                cd: chamfer(&self.subset(&again.independent.points, &mut rng), &truth)?,
+                ..of_floor
+            });
+        }
         Ok(Scores {
-            network: against(&prediction.points)?,
-            nearest: against(&nearest)?,
-            mean: self
-                .simulation
-                .as_ref()
-                .map(|s| against(&s.mean.points))
-                .transpose()?,
-            floor: simulated
-                .map(|cloud| self.floor(&self.subset(&cloud.points, &mut rng), &truth))
-                .transpose()?,
+            network,
+            nearest,
+            mean,
+            perfect,
+            floor,
             color: colors.map(color).transpose()?,
             uncertainty: uncertainty(&prediction, &cloud.points)?,
             evaluations: prediction.evaluations as f64,
@@ -286,9 +288,9 @@ impl Evaluator {
         distances([cloud, truth], [&cloud[..few], &truth[..few]])
     }
 
-    /// What two samples of the same surfaces score. For CD the second is what other cameras see; but those see some parts,
-    /// like a base, in another density, which counts in the earth mover's distances: for them it is other points of `truth`,
-    /// where there are enough.
+    /// What two samples of the same surfaces score. For CD the second is a view in a random phase of pixels and voxels; but
+    /// that has some parts, like a base, in another density, which counts in the earth mover's distances: for them it is
+    /// other points of `truth`, where there are enough.
     fn floor(&self, again: &[[f32; 3]], truth: &[[f32; 3]]) -> Result<Distances, PipelineError> {
         let few = self.settings.emd_points;
         let second = truth.get(few..2 * few).unwrap_or(&again[..few]);
@@ -310,50 +312,6 @@ fn distances(
         emd_squared: emd_squared.value,
         emd_squared_gap: emd_squared.gap,
     })
-}
-
-impl Simulation {
-    fn new(
-        recipe: Recipe,
-        set: &DataSet,
-        training: &CloudSet,
-        seed: u64,
-    ) -> Result<Self, PipelineError> {
-        let robot = Robot::new(recipe.subject.robot.clone())?;
-        let normalisation = set.normalisation();
-        let mean_of = |value: usize| -> f32 {
-            let sum: f64 = (0..training.len())
-                .map(|k| f64::from(training.condition(k)[value]))
-                .sum();
-            let (low, high) = (
-                normalisation.motor_min[value],
-                normalisation.motor_max[value],
-            );
-            (low + (high - low) * sum / training.len() as f64) as f32
-        };
-        let mut motors: Vec<f32> = (0..training.condition_dim).map(mean_of).collect();
-        let payload = match recipe.subject.payload {
-            Some(_) => motors.pop(),
-            None => None,
-        };
-        let condition = Condition { motors, payload };
-        let points = training.points_per_cloud;
-        let mut simulator = Simulator::new(&robot, &recipe);
-        let mean = simulator.cloud(&condition, points, &mut ChaCha8Rng::seed_from_u64(seed))?;
-        Ok(Self {
-            robot,
-            recipe,
-            points,
-            mean,
-        })
-    }
-
-    /// A second sample of the surface that a test sample was seen as.
-    fn see_again(&self, sample: &Sample, seed: u64) -> Result<PointCloud, PipelineError> {
-        let mut simulator = Simulator::new(&self.robot, &self.recipe).interleaved();
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        Ok(simulator.cloud(&sample.condition, self.points, &mut rng)?)
-    }
 }
 
 /// How uncertain a prediction is, and how well that tells its distance from the true cloud.

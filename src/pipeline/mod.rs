@@ -12,6 +12,7 @@ mod log;
 mod monitor;
 mod preset;
 mod scores;
+mod simulation;
 mod survey;
 mod train;
 
@@ -24,9 +25,11 @@ pub use scores::{Distances, Evaluation, Quantiles, Scores, UncertaintyScore};
 pub use survey::{Survey, Tips};
 pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, model_path, train};
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::path::{Path, PathBuf};
 
 use tdcr_learn::data::{DataError, PayloadRange, SimulateError};
+use tdcr_learn::lock::try_lock;
 use tdcr_learn::metrics::MetricError;
 use tdcr_learn::train::{FileError, PredictError, Target, TrainError};
 use tdcr_sim::render::BaseVisibility;
@@ -63,12 +66,32 @@ pub enum PipelineError {
     #[error(transparent)]
     Diverged(Box<Divergence>),
     /// The folder holds a run with other settings or data.
-    #[error("{} cannot be taken up: {source}; choose another folder, or remove this one", path.display())]
+    #[error(
+        "{} cannot be taken up: {source}; choose another folder (--out), where --init MODEL starts at the network of this \
+         run, or remove this one",
+        path.display()
+    )]
     OtherRun {
         /// The state's file.
         path: PathBuf,
         /// What differs.
         source: TrainError,
+    },
+    /// The folder holds a model, and no state of a run that it could be of.
+    #[error(
+        "{} is a model without the state of its run beside it, and would be overwritten: choose another folder (--out), or \
+         move it away",
+        path.display()
+    )]
+    ModelInTheWay {
+        /// The model's file.
+        path: PathBuf,
+    },
+    /// Another process works in the folder.
+    #[error("{} is being written by another process: wait for its end, or choose another folder (--out)", path.display())]
+    InUse {
+        /// The folder.
+        path: PathBuf,
     },
     /// A model or training state could not be read or written.
     #[error(transparent)]
@@ -111,6 +134,22 @@ pub enum PipelineError {
         /// Points there are.
         available: usize,
     },
+}
+
+/// Makes the folder `path` if it is not there, and keeps other processes that lock it out of it for as long as the returned
+/// file is open.
+///
+/// # Errors
+/// [`PipelineError::InUse`] while another process holds the lock, [`PipelineError::Folder`] where it cannot be taken.
+pub fn lock_folder(path: &Path) -> Result<File, PipelineError> {
+    let locked = std::fs::create_dir_all(path).and_then(|()| try_lock(&path.join(".lock")));
+    let lock = locked.map_err(|source| PipelineError::Folder {
+        path: path.to_owned(),
+        source,
+    })?;
+    lock.ok_or_else(|| PipelineError::InUse {
+        path: path.to_owned(),
+    })
 }
 
 /// A run that diverged, and what it left.

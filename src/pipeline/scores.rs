@@ -27,8 +27,11 @@ pub struct Scores {
     pub nearest: Distances,
     /// Of the cloud of the mean training command; `None` where the data set names no robot.
     pub mean: Option<Distances>,
-    /// Of a second, independent sample of the true surface: what a perfect predictor would reach.
-    /// `None` where the data set names no robot.
+    /// Of a perfect predictor: of points that are independent of each other on the surface that the cameras see. Its
+    /// earth mover's distances are the floor's. `None` where the data set names no robot.
+    pub perfect: Option<Distances>,
+    /// Of a second sample of the true surface by the same cameras and voxels, in a random phase: more regular than
+    /// independent points, so a little nearer. `None` where the data set names no robot.
     pub floor: Option<Distances>,
     /// Mean absolute difference, in [0, 1], of the colours of the network's points from those of the nearest points
     /// of the whole true cloud ([`color_error`](tdcr_learn::metrics::color_error)). `None` where the network predicts
@@ -96,6 +99,7 @@ impl Scores {
         [self.network, self.nearest]
             .into_iter()
             .chain(self.mean)
+            .chain(self.perfect)
             .chain(self.floor)
     }
 }
@@ -116,6 +120,7 @@ impl Evaluation {
             network: over(|s| s.network),
             nearest: over(|s| s.nearest),
             mean: over_known(|s| s.mean),
+            perfect: over_known(|s| s.perfect),
             floor: over_known(|s| s.floor),
             color: {
                 let known = self.per_test.iter().map(|s| s.color);
@@ -241,6 +246,7 @@ mod tests {
             network: distances(cd),
             nearest: distances(2.0 * cd),
             mean: None,
+            perfect: Some(distances(0.6 * cd)),
             floor: Some(distances(0.5 * cd)),
             color: Some(0.1 * cd),
             uncertainty: Some(UncertaintyScore {
@@ -303,6 +309,7 @@ mod tests {
         assert_eq!((mean.network.cd, mean.network.emd), (2.0, 20.0));
         assert_eq!(mean.nearest.emd_squared, 400.0);
         assert_eq!(mean.mean, None);
+        assert_eq!(mean.perfect.map(|d| d.cd), Some(1.2));
         assert_eq!(mean.floor.map(|d| d.cd), Some(1.0));
         assert_eq!(mean.color, Some(0.2));
         assert_eq!(mean.evaluations, 16.0);

@@ -11,7 +11,7 @@ use tdcr_learn::train::{
 };
 
 use super::log::RunLog;
-use super::{Divergence, Monitor, PipelineError, require_same};
+use super::{Divergence, Monitor, PipelineError, lock_folder, require_same};
 
 /// Steps between two words on the loss.
 const STEPS_PER_STATUS: u64 = 10;
@@ -97,9 +97,13 @@ fn state_path(run: &Path) -> PathBuf {
 /// the network and the `log.csv` of an uninterrupted one, bit for bit. A state whose loss is above its running level is
 /// not saved: when training diverges, the last good one is still there.
 ///
+/// A run in the folder is given more steps where `settings` have more: it goes on from its state, with the learning rate's
+/// schedule of the new length, so it does not end as one that was as long from the start
+/// ([`TrainSettings::earlier`] in its model says so).
+///
 /// # Errors
-/// [`PipelineError`]: a data set, an initial model or files that do not fit, training that diverges, or an
-/// interruption.
+/// [`PipelineError`]: a data set, an initial model or files that do not fit, a folder that another process works in or that
+/// holds a model of another origin, training that diverges, or an interruption.
 pub fn train(
     data: &TrainingData,
     run: &Path,
@@ -219,10 +223,7 @@ impl Run<'_> {
         start: Start,
         provenance: Provenance,
     ) -> Result<Trained, PipelineError> {
-        std::fs::create_dir_all(self.folder).map_err(|source| PipelineError::Folder {
-            path: self.folder.to_owned(),
-            source,
-        })?;
+        let _lock = lock_folder(self.folder)?;
         // A validation looks at no cloud twice, and neither it nor a step at more points than a cloud has.
         let settings = TrainSettings {
             points: self.settings.points.min(training.points_per_cloud()),
@@ -233,9 +234,20 @@ impl Run<'_> {
         let mut trainer = open(self.folder, start, &settings, training, validation)?;
         let scale = provenance.normalisation.scale;
         let mut log = RunLog::open(self.folder, &trainer, scale)?;
+        if trainer.steps_taken() == 0 {
+            // From here on the folder is this run's: a model without a state is another's.
+            let state = trainer.state(provenance.clone());
+            state.save(&state_path(self.folder))?;
+        }
         if !trainer.is_finished() {
             let (steps, taken) = (settings.steps, trainer.steps_taken());
             self.monitor.begin("train", steps, taken);
+            let grown = trainer.settings().earlier.last();
+            if grown.is_some_and(|earlier| earlier.until == taken) {
+                self.monitor.note(&format!(
+                    "more steps than before: from here on the learning rate is that of a run of {steps}"
+                ));
+            }
             self.finish(&mut trainer, &mut log, &provenance)?;
             self.monitor.end();
         }
@@ -308,7 +320,7 @@ fn start<'m>(
     Ok(Start::at(model, shape, provenance)?)
 }
 
-/// The run in the folder `run`, or a new one.
+/// The run in the folder `run`, or a new one where there is neither a state nor a model.
 fn open<'a>(
     run: &Path,
     start: Start,
@@ -318,6 +330,10 @@ fn open<'a>(
 ) -> Result<Trainer<'a>, PipelineError> {
     let path = state_path(run);
     if !path.exists() {
+        let path = model_path(run);
+        if path.exists() {
+            return Err(PipelineError::ModelInTheWay { path });
+        }
         return Ok(Trainer::new(start, settings.clone(), training, validation)?);
     }
     let state = TrainingState::load(&path)?;

@@ -56,7 +56,13 @@ fn a_path_is_a_table_that_settle_and_simulate_read() {
     ]);
     let settled: Value = serde_json::from_slice(&fs::read(&settled).unwrap()).unwrap();
     let settled = settled["settled"].as_array().unwrap();
-    assert_eq!(settled.len(), targets.len());
+    assert_eq!(
+        settled.len(),
+        targets.len(),
+        "the robot goes from point to point without detours"
+    );
+    let header = fs::read_to_string(&table).unwrap();
+    assert!(header.contains("reached,arrival\n") && header.contains("true,followed\n"));
     for (row, target) in settled.iter().zip(&targets) {
         let tip = std::array::from_fn(|axis| row["tip_position"][axis].as_f64().unwrap());
         assert!(distance(tip, *target) < 1e-6);

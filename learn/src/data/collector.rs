@@ -1,6 +1,6 @@
 //! Making a data set on disk, a block of samples at a time.
 
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File};
 use std::io;
 use std::ops::Range;
 use std::panic::resume_unwind;
@@ -8,12 +8,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
+use tdcr_sim::files::{TEMPORARY, write_atomically};
+
 use super::meta::{META_FILE, Meta};
 use super::normalisation::NormalisationFit;
 use super::shard::{Array, Batch, Sizes};
 use super::shard_file::ShardFile;
 use super::{DataError, Normalisation, Sample, Split, split_indices};
-use crate::atomic::{TEMPORARY, write_atomically};
+use crate::lock::try_lock;
 
 /// Samples in a block, the last excepted: what is made, and at worst lost, at once.
 const BLOCK: usize = 8;
@@ -360,7 +362,7 @@ fn require_fresh(dir: &Path) -> Result<(), DataError> {
 }
 
 /// Name of the first entry of `dir`, in name order, that is not `known`; none where there is no such folder.
-fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<String>, DataError> {
+pub(super) fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<String>, DataError> {
     let entries = match fs::read_dir(dir) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         entries => entries.map_err(DataError::io("list", dir))?,
@@ -377,14 +379,10 @@ fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<String>, DataErr
 /// Keeps other collectors out of `dir` for as long as the file is open.
 fn lock(dir: &Path) -> Result<File, DataError> {
     let path = dir.join(STAGING).join(LOCK_FILE);
-    let file = File::create(&path).map_err(DataError::io("create", &path))?;
-    match file.try_lock() {
-        Err(TryLockError::WouldBlock) => Err(DataError::InUse {
-            path: dir.to_owned(),
-        }),
-        // A file system without locks loses this protection and nothing else.
-        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
-    }
+    let file = try_lock(&path).map_err(DataError::io("create", &path))?;
+    file.ok_or_else(|| DataError::InUse {
+        path: dir.to_owned(),
+    })
 }
 
 fn write_meta(dir: &Path, meta: &Meta) -> Result<(), DataError> {
@@ -393,7 +391,7 @@ fn write_meta(dir: &Path, meta: &Meta) -> Result<(), DataError> {
         .map_err(DataError::io("write", &path))
 }
 
-fn remove_staging(staging: &Path) -> Result<(), DataError> {
+pub(super) fn remove_staging(staging: &Path) -> Result<(), DataError> {
     match fs::remove_dir_all(staging) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
             Err(DataError::io("remove", staging)(error))

@@ -5,9 +5,10 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use tdcr_sim::files::write_atomically;
 
 use super::DataError;
-use crate::atomic::write_atomically;
+use crate::limits::{MAX_JSON, read_file};
 
 const MOTORS_FILE: &str = "global_motors_scope-all.json";
 const POINTS_FILE: &str = "global_norm_scope-all_anchor-origin.json";
@@ -20,9 +21,9 @@ const POINTS_FILE: &str = "global_norm_scope-all_anchor-origin.json";
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Normalisation {
-    /// Smallest value of each motor (m), length `D`; the payload (kg) counts as the last motor.
+    /// Smallest value of each motor (m, N for tension drives, or the units of a recording), length `D`; the payload (kg) counts as the last motor.
     pub motor_min: Vec<f64>,
-    /// Largest value of each motor (m), length `D`.
+    /// Largest value of each motor, length `D`.
     pub motor_max: Vec<f64>,
     /// Scale `s` (m): the largest distance of a point from the world's origin.
     pub scale: f64,
@@ -33,7 +34,7 @@ pub struct Normalisation {
 pub struct OutOfRange {
     /// Which motor.
     pub index: usize,
-    /// Its value (m, or kg for the payload).
+    /// Its value (in the motor's unit, kg for the payload).
     pub value: f64,
     /// The smallest value in the data.
     pub min: f64,
@@ -171,11 +172,12 @@ impl Normalisation {
 
     /// Says what is wrong with the scale, if anything.
     pub(crate) fn check_scale(&self) -> Result<(), String> {
-        if self.scale.is_finite() && self.scale > 0.0 {
+        // Points are of single precision.
+        if self.scale > 0.0 && (self.scale as f32).is_normal() {
             Ok(())
         } else {
             Err(format!(
-                "scale is {}, expected a positive length",
+                "scale is {}, expected a positive length, 1.2e-38 to 3.4e38 m",
                 self.scale
             ))
         }
@@ -272,7 +274,7 @@ struct PointScale {
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, DataError> {
-    let bytes = std::fs::read(path).map_err(DataError::io("read", path))?;
+    let bytes = read_file(path, MAX_JSON).map_err(DataError::io("read", path))?;
     serde_json::from_slice(&bytes).map_err(|source| DataError::Json {
         path: path.to_owned(),
         source,

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use hdf5_pure::{Error, FileBuilder, H5Element};
 use tdcr_sim::cloud::PointCloud;
+use tdcr_sim::files::write_atomically;
 
 use super::{Condition, DataError, Normalisation, Sample};
-use crate::atomic::write_atomically;
 
 /// The arrays of a shard: `B` samples, `N` points each, `D` values of a condition.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +72,14 @@ impl Array {
             Self::Scale | Self::Payload => vec![samples],
         };
         shape.into_iter().map(|size| size as u64).collect()
+    }
+
+    /// Size of an element in memory (bytes).
+    pub(super) fn element_size(self) -> u64 {
+        match self {
+            Self::Rgb => 1,
+            _ => 4,
+        }
     }
 
     /// The shape in symbols.

@@ -94,6 +94,10 @@ pub struct SimulationTimes {
     pub sample: Duration,
 }
 
+/// Views that [`Simulator::independent_points`] draws from. Points of one view keep a voxel's distance; where an eighth of
+/// the points near another is of its view, that is hardly felt.
+const PHASES: usize = 8;
+
 /// Makes samples one after another, on one thread, reusing its memory.
 pub struct Simulator<'a> {
     robot: &'a Robot,
@@ -119,13 +123,10 @@ impl<'a> Simulator<'a> {
         }
     }
 
-    /// The same with other cameras and voxels, as [`Observer::interleaved`]: what it sees is a second, independent sample
-    /// of the same surfaces.
-    pub fn interleaved(self) -> Self {
-        Self {
-            observer: self.observer.interleaved(),
-            ..self
-        }
+    /// Moves pixels and voxels by random parts of one, as [`Observer::displace`]: what is seen from then on are other,
+    /// independent samples of the same surfaces.
+    pub fn displace(&mut self, rng: &mut impl Rng) {
+        self.observer.displace(rng);
     }
 
     /// Settles the robot: under the command alone, and from there under its payload.
@@ -167,6 +168,36 @@ impl<'a> Simulator<'a> {
         self.see(condition, points, rng, |observer, equilibrium| {
             observer.observe(equilibrium)
         })
+    }
+
+    /// Points (m, world frame) that are independent of each other, drawn from the surface that the cameras see of the
+    /// robot under a condition, in the mean density of [`cloud`](Self::cloud) over all phases of pixels and voxels: what
+    /// a perfect predictor, which draws its points one by one, makes of the condition.
+    ///
+    /// They are drawn from the union of several views, each in a phase of its own. The phases are left displaced.
+    ///
+    /// # Errors
+    /// As [`cloud`](Self::cloud).
+    pub fn independent_points(
+        &mut self,
+        condition: &Condition,
+        points: usize,
+        rng: &mut impl Rng,
+    ) -> Result<PointCloud, SimulateError> {
+        self.settle(condition)?;
+        let mut union = PointCloud::default();
+        for _ in 0..PHASES {
+            self.displace(rng);
+            let seen = self.observer.observe(self.settler.equilibrium());
+            union.points.extend(seen.points);
+            union.colors.extend(seen.colors);
+        }
+        if union.is_empty() {
+            return Err(SimulateError::NotSeen {
+                condition: condition.values().collect(),
+            });
+        }
+        Ok(union.sample_or_pad(points, rng))
     }
 
     /// Settles the robot and draws points of what `look` sees.

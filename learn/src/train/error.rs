@@ -62,6 +62,16 @@ pub enum TrainError {
         /// This run's.
         expected: String,
     },
+    /// A run is to have fewer steps than it was planned for.
+    #[error(
+        "`steps` is {steps}, and the run is of {planned}: a run can be given more steps, not fewer"
+    )]
+    Shorter {
+        /// Steps asked for.
+        steps: u64,
+        /// Steps that the run has.
+        planned: u64,
+    },
     /// A state belongs to another run.
     #[error("the training state is of another run: {what} was {found}, expected {expected}")]
     OtherRun {

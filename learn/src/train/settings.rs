@@ -1,10 +1,9 @@
 //! Settings of a training run, its learning-rate schedule and its weight averaging.
 
-use std::f64::consts::PI;
-
 use serde::{Deserialize, Serialize};
 
 use super::optimizer::Optimizer;
+use super::schedule::Schedule;
 use crate::flow::{FlowError, FlowPath, Sampler};
 use crate::net::{COLOR_WEIGHT, Precision};
 
@@ -24,6 +23,9 @@ const MAX_BATCH: usize = 100_000_000;
 pub struct TrainSettings {
     /// Optimiser steps in all.
     pub steps: u64,
+    /// Schedules of a run that was given more steps later, in the order in which it followed them; none in most runs.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub earlier: Vec<Schedule>,
     /// Clouds per step.
     pub clouds: usize,
     /// Points per cloud and step, a fresh random subset each time.
@@ -79,6 +81,7 @@ impl Default for TrainSettings {
     fn default() -> Self {
         Self {
             steps: 7000,
+            earlier: Vec::new(),
             clouds: 64,
             points: 256,
             optimizer: Optimizer::MUON,
@@ -177,14 +180,7 @@ impl TrainSettings {
             let expected = format!("at most {MAX_BATCH} points in a step");
             return Err(SettingsError::new("clouds times points", batch, expected));
         }
-        if self.warmup_steps >= self.steps {
-            let expected = format!("fewer than the {} steps", self.steps);
-            return Err(SettingsError::new(
-                "warmup_steps",
-                self.warmup_steps,
-                expected,
-            ));
-        }
+        self.check_schedule()?;
         for (field, value, least) in [
             ("learning_rate", self.learning_rate, f64::MIN_POSITIVE),
             (
@@ -228,37 +224,6 @@ impl TrainSettings {
         Ok(self.sampler.check()?)
     }
 
-    /// Learning rate of step `step` (the first is 1): linear from 0 to [`Self::learning_rate`] at the end of warm-up,
-    /// then half a cosine to [`Self::final_learning_rate`] at the last step.
-    pub fn learning_rate_at(&self, step: u64) -> f64 {
-        if step <= self.warmup_steps {
-            return self.learning_rate * step as f64 / self.warmup_steps as f64;
-        }
-        let progress = (step - self.warmup_steps) as f64 / (self.steps - self.warmup_steps) as f64;
-        let descent = self.learning_rate - self.final_learning_rate;
-        self.final_learning_rate + 0.5 * descent * (1.0 + (PI * progress).cos())
-    }
-
-    /// Learning rate of the optimiser's matrices at step `step`: [`Self::learning_rate_at`], in proportion.
-    pub fn matrix_learning_rate_at(&self, step: u64) -> f64 {
-        self.matrix_learning_rate() * (self.learning_rate_at(step) / self.learning_rate)
-    }
-
-    /// The same after warm-up.
-    fn matrix_learning_rate(&self) -> f64 {
-        match self.optimizer {
-            Optimizer::AdamW => self.learning_rate,
-            Optimizer::Muon { learning_rate } => learning_rate,
-        }
-    }
-
-    /// Decay of the weight average at step `step` (the first is 1): `min(decay, (1 + step) / (10 + step))`, so that the
-    /// early average is not held at the initial weights.
-    pub fn average_decay_at(&self, step: u64) -> f64 {
-        let step = step as f64;
-        self.average_decay.min((1.0 + step) / (10.0 + step))
-    }
-
     /// The running level of `losses`, one per step: the median of up to 100 losses before the last [`SPIKE_STEPS`]. None
     /// while there are fewer than [`SPIKE_STEPS`] before them.
     pub fn loss_level(losses: &[f32]) -> Option<f32> {
@@ -289,31 +254,6 @@ impl TrainSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn learning_rate_warms_up_linearly_and_falls_by_half_a_cosine() {
-        let settings = TrainSettings {
-            steps: 110,
-            warmup_steps: 10,
-            learning_rate: 1.0,
-            final_learning_rate: 0.2,
-            ..TrainSettings::default()
-        };
-        for (step, expected) in [(1, 0.1), (5, 0.5), (10, 1.0), (60, 0.6), (110, 0.2)] {
-            assert!(
-                (settings.learning_rate_at(step) - expected).abs() < 1e-12,
-                "step {step}"
-            );
-        }
-    }
-
-    #[test]
-    fn average_decay_rises_to_its_limit() {
-        let settings = TrainSettings::default();
-        assert_eq!(settings.average_decay_at(1), 2.0 / 11.0);
-        assert_eq!(settings.average_decay_at(90), 0.91);
-        assert_eq!(settings.average_decay_at(1_000_000), 0.999);
-    }
 
     /// Losses that fall and scatter by a factor of three either way, as those of few clouds do.
     fn noisy_losses(steps: usize) -> Vec<f32> {

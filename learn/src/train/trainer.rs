@@ -103,11 +103,12 @@ impl<'a> Trainer<'a> {
         })
     }
 
-    /// The run that `state` was saved from.
+    /// The run that `state` was saved from, or that run with more steps: then the next step follows the learning rate's
+    /// schedule of the new length, and [`TrainSettings::earlier`] says that it did not always.
     ///
     /// # Errors
-    /// [`TrainError::OtherRun`] where `state` is of another shape, other settings, other data or another start; else as
-    /// [`Trainer::new`].
+    /// [`TrainError::Shorter`] where the run had more steps; [`TrainError::OtherRun`] where `state` is of another shape, other
+    /// settings, other data or another start; else as [`Trainer::new`].
     pub fn resume<'s>(
         state: TrainingState,
         start: impl Into<Start<'s>>,
@@ -119,7 +120,7 @@ impl<'a> Trainer<'a> {
         let shape = start.shape();
         let other = TrainError::other_run;
         require_same("shape", &state.shape, &shape).map_err(other)?;
-        require_same("settings", &state.settings, &settings).map_err(other)?;
+        let settings = settings.continuing(&state.settings, state.step)?;
         let mut trainer = Self::new(start, settings, training, validation)?;
         for (set, found, expected) in [
             ("training set's fingerprint", state.data[0], trainer.data[0]),

@@ -1,5 +1,7 @@
 //! From an equilibrium to the cloud that a ring of cameras sees.
 
+use rand::{Rng, RngExt};
+
 use super::back_project::RowPoints;
 use super::voxels::CellSet;
 use super::{PointCloud, VoxelGrid};
@@ -33,18 +35,20 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// The same cameras and grid, moved by half a pixel and half a voxel: what it sees of an
-    /// equilibrium is a second, independent sample of the same surface.
-    pub fn interleaved(&self) -> Self {
-        let mut other = Self::new(self.robot, self.base, self.grid);
-        for camera in &mut other.cameras {
-            camera.intrinsics.cx += 0.5;
-            camera.intrinsics.cy += 0.5;
+    /// Moves the pixels of each camera, and the voxels, by a random part of one, as `rng` says: what it sees of an
+    /// equilibrium from then on is another sample of the same surface, in a phase of its own.
+    ///
+    /// Two regular samplings of one surface lie farthest apart where their phases differ by a half. A random phase is
+    /// what two independent samplings have.
+    pub fn displace(&mut self, rng: &mut impl Rng) {
+        self.cameras = Camera::placed(&self.robot.spec().cameras);
+        for camera in &mut self.cameras {
+            camera.intrinsics.cx += rng.random::<f64>();
+            camera.intrinsics.cy += rng.random::<f64>();
         }
-        for corner in &mut other.grid.origin {
-            *corner += 0.5 * self.grid.size;
+        for corner in &mut self.grid.origin {
+            *corner = self.grid.size * rng.random::<f64>();
         }
-        other
     }
 
     /// The fused cloud of the robot at rest: of the pixels of all cameras, in their order, the first

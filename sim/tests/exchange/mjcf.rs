@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use tdcr_sim::camera::Camera;
 use tdcr_sim::mjcf::{ExportOptions, export, import, import_text};
 use tdcr_sim::render::BaseVisibility;
-use tdcr_sim::robot::{Payload, Robot, RobotSpec};
+use tdcr_sim::robot::{CommandUnit, Payload, Robot, RobotSpec};
 
 use crate::{assert_same_robot, random_robot};
 
@@ -95,7 +95,10 @@ fn a_model_written_by_hand_is_read_as_mujoco_reads_it() {
     assert!((camera.pose.rotation * Vector3::z() - Vector3::y()).norm() < 1e-12);
     assert!((camera.pose.rotation * Vector3::y() + Vector3::z()).norm() < 1e-12);
     let tendon = &robot.tendons()[0];
-    assert_eq!((tendon.range, tendon.unit()), ([0.0, 5.0], "N"));
+    assert_eq!(
+        (tendon.range, tendon.unit()),
+        ([0.0, 5.0], CommandUnit::Newton)
+    );
     let notes: Vec<String> = imported.notes.iter().map(ToString::to_string).collect();
     for expected in [
         "<geom>: left out, with all 1 geoms that stand still",

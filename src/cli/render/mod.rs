@@ -20,8 +20,7 @@ use super::{CommandArg, output};
 /// See a settled robot with its cameras: colour, depth and mask images, and the fused cloud
 #[derive(Debug, Args)]
 pub(super) struct RenderArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     #[command(flatten)]
     command: CommandArg,
@@ -154,7 +153,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     };
     write_ply(&args.out.join(views.cloud), &cloud)?;
     let text = serde_json::to_string_pretty(&views)? + "\n";
-    files::write(&args.out.join("views.json"), text.as_bytes())?;
+    super::write_file(&args.out.join("views.json"), text.as_bytes())?;
     console.result(&views, |views| {
         let cameras = counted(views.cameras.len(), "view");
         let points = counted(views.points, "point");
@@ -206,16 +205,16 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
     let millimetres = frame.depth.iter().map(|z| (1e3 * z).round() as u16);
     let values = frame.mask.iter().map(|&instance| mask_value(instance));
     let color = files::rgb_png(size, frame.color.as_flattened())?;
-    files::write(&folder.join(&view.color), &color)?;
-    files::write(
+    super::write_file(&folder.join(&view.color), &color)?;
+    super::write_file(
         &folder.join(&view.depth_png),
         &files::grey_png(size, millimetres)?,
     )?;
-    files::write(
+    super::write_file(
         &folder.join(&view.depth_npy),
         &files::npy(size, &frame.depth),
     )?;
-    files::write(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
+    super::write_file(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
     Ok(view)
 }
 
