@@ -176,7 +176,7 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
         )],
         _ => follow(&robot, &controller, &targets, console)?,
     };
-    let command_units: Vec<&str> = robot.tendons().iter().map(Tendon::unit).collect();
+    let command_units: Vec<&str> = (robot.tendons().iter().map(|t| t.unit().symbol())).collect();
     let table = Table {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),

@@ -146,7 +146,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
 
 /// Units of what results say of settled robots, by field.
 pub(super) fn units(robot: &Robot) -> Value {
-    let command: Vec<&str> = robot.tendons().iter().map(Tendon::unit).collect();
+    let command: Vec<&str> = (robot.tendons().iter().map(|t| t.unit().symbol())).collect();
     json!({
         "command": command,
         "payload": "kg",
