@@ -13,7 +13,7 @@ use tdcr::report::counted;
 use tdcr::sim::inverse::shape::{
     Arrival, Bound, Outcome, PathPoint, Search, ShapeController, ShapeSolution, Target,
 };
-use tdcr::sim::robot::{Loads, Robot, Tendon};
+use tdcr::sim::robot::{Loads, Robot};
 use tdcr::sim::statics::Settler;
 
 use super::commands::read_points;

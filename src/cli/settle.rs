@@ -12,7 +12,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
-use tdcr::sim::robot::{Command, Loads, Robot, Tendon};
+use tdcr::sim::robot::{Command, Loads, Robot};
 use tdcr::sim::sensitivity::{Axis, Parameter, SensitivityError};
 use tdcr::sim::statics::{Equilibrium, Settler};
 
