@@ -3,8 +3,8 @@
 use crate::exchange::ExportError;
 use crate::lens::Distortion;
 use crate::robot::{
-    Backbone, Cameras, Drive, Lens, Loads, MassSpec, ModuleSpec, Payload, PerDisc, PinholeSpec,
-    RigidMass, Robot, RobotSpec, SolidMass, TendonSpec,
+    Cameras, Drive, Lens, Loads, MassSpec, ModuleSpec, Payload, PerDisc, PinholeSpec, RigidMass,
+    Robot, RobotSpec, SolidMass, TendonSpec,
 };
 
 use super::write::is_xml_char;
@@ -143,30 +143,7 @@ fn check_joints(index: usize, module: &ModuleSpec) -> Result<(), ExportError> {
             expected,
         ));
     }
-    if let Some(rod) = &module.rod {
-        return check_backbone(
-            &format!("modules[{index}].rod"),
-            &rod.backbone(module.pitch),
-        );
-    }
-    let field = format!("modules[{index}].backbone");
-    match &module.backbone {
-        None => Ok(()),
-        Some(PerDisc::Uniform(backbone)) => check_backbone(&field, backbone),
-        Some(PerDisc::Each(backbones)) => (backbones.iter().enumerate())
-            .try_for_each(|(disc, backbone)| check_backbone(&format!("{field}[{disc}]"), backbone)),
-    }
-}
-
-fn check_backbone(field: &str, backbone: &Backbone) -> Result<(), ExportError> {
-    let [x, y] = backbone.bending;
-    let torsion = backbone.torsion;
-    if x == y && y == torsion {
-        return Ok(());
-    }
-    let found = format!("{x} and {y} in bending, {torsion} in torsion");
-    let expected = "one stiffness for bending and torsion of a ball joint";
-    Err(refuse(field, found, expected))
+    Ok(())
 }
 
 fn check_tendon(field: &str, tendon: &TendonSpec) -> Result<(), ExportError> {

@@ -2,8 +2,9 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::body::{BallJoint, BodyReader, Carried, RigidGroup, Site};
+use super::body::{BodyReader, Carried, RigidGroup, Site};
 use super::chain::in_group;
+use super::joint::BallJoint;
 use super::mass::{Geom, GeomMass, PartMass, Shape};
 use crate::exchange::{DiscMass, ImportError};
 use crate::robot::{Backbone, RigidMass};
@@ -35,10 +36,10 @@ impl BodyReader<'_> {
         body: &Carried<'_>,
         group: &RigidGroup<'_>,
     ) -> Result<DiscBody, ImportError> {
-        let refuse = |reason: &str| Err(self.document.refuse(body.element, reason));
-        let Some(joint) = group.joint else {
-            return refuse("expected a ball joint");
+        let Some(joint) = self.ball_joint(&group.joints)? else {
+            return Err(self.document.refuse(body.element, "expected a ball joint"));
         };
+        let refuse = |reason: &str| Err(self.document.refuse(body.element, reason));
         if group.masses.is_empty() {
             return refuse("the body has no mass: expected geoms or an inertial");
         }
@@ -122,15 +123,16 @@ impl DiscBody {
 
     /// The spring of the joint, at rest in `pose`.
     pub fn backbone(&self, pose: &Isometry3<f64>) -> Option<Backbone> {
-        let stiffness = self.joint.stiffness;
+        let [x, y, torsion] = self.joint.springs.into();
         let rest = if is_turned(pose) {
             pose.rotation.scaled_axis().into()
         } else {
             [0.0; 3]
         };
-        (stiffness > 0.0).then(|| Backbone {
+        self.joint.is_elastic().then_some(Backbone {
+            bending: [x, y],
+            torsion,
             rest,
-            ..Backbone::isotropic(stiffness)
         })
     }
 }
