@@ -10,9 +10,10 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use tdcr::pipeline::{Monitor, PipelineError};
 use tdcr::sim::robot::{Loads, Robot};
-use tdcr::sim::statics::Settler;
+use tdcr::sim::statics::{Settler, Stability};
 
 use super::console::Console;
+use super::entry::{self, Entry};
 
 /// Settle a robot under a command: where its discs come to rest
 #[derive(Debug, Args)]
@@ -20,16 +21,16 @@ pub(super) struct SettleArgs {
     /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
     #[arg(long, default_value = "2m")]
     robot: String,
-    /// Command of every tendon (m, or N for a tension drive), separated by commas
+    /// Command of every tendon (m, or N for a tension drive), separated by commas; empty or left out for a robot without
+    /// tendons
     #[arg(
         long = "command",
         value_delimiter = ',',
-        required_unless_present = "random",
         conflicts_with = "random",
         allow_hyphen_values = true,
         value_name = "C,C,..."
     )]
-    command: Vec<f64>,
+    command: Vec<Entry>,
     /// Settle N random commands instead, on one thread, and say how well and how fast
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     random: Option<u64>,
@@ -50,7 +51,8 @@ pub(super) struct SettleArgs {
 struct Settled {
     /// Disc origins, world frame (m).
     positions: Vec<[f64; 3]>,
-    /// Disc orientations, world frame, unit quaternions (w, x, y, z).
+    /// Disc orientations, world frame, unit quaternions (w, x, y, z): of each the sign nearer to that of the body below,
+    /// the base's with w >= 0.
     orientations: Vec<[f64; 4]>,
     tendon_lengths: Vec<f64>,
     tendon_tensions: Vec<f64>,
@@ -58,6 +60,8 @@ struct Settled {
     iterations: usize,
     min_eigenvalue: f64,
     converged: bool,
+    /// `stable`, `neutral` or `unstable`; null where moments are left.
+    stability: Option<Stability>,
 }
 
 /// How settling random commands went.
@@ -78,10 +82,12 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(count) = args.random {
         return survey(&robot, &loads, count, args.seed, console);
     }
-    let command = robot.command(&args.command)?;
+    entry::require_command(&args.command, robot.tendons().len())?;
+    let command = robot.command(&entry::numbers(&args.command)?)?;
     let equilibrium = robot.settle(&command, &loads);
+    let failure = equilibrium.failure(&robot, &command);
     let settled = Settled {
-        min_eigenvalue: robot.smallest_stiffness(&command, &loads, &equilibrium.configuration),
+        min_eigenvalue: robot.smallest_stiffness(&command, &loads, &equilibrium),
         positions: equilibrium
             .positions
             .iter()
@@ -97,13 +103,11 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         residual: equilibrium.residual,
         iterations: equilibrium.iterations,
         converged: equilibrium.converged,
+        stability: equilibrium.stability,
     };
     console.result(&settled, table)?;
-    if !settled.converged {
-        bail!(
-            "the robot did not settle: residual {:e} N m",
-            settled.residual
-        );
+    if let Some(failure) = failure {
+        return Err(failure.into());
     }
     Ok(())
 }
@@ -192,10 +196,11 @@ fn table(settled: &Settled) -> String {
     let _ = writeln!(
         text,
         "\n{} in {} Newton steps; residual {:.1e} N m, smallest stiffness {:.3e} N m/rad",
-        if settled.converged {
-            "settled"
-        } else {
-            "NOT settled"
+        match settled.stability {
+            Some(Stability::Neutral) if settled.converged => "settled (neutral equilibrium)",
+            Some(Stability::Unstable) => "NOT settled (unstable equilibrium)",
+            _ if settled.converged => "settled",
+            _ => "NOT settled",
         },
         settled.iterations,
         settled.residual,

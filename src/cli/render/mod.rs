@@ -110,9 +110,8 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         ..Payload::default()
     };
     let equilibrium = robot.settle(&command, &Loads::default().with_payload(payload)?);
-    if !equilibrium.converged {
-        let residual = equilibrium.residual;
-        bail!("the robot did not settle: residual {residual:e} N m");
+    if let Some(failure) = equilibrium.failure(&robot, &command) {
+        return Err(failure.into());
     }
     let mesh = args.base_mesh.as_deref().map(Shape::read_stl).transpose()?;
     prepare(&args.out)?;
