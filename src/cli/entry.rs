@@ -3,7 +3,8 @@
 use std::num::ParseFloatError;
 use std::str::FromStr;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
+use clap::error::ErrorKind;
 
 /// What stands between two commas: a number, or nothing.
 #[derive(Clone, Copy, Debug)]
@@ -34,14 +35,12 @@ pub(super) fn numbers(entries: &[Entry]) -> anyhow::Result<Vec<f64>> {
     entries.iter().enumerate().map(number).collect()
 }
 
-/// Says, as the parser does of arguments that must be there, that a robot of `tendons` tendons needs a
-/// command.
-///
-/// # Errors
-/// Where there are tendons, and no command.
-pub(super) fn require_command(entries: &[Entry], tendons: usize) -> anyhow::Result<()> {
+/// Ends with the parser's message and status for arguments that are missing where a robot of `tendons`
+/// tendons gets no command.
+pub(super) fn require_command(entries: &[Entry], tendons: usize) {
     if entries.is_empty() && tendons > 0 {
-        bail!("--command is missing: the robot has {tendons} tendons; expected a number for each");
+        let message =
+            format!("--command is missing; expected a number for each of {tendons} tendons\n");
+        clap::Error::raw(ErrorKind::MissingRequiredArgument, message).exit();
     }
-    Ok(())
 }

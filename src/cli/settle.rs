@@ -82,7 +82,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(count) = args.random {
         return survey(&robot, &loads, count, args.seed, console);
     }
-    entry::require_command(&args.command, robot.tendons().len())?;
+    entry::require_command(&args.command, robot.tendons().len());
     let command = robot.command(&entry::numbers(&args.command)?)?;
     let equilibrium = robot.settle(&command, &loads);
     let failure = equilibrium.failure(&robot, &command);

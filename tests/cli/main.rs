@@ -14,6 +14,7 @@ mod resume;
 mod road;
 mod simulate;
 mod start;
+mod statics;
 mod training;
 
 use std::path::Path;
