@@ -6,6 +6,7 @@ mod console;
 mod data;
 mod demo;
 mod distill;
+mod entry;
 mod eval;
 mod eval_page;
 mod export;

@@ -16,7 +16,7 @@ use super::commands::{Row, read_commands};
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsSaid};
 use super::output;
-use super::settle::{stiffness, units};
+use super::settle::units;
 
 /// Commands settled between two safe points.
 const BATCH: usize = 1024;
@@ -61,7 +61,7 @@ impl Settled {
             tip_orientation: [rotation.w, rotation.i, rotation.j, rotation.k],
             tendon_tensions: settled.tendon_tensions.clone(),
             tendon_lengths: settled.tendon_lengths.clone(),
-            smallest_stiffness: stiffness(robot, command, loads, settled),
+            smallest_stiffness: robot.smallest_stiffness(command, loads, settled),
             residual: settled.residual,
             iterations: settled.iterations,
             converged: settled.converged,

@@ -19,6 +19,7 @@ mod settle;
 mod signals;
 mod simulate;
 mod start;
+mod statics;
 mod training;
 
 use std::path::Path;
