@@ -71,7 +71,8 @@ pub(super) fn scores(evaluation: &Evaluation) -> Vec<Score> {
         Some(score("Network", mean.network)),
         Some(score("Nearest training command", mean.nearest)),
         mean.mean.map(|mean| score("Mean command", mean)),
-        mean.perfect.map(|perfect| score("Perfect predictor", perfect)),
+        mean.perfect
+            .map(|perfect| score("Perfect predictor", perfect)),
     ]
     .into_iter()
     .flatten()

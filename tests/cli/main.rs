@@ -7,6 +7,7 @@ mod data;
 mod distill;
 mod eval;
 mod export;
+mod growth;
 mod predict;
 mod refusals;
 mod render;
