@@ -98,7 +98,9 @@ impl CollectTimes {
 /// Settles the robot under the conditions of a design, sees it, and writes the clouds to the folder `dir`.
 ///
 /// Sample `i` is a function of the settings and `i` alone, so an interrupted collection that is taken
-/// up, on any number of threads, gives the files of an uninterrupted one.
+/// up, on any number of threads, gives the files of an uninterrupted one. So does a set of fewer samples that grows, where the
+/// design allows it ([`Design::can_grow`]); but the splits are drawn anew, and networks that were trained on the smaller set
+/// have seen samples that now test.
 ///
 /// # Errors
 /// [`PipelineError`]: a robot that is refused or does not settle, a folder that cannot be written or
@@ -118,6 +120,7 @@ pub fn collect(
     } = *settings;
     let conditions = conditions(&robot, payload, design, count, seed)?;
     let collector = Collector::open(dir, &settings.meta())?;
+    keep_samples(&collector, monitor)?;
     let mut times = simulate(settings, &robot, &conditions, &collector, monitor)?;
     let began = Instant::now();
     finish(collector, monitor)?;
@@ -168,16 +171,26 @@ fn simulate(
     Ok(times.into_inner().unwrap_or_default())
 }
 
+/// Keeps the samples of a smaller set.
+fn keep_samples(collector: &Collector, monitor: &dyn Monitor) -> Result<(), DataError> {
+    collector.keep_samples(stage("keep samples", monitor))
+}
+
 fn finish(collector: Collector, monitor: &dyn Monitor) -> Result<(), DataError> {
+    collector.finish(stage("write shards", monitor))
+}
+
+/// Tells `monitor` of a stage whose steps are called out, those done and those in all.
+fn stage(name: &'static str, monitor: &dyn Monitor) -> impl FnMut(usize, usize) {
     let mut begun = false;
-    collector.finish(|done, steps| {
+    move |done, steps| {
         if !begun {
-            monitor.begin("write shards", steps as u64, 0);
+            monitor.begin(name, steps as u64, 0);
             begun = true;
         }
         monitor.advance(1);
         if done == steps {
             monitor.end();
         }
-    })
+    }
 }

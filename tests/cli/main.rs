@@ -7,6 +7,7 @@ mod data;
 mod distill;
 mod eval;
 mod export;
+mod growth;
 mod names;
 mod output;
 mod predict;

@@ -14,7 +14,7 @@ use super::meta::{META_FILE, Meta};
 use super::normalisation::NormalisationFit;
 use super::shard::{Array, Batch, Sizes};
 use super::shard_file::ShardFile;
-use super::{DataError, Normalisation, Sample, Split, split_indices};
+use super::{DataError, Normalisation, Sample, Split};
 use crate::lock::try_lock;
 
 /// Samples in a block, the last excepted: what is made, and at worst lost, at once.
@@ -34,50 +34,67 @@ const SHARD_WRITERS: usize = 2;
 /// complete data set. Every file appears whole or not at all, so collecting may be killed at any time; opening the
 /// folder again with the same [`Meta`] takes it up where it stopped, and the files come out the same, byte for byte.
 ///
+/// A data set grows where the [`Meta`] asks for more samples of the same kind, complete or not: see
+/// [`keep_samples`](Self::keep_samples). Its files come out as if it had been of that size from the start.
+///
 /// The largest need of disk space, while finishing, is 42 bytes a point: 15 staged and 27 in the shards.
 #[derive(Debug)]
 pub struct Collector {
-    dir: PathBuf,
-    meta: Meta,
-    state: State,
+    pub(super) dir: PathBuf,
+    pub(super) meta: Meta,
+    pub(super) state: State,
 }
 
 #[derive(Debug)]
-enum State {
+pub(super) enum State {
     Complete,
-    /// Holds the lock that keeps other collectors out.
     Collecting {
+        /// Keeps other collectors out.
         _lock: File,
+        /// Whether the folder holds a complete, smaller set.
+        grows: bool,
     },
 }
 
 impl Collector {
     /// Opens the data set `meta` in the folder `dir`, which is made if it is not there, or taken up where collecting
-    /// was interrupted.
+    /// was interrupted, or where the set was smaller.
     ///
     /// # Errors
     /// [`DataError::InvalidMeta`] and [`DataError::TooFewSamples`]; [`DataError::OtherSet`] if `dir` holds a data set
-    /// with another meta, [`DataError::ForeignFolder`] if it holds anything else; [`DataError::InUse`] while another
-    /// collector has it open; [`DataError::Io`] if it cannot be written.
+    /// with another meta, [`DataError::OtherCount`] if that set cannot grow to this one, [`DataError::ForeignFolder`] if it
+    /// holds anything else; [`DataError::InUse`] while another collector has it open; [`DataError::Io`] if it cannot be
+    /// written.
     pub fn open(dir: &Path, meta: &Meta) -> Result<Self, DataError> {
         meta.validate()?;
         let staging = dir.join(STAGING);
-        let state = if let Some(found) = Meta::load(&dir.join(META_FILE))? {
-            meta.require_same(&found, dir)?;
-            remove_staging(&staging)?;
+        let complete = Meta::load(&dir.join(META_FILE))?;
+        let grows = match &complete {
+            Some(found) => meta.grows_from(found, dir)?,
+            None => false,
+        };
+        let state = if complete.is_some() && !grows {
+            remove_leftovers(&staging, meta)?;
             State::Complete
         } else {
-            let found = Meta::load(&staging.join(META_FILE))?;
-            match &found {
-                Some(found) => meta.require_same(found, dir)?,
-                None => require_fresh(dir)?,
+            match Meta::load(&staging.join(META_FILE))? {
+                Some(staged) => {
+                    meta.grows_from(&staged, dir)?;
+                }
+                None if complete.is_none() => require_fresh(dir)?,
+                None => {}
             }
             fs::create_dir_all(&staging).map_err(DataError::io("create", &staging))?;
             let lock = lock(dir)?;
-            if found.is_none() {
+            // Another collector may have come to its end before it let go of the lock.
+            if Meta::load(&dir.join(META_FILE))? != complete {
+                drop(lock);
+                return Self::open(dir, meta);
+            }
+            if Meta::load(&staging.join(META_FILE))?.as_ref() != Some(meta) {
                 write_meta(&staging, meta)?;
             }
-            State::Collecting { _lock: lock }
+            State::Collecting { _lock: lock, grows }
         };
         Ok(Self {
             dir: dir.to_owned(),
@@ -152,6 +169,8 @@ impl Collector {
             progress(done, steps);
         };
         let normalisation = self.fit_normalisation(&mut step)?;
+        // From here on the files of a smaller set are replaced.
+        remove_file(&self.dir.join(META_FILE))?;
         self.write_shards(&normalisation, &mut step)?;
         normalisation.save(&self.dir)?;
         write_meta(&self.dir, &self.meta)?;
@@ -200,7 +219,7 @@ impl Collector {
         full: SyncSender<(PathBuf, Batch)>,
         step: &mut impl FnMut(),
     ) -> Result<(), DataError> {
-        let splits = split_indices(self.meta.count, self.meta.seed)?;
+        let splits = self.meta.splits()?;
         let mut gatherers = vec![];
         for split in Split::ALL {
             let dir = self.dir.join(split.folder());
@@ -209,10 +228,7 @@ impl Collector {
         for block in self.blocks() {
             let batch = self.open_block(&block)?.read_batch()?;
             for (row, index) in block.enumerate() {
-                let split = Split::ALL
-                    .iter()
-                    .position(|&split| splits.of(split).binary_search(&index).is_ok());
-                gatherers[split.expect("every sample is in a split")].push_row(&batch, row);
+                gatherers[splits.place_of(index)].push_row(&batch, row);
             }
             step();
         }
@@ -221,14 +237,14 @@ impl Collector {
     }
 
     /// Index ranges of all blocks.
-    fn blocks(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+    pub(super) fn blocks(&self) -> impl Iterator<Item = Range<usize>> + use<> {
         let count = self.meta.count;
         (0..count)
             .step_by(BLOCK)
             .map(move |first| first..count.min(first + BLOCK))
     }
 
-    fn block_path(&self, block: &Range<usize>) -> PathBuf {
+    pub(super) fn block_path(&self, block: &Range<usize>) -> PathBuf {
         self.dir
             .join(STAGING)
             .join(format!("block-{:08}.h5", block.start))
@@ -238,7 +254,7 @@ impl Collector {
         ShardFile::open(&self.block_path(block), &Array::BLOCK)
     }
 
-    fn is_whole(&self, block: &Range<usize>) -> bool {
+    pub(super) fn is_whole(&self, block: &Range<usize>) -> bool {
         // What the last value of a condition is, only shards say.
         let sizes = Sizes {
             payload: false,
@@ -389,6 +405,23 @@ fn write_meta(dir: &Path, meta: &Meta) -> Result<(), DataError> {
     let path = dir.join(META_FILE);
     write_atomically(&path, |file| io::Write::write_all(file, &meta.to_json()))
         .map_err(DataError::io("write", &path))
+}
+
+/// Removes the staging folder of the complete set `meta`, unless that is to grow there.
+fn remove_leftovers(staging: &Path, meta: &Meta) -> Result<(), DataError> {
+    match Meta::load(&staging.join(META_FILE)) {
+        Ok(Some(staged)) if staged != *meta => Ok(()),
+        _ => remove_staging(staging),
+    }
+}
+
+fn remove_file(path: &Path) -> Result<(), DataError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            Err(DataError::io("remove", path)(error))
+        }
+        _ => Ok(()),
+    }
 }
 
 pub(super) fn remove_staging(staging: &Path) -> Result<(), DataError> {

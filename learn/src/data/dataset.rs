@@ -9,7 +9,6 @@ use super::shard::{Array, Sizes};
 use super::shard_file::ShardFile;
 use crate::channels::Channels;
 
-use super::split::split_size;
 use super::{CloudSet, Condition, DataError, Normalisation, Sample, Split};
 
 /// How far a normalised copy may stray from what the normalisation files say: far above rounding, far below a
@@ -195,7 +194,7 @@ impl DataSet {
             return Err(DataError::NoShards { path: dir });
         };
         if let Some(meta) = &self.meta {
-            let expected = split_size(meta.count, split);
+            let expected = meta.splits()?.of(split).len();
             if samples != expected {
                 return Err(DataError::SampleCount {
                     path: dir,

@@ -170,7 +170,7 @@ pub enum DataError {
         count: usize,
     },
     /// The folder holds a data set made with other settings.
-    #[error("{} holds another data set: its `{field}` is {found}, not {wanted}", .path.display())]
+    #[error("{} holds another data set: its `{field}` is {found}, not {wanted}; choose another folder", .path.display())]
     OtherSet {
         /// The folder.
         path: PathBuf,
@@ -180,6 +180,21 @@ pub enum DataError {
         wanted: String,
         /// The value found.
         found: String,
+    },
+    /// The folder holds a data set with another number of samples, which cannot become this one.
+    #[error(
+        "{} holds {held} samples and `samples` is {wanted}: {reason}; ask for {held}, or choose another folder",
+        .path.display()
+    )]
+    OtherCount {
+        /// The folder.
+        path: PathBuf,
+        /// Samples of the set there.
+        held: usize,
+        /// Samples asked for.
+        wanted: usize,
+        /// Why the one does not become the other.
+        reason: String,
     },
     /// The folder holds something that is not a data set.
     #[error("{} holds `{found}` and is no data set of ours, expected a new, an empty or a data set's folder", .path.display())]

@@ -8,6 +8,7 @@ use super::conditions::Design;
 use super::shard::Sizes;
 use super::simulator::{Recipe, Subject};
 use super::split::{MAX_SAMPLES, require_count};
+use super::{SplitIndices, split_indices};
 use crate::limits::{MAX_JSON, read_file};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -173,8 +174,42 @@ impl Meta {
         }
     }
 
+    /// Which samples are in which split.
+    pub(super) fn splits(&self) -> Result<SplitIndices, DataError> {
+        split_indices(self.count, self.seed)
+    }
+
+    /// Whether the data set `found` in `folder` is to grow to `self`; false where it is `self`.
+    ///
+    /// # Errors
+    /// [`DataError::OtherSet`] where they differ in more than their number of samples, [`DataError::OtherCount`] where
+    /// `found` cannot grow to that of `self`.
+    pub(super) fn grows_from(&self, found: &Self, folder: &Path) -> Result<bool, DataError> {
+        let resized = Self {
+            count: found.count,
+            ..self.clone()
+        };
+        resized.require_same(found, folder)?;
+        let reason = match &self.origin {
+            _ if self.count == found.count => return Ok(false),
+            _ if self.count < found.count => "a data set can grow, not shrink".to_owned(),
+            Origin::Simulated { design, .. } if design.can_grow() => return Ok(true),
+            Origin::Simulated { design, .. } => {
+                let name = design.name();
+                format!("the places of a {name} design depend on how many there are")
+            }
+            Origin::Imported { .. } => "its clouds were imported all at once".to_owned(),
+        };
+        Err(DataError::OtherCount {
+            path: folder.to_owned(),
+            held: found.count,
+            wanted: self.count,
+            reason,
+        })
+    }
+
     /// Refuses `found`, the meta of the data set in `folder`, unless it is `self`.
-    pub(super) fn require_same(&self, found: &Self, folder: &Path) -> Result<(), DataError> {
+    fn require_same(&self, found: &Self, folder: &Path) -> Result<(), DataError> {
         let as_value =
             |meta: &Self| serde_json::to_value(meta).expect("a struct of plain values serialises");
         match first_difference("", &as_value(self), &as_value(found)) {

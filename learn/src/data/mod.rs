@@ -19,7 +19,7 @@
 //!
 //! A payload is one more motor to readers of the layout that know none; `payload` tells the others which it is.
 //!
-//! [`Collector`] makes one, and takes up an interrupted one; [`DataSet`] reads one, `meta.json` or not.
+//! [`Collector`] makes one, takes up an interrupted one, and lets one grow; [`DataSet`] reads one, `meta.json` or not.
 
 mod check;
 mod collector;
@@ -27,6 +27,7 @@ mod conditions;
 mod dataset;
 mod error;
 mod exchange;
+mod grow;
 mod meta;
 mod normalisation;
 mod sample;

@@ -60,6 +60,17 @@ impl SplitIndices {
             Split::Test => &self.test,
         }
     }
+
+    /// Place in [`Split::ALL`] of the split that sample `index` is in.
+    ///
+    /// # Panics
+    /// If it is in none.
+    pub(super) fn place_of(&self, index: usize) -> usize {
+        let place = Split::ALL
+            .iter()
+            .position(|&split| self.of(split).binary_search(&index).is_ok());
+        place.expect("every sample is in a split")
+    }
 }
 
 /// Assigns samples `0..count` to the splits by a random permutation that depends on `seed` alone.

@@ -37,6 +37,14 @@ impl Design {
         }
     }
 
+    /// Whether the first conditions of many are those of few, so that a data set can grow.
+    pub fn can_grow(self) -> bool {
+        match self {
+            Self::Uniform | Self::Sobol => true,
+            Self::LatinHypercube | Self::Grid => false,
+        }
+    }
+
     /// The design's points; `None` where each is drawn by itself.
     pub(super) fn points(
         self,
