@@ -1,18 +1,26 @@
 //! What a data set was made with.
 
-use std::fs;
 use std::io;
 use std::path::Path;
 
+use super::DataError;
 use super::conditions::Design;
 use super::shard::Sizes;
 use super::simulator::{Recipe, Subject};
-use super::{DataError, SplitIndices, split::MIN_SAMPLES, split_indices};
+use super::split::{MAX_SAMPLES, require_count, split_size};
+use super::{Split, SplitIndices, split_indices};
+use crate::limits::{MAX_JSON, read_file};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// File name of a complete data set's [`Meta`].
 pub(super) const META_FILE: &str = "meta.json";
+
+/// Most motors: as many as a network takes.
+const MAX_MOTORS: usize = 4096;
+
+/// Most points of a cloud: far above any camera's.
+const MAX_POINTS: usize = 10_000_000;
 
 /// Everything needed to make a data set again; stored beside it as `meta.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,6 +59,9 @@ pub enum Origin {
     Imported {
         /// What they were, for people.
         source: String,
+        /// Which sample is in which split; `None` where chance decides.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        split: Option<SplitIndices>,
     },
 }
 
@@ -70,7 +81,7 @@ impl Meta {
 
     /// Reads `path`; `None` where there is no such file.
     pub(super) fn load(path: &Path) -> Result<Option<Self>, DataError> {
-        let bytes = match fs::read(path) {
+        let bytes = match read_file(path, MAX_JSON) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             bytes => bytes.map_err(DataError::io("read", path))?,
         };
@@ -117,17 +128,28 @@ impl Meta {
         if self.format != Self::FORMAT {
             return invalid("format", &self.format, "2, the version this program knows");
         }
-        if self.count < MIN_SAMPLES {
-            return Err(DataError::TooFewSamples { count: self.count });
-        }
-        for (field, value) in [
-            ("motors", self.motors),
-            ("points_per_cloud", self.points_per_cloud),
-            ("samples_per_shard", self.samples_per_shard),
+        require_count(self.count)?;
+        for (field, value, most, expected) in [
+            ("motors", self.motors, MAX_MOTORS, "1 to 4096"),
+            (
+                "points_per_cloud",
+                self.points_per_cloud,
+                MAX_POINTS,
+                "1 to 10000000",
+            ),
+            (
+                "samples_per_shard",
+                self.samples_per_shard,
+                MAX_SAMPLES,
+                "1 to 10000000",
+            ),
         ] {
-            if value == 0 {
-                return invalid(field, &value, "at least 1");
+            if !(1..=most).contains(&value) {
+                return invalid(field, &value, expected);
             }
+        }
+        if let Some(problem) = self.given_split().and_then(|split| split.fault(self.count)) {
+            return invalid("split", &problem, "every sample in one split, none empty");
         }
         self.origin.recipe().map_or(Ok(()), Recipe::check)
     }
@@ -160,7 +182,25 @@ impl Meta {
 
     /// Which samples are in which split.
     pub(super) fn splits(&self) -> Result<SplitIndices, DataError> {
-        split_indices(self.count, self.seed)
+        match self.given_split() {
+            Some(split) => Ok(split.clone()),
+            None => split_indices(self.count, self.seed),
+        }
+    }
+
+    /// Samples of a split.
+    pub(super) fn split_size(&self, split: Split) -> usize {
+        match self.given_split() {
+            Some(given) => given.of(split).len(),
+            None => split_size(self.count, split),
+        }
+    }
+
+    fn given_split(&self) -> Option<&SplitIndices> {
+        match &self.origin {
+            Origin::Simulated { .. } => None,
+            Origin::Imported { split, .. } => split.as_ref(),
+        }
     }
 
     /// Whether the data set `found` in `folder` is to grow to `self`; false where it is `self`.

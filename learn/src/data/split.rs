@@ -3,11 +3,15 @@
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 
 use super::DataError;
 
 /// Fewest samples for which no split is empty.
 pub(super) const MIN_SAMPLES: usize = 10;
+
+/// Most samples: far above any data set's, and few enough that their indices fit into memory.
+pub(super) const MAX_SAMPLES: usize = 10_000_000;
 
 /// Shares of [`Split::ALL`], in tenths.
 const TENTHS: [usize; 3] = [8, 1, 1];
@@ -38,7 +42,8 @@ impl Split {
 }
 
 /// Sample indices of each split, each ascending; together they hold `0..count` once.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct SplitIndices {
     /// Indices of [`Split::Train`].
     pub train: Vec<usize>,
@@ -58,6 +63,29 @@ impl SplitIndices {
         }
     }
 
+    /// Says what is wrong with the split of `count` samples, if anything.
+    pub(super) fn fault(&self, count: usize) -> Option<String> {
+        let mut seen = vec![false; count];
+        for split in Split::ALL {
+            let indices = self.of(split);
+            if indices.is_empty() {
+                return Some(format!("without a sample in {}", split.folder()));
+            }
+            if !indices.is_sorted() {
+                return Some(format!("not ascending in {}", split.folder()));
+            }
+            for &index in indices {
+                match seen.get_mut(index) {
+                    Some(seen) if !*seen => *seen = true,
+                    Some(_) => return Some(format!("with sample {index} twice")),
+                    None => return Some(format!("with sample {index} of {count}")),
+                }
+            }
+        }
+        let missing = seen.iter().position(|seen| !seen)?;
+        Some(format!("without sample {missing}"))
+    }
+
     /// Place in [`Split::ALL`] of the split that sample `index` is in.
     ///
     /// # Panics
@@ -75,11 +103,9 @@ impl SplitIndices {
 /// Sizes are 80/10/10 % rounded by largest remainder (ties to the earlier split), which no integers come closer to.
 ///
 /// # Errors
-/// [`DataError::TooFewSamples`] below 10, where a split would be empty.
+/// [`DataError::TooFewSamples`] below 10, where a split would be empty; [`DataError::TooManySamples`] above 10,000,000.
 pub fn split_indices(count: usize, seed: u64) -> Result<SplitIndices, DataError> {
-    if count < MIN_SAMPLES {
-        return Err(DataError::TooFewSamples { count });
-    }
+    require_count(count)?;
     let mut indices: Vec<usize> = (0..count).collect();
     indices.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
     let [train_size, val_size, _] = split_sizes(count);
@@ -90,6 +116,20 @@ pub fn split_indices(count: usize, seed: u64) -> Result<SplitIndices, DataError>
         split.sort_unstable();
     }
     Ok(SplitIndices { train, val, test })
+}
+
+/// Refuses numbers of samples that cannot be split.
+pub(super) fn require_count(count: usize) -> Result<(), DataError> {
+    match count {
+        0..MIN_SAMPLES => Err(DataError::TooFewSamples { count }),
+        MIN_SAMPLES..=MAX_SAMPLES => Ok(()),
+        _ => Err(DataError::TooManySamples { count }),
+    }
+}
+
+/// Number of samples of a split of `count` samples, which [`require_count`] accepts.
+pub(super) fn split_size(count: usize, split: Split) -> usize {
+    split_sizes(count)[split as usize]
 }
 
 /// Largest-remainder rounding of `count * TENTHS / 10`.
@@ -123,6 +163,7 @@ mod tests {
             for split in Split::ALL {
                 prop_assert!(!splits.of(split).is_empty());
                 prop_assert!(splits.of(split).is_sorted());
+                prop_assert_eq!(splits.of(split).len(), split_size(count, split));
             }
             prop_assert_eq!(split_indices(count, seed).unwrap(), splits);
         }
@@ -155,6 +196,16 @@ mod tests {
             split_indices(100, 1).unwrap(),
             split_indices(100, 2).unwrap()
         );
+    }
+
+    #[test]
+    fn more_samples_than_memory_holds_are_refused() {
+        for count in [MAX_SAMPLES + 1, 1_000_000_000_000, usize::MAX] {
+            assert!(matches!(
+                split_indices(count, 0),
+                Err(DataError::TooManySamples { count: found }) if found == count
+            ));
+        }
     }
 
     #[test]
