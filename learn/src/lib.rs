@@ -63,7 +63,6 @@
 //! It is no framework: the layers serve these networks alone, on a CPU. A command outside the training
 //! range is extrapolated without warrant.
 
-mod atomic;
 mod channels;
 pub mod data;
 pub mod flow;

@@ -42,6 +42,7 @@
 //! - [`camera`]: pinholes and distorted lenses, in rings or placed freely.
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
+//! - [`files`]: files that are whole or not there.
 //! - [`mjcf`], [`urdf`]: robots written to and read from files of other tools ([`exchange`]).
 //!
 //! # What it is not for
@@ -60,11 +61,13 @@ pub mod cloud;
 pub mod dynamics;
 mod energy;
 pub mod exchange;
+pub mod files;
 pub mod friction;
 pub mod inverse;
 mod lens;
 pub mod mjcf;
 mod newton;
+mod reading;
 pub mod render;
 pub mod robot;
 pub mod sensitivity;

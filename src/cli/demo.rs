@@ -15,7 +15,7 @@ use tdcr::pipeline::{
     CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Preset,
     Trained, TrainingData, collect, lock_folder, train,
 };
-use tdcr::report::{Example, Report, Stage, Training, contact_sheet, scale_bar};
+use tdcr::report::{Example, MotorGroup, Report, Stage, Training, contact_sheet, scale_bar};
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::RobotSpec;
 
@@ -133,7 +133,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         ("shapes.png", contact_sheet(&sheet, SHEET_PANEL_WIDTH)),
     ] {
         let path = args.out.join(name);
-        std::fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
+        super::write_file(&path, bytes)?;
     }
     tracing::info!(
         "shapes.png: test commands from the best prediction to the worst; the bar is {:.0} cm",
@@ -193,12 +193,9 @@ impl StageClock {
         let result = work();
         *self.seconds.entry(stage.to_owned()).or_default() += start.elapsed().as_secs_f64();
         if let Ok(json) = serde_json::to_vec(&self.seconds)
-            && let Err(error) = std::fs::write(&self.path, json)
+            && let Err(error) = super::write_file(&self.path, json)
         {
-            tracing::warn!(
-                "cannot note the time of a stage in {}: {error}",
-                self.path.display()
-            );
+            tracing::warn!("the time of a stage is not noted: {error:#}");
         }
         result
     }
@@ -303,6 +300,7 @@ fn report(
                 model.settings.validation_points, model.settings.validation_clouds
             ),
         }),
+        motors: MotorGroup::of(Some(&settings.robot), settings.robot.tendon_count()),
         stages: [
             ("Simulate and see", "collect"),
             ("Train", "train"),

@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::Precision;
-use tdcr::learn::train::{Model, TrainSettings};
+use tdcr::learn::train::TrainSettings;
 use tdcr::pipeline::{distill, distillation, model_path};
 
 use super::PrecisionArgs;
@@ -57,7 +57,7 @@ struct Run {
 }
 
 pub(super) fn run(args: &DistillArgs, console: &Console) -> anyhow::Result<()> {
-    let teacher = Model::load(&args.model)?;
+    let teacher = super::load_model(&args.model)?;
     let sampler = Sampler {
         method: Method::Euler,
         steps: args.evaluations,

@@ -93,7 +93,7 @@ fn evaluator(args: &EvalArgs) -> anyhow::Result<Evaluator> {
         let evaluator = Evaluator::of_clouds(clouds, &args.data, settings);
         return evaluator.with_context(|| file.display().to_string());
     }
-    let model = Model::load(&args.model)?;
+    let model = super::load_model(&args.model)?;
     let settings = args.scoring.settings(&model)?;
     Ok(Evaluator::new(&model, &args.data, settings)?)
 }
@@ -330,6 +330,9 @@ fn worst_table(worst: &[WorstTest]) -> String {
 }
 
 pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
+    if let Some(path) = &args.report {
+        super::output::format("--report", path, &["html"])?;
+    }
     let evaluator = evaluator(args)?;
     if evaluator.lacks_colors() {
         tracing::warn!(
@@ -377,8 +380,7 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     // After the result: a page that cannot be written costs nothing but the page.
     if let Some(path) = &args.report {
         let page = eval_page::page(args, &evaluator, &evaluation, &evaluated.metrics, &worst)?;
-        std::fs::write(path, page.to_html())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        super::write_file(path, page.to_html())?;
     }
     Ok(())
 }

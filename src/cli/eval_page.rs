@@ -2,8 +2,9 @@
 
 use tdcr::learn::flow::{Sampler, TimeGrid};
 use tdcr::pipeline::{Distances, Evaluation, Evaluator, PipelineError};
-use tdcr::report::{CommandUnit, Example, PerTest, Report, Score};
+use tdcr::report::{Example, MotorGroup, PerTest, Report, Score};
 use tdcr::sim::cloud::PointCloud;
+use tdcr::sim::robot::Robot;
 
 use super::eval::{EvalArgs, Metrics};
 
@@ -56,6 +57,7 @@ pub(super) fn page(
         per_test: Some(per_test(evaluation)),
         training: None,
         stages: Vec::new(),
+        motors: motors(evaluator),
         examples: (worst.iter().enumerate())
             .map(|(rank, &test)| example(evaluator, evaluation, test, label(rank, test)))
             .collect::<Result<_, _>>()?,
@@ -69,6 +71,15 @@ fn score(name: &str, distances: Distances) -> Score {
         emd: distances.emd,
         emd_squared: distances.emd_squared,
     }
+}
+
+/// Which numbers of the data set's commands belong together.
+pub(super) fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
+    let count = evaluator
+        .test()
+        .first()
+        .map_or(0, |sample| sample.condition.motors.len());
+    MotorGroup::of(evaluator.robot().map(Robot::spec), count)
 }
 
 /// Mean scores of the predictors.
@@ -135,10 +146,6 @@ pub(super) fn example(
     Ok(Example {
         label,
         command: condition.motors.iter().map(|&x| x.into()).collect(),
-        command_unit: match evaluator.robot() {
-            Some(_) => CommandUnit::Metres,
-            None => CommandUnit::AsRecorded,
-        },
         payload: condition.payload.map(f64::from),
         truth: sample.cloud.clone(),
         prediction: colorless(evaluator.predict(test)?.points),

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use tdcr::sim::mjcf::{self, ExportOptions};
+use tdcr::sim::mjcf::{self, ExportOptions, Integrator};
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::{Payload, RobotSpec};
 
@@ -14,8 +14,7 @@ use super::console::Console;
 /// Write a robot as a file of another tool, or as a robot file
 #[derive(Debug, Args)]
 pub(super) struct ExportArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     /// The format to write
     #[arg(long, value_enum, default_value_t = Format::Mjcf)]
@@ -31,9 +30,27 @@ pub(super) struct ExportArgs {
         value_name = "KG"
     )]
     payload: f64,
+    /// Time step (s; mjcf), which must be stable [default: the longest of 0.002, 0.001, 0.0005, 0.0002, .. that is]
+    #[arg(long, value_name = "S", value_parser = super::positive)]
+    dt: Option<f64>,
+    /// How MuJoCo takes a step (mjcf) [default: euler]
+    #[arg(long, value_enum)]
+    integrator: Option<Method>,
+    /// Command of the keyframe, in which the robot must settle (m, or N for a tension drive; mjcf) [default: the middle of
+    /// every tendon's range]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        value_name = "C,C,..."
+    )]
+    command: Option<Vec<f64>>,
     /// The file to write [default: stdout]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Replace a file that is there
+    #[arg(long, requires = "out")]
+    force: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -48,6 +65,29 @@ enum Format {
     Toml,
 }
 
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Method {
+    /// First order, joint damping implicit
+    Euler,
+    /// First order, implicit in velocities but for Coriolis forces
+    Implicitfast,
+    /// First order, implicit in velocities
+    Implicit,
+    /// Fourth order, explicit
+    Rk4,
+}
+
+impl From<Method> for Integrator {
+    fn from(method: Method) -> Self {
+        match method {
+            Method::Euler => Self::Euler,
+            Method::Implicitfast => Self::ImplicitFast,
+            Method::Implicit => Self::Implicit,
+            Method::Rk4 => Self::RungeKutta4,
+        }
+    }
+}
+
 #[derive(Serialize)]
 struct Printed {
     text: String,
@@ -60,12 +100,19 @@ struct Exported {
 }
 
 pub(super) fn run(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
+    if let Some(out) = &args.out {
+        // A device or a pipe loses nothing.
+        let is_there = std::fs::metadata(out).is_ok_and(|found| found.is_file());
+        if is_there && !args.force {
+            bail!("{} is there already; --force replaces it", out.display());
+        }
+    }
     let spec = super::load_robot(&args.robot)?;
     let text = text_of(&spec, args)?;
     let Some(out) = &args.out else {
         return console.result(&Printed { text }, |printed| printed.text.clone());
     };
-    std::fs::write(out, &text).with_context(|| format!("cannot write {}", out.display()))?;
+    super::write_file(out, &text)?;
     let exported = Exported {
         file: out.clone(),
         bytes: text.len(),
@@ -76,8 +123,11 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
 }
 
 fn text_of(spec: &RobotSpec, args: &ExportArgs) -> anyhow::Result<String> {
-    if args.format != Format::Mjcf && (args.base || args.payload != 0.0) {
-        bail!("--base and --payload go with --format mjcf: other formats hold the robot alone");
+    let motion = args.dt.is_some() || args.integrator.is_some() || args.command.is_some();
+    if args.format != Format::Mjcf && (args.base || args.payload != 0.0 || motion) {
+        bail!(
+            "--base, --payload, --dt, --integrator and --command go with --format mjcf: other formats hold the robot alone"
+        );
     }
     Ok(match args.format {
         Format::Mjcf => {
@@ -90,7 +140,14 @@ fn text_of(spec: &RobotSpec, args: &ExportArgs) -> anyhow::Result<String> {
                 mass: args.payload,
                 ..Payload::default()
             };
-            mjcf::export(spec, &ExportOptions { base, payload })?
+            let options = ExportOptions {
+                base,
+                payload,
+                timestep: args.dt,
+                integrator: args.integrator.map(Into::into).unwrap_or_default(),
+                command: args.command.clone(),
+            };
+            mjcf::export(spec, &options)?
         }
         Format::Urdf => tdcr::sim::urdf::export(spec)?,
         Format::Json => serde_json::to_string_pretty(spec)? + "\n",

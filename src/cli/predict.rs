@@ -8,13 +8,14 @@ use clap::Args;
 use serde::Serialize;
 use tdcr::learn::data::{NpzArray, NpzRows, NpzValues, OutOfRange, write_npz};
 use tdcr::learn::train::{Model, Prediction};
-use tdcr::pipeline::{Monitor, PipelineError, Quantiles};
+use tdcr::pipeline::{Monitor, Quantiles};
+use tdcr::report::counted;
 use tdcr::sim::cloud::{PlyError, PointProperty, write_ply_with};
 use tdcr::sim::robot::{Loads, Robot};
 
 use super::commands::read_commands;
-use super::console::Console;
-use super::{PrecisionArgs, SamplerArgs};
+use super::console::{Console, Interrupted};
+use super::{PrecisionArgs, SamplerArgs, output};
 
 /// Predict the clouds of a settled robot for one command or many, and write them as PLY or NPZ
 #[derive(Debug, Args)]
@@ -22,20 +23,21 @@ pub(super) struct PredictArgs {
     /// The trained model
     #[arg(long, default_value = "run/model.safetensors", value_name = "FILE")]
     model: PathBuf,
-    /// Rest length of every tendon (m), separated by commas
+    /// Command of every tendon, separated by commas: m, or N for a tension drive; for a network of imported clouds, the
+    /// units of their motors
     #[arg(
         long,
         value_delimiter = ',',
         required_unless_present = "commands",
         allow_hyphen_values = true,
-        value_name = "M,M,..."
+        value_name = "C,C,..."
     )]
     command: Option<Vec<f64>>,
     /// Mass hung from the tip (kg), for a model of data with payloads
     #[arg(long, allow_hyphen_values = true, value_name = "KG")]
     payload: Option<f64>,
-    /// Commands instead: CSV, a line each, or JSON, a list of lists. For a model of data with payloads, the last number
-    /// of each is the payload (kg)
+    /// Commands instead: CSV, a line each, with a first line of names if need be, or JSON, a list of lists. For a model of
+    /// data with payloads, the payload (kg) is the column `payload`, or without names the last number of each
     #[arg(long, value_name = "FILE", conflicts_with_all = ["command", "payload"])]
     commands: Option<PathBuf>,
     /// Points of a cloud
@@ -97,13 +99,37 @@ const COLOR: [u8; 3] = [0, 114, 178];
 const UNCERTAINTY: &str = "uncertainty";
 
 pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
-    let model = Model::load(&args.model)?;
+    check_out(args)?;
+    let model = super::load_model(&args.model)?;
     let precision = args.precision.of_width(model.network.shape().width());
     let model = model.with_precision(precision)?;
     match (&args.commands, &args.command) {
         (Some(file), _) => many(args, &model, file, console),
         (None, Some(command)) => one(args, &model, command, console),
         (None, None) => bail!("say --command or --commands"),
+    }
+}
+
+/// What to write.
+fn out(args: &PredictArgs) -> PathBuf {
+    let usual = match args.commands {
+        Some(_) => "predictions",
+        None => "prediction.ply",
+    };
+    args.out.clone().unwrap_or(usual.into())
+}
+
+/// Refuses a path whose extension asks for something else than what is written.
+fn check_out(args: &PredictArgs) -> anyhow::Result<()> {
+    let out = out(args);
+    match args.commands {
+        None => output::format("--out", &out, &["ply", "npz"]).map(drop),
+        Some(_) if is_npz(&out) => Ok(()),
+        Some(_) => output::folder(
+            "--out",
+            &out,
+            "a .npz file, or a folder for a PLY file each",
+        ),
     }
 }
 
@@ -114,7 +140,7 @@ fn one(
     console: &Console,
 ) -> anyhow::Result<()> {
     let condition = condition(model, command, args.payload)?;
-    let out = args.out.clone().unwrap_or("prediction.ply".into());
+    let out = out(args);
     let (cloud, predicted) = predict(args, model, &condition, &out, "the command")?;
     if is_npz(&out) {
         write_npz(&out, &cloud.arrays(&[cloud.prediction.points.len(), 3]))?;
@@ -126,26 +152,26 @@ fn one(
 
 fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> anyhow::Result<()> {
     let payloads = takes_payloads(model);
-    let conditions = read_commands(file, |row| match (payloads, row.split_last()) {
-        (true, Some((payload, command))) => condition(model, command, Some(*payload)),
-        _ => condition(model, row, None),
+    let conditions = read_commands(file, |row| match row.payload {
+        Some(payload) if payloads => condition(model, &row.command, Some(payload)),
+        None if payloads => match row.command.split_last() {
+            Some((payload, command)) => condition(model, command, Some(*payload)),
+            None => condition(model, &row.command, None),
+        },
+        _ => condition(model, &row.unloaded()?, None),
     })?;
-    let out = args.out.clone().unwrap_or("predictions".into());
+    let out = out(args);
     let mut archive = is_npz(&out).then(|| NpzRows::new(&out));
     if archive.is_none() {
-        ensure!(
-            out.extension().is_none_or(|extension| extension != "ply"),
-            "--out {} is one PLY file, and --commands needs a .npz file or a folder",
-            out.display()
-        );
         std::fs::create_dir_all(&out)
             .with_context(|| format!("cannot make the folder {}", out.display()))?;
+        refuse_stale(&out, conditions.len())?;
     }
     let mut results = Vec::new();
     console.begin("predict", conditions.len() as u64, 0);
     for (index, condition) in conditions.iter().enumerate() {
         if console.interrupted() {
-            return Err(PipelineError::Interrupted.into());
+            return Err(Interrupted.into());
         }
         let path = match archive {
             Some(_) => out.clone(),
@@ -179,6 +205,26 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
     })
 }
 
+/// Refuses a folder with clouds of earlier predictions that `count` new ones would leave among themselves.
+fn refuse_stale(folder: &Path, count: usize) -> anyhow::Result<()> {
+    let context = || format!("cannot read the folder {}", folder.display());
+    for entry in std::fs::read_dir(folder).with_context(context)? {
+        let name = entry.with_context(context)?.file_name();
+        let name = name.to_string_lossy();
+        let number = name
+            .strip_prefix("cloud-")
+            .and_then(|name| name.strip_suffix(".ply"));
+        let number = number.and_then(|number| number.parse::<usize>().ok());
+        ensure!(
+            number.is_none_or(|number| number < count),
+            "{} holds {name} of an earlier prediction, which would stay among the clouds of {count} commands; \
+             remove it, or choose another --out",
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
 /// A cloud (m), and what is told of it; warns of a command outside the training range.
 fn predict(
     args: &PredictArgs,
@@ -196,12 +242,18 @@ fn predict(
         max,
     } in &out_of_range
     {
-        let what = match takes_payloads(model) && index + 1 == condition.len() {
-            true => "the payload (kg)".to_owned(),
-            false => format!("tendon {index}"),
+        let subject = model.provenance.subject.as_ref();
+        let tendons = subject.map(|subject| subject.robot.tendons());
+        let (what, unit) = match tendons.as_ref().map(|tendons| tendons.get(*index)) {
+            Some(Some(tendon)) => (
+                format!("tendon {index}"),
+                format!(" {}", tendon.drive.unit()),
+            ),
+            Some(None) => ("the payload".to_owned(), " kg".to_owned()),
+            None => (format!("motor {index}"), String::new()),
         };
         tracing::warn!(
-            "{name}: {what} is {value}, outside the training range {min} to {max}: \
+            "{name}: {what} is {value}{unit}, outside the training range {min} to {max}{unit}: \
              the prediction is an extrapolation"
         );
     }
@@ -237,13 +289,13 @@ fn predict(
 
 fn line(predicted: &Predicted) -> String {
     let mut text = format!(
-        "{}: {} points from {:.3?} to {:.3?} m, predicted in {:.2} s by {} evaluations of the network",
+        "{}: {} from {:.3?} to {:.3?} m, predicted in {:.2} s by {} of the network",
         predicted.file.display(),
-        predicted.points,
+        counted(predicted.points, "point"),
         predicted.min,
         predicted.max,
         predicted.seconds,
-        predicted.evaluations
+        counted(predicted.evaluations, "evaluation")
     );
     if let Some(Uncertainty { quantiles, max_at }) = &predicted.uncertainty {
         text += &format!(
@@ -257,7 +309,7 @@ fn line(predicted: &Predicted) -> String {
 }
 
 fn is_npz(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension == "npz")
+    (path.extension()).is_some_and(|extension| extension.eq_ignore_ascii_case("npz"))
 }
 
 impl Cloud {

@@ -1,29 +1,30 @@
 //! `tdcr simulate`.
 
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, IntoInnerError, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nalgebra::DMatrix;
 use serde::Serialize;
-use tdcr::pipeline::{Monitor, PipelineError};
+use tdcr::pipeline::Monitor;
+use tdcr::report::counted;
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
+use tdcr::sim::files::AtomicFile;
 use tdcr::sim::robot::{Loads, Robot};
 
 use super::commands::read_commands;
-use super::console::Console;
+use super::console::{Console, Interrupted};
+use super::output;
 
 /// Move a robot through a sequence of commands, from the straight pose at rest
 #[derive(Debug, Args)]
 pub(super) struct SimulateArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
-    /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), or as JSON, a list
-    /// of lists
+    /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), with a first line of
+    /// names if need be, or as JSON, a list of lists
     #[arg(long, value_name = "FILE")]
     commands: PathBuf,
     /// Time step (s)
@@ -83,8 +84,14 @@ struct Simulated {
 }
 
 pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> {
+    if let Some(out) = &args.out {
+        output::format("--out", out, &["csv"])?;
+    }
+    if let Some(file) = &args.linearise {
+        output::format("--linearise", file, &["json"])?;
+    }
     let robot = Robot::new(super::load_robot(&args.robot)?)?;
-    let commands = read_commands(&args.commands, |row| Ok(robot.command(row)?))?;
+    let commands = read_commands(&args.commands, |row| Ok(robot.command(&row.unloaded()?)?))?;
     let loads = Loads::payload(args.payload)?;
     let mut stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
     let mut path = args
@@ -95,7 +102,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     let mut state = State::straight(&robot);
     for (step, command) in commands.iter().enumerate() {
         if console.interrupted() {
-            return Err(PipelineError::Interrupted.into());
+            return Err(Interrupted.into());
         }
         (stepper.step(&mut state, command, &loads)).with_context(|| format!("step {step}"))?;
         if let Some(path) = &mut path {
@@ -133,28 +140,27 @@ fn write_matrices(file: &Path, linear: &Linearisation) -> anyhow::Result<()> {
             .collect()
     };
     let matrices = serde_json::json!({ "a": rows(&linear.a), "b": rows(&linear.b) });
-    std::fs::write(file, matrices.to_string())
-        .with_context(|| format!("cannot write to {}", file.display()))
+    super::write_file(file, matrices.to_string())
 }
 
-/// The CSV file of the discs' path.
+/// The CSV file of the discs' path, which takes its place when the path is whole.
 struct PathFile {
-    out: BufWriter<File>,
+    out: BufWriter<AtomicFile>,
     name: PathBuf,
 }
 
 impl PathFile {
     fn create(file: &Path, robot: &Robot) -> anyhow::Result<Self> {
-        let created =
-            File::create(file).with_context(|| format!("cannot create {}", file.display()))?;
+        let created = AtomicFile::create(file)
+            .with_context(|| format!("cannot create {}", file.display()))?;
         let mut path = Self {
             out: BufWriter::new(created),
             name: file.to_owned(),
         };
-        let mut header = String::from("time");
+        let mut header = String::from("time (s)");
         for disc in 0..robot.discs().len() {
             // Writing to a string cannot fail.
-            let _ = write!(header, ",x{disc},y{disc},z{disc}");
+            let _ = write!(header, ",x{disc} (m),y{disc} (m),z{disc} (m)");
         }
         path.line(&header)?;
         Ok(path)
@@ -173,9 +179,10 @@ impl PathFile {
             .with_context(|| format!("cannot write to {}", self.name.display()))
     }
 
-    fn finish(mut self) -> anyhow::Result<()> {
-        self.out
-            .flush()
+    fn finish(self) -> anyhow::Result<()> {
+        let written = self.out.into_inner().map_err(IntoInnerError::into_error);
+        written
+            .and_then(AtomicFile::commit)
             .with_context(|| format!("cannot write to {}", self.name.display()))
     }
 }
@@ -191,8 +198,9 @@ fn table(simulated: &Simulated) -> String {
         .fold(0.0, |fastest: f64, v| fastest.max(v.abs()));
     let _ = writeln!(
         text,
-        "\n{} steps, {:.3} s; the fastest joint turns at {fastest:.3e} rad/s",
-        simulated.steps, simulated.time
+        "\n{}, {:.3} s; the fastest joint turns at {fastest:.3e} rad/s",
+        counted(simulated.steps, "step"),
+        simulated.time
     );
     text
 }

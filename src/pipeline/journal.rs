@@ -11,13 +11,19 @@ use serde_json::Value;
 
 use super::PipelineError;
 
-/// A growing file of JSON lines: the first says whose work it is, each other is a finished piece.
+/// A growing file of JSON lines: the first says whose work it is, each other is a finished piece with its checksum.
 ///
-/// A line that a killed process left unfinished is dropped, and so are all lines of other work.
+/// A line that a killed process left unfinished is dropped, and so are all lines of other work. So are a line that was
+/// edited or damaged, by its checksum, and those behind it. The checksum is no signature: who knows it can forge it.
 pub(super) struct Journal {
     path: PathBuf,
+    /// The first line, which all checksums begin with.
+    key: String,
     file: Mutex<File>,
 }
+
+/// What stands about a piece in its line: before the checksum, between the two, and behind the piece.
+const FRAME: [&str; 3] = ["{\"checksum\":\"", "\",\"entry\":", "}\n"];
 
 impl Journal {
     /// Opens the journal of the work that `key` stands for; also returns what is in it.
@@ -37,6 +43,7 @@ impl Journal {
             .open(path)
             .map_err(fail)?;
         let (mut entries, mut whole) = (Vec::new(), 0);
+        let key_line = key.to_string();
         let mut reader = BufReader::new(&file);
         let mut line = String::new();
         while reader.read_line(&mut line).is_ok_and(|length| length > 0) && line.ends_with('\n') {
@@ -45,7 +52,7 @@ impl Journal {
                     break;
                 }
             } else {
-                let Ok(entry) = serde_json::from_str(&line) else {
+                let Some(entry) = entry(&key_line, &line) else {
                     break;
                 };
                 entries.push(entry);
@@ -57,10 +64,11 @@ impl Journal {
             .and_then(|()| file.seek(SeekFrom::End(0)))
             .map_err(fail)?;
         if whole == 0 {
-            writeln!(file, "{key}").map_err(fail)?;
+            writeln!(file, "{key_line}").map_err(fail)?;
         }
         let journal = Self {
             path: path.to_owned(),
+            key: key_line,
             file: Mutex::new(file),
         };
         Ok((journal, entries))
@@ -68,8 +76,10 @@ impl Journal {
 
     /// Adds a finished piece. Pieces may come from several threads.
     pub fn add(&self, entry: &impl Serialize) -> Result<(), PipelineError> {
-        let mut line = serde_json::to_string(entry).expect("plain values serialise");
-        line.push('\n');
+        let entry = serde_json::to_string(entry).expect("plain values serialise");
+        let [before, between, behind] = FRAME;
+        let sum = checksum(&self.key, &entry);
+        let line = format!("{before}{sum}{between}{entry}{behind}");
         let mut file = self
             .file
             .lock()
@@ -80,6 +90,26 @@ impl Journal {
                 source,
             })
     }
+}
+
+/// The piece in a line; `None` for one that is not as it was written.
+fn entry<T: DeserializeOwned>(key: &str, line: &str) -> Option<T> {
+    let [before, between, behind] = FRAME;
+    let line = line.strip_prefix(before)?.strip_suffix(behind)?;
+    let (sum, entry) = line.split_once(between)?;
+    if sum != checksum(key, entry) {
+        return None;
+    }
+    serde_json::from_str(entry).ok()
+}
+
+/// FNV-1a of the key and a piece, 64 bits in hexadecimal.
+fn checksum(key: &str, entry: &str) -> String {
+    let bytes = key.bytes().chain([b'\n']).chain(entry.bytes());
+    let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    });
+    format!("{hash:016x}")
 }
 
 #[cfg(test)]
@@ -108,6 +138,23 @@ mod tests {
         let (journal, _) = Journal::open::<u32>(&path, &json!({"key": 1})).unwrap();
         journal.add(&5).unwrap();
         assert_eq!(entries(&path, 1), [7, 8, 5]);
+    }
+
+    #[test]
+    fn a_piece_that_was_edited_is_not_believed_nor_what_is_behind_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("journal");
+        let (journal, _) = Journal::open::<u32>(&path, &json!({"key": 1})).unwrap();
+        (7..10).for_each(|entry| journal.add(&entry).unwrap());
+        drop(journal);
+        let written = std::fs::read_to_string(&path).unwrap();
+        let edited = written.replace("\"entry\":8}", "\"entry\":6}");
+        assert_ne!(edited, written);
+        std::fs::write(&path, edited).unwrap();
+        assert_eq!(entries(&path, 1), [7]);
+        // Pieces of other work, under this one's first line.
+        std::fs::write(&path, written.replace("{\"key\":1}", "{\"key\":2}")).unwrap();
+        assert!(entries(&path, 2).is_empty());
     }
 
     #[test]

@@ -9,6 +9,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use tdcr_learn::train::Trainer;
+use tdcr_sim::files::write_atomically;
 
 use super::PipelineError;
 use super::events::EventFile;
@@ -45,10 +46,12 @@ impl RunLog {
         let paths = ["log.csv", "events.out.tfevents.tdcr"].map(|name| run.join(name));
         let area = scale * scale;
         let taken = trainer.steps_taken();
-        let mut csv = File::create(&paths[0]).map_err(fail(&paths[0]))?;
-        writeln!(csv, "step,loss,gradient_norm,learning_rate,validation_cd")
-            .and_then(|()| rows(trainer, area, 0).try_for_each(|row| row.write_csv(&mut csv)))
-            .map_err(fail(&paths[0]))?;
+        let csv = write_atomically(&paths[0], |csv| {
+            writeln!(csv, "step,loss,gradient_norm,learning_rate,validation_cd")?;
+            rows(trainer, area, 0).try_for_each(|row| row.write_csv(csv))
+        })
+        .and_then(|()| File::options().append(true).open(&paths[0]))
+        .map_err(fail(&paths[0]))?;
         let (mut events, last) = EventFile::open(&paths[1], taken).map_err(fail(&paths[1]))?;
         rows(trainer, area, last)
             .try_for_each(|row| row.write_event(&mut events))

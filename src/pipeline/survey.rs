@@ -85,10 +85,11 @@ impl Survey {
     /// # Errors
     /// [`PipelineError::Data`].
     pub fn clouds(&self, count: usize) -> Result<Vec<PointCloud>, PipelineError> {
-        let samples = self.set.read_split(Split::Test)?;
-        let stride = samples.len().div_ceil(count).max(1);
-        let shown = samples.into_iter().step_by(stride);
-        Ok(shown.map(|sample| sample.cloud).collect())
+        let mut samples = self.set.read_split(Split::Test)?;
+        let shown = spread(samples.len(), count);
+        Ok(shown
+            .map(|index| std::mem::take(&mut samples[index].cloud))
+            .collect())
     }
 
     /// Where the tips are: by settling the robot again, or for data of unknown robots by a look at the clouds.
@@ -115,6 +116,12 @@ impl Survey {
     }
 }
 
+/// Up to `count` of the indices below `length`, evenly spread, the first and the last among them.
+fn spread(length: usize, count: usize) -> impl Iterator<Item = usize> {
+    let count = count.min(length);
+    (0..count).map(move |k| k * (length - 1) / (count.max(2) - 1))
+}
+
 /// The mean of the points of a cloud that are farthest from its lowest point.
 fn estimated_tip(sample: &Sample) -> [f64; 3] {
     let mut points: Vec<[f64; 3]> = (sample.cloud.points.iter())
@@ -132,6 +139,16 @@ fn estimated_tip(sample: &Sample) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn as_many_clouds_are_shown_as_asked_for_where_there_are_as_many() {
+        for (length, count) in [(200, 8), (20, 8), (12, 8), (8, 8), (3, 8), (7, 1), (0, 8)] {
+            let shown: Vec<usize> = spread(length, count).collect();
+            assert_eq!(shown.len(), count.min(length), "{count} of {length}");
+            assert!(shown.is_sorted_by(|a, b| a < b) && shown.iter().all(|&k| k < length));
+        }
+        assert_eq!(spread(10, 4).collect::<Vec<_>>(), [0, 3, 6, 9]);
+    }
 
     #[test]
     fn the_tip_of_a_column_is_estimated_at_its_top() {

@@ -1,8 +1,10 @@
 //! The page on data sets: what is in them, drawn.
 
 use super::axis::Spacing;
+use super::count::counted;
 use super::figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
 use super::html::{base64, escape, fill};
+use super::motors::MotorGroup;
 use super::picture::cloud_sheet;
 use super::sections;
 use tdcr_sim::cloud::PointCloud;
@@ -11,8 +13,8 @@ use tdcr_sim::cloud::PointCloud;
 const BINS: usize = 20;
 /// Dots of a workspace; the outline is of all tips.
 const MAX_DOTS: usize = 2000;
-/// Histograms side by side.
-const PANELS: usize = 3;
+/// Histograms side by side, at most.
+const PANELS: usize = 4;
 const SHEET_COLUMNS: usize = 4;
 const SHEET_PANEL_WIDTH: usize = 220;
 
@@ -30,10 +32,10 @@ pub struct SetSummary {
     pub name: String,
     /// What it was made with, as `(name, value)`.
     pub facts: Vec<(String, String)>,
-    /// Unit of the motors' values.
-    pub unit: String,
     /// Values of each motor over all samples.
     pub motors: Vec<Vec<f64>>,
+    /// Which motors belong together.
+    pub groups: Vec<MotorGroup>,
     /// Payloads (kg), where there are any.
     pub payloads: Vec<f64>,
     /// Tip positions, world frame (m).
@@ -86,22 +88,31 @@ impl SetSummary {
         cloud_sheet(&self.clouds, SHEET_COLUMNS, SHEET_PANEL_WIDTH)
     }
 
-    /// Histograms of the motors, and of the payloads if there are any.
+    /// Histograms of the motors, a row or more for each group of them, and of the payloads if there are any.
     pub fn histograms(&self) -> Vec<Figure> {
-        let motor = |(k, values): (usize, &Vec<f64>)| {
-            let title = format!("command ({})", self.unit);
-            histogram(&format!("motor {k}"), &title, values)
-        };
-        let mut panels: Vec<Panel> = self.motors.iter().enumerate().map(motor).collect();
-        if !self.payloads.is_empty() {
-            panels.push(histogram("payload", "payload (kg)", &self.payloads));
-        }
-        let figure = |panels: &[Panel]| Figure {
-            title: String::new(),
+        let figure = |title: &str, panels: &[Panel]| Figure {
+            title: title.to_owned(),
             caption: String::new(),
             panels: panels.to_vec(),
         };
-        panels.chunks(PANELS).map(figure).collect()
+        let mut figures = Vec::new();
+        for group in &self.groups {
+            let axis = format!("command ({})", group.unit_name());
+            let motor = |k: usize| {
+                let values: Vec<f64> = self.motors[k].iter().map(|&x| group.shown(x)).collect();
+                histogram(&format!("motor {k}"), &axis, &values)
+            };
+            let panels: Vec<Panel> = group.motors.clone().map(motor).collect();
+            // Rows of about the same length.
+            let rows = panels.len().div_ceil(PANELS).max(1);
+            let row = panels.len().div_ceil(rows).max(1);
+            figures.extend(panels.chunks(row).map(|panels| figure(&group.name, panels)));
+        }
+        if !self.payloads.is_empty() {
+            let payloads = histogram("payload", "payload (kg)", &self.payloads);
+            figures.push(figure("", &[payloads]));
+        }
+        figures
     }
 
     fn workspace(&self) -> Panel {
@@ -116,7 +127,7 @@ impl SetSummary {
         let mut outline = convex_hull(&seen);
         outline.extend(outline.first().copied());
         Panel {
-            title: format!("{}, {} tips", self.name, seen.len()),
+            title: format!("{}, {}", self.name, counted(seen.len(), "tip")),
             x: Scale::linear("y (m)"),
             y: Scale::linear("z (m)"),
             aspect: Aspect::Equal,
@@ -140,8 +151,8 @@ impl SetSummary {
             escape(&self.name)
         );
         let caption = format!(
-            "{} clouds, each across its plane of bending; the bars are {:.0}\u{a0}cm long.",
-            self.clouds.len(),
+            "{}, each across its plane of bending; the bars are {:.0}\u{a0}cm long.",
+            counted(self.clouds.len(), "cloud"),
             100.0 * bar
         );
         format!(

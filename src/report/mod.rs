@@ -7,18 +7,22 @@
 
 mod axis;
 mod chart;
+mod count;
 mod curves;
 mod data_page;
 mod figure;
 mod html;
+mod motors;
 mod picture;
 mod raster;
 mod sections;
 mod viewer;
 
 pub use axis::Spacing;
+pub use count::counted;
 pub use data_page::{DataPage, SetSummary};
 pub use figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
+pub use motors::MotorGroup;
 pub use picture::{cloud_sheet, contact_sheet, scale_bar};
 
 use tdcr_sim::cloud::PointCloud;
@@ -47,6 +51,8 @@ pub struct Report {
     /// Wall-clock time of each stage, in the order in which they ran; without any, the page has no such
     /// section.
     pub stages: Vec<Stage>,
+    /// Which numbers of a command belong together.
+    pub motors: Vec<MotorGroup>,
     /// Test commands whose clouds are shown.
     pub examples: Vec<Example>,
 }
@@ -100,10 +106,8 @@ pub struct Stage {
 pub struct Example {
     /// Name of the example.
     pub label: String,
-    /// Command of each tendon.
+    /// Command of each tendon, in SI units or those of the recording.
     pub command: Vec<f64>,
-    /// What the command is in.
-    pub command_unit: CommandUnit,
     /// Mass hung from the tip (kg); `None` in a data set without payloads.
     pub payload: Option<f64>,
     /// The cloud that was observed.
@@ -118,16 +122,6 @@ pub struct Example {
     pub emd: f64,
     /// Chamfer distance of the nearest command's cloud from the truth (m^2).
     pub cd_nearest: f64,
-}
-
-/// Unit of a command.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum CommandUnit {
-    /// Lengths of a simulated robot's tendons (m).
-    #[default]
-    Metres,
-    /// Those of another program or of a real robot, whatever they are.
-    AsRecorded,
 }
 
 impl Example {
@@ -149,7 +143,7 @@ impl Report {
                 ("style", &sections::style()),
                 ("scores", &sections::scores(self)),
                 ("viewer", &sections::viewer(&self.examples)),
-                ("pictures", &sections::pictures(&self.examples)),
+                ("pictures", &sections::pictures(self)),
                 (
                     "distribution",
                     &curves::distribution(self.per_test.as_ref()),

@@ -1,8 +1,9 @@
 //! The sections of the page, each from the part of the report that it shows.
 
 use super::html::{NOT_AVAILABLE, base64, column_decimals, escape, fill, fixed};
+use super::motors::command_text;
 use super::picture::{BOTH, Framing, NEAREST, PREDICTION, Subject, TRUTH};
-use super::{CommandUnit, Example, Report, Score, viewer as viewer_data};
+use super::{Example, MotorGroup, Report, Score, viewer as viewer_data};
 
 /// Units of the table and the charts: 1e-4 m^2 and 1 mm.
 pub(crate) const CD_UNIT: f64 = 1e-4;
@@ -104,7 +105,8 @@ pub(crate) fn viewer(examples: &[Example]) -> String {
 }
 
 /// A row of still pictures for each example.
-pub(crate) fn pictures(examples: &[Example]) -> String {
+pub(crate) fn pictures(report: &Report) -> String {
+    let examples = &report.examples;
     if examples.is_empty() {
         return missing();
     }
@@ -116,7 +118,7 @@ pub(crate) fn pictures(examples: &[Example]) -> String {
     );
     let rows: String = examples
         .iter()
-        .map(|example| picture_row(example, &framing, decimals))
+        .map(|example| picture_row(example, &report.motors, &framing, decimals))
         .collect();
     let bar_cm = 100.0 * framing.bar;
     format!(
@@ -132,7 +134,12 @@ pub(crate) fn pictures(examples: &[Example]) -> String {
     )
 }
 
-fn picture_row(example: &Example, framing: &Framing, decimals: usize) -> String {
+fn picture_row(
+    example: &Example,
+    motors: &[MotorGroup],
+    framing: &Framing,
+    decimals: usize,
+) -> String {
     let label = escape(&example.label);
     let figures: String = Subject::ALL
         .into_iter()
@@ -168,7 +175,7 @@ fn picture_row(example: &Example, framing: &Framing, decimals: usize) -> String 
     format!(
         "<article class=\"example\"><h3>{label}</h3><p>{}</p>\
          <div class=\"triple\">{figures}</div></article>",
-        condition_text(example),
+        condition_text(example, motors),
     )
 }
 
@@ -182,26 +189,14 @@ fn cd_text(cd: f64, decimals: usize) -> String {
     }
 }
 
-/// The command, three values of a module together, and the payload if there is one.
-fn condition_text(example: &Example) -> String {
-    let (name, unit, decimals) = match example.command_unit {
-        CommandUnit::Metres => ("Command (mm)", 1e-3, 1),
-        CommandUnit::AsRecorded => ("Command (as recorded)", 1.0, 3),
-    };
-    let module = |values: &[f64]| {
-        let texts: Vec<String> = values.iter().map(|x| fixed(x / unit, decimals)).collect();
-        texts.join(", ")
-    };
-    let modules: Vec<String> = example.command.chunks(3).map(module).collect();
-    let command = match modules.join(" | ") {
-        none if none.is_empty() => NOT_AVAILABLE.to_owned(),
-        command => command,
-    };
+/// The command, and the payload if there is one.
+fn condition_text(example: &Example, motors: &[MotorGroup]) -> String {
+    let command = command_text(&example.command, motors);
     let payload = match example.payload {
         Some(payload) => format!("; payload (g): {}", fixed(payload / 1e-3, 1)),
         None => String::new(),
     };
-    format!("{name}: {command}{payload}")
+    format!("{command}{payload}")
 }
 
 /// The list of settings.

@@ -87,6 +87,11 @@ fn wrong_numbers_and_sizes_are_named() {
         2,
         "--threads",
     );
+    refuse(
+        &["settle", "--command", COMMAND, "--threads", "20000"],
+        2,
+        "expected a whole number, 1 to ",
+    );
     assert!(!out.exists(), "nothing was written");
 }
 
@@ -167,7 +172,7 @@ fn a_truncated_data_file_is_named() {
     refuse(
         &["train", "--data", "/no/such/set", "--out", text(&run)],
         1,
-        "/no/such/set",
+        "there is no data set in /no/such/set; `tdcr collect --out /no/such/set` makes one",
     );
 }
 

@@ -69,7 +69,7 @@ fn settle_prints_the_equilibrium_as_json() {
         assert!((norm - 1.0).abs() < 1e-12);
     }
     assert!(settled["residual"].as_f64().unwrap() <= 1e-9);
-    assert!(settled["min_eigenvalue"].as_f64().unwrap() > 0.0);
+    assert!(settled["smallest_stiffness"].as_f64().unwrap() > 0.0);
     assert!(settled["iterations"].as_u64().unwrap() > 0);
     assert_eq!(settled["converged"], true);
     let unloaded = succeed_json(&["settle", "--command", COMMAND]);

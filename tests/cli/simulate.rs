@@ -29,7 +29,7 @@ fn simulate_moves_the_robot_and_writes_its_path() {
     let rows = std::fs::read_to_string(&path).unwrap();
     let rows: Vec<&str> = rows.lines().collect();
     assert_eq!(rows.len(), 51);
-    assert!(rows[0].starts_with("time,x0,y0,z0,x1"));
+    assert!(rows[0].starts_with("time (s),x0 (m),y0 (m),z0 (m),x1 (m)"));
     let last: Vec<f64> = rows[50].split(',').map(|x| x.parse().unwrap()).collect();
     assert_eq!(last.len(), 31);
     for axis in 0..3 {

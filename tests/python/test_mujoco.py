@@ -18,7 +18,7 @@ def test_mujoco_finds_no_force_at_our_equilibria(robot, payload, settle, rng):
     m = model(robot)
     for command in commands(robot, rng, 20):
         ours = settle(robot, command, payload)
-        assert ours["converged"] and ours["residual"] <= 1e-9 and ours["min_eigenvalue"] > 0
+        assert ours["converged"] and ours["residual"] <= 1e-9 and ours["smallest_stiffness"] > 0
         d = place(m, ours["orientations"], command, payload)
         assert np.abs(force(m, d)).max() <= 1e-9
         np.testing.assert_allclose(d.xpos[2:], ours["positions"], atol=1e-12)

@@ -5,9 +5,8 @@ mod sample;
 
 use sample::{bent_tube, example, full_report};
 use std::sync::LazyLock;
-use tdcr::report::{
-    CommandUnit, PerTest, Report, Score, Stage, Training, contact_sheet, scale_bar,
-};
+use tdcr::report::{MotorGroup, PerTest, Report, Score, Stage, Training, contact_sheet, scale_bar};
+use tdcr::sim::robot::CommandUnit;
 
 static PAGE: LazyLock<String> = LazyLock::new(|| full_report().to_html());
 
@@ -157,20 +156,35 @@ fn a_page_without_training_and_stages_has_no_such_sections() {
 fn an_example_says_its_command_and_payload_in_their_units() {
     let mut example = example("a", 0.3, 0.4, 1.0);
     example.command = vec![0.034, 0.007, 0.001, 0.0265];
-    let said = |example: &tdcr::report::Example| {
+    let group = |motors, unit| MotorGroup {
+        name: String::new(),
+        motors,
+        unit,
+    };
+    let said = |example: &tdcr::report::Example, motors: &[MotorGroup]| {
         let page = Report {
             examples: vec![example.clone()],
+            motors: motors.to_vec(),
             ..Report::default()
         }
         .to_html();
         between(&page, "<h3>a</h3><p>", "</p>").to_owned()
     };
-    assert_eq!(said(&example), "Command (mm): 34.0, 7.0, 1.0 | 26.5");
-    example.payload = Some(0.02);
-    example.command_unit = CommandUnit::AsRecorded;
+    let metre = Some(CommandUnit::Metre);
+    let modules = [group(0..3, metre), group(3..4, metre)];
     assert_eq!(
-        said(&example),
-        "Command (as recorded): 0.034, 0.007, 0.001 | 0.026; payload (g): 20.0"
+        said(&example, &modules),
+        "Command (mm): 34.0, 7.0, 1.0 | 26.5"
+    );
+    example.payload = Some(0.02);
+    assert_eq!(
+        said(&example, &[group(0..4, None)]),
+        "Command (motor units): 0.0340, 0.0070, 0.0010, 0.0265; payload (g): 20.0"
+    );
+    example.command = vec![2.3594, 0.0, 1.0, 10.0];
+    assert_eq!(
+        said(&example, &[group(0..4, Some(CommandUnit::Newton))]),
+        "Command (N): 2.36, 0.00, 1.00, 10.00; payload (g): 20.0"
     );
 }
 

@@ -1,7 +1,8 @@
 //! A report of made-up numbers about bent tubes.
 
-use tdcr::report::{Example, PerTest, Report, Score, Stage, Training};
+use tdcr::report::{Example, MotorGroup, PerTest, Report, Score, Stage, Training};
 use tdcr::sim::cloud::PointCloud;
+use tdcr::sim::robot::RobotSpec;
 
 /// The next number in `[0, 1)` of a linear congruential generator (Knuth's MMIX constants).
 fn uniform(state: &mut u64) -> f64 {
@@ -141,6 +142,7 @@ pub fn full_report() -> Report {
                 seconds,
             })
             .to_vec(),
+        motors: MotorGroup::of(RobotSpec::standard("2m").as_ref(), 6),
         examples: (0..8)
             .map(|k| {
                 let turn = k as f64;

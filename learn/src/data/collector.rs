@@ -8,12 +8,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
+use tdcr_sim::files::{TEMPORARY, write_atomically};
+
 use super::meta::{META_FILE, Meta};
 use super::normalisation::NormalisationFit;
 use super::shard::{Array, Batch, Sizes};
 use super::shard_file::ShardFile;
 use super::{DataError, Normalisation, Sample, Split};
-use crate::atomic::{TEMPORARY, write_atomically};
 use crate::lock::try_lock;
 
 /// Samples in a block, the last excepted: what is made, and at worst lost, at once.
@@ -377,7 +378,7 @@ fn require_fresh(dir: &Path) -> Result<(), DataError> {
 }
 
 /// Name of the first entry of `dir`, in name order, that is not `known`; none where there is no such folder.
-fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<String>, DataError> {
+pub(super) fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<String>, DataError> {
     let entries = match fs::read_dir(dir) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         entries => entries.map_err(DataError::io("list", dir))?,
@@ -423,7 +424,7 @@ fn remove_file(path: &Path) -> Result<(), DataError> {
     }
 }
 
-fn remove_staging(staging: &Path) -> Result<(), DataError> {
+pub(super) fn remove_staging(staging: &Path) -> Result<(), DataError> {
     match fs::remove_dir_all(staging) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
             Err(DataError::io("remove", staging)(error))

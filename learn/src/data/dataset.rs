@@ -27,12 +27,17 @@ impl DataSet {
     /// Opens the data set in the folder `dir`.
     ///
     /// # Errors
-    /// [`DataError::Incomplete`] if collecting was interrupted; else as [`Normalisation::load`], and the same for a
+    /// [`DataError::Incomplete`] if collecting was interrupted, [`DataError::NoDataSet`] if none was begun; else as [`Normalisation::load`], and the same for a
     /// `meta.json` that is there.
     pub fn open(dir: &Path) -> Result<Self, DataError> {
         let meta = Meta::load(&dir.join(META_FILE))?;
         if meta.is_none() && dir.join(STAGING).exists() {
             return Err(DataError::Incomplete {
+                path: dir.to_owned(),
+            });
+        }
+        if meta.is_none() && !Normalisation::is_in(dir) {
+            return Err(DataError::NoDataSet {
                 path: dir.to_owned(),
             });
         }

@@ -204,6 +204,14 @@ pub enum DataError {
         /// An entry that does not belong to a data set.
         found: String,
     },
+    /// A folder that is to hold clouds, and only those of one export, holds something.
+    #[error("{} holds `{found}`, expected an empty folder, or a new one", .path.display())]
+    NotEmpty {
+        /// The folder.
+        path: PathBuf,
+        /// An entry in it.
+        found: String,
+    },
     /// Another collector is writing to the folder.
     #[error("{} is being written by another process, expected to be the only one", .path.display())]
     InUse {
@@ -237,6 +245,12 @@ pub enum DataError {
         index: usize,
         /// What was found, and what would be right.
         problem: String,
+    },
+    /// A folder that is not there, or holds nothing of a data set.
+    #[error("there is no data set in {}; `tdcr collect --out {}` makes one, `tdcr data import` makes one of clouds", .path.display(), .path.display())]
+    NoDataSet {
+        /// The folder.
+        path: PathBuf,
     },
     /// A folder holds no shard.
     #[error("{} holds no shard, expected shard-00000.h5 and so on", .path.display())]

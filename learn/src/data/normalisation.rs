@@ -5,9 +5,9 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use tdcr_sim::files::write_atomically;
 
 use super::DataError;
-use crate::atomic::write_atomically;
 use crate::limits::{MAX_JSON, read_file};
 
 const MOTORS_FILE: &str = "global_motors_scope-all.json";
@@ -21,9 +21,9 @@ const POINTS_FILE: &str = "global_norm_scope-all_anchor-origin.json";
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Normalisation {
-    /// Smallest value of each motor (m), length `D`; the payload (kg) counts as the last motor.
+    /// Smallest value of each motor (m, N for tension drives, or the units of a recording), length `D`; the payload (kg) counts as the last motor.
     pub motor_min: Vec<f64>,
-    /// Largest value of each motor (m), length `D`.
+    /// Largest value of each motor, length `D`.
     pub motor_max: Vec<f64>,
     /// Scale `s` (m): the largest distance of a point from the world's origin.
     pub scale: f64,
@@ -34,7 +34,7 @@ pub struct Normalisation {
 pub struct OutOfRange {
     /// Which motor.
     pub index: usize,
-    /// Its value (m, or kg for the payload).
+    /// Its value (in the motor's unit, kg for the payload).
     pub value: f64,
     /// The smallest value in the data.
     pub min: f64,
@@ -110,6 +110,13 @@ impl Normalisation {
         for x in coordinates {
             *x = (f64::from(*x) * self.scale) as f32;
         }
+    }
+
+    /// Whether one of the two normalisation files is in the folder `dir`.
+    pub(super) fn is_in(dir: &Path) -> bool {
+        [MOTORS_FILE, POINTS_FILE]
+            .iter()
+            .any(|file| dir.join(file).exists())
     }
 
     /// Reads the two normalisation files in the folder `dir`. Their motor `scale` follows from `min` and `max` and is

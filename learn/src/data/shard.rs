@@ -5,9 +5,9 @@ use std::path::Path;
 
 use hdf5_pure::{Error, FileBuilder, H5Element};
 use tdcr_sim::cloud::PointCloud;
+use tdcr_sim::files::write_atomically;
 
 use super::{Condition, DataError, Normalisation, Sample};
-use crate::atomic::write_atomically;
 
 /// The arrays of a shard: `B` samples, `N` points each, `D` values of a condition.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,9 +9,9 @@ use safetensors::tensor::{Dtype, SafeTensors, View};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
+use tdcr_sim::files::write_atomically;
 
 use super::error::{FileError, FileProblem};
-use crate::atomic::write_atomically;
 use crate::limits::{MAX_FILE, read_file};
 
 /// Version of the format that this crate reads and writes.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::PointCloud;
+use crate::files::write_atomically;
 
 /// Why a PLY file could not be written.
 #[derive(Debug, Error)]
@@ -26,7 +27,7 @@ pub struct PointProperty<'a> {
     pub values: &'a [f32],
 }
 
-/// Writes a cloud as binary little-endian PLY: `x y z` (float, m) and `red green blue` (uchar).
+/// Writes a cloud as binary little-endian PLY: `x y z` (float, m) and `red green blue` (uchar). The file is whole or not there.
 ///
 /// # Errors
 /// [`PlyError`] when the file cannot be written.
@@ -67,10 +68,8 @@ pub fn write_ply_with(
             bytes.extend(property.values[index].to_le_bytes());
         }
     }
-    std::fs::File::create(path)
-        .and_then(|mut file| file.write_all(&bytes))
-        .map_err(|source| PlyError {
-            path: path.to_owned(),
-            source,
-        })
+    write_atomically(path, |file| file.write_all(&bytes)).map_err(|source| PlyError {
+        path: path.to_owned(),
+        source,
+    })
 }

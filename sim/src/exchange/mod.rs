@@ -5,6 +5,7 @@
 //! [`urdf`]: crate::urdf
 
 mod layout;
+pub(crate) mod xml;
 
 pub(crate) use layout::{DiscLayout, DiscMass, Layout, ring_around};
 
@@ -13,7 +14,8 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::robot::{LoadError, Payload, RobotSpec, SpecError};
+use crate::dynamics::DynamicsError;
+use crate::robot::{CommandError, LoadError, Payload, RobotSpec, SpecError};
 
 /// A robot read from a file of another tool.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,6 +116,35 @@ pub enum ExportError {
         /// What the format can represent.
         expected: &'static str,
     },
+    /// A time step that is not stable.
+    #[error(
+        "a time step of {timestep} s is not stable: with MuJoCo's {integrator}, errors grow about the \
+         settled pose unless it is below {longest:.2e} s; expected a shorter step, softer springs and \
+         tendons, or more armature"
+    )]
+    Unstable {
+        /// MuJoCo's name of the integrator.
+        integrator: &'static str,
+        /// The time step (s).
+        timestep: f64,
+        /// The longest that is stable (s).
+        longest: f64,
+    },
+    /// The robot does not come to rest under the keyframe's command.
+    #[error(
+        "the robot does not settle under the keyframe's command: residual {residual:.1e} N m; expected \
+         another command, or none"
+    )]
+    NotSettled {
+        /// Largest moment left on a joint (N m).
+        residual: f64,
+    },
+    /// The keyframe's command is not of this robot.
+    #[error(transparent)]
+    Command(#[from] CommandError),
+    /// The robot cannot move, or the time step is no positive number.
+    #[error(transparent)]
+    Motion(#[from] DynamicsError),
     /// The payload is not valid.
     #[error(transparent)]
     Payload(#[from] LoadError),

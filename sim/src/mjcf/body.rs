@@ -1,4 +1,4 @@
-//! Bodies: what is rigidly together, and the ball joint that it turns on.
+//! Bodies: what is rigidly together, and the joints that it turns on.
 
 use std::collections::HashSet;
 
@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::attributes::{Attributes, Classes};
 use super::document::Document;
 use super::frame::{Compiler, InertiaFromGeom, POSE};
+use super::joint::JointElement;
 use super::mass::{Geom, PartMass};
 use crate::exchange::{ImportError, Note};
 
@@ -17,6 +18,8 @@ pub(super) struct BodyReader<'a> {
     pub compiler: Compiler,
     /// Whether geoms can touch.
     pub contacts: bool,
+    /// Moving geoms that can.
+    pub touching: Vec<usize>,
     /// Names of the sites that tendons go through.
     pub used_sites: HashSet<&'a str>,
     pub notes: Vec<Note>,
@@ -25,7 +28,7 @@ pub(super) struct BodyReader<'a> {
 /// A body with the bodies fastened to it.
 #[derive(Default)]
 pub(super) struct RigidGroup<'a> {
-    pub joint: Option<BallJoint>,
+    pub joints: Vec<JointElement>,
     pub masses: Vec<PartMass>,
     pub geoms: Vec<Geom>,
     pub sites: Vec<Site<'a>>,
@@ -69,16 +72,6 @@ pub(super) struct Carried<'a> {
     pub childclass: Option<&'a str>,
 }
 
-/// A ball joint, in its body's frame.
-#[derive(Clone, Copy)]
-pub(super) struct BallJoint {
-    /// Centre (m).
-    pub center: Vector3<f64>,
-    pub damping: f64,
-    pub armature: f64,
-    pub stiffness: f64,
-}
-
 impl<'a> BodyReader<'a> {
     /// What stands fixed in the world.
     pub fn world(&mut self, worldbody: usize) -> Result<RigidGroup<'a>, ImportError> {
@@ -97,13 +90,10 @@ impl<'a> BodyReader<'a> {
             &[&["childclass", "mocap"], &POSE[..]].concat(),
             &["gravcomp"],
         )?;
-        if attributes
-            .text("mocap")
-            .is_some_and(|mocap| mocap != "false")
-        {
-            return Err(attributes.refuse("mocap", "expected false"));
+        match attributes.text("mocap") {
+            None | Some("false" | "true") => self.compiler.pose(&attributes),
+            Some(_) => Err(attributes.refuse("mocap", "expected true or false")),
         }
-        self.compiler.pose(&attributes)
     }
 
     fn group(
@@ -156,7 +146,7 @@ impl<'a> BodyReader<'a> {
     /// Sorts a body within a group's member: the group's payload, a body that it carries, or else,
     /// returned, a further member.
     fn body_within(
-        &self,
+        &mut self,
         index: usize,
         member: &Member<'a>,
         root: usize,
@@ -174,6 +164,10 @@ impl<'a> BodyReader<'a> {
         if self.is_payload(index) && member.body == root && group.payload.is_none() {
             group.payload = Some(self.payload(index)?);
             return Ok(None);
+        }
+        if Attributes::own(self.document, index).text("mocap") == Some("true") {
+            let text = "a mocap body: read as fixed where the model has it at the start";
+            self.note(index, text);
         }
         Ok(Some(Member {
             body: index,
@@ -195,11 +189,9 @@ impl<'a> BodyReader<'a> {
         let class = member.childclass;
         let stands_still = document.elements[root].tag == "worldbody";
         match document.elements[index].tag.as_str() {
-            "joint" if member.body == root && group.joint.is_none() => {
-                group.joint = Some(self.joint(index, class)?);
-            }
-            "joint" | "freejoint" => {
-                let reason = "expected one ball joint in each moving body";
+            "joint" => group.joints.push(self.joint_element(index, class)?),
+            "freejoint" => {
+                let reason = "expected a ball joint in each moving body";
                 return Err(document.refuse(index, reason));
             }
             "inertial" => {
@@ -250,51 +242,11 @@ impl<'a> BodyReader<'a> {
         Ok(PartMass::read(&attributes, &self.compiler)?.moved(&pose))
     }
 
-    fn joint(&self, index: usize, class: Option<&str>) -> Result<BallJoint, ImportError> {
-        let joint = self.classes.resolve(self.document, index, class)?;
-        if joint.text("type") != Some("ball") {
-            return Err(joint.refuse("type", "expected ball"));
-        }
-        let known = [
-            "type",
-            "pos",
-            "damping",
-            "armature",
-            "stiffness",
-            "limited",
-            "range",
-            "axis",
-            "group",
-            "ref",
-            "springref",
-            "margin",
-            "solreflimit",
-            "solimplimit",
-            "solreffriction",
-            "solimpfriction",
-        ];
-        joint.only(&known, &["frictionloss", "springdamper"])?;
-        if joint.limited("limited", "range", self.compiler.auto_limits)? {
-            let reason = "MuJoCo's limits are not springs as they are here: expected none";
-            return Err(joint.refuse("range", reason));
-        }
-        let value = |name| Ok::<_, ImportError>(joint.not_negative(name)?.unwrap_or(0.0));
-        Ok(BallJoint {
-            center: joint.numbers::<3>("pos")?.unwrap_or_default().into(),
-            damping: value("damping")?,
-            armature: value("armature")?,
-            stiffness: value("stiffness")?,
-        })
-    }
-
-    fn geom(&self, index: usize, class: Option<&str>) -> Result<Geom, ImportError> {
+    fn geom(&mut self, index: usize, class: Option<&str>) -> Result<Geom, ImportError> {
         let attributes = self.classes.resolve(self.document, index, class)?;
-        for name in ["contype", "conaffinity"] {
-            if self.contacts && attributes.text(name) != Some("0") {
-                let reason = "contacts are not modelled here: expected 0, \
-                              or <flag contact=\"disable\"/> in <option>";
-                return Err(attributes.refuse(name, reason));
-            }
+        let groups = ["contype", "conaffinity"];
+        if self.contacts && groups.iter().any(|name| attributes.text(name) != Some("0")) {
+            self.touching.push(index);
         }
         Geom::read(&attributes, &self.compiler)
     }

@@ -16,6 +16,8 @@ pub(super) struct Chain<'a> {
     pub payload: Payload,
     /// The holes by the names of their sites.
     pub holes: HashMap<&'a str, Waypoint>,
+    /// Discs with the axis that their hinges do not turn about.
+    pub held: Vec<(usize, usize)>,
 }
 
 /// A body's holes: x and y of each (m), and their height in the body's frame (m).
@@ -63,6 +65,9 @@ impl<'a> BodyReader<'a> {
             discs: layouts,
             payload,
             holes,
+            held: (discs.iter().enumerate())
+                .filter_map(|(index, disc)| Some((index, disc.joint.held?)))
+                .collect(),
         })
     }
 
@@ -160,7 +165,8 @@ impl<'a> BodyReader<'a> {
             if is_used(site) && !level {
                 let reason = format!(
                     "lies {} m above the others, or above the disc's centre of mass; expected \
-                     the tendons' sites of a body at one height, those of a disc at that centre",
+                     the tendons' sites of a body at one height, those of a disc at that centre or \
+                     at that of the cylinder that shows it",
                     place.z - height
                 );
                 return Err(self.document.refuse(site.element, reason));
@@ -189,7 +195,7 @@ impl<'a> BodyReader<'a> {
     ) -> Result<DiscLayout, ImportError> {
         let refuse = |reason: &str| Err(self.document.refuse(disc.element, reason));
         let straight = disc.straight(pose, below);
-        if is_turned(pose) && disc.joint.stiffness == 0.0 {
+        if is_turned(pose) && !disc.joint.is_elastic() {
             return refuse(
                 "turned against the body below, on a joint without stiffness: \
                  expected bodies in line",
@@ -233,7 +239,7 @@ impl<'a> BodyReader<'a> {
 /// frame can be chosen such that the disc is straight above it: turned as a disc that turns freely
 /// is, its origin on the disc's axis and below the disc.
 fn base_frame(first: &DiscBody) -> Isometry3<f64> {
-    let turn = if first.joint.stiffness > 0.0 || !is_turned(&first.pose) {
+    let turn = if first.joint.is_elastic() || !is_turned(&first.pose) {
         UnitQuaternion::identity()
     } else {
         first.pose.rotation
@@ -252,6 +258,6 @@ fn base_frame(first: &DiscBody) -> Isometry3<f64> {
 }
 
 /// A site's position in the frame of its group (m).
-fn in_group(site: &Site<'_>) -> Vector3<f64> {
+pub(super) fn in_group(site: &Site<'_>) -> Vector3<f64> {
     (site.body_pose * Point3::from(site.position)).coords
 }

@@ -3,8 +3,8 @@
 use crate::exchange::ExportError;
 use crate::lens::Distortion;
 use crate::robot::{
-    Backbone, Cameras, Drive, Lens, Loads, MassSpec, ModuleSpec, Payload, PerDisc, PinholeSpec,
-    RigidMass, Robot, RobotSpec, TendonSpec,
+    Cameras, Drive, Lens, Loads, MassSpec, ModuleSpec, Payload, PerDisc, PinholeSpec, RigidMass,
+    Robot, RobotSpec, SolidMass, TendonSpec,
 };
 
 use super::write::is_xml_char;
@@ -127,6 +127,7 @@ fn mass_field(spec: &RobotSpec, disc: usize) -> String {
     let first: usize = spec.modules[..module].iter().map(|m| m.discs).sum();
     let (kind, each) = match &spec.modules[module].mass {
         MassSpec::Density(density) => ("density", matches!(density, PerDisc::<f64>::Each(_))),
+        MassSpec::Solid(solid) => ("solid", matches!(solid, PerDisc::<SolidMass>::Each(_))),
         MassSpec::Rigid(rigid) => ("rigid", matches!(rigid, PerDisc::<RigidMass>::Each(_))),
     };
     let index = each.then(|| format!("[{}]", disc - first));
@@ -142,24 +143,7 @@ fn check_joints(index: usize, module: &ModuleSpec) -> Result<(), ExportError> {
             expected,
         ));
     }
-    let field = format!("modules[{index}].backbone");
-    match &module.backbone {
-        None => Ok(()),
-        Some(PerDisc::Uniform(backbone)) => check_backbone(&field, backbone),
-        Some(PerDisc::Each(backbones)) => (backbones.iter().enumerate())
-            .try_for_each(|(disc, backbone)| check_backbone(&format!("{field}[{disc}]"), backbone)),
-    }
-}
-
-fn check_backbone(field: &str, backbone: &Backbone) -> Result<(), ExportError> {
-    let [x, y] = backbone.bending;
-    let torsion = backbone.torsion;
-    if x == y && y == torsion {
-        return Ok(());
-    }
-    let found = format!("{x} and {y} in bending, {torsion} in torsion");
-    let expected = "one stiffness for bending and torsion of a ball joint";
-    Err(refuse(field, found, expected))
+    Ok(())
 }
 
 fn check_tendon(field: &str, tendon: &TendonSpec) -> Result<(), ExportError> {

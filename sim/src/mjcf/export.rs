@@ -3,7 +3,9 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::check::{longest, representable};
-use super::write::{Attribute, XmlWriter, number, numbers};
+use super::joint::SeriesJoint;
+use super::keyframe::{KEYFRAME, Start};
+use super::write::{XmlWriter, number, numbers};
 use crate::camera::Camera;
 use crate::exchange::ExportError;
 use crate::render::{BaseVisibility, Kind, Solid, base_solids, disc_color};
@@ -12,48 +14,95 @@ use crate::robot::{
 };
 
 /// What a model has besides the robot.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ExportOptions {
     /// Whether the base below the robot is seen.
     pub base: BaseVisibility,
     /// What hangs from the distal disc: a point mass in a body of its own, named `payload`.
     pub payload: Payload,
+    /// Time step (s), which must be stable about the keyframe's pose; by default the longest of 2 ms,
+    /// 1 ms, 0.5 ms, 0.2 ms, .. that is, and by a margin.
+    pub timestep: Option<f64>,
+    /// How MuJoCo takes a step.
+    pub integrator: Integrator,
+    /// The command of the keyframe, in which the robot must settle (m, or N for a tension drive). By
+    /// default the middle of every tendon's range; if the robot does not settle there, the model has no
+    /// keyframe.
+    pub command: Option<Vec<f64>>,
 }
 
-impl Default for ExportOptions {
-    /// No base and no payload.
-    fn default() -> Self {
-        Self {
-            base: BaseVisibility::Hidden,
-            payload: Payload::default(),
+/// MuJoCo's integrators.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Integrator {
+    /// First order, joint damping implicit.
+    #[default]
+    Euler,
+    /// First order, implicit in the velocities but for Coriolis forces. Newer than MuJoCo 2.2.2.
+    ImplicitFast,
+    /// First order, implicit in the velocities.
+    Implicit,
+    /// Fourth order, explicit.
+    RungeKutta4,
+}
+
+impl Integrator {
+    /// MuJoCo's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Euler => "Euler",
+            Self::ImplicitFast => "implicitfast",
+            Self::Implicit => "implicit",
+            Self::RungeKutta4 => "RK4",
         }
     }
 }
 
-/// Time step of the model (s).
-const TIME_STEP: f64 = 0.002;
+/// What a model says of joints that bend and turn unlike.
+const IN_SERIES: &str = "Bending and torsion differ: each joint is a ball with the larger stiffness, \
+                         in series with a hinge about each softer axis. Turns about one of the axes \
+                         have exactly the energy of the rod; combined turns differ by terms of \
+                         fourth order in the angles.";
+
+impl Default for ExportOptions {
+    /// No base and no payload, a stable step of MuJoCo's Euler integrator, at rest in the middle of
+    /// all ranges.
+    fn default() -> Self {
+        Self {
+            base: BaseVisibility::Hidden,
+            payload: Payload::default(),
+            timestep: None,
+            integrator: Integrator::default(),
+            command: None,
+        }
+    }
+}
 
 /// The robot as a MuJoCo model (MJCF text), its numbers in full precision.
 ///
 /// Bodies are named `base`, `disc0`, ..; sites `base_0`, `disc0_0`, .. by their hole; tendons and
-/// their actuators `tendon0`, ..; cameras `camera0`, .. A command is MuJoCo's `ctrl`.
+/// their actuators `tendon0`, ..; cameras `camera0`, ..; the keyframe `settled`. A command is MuJoCo's
+/// `ctrl`.
 ///
 /// # Errors
 /// [`ExportError`] for an invalid robot, and for whatever MuJoCo cannot represent with the same
-/// meaning, by the field's path: anisotropic backbones, soft limits, friction of tendons, drives
+/// meaning, by the field's path: soft limits, friction of tendons, drives
 /// that set the length of an inextensible tendon, discs without mass, distorted lenses, cameras of
-/// unlike resolutions, pixels that are not square or centred on the optical axis.
+/// unlike resolutions, pixels that are not square or centred on the optical axis. For a command of
+/// another robot, or one that it does not settle in, and for a time step that is not stable.
 pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, ExportError> {
     let robot = Robot::new(spec.clone())?;
     representable(&robot, &options.payload)?;
+    let joints: Vec<SeriesJoint> = robot.discs().iter().map(SeriesJoint::of).collect();
+    let start = Start::of(&robot, options)?;
+    let timestep = start.timestep(&robot, &joints, options)?;
     let mut xml = XmlWriter::default();
     xml.open("mujoco", &[("model", spec.name.clone())]);
     xml.leaf("compiler", &[("angle", "radian".to_owned())]);
     xml.leaf(
         "option",
         &[
-            ("timestep", number(TIME_STEP)),
-            ("integrator", "Euler".to_owned()),
+            ("timestep", number(timestep)),
+            ("integrator", options.integrator.name().to_owned()),
             ("gravity", numbers(&spec.gravity)),
         ],
     );
@@ -66,10 +115,16 @@ pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, Expor
             write_solid(&mut xml, &solid);
         }
     }
-    write_chain(&mut xml, &robot, &options.payload);
+    if !joints.iter().all(SeriesJoint::is_ball) {
+        xml.comment(IN_SERIES);
+    }
+    write_chain(&mut xml, &robot, &joints, &options.payload);
     xml.close();
     if !robot.tendons().is_empty() {
         write_tendons(&mut xml, &robot);
+    }
+    if start.settled {
+        write_keyframe(&mut xml, &start, &start.coordinates(&robot, &joints));
     }
     Ok(xml.finish())
 }
@@ -165,7 +220,7 @@ fn write_solid(xml: &mut XmlWriter, solid: &Solid) {
 }
 
 /// The base and the discs, each within the one below.
-fn write_chain(xml: &mut XmlWriter, robot: &Robot, payload: &Payload) {
+fn write_chain(xml: &mut XmlWriter, robot: &Robot, joints: &[SeriesJoint], payload: &Payload) {
     let spec = robot.spec();
     let mut base = vec![
         ("name", "base".to_owned()),
@@ -176,8 +231,8 @@ fn write_chain(xml: &mut XmlWriter, robot: &Robot, payload: &Payload) {
     }
     xml.open("body", &base);
     write_sites(xml, spec, Body::Base, spec.base.hole_height);
-    for (index, disc) in robot.discs().iter().enumerate() {
-        write_disc(xml, robot, index, disc);
+    for (index, (disc, joint)) in robot.discs().iter().zip(joints).enumerate() {
+        write_disc(xml, robot, index, disc, joint);
     }
     if payload.mass > 0.0 {
         xml.open("body", &[("name", "payload".to_owned())]);
@@ -190,7 +245,7 @@ fn write_chain(xml: &mut XmlWriter, robot: &Robot, payload: &Payload) {
 }
 
 /// Opens the body of a disc, and leaves it open for the next.
-fn write_disc(xml: &mut XmlWriter, robot: &Robot, index: usize, disc: &Disc) {
+fn write_disc(xml: &mut XmlWriter, robot: &Robot, index: usize, disc: &Disc, joint: &SeriesJoint) {
     let rest = disc.backbone.map_or(Vector3::zeros(), |b| b.rest.into());
     let mut body = vec![("name", format!("disc{index}"))];
     if rest == Vector3::zeros() {
@@ -205,11 +260,14 @@ fn write_disc(xml: &mut XmlWriter, robot: &Robot, index: usize, disc: &Disc) {
     let geom_mass = match density(robot.spec(), index) {
         Some(density) => ("density", number(density)),
         None => {
-            write_inertial(xml, [0.0; 3], disc.mass, disc.inertia.into());
+            let center = disc.centre_of_mass.into();
+            write_inertial(xml, center, disc.mass, disc.inertia.into());
             ("mass", "0".to_owned())
         }
     };
-    xml.leaf("joint", &joint(disc));
+    for attributes in joint.elements() {
+        xml.leaf("joint", &attributes);
+    }
     xml.leaf(
         "geom",
         &[
@@ -233,22 +291,8 @@ fn write_inertial(xml: &mut XmlWriter, center: [f64; 3], mass: f64, moments: [f6
     );
 }
 
-fn joint(disc: &Disc) -> Vec<Attribute<'static>> {
-    let mut joint = vec![("type", "ball".to_owned())];
-    if disc.origin != Vector3::zeros() {
-        joint.push(("pos", vector(&-disc.origin)));
-    }
-    joint.push(("damping", number(disc.damping)));
-    joint.push(("armature", number(disc.armature)));
-    if let Some(backbone) = &disc.backbone {
-        joint.push(("stiffness", number(backbone.torsion)));
-    }
-    joint
-}
-
 fn write_sites(xml: &mut XmlWriter, spec: &RobotSpec, body: Body, height: f64) {
-    let holes = spec.holes(body).map_or_else(Vec::new, |h| h.positions());
-    for (hole, [x, y]) in holes.into_iter().enumerate() {
+    for (hole, [x, y]) in spec.hole_positions(body).into_iter().enumerate() {
         let name = site(Waypoint(body, hole));
         xml.leaf("site", &[("name", name), ("pos", numbers(&[x, y, height]))]);
     }
@@ -268,6 +312,20 @@ fn write_tendons(xml: &mut XmlWriter, robot: &Robot) {
     for (index, tendon) in robot.tendons().iter().enumerate() {
         write_actuator(xml, index, tendon, longest(robot, index));
     }
+    xml.close();
+}
+
+fn write_keyframe(xml: &mut XmlWriter, start: &Start, coordinates: &[f64]) {
+    let mut key = vec![
+        ("name", KEYFRAME.to_owned()),
+        ("qpos", numbers(coordinates)),
+    ];
+    let command = start.command.as_slice();
+    if !command.is_empty() {
+        key.push(("ctrl", numbers(command)));
+    }
+    xml.open("keyframe", &[]);
+    xml.leaf("key", &key);
     xml.close();
 }
 
@@ -305,14 +363,25 @@ fn site(waypoint: Waypoint) -> String {
     }
 }
 
-/// Density of a disc; `None` where its mass and moments of inertia are given.
+/// Density of a disc whose mass is that of its cylinder; `None` where the mass, its centre or the
+/// moments of inertia are others.
 fn density(spec: &RobotSpec, disc: usize) -> Option<f64> {
     let module = spec.module_of(disc)?;
     let first: usize = spec.modules[..module].iter().map(|m| m.discs).sum();
     match &spec.modules[module].mass {
-        MassSpec::Density(density) => density.of_disc(disc - first).copied(),
-        MassSpec::Rigid(_) => None,
+        MassSpec::Density(density) if !carries_rod(spec, disc) => {
+            density.of_disc(disc - first).copied()
+        }
+        MassSpec::Density(_) | MassSpec::Solid(_) | MassSpec::Rigid(_) => None,
     }
+}
+
+/// Whether a disc carries a piece of a rod: of its own module's, or of that of the module above.
+fn carries_rod(spec: &RobotSpec, disc: usize) -> bool {
+    [disc, disc + 1].into_iter().any(|disc| {
+        let module = spec.module_of(disc).map(|module| &spec.modules[module]);
+        module.is_some_and(|module| module.rod.is_some())
+    })
 }
 
 fn vector(v: &Vector3<f64>) -> String {

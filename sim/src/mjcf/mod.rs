@@ -2,21 +2,26 @@
 //!
 //! [`export`] writes models that MuJoCo 2.2.2 and every later version load, and in which MuJoCo
 //! computes what this library computes: the same masses, forces of joints and tendons, and sites.
-//! [`import`] reads models of the same family: a chain of bodies on ball joints, with tendons
-//! through sites.
+//! [`import`] reads models of the same family: a chain of bodies on ball joints, or on hinges at one
+//! place, with tendons through sites.
 //!
 //! | here | MuJoCo |
 //! |---|---|
 //! | disc | body with a ball joint, `pos` the disc's offset, joint `pos` below the origin |
 //! | density, rigid mass | cylinder with `density`, `inertial` |
-//! | isotropic backbone | `stiffness` of the joint; its rest bend is the body's orientation |
+//! | backbone | `stiffness` of the joint; its rest bend is the body's orientation |
+//! | bending unlike torsion | a hinge about each softer axis, in series with the ball joint |
 //! | hole, route | site, spatial tendon |
 //! | gain or elastic length drive | `position` actuator, `kp` the series stiffness |
 //! | tension drive | `motor` with `gear="-1"` |
 //! | tension only | `forcerange` with 0 as its upper end |
 //! | cameras | cameras; the resolution is that of the offscreen buffer |
+//! | equilibrium under a command | keyframe `settled` |
 //!
 //! MuJoCo's XML parser limits how deep bodies nest: 2.2.2 reads 95 discs, 4.0 reads 495.
+//!
+//! The time step is stable about the keyframe's pose (see [`ExportOptions::timestep`]). MuJoCo takes the
+//! stiffness of joints and tendons explicitly with every integrator, so a stiff rod needs short steps.
 //!
 //! A joint whose rest is bent has its configuration counted from there: MuJoCo's joint quaternion
 //! is `R0' R`.
@@ -31,11 +36,13 @@ mod document;
 mod export;
 mod frame;
 mod import;
+mod joint;
+mod keyframe;
 mod mass;
 mod view;
 mod write;
 
-pub use export::{ExportOptions, export};
+pub use export::{ExportOptions, Integrator, export};
 pub use import::{import, import_text};
 
 pub(crate) use write::{escape, is_xml_char};

@@ -26,6 +26,13 @@ impl XmlWriter {
         self.open.push(tag);
     }
 
+    /// A comment, which must not hold two hyphens in a row.
+    pub fn comment(&mut self, text: &str) {
+        self.indent();
+        // Writing to a string cannot fail.
+        let _ = writeln!(self.text, "<!-- {text} -->");
+    }
+
     /// Ends the element opened last.
     pub fn close(&mut self) {
         if let Some(tag) = self.open.pop() {

@@ -3,7 +3,7 @@
 use rand::{Rng, RngExt};
 use thiserror::Error;
 
-use super::{Drive, Robot, Tendon};
+use super::{CommandUnit, Robot, Tendon};
 
 /// One value per tendon, each finite and within its tendon's range: a rest length or a length (m), or
 /// a tension (N), by the tendon's [`Drive`].
@@ -35,7 +35,7 @@ pub enum CommandError {
         /// Largest command accepted.
         high: f64,
         /// Unit of the tendon's commands.
-        unit: &'static str,
+        unit: CommandUnit,
     },
 }
 
@@ -43,16 +43,6 @@ impl Command {
     /// The values, one per tendon (m, or N for a tension drive).
     pub fn as_slice(&self) -> &[f64] {
         &self.0
-    }
-}
-
-impl Tendon {
-    /// Unit of the tendon's commands.
-    pub fn unit(&self) -> &'static str {
-        match self.drive {
-            Drive::Gain(_) | Drive::Length => "m",
-            Drive::Tension => "N",
-        }
     }
 }
 

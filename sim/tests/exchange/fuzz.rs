@@ -91,3 +91,51 @@ fn a_file_nested_without_end_is_refused() {
         assert!(mjcf::import_text(&text).is_err());
     }
 }
+
+#[test]
+fn nesting_and_attributes_beyond_bounds_are_refused_before_they_are_parsed() {
+    // On a thread with the smallest stack that Rust gives by default.
+    let answers = || {
+        let nested = |tag: &str, depth: usize| {
+            format!(
+                "{}{}",
+                format!("<{tag}>").repeat(depth),
+                format!("</{tag}>").repeat(depth)
+            )
+        };
+        let attributes: String = (0..60_000).map(|i| format!(" a{i}=\"0\"")).collect();
+        let urdf = |within: &str| format!("<robot name=\"r\">{within}</robot>");
+        let mjcf = |within: &str| format!("<mujoco><worldbody>{within}</worldbody></mujoco>");
+        let wide = format!("<body{attributes}/>");
+        [
+            urdf::import_text(&urdf(&nested("link", 30_000))),
+            urdf::import_text(&urdf(&wide)),
+            mjcf::import_text(&mjcf(&nested("body", 30_000))),
+            mjcf::import_text(&mjcf(&wide)),
+        ]
+        .map(|answer| answer.unwrap_err().to_string())
+    };
+    let start = std::time::Instant::now();
+    let said = std::thread::spawn(answers).join().unwrap();
+    let expected = [
+        "nest more than 64",
+        "60000 attributes",
+        "nest more than 8000",
+        "60000 attributes",
+    ];
+    for (said, expected) in said.iter().zip(expected) {
+        assert!(said.contains(expected), "{said}\nnot\n{expected}");
+    }
+    assert!(start.elapsed().as_secs() < 5, "{:?}", start.elapsed());
+}
+
+#[test]
+fn defaults_without_end_are_refused() {
+    let joints = "<joint damping=\"1\"/>".repeat(50_000);
+    let text = format!("<mujoco><default>{joints}</default><worldbody/></mujoco>");
+    let said = mjcf::import_text(&text).unwrap_err().to_string();
+    assert!(
+        said.contains("the defaults have more than 4000 attributes"),
+        "{said}"
+    );
+}

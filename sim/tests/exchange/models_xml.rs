@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use tdcr_sim::mjcf::{self, ExportOptions};
 use tdcr_sim::render::BaseVisibility;
-use tdcr_sim::robot::{Payload, RobotSpec};
+use tdcr_sim::robot::RobotSpec;
 use tdcr_sim::urdf;
 
 /// Set, it makes this test write the models again.
@@ -16,8 +16,11 @@ fn the_models_are_what_is_exported() {
     for name in RobotSpec::STANDARD {
         let spec = RobotSpec::standard(name).unwrap();
         let model = |base| {
-            let payload = Payload::default();
-            mjcf::export(&spec, &ExportOptions { base, payload }).unwrap()
+            let options = ExportOptions {
+                base,
+                ..ExportOptions::default()
+            };
+            mjcf::export(&spec, &options).unwrap()
         };
         for (file, text) in [
             (format!("{name}.xml"), model(BaseVisibility::Hidden)),

@@ -4,6 +4,7 @@ use anyhow::bail;
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::data::check;
+use tdcr::report::counted;
 
 use super::{Console, Dirs};
 
@@ -41,7 +42,7 @@ pub(super) fn run(args: &CheckArgs, console: &Console) -> anyhow::Result<()> {
     })?;
     let wrong: usize = checked.iter().map(|set| set.findings.len()).sum();
     if wrong > 0 {
-        bail!("{wrong} findings, expected none");
+        bail!("{}, expected none", counted(wrong, "finding"));
     }
     Ok(())
 }

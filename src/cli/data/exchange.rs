@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{self, DataSet, ExportFormat, Finding, ImportSettings, LengthUnit};
+use tdcr::report::counted;
 
 use super::Console;
 
@@ -84,7 +85,7 @@ struct Moved {
 impl Moved {
     fn tell(&self, console: &Console) -> anyhow::Result<()> {
         console.result(self, |m| {
-            format!("{}: {} clouds", m.dir.display(), m.clouds)
+            format!("{}: {}", m.dir.display(), counted(m.clouds, "cloud"))
         })
     }
 }

@@ -6,7 +6,9 @@ use clap::Args;
 use serde::Serialize;
 use tdcr::learn::data::Origin;
 use tdcr::pipeline::Survey;
+use tdcr::report::MotorGroup;
 use tdcr::sim::render::BaseVisibility;
+use tdcr::sim::robot::CommandUnit;
 
 use super::{Console, Dirs};
 
@@ -33,6 +35,8 @@ pub(super) struct Info {
     points: Option<usize>,
     /// Smallest and largest value of each motor.
     motors: Vec<[f64; 2]>,
+    /// Unit of each motor's values; `null` where the data set does not say.
+    motor_units: Vec<Option<&'static str>>,
     payload: Option<PayloadInfo>,
     /// The largest distance of a point from the world's origin (m).
     scale: f64,
@@ -73,7 +77,14 @@ impl Info {
                 zeros: payloads.iter().filter(|&&mass| mass == 0.0).count(),
             }),
         };
+        let robot = subject.map(|subject| &subject.robot);
+        let motor_units = MotorGroup::of(robot, motors.len()).into_iter();
+        let motor_units = motor_units.flat_map(|group| {
+            let unit = group.unit.map(CommandUnit::symbol);
+            group.motors.map(move |_| unit)
+        });
         Ok(Self {
+            motor_units: motor_units.collect(),
             dir: dir.to_owned(),
             robot: subject.map(|subject| subject.robot.name.clone()),
             base: subject.map(|subject| subject.base == BaseVisibility::Shown),
@@ -92,10 +103,6 @@ impl Info {
     /// What there is to say, as name and value.
     pub fn facts(&self) -> Vec<(String, String)> {
         let unknown = || "not known".to_owned();
-        let low = self.motors.iter().map(|range| range[0]);
-        let high = self.motors.iter().map(|range| range[1]);
-        let low = low.fold(f64::INFINITY, f64::min);
-        let high = high.fold(f64::NEG_INFINITY, f64::max);
         let base = self
             .base
             .map(|base| if base { "in view" } else { "not in view" });
@@ -120,7 +127,7 @@ impl Info {
             ),
             (
                 "Motors",
-                format!("{}, values from {low:.5} to {high:.5}", self.motors.len()),
+                format!("{}, {}", self.motors.len(), self.motor_ranges()),
             ),
             ("Payloads", payload.unwrap_or_else(|| "none".to_owned())),
             ("Scale", format!("{:.4} m", self.scale)),
@@ -128,6 +135,24 @@ impl Info {
         ]
         .map(|(name, value)| (name.to_owned(), value))
         .into()
+    }
+}
+
+impl Info {
+    /// Smallest and largest value over the motors of each unit.
+    fn motor_ranges(&self) -> String {
+        let mut ranges: Vec<(Option<&str>, [f64; 2])> = Vec::new();
+        for (&unit, &[low, high]) in self.motor_units.iter().zip(&self.motors) {
+            match ranges.iter_mut().find(|range| range.0 == unit) {
+                Some((_, range)) => *range = [range[0].min(low), range[1].max(high)],
+                None => ranges.push((unit, [low, high])),
+            }
+        }
+        let texts = ranges.iter().map(|(unit, [low, high])| {
+            let unit = unit.unwrap_or("in motor units");
+            format!("values from {low:.5} to {high:.5} {unit}")
+        });
+        texts.collect::<Vec<_>>().join(", ")
     }
 }
 

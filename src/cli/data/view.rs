@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::Args;
 use serde::Serialize;
 use tdcr::pipeline::{Survey, Tips};
-use tdcr::report::{DataPage, SetSummary};
+use tdcr::report::{DataPage, MotorGroup, SetSummary};
 
 use super::info::Info;
 use super::{Console, Dirs, name};
@@ -55,8 +55,7 @@ pub(super) fn run(args: &ViewArgs, console: &Console) -> anyhow::Result<()> {
         Some("svg") => page.workspace().to_svg().into_bytes(),
         _ => page.to_html().into_bytes(),
     };
-    std::fs::write(&args.out, bytes)
-        .with_context(|| format!("cannot write {}", args.out.display()))?;
+    super::super::write_file(&args.out, bytes)?;
     let viewed = Viewed {
         file: args.out.clone(),
     };
@@ -76,11 +75,11 @@ fn summary(dir: &Path, clouds: usize) -> anyhow::Result<SetSummary> {
     Ok(SetSummary {
         name: name(dir),
         facts: Info::new(dir, &survey)?.facts(),
-        unit: match survey.recipe() {
-            Some(_) => "m".to_owned(),
-            None => "as recorded".to_owned(),
-        },
         motors: (0..survey.motors()).map(|k| survey.motor(k)).collect(),
+        groups: MotorGroup::of(
+            survey.recipe().map(|recipe| &recipe.subject.robot),
+            survey.motors(),
+        ),
         payloads: survey.payloads(),
         tips,
         tips_note: note.to_owned(),

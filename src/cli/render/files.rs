@@ -1,16 +1,6 @@
 //! Images in files.
 
-use std::io::Write;
-use std::path::Path;
-
 use anyhow::Context;
-
-/// Writes a file that is not there yet.
-pub(super) fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    std::fs::File::create_new(path)
-        .and_then(|mut file| file.write_all(bytes))
-        .with_context(|| format!("cannot write {}", path.display()))
-}
 
 /// A PNG of 8-bit colours, row by row, of a width and a height.
 pub(super) fn rgb_png(size: [u32; 2], rgb: &[u8]) -> anyhow::Result<Vec<u8>> {

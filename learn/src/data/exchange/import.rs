@@ -1,15 +1,21 @@
 //! Folders of clouds with their motors, to a data set and from one.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use tdcr_sim::cloud::{PointCloud, VoxelGrid, write_ply};
+use tdcr_sim::files::write_atomically;
 
 use super::split_file::read_split;
 use super::{EXTENSIONS, Fault, NpzArray, NpzValues, read_cloud, write_npz};
+use crate::data::collector::{foreign_entry, remove_staging};
 use crate::data::conditions::rng;
 use crate::data::{Collector, Condition, DataError, DataSet, Meta, Origin, Sample, Split};
 use crate::limits::{MAX_JSON, read_file};
+
+/// Folder of what an export has written, inside the one that it is to fill.
+const STAGING: &str = ".partial-export";
 
 /// Samples per file on disk.
 const SAMPLES_PER_SHARD: usize = 250;
@@ -196,11 +202,31 @@ fn cloud_files(dir: &Path) -> Result<Vec<PathBuf>, DataError> {
 
 /// Writes the clouds of the data set `set` to the folder `out`, which is made if it is not there: one folder for each
 /// split, in each `cloud-00000.ply` or `.npz` and so on with `cloud-00000.json` beside it, which holds `{"ctrl": [...]}`:
-/// the condition. Returns the number of clouds.
+/// the condition. Returns the number of clouds. The three folders appear when all of them are written.
 ///
 /// # Errors
-/// As [`DataSet::read_split`]; [`DataError::Io`] and [`DataError::CloudFile`] where a file cannot be written.
+/// As [`DataSet::read_split`]; [`DataError::NotEmpty`] where `out` holds anything, older clouds above all;
+/// [`DataError::Io`] and [`DataError::CloudFile`] where a file cannot be written.
 pub fn export(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, DataError> {
+    if let Some(found) = foreign_entry(out, &[STAGING.to_owned()])? {
+        let path = out.to_owned();
+        return Err(DataError::NotEmpty { path, found });
+    }
+    // What a killed export left.
+    let staging = out.join(STAGING);
+    remove_staging(&staging)?;
+    let exported = export_to(set, format, &staging).and_then(|count| {
+        for folder in Split::ALL.map(Split::folder) {
+            let dir = out.join(folder);
+            std::fs::rename(staging.join(folder), &dir).map_err(DataError::io("create", &dir))?;
+        }
+        Ok(count)
+    });
+    remove_staging(&staging)?;
+    exported
+}
+
+fn export_to(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, DataError> {
     let mut count = 0;
     for split in Split::ALL {
         let dir = out.join(split.folder());
@@ -211,7 +237,8 @@ pub fn export(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, 
             let values: Vec<f32> = sample.condition.values().collect();
             let json = serde_json::json!({ "ctrl": values }).to_string();
             let path = path.with_extension("json");
-            std::fs::write(&path, json).map_err(DataError::io("write", &path))?;
+            write_atomically(&path, |file| file.write_all(json.as_bytes()))
+                .map_err(DataError::io("write", &path))?;
             count += 1;
         }
     }

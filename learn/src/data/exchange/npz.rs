@@ -4,9 +4,10 @@ use std::fs::File;
 use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
+use tdcr_sim::files::write_atomically;
+
 use super::npy::{header, write_archive};
 use super::{CloudFileError, Fault};
-use crate::atomic::write_atomically;
 
 /// An array of an NPZ file, or a row of one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,7 +63,7 @@ impl NpzArray<'_> {
     }
 }
 
-/// Writes arrays to an NPZ file.
+/// Writes arrays to an NPZ file, whole or not at all.
 ///
 /// # Errors
 /// [`CloudFileError`] where the file cannot be written, or an array has not as many values as its shape says.
@@ -73,8 +74,7 @@ pub fn write_npz(path: &Path, arrays: &[NpzArray]) -> Result<(), CloudFileError>
     });
     let written = files.collect::<Result<Vec<_>, Fault>>().and_then(|files| {
         let files = (files.iter()).map(|(name, npy)| (name.clone(), npy.len() as u64, &npy[..]));
-        File::create(path)
-            .and_then(|file| write_archive(file, files))
+        write_atomically(path, |file| write_archive(file, files))
             .map_err(|error| Fault::new("file", error))
     });
     written.map_err(|fault| fault.at(path))
