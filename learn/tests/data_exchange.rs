@@ -19,6 +19,7 @@ const SETTINGS: ImportSettings = ImportSettings {
     unit: LengthUnit::Metre,
     points: 6,
     voxel_size: None,
+    split: None,
     seed: 7,
 };
 

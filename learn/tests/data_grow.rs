@@ -213,6 +213,7 @@ fn a_set_that_cannot_take_the_size_says_so_by_field_and_says_the_way_on() {
     let imported = |count| Meta {
         origin: Origin::Imported {
             source: "clouds".to_owned(),
+            split: None,
         },
         ..of_count(count)
     };

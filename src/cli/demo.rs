@@ -1,19 +1,19 @@
 //! `tdcr demo`: the whole road once, ending in a report.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::Args;
 use serde::Serialize;
-use tdcr::learn::data::{Design, Split, split_indices};
+use tdcr::learn::data::{DataSet, Design, Split, split_indices};
 use tdcr::learn::flow::Sampler;
 use tdcr::learn::net::Channels;
 use tdcr::learn::train::TrainSettings;
 use tdcr::pipeline::{
     CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Preset,
-    Trained, TrainingData, collect, train,
+    Trained, TrainingData, collect, lock_folder, train,
 };
 use tdcr::report::{Example, MotorGroup, Report, Stage, Training, contact_sheet, scale_bar};
 use tdcr::sim::render::BaseVisibility;
@@ -69,8 +69,7 @@ struct DemoMetrics {
 }
 
 pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
-    std::fs::create_dir_all(&args.out)
-        .with_context(|| format!("cannot make the folder {}", args.out.display()))?;
+    let _lock = lock_folder(&args.out)?;
     let (data, run) = (args.out.join("data"), args.out.join("run"));
     let mut clock = StageClock::open(args.out.join("stages.json"));
 
@@ -85,6 +84,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         sensor: None,
         seed: args.seed,
     };
+    require_as_many(&data, args.samples)?;
     clock.time("collect", || collect(&settings, &data, console).map(drop))?;
 
     let precision = args.precision.of_width(NETWORK.width);
@@ -120,7 +120,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     })?;
 
     let metrics = DemoMetrics {
-        metrics: Metrics::new(&evaluation, &scoring, &trained.model.settings),
+        metrics: Metrics::new(&evaluation, &scoring, Some(&trained.model.settings)),
         seconds: clock.seconds.values().sum(),
         stages: clock.seconds.clone(),
     };
@@ -143,13 +143,27 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         format!(
             "{}\nmeans over {} test commands, {:.1} times better than the nearest training command; {:.0} s in all\n\
              see {}",
-            table(&evaluation),
+            table(&evaluation, "network"),
             m.metrics.tests,
             m.metrics.cd_nearest / m.metrics.cd,
             m.seconds,
             args.out.join("report.html").display()
         )
     })
+}
+
+/// Refuses to let a data set grow that a network was, or is being, trained on.
+fn require_as_many(data: &Path, samples: usize) -> anyhow::Result<()> {
+    let held = DataSet::open(data)
+        .ok()
+        .and_then(|set| set.meta().map(|meta| meta.count));
+    match held {
+        Some(held) if held != samples => bail!(
+            "{} holds {held} samples and --samples is {samples}: ask for {held}, or choose another folder (--out)",
+            data.display()
+        ),
+        _ => Ok(()),
+    }
 }
 
 /// Adds up the time of each stage over all the runs that it took.
@@ -267,7 +281,7 @@ fn report(
             ),
             (
                 "Precision".to_owned(),
-                eval_page::precision_text(&metrics.metrics),
+                eval_page::precision_text(&metrics.metrics).unwrap_or_default(),
             ),
             ("Seed".to_owned(), args.seed.to_string()),
             ("tdcr".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),

@@ -3,8 +3,11 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
+use tdcr::learn::data::read_predictions;
+use tdcr::learn::flow::Sampler;
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pipeline::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles, Scores};
@@ -13,12 +16,21 @@ use super::console::Console;
 use super::eval_page;
 use super::{PrecisionArgs, SamplerArgs};
 
-/// Score a trained model on the test commands of a data set, beside trivial predictors and the floor
+/// Score a trained model, or anyone's clouds, on the test commands of a data set, beside trivial predictors and the floor
 #[derive(Debug, Args)]
 pub(super) struct EvalArgs {
     /// The trained model
     #[arg(long, default_value = "run/model.safetensors", value_name = "FILE")]
     pub model: PathBuf,
+    /// Score these clouds instead, of any program: an NPZ file of `points` (T, N, 3), floats (m), a cloud for each command of
+    /// the test split in its order; maybe of `rgb` (T, N, 3) and of `commands` (T, D), which are compared with the test
+    /// split's. `tdcr predict --commands FILE --out clouds.npz` writes such a file
+    #[arg(
+        long,
+        value_name = "FILE.npz",
+        conflicts_with_all = ["model", "sampler", "sampler_steps", "sampler_power", "sampler_tolerance", "precision"]
+    )]
+    pub predictions: Option<PathBuf>,
     /// Folder of the data set
     #[arg(long, default_value = "data", value_name = "DIR")]
     pub data: PathBuf,
@@ -60,6 +72,30 @@ impl ScoringArgs {
             seed: self.seed,
         })
     }
+
+    /// For clouds that are predicted already.
+    fn settings_of_clouds(&self) -> EvalSettings {
+        EvalSettings {
+            points: self.points,
+            emd_points: self.emd_points,
+            sampler: Sampler::DEFAULT,
+            precision: Precision::Float32,
+            seed: self.seed,
+        }
+    }
+}
+
+/// What scores the clouds of a model, or those of another program.
+fn evaluator(args: &EvalArgs) -> anyhow::Result<Evaluator> {
+    if let Some(file) = &args.predictions {
+        let clouds = read_predictions(file)?;
+        let settings = args.scoring.settings_of_clouds();
+        let evaluator = Evaluator::of_clouds(clouds, &args.data, settings);
+        return evaluator.with_context(|| file.display().to_string());
+    }
+    let model = super::load_model(&args.model)?;
+    let settings = args.scoring.settings(&model)?;
+    Ok(Evaluator::new(&model, &args.data, settings)?)
 }
 
 /// Mean scores, as `metrics.json` and `--json` name them: CD and squared EMD in m², EMD in m.
@@ -93,14 +129,15 @@ pub(super) struct Metrics {
     pub uncertainty_rank_points: Option<f64>,
     /// Spearman's rank correlation of a cloud's mean uncertainty with its Chamfer distance, over the test commands.
     pub uncertainty_rank_commands: Option<f64>,
-    /// Evaluations of the network in a prediction; mean over the test commands.
-    pub evaluations: f64,
+    /// Evaluations of the network in a prediction; mean over the test commands. `None`, as what follows on the network, where
+    /// the clouds are another program's.
+    pub evaluations: Option<f64>,
     pub tests: usize,
     pub points: usize,
     pub emd_points: usize,
     /// Numbers of the network's products when it predicted, and when it was trained.
-    pub precision: Precision,
-    pub training_precision: Precision,
+    pub precision: Option<Precision>,
+    pub training_precision: Option<Precision>,
 }
 
 /// What `tdcr eval` says.
@@ -134,8 +171,12 @@ struct WorstTest {
 }
 
 impl Metrics {
-    /// Of a network that was trained with `training`.
-    pub fn new(evaluation: &Evaluation, settings: &EvalSettings, training: &TrainSettings) -> Self {
+    /// Of a network that was trained with `training`; of another program's clouds without it.
+    pub fn new(
+        evaluation: &Evaluation,
+        settings: &EvalSettings,
+        training: Option<&TrainSettings>,
+    ) -> Self {
         let Scores {
             network,
             nearest,
@@ -167,12 +208,12 @@ impl Metrics {
             uncertainty: uncertainty.map(|u| u.mean),
             uncertainty_rank_points: uncertainty.and_then(|u| u.rank_correlation),
             uncertainty_rank_commands: evaluation.uncertainty_rank_correlation(),
-            evaluations,
+            evaluations: training.map(|_| evaluations),
             tests: evaluation.per_test.len(),
             points: settings.points,
             emd_points: settings.emd_points,
-            precision: settings.precision,
-            training_precision: training.precision,
+            precision: training.map(|_| settings.precision),
+            training_precision: training.map(|training| training.precision),
         }
     }
 
@@ -211,8 +252,8 @@ impl WorstTest {
     }
 }
 
-/// The table of mean scores.
-pub(super) fn table(evaluation: &Evaluation) -> String {
+/// The table of mean scores; `predictor` names whose clouds are scored.
+pub(super) fn table(evaluation: &Evaluation, predictor: &str) -> String {
     let mut text = String::from(
         "                           CD (1e-4 m²)   EMD (mm)   sq. EMD (1e-4 m²)   CD / floor\n",
     );
@@ -226,7 +267,7 @@ pub(super) fn table(evaluation: &Evaluation) -> String {
         ..
     } = evaluation.mean();
     for (name, distances) in [
-        ("network", Some(network)),
+        (predictor, Some(network)),
         ("nearest training command", Some(nearest)),
         ("mean command", mean),
         ("perfect predictor", perfect),
@@ -242,7 +283,7 @@ pub(super) fn table(evaluation: &Evaluation) -> String {
         );
     }
     if let Some(color) = color {
-        let _ = writeln!(text, "colour error of the network, of 1: {color:.4}");
+        let _ = writeln!(text, "colour error of the {predictor}, of 1: {color:.4}");
     }
     text
 }
@@ -292,20 +333,19 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(path) = &args.report {
         super::output::format("--report", path, &["html"])?;
     }
-    let model = super::load_model(&args.model)?;
-    let settings = args.scoring.settings(&model)?;
-    let evaluator = Evaluator::new(&model, &args.data, settings)?;
+    let evaluator = evaluator(args)?;
     if evaluator.lacks_colors() {
         tracing::warn!(
             "{}: all points of the test clouds have one colour, as those that were imported without colours do: the \
-             network's colours are not scored",
+             predicted colours are not scored",
             args.data.display()
         );
     }
     let evaluation = evaluator.run(None, console)?;
     let mut worst = evaluation.worst_first();
     worst.truncate(args.worst);
-    let metrics = Metrics::new(&evaluation, &settings, &model.settings);
+    let training = evaluator.model().map(|model| &model.settings);
+    let metrics = Metrics::new(&evaluation, evaluator.settings(), training);
     let evaluated = Evaluated {
         metrics,
         network_quantiles: NetworkQuantiles {
@@ -320,14 +360,17 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     console.result(&evaluated, |e| {
         let m = &e.metrics;
         format!(
-            "{}{}\n{}\n{}\nmeans over {} test commands, of {} evaluations of the network each; CD on {} points, EMD and squared\n\
+            "{}{}\n{}\n{}\nmeans over {} test commands{}; CD on {} points, EMD and squared\n\
              EMD (least mean squared distance) on {}, exact: their duality gaps are at most {:.1e} m and {:.1e} m²",
-            table(&evaluation),
+            table(&evaluation, evaluator.model().map_or("predictions", |_| "network")),
             (m.uncertainty_text()).map_or(String::new(), |text| text + "\n"),
             quantile_table(&e.network_quantiles),
             worst_table(&e.worst),
             m.tests,
-            (10.0 * m.evaluations).round() / 10.0,
+            m.evaluations.map_or(String::new(), |evaluations| format!(
+                ", of {} evaluations of the network each",
+                (10.0 * evaluations).round() / 10.0
+            )),
             m.points,
             m.emd_points,
             m.emd_gap,

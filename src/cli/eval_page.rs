@@ -22,6 +22,26 @@ pub(super) fn page(
     };
     let (model, settings) = (evaluator.model(), evaluator.settings());
     let entry = |name: &str, value: String| (name.to_owned(), value);
+    let mut summary = match (&args.predictions, model) {
+        (Some(file), _) => vec![entry("Predictions", file.display().to_string())],
+        (None, Some(model)) => vec![
+            entry("Model", args.model.display().to_string()),
+            entry(
+                "Network",
+                format!("{} parameters", model.network.params().len()),
+            ),
+            entry("Training", format!("best at step {}", model.step)),
+            entry("Sampler", sampler_text(&settings.sampler)),
+        ],
+        (None, None) => vec![],
+    };
+    summary.extend(precision_text(metrics).map(|text| entry("Precision", text)));
+    summary.extend([
+        entry("Data set", args.data.display().to_string()),
+        entry("Test commands", metrics.tests.to_string()),
+        entry("Seed", settings.seed.to_string()),
+        entry("tdcr", env!("CARGO_PKG_VERSION").to_owned()),
+    ]);
     Ok(Report {
         title: "A network's clouds against the true ones".to_owned(),
         headline: format!(
@@ -30,20 +50,7 @@ pub(super) fn page(
             metrics.tests,
             metrics.cd_nearest / metrics.cd
         ),
-        summary: vec![
-            entry("Model", args.model.display().to_string()),
-            entry("Data set", args.data.display().to_string()),
-            entry(
-                "Network",
-                format!("{} parameters", model.network.params().len()),
-            ),
-            entry("Training", format!("best at step {}", model.step)),
-            entry("Test commands", metrics.tests.to_string()),
-            entry("Sampler", sampler_text(&settings.sampler)),
-            entry("Precision", precision_text(metrics)),
-            entry("Seed", settings.seed.to_string()),
-            entry("tdcr", env!("CARGO_PKG_VERSION").to_owned()),
-        ],
+        summary,
         scores: scores(evaluation),
         floor: floor(evaluation),
         score_notes: score_notes(metrics),
@@ -154,13 +161,14 @@ fn colorless(points: Vec<[f32; 3]>) -> PointCloud {
     PointCloud { points, colors }
 }
 
-/// What numbers the network's products are of.
-pub(super) fn precision_text(metrics: &Metrics) -> String {
-    format!(
+/// What numbers the network's products are of; `None` where there is no network.
+pub(super) fn precision_text(metrics: &Metrics) -> Option<String> {
+    let (prediction, training) = (metrics.precision?, metrics.training_precision?);
+    Some(format!(
         "{} in prediction, {} in training",
-        metrics.precision.name(),
-        metrics.training_precision.name()
-    )
+        prediction.name(),
+        training.name()
+    ))
 }
 
 /// What the sampler is, in a few words.

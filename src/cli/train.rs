@@ -81,6 +81,10 @@ pub(super) struct TrainArgs {
     /// settings [default: random weights]
     #[arg(long, value_name = "FILE")]
     init: Option<PathBuf>,
+    /// Use the ranges of commands and the scale of points of this model instead of the data set's own: to train on, with
+    /// --init, from simulated to recorded clouds, or on a set that has grown. Commands must be in the model's units
+    #[arg(long, value_name = "FILE", conflicts_with = "stream")]
+    normalisation_from: Option<PathBuf>,
     /// Seed of weights, noise and subsets
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -241,10 +245,36 @@ struct StreamArgs {
     validation: Option<PathBuf>,
 }
 
+/// The data set, in its own units or in those of a model.
+fn set_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
+    let dir = args.data.clone();
+    let Some(file) = &args.normalisation_from else {
+        return Ok(TrainingData::Set(dir));
+    };
+    let units = Model::load(file)?.provenance.normalisation;
+    let own = DataSet::open(&dir)?.normalisation().clone();
+    for (what, command) in [("smallest", &own.motor_min), ("largest", &own.motor_max)] {
+        for range in units.out_of_range(command)? {
+            let width = range.max - range.min;
+            if !(range.min - width..=range.max + width).contains(&range.value) {
+                tracing::warn!(
+                    "the {what} value of motor {} in {} is {}, far outside the model's {} to {}: are they in one unit?",
+                    range.index,
+                    dir.display(),
+                    range.value,
+                    range.min,
+                    range.max
+                );
+            }
+        }
+    }
+    Ok(TrainingData::SetIn(dir, Box::new(units)))
+}
+
 /// The data set, or the stream where one is asked for.
 fn training_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
     let Some(robot) = &args.stream.stream else {
-        return Ok(TrainingData::Set(args.data.clone()));
+        return set_data(args);
     };
     let StreamArgs {
         base,
@@ -340,7 +370,9 @@ fn plan(
 /// Says where the clouds have fewer points than `asked` for: steps take all that there are.
 fn warn_of_few_points(asked: usize, data: &TrainingData) -> anyhow::Result<()> {
     let found = match data {
-        TrainingData::Set(dir) => DataSet::open(dir)?.points_per_cloud(Split::Train)?,
+        TrainingData::Set(dir) | TrainingData::SetIn(dir, _) => {
+            DataSet::open(dir)?.points_per_cloud(Split::Train)?
+        }
         TrainingData::Stream(stream) => stream.spec.points,
     };
     if asked > found {

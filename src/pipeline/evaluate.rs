@@ -41,6 +41,10 @@ pub struct EvalSettings {
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
 const JOURNAL_FORMAT: u32 = 8;
 
+/// How far a command beside a predicted cloud may be from the test command, as a part of the motor's range: what is lost
+/// where commands are printed with a few digits, and far less than what tells commands apart.
+const COMMAND_TOLERANCE: f32 = 1e-3;
+
 /// A finished piece of the evaluation.
 #[derive(Serialize, Deserialize)]
 struct Entry {
@@ -48,9 +52,9 @@ struct Entry {
     scores: Scores,
 }
 
-/// A model, and the data set that it is tested on.
+/// Clouds that are scored, and the data set that they are tested on.
 pub struct Evaluator {
-    model: Model,
+    predictor: Predictor,
     settings: EvalSettings,
     /// Training commands and clouds, in the units of the data set's `normalisation`, which is not the
     /// model's where that was trained on another set.
@@ -62,6 +66,14 @@ pub struct Evaluator {
     simulation: Option<Simulation>,
 }
 
+/// Where the clouds come from.
+enum Predictor {
+    /// A network, which predicts them when they are scored.
+    Model(Box<Model>),
+    /// Any program: one cloud for each test command.
+    Clouds(PredictedClouds),
+}
+
 impl Evaluator {
     /// Prepares to test `model` on the data set in the folder `data`.
     ///
@@ -70,29 +82,45 @@ impl Evaluator {
     /// base, payloads), or has fewer points per cloud than are to be compared, and where the network's width
     /// does not suit the precision.
     pub fn new(model: &Model, data: &Path, settings: EvalSettings) -> Result<Self, PipelineError> {
+        let precise = (model.clone()).with_precision(settings.precision);
+        let predictor = Predictor::Model(Box::new(precise.map_err(TrainError::from)?));
+        let subject = model.provenance.subject.as_ref();
+        Self::of(predictor, subject, data, settings)
+    }
+
+    /// Prepares to score `clouds`, predicted by any program for the test commands of the data set in the folder `data`, in
+    /// their order. Of the settings, the sampler and the precision say nothing here.
+    ///
+    /// # Errors
+    /// [`PipelineError`] where the data set cannot be read, has another number of test commands or other ones than the
+    /// clouds, or where there are fewer points than are to be compared.
+    pub fn of_clouds(
+        clouds: PredictedClouds,
+        data: &Path,
+        settings: EvalSettings,
+    ) -> Result<Self, PipelineError> {
+        let available = clouds.points.first().map_or(0, Vec::len);
+        require_points(settings.points, available)?;
+        let evaluator = Self::of(Predictor::Clouds(clouds), None, data, settings)?;
+        evaluator.require_commands()?;
+        Ok(evaluator)
+    }
+
+    fn of(
+        predictor: Predictor,
+        subject: Option<&Subject>,
+        data: &Path,
+        settings: EvalSettings,
+    ) -> Result<Self, PipelineError> {
         let set = DataSet::open(data)?;
         let recipe = set.meta().and_then(|meta| meta.origin.recipe().cloned());
-        if let (Some(of_model), Some(recipe)) = (&model.provenance.subject, &recipe) {
-            require_same(of_model, &recipe.subject)?;
+        if let (Some(subject), Some(recipe)) = (subject, &recipe) {
+            require_same(subject, &recipe.subject)?;
         }
         let (training, test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
-        let available = test
-            .iter()
-            .map(|sample| sample.cloud.len())
-            .min()
-            .unwrap_or(0);
-        if settings.points == 0 || settings.points > available {
-            return Err(PipelineError::EvalPoints {
-                wanted: settings.points,
-                available,
-            });
-        }
-        if settings.emd_points == 0 || settings.emd_points > settings.points {
-            return Err(PipelineError::EvalPoints {
-                wanted: settings.emd_points,
-                available: settings.points,
-            });
-        }
+        let available = test.iter().map(|sample| sample.cloud.len()).min();
+        require_points(settings.points, available.unwrap_or(0))?;
+        require_points(settings.emd_points, settings.points)?;
         let mut colors = test.iter().flat_map(|sample| &sample.cloud.colors);
         let first = colors.next();
         let colored = colors.any(|color| Some(color) != first);
@@ -100,9 +128,7 @@ impl Evaluator {
             .map(|recipe| Simulation::new(recipe, &set, &training, settings.seed))
             .transpose()?;
         Ok(Self {
-            model: (model.clone())
-                .with_precision(settings.precision)
-                .map_err(TrainError::from)?,
+            predictor,
             settings,
             training,
             normalisation: set.normalisation().clone(),
@@ -112,9 +138,41 @@ impl Evaluator {
         })
     }
 
-    /// The network that is scored.
-    pub fn model(&self) -> &Model {
-        &self.model
+    /// Refuses clouds that are not of the test commands.
+    fn require_commands(&self) -> Result<(), PipelineError> {
+        let Predictor::Clouds(clouds) = &self.predictor else {
+            return Ok(());
+        };
+        if clouds.points.len() != self.test.len() {
+            return Err(PipelineError::OtherClouds {
+                clouds: clouds.points.len(),
+                tests: self.test.len(),
+            });
+        }
+        let commands = clouds.commands.iter().flatten();
+        for (index, (command, sample)) in commands.zip(&self.test).enumerate() {
+            let truth = sample.condition.to_vec();
+            let expected = self.normalisation.condition(&truth)?;
+            let given: Vec<f64> = command.iter().map(|&value| value.into()).collect();
+            let found = self.normalisation.condition(&given)?;
+            let near = |(a, b): (&f32, &f32)| (a - b).abs() <= COMMAND_TOLERANCE;
+            if !found.iter().zip(&expected).all(near) {
+                return Err(PipelineError::OtherCommand {
+                    index,
+                    found: given,
+                    expected: truth,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The network that is scored; `None` where the clouds are another program's.
+    pub fn model(&self) -> Option<&Model> {
+        match &self.predictor {
+            Predictor::Model(model) => Some(model),
+            Predictor::Clouds(_) => None,
+        }
     }
 
     /// How it is scored.
@@ -132,22 +190,34 @@ impl Evaluator {
         &self.test
     }
 
-    /// Whether the network predicts colours that the data set cannot judge: all points of its test clouds have one
+    /// Whether colours are predicted that the data set cannot judge: all points of its test clouds have one
     /// colour, as those of clouds that were imported without colours do.
     pub fn lacks_colors(&self) -> bool {
-        self.model.network.shape().channels() == Channels::XyzRgb && !self.colored
+        let predicted = match &self.predictor {
+            Predictor::Model(model) => model.network.shape().channels() == Channels::XyzRgb,
+            Predictor::Clouds(clouds) => clouds.colors.is_some(),
+        };
+        predicted && !self.colored
     }
 
-    /// The network's cloud for test command `index`, `points` points.
+    /// The predicted cloud for test command `index`: of a network as many points as are compared.
     ///
     /// # Errors
     /// [`PipelineError::Predict`] where the command does not fit the model.
     pub fn predict(&self, index: usize) -> Result<Prediction, PipelineError> {
-        let command = self.test[index].condition.to_vec();
-        let seed = self.settings.seed.wrapping_add(index as u64);
-        Ok(self
-            .model
-            .predict(&command, self.settings.points, seed, &self.settings.sampler)?)
+        match &self.predictor {
+            Predictor::Model(model) => {
+                let command = self.test[index].condition.to_vec();
+                let seed = self.settings.seed.wrapping_add(index as u64);
+                let sampler = &self.settings.sampler;
+                Ok(model.predict(&command, self.settings.points, seed, sampler)?)
+            }
+            Predictor::Clouds(clouds) => Ok(Prediction {
+                points: clouds.points[index].clone(),
+                colors: clouds.colors.as_ref().map(|colors| colors[index].clone()),
+                evaluations: 0,
+            }),
+        }
     }
 
     /// The cloud (m) of the training command nearest to test command `index`.
@@ -167,7 +237,7 @@ impl Evaluator {
     }
 
     /// Scores every test command. Finished ones are kept in the file `journal`, from which an
-    /// interrupted evaluation is taken up.
+    /// interrupted evaluation of a network is taken up.
     ///
     /// # Errors
     /// [`PipelineError`] for an interruption, or a journal that cannot be written.
@@ -180,10 +250,13 @@ impl Evaluator {
         let key = json!({
             "format": JOURNAL_FORMAT,
             "settings": self.settings,
-            "model": {"step": self.model.step, "validation": self.model.validation_distance},
+            "model": self.model().map(|model| json!({
+                "step": model.step, "validation": model.validation_distance,
+            })),
             "tests": count,
         });
-        let (journal, entries) = match journal {
+        // What a journal holds of other programs' clouds could be of other clouds.
+        let (journal, entries) = match journal.filter(|_| self.model().is_some()) {
             Some(path) => {
                 let (journal, entries) = Journal::open::<Entry>(path, &key)?;
                 (Some(journal), entries)
@@ -295,6 +368,14 @@ impl Evaluator {
         let few = self.settings.emd_points;
         let second = truth.get(few..2 * few).unwrap_or(&again[..few]);
         distances([again, truth], [second, &truth[..few]])
+    }
+}
+
+/// Refuses to compare more points than there are.
+fn require_points(wanted: usize, available: usize) -> Result<(), PipelineError> {
+    match (1..=available).contains(&wanted) {
+        true => Ok(()),
+        false => Err(PipelineError::EvalPoints { wanted, available }),
     }
 }
 

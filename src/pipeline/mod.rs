@@ -126,6 +126,29 @@ pub enum PipelineError {
         /// The data set's payloads.
         data: Option<PayloadRange>,
     },
+    /// There is not one predicted cloud for each test command.
+    #[error(
+        "{clouds} predicted clouds, expected {tests}, one for each test command in the order of the test split"
+    )]
+    OtherClouds {
+        /// Clouds.
+        clouds: usize,
+        /// Test commands.
+        tests: usize,
+    },
+    /// A predicted cloud is of another command than the test command of its place.
+    #[error(
+        "predicted cloud {index} is of the command {found:?}, test command {index} is {expected:?}: expected the commands \
+         of the test split, in its order"
+    )]
+    OtherCommand {
+        /// Place of the cloud.
+        index: usize,
+        /// Its command.
+        found: Vec<f64>,
+        /// The test command.
+        expected: Vec<f64>,
+    },
     /// More points are to be compared than there are.
     #[error("{wanted} points are to be compared; expected 1 to {available}, as many as there are")]
     EvalPoints {

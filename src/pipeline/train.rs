@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use tdcr_learn::data::{CloudSet, DataSet, Meta, Split, StreamSpec};
+use tdcr_learn::data::{CloudSet, DataSet, Meta, Normalisation, Split, StreamSpec};
 use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape};
 use tdcr_learn::train::{
@@ -53,6 +53,8 @@ impl NetworkSize {
 pub enum TrainingData {
     /// The data set in this folder.
     Set(PathBuf),
+    /// The same in the units of another normalisation than its own, as those of the model that a run starts at.
+    SetIn(PathBuf, Box<Normalisation>),
     /// Fresh samples of a simulated robot: no file in between.
     Stream(Box<StreamSettings>),
 }
@@ -118,7 +120,8 @@ pub fn train(
         monitor,
     };
     match data {
-        TrainingData::Set(dir) => run.on_set(dir, size, initial),
+        TrainingData::Set(dir) => run.on_set(dir, None, size, initial),
+        TrainingData::SetIn(dir, units) => run.on_set(dir, Some(units), size, initial),
         TrainingData::Stream(stream) => run.on_stream(stream, size, initial),
     }
 }
@@ -163,19 +166,21 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// On the data set in the folder `dir`.
+    /// On the data set in the folder `dir`, in its own units or others.
     fn on_set(
         &self,
         dir: &Path,
+        units: Option<&Normalisation>,
         size: NetworkSize,
         initial: Option<&Model>,
     ) -> Result<Trained, PipelineError> {
         let set = DataSet::open(dir)?;
-        let read = |split| set.cloud_set_in(split, set.normalisation(), size.channels);
+        let units = units.unwrap_or(set.normalisation());
+        let read = |split| set.cloud_set_in(split, units, size.channels);
         let (training, validation) = (read(Split::Train)?, read(Split::Val)?);
         let provenance = Provenance {
             subject: set.meta().and_then(|meta| meta.subject().cloned()),
-            normalisation: set.normalisation().clone(),
+            normalisation: units.clone(),
         };
         let start = start(initial, size.shape(training.condition_dim), &provenance)?;
         self.on(Feed::from(&training), &validation, start, provenance)

@@ -265,8 +265,8 @@ fn a_report_that_cannot_be_written_takes_no_scores_with_it() {
     assert!(number(&scores["cd"]) > 0.0);
 }
 
-/// A grid moved by half a voxel, near the worst phase of two regular samplings, differs by 2.0e-6 m^2; random phases of grid
-/// and pixels by 1.4e-6 on average, independent points by 1.7e-6 (both found by an independent program).
+/// A grid moved by half a voxel, near the worst phase of two regular samplings, differs by 2.0e-6 m^2, whatever the command;
+/// random phases by 1.4e-6 on average, independent points by 1.6e-6 to 1.7e-6 (found by an independent program).
 #[test]
 fn the_floor_is_of_random_phases_and_a_perfect_predictor_is_shown_beside_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -279,8 +279,8 @@ fn the_floor_is_of_random_phases_and_a_perfect_predictor_is_shown_beside_it() {
     let eval = [&eval[..], &["--emd-points", "50"]].concat();
     let scores = succeed_json(&eval);
     let [floor, perfect] = ["cd_floor", "cd_perfect"].map(|key| number(&scores[key]));
-    assert!((1.3e-6..1.55e-6).contains(&floor), "{floor}");
-    assert!((1.58e-6..1.78e-6).contains(&perfect), "{perfect}");
+    assert!((1.2e-6..1.7e-6).contains(&floor), "{floor}");
+    assert!((1.45e-6..1.75e-6).contains(&perfect), "{perfect}");
     let table = succeed(&[&eval[..], &["--quiet", "--report", text(&page)]].concat());
     let row = |name: &str| {
         let row = table.lines().find(|line| line.starts_with(name)).unwrap();

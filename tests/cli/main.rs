@@ -9,6 +9,7 @@ mod eval;
 mod export;
 mod growth;
 mod names;
+mod others;
 mod output;
 mod predict;
 mod reach;

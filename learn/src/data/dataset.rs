@@ -194,7 +194,7 @@ impl DataSet {
             return Err(DataError::NoShards { path: dir });
         };
         if let Some(meta) = &self.meta {
-            let expected = meta.splits()?.of(split).len();
+            let expected = meta.split_size(split);
             if samples != expected {
                 return Err(DataError::SampleCount {
                     path: dir,

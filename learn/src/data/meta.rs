@@ -7,8 +7,8 @@ use super::DataError;
 use super::conditions::Design;
 use super::shard::Sizes;
 use super::simulator::{Recipe, Subject};
-use super::split::{MAX_SAMPLES, require_count};
-use super::{SplitIndices, split_indices};
+use super::split::{MAX_SAMPLES, require_count, split_size};
+use super::{Split, SplitIndices, split_indices};
 use crate::limits::{MAX_JSON, read_file};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -59,6 +59,9 @@ pub enum Origin {
     Imported {
         /// What they were, for people.
         source: String,
+        /// Which sample is in which split; `None` where chance decides.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        split: Option<SplitIndices>,
     },
 }
 
@@ -145,6 +148,9 @@ impl Meta {
                 return invalid(field, &value, expected);
             }
         }
+        if let Some(problem) = self.given_split().and_then(|split| split.fault(self.count)) {
+            return invalid("split", &problem, "every sample in one split, none empty");
+        }
         self.origin.recipe().map_or(Ok(()), Recipe::check)
     }
 
@@ -176,7 +182,25 @@ impl Meta {
 
     /// Which samples are in which split.
     pub(super) fn splits(&self) -> Result<SplitIndices, DataError> {
-        split_indices(self.count, self.seed)
+        match self.given_split() {
+            Some(split) => Ok(split.clone()),
+            None => split_indices(self.count, self.seed),
+        }
+    }
+
+    /// Samples of a split.
+    pub(super) fn split_size(&self, split: Split) -> usize {
+        match self.given_split() {
+            Some(given) => given.of(split).len(),
+            None => split_size(self.count, split),
+        }
+    }
+
+    fn given_split(&self) -> Option<&SplitIndices> {
+        match &self.origin {
+            Origin::Simulated { .. } => None,
+            Origin::Imported { split, .. } => split.as_ref(),
+        }
     }
 
     /// Whether the data set `found` in `folder` is to grow to `self`; false where it is `self`.

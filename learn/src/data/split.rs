@@ -3,6 +3,7 @@
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 
 use super::DataError;
 
@@ -41,7 +42,8 @@ impl Split {
 }
 
 /// Sample indices of each split, each ascending; together they hold `0..count` once.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct SplitIndices {
     /// Indices of [`Split::Train`].
     pub train: Vec<usize>,
@@ -59,6 +61,29 @@ impl SplitIndices {
             Split::Val => &self.val,
             Split::Test => &self.test,
         }
+    }
+
+    /// Says what is wrong with the split of `count` samples, if anything.
+    pub(super) fn fault(&self, count: usize) -> Option<String> {
+        let mut seen = vec![false; count];
+        for split in Split::ALL {
+            let indices = self.of(split);
+            if indices.is_empty() {
+                return Some(format!("without a sample in {}", split.folder()));
+            }
+            if !indices.is_sorted() {
+                return Some(format!("not ascending in {}", split.folder()));
+            }
+            for &index in indices {
+                match seen.get_mut(index) {
+                    Some(seen) if !*seen => *seen = true,
+                    Some(_) => return Some(format!("with sample {index} twice")),
+                    None => return Some(format!("with sample {index} of {count}")),
+                }
+            }
+        }
+        let missing = seen.iter().position(|seen| !seen)?;
+        Some(format!("without sample {missing}"))
     }
 
     /// Place in [`Split::ALL`] of the split that sample `index` is in.

@@ -27,6 +27,10 @@ pub(in crate::cli) struct ImportArgs {
     /// Edge of the voxels that thin the clouds (m); by default they are not thinned
     #[arg(long, value_name = "M", value_parser = super::super::positive, allow_hyphen_values = true)]
     voxel: Option<f64>,
+    /// Which cloud is in which split: a CSV file of lines NAME,SPLIT, a cloud's file and train, val or test [default: 80, 10
+    /// and 10 % by chance]
+    #[arg(long, value_name = "FILE")]
+    split: Option<PathBuf>,
     /// Seed of the points that are kept, and of the splits
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -91,6 +95,7 @@ pub(super) fn import(args: &ImportArgs, console: &Console) -> anyhow::Result<()>
         unit: args.units.unit(),
         points: args.points,
         voxel_size: args.voxel,
+        split: args.split.clone(),
         seed: args.seed,
     };
     let clouds = data::import(&args.dir, &args.out, &settings)?;

@@ -62,7 +62,7 @@ impl Info {
                 let seed = meta.map_or(0, |meta| meta.seed);
                 format!("simulation, {} design, seed {seed}", design.name())
             }
-            Some(Origin::Imported { source }) => format!("import of {source}"),
+            Some(Origin::Imported { source, .. }) => format!("import of {source}"),
             None => "another program".to_owned(),
         };
         let units = survey.normalisation();

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use tdcr_sim::cloud::{PointCloud, VoxelGrid, write_ply};
 use tdcr_sim::files::write_atomically;
 
+use super::split_file::read_split;
 use super::{EXTENSIONS, Fault, NpzArray, NpzValues, read_cloud, write_npz};
 use crate::data::collector::{foreign_entry, remove_staging};
 use crate::data::conditions::rng;
@@ -60,6 +61,9 @@ pub struct ImportSettings {
     pub points: usize,
     /// Edge of the voxel grid that thins the clouds (m); `None` leaves them as they are.
     pub voxel_size: Option<f64>,
+    /// CSV file of lines `NAME,SPLIT` that says which cloud is in which split, by the names of the clouds' files; `None`
+    /// leaves it to chance.
+    pub split: Option<PathBuf>,
     /// Seed of the points that are kept, and of the splits.
     pub seed: u64,
 }
@@ -71,6 +75,7 @@ impl Default for ImportSettings {
             unit: LengthUnit::default(),
             points: 10_000,
             voxel_size: None,
+            split: None,
             seed: 0,
         }
     }
@@ -101,6 +106,8 @@ pub fn import(dir: &Path, out: &Path, settings: &ImportSettings) -> Result<usize
     let clouds = cloud_files(dir)?;
     let motors = clouds.first().map(|cloud| read_motors(cloud));
     let motors = motors.transpose()?.map_or(1, |motors| motors.len());
+    let split = settings.split.as_deref();
+    let split = split.map(|file| read_split(file, &clouds)).transpose()?;
     let meta = Meta {
         format: Meta::FORMAT,
         tdcr_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -119,6 +126,7 @@ pub fn import(dir: &Path, out: &Path, settings: &ImportSettings) -> Result<usize
                     dir.display()
                 ),
             },
+            split,
         },
     };
     let collector = Collector::open(out, &meta)?;

@@ -5,10 +5,13 @@ mod npy;
 mod npz;
 mod pcd;
 mod ply;
+mod predictions;
+mod split_file;
 mod table;
 
 pub use import::{ExportFormat, ImportSettings, LengthUnit, export, import};
 pub use npz::{NpzArray, NpzRows, NpzValues, write_npz};
+pub use predictions::{PredictedClouds, read_predictions};
 
 use std::path::{Path, PathBuf};
 

@@ -18,7 +18,7 @@ const POINTS: [&str; 4] = ["points", "data", "xyz", "arr_0"];
 const COLORS: [&str; 3] = ["rgb", "colors", "colours"];
 
 /// A table of numbers in the bytes of a file, row-major.
-struct Table<'a> {
+pub(super) struct Table<'a> {
     rows: usize,
     columns: usize,
     data: &'a [u8],
@@ -27,14 +27,14 @@ struct Table<'a> {
 
 impl Table<'_> {
     /// Row after row, each as what reads the number in a column.
-    fn rows(&self) -> impl Iterator<Item = impl Fn(usize) -> f64> {
+    pub fn rows(&self) -> impl Iterator<Item = impl Fn(usize) -> f64> {
         let (kind, size) = (self.kind, self.kind.size());
         let rows = self.data.chunks_exact(self.columns * size);
         rows.map(move |row| move |column| kind.read(&row[column * size..]))
     }
 
     /// The colours in the three columns from `first` on: 0 to 255 where they are bytes, else 0 to 1.
-    fn colors(&self, first: usize) -> Vec<[u8; 3]> {
+    pub fn colors(&self, first: usize) -> Vec<[u8; 3]> {
         let unit = if self.kind == Kind::U8 { 1.0 } else { 255.0 };
         // Casts saturate, so that what is out of range is the nearest colour.
         let color = |value: f64| (value * unit).round() as u8;
@@ -93,14 +93,14 @@ pub(super) fn parse_npz(bytes: &[u8]) -> Result<PointCloud, Fault> {
 }
 
 /// An array of an archive, unpacked.
-struct Member {
+pub(super) struct Member {
     name: &'static str,
     npy: Vec<u8>,
 }
 
 impl Member {
     /// Unpacks `file` of an archive of `held` bytes, as far as the archive says that it is long.
-    fn unpack<R: Read>(name: &'static str, file: ZipFile<R>, held: u64) -> Result<Self, Fault> {
+    pub fn unpack<R: Read>(name: &'static str, file: ZipFile<R>, held: u64) -> Result<Self, Fault> {
         let place = || format!("array `{name}`");
         let asked = file.size();
         limits::require(asked, held).map_err(|error| Fault::new(place(), error))?;
@@ -111,10 +111,19 @@ impl Member {
     }
 
     fn table(&self) -> Result<Table<'_>, Fault> {
-        parse(&self.npy).map_err(|fault| Fault {
+        parse(&self.npy).map_err(|fault| self.inside(fault))
+    }
+
+    /// Its shape, and its numbers as a table with as many columns as the last dimension is long.
+    pub fn shaped_table(&self) -> Result<(Vec<usize>, Table<'_>), Fault> {
+        parse_shaped(&self.npy).map_err(|fault| self.inside(fault))
+    }
+
+    fn inside(&self, fault: Fault) -> Fault {
+        Fault {
             place: format!("array `{}`, {}", self.name, fault.place),
             ..fault
-        })
+        }
     }
 }
 
@@ -136,6 +145,22 @@ fn points(table: &Table) -> PointCloud {
 
 /// Reads a two-dimensional array of little-endian numbers in C order.
 fn parse(bytes: &[u8]) -> Result<Table<'_>, Fault> {
+    let (shape, table) = parse_shaped(bytes)?;
+    match shape[..] {
+        [_, _] => {
+            require_points("header", table.rows)?;
+            Ok(table)
+        }
+        _ => {
+            let problem = format!("shape {shape:?}, expected two dimensions");
+            Err(Fault::new("header", problem))
+        }
+    }
+}
+
+/// Reads an array of little-endian numbers in C order, of at least one dimension: its shape, and a table with as many
+/// columns as the last dimension is long.
+fn parse_shaped(bytes: &[u8]) -> Result<(Vec<usize>, Table<'_>), Fault> {
     let fault = |problem: &str| Fault::new("header", problem);
     let short = || fault("the file ends within its header");
     if !bytes.starts_with(MAGIC) {
@@ -179,9 +204,11 @@ fn parse(bytes: &[u8]) -> Result<Table<'_>, Fault> {
         .filter(|word| !word.is_empty())
         .map(|word| word.parse().map_err(|_| fault("shape is not of numbers")))
         .collect::<Result<_, _>>()?;
-    let [rows, columns] = shape[..] else {
-        return Err(fault(&format!("shape {shape:?}, expected two dimensions")));
+    let Some((&columns, leading)) = shape.split_last() else {
+        return Err(fault("no shape, expected at least one dimension"));
     };
+    let rows = leading.iter().try_fold(1_usize, |n, &k| n.checked_mul(k));
+    let rows = rows.ok_or_else(|| fault(&format!("shape {shape:?} is too large")))?;
     let data = &bytes[start + length..];
     let kind = match descr {
         "<f4" => Kind::F32,
@@ -197,13 +224,13 @@ fn parse(bytes: &[u8]) -> Result<Table<'_>, Fault> {
         let problem = format!("{count} numbers, expected {rows} times {columns}");
         return Err(Fault::new(format!("byte {}", start + length), problem));
     }
-    require_points("header", rows)?;
-    Ok(Table {
+    let table = Table {
         rows,
         columns,
         data,
         kind,
-    })
+    };
+    Ok((shape, table))
 }
 
 /// An NPY file, version 1.0, up to its data, which follow in C order.
