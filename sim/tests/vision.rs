@@ -379,7 +379,11 @@ fn a_displaced_observer_sees_other_points_of_the_same_surface() {
     assert_ne!(observer.observe(&equilibrium), second, "each in its phase");
     let mut again = Observer::new(&robot, BaseVisibility::Hidden, VoxelGrid::new(0.002));
     again.displace(&mut ChaCha8Rng::seed_from_u64(3));
-    assert_eq!(again.observe(&equilibrium), second, "a function of the seed");
+    assert_eq!(
+        again.observe(&equilibrium),
+        second,
+        "a function of the seed"
+    );
 }
 
 fn numbered_cloud(count: u8) -> PointCloud {

@@ -7,6 +7,7 @@ mod data;
 mod distill;
 mod eval;
 mod export;
+mod files;
 mod predict;
 mod refusals;
 mod render;
@@ -15,6 +16,7 @@ mod road;
 mod simulate;
 mod start;
 mod training;
+mod units;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -63,7 +63,9 @@ pub enum TrainError {
         expected: String,
     },
     /// A run is to have fewer steps than it was planned for.
-    #[error("`steps` is {steps}, and the run is of {planned}: a run can be given more steps, not fewer")]
+    #[error(
+        "`steps` is {steps}, and the run is of {planned}: a run can be given more steps, not fewer"
+    )]
     Shorter {
         /// Steps asked for.
         steps: u64,

@@ -108,11 +108,7 @@ impl TrainSettings {
     }
 }
 
-fn check_warmup(
-    field: &'static str,
-    warmup_steps: u64,
-    steps: u64,
-) -> Result<(), SettingsError> {
+fn check_warmup(field: &'static str, warmup_steps: u64, steps: u64) -> Result<(), SettingsError> {
     match warmup_steps < steps {
         true => Ok(()),
         false => {
@@ -196,13 +192,19 @@ mod tests {
             steps: 100,
             ..before.clone()
         });
-        assert!(shorter.contains("`steps` is 100") && shorter.contains("7000"), "{shorter}");
+        assert!(
+            shorter.contains("`steps` is 100") && shorter.contains("7000"),
+            "{shorter}"
+        );
         let other = error(TrainSettings {
             steps: 8000,
             clouds: 8,
             ..before.clone()
         });
-        assert!(other.contains("settings.clouds was 64, expected 8"), "{other}");
+        assert!(
+            other.contains("settings.clouds was 64, expected 8"),
+            "{other}"
+        );
     }
 
     #[test]
@@ -216,7 +218,11 @@ mod tests {
             ..TrainSettings::default()
         };
         assert_eq!(settings(50, 100, 10).check(), Ok(()));
-        for wrong in [settings(0, 100, 10), settings(101, 100, 10), settings(50, 100, 100)] {
+        for wrong in [
+            settings(0, 100, 10),
+            settings(101, 100, 10),
+            settings(50, 100, 100),
+        ] {
             assert!(wrong.check().is_err(), "{:?}", wrong.earlier);
         }
     }
