@@ -6,7 +6,7 @@ TDCR := $(CURDIR)/target/release/tdcr
 # All but the crate that calls MuJoCo's C library: `make test-mujoco` alone needs MuJoCo and libclang.
 WORKSPACE := --workspace --exclude tdcr-mujoco
 
-.PHONY: demo build test setup format lint docs test-rust test-mujoco test-python bench clean
+.PHONY: demo build test setup format lint docs supply-chain fuzz test-rust test-mujoco test-python bench clean
 
 demo: build
 	$(TDCR) demo --out demo_out
@@ -15,7 +15,7 @@ build:
 	cargo build --release --locked
 
 # Everything that must hold at every commit.
-test: setup format lint docs test-rust test-mujoco test-python
+test: setup format lint docs supply-chain test-rust test-mujoco test-python
 
 setup:
 	@scripts/setup.sh
@@ -28,6 +28,17 @@ lint:
 
 docs:
 	RUSTDOCFLAGS="-D warnings" cargo doc $(WORKSPACE) --no-deps --release --locked
+
+# That NOTICES names what Cargo.lock has, and that deny.toml allows it.
+supply-chain:
+	scripts/notices.py --check
+	scripts/deny.sh
+
+# All readers of files for an hour: MINUTES=5 for a shorter run. Not a part of `make test`, which runs the readers on damaged
+# files for some seconds.
+MINUTES ?= 60
+fuzz:
+	scripts/fuzz.sh $(MINUTES)
 
 # In release mode: the tests settle tens of thousands of robots and train small networks.
 test-rust:

@@ -10,7 +10,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use nalgebra::Vector3;
 use tdcr::report::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
-use tdcr::sim::inverse::shape::{Goal, Outcome, Search, ShapeController, ShapeSolution, Target};
+use tdcr::sim::inverse::shape::{
+    Arrival, Goal, Outcome, PathPoint, Search, ShapeController, ShapeSolution, Target,
+};
 use tdcr::sim::robot::{Loads, Robot};
 
 const MM: f64 = 1e3;
@@ -31,7 +33,8 @@ pub fn run(path: &Path) -> Result<()> {
     let controller = ShapeController::new(&robot, &loads, Search::default())?;
 
     let circle = circle();
-    let followed = follow(&robot, &controller, &circle)?;
+    let points = follow(&robot, &controller, &circle)?;
+    let followed: Vec<_> = points.iter().map(|point| &point.solution).collect();
     let reached = followed
         .iter()
         .filter(|found| found.outcome == Outcome::Reached);
@@ -39,6 +42,7 @@ pub fn run(path: &Path) -> Result<()> {
         "circle: {} of {TARGETS} targets reached to 1e-6 m",
         reached.count()
     );
+    print_changes(&circle, &points);
     for (k, found) in followed.iter().enumerate() {
         if let Outcome::Unreachable { active, gap } = &found.outcome {
             let tendons: Vec<_> = active.iter().map(|bound| bound.tendon).collect();
@@ -74,25 +78,46 @@ fn circle() -> Vec<Vector3<f64>> {
     (0..TARGETS).map(at).collect()
 }
 
-/// Every target from the last one's command, so that the robot moves without jumps; a target that is
-/// not reached so is sought afresh.
+/// Leads the tip along the path, each command as near to the last as can be, so that the robot moves
+/// without jumps where there is such a way.
 fn follow(
     robot: &Robot,
     controller: &ShapeController,
     path: &[Vector3<f64>],
-) -> Result<Vec<ShapeSolution>> {
-    let mut found: Vec<ShapeSolution> = Vec::new();
-    for position in path {
-        let target = [Target::tip(robot, *position)];
-        let near = found
-            .last()
-            .map(|last| controller.reach_from(&target, &last.command));
-        found.push(match near.transpose()? {
-            Some(near) if near.outcome == Outcome::Reached => near,
-            _ => controller.reach(&target)?,
-        });
+) -> Result<Vec<PathPoint>> {
+    let mut follower = controller.path();
+    let follow = |position: &Vector3<f64>| Ok(follower.follow(&[Target::tip(robot, *position)])?);
+    path.iter().map(follow).collect()
+}
+
+/// Says how far commands and discs moved at most from one target to the next, and where the robot had to
+/// jump.
+fn print_changes(circle: &[Vector3<f64>], followed: &[PathPoint]) {
+    let largest = |change: fn(&PathPoint) -> f64| {
+        let all = followed.iter().map(change).enumerate();
+        all.fold(
+            (0, 0.0),
+            |most, next| if next.1 > most.1 { next } else { most },
+        )
+    };
+    let (at_command, command) = largest(|point| point.command_change);
+    let (at_disc, disc) = largest(|point| point.disc_change);
+    println!(
+        "  targets {:.2} mm apart; largest change of a command {:.2} mm (target {at_command}), of a \
+         disc's position {:.2} mm (target {at_disc})",
+        (circle[1] - circle[0]).norm() * MM,
+        command * MM,
+        disc * MM
+    );
+    let switched: Vec<usize> = (0..followed.len())
+        .filter(|&k| followed[k].arrival == Arrival::Switched)
+        .collect();
+    match switched.is_empty() {
+        true => println!("  on one branch of solutions all the way"),
+        false => {
+            println!("  the robot jumps to another branch of solutions at targets {switched:?}")
+        }
     }
-    Ok(found)
 }
 
 /// All discs on an arc that bends by a right angle over 0.25 m, in the plane at 30 degrees to x.
@@ -110,7 +135,7 @@ fn bend(robot: &Robot) -> Vec<Target> {
 fn figure(
     robot: &Robot,
     circle: &[Vector3<f64>],
-    followed: &[ShapeSolution],
+    followed: &[&ShapeSolution],
     curve: &[Target],
     bent: &ShapeSolution,
 ) -> Figure {
@@ -163,7 +188,7 @@ fn figure(
     Figure {
         title: "Commands for target shapes: the 3m robot with 10 g on its tip".into(),
         caption: format!(
-            "Left: the tip is led around a level circle, each command starting from the last; where \
+            "Left: the tip is led around a level circle, each command as near to the last as can be; where \
              the circle is out of reach, the nearest point that the tendons' ranges allow is taken and \
              reported as such. Middle: the commands, and dashed the ends of their range. Right: every \
              disc is asked to lie on an arc, by least squares; the largest distance left is {:.1} mm.",
@@ -173,7 +198,7 @@ fn figure(
     }
 }
 
-fn commands(robot: &Robot, followed: &[ShapeSolution]) -> Panel {
+fn commands(robot: &Robot, followed: &[&ShapeSolution]) -> Panel {
     let modules = [Ink::Blue, Ink::Green, Ink::Purple];
     let mut marks: Vec<Mark> = (0..robot.tendons().len())
         .map(|tendon| {
@@ -181,7 +206,7 @@ fn commands(robot: &Robot, followed: &[ShapeSolution]) -> Panel {
                 0 => format!("tendons of module {}", tendon / 3 + 1),
                 _ => String::new(),
             };
-            let value = |(k, f): (usize, &ShapeSolution)| {
+            let value = |(k, f): (usize, &&ShapeSolution)| {
                 [
                     360.0 * k as f64 / TARGETS as f64,
                     f.command.as_slice()[tendon] * MM,

@@ -66,8 +66,11 @@
 mod channels;
 pub mod data;
 pub mod flow;
+mod limits;
 pub mod lock;
 pub mod metrics;
 pub mod net;
 mod pool;
 pub mod train;
+
+pub use limits::OverLimit;

@@ -5,16 +5,18 @@
 mod common;
 
 use std::fs;
-use std::path::Path;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
 
 use common::{collect, meta};
 use tdcr_learn::data::{
-    DataSet, ExportFormat, ImportSettings, NpzArray, NpzRows, NpzValues, Sample, Split, check,
-    export, import, read_cloud, write_npz,
+    DataSet, ExportFormat, Finding, ImportSettings, LengthUnit, NpzArray, NpzRows, NpzValues,
+    Sample, Split, check, export, import, read_cloud, write_npz,
 };
 use tempfile::tempdir;
 
 const SETTINGS: ImportSettings = ImportSettings {
+    unit: LengthUnit::Metre,
     points: 6,
     voxel_size: None,
     seed: 7,
@@ -217,6 +219,114 @@ fn clouds_without_motors_or_with_others_are_named() {
     fs::write(clouds.join("03.json"), "{\"ctrl\": [3, 1]}").unwrap();
     assert_eq!(import(&clouds, &out, &SETTINGS).unwrap(), 12);
     assert!(import(Path::new("/no/such/folder"), &out, &SETTINGS).is_err());
+}
+
+/// Imports 12 clouds of one point each, at `x`, as clouds of `unit`; returns the set's folder.
+fn import_points(dir: &Path, x: f64, unit: LengthUnit) -> PathBuf {
+    let (clouds, out) = (dir.join("clouds"), dir.join(format!("{unit:?}")));
+    fs::create_dir_all(&clouds).unwrap();
+    for k in 0..12 {
+        let text = format!("{PLY}{} 0 0\n", x + 0.001 * x * f64::from(k));
+        fs::write(clouds.join(format!("{k:02}.ply")), text).unwrap();
+        let motors = format!("{{\"ctrl\": [{k}]}}");
+        fs::write(clouds.join(format!("{k:02}.json")), motors).unwrap();
+    }
+    let settings = ImportSettings { unit, ..SETTINGS };
+    import(&clouds, &out, &settings).unwrap();
+    out
+}
+
+const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+                   end_header\n";
+
+#[test]
+fn clouds_in_millimetres_become_metres_and_are_found_where_they_do_not() {
+    let dir = tempdir().unwrap();
+    for (unit, scale) in [
+        (LengthUnit::Metre, 339.5),
+        (LengthUnit::Centimetre, 3.395),
+        (LengthUnit::Millimetre, 0.3395),
+    ] {
+        let set = import_points(dir.path(), 339.5 / 1.011, unit);
+        let found = DataSet::open(&set).unwrap().normalisation().scale;
+        assert!((found / scale - 1.0).abs() < 1e-6, "{unit:?}: {found}");
+        let findings = check(&set).unwrap();
+        match unit {
+            LengthUnit::Metre => assert_eq!(findings, [Finding::Size { found }]),
+            _ => assert_eq!(findings, []),
+        }
+    }
+    // Metres that are taken for millimetres.
+    let dir = tempdir().unwrap();
+    let set = import_points(dir.path(), 0.3, LengthUnit::Millimetre);
+    assert_eq!(check(&set).unwrap().len(), 1);
+}
+
+#[test]
+fn a_small_file_that_asks_for_much_memory_is_refused_before_it_gets_it() {
+    let dir = tempdir().unwrap();
+    let refuse = |name: &str, bytes: &[u8], expected: &str| {
+        let path = dir.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        let mut said = String::new();
+        let used = allocation_counter::measure(|| {
+            said = read_cloud(&path).unwrap_err().to_string();
+        });
+        assert!(said.contains(expected), "{said}");
+        assert!(
+            used.bytes_max < 100 << 20,
+            "{name}: {} bytes",
+            used.bytes_max
+        );
+    };
+    // 300 MB of zeros in an archive of 300 kB.
+    let rows = 25_000_000;
+    let mut archive = zip::ZipWriter::new(fs::File::create(dir.path().join("a.npz")).unwrap());
+    let deflated = zip::write::SimpleFileOptions::default();
+    archive
+        .start_file(
+            "points.npy",
+            deflated.compression_method(zip::CompressionMethod::Deflated),
+        )
+        .unwrap();
+    let header = format!(
+        "{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, 3), }}{:>40}",
+        "\n"
+    );
+    let length = (header.len() as u16).to_le_bytes();
+    archive
+        .write_all(&[b"\x93NUMPY\x01\x00", &length[..], header.as_bytes()].concat())
+        .unwrap();
+    std::io::copy(&mut std::io::repeat(0).take(12 * rows), &mut archive).unwrap();
+    archive.finish().unwrap();
+    let bytes = fs::read(dir.path().join("a.npz")).unwrap();
+    let held = bytes.len();
+    refuse(
+        "a.npz",
+        &bytes,
+        &format!(
+            "bytes of memory; expected at most {}",
+            16 * held + (64 << 20)
+        ),
+    );
+    // A field of 4096 numbers each, 200,000 times.
+    let pcd = format!(
+        "FIELDS x y z{}\nSIZE 4 4 4{}\nTYPE F F F{}\nCOUNT 1 1 1{}\nPOINTS 1\nDATA ascii\n",
+        " f".repeat(200_000),
+        " 4".repeat(200_000),
+        " F".repeat(200_000),
+        " 4096".repeat(200_000)
+    );
+    refuse(
+        "a.pcd",
+        pcd.as_bytes(),
+        "expected at most 16384 numbers a point in all",
+    );
+    refuse(
+        "a.ply",
+        PLY.replace("vertex 1", "vertex 999999999").as_bytes(),
+        "999999999 points, expected at most",
+    );
 }
 
 #[test]

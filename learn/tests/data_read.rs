@@ -185,6 +185,33 @@ fn a_shape_beyond_what_the_file_can_hold_is_refused_before_it_is_allocated() {
     );
 }
 
+/// Zeros take hardly a byte when they are compressed, and none in chunks that are not stored.
+#[test]
+fn arrays_that_a_file_does_not_hold_are_refused_before_they_are_allocated() {
+    let dir = chunked();
+    let mut builder = FileBuilder::new();
+    let samples = 1_000_000;
+    for (name, shape, _) in good_shard() {
+        let shape = [&[samples], &shape[1..]].concat();
+        let count = shape.iter().product::<u64>() as usize;
+        let array = builder.create_dataset(name);
+        if name == "rgb" {
+            array.with_u8_data(&vec![0; count]);
+        } else {
+            array.with_f32_data(&vec![0.0; count]);
+        }
+        array.with_shape(&shape).with_chunks(&shape).with_deflate(9);
+    }
+    let path = dir.path().join("val/shard-00000.h5");
+    builder.write(&path).unwrap();
+    let length = fs::metadata(&path).unwrap().len();
+    let error = error(&dir);
+    assert!(
+        matches!(&error, DataError::TooLarge { source, .. } if source.held == length && source.asked > source.limit),
+        "{error}"
+    );
+}
+
 #[test]
 fn an_empty_array_is_reported() {
     let dir = chunked();
@@ -324,6 +351,56 @@ fn a_meta_of_another_version_is_refused() {
             .contains("meta.json: the data set is of format 99, expected 2"),
         "{error}"
     );
+}
+
+#[test]
+fn a_meta_of_more_than_a_data_set_may_hold_is_refused_before_memory_is_asked_for() {
+    let dir = chunked();
+    for (field, value, expected) in [
+        (
+            "count",
+            u64::MAX,
+            "18446744073709551615 samples cannot be split, expected at most 10000000",
+        ),
+        (
+            "count",
+            1_000_000_000_000,
+            "1000000000000 samples cannot be split, expected at most 10000000",
+        ),
+        (
+            "motors",
+            u64::MAX,
+            "data set field `motors` is 18446744073709551615, expected 1 to 4096",
+        ),
+        ("points_per_cloud", u64::MAX, "expected 1 to 10000000"),
+        ("samples_per_shard", u64::MAX, "expected 1 to 10000000"),
+    ] {
+        let mut large = serde_json::to_value(meta()).unwrap();
+        large[field] = value.into();
+        fs::write(dir.path().join("meta.json"), large.to_string()).unwrap();
+        let error = DataSet::open(dir.path()).unwrap_err().to_string();
+        assert!(
+            error.contains("meta.json") && error.contains(expected),
+            "{error}"
+        );
+    }
+    // As many as a data set may have: refused by the samples that are missing, at once.
+    let mut large = meta();
+    large.count = 10_000_000;
+    large.points_per_cloud = 5;
+    fs::write(
+        dir.path().join("meta.json"),
+        serde_json::to_string(&large).unwrap(),
+    )
+    .unwrap();
+    let began = std::time::Instant::now();
+    assert!(
+        DataSet::open(dir.path())
+            .unwrap()
+            .read_split(Split::Val)
+            .is_err()
+    );
+    assert!(began.elapsed().as_secs() < 2);
 }
 
 /// A small shard of ours and one of h5py's, whole.

@@ -85,6 +85,44 @@ fn commands_that_do_not_fit_are_refused() {
     );
 }
 
+#[test]
+fn a_cloud_that_is_not_finite_is_an_error_that_names_command_and_weights() {
+    let (mut model, folder) = model();
+    let predict = |model: &Model| {
+        model
+            .predict(&[0.02, 0.01], 10, 0, &Sampler::default())
+            .unwrap_err()
+            .to_string()
+    };
+    let sound = model.clone();
+    model.network.params_mut().fill(3e38);
+    // Finite weights make a model that can be read.
+    let file = folder.path().join("model.safetensors");
+    model.save(&file).unwrap();
+    let said = predict(&Model::load(&file).unwrap());
+    assert!(
+        said.starts_with(
+            "the network's cloud for the command [0.02, 0.01] is not finite: x of point 0 is "
+        ),
+        "{said}"
+    );
+    assert!(
+        said.contains("the model's largest weight is 3e38, in tensor `"),
+        "{said}"
+    );
+
+    let mut model = sound;
+    model.provenance.normalisation.scale = 1e300;
+    assert!(predict(&model).contains("its scale is 1e300 m"));
+    model.save(&file).unwrap();
+    let said = Model::load(&file).unwrap_err().to_string();
+    assert!(said.contains("scale is 1000000"), "{said}");
+    assert!(
+        said.ends_with("expected a positive length, 1.2e-38 to 3.4e38 m"),
+        "{said}"
+    );
+}
+
 /// A model's file, rewritten by `change` of its header and its tensors, and the error of loading it.
 fn refusal(
     change: impl FnOnce(&mut serde_json::Value, &mut Vec<(String, Vec<usize>, Vec<f32>)>),

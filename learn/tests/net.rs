@@ -292,6 +292,15 @@ fn impossible_shapes_are_refused_by_name() {
         })
         .contains("condition_dim is 0")
     );
+    let wide = error(MlpShape {
+        width: 8192,
+        depth: 64,
+        ..SHAPE
+    });
+    assert!(
+        wide.ends_with("parameters, expected at most 134217728: choose smaller ones"),
+        "{wide}"
+    );
     let short = Mlp::from_params(SHAPE, vec![0.0; 3]).unwrap_err();
     assert_eq!(
         short,

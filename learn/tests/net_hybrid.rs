@@ -270,6 +270,27 @@ fn impossible_shapes_are_refused_by_name() {
         error(&|context| context.stages[1].resolution = 0),
         "network stage's resolution is 0, expected 1 to 128"
     );
+    assert_eq!(
+        error(&|context| {
+            context.stages[0] = Stage {
+                channels: 4096,
+                resolution: 128,
+            };
+        }),
+        "a grid of 128 voxels per edge with 4096 channels has 8589934592 numbers, expected at most 67108864: choose a \
+         smaller resolution, or fewer channels"
+    );
+    let said = error(&|context| {
+        context.stages = context.stages.map(|stage| Stage {
+            channels: 4096,
+            ..stage
+        })
+    });
+    assert!(said.starts_with("a network of these sizes has "), "{said}");
+    assert!(
+        said.contains("expected at most 134217728: choose smaller ones"),
+        "{said}"
+    );
     assert!(error(&|context| context.joined = 0).contains("joined features is 0"));
     assert!(error(&|context| context.gate.centre = f32::NAN).contains("not a finite number"));
 }

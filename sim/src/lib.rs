@@ -67,6 +67,7 @@ pub mod inverse;
 mod lens;
 pub mod mjcf;
 mod newton;
+mod reading;
 pub mod render;
 pub mod robot;
 pub mod sensitivity;

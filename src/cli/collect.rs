@@ -16,8 +16,7 @@ use super::console::Console;
 /// Interrupted, the same command goes on where it stopped.
 #[derive(Debug, Args)]
 pub(super) struct CollectArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     /// Number of commands, split 80/10/10 into train, val and test
     #[arg(long, default_value_t = 1000, value_name = "N", value_parser = super::amount)]

@@ -1,5 +1,6 @@
 //! What the user sees: results, progress bars, interruption.
 
+use std::ffi::OsStr;
 use std::io::{IsTerminal, Write};
 use std::sync::Arc;
 use std::sync::Mutex;
@@ -11,15 +12,30 @@ use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, P
 use serde::Serialize;
 use tdcr::pipeline::Monitor;
 
+use super::printable::printable;
 use super::{Global, INTERRUPTED};
 
 /// The terminal: results to stdout, progress to stderr, Ctrl-C heard.
 pub(super) struct Console {
     format: Format,
     bars: Bars,
-    interrupted: Arc<AtomicBool>,
+    signals: Arc<Signals>,
     stage: Mutex<Option<Running>>,
 }
+
+/// Ctrl-C, and the signals that ask a process to end.
+#[derive(Default)]
+struct Signals {
+    /// One came, and the work is to stop at its next safe point.
+    came: AtomicBool,
+    /// The work has safe points: it asks whether a signal came, and will ask again.
+    awaited: AtomicBool,
+}
+
+/// Work that leaves nothing to go on from was interrupted.
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted")]
+pub(super) struct Interrupted;
 
 #[derive(Clone, Copy)]
 enum Format {
@@ -46,13 +62,14 @@ struct Running {
 
 impl Console {
     pub fn new(global: &Global) -> anyhow::Result<Self> {
-        let interrupted = Arc::new(AtomicBool::new(false));
-        let flag = interrupted.clone();
+        let signals = Arc::new(Signals::default());
+        let heard = signals.clone();
         ctrlc::set_handler(move || {
-            if flag.swap(true, Ordering::Relaxed) {
+            let awaited = heard.awaited.load(Ordering::Relaxed);
+            if heard.came.swap(true, Ordering::Relaxed) || !awaited {
                 std::process::exit(INTERRUPTED.into());
             }
-            eprintln!("\nstopping at the next safe point; press Ctrl-C again to stop at once");
+            say("\nstopping at the next safe point; press Ctrl-C again to stop at once");
         })
         .context("cannot listen for Ctrl-C")?;
         Ok(Self {
@@ -61,12 +78,12 @@ impl Console {
             } else {
                 Format::Text
             },
-            bars: match (global.quiet, std::io::stderr().is_terminal()) {
+            bars: match (global.quiet, Terminal::stderr().moves_cursor) {
                 (true, _) => Bars::None,
                 (false, true) => Bars::Live,
                 (false, false) => Bars::Lines,
             },
-            interrupted,
+            signals,
             stage: Mutex::new(None),
         })
     }
@@ -83,6 +100,7 @@ impl Console {
             }
             Format::Text => text(value),
         };
+        rendered = printable(&rendered);
         if !rendered.ends_with('\n') {
             rendered.push('\n');
         }
@@ -99,6 +117,41 @@ impl Console {
             && let Some(running) = stage.as_ref()
         {
             act(running);
+        }
+    }
+}
+
+/// Writes a line to stderr. One that cannot be written is dropped: there is nowhere to say so, and the work goes on.
+pub(super) fn say(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{}", printable(line));
+}
+
+/// What the terminal at stderr can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Terminal {
+    /// Overwrite what it shows, as a progress bar does.
+    pub moves_cursor: bool,
+    /// Show colours, and is wanted to.
+    pub colors: bool,
+}
+
+impl Terminal {
+    /// The one that the process was started in.
+    pub fn stderr() -> Self {
+        let variable = |name| std::env::var_os(name);
+        Self::new(
+            std::io::stderr().is_terminal(),
+            variable("TERM").as_deref(),
+            variable("NO_COLOR").as_deref(),
+        )
+    }
+
+    /// By whether there is one at all, and the values of `TERM` and `NO_COLOR` (<https://no-color.org>).
+    fn new(terminal: bool, term: Option<&OsStr>, no_color: Option<&OsStr>) -> Self {
+        let moves_cursor = terminal && term.map_or(cfg!(windows), |term| term != "dumb");
+        Self {
+            moves_cursor,
+            colors: moves_cursor && no_color.is_none_or(OsStr::is_empty),
         }
     }
 }
@@ -133,7 +186,10 @@ impl Monitor for Console {
         bar.set_prefix(name.to_owned());
         bar.reset_eta();
         if let Bars::Lines = self.bars {
-            tracing::info!("{name}: {done} of {steps} steps done, going on");
+            match done {
+                0 => tracing::info!("{name}: {steps} steps"),
+                done => tracing::info!("{name}: {done} of {steps} steps done before, going on"),
+            }
         }
         if let Ok(mut stage) = self.stage.lock() {
             *stage = Some(Running {
@@ -169,6 +225,7 @@ impl Monitor for Console {
     }
 
     fn end(&self) {
+        self.signals.awaited.store(false, Ordering::Relaxed);
         self.with_stage(|running| {
             running.bar.finish_and_clear();
             if !matches!(self.bars, Bars::None) {
@@ -185,6 +242,30 @@ impl Monitor for Console {
     }
 
     fn interrupted(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
+        self.signals.awaited.store(true, Ordering::Relaxed);
+        self.signals.came.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_and_bars_are_for_terminals_that_have_them_and_users_who_want_them() {
+        let terminal = |term: Option<&str>, no_color: Option<&str>| {
+            let Terminal {
+                moves_cursor,
+                colors,
+            } = Terminal::new(true, term.map(OsStr::new), no_color.map(OsStr::new));
+            (moves_cursor, colors)
+        };
+        assert_eq!(terminal(Some("xterm"), None), (true, true));
+        assert_eq!(terminal(Some("xterm"), Some("")), (true, true));
+        assert_eq!(terminal(Some("xterm"), Some("1")), (true, false));
+        assert_eq!(terminal(Some("xterm"), Some("0")), (true, false));
+        assert_eq!(terminal(Some("dumb"), None), (false, false));
+        let log = Terminal::new(false, Some(OsStr::new("xterm")), None);
+        assert!(!log.moves_cursor && !log.colors);
     }
 }

@@ -14,8 +14,7 @@ use super::console::Console;
 /// Write a robot as a file of another tool, or as a robot file
 #[derive(Debug, Args)]
 pub(super) struct ExportArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     /// The format to write
     #[arg(long, value_enum, default_value_t = Format::Mjcf)]

@@ -9,13 +9,19 @@ mod distill;
 mod eval;
 mod eval_page;
 mod export;
+mod loads;
+mod output;
 mod predict;
+mod printable;
+mod reach;
 mod render;
 mod settle;
+mod settle_many;
 mod simulate;
 mod train;
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
+use std::num::NonZero;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -31,7 +37,8 @@ use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
 use tracing_subscriber::filter::LevelFilter;
 
-use console::Console;
+use console::{Console, Interrupted, Terminal, say};
+use printable::printable;
 
 /// Tendon-driven continuum robots: simulate, see, learn, predict, evaluate.
 #[derive(Debug, Parser)]
@@ -49,8 +56,8 @@ struct Global {
     #[arg(long, global = true)]
     json: bool,
     /// Threads to use [default: all processors]
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
-    threads: Option<u16>,
+    #[arg(long, global = true, value_name = "N", value_parser = threads)]
+    threads: Option<usize>,
     /// Say nothing but errors and the result
     #[arg(long, short, global = true)]
     quiet: bool,
@@ -59,6 +66,7 @@ struct Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Settle(settle::SettleArgs),
+    Reach(reach::ReachArgs),
     Simulate(simulate::SimulateArgs),
     Collect(collect::CollectArgs),
     Data(data::DataArgs),
@@ -70,6 +78,10 @@ enum Command {
     Export(export::ExportArgs),
     Render(render::RenderArgs),
 }
+
+/// Help of every `--robot`.
+const ROBOT: &str =
+    "2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml for MuJoCo's MJCF, or .urdf)";
 
 /// What the tendons are asked for.
 #[derive(Debug, Args)]
@@ -175,9 +187,10 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if console::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", describe(&error));
+            say(&format!("error: {}", describe(&error)));
             match error.downcast_ref() {
                 Some(PipelineError::Interrupted) => ExitCode::from(INTERRUPTED),
+                _ if error.is::<Interrupted>() => ExitCode::from(INTERRUPTED),
                 _ => ExitCode::FAILURE,
             }
         }
@@ -205,19 +218,22 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
     tracing_subscriber::fmt()
         .with_max_level(level)
         .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
+        .with_ansi(Terminal::stderr().colors)
+        // Else a log that cannot be written is reported where it cannot be written, which panics.
+        .log_internal_errors(false)
         .with_target(false)
         .without_time()
         .init();
     if let Some(threads) = cli.global.threads {
         rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
+            .num_threads(threads)
             .build_global()
             .context("cannot start the threads")?;
     }
     let console = Console::new(&cli.global)?;
     match &cli.command {
         Command::Settle(args) => settle::run(args, &console),
+        Command::Reach(args) => reach::run(args, &console),
         Command::Simulate(args) => simulate::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),
         Command::Data(args) => data::run(args, &console),
@@ -241,7 +257,7 @@ fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
 fn load_robot(name_or_path: &str) -> anyhow::Result<RobotSpec> {
     let (spec, notes) = RobotSpec::load_with_notes(name_or_path)?;
     for note in notes {
-        tracing::warn!("{note}");
+        tracing::warn!("{}", printable(&note.to_string()));
     }
     Ok(spec)
 }
@@ -266,6 +282,24 @@ fn visibility(base: bool) -> BaseVisibility {
     match base {
         true => BaseVisibility::Shown,
         false => BaseVisibility::Hidden,
+    }
+}
+
+/// Threads for each processor at the most: more wait for one another, and each needs memory of its own.
+const THREADS_PER_PROCESSOR: usize = 4;
+
+/// Threads that any machine may be asked for, so that commands with a few move from one to another.
+const FEW_THREADS: usize = 32;
+
+/// Parses a number of threads.
+fn threads(text: &str) -> Result<usize, String> {
+    let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
+    let most = (THREADS_PER_PROCESSOR * processors).max(FEW_THREADS);
+    match text.parse() {
+        Ok(number) if (1..=most).contains(&number) => Ok(number),
+        _ => Err(format!(
+            "expected a whole number, 1 to {most}; this machine runs {processors} threads at once"
+        )),
     }
 }
 

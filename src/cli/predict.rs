@@ -3,18 +3,18 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, bail};
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::data::{NpzArray, NpzRows, NpzValues, OutOfRange, write_npz};
 use tdcr::learn::train::{Model, Prediction};
-use tdcr::pipeline::{Monitor, PipelineError, Quantiles};
+use tdcr::pipeline::{Monitor, Quantiles};
 use tdcr::sim::cloud::{PlyError, PointProperty, write_ply_with};
 use tdcr::sim::robot::{Loads, Robot};
 
 use super::commands::read_commands;
-use super::console::Console;
-use super::{PrecisionArgs, SamplerArgs};
+use super::console::{Console, Interrupted};
+use super::{PrecisionArgs, SamplerArgs, output};
 
 /// Predict the clouds of a settled robot for one command or many, and write them as PLY or NPZ
 #[derive(Debug, Args)]
@@ -35,8 +35,8 @@ pub(super) struct PredictArgs {
     /// Mass hung from the tip (kg), for a model of data with payloads
     #[arg(long, allow_hyphen_values = true, value_name = "KG")]
     payload: Option<f64>,
-    /// Commands instead: CSV, a line each, or JSON, a list of lists. For a model of data with payloads, the last number
-    /// of each is the payload (kg)
+    /// Commands instead: CSV, a line each, with a first line of names if need be, or JSON, a list of lists. For a model of
+    /// data with payloads, the payload (kg) is the column `payload`, or without names the last number of each
     #[arg(long, value_name = "FILE", conflicts_with_all = ["command", "payload"])]
     commands: Option<PathBuf>,
     /// Points of a cloud
@@ -98,6 +98,7 @@ const COLOR: [u8; 3] = [0, 114, 178];
 const UNCERTAINTY: &str = "uncertainty";
 
 pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
+    check_out(args)?;
     let model = Model::load(&args.model)?;
     let precision = args.precision.of_width(model.network.shape().width());
     let model = model.with_precision(precision)?;
@@ -108,6 +109,25 @@ pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
     }
 }
 
+/// What to write.
+fn out(args: &PredictArgs) -> PathBuf {
+    let usual = match args.commands {
+        Some(_) => "predictions",
+        None => "prediction.ply",
+    };
+    args.out.clone().unwrap_or(usual.into())
+}
+
+/// Refuses a path whose extension asks for something else than what is written.
+fn check_out(args: &PredictArgs) -> anyhow::Result<()> {
+    let out = out(args);
+    match args.commands {
+        None => output::format("--out", &out, &["ply", "npz"]).map(drop),
+        Some(_) if is_npz(&out) => Ok(()),
+        Some(_) => output::folder("--out", &out, "a .npz file, or a folder for a PLY file each"),
+    }
+}
+
 fn one(
     args: &PredictArgs,
     model: &Model,
@@ -115,7 +135,7 @@ fn one(
     console: &Console,
 ) -> anyhow::Result<()> {
     let condition = condition(model, command, args.payload)?;
-    let out = args.out.clone().unwrap_or("prediction.ply".into());
+    let out = out(args);
     let (cloud, predicted) = predict(args, model, &condition, &out, "the command")?;
     if is_npz(&out) {
         write_npz(&out, &cloud.arrays(&[cloud.prediction.points.len(), 3]))?;
@@ -127,18 +147,17 @@ fn one(
 
 fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> anyhow::Result<()> {
     let payloads = takes_payloads(model);
-    let conditions = read_commands(file, |row| match (payloads, row.split_last()) {
-        (true, Some((payload, command))) => condition(model, command, Some(*payload)),
-        _ => condition(model, row, None),
+    let conditions = read_commands(file, |row| match row.payload {
+        Some(payload) if payloads => condition(model, &row.command, Some(payload)),
+        None if payloads => match row.command.split_last() {
+            Some((payload, command)) => condition(model, command, Some(*payload)),
+            None => condition(model, &row.command, None),
+        },
+        _ => condition(model, &row.unloaded()?, None),
     })?;
-    let out = args.out.clone().unwrap_or("predictions".into());
+    let out = out(args);
     let mut archive = is_npz(&out).then(|| NpzRows::new(&out));
     if archive.is_none() {
-        ensure!(
-            out.extension().is_none_or(|extension| extension != "ply"),
-            "--out {} is one PLY file, and --commands needs a .npz file or a folder",
-            out.display()
-        );
         std::fs::create_dir_all(&out)
             .with_context(|| format!("cannot make the folder {}", out.display()))?;
         refuse_stale(&out, conditions.len())?;
@@ -147,7 +166,7 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
     console.begin("predict", conditions.len() as u64, 0);
     for (index, condition) in conditions.iter().enumerate() {
         if console.interrupted() {
-            return Err(PipelineError::Interrupted.into());
+            return Err(Interrupted.into());
         }
         let path = match archive {
             Some(_) => out.clone(),
@@ -285,7 +304,7 @@ fn line(predicted: &Predicted) -> String {
 }
 
 fn is_npz(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension == "npz")
+    (path.extension()).is_some_and(|extension| extension.eq_ignore_ascii_case("npz"))
 }
 
 impl Cloud {

@@ -1,6 +1,7 @@
 //! `tdcr settle`.
 
 use std::fmt::Write;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::bail;
@@ -8,46 +9,60 @@ use clap::Args;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
-use tdcr::pipeline::{Monitor, PipelineError};
-use tdcr::sim::robot::{Loads, Robot};
-use tdcr::sim::statics::Settler;
+use serde_json::{Value, json};
+use tdcr::pipeline::Monitor;
+use tdcr::sim::robot::{Command, Loads, Robot, Tendon};
+use tdcr::sim::sensitivity::{Axis, Parameter, SensitivityError};
+use tdcr::sim::statics::{Equilibrium, Settler};
 
-use super::console::Console;
+use super::console::{Console, Interrupted};
+use super::loads::{LoadArgs, LoadsSaid};
+use super::settle_many;
 
 /// Settle a robot under a command: where its discs come to rest
 #[derive(Debug, Args)]
 pub(super) struct SettleArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     /// Command of every tendon (m, or N for a tension drive), separated by commas
     #[arg(
         long = "command",
         value_delimiter = ',',
-        required_unless_present = "random",
-        conflicts_with = "random",
+        required_unless_present_any = ["random", "commands"],
+        conflicts_with_all = ["random", "commands"],
         allow_hyphen_values = true,
         value_name = "C,C,..."
     )]
     command: Vec<f64>,
+    /// Settle all commands of a file: CSV, a line each, with a first line of names if need be, or JSON, a list of lists. A
+    /// column `payload` (kg) stands for --payload
+    #[arg(long, value_name = "FILE", conflicts_with = "random")]
+    commands: Option<PathBuf>,
+    /// With --commands, the table to write (.csv or .json): tip, tendons, stiffness, residual of each command
+    #[arg(long, value_name = "FILE", requires = "commands")]
+    out: Option<PathBuf>,
     /// Settle N random commands instead, on one thread, and say how well and how fast
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     random: Option<u64>,
     /// Seed of the random commands
     #[arg(long, default_value_t = 0, requires = "random")]
     seed: u64,
-    /// Mass hung from the tip disc (kg)
-    #[arg(
-        long,
-        default_value_t = 0.0,
-        allow_hyphen_values = true,
-        value_name = "KG"
-    )]
-    payload: f64,
+    #[command(flatten)]
+    loads: LoadArgs,
+    /// Also say how the tip gives way to forces and moments on it
+    #[arg(long, conflicts_with_all = ["random", "commands"])]
+    compliance: bool,
 }
 
 #[derive(Serialize)]
 struct Settled {
+    tdcr_version: &'static str,
+    /// Name of the robot.
+    robot: String,
+    /// One value per tendon, in `units.command`.
+    command: Vec<f64>,
+    loads: LoadsSaid,
+    units: Value,
     /// Disc origins, world frame (m).
     positions: Vec<[f64; 3]>,
     /// Disc orientations, world frame, unit quaternions (w, x, y, z).
@@ -56,9 +71,16 @@ struct Settled {
     tendon_tensions: Vec<f64>,
     residual: f64,
     iterations: usize,
-    min_eigenvalue: f64,
+    smallest_stiffness: f64,
     converged: bool,
+    /// Where asked for, and the robot has settled.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tip_compliance: Option<Compliance>,
 }
+
+/// How the tip disc moves by what acts on it, world frame. Rows: its origin along x, y, z (m), its rotation about them
+/// (rad); columns: a force on its origin along x, y, z (N), a moment about them (N m).
+type Compliance = [[f64; 6]; 6];
 
 /// How settling random commands went.
 #[derive(Serialize)]
@@ -74,14 +96,26 @@ struct Survey {
 
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     let robot = Robot::new(super::load_robot(&args.robot)?)?;
-    let loads = Loads::payload(args.payload)?;
+    if let Some(file) = &args.commands {
+        return settle_many::run(&robot, file, &args.loads, args.out.as_deref(), console);
+    }
+    let loads = args.loads.on(&robot)?;
     if let Some(count) = args.random {
         return survey(&robot, &loads, count, args.seed, console);
     }
     let command = robot.command(&args.command)?;
     let equilibrium = robot.settle(&command, &loads);
+    let tip_compliance = match args.compliance && equilibrium.converged {
+        true => Some(tip_compliance(&robot, &command, &loads, &equilibrium)?),
+        false => None,
+    };
     let settled = Settled {
-        min_eigenvalue: robot.smallest_stiffness(&command, &loads, &equilibrium.configuration),
+        tdcr_version: env!("CARGO_PKG_VERSION"),
+        robot: robot.spec().name.clone(),
+        command: args.command.clone(),
+        loads: LoadsSaid::new(&loads),
+        units: units(&robot),
+        smallest_stiffness: stiffness(&robot, &command, &loads, &equilibrium),
         positions: equilibrium
             .positions
             .iter()
@@ -97,6 +131,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         residual: equilibrium.residual,
         iterations: equilibrium.iterations,
         converged: equilibrium.converged,
+        tip_compliance,
     };
     console.result(&settled, table)?;
     if !settled.converged {
@@ -106,6 +141,52 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         );
     }
     Ok(())
+}
+
+/// Units of what results say of settled robots, by field.
+pub(super) fn units(robot: &Robot) -> Value {
+    let command: Vec<&str> = robot.tendons().iter().map(Tendon::unit).collect();
+    json!({
+        "command": command,
+        "payload": "kg",
+        "force": "N",
+        "moment": "N m",
+        "line_load": "N/m",
+        "positions": "m",
+        "orientations": "unit quaternions (w, x, y, z)",
+        "tendon_lengths": "m",
+        "tendon_tensions": "N",
+        "residual": "N m",
+        "smallest_stiffness": "N m/rad",
+        "tip_compliance": "rows m, m, m, rad, rad, rad by columns N, N, N, N m, N m, N m",
+    })
+}
+
+/// Stiffness of the softest mode of an equilibrium (N m/rad).
+pub(super) fn stiffness(
+    robot: &Robot,
+    command: &Command,
+    loads: &Loads,
+    equilibrium: &Equilibrium,
+) -> f64 {
+    robot.smallest_stiffness(command, loads, &equilibrium.configuration)
+}
+
+fn tip_compliance(
+    robot: &Robot,
+    command: &Command,
+    loads: &Loads,
+    equilibrium: &Equilibrium,
+) -> Result<Compliance, SensitivityError> {
+    let tip = robot.discs().len() - 1;
+    let forces = Axis::ALL.map(|axis| Parameter::Force(tip, axis));
+    let moments = Axis::ALL.map(|axis| Parameter::Moment(tip, axis));
+    let sensitivity = robot.sensitivity(command, loads, equilibrium)?;
+    let jacobian = sensitivity.jacobian(&[forces, moments].concat())?;
+    let entry = |row, column| jacobian[(6 * tip + row, column)];
+    Ok(std::array::from_fn(|row| {
+        std::array::from_fn(|column| entry(row, column))
+    }))
 }
 
 /// Settles random commands one after another and reports figures over all of them.
@@ -156,7 +237,7 @@ fn survey(
         )
     })?;
     if stopped {
-        return Err(PipelineError::Interrupted.into());
+        return Err(Interrupted.into());
     }
     if converged < count {
         bail!("{} of {count} commands did not settle", count - converged);
@@ -199,7 +280,20 @@ fn table(settled: &Settled) -> String {
         },
         settled.iterations,
         settled.residual,
-        settled.min_eigenvalue
+        settled.smallest_stiffness
     );
+    if let Some(compliance) = &settled.tip_compliance {
+        text.push_str(
+            "\ntip by            Fx (N)     Fy (N)     Fz (N)   Mx (N m)   My (N m)   Mz (N m)\n",
+        );
+        let names = ["x (m)", "y (m)", "z (m)", "rot x (rad)", "rot y (rad)", "rot z (rad)"];
+        for (name, row) in names.iter().zip(compliance) {
+            let _ = write!(text, "{name:13}");
+            for entry in row {
+                let _ = write!(text, " {entry:10.3e}");
+            }
+            text.push('\n');
+        }
+    }
     text
 }

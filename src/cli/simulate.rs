@@ -8,22 +8,22 @@ use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nalgebra::DMatrix;
 use serde::Serialize;
-use tdcr::pipeline::{Monitor, PipelineError};
+use tdcr::pipeline::Monitor;
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
 use tdcr::sim::files::AtomicFile;
 use tdcr::sim::robot::{Loads, Robot};
 
 use super::commands::read_commands;
-use super::console::Console;
+use super::console::{Console, Interrupted};
+use super::output;
 
 /// Move a robot through a sequence of commands, from the straight pose at rest
 #[derive(Debug, Args)]
 pub(super) struct SimulateArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml or .json)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
-    /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), or as JSON, a list
-    /// of lists
+    /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), with a first line of
+    /// names if need be, or as JSON, a list of lists
     #[arg(long, value_name = "FILE")]
     commands: PathBuf,
     /// Time step (s)
@@ -83,8 +83,16 @@ struct Simulated {
 }
 
 pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> {
+    if let Some(out) = &args.out {
+        output::format("--out", out, &["csv"])?;
+    }
+    if let Some(file) = &args.linearise {
+        output::format("--linearise", file, &["json"])?;
+    }
     let robot = Robot::new(super::load_robot(&args.robot)?)?;
-    let commands = read_commands(&args.commands, |row| Ok(robot.command(row)?))?;
+    let commands = read_commands(&args.commands, |row| {
+        Ok(robot.command(&row.unloaded()?)?)
+    })?;
     let loads = Loads::payload(args.payload)?;
     let mut stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
     let mut path = args
@@ -95,7 +103,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     let mut state = State::straight(&robot);
     for (step, command) in commands.iter().enumerate() {
         if console.interrupted() {
-            return Err(PipelineError::Interrupted.into());
+            return Err(Interrupted.into());
         }
         (stepper.step(&mut state, command, &loads)).with_context(|| format!("step {step}"))?;
         if let Some(path) = &mut path {
@@ -150,10 +158,10 @@ impl PathFile {
             out: BufWriter::new(created),
             name: file.to_owned(),
         };
-        let mut header = String::from("time");
+        let mut header = String::from("time (s)");
         for disc in 0..robot.discs().len() {
             // Writing to a string cannot fail.
-            let _ = write!(header, ",x{disc},y{disc},z{disc}");
+            let _ = write!(header, ",x{disc} (m),y{disc} (m),z{disc} (m)");
         }
         path.line(&header)?;
         Ok(path)

@@ -211,7 +211,7 @@ fn per_stage(
 /// Training without a data set.
 #[derive(Debug, Args)]
 struct StreamArgs {
-    /// Train on fresh samples of this robot instead of a data set: 2m, 3m, 5m, or a robot file. Commands and points are
+    /// Train on fresh samples of this robot (as `tdcr collect --robot`) instead of a data set. Commands and points are
     /// scaled by the tendons' ranges and the reach of the straight robot
     #[arg(long, value_name = "ROBOT", conflicts_with = "data")]
     stream: Option<String>,

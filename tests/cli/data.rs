@@ -69,6 +69,79 @@ fn a_data_set_is_described_drawn_and_found_good() {
 }
 
 #[test]
+fn clouds_in_millimetres_are_warned_of_and_imported_with_their_unit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let clouds = path("clouds");
+    fs::create_dir(&clouds).unwrap();
+    for k in 0..10 {
+        let ply = format!(
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+             end_header\n{} 0 0\n",
+            330 + k
+        );
+        fs::write(clouds.join(format!("{k}.ply")), ply).unwrap();
+        fs::write(
+            clouds.join(format!("{k}.json")),
+            format!("{{\"ctrl\": [{k}]}}"),
+        )
+        .unwrap();
+    }
+    let import = |out: &str, units: &[&str]| {
+        let out = path(out);
+        let arguments = [
+            "data",
+            "import",
+            text(&clouds),
+            "--points",
+            "4",
+            "--out",
+            text(&out),
+        ];
+        let output = crate::tdcr(&[&arguments, units].concat()).output().unwrap();
+        assert!(output.status.success());
+        (out, crate::stderr(&output))
+    };
+    let (metres, said) = import("metres", &[]);
+    assert!(
+        said.contains("the farthest point is 339.0000 m from the origin, expected 0.002 to 20 m"),
+        "{said}"
+    );
+    assert!(said.contains("--units mm"), "{said}");
+    let output = crate::tdcr(&["data", "check", text(&metres)])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("the farthest point is 339.0000 m"));
+    let (millimetres, said) = import("millimetres", &["--units", "mm"]);
+    assert!(!said.contains("farthest"), "{said}");
+    assert!(succeed(&["data", "check", text(&millimetres)]).contains("millimetres: good"));
+    let info = &succeed_json(&["data", "info", text(&millimetres)])[0];
+    assert!((info["scale"].as_f64().unwrap() - 0.339).abs() < 1e-6);
+    assert!(
+        info["origin"]
+            .as_str()
+            .unwrap()
+            .contains("10 clouds in millimetres from")
+    );
+    // A data set that was begun in one unit is not gone on with in another.
+    let arguments = [
+        "data",
+        "import",
+        text(&clouds),
+        "--points",
+        "4",
+        "--out",
+        text(&metres),
+    ];
+    refuse(
+        &[&arguments[..], &["--units", "mm"]].concat(),
+        1,
+        "origin.imported.source",
+    );
+}
+
+#[test]
 fn a_network_trains_on_imported_clouds() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
+use tdcr::learn::train::Model;
 
 use crate::{
     COMMAND, collect_small, refuse, stderr, succeed, succeed_json, tdcr, text, train_tiny,
@@ -321,4 +322,48 @@ fn a_tolerance_lays_the_steps_of_a_prediction() {
     );
     let both = ["--sampler-tolerance", "0.01", "--sampler-power", "2"];
     refused(&both, 2, "cannot be used with");
+}
+
+#[test]
+fn a_cloud_that_is_not_finite_is_refused_and_not_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = model(folder.path(), &[]);
+    let mut model = Model::load(Path::new(&name)).unwrap();
+    model.network.params_mut().fill(3e38);
+    model.save(Path::new(&name)).unwrap();
+    let said = "the network's cloud for the command [0.034, 0.007, 0.001, 0.026, 0.015, 0.019] is not finite";
+    for out in ["cloud.ply", "cloud.npz"] {
+        let out = folder.path().join(out);
+        let arguments = [
+            "predict",
+            "--model",
+            &name,
+            "--command",
+            COMMAND,
+            "--out",
+            text(&out),
+        ];
+        refuse(&arguments, 1, said);
+        assert!(!out.exists());
+    }
+    let (commands, out) = (
+        folder.path().join("commands.csv"),
+        folder.path().join("many.npz"),
+    );
+    fs::write(&commands, COMMANDS).unwrap();
+    let arguments = [
+        "predict",
+        "--model",
+        &name,
+        "--commands",
+        text(&commands),
+        "--out",
+        text(&out),
+    ];
+    refuse(&arguments, 1, said);
+    assert!(!out.exists());
+    let data = folder.path().join("data");
+    let sizes = ["--points", "300", "--emd-points", "100"];
+    let arguments = ["eval", "--model", &name, "--data", text(&data)];
+    refuse(&[&arguments[..], &sizes].concat(), 1, "is not finite");
 }

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use super::dataset::{DataSet, TOLERANCE};
@@ -42,6 +43,26 @@ pub enum Finding {
         /// Distance by the normalisation files (m).
         stated: f64,
     },
+    /// The clouds are of no size that a robot before depth cameras has.
+    #[error(
+        "the farthest point is {found:.4} m from the origin, expected {} to {} m for a robot before depth cameras: \
+         clouds in millimetres or centimetres must be imported as such", PLAUSIBLE.start(), PLAUSIBLE.end()
+    )]
+    Size {
+        /// Distance by the normalisation files (m).
+        found: f64,
+    },
+}
+
+/// Distances of a cloud's farthest point from the origin (m) that can be meant so: depth cameras resolve a millimetre
+/// and see some ten metres.
+const PLAUSIBLE: RangeInclusive<f64> = 2e-3..=20.0;
+
+impl Finding {
+    /// What is wrong with the scale of a data set (m), if anything.
+    pub fn of_scale(scale: f64) -> Option<Self> {
+        (!PLAUSIBLE.contains(&scale)).then_some(Self::Size { found: scale })
+    }
 }
 
 /// Where a sample stands.
@@ -111,6 +132,7 @@ pub fn check(dir: &Path) -> Result<Vec<Finding>, DataError> {
             stated: units.scale,
         });
     }
+    findings.extend(Finding::of_scale(units.scale));
     Ok(findings)
 }
 

@@ -9,7 +9,8 @@ use super::shard::{Array, Sizes};
 use super::shard_file::ShardFile;
 use crate::channels::Channels;
 
-use super::{CloudSet, Condition, DataError, Normalisation, Sample, Split, split_indices};
+use super::split::split_size;
+use super::{CloudSet, Condition, DataError, Normalisation, Sample, Split};
 
 /// How far a normalised copy may stray from what the normalisation files say: far above rounding, far below a
 /// difference in meaning. Dimensionless; for a scale, a fraction of it.
@@ -189,7 +190,7 @@ impl DataSet {
             return Err(DataError::NoShards { path: dir });
         };
         if let Some(meta) = &self.meta {
-            let expected = split_indices(meta.count, meta.seed)?.of(split).len();
+            let expected = split_size(meta.count, split);
             if samples != expected {
                 return Err(DataError::SampleCount {
                     path: dir,

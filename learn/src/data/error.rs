@@ -3,7 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::split::MIN_SAMPLES;
+use super::split::{MAX_SAMPLES, MIN_SAMPLES};
+use crate::limits::OverLimit;
 
 /// Why a data set could not be made or read. Every variant says what was found, where, and what would be right.
 ///
@@ -65,8 +66,8 @@ pub enum DataError {
         /// The type it has.
         found: String,
     },
-    /// A dataset claims more bytes than its file can hold.
-    #[error("{}: dataset `{dataset}` claims shape {found:?}, more than a file of {file_bytes} bytes can hold", .path.display())]
+    /// A dataset asks for more memory than the length of its file warrants.
+    #[error("{}: dataset `{dataset}` of shape {found:?}: {source}", .path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
@@ -74,8 +75,8 @@ pub enum DataError {
         dataset: &'static str,
         /// The shape it claims.
         found: Vec<u64>,
-        /// The file's length (bytes).
-        file_bytes: u64,
+        /// How much it asks for, and how much it may.
+        source: OverLimit,
     },
     /// A dataset holds a NaN or an infinity.
     #[error("{}: dataset `{dataset}`: sample {sample} holds {found}, expected finite numbers", .path.display())]
@@ -159,6 +160,12 @@ pub enum DataError {
     /// Too few samples to fill the three splits.
     #[error("{count} samples cannot be split 80/10/10, expected at least {MIN_SAMPLES}")]
     TooFewSamples {
+        /// The number of samples.
+        count: usize,
+    },
+    /// Too many samples for their indices to fit into memory.
+    #[error("{count} samples cannot be split, expected at most {MAX_SAMPLES}")]
+    TooManySamples {
         /// The number of samples.
         count: usize,
     },

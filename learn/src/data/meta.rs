@@ -1,18 +1,25 @@
 //! What a data set was made with.
 
-use std::fs;
 use std::io;
 use std::path::Path;
 
+use super::DataError;
 use super::conditions::Design;
 use super::shard::Sizes;
 use super::simulator::{Recipe, Subject};
-use super::{DataError, split::MIN_SAMPLES};
+use super::split::{MAX_SAMPLES, require_count};
+use crate::limits::{MAX_JSON, read_file};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// File name of a complete data set's [`Meta`].
 pub(super) const META_FILE: &str = "meta.json";
+
+/// Most motors: as many as a network takes.
+const MAX_MOTORS: usize = 4096;
+
+/// Most points of a cloud: far above any camera's.
+const MAX_POINTS: usize = 10_000_000;
 
 /// Everything needed to make a data set again; stored beside it as `meta.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,7 +77,7 @@ impl Meta {
 
     /// Reads `path`; `None` where there is no such file.
     pub(super) fn load(path: &Path) -> Result<Option<Self>, DataError> {
-        let bytes = match fs::read(path) {
+        let bytes = match read_file(path, MAX_JSON) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             bytes => bytes.map_err(DataError::io("read", path))?,
         };
@@ -117,16 +124,24 @@ impl Meta {
         if self.format != Self::FORMAT {
             return invalid("format", &self.format, "2, the version this program knows");
         }
-        if self.count < MIN_SAMPLES {
-            return Err(DataError::TooFewSamples { count: self.count });
-        }
-        for (field, value) in [
-            ("motors", self.motors),
-            ("points_per_cloud", self.points_per_cloud),
-            ("samples_per_shard", self.samples_per_shard),
+        require_count(self.count)?;
+        for (field, value, most, expected) in [
+            ("motors", self.motors, MAX_MOTORS, "1 to 4096"),
+            (
+                "points_per_cloud",
+                self.points_per_cloud,
+                MAX_POINTS,
+                "1 to 10000000",
+            ),
+            (
+                "samples_per_shard",
+                self.samples_per_shard,
+                MAX_SAMPLES,
+                "1 to 10000000",
+            ),
         ] {
-            if value == 0 {
-                return invalid(field, &value, "at least 1");
+            if !(1..=most).contains(&value) {
+                return invalid(field, &value, expected);
             }
         }
         self.origin.recipe().map_or(Ok(()), Recipe::check)

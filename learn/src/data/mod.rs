@@ -42,8 +42,8 @@ pub use conditions::{Condition, Design, PayloadRange, conditions};
 pub use dataset::DataSet;
 pub use error::DataError;
 pub use exchange::{
-    CloudFileError, ExportFormat, ImportSettings, NpzArray, NpzRows, NpzValues, export, import,
-    read_cloud, write_npz,
+    CloudFileError, ExportFormat, ImportSettings, LengthUnit, NpzArray, NpzRows, NpzValues, export,
+    import, read_cloud, write_npz,
 };
 pub use meta::{Meta, Origin};
 pub use normalisation::{Normalisation, OutOfRange};

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use tdcr_sim::files::write_atomically;
 
 use super::DataError;
+use crate::limits::{MAX_JSON, read_file};
 
 const MOTORS_FILE: &str = "global_motors_scope-all.json";
 const POINTS_FILE: &str = "global_norm_scope-all_anchor-origin.json";
@@ -164,11 +165,12 @@ impl Normalisation {
 
     /// Says what is wrong with the scale, if anything.
     pub(crate) fn check_scale(&self) -> Result<(), String> {
-        if self.scale.is_finite() && self.scale > 0.0 {
+        // Points are of single precision.
+        if self.scale > 0.0 && (self.scale as f32).is_normal() {
             Ok(())
         } else {
             Err(format!(
-                "scale is {}, expected a positive length",
+                "scale is {}, expected a positive length, 1.2e-38 to 3.4e38 m",
                 self.scale
             ))
         }
@@ -265,7 +267,7 @@ struct PointScale {
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, DataError> {
-    let bytes = std::fs::read(path).map_err(DataError::io("read", path))?;
+    let bytes = read_file(path, MAX_JSON).map_err(DataError::io("read", path))?;
     serde_json::from_slice(&bytes).map_err(|source| DataError::Json {
         path: path.to_owned(),
         source,

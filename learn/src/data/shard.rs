@@ -74,6 +74,14 @@ impl Array {
         shape.into_iter().map(|size| size as u64).collect()
     }
 
+    /// Size of an element in memory (bytes).
+    pub(super) fn element_size(self) -> u64 {
+        match self {
+            Self::Rgb => 1,
+            _ => 4,
+        }
+    }
+
     /// The shape in symbols.
     pub(super) fn symbolic_shape(self) -> &'static str {
         match self {

@@ -6,9 +6,7 @@ use hdf5_pure::{DType, Error, File, FormatError};
 
 use super::DataError;
 use super::shard::{Array, Batch, Sizes};
-
-/// Deflate, the densest filter that is read, shrinks nothing further than this.
-const MAX_COMPRESSION: u64 = 1032;
+use crate::limits;
 
 /// An open HDF5 file of samples whose arrays have the types and shapes of the layout.
 pub(super) struct ShardFile {
@@ -42,9 +40,13 @@ impl ShardFile {
         };
         shard.sizes = shard.find_sizes()?;
         let payload = shard.sizes.payload.then_some(Array::Payload);
+        let mut asked = 0_u64;
         for &array in arrays.iter().chain(&payload) {
             shard.check(array)?;
             shard.check_chunks(array)?;
+            let shape = array.shape(shard.sizes);
+            asked = asked.saturating_add(limits::bytes(&shape, array.element_size()));
+            shard.require_warranted(array, &shape, asked)?;
         }
         Ok(shard)
     }
@@ -144,9 +146,10 @@ impl ShardFile {
                     shape,
                 ));
             }
-            self.require_plausible(array, &shape)?;
+            self.require_warranted(array, &shape, limits::bytes(&shape, array.element_size()))?;
         }
-        let size = |size: u64| usize::try_from(size).expect("a plausible array is addressable");
+        let size =
+            |size: u64| usize::try_from(size).expect("an array within the limit is addressable");
         Ok(Sizes {
             samples: size(samples),
             points: size(points),
@@ -155,24 +158,15 @@ impl ShardFile {
         })
     }
 
-    /// Refuses an array, or a chunk of one, larger than the file can hold: memory is allocated by these shapes.
-    fn require_plausible(&self, array: Array, shape: &[u64]) -> Result<(), DataError> {
-        let file_bytes = self.file.file_size();
-        let elements = shape
-            .iter()
-            .try_fold(1_u64, |product, &size| product.checked_mul(size));
-        // An element takes at least a byte in memory and at most eight.
-        let addressable = isize::MAX as u64 / 8;
-        let limit = file_bytes.saturating_mul(MAX_COMPRESSION).min(addressable);
-        match elements {
-            Some(elements) if elements <= limit => Ok(()),
-            _ => Err(DataError::TooLarge {
-                path: self.path.clone(),
-                dataset: array.name(),
-                found: shape.to_vec(),
-                file_bytes,
-            }),
-        }
+    /// Refuses an array, or a chunk of one, with which reading asks for `asked` bytes of memory in all, more than the
+    /// length of the file warrants: chunks that are compressed or not stored take no place in it.
+    fn require_warranted(&self, array: Array, shape: &[u64], asked: u64) -> Result<(), DataError> {
+        limits::require(asked, self.file.file_size()).map_err(|source| DataError::TooLarge {
+            path: self.path.clone(),
+            dataset: array.name(),
+            found: shape.to_vec(),
+            source,
+        })
     }
 
     /// Checks an array's shape and element type.
@@ -206,7 +200,8 @@ impl ShardFile {
         let Some(chunk_shape) = stored.chunk_shape().map_err(unreadable)? else {
             return Ok(());
         };
-        self.require_plausible(array, &chunk_shape)?;
+        let asked = limits::bytes(&chunk_shape, array.element_size());
+        self.require_warranted(array, &chunk_shape, asked)?;
         let file_bytes = self.file.file_size();
         let chunks = stored.chunks().map_err(unreadable)?;
         match chunks.iter().find(|chunk| chunk.storage_size > file_bytes) {

@@ -9,6 +9,9 @@ use super::DataError;
 /// Fewest samples for which no split is empty.
 pub(super) const MIN_SAMPLES: usize = 10;
 
+/// Most samples: far above any data set's, and few enough that their indices fit into memory.
+pub(super) const MAX_SAMPLES: usize = 10_000_000;
+
 /// Shares of [`Split::ALL`], in tenths.
 const TENTHS: [usize; 3] = [8, 1, 1];
 
@@ -64,11 +67,9 @@ impl SplitIndices {
 /// Sizes are 80/10/10 % rounded by largest remainder (ties to the earlier split), which no integers come closer to.
 ///
 /// # Errors
-/// [`DataError::TooFewSamples`] below 10, where a split would be empty.
+/// [`DataError::TooFewSamples`] below 10, where a split would be empty; [`DataError::TooManySamples`] above 10,000,000.
 pub fn split_indices(count: usize, seed: u64) -> Result<SplitIndices, DataError> {
-    if count < MIN_SAMPLES {
-        return Err(DataError::TooFewSamples { count });
-    }
+    require_count(count)?;
     let mut indices: Vec<usize> = (0..count).collect();
     indices.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
     let [train_size, val_size, _] = split_sizes(count);
@@ -79,6 +80,20 @@ pub fn split_indices(count: usize, seed: u64) -> Result<SplitIndices, DataError>
         split.sort_unstable();
     }
     Ok(SplitIndices { train, val, test })
+}
+
+/// Refuses numbers of samples that cannot be split.
+pub(super) fn require_count(count: usize) -> Result<(), DataError> {
+    match count {
+        0..MIN_SAMPLES => Err(DataError::TooFewSamples { count }),
+        MIN_SAMPLES..=MAX_SAMPLES => Ok(()),
+        _ => Err(DataError::TooManySamples { count }),
+    }
+}
+
+/// Number of samples of a split of `count` samples, which [`require_count`] accepts.
+pub(super) fn split_size(count: usize, split: Split) -> usize {
+    split_sizes(count)[split as usize]
 }
 
 /// Largest-remainder rounding of `count * TENTHS / 10`.
@@ -112,6 +127,7 @@ mod tests {
             for split in Split::ALL {
                 prop_assert!(!splits.of(split).is_empty());
                 prop_assert!(splits.of(split).is_sorted());
+                prop_assert_eq!(splits.of(split).len(), split_size(count, split));
             }
             prop_assert_eq!(split_indices(count, seed).unwrap(), splits);
         }
@@ -144,6 +160,16 @@ mod tests {
             split_indices(100, 1).unwrap(),
             split_indices(100, 2).unwrap()
         );
+    }
+
+    #[test]
+    fn more_samples_than_memory_holds_are_refused() {
+        for count in [MAX_SAMPLES + 1, 1_000_000_000_000, usize::MAX] {
+            assert!(matches!(
+                split_indices(count, 0),
+                Err(DataError::TooManySamples { count: found }) if found == count
+            ));
+        }
     }
 
     #[test]

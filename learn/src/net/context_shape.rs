@@ -8,6 +8,9 @@ use super::shape::{Initial, ShapeError, fan_in, require_size};
 /// Stages of the context network.
 pub(super) const STAGES: usize = 3;
 
+/// Most numbers of a stage's grid of voxels, of which training keeps several: 256 MiB.
+pub(super) const MAX_VOXEL_NUMBERS: usize = 1 << 26;
+
 /// A stage of the context network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -81,6 +84,18 @@ impl ContextShape {
         for stage in self.stages {
             size("stage's channels", stage.channels, 4096, "1 to 4096")?;
             size("stage's resolution", stage.resolution, 128, "1 to 128")?;
+            let Stage {
+                channels,
+                resolution,
+            } = stage;
+            let found = channels * resolution.pow(3);
+            if found > MAX_VOXEL_NUMBERS {
+                return Err(ShapeError::Grid {
+                    resolution,
+                    channels,
+                    found,
+                });
+            }
         }
         size("blocks per stage", self.blocks, 16, "1 to 16")?;
         size("joined features", self.joined, 4096, "1 to 4096")?;

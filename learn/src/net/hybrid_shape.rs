@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::conditioner::{Conditioner, Part};
 use super::context::ContextNet;
 use super::context_shape::ContextShape;
-use super::shape::{MlpShape, ShapeError, Table, TensorSpec, fan_in};
+use super::shape::{MlpShape, ShapeError, Table, TensorSpec, fan_in, require_parameters};
 use super::trunk::Trunk;
 
 /// Shape of a hybrid velocity network.
@@ -23,7 +23,8 @@ impl HybridShape {
     /// Refuses sizes of which no network can be made.
     pub fn check(&self) -> Result<(), ShapeError> {
         self.head.check()?;
-        self.context.check()
+        self.context.check()?;
+        require_parameters(self.parameter_count())
     }
 
     /// Length of the flat parameter vector.

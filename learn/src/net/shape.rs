@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::conditioner::{Conditioner, Part};
+use super::context_shape::MAX_VOXEL_NUMBERS;
 use super::dense::Dense;
 use super::trunk::Trunk;
 use crate::channels::Channels;
@@ -28,6 +29,10 @@ pub struct MlpShape {
     pub channels: Channels,
 }
 
+/// Most parameters of a network, twelve times the paper's largest: 512 MiB, and in training, where gradient, moments and
+/// average are as large, a few times that.
+pub(super) const MAX_PARAMETERS: usize = 1 << 27;
+
 /// A shape of which no network can be made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ShapeError {
@@ -40,6 +45,27 @@ pub enum ShapeError {
         found: usize,
         /// What would be right.
         expected: &'static str,
+    },
+    /// The sizes together make a network larger than any machine's memory should be asked for.
+    #[error(
+        "a network of these sizes has {found} parameters, expected at most {MAX_PARAMETERS}: choose smaller ones"
+    )]
+    Parameters {
+        /// Their number.
+        found: usize,
+    },
+    /// The grid of a stage is larger than any machine's memory should be asked for.
+    #[error(
+        "a grid of {resolution} voxels per edge with {channels} channels has {found} numbers, expected at most \
+         {MAX_VOXEL_NUMBERS}: choose a smaller resolution, or fewer channels"
+    )]
+    Grid {
+        /// Voxels per edge.
+        resolution: usize,
+        /// Features per voxel.
+        channels: usize,
+        /// Numbers in the grid.
+        found: usize,
     },
     /// The time gate of a hybrid network is no function of time.
     #[error("the time gate's centre or steepness is not a finite number")]
@@ -99,7 +125,8 @@ impl MlpShape {
             condition_dim,
             (1..=4096).contains(&condition_dim),
             "1 to 4096",
-        )
+        )?;
+        require_parameters(self.parameter_count())
     }
 
     /// Length of the flat parameter vector.
@@ -141,6 +168,14 @@ impl MlpShape {
     /// Adds what acts on points of `inputs` numbers, the tensors' names after `prefix`.
     pub(super) fn declare_trunk(&self, table: &mut Table, prefix: &str, inputs: usize) -> Trunk {
         Trunk::declare(table, prefix, [inputs, self.channels.count()], self)
+    }
+}
+
+/// Refuses networks of too many parameters.
+pub(super) fn require_parameters(found: usize) -> Result<(), ShapeError> {
+    match found {
+        0..=MAX_PARAMETERS => Ok(()),
+        _ => Err(ShapeError::Parameters { found }),
     }
 }
 

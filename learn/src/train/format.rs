@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::fs;
 use std::io::Write;
 use std::path::Path;
 
@@ -13,6 +12,7 @@ use serde_json::{Value, json};
 use tdcr_sim::files::write_atomically;
 
 use super::error::{FileError, FileProblem};
+use crate::limits::{MAX_FILE, read_file};
 
 /// Version of the format that this crate reads and writes.
 const VERSION: u32 = 2;
@@ -148,7 +148,7 @@ pub(super) fn read<H: DeserializeOwned, R>(
     kind: Kind,
     parse: impl FnOnce(H, &mut Reader) -> Result<R, FileProblem>,
 ) -> Result<R, FileError> {
-    let parsed = fs::read(path)
+    let parsed = read_file(path, MAX_FILE)
         .map_err(FileProblem::io("read"))
         .and_then(|bytes| {
             let header = parse_header(&bytes, kind)?;

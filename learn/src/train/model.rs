@@ -91,6 +91,27 @@ pub enum PredictError {
         /// What stands there.
         value: f64,
     },
+    /// The predicted cloud is not one.
+    #[error(
+        "the network's cloud for the command {command:?} is not finite: {channel} of point {point} is {value}; the \
+         model's largest weight is {weight:e}, in tensor `{tensor}`, and its scale is {scale:e} m"
+    )]
+    NoCloud {
+        /// The command (m).
+        command: Vec<f64>,
+        /// The first point that is not finite.
+        point: usize,
+        /// Which of its numbers.
+        channel: &'static str,
+        /// What it is.
+        value: f32,
+        /// The tensor that holds the largest weight.
+        tensor: String,
+        /// The magnitude of that weight.
+        weight: f32,
+        /// The data's scale (m), by which the network's positions are multiplied.
+        scale: f64,
+    },
 }
 
 /// A model's header on disk.
@@ -112,7 +133,8 @@ impl Model {
     /// from is a function of `seed`. Commands outside the training range are extrapolated, without warrant.
     ///
     /// # Errors
-    /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity.
+    /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity, and where
+    /// the network's cloud does, as that of weights or a scale near the largest numbers may.
     pub fn predict(
         &self,
         command: &[f64],
@@ -135,10 +157,58 @@ impl Model {
         let mut points = positions(&rows, channels);
         let components = points.as_flattened_mut();
         self.provenance.normalisation.denormalise_points(components);
+        self.require_cloud(command, &points, &rows)?;
         Ok(Prediction {
             points,
             colors: colors(&rows, channels),
             evaluations,
+        })
+    }
+
+    /// Refuses a cloud whose `points` (m), or whose `rows` as the network gives them, are not finite.
+    fn require_cloud(
+        &self,
+        command: &[f64],
+        points: &[[f32; DIM]],
+        rows: &[f32],
+    ) -> Result<(), PredictError> {
+        const NAMES: [&str; 6] = ["x", "y", "z", "red", "green", "blue"];
+        let count = self.network.shape().channels().count();
+        // Colours are bounded when they become bytes: only the rows tell.
+        let in_metres = points.iter().enumerate().flat_map(|(k, point)| {
+            point
+                .iter()
+                .enumerate()
+                .map(move |(c, value)| (k, c, *value))
+        });
+        let in_rows = rows
+            .iter()
+            .enumerate()
+            .map(|(k, value)| (k / count, k % count, *value));
+        let wrong = in_metres
+            .chain(in_rows)
+            .find(|(.., value)| !value.is_finite());
+        let Some((point, channel, value)) = wrong else {
+            return Ok(());
+        };
+        let params = self.network.params();
+        let largest = |range: &std::ops::Range<usize>| {
+            let weights = params[range.clone()].iter().map(|weight| weight.abs());
+            weights.fold(0.0, f32::max)
+        };
+        let tensors = self.network.shape().tensors().into_iter();
+        let tensors = tensors.map(|tensor| (largest(&tensor.range), tensor.name));
+        let (weight, tensor) = tensors
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .expect("a network has tensors");
+        Err(PredictError::NoCloud {
+            command: command.to_vec(),
+            point,
+            channel: NAMES[channel],
+            value,
+            tensor,
+            weight,
+            scale: self.provenance.normalisation.scale,
         })
     }
 

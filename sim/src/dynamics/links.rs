@@ -27,7 +27,7 @@ impl Link {
             .map(|disc| Self {
                 joint_offset: disc.joint_offset,
                 mass: disc.mass,
-                centre: disc.origin,
+                centre: disc.origin + disc.centre_of_mass,
                 moments: disc.inertia,
                 armature: disc.armature,
                 damping: disc.damping,

@@ -57,8 +57,12 @@ impl Potential<'_> {
         let mut moment = force.cross(&(tip * self.dead.payload_arm));
         let mut above = above_tip;
         let discs = (chain.centres.iter().zip(&chain.positions)).zip(&self.dead.at_origin);
-        for (out, ((centre, position), own)) in out.iter_mut().zip(discs).rev() {
+        for (disc, (out, ((centre, position), own))) in out.iter_mut().zip(discs).enumerate().rev()
+        {
             moment += force.cross(&(above - centre)) + own.cross(&(position - centre));
+            if let Some(off_origin) = self.dead.off_origin(disc, chain.disc(disc)) {
+                moment += self.dead.gravity.cross(&off_origin);
+            }
             force += own;
             above = centre;
             *out = moment;

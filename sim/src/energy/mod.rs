@@ -220,6 +220,9 @@ impl Potential<'_> {
             let force = self.dead.at_origin[k];
             let arm = chain.positions[k] - chain.centres[k];
             let mut lever = Lever::of(&arm, &force);
+            if let Some(off_origin) = self.dead.off_origin(k, chain.disc(k)) {
+                lever.add(&off_origin, &self.dead.gravity);
+            }
             if k + 1 == n {
                 let hung = chain.disc(k) * self.dead.payload_arm;
                 lever.add(&hung, &self.dead.payload);

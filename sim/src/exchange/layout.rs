@@ -1,8 +1,8 @@
 //! From a flat chain of discs to modules.
 
 use crate::robot::{
-    Backbone, BaseSpec, Body, Cameras, Holes, MassSpec, ModuleSpec, PerDisc, RigidMass, RingSpec,
-    RobotSpec, RouteSpec, Routing, Waypoint,
+    Backbone, BaseSpec, Body, Cameras, Holes, MassSpec, ModuleSpec, PerDisc, RigidMass, RobotSpec,
+    RouteSpec, Routing, Waypoint,
 };
 
 /// A robot disc by disc, as other tools describe it.
@@ -73,22 +73,10 @@ impl Layout {
     }
 }
 
-/// The paper's pitch of the cameras (rad), and its ring's radius in lengths of the robot.
-const PITCH: f64 = 0.1973;
-const DISTANCE: f64 = 3.0;
-
 /// Eight cameras around a robot, in the proportions of the paper's rings.
 pub(crate) fn ring_around(base: &BaseSpec, discs: &[DiscLayout], resolution: [u32; 2]) -> Cameras {
-    let radius = DISTANCE * discs.iter().map(|disc| disc.step).sum::<f64>();
-    Cameras::Ring(RingSpec {
-        count: 8,
-        radius,
-        height: base.position[2] + radius * PITCH.tan(),
-        pitch: PITCH,
-        fovy: 45.0,
-        resolution,
-        distortion: None,
-    })
+    let length = discs.iter().map(|disc| disc.step).sum();
+    Cameras::around(base.position, length, resolution)
 }
 
 /// Whether `next` goes on with the module that `run` begins.
@@ -119,6 +107,7 @@ fn module(run: &[DiscLayout]) -> ModuleSpec {
         discs: run.len(),
         first_offset: first.step,
         pitch: run.get(1).map_or(first.step, |second| second.step),
+        clocking: 0.0,
         joint_below: first.joint_below,
         radius: first.radius,
         half_height: first.half_height,
@@ -131,6 +120,7 @@ fn module(run: &[DiscLayout]) -> ModuleSpec {
         damping: per_disc(run.iter().map(|d| d.damping).collect()),
         armature: per_disc(run.iter().map(|d| d.armature).collect()),
         backbone: (!backbones.is_empty()).then(|| per_disc(backbones)),
+        rod: None,
         limit: None,
         tendons: None,
     }

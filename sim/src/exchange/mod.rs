@@ -5,6 +5,7 @@
 //! [`urdf`]: crate::urdf
 
 mod layout;
+pub(crate) mod xml;
 
 pub(crate) use layout::{DiscLayout, DiscMass, Layout, ring_around};
 

@@ -20,6 +20,8 @@ struct Class {
 
 /// The class that the others inherit from.
 const MAIN: usize = 0;
+/// Most elements and attributes in all defaults together: each element looks through them.
+const MOST_DEFAULTS: usize = 4_000;
 const ACTUATORS: [&str; 4] = ["general", "motor", "position", "velocity"];
 
 impl Classes {
@@ -29,6 +31,7 @@ impl Classes {
             by_name: HashMap::from([("main".to_owned(), MAIN)]),
         };
         let mut open: Vec<(usize, usize)> = Vec::new();
+        let mut count = 0;
         for (index, _) in document.sections("default") {
             if let Some(name) = attribute(document, index, "class") {
                 classes.by_name.insert(name.to_owned(), MAIN);
@@ -37,6 +40,13 @@ impl Classes {
         }
         while let Some((section, class)) = open.pop() {
             for (index, element) in document.children(section) {
+                count += 1 + element.attributes.len();
+                if count > MOST_DEFAULTS {
+                    let reason = format!(
+                        "the defaults have more than {MOST_DEFAULTS} attributes; expected less"
+                    );
+                    return Err(document.refuse(index, reason));
+                }
                 if element.tag != "default" {
                     classes.classes[class].elements.push(index);
                     continue;

@@ -160,7 +160,8 @@ impl<'a> BodyReader<'a> {
             if is_used(site) && !level {
                 let reason = format!(
                     "lies {} m above the others, or above the disc's centre of mass; expected \
-                     the tendons' sites of a body at one height, those of a disc at that centre",
+                     the tendons' sites of a body at one height, those of a disc at that centre or \
+                     at that of the cylinder that shows it",
                     place.z - height
                 );
                 return Err(self.document.refuse(site.element, reason));
@@ -252,6 +253,6 @@ fn base_frame(first: &DiscBody) -> Isometry3<f64> {
 }
 
 /// A site's position in the frame of its group (m).
-fn in_group(site: &Site<'_>) -> Vector3<f64> {
+pub(super) fn in_group(site: &Site<'_>) -> Vector3<f64> {
     (site.body_pose * Point3::from(site.position)).coords
 }

@@ -4,7 +4,7 @@ use crate::exchange::ExportError;
 use crate::lens::Distortion;
 use crate::robot::{
     Backbone, Cameras, Drive, Lens, Loads, MassSpec, ModuleSpec, Payload, PerDisc, PinholeSpec,
-    RigidMass, Robot, RobotSpec, TendonSpec,
+    RigidMass, Robot, RobotSpec, SolidMass, TendonSpec,
 };
 
 use super::write::is_xml_char;
@@ -127,6 +127,7 @@ fn mass_field(spec: &RobotSpec, disc: usize) -> String {
     let first: usize = spec.modules[..module].iter().map(|m| m.discs).sum();
     let (kind, each) = match &spec.modules[module].mass {
         MassSpec::Density(density) => ("density", matches!(density, PerDisc::<f64>::Each(_))),
+        MassSpec::Solid(solid) => ("solid", matches!(solid, PerDisc::<SolidMass>::Each(_))),
         MassSpec::Rigid(rigid) => ("rigid", matches!(rigid, PerDisc::<RigidMass>::Each(_))),
     };
     let index = each.then(|| format!("[{}]", disc - first));
@@ -141,6 +142,12 @@ fn check_joints(index: usize, module: &ModuleSpec) -> Result<(), ExportError> {
             "a spring",
             expected,
         ));
+    }
+    if let Some(rod) = &module.rod {
+        return check_backbone(
+            &format!("modules[{index}].rod"),
+            &rod.backbone(module.pitch),
+        );
     }
     let field = format!("modules[{index}].backbone");
     match &module.backbone {

@@ -2,7 +2,8 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::body::{BallJoint, BodyReader, Carried, RigidGroup};
+use super::body::{BallJoint, BodyReader, Carried, RigidGroup, Site};
+use super::chain::in_group;
 use super::mass::{Geom, GeomMass, PartMass, Shape};
 use crate::exchange::{DiscMass, ImportError};
 use crate::robot::{Backbone, RigidMass};
@@ -12,7 +13,8 @@ pub(super) const SAME_PLACE: f64 = 1e-9;
 /// Angles (rad), and shares of the largest moment of inertia, that count as none.
 const NEGLIGIBLE: f64 = 1e-9;
 
-/// A disc before its place in the chain is known. Its origin is its centre of mass.
+/// A disc before its place in the chain is known. Its origin is the centre of the one cylinder that
+/// shows it, or else its centre of mass.
 pub(super) struct DiscBody {
     pub element: usize,
     /// Pose of the body in the frame of the body (with those fastened to it) that carries it.
@@ -41,15 +43,19 @@ impl BodyReader<'_> {
             return refuse("the body has no mass: expected geoms or an inertial");
         }
         let total = PartMass::sum(&group.masses);
-        if off_axis(&total.center) {
+        let drawn = self.cylinder_of(group);
+        if drawn.is_none() && off_axis(&total.center) {
             return refuse("the centre of mass lies off the z axis: expected on it");
         }
+        let center = drawn.unwrap_or(total.center.z);
         if off_axis(&joint.center) {
             return refuse("the joint lies off the z axis: expected on it");
         }
-        let joint_below = total.center.z - joint.center.z;
+        let joint_below = center - joint.center.z;
         if joint_below < -SAME_PLACE {
-            return refuse("the joint lies above the centre of mass: expected there or below");
+            let reason = "the joint lies above the disc's cylinder, or centre of mass: expected in \
+                          its centre or below";
+            return refuse(reason);
         }
         let mut between = total.inertia;
         between.fill_diagonal(0.0);
@@ -64,13 +70,10 @@ impl BodyReader<'_> {
             None => DiscMass::Rigid(RigidMass {
                 mass: total.mass,
                 inertia: total.inertia.diagonal().into(),
+                centre_of_mass: (total.center - Vector3::new(0.0, 0.0, center)).into(),
             }),
         };
-        let drawn = |geom: &Geom| {
-            let place = geom.pose.translation.vector - total.center;
-            matches!(geom.shape, Shape::Cylinder { .. }) && place.norm() < SAME_PLACE
-        };
-        if !matches!(group.geoms.as_slice(), [geom] if drawn(geom) && is_upright(geom)) {
+        if drawn.is_none() {
             let text = "drawn as one upright cylinder around its centre of mass";
             self.note(body.element, text);
         }
@@ -78,12 +81,28 @@ impl BodyReader<'_> {
             element: body.element,
             pose: body.carrier_pose * self.pose(body.element)?,
             joint,
-            center: total.center.z,
+            center,
             joint_below: joint_below.max(0.0),
             mass,
             radius,
             half_height,
         })
+    }
+}
+
+impl BodyReader<'_> {
+    /// Height of the centre of the one upright cylinder on the z axis that shows a body (m), if the
+    /// tendons' holes are at its height.
+    fn cylinder_of(&self, group: &RigidGroup<'_>) -> Option<f64> {
+        let [geom] = group.geoms.as_slice() else {
+            return None;
+        };
+        let place = &geom.pose.translation.vector;
+        let is_disc = matches!(geom.shape, Shape::Cylinder { .. }) && is_upright(geom);
+        let used = |site: &&Site<'_>| site.name.is_some_and(|n| self.used_sites.contains(n));
+        let mut holes = group.sites.iter().filter(used);
+        let level = holes.all(|site| (in_group(site).z - place.z).abs() < SAME_PLACE);
+        (is_disc && !off_axis(place) && level).then_some(place.z)
     }
 }
 
@@ -134,7 +153,8 @@ fn plain_density(group: &RigidGroup<'_>) -> Option<f64> {
     };
     let plain = is_upright(geom) && matches!(geom.shape, Shape::Cylinder { .. });
     // An inertial may stand in place of the geom's own mass.
-    (plain && part.mass == geom.part().mass && part.inertia == geom.part().inertia)
+    let own = geom.part();
+    (plain && part.mass == own.mass && part.inertia == own.inertia && part.center == own.center)
         .then_some(density)
 }
 

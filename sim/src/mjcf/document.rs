@@ -2,10 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::exchange::{ImportError, Place};
+use crate::exchange::{ImportError, Place, xml};
+use crate::reading::{LARGEST_TEXT, read_text};
 
 /// Deepest nesting of files that include one another.
 const MAX_INCLUDE_DEPTH: usize = 32;
+/// How deep elements may nest in a file. Robots have 1000 discs at the most; each may have bodies of
+/// its own between.
+const DEEPEST: usize = 8_000;
 
 /// The elements of a model, and the files they come from. Held flat: a nested tree would take its
 /// depth in stack to drop, and files may nest as deep as they like.
@@ -13,6 +17,8 @@ const MAX_INCLUDE_DEPTH: usize = 32;
 pub(super) struct Document {
     pub elements: Vec<Element>,
     files: Vec<Option<PathBuf>>,
+    /// Length of all files read (bytes).
+    length: u64,
 }
 
 /// One element.
@@ -30,7 +36,7 @@ impl Document {
     /// Reads a file and those it includes.
     pub fn read(path: &Path) -> Result<Self, ImportError> {
         let mut document = Self::default();
-        let text = read_text(path)?;
+        let text = document.read_text(path)?;
         document.add_file(&text, Some(path), None, 0)?;
         document.merge_worldbodies();
         Ok(document)
@@ -111,7 +117,7 @@ impl Document {
             format: "a MuJoCo model (MJCF)",
             reason,
         };
-        let xml = roxmltree::Document::parse(text).map_err(|e| syntax(e.to_string()))?;
+        let xml = xml::parse(text, DEEPEST).map_err(syntax)?;
         let root = xml.root_element();
         if parent.is_none() && root.tag_name().name() != "mujoco" {
             let found = root.tag_name().name();
@@ -181,14 +187,18 @@ impl Document {
             let reason = format!("{name} is included more than once; expected once at most");
             return Err(self.refuse(include, reason));
         }
-        let text = read_text(&path)?;
+        let text = self.read_text(&path)?;
         self.add_file(&text, Some(&path), parent, depth + 1)
     }
-}
 
-fn read_text(path: &Path) -> Result<String, ImportError> {
-    std::fs::read_to_string(path).map_err(|source| ImportError::Read {
-        path: path.to_owned(),
-        source,
-    })
+    /// The text of a file, which counts towards what all files of a model may hold.
+    fn read_text(&mut self, path: &Path) -> Result<String, ImportError> {
+        let left = LARGEST_TEXT - self.length;
+        let text = read_text(path, left).map_err(|source| ImportError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        self.length += text.len() as u64;
+        Ok(text)
+    }
 }

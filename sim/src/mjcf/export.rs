@@ -205,7 +205,8 @@ fn write_disc(xml: &mut XmlWriter, robot: &Robot, index: usize, disc: &Disc) {
     let geom_mass = match density(robot.spec(), index) {
         Some(density) => ("density", number(density)),
         None => {
-            write_inertial(xml, [0.0; 3], disc.mass, disc.inertia.into());
+            let center = disc.centre_of_mass.into();
+            write_inertial(xml, center, disc.mass, disc.inertia.into());
             ("mass", "0".to_owned())
         }
     };
@@ -247,8 +248,7 @@ fn joint(disc: &Disc) -> Vec<Attribute<'static>> {
 }
 
 fn write_sites(xml: &mut XmlWriter, spec: &RobotSpec, body: Body, height: f64) {
-    let holes = spec.holes(body).map_or_else(Vec::new, |h| h.positions());
-    for (hole, [x, y]) in holes.into_iter().enumerate() {
+    for (hole, [x, y]) in spec.hole_positions(body).into_iter().enumerate() {
         let name = site(Waypoint(body, hole));
         xml.leaf("site", &[("name", name), ("pos", numbers(&[x, y, height]))]);
     }
@@ -305,14 +305,25 @@ fn site(waypoint: Waypoint) -> String {
     }
 }
 
-/// Density of a disc; `None` where its mass and moments of inertia are given.
+/// Density of a disc whose mass is that of its cylinder; `None` where the mass, its centre or the
+/// moments of inertia are others.
 fn density(spec: &RobotSpec, disc: usize) -> Option<f64> {
     let module = spec.module_of(disc)?;
     let first: usize = spec.modules[..module].iter().map(|m| m.discs).sum();
     match &spec.modules[module].mass {
-        MassSpec::Density(density) => density.of_disc(disc - first).copied(),
-        MassSpec::Rigid(_) => None,
+        MassSpec::Density(density) if !carries_rod(spec, disc) => {
+            density.of_disc(disc - first).copied()
+        }
+        MassSpec::Density(_) | MassSpec::Solid(_) | MassSpec::Rigid(_) => None,
     }
+}
+
+/// Whether a disc carries a piece of a rod: of its own module's, or of that of the module above.
+fn carries_rod(spec: &RobotSpec, disc: usize) -> bool {
+    [disc, disc + 1].into_iter().any(|disc| {
+        let module = spec.module_of(disc).map(|module| &spec.modules[module]);
+        module.is_some_and(|module| module.rod.is_some())
+    })
 }
 
 fn vector(v: &Vector3<f64>) -> String {

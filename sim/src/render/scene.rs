@@ -89,7 +89,7 @@ impl Scene {
         let spec = robot.spec();
         let base = Isometry3::from_parts(robot.base.into(), robot.base_orientation);
         let hole = |waypoint: &Waypoint| {
-            let [x, y] = spec.holes(waypoint.0)?.positions()[waypoint.1];
+            let [x, y] = spec.hole_position(waypoint.0, waypoint.1)?;
             Some(match waypoint.0 {
                 Body::Base => base * Point3::new(x, y, spec.base.hole_height),
                 Body::Disc(disc) => equilibrium.disc_pose(disc) * Point3::new(x, y, 0.0),

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::{Shape, ShapeError};
+use crate::reading::{LARGEST_MESH, read};
 
 /// Why a mesh could not be read.
 #[derive(Debug, Error)]
@@ -45,7 +46,7 @@ impl Shape {
     /// # Errors
     /// [`StlError`] when the file cannot be read, is not STL, or holds no mesh.
     pub fn read_stl(path: &Path) -> Result<Self, StlError> {
-        let bytes = std::fs::read(path).map_err(|source| StlError::Read {
+        let bytes = read(path, LARGEST_MESH).map_err(|source| StlError::Read {
             path: path.to_owned(),
             source,
         })?;

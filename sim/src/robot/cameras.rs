@@ -1,12 +1,14 @@
 //! The cameras of a robot's specification.
 
+use std::f64::consts::TAU;
 use std::fmt;
 
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::validate::{finite, positive};
+use super::angle;
+use super::validate::{finite, positive, radians};
 use super::{SpecError, file::refuse};
 use crate::lens::{Distortion, Intrinsics};
 
@@ -24,9 +26,10 @@ pub enum Cameras {
     Free(Vec<CameraSpec>),
 }
 
-/// Equal cameras on a circle around the z axis, pitched down, the first at `(0, -radius)`.
+/// Equal cameras on a circle around the z axis, pitched down, the first at `(0, -radius)`. Files may
+/// give `pitch_degrees` in place of `pitch`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "RingInFile")]
 pub struct RingSpec {
     /// Number of cameras, evenly spaced.
     pub count: usize,
@@ -41,8 +44,38 @@ pub struct RingSpec {
     /// Image width and height (pixels).
     pub resolution: [u32; 2],
     /// Distortion of the lenses; none where the file does not give it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub distortion: Option<Distortion>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RingInFile {
+    count: usize,
+    radius: f64,
+    height: f64,
+    pitch: Option<f64>,
+    pitch_degrees: Option<f64>,
+    fovy: f64,
+    resolution: [u32; 2],
+    distortion: Option<Distortion>,
+}
+
+impl TryFrom<RingInFile> for RingSpec {
+    type Error = String;
+
+    fn try_from(file: RingInFile) -> Result<Self, String> {
+        let names = ["pitch", "pitch_degrees"];
+        Ok(Self {
+            count: file.count,
+            radius: file.radius,
+            height: file.height,
+            pitch: angle::required(file.pitch, file.pitch_degrees, names, f64::to_radians)?,
+            fovy: file.fovy,
+            resolution: file.resolution,
+            distortion: file.distortion,
+        })
+    }
 }
 
 /// A camera with a place of its own.
@@ -131,7 +164,46 @@ impl Lens {
     }
 }
 
+/// The paper's pitch of the cameras (rad), and its ring's radius in lengths of the robot.
+const PITCH: f64 = 0.1973;
+const DISTANCE: f64 = 3.0;
+
 impl Cameras {
+    /// Eight cameras around a robot, in the proportions of the paper's rings: on a circle of three
+    /// times the robot's `length` (m) around the vertical through the `base` (m), pitched down by
+    /// 0.1973 rad, so high that they look at the base; field of view 45 degrees.
+    ///
+    /// A [`RingSpec`] where the base stands on the world's z axis, and otherwise the same cameras
+    /// each with a place of its own.
+    pub fn around(base: [f64; 3], length: f64, resolution: [u32; 2]) -> Self {
+        let [x, y, z] = base;
+        let radius = DISTANCE * length;
+        let ring = RingSpec {
+            count: 8,
+            radius,
+            height: z + radius * PITCH.tan(),
+            pitch: PITCH,
+            fovy: 45.0,
+            resolution,
+            distortion: None,
+        };
+        if [x, y] == [0.0; 2] {
+            return Self::Ring(ring);
+        }
+        let camera = |index: usize| {
+            // As the ring's: the first at (0, -radius), the others counterclockwise from there.
+            let (sin, cos) = (TAU * index as f64 / ring.count as f64).sin_cos();
+            CameraSpec {
+                position: [x + radius * sin, y - radius * cos, ring.height],
+                aim: Aim::At(base),
+                lens: Lens::Fovy(ring.fovy),
+                resolution,
+                distortion: None,
+            }
+        };
+        Self::Free((0..ring.count).map(camera).collect())
+    }
+
     /// Number of cameras.
     pub fn count(&self) -> usize {
         match self {
@@ -164,7 +236,7 @@ impl RingSpec {
         }
         positive(&at("radius"), self.radius)?;
         finite(&at("height"), &[self.height])?;
-        finite(&at("pitch"), &[self.pitch])?;
+        radians(&at("pitch"), &[self.pitch], "pitch_degrees")?;
         check_fovy(&at("fovy"), self.fovy)?;
         check_image(
             &at,

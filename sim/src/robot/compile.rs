@@ -3,11 +3,11 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::file::refuse;
-use super::spec::{Body, Drive, MassSpec, ModuleSpec, PerDisc, RobotSpec, Routing, TendonSpec};
-use super::{Disc, Robot, Segment, Span, SpecError, Tendon, Waypoint};
-
-/// Tendons (and pieces of tendon that pass discs by, counted twice) at one joint.
-const MAX_TENDONS_AT_JOINT: usize = 64;
+use super::mass::Part;
+use super::{
+    Body, Disc, Drive, ModuleSpec, PerDisc, Robot, RobotSpec, Routing, Segment, Span, SpecError,
+    Tendon, TendonSpec, Waypoint,
+};
 
 impl Robot {
     /// Compiles a specification.
@@ -19,7 +19,6 @@ impl Robot {
         spec.validate()?;
         let robot = Self::lay_out(spec);
         robot.check_segments()?;
-        robot.check_crowding()?;
         Ok(robot)
     }
 
@@ -116,34 +115,11 @@ impl Robot {
 
     /// A hole as seen from the centre of its body's joint (or the base origin), in its frame (m).
     pub(crate) fn hole(&self, waypoint: Waypoint) -> Vector3<f64> {
-        let holes = self.spec.holes(waypoint.0).expect("validated: a body");
-        let [x, y] = holes.positions()[waypoint.1];
+        let Waypoint(body, hole) = waypoint;
+        let [x, y] = (self.spec.hole_position(body, hole)).expect("validated: a hole of a body");
         match waypoint.0 {
             Body::Base => Vector3::new(x, y, self.spec.base.hole_height),
             Body::Disc(disc) => self.discs[disc].origin + Vector3::new(x, y, 0.0),
-        }
-    }
-
-    fn check_crowding(&self) -> Result<(), SpecError> {
-        let mut columns = vec![0; self.discs.len()];
-        for tendon in &self.tendons {
-            for joint in joints_along(&tendon.route) {
-                columns[joint] += 1;
-            }
-        }
-        for span in &self.spans {
-            // The columns across a piece reach down to the base: see `energy::Columns`.
-            columns[..=span.upper]
-                .iter_mut()
-                .for_each(|count| *count += 2);
-        }
-        match columns.iter().position(|&c| c > MAX_TENDONS_AT_JOINT) {
-            Some(joint) => Err(refuse(
-                &format!("tendons at joint {joint}"),
-                columns[joint],
-                "64 at most, pieces that pass discs by counted three times",
-            )),
-            None => Ok(()),
         }
     }
 }
@@ -169,50 +145,57 @@ fn of<T: Clone>(values: &PerDisc<T>, index: usize) -> T {
 
 fn discs(spec: &RobotSpec) -> Vec<Disc> {
     let mut discs: Vec<Disc> = Vec::with_capacity(spec.disc_count());
-    for module in &spec.modules {
-        for index in 0..module.discs {
-            // What lies between the joint below and the origin of the body below.
-            let origin_below = discs.last().map_or(Vector3::zeros(), |disc| disc.origin);
-            discs.push(disc(module, index, origin_below));
+    let of_discs = (spec.modules.iter()).flat_map(|m| (0..m.discs).map(move |index| (m, index)));
+    let mut of_discs = of_discs.peekable();
+    while let Some((module, index)) = of_discs.next() {
+        // What lies between the joint below and the origin of the body below.
+        let origin_below = discs.last().map_or(Vector3::zeros(), |disc| disc.origin);
+        let mut disc = disc(module, index, origin_below);
+        let mut part = Part::of_disc(&module.mass, index, module.radius, module.half_height);
+        // The rod from the disc's joint to its origin, and on to the next disc's joint.
+        if let Some(rod) = &module.rod {
+            part = part.with(Part::of_rod(rod, [-module.joint_below, 0.0]));
         }
+        if let Some(&(next, index)) = of_discs.peek()
+            && let Some(rod) = &next.rod
+        {
+            let joint = step(next, index) - next.joint_below;
+            part = part.with(Part::of_rod(rod, [0.0, joint]));
+        }
+        (disc.mass, disc.centre_of_mass, disc.inertia) = (part.mass, part.centre, part.inertia);
+        discs.push(disc);
     }
     discs
 }
 
+/// Height of a disc's origin above that of the body below (m).
+fn step(module: &ModuleSpec, index: usize) -> f64 {
+    match index {
+        0 => module.first_offset,
+        _ => module.pitch,
+    }
+}
+
+/// A disc, its mass apart.
 fn disc(module: &ModuleSpec, index: usize, origin_below: Vector3<f64>) -> Disc {
-    let step = if index == 0 {
-        module.first_offset
-    } else {
-        module.pitch
-    };
+    let step = step(module, index);
     let (offset, origin) = (
         Vector3::new(0.0, 0.0, step),
         Vector3::new(0.0, 0.0, module.joint_below),
     );
-    let (mass, inertia) = match &module.mass {
-        MassSpec::Density(density) => {
-            let (r, h) = (module.radius, module.half_height);
-            let mass = of(density, index) * (std::f64::consts::PI * r * r * 2.0 * h);
-            // A solid cylinder (Goldstein, Classical Mechanics, ch. 5).
-            let across = mass * (3.0 * r * r + 4.0 * h * h) / 12.0;
-            (mass, Vector3::new(across, across, mass * r * r / 2.0))
-        }
-        MassSpec::Rigid(rigid) => {
-            let rigid = of(rigid, index);
-            (rigid.mass, rigid.inertia.into())
-        }
-    };
+    let rod = module.rod.map(|rod| rod.backbone(step));
     Disc {
         offset,
         joint_offset: origin_below + offset - origin,
         origin,
-        mass,
-        inertia,
+        mass: 0.0,
+        centre_of_mass: Vector3::zeros(),
+        inertia: Vector3::zeros(),
         radius: module.radius,
         half_height: module.half_height,
         damping: of(&module.damping, index),
         armature: of(&module.armature, index),
-        backbone: module.backbone.as_ref().map(|b| of(b, index)),
+        backbone: rod.or(module.backbone.as_ref().map(|b| of(b, index))),
         limit: module.limit.as_ref().map(|l| of(l, index)),
     }
 }
@@ -220,21 +203,22 @@ fn disc(module: &ModuleSpec, index: usize, origin_below: Vector3<f64>) -> Disc {
 fn tendons(spec: &RobotSpec) -> Vec<Tendon> {
     let mut tendons = Vec::new();
     let mut first_disc = 0;
-    for module in &spec.modules {
+    for (index, module) in spec.modules.iter().enumerate() {
         let end = first_disc + module.discs;
         let start = match spec.routing {
             Routing::ModuleBelow => first_disc,
             Routing::Base => 0,
         };
         if let Some(tendon) = &module.tendons {
+            let lowest = start.checked_sub(1).map_or(Body::Base, Body::Disc);
+            let bodies = std::iter::once(lowest).chain((start..end).map(Body::Disc));
+            // Of each body, the number of the first hole in the copy turned as this module is.
+            let guides: Vec<(Body, usize)> = bodies
+                .filter_map(|body| Some((body, spec.clocked_hole(body, index, 0)?)))
+                .collect();
             for hole in 0..module.holes.count() {
-                let lowest = match start.checked_sub(1) {
-                    None => Waypoint(Body::Base, hole),
-                    Some(disc) => Waypoint(Body::Disc(disc), hole),
-                };
-                let guides = (start..end).map(|disc| Waypoint(Body::Disc(disc), hole));
-                let route = std::iter::once(lowest).chain(guides).collect();
-                tendons.push(self::tendon(tendon, route));
+                let through = |&(body, first): &(Body, usize)| Waypoint(body, first + hole);
+                tendons.push(self::tendon(tendon, guides.iter().map(through).collect()));
             }
         }
         first_disc = end;

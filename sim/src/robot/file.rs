@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::RobotSpec;
+use super::missing::{self, MissingFields};
 use crate::exchange::{ImportError, Imported, Note};
+use crate::reading::{LARGEST_TEXT, read_text};
 use crate::{mjcf, urdf};
 
 /// Why a robot specification was refused.
@@ -33,9 +35,34 @@ pub enum SpecError {
         /// Where in the file, and what was expected there.
         reason: String,
     },
+    /// Fields are missing in the file.
+    #[error(
+        "robot file {} is not a robot specification: {}",
+        path.display(),
+        missing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+    )]
+    Missing {
+        /// The file.
+        path: PathBuf,
+        /// All of them, by the tables that lack them.
+        missing: Vec<MissingFields>,
+    },
     /// The file is of another tool, and not a robot that can be represented here.
     #[error(transparent)]
     Import(Box<ImportError>),
+    /// An angle of more than a turn, likely meant in degrees.
+    #[error(
+        "robot field `{field}` is {value}; expected radians, -2 pi to 2 pi (degrees go into \
+         `{degrees}` in its place)"
+    )]
+    Degrees {
+        /// The field's path, e.g. `base.holes.angles`.
+        field: String,
+        /// The angle found.
+        value: f64,
+        /// The field that takes degrees in its place.
+        degrees: &'static str,
+    },
     /// A field has a value that no robot can have.
     #[error("robot field `{field}` is {value}; expected {expected}")]
     Field {
@@ -87,10 +114,8 @@ impl RobotSpec {
         let path = Path::new(name_or_path);
         let extension = path.extension().and_then(|extension| extension.to_str());
         match extension {
-            Some("toml") => parse(path, |text| toml::from_str(text).map_err(|e| e.to_string())),
-            Some("json") => parse(path, |text| {
-                serde_json::from_str(text).map_err(|e| e.to_string())
-            }),
+            Some("toml") => parse(path, from_toml, missing::in_toml),
+            Some("json") => parse(path, from_json, missing::in_json),
             Some("xml") => without_payload(mjcf::import(path)?),
             Some("urdf") => without_payload(urdf::import(path)?),
             _ => Err(SpecError::Unknown(name_or_path.to_owned())),
@@ -108,17 +133,48 @@ impl From<ImportError> for SpecError {
     }
 }
 
+/// Why a text could not be read.
+struct Refusal {
+    /// Without the place in the file.
+    message: String,
+    /// With it.
+    reason: String,
+}
+
+fn from_toml(text: &str) -> Result<RobotSpec, Refusal> {
+    toml::from_str(text).map_err(|error| Refusal {
+        message: error.message().to_owned(),
+        reason: error.to_string(),
+    })
+}
+
+fn from_json(text: &str) -> Result<RobotSpec, Refusal> {
+    serde_json::from_str(text).map_err(|error| Refusal {
+        message: error.to_string(),
+        reason: error.to_string(),
+    })
+}
+
 fn parse(
     path: &Path,
-    read: impl Fn(&str) -> Result<RobotSpec, String>,
+    read: impl Fn(&str) -> Result<RobotSpec, Refusal>,
+    missing: impl Fn(&str) -> Vec<MissingFields>,
 ) -> Result<(RobotSpec, Vec<Note>), SpecError> {
-    let text = std::fs::read_to_string(path).map_err(|source| SpecError::Read {
+    let text = read_text(path, LARGEST_TEXT).map_err(|source| SpecError::Read {
         path: path.to_owned(),
         source,
     })?;
-    let spec = read(&text).map_err(|reason| SpecError::Parse {
-        path: path.to_owned(),
-        reason,
+    let spec = read(&text).map_err(|refusal| {
+        let path = path.to_owned();
+        // Of what is missing, reading names only the first.
+        let is_first_missing = refusal.message.starts_with("missing field");
+        match is_first_missing.then(|| missing(&text)) {
+            Some(missing) if !missing.is_empty() => SpecError::Missing { path, missing },
+            _ => SpecError::Parse {
+                path,
+                reason: refusal.reason,
+            },
+        }
     })?;
     spec.validate()?;
     Ok((spec, Vec::new()))

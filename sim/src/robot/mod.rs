@@ -1,11 +1,19 @@
 //! The robot: what the user writes ([`RobotSpec`]) and what it is compiled into ([`Robot`]).
 
+mod angle;
 mod cameras;
 mod command;
 mod compile;
 mod file;
+mod holes;
+mod in_file;
+mod joint;
 mod loads;
+mod mass;
+mod missing;
+mod per_disc;
 mod spec;
+mod tendon_spec;
 mod units;
 mod validate;
 
@@ -13,11 +21,14 @@ pub use cameras::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, RingSpec};
 pub use command::{Command, CommandError};
 pub(crate) use compile::joints_along;
 pub use file::SpecError;
+pub use holes::{HoleCircle, Holes};
+pub use joint::{Backbone, Limit, RodSpec};
 pub use loads::{Frame, LoadError, Loads, Payload, Wrench};
-pub use spec::{
-    Backbone, BaseSpec, Body, Drive, Friction, HoleCircle, Holes, Limit, MassSpec, ModuleSpec,
-    PerDisc, Pull, RigidMass, RobotSpec, RouteSpec, Routing, TendonSpec, Waypoint,
-};
+pub use mass::{MassSpec, RigidMass, SolidMass};
+pub use missing::MissingFields;
+pub use per_disc::PerDisc;
+pub use spec::{BaseSpec, ModuleSpec, RobotSpec, Routing};
+pub use tendon_spec::{Body, Drive, Friction, Pull, RouteSpec, TendonSpec, Waypoint};
 pub use units::{CommandUnit, DisplayUnit, TendonGroup};
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -53,9 +64,11 @@ pub struct Disc {
     pub joint_offset: Vector3<f64>,
     /// Origin seen from the centre of the disc's ball joint, in the disc's frame (m).
     pub origin: Vector3<f64>,
-    /// Mass (kg), the centre of mass being at the disc's origin.
+    /// Mass of the disc and of the rod it carries (kg).
     pub mass: f64,
-    /// Moments of inertia about the disc's origin and axes (kg m²).
+    /// Centre of mass seen from the disc's origin, in the disc's frame (m).
+    pub centre_of_mass: Vector3<f64>,
+    /// Moments of inertia about the centre of mass, along the disc's axes (kg m²).
     pub inertia: Vector3<f64>,
     /// Radius (m).
     pub radius: f64,
@@ -65,7 +78,7 @@ pub struct Disc {
     pub damping: f64,
     /// Armature inertia of the disc's joint (kg m²).
     pub armature: f64,
-    /// Elastic backbone at the disc's joint.
+    /// Elastic backbone, or piece of a rod, at the disc's joint.
     pub backbone: Option<Backbone>,
     /// Soft limit of the disc's joint.
     pub limit: Option<Limit>,

@@ -1,13 +1,18 @@
 //! What a robot specification must satisfy.
 
-use super::spec::{
+use std::f64::consts::{PI, TAU};
+
+use super::{
     Backbone, BaseSpec, Body, Drive, Holes, Limit, MassSpec, ModuleSpec, PerDisc, RobotSpec,
-    RouteSpec, Routing, TendonSpec,
+    RodSpec, RouteSpec, Routing, SpecError, TendonSpec, file::refuse, joints_along,
 };
-use super::{SpecError, file::refuse};
 
 /// Far above any robot built, and small enough that every product of sizes fits in memory.
 const MAX_DISCS: usize = 1000;
+/// Holes of a body; a tendon less than these can pass a joint.
+const MAX_HOLES: usize = 1000;
+/// Tendons at one joint, pieces of tendon that pass discs by counted three times.
+const MAX_TENDONS_AT_JOINT: usize = 64;
 
 impl RobotSpec {
     /// Checks every field.
@@ -20,19 +25,128 @@ impl RobotSpec {
         if self.modules.is_empty() {
             return Err(refuse("modules", "empty", "at least one module"));
         }
+        self.validate_sizes()?;
         for (index, module) in self.modules.iter().enumerate() {
             module.validate(&|field| format!("modules[{index}].{field}"))?;
         }
-        let discs = self.disc_count();
-        if discs > MAX_DISCS {
-            let found = format!("{discs} discs");
-            return Err(refuse("modules", found, "1000 discs in all at most"));
-        }
+        self.validate_centres()?;
         self.validate_guides()?;
         for (index, route) in self.routes.iter().enumerate() {
             self.validate_route(index, route)?;
         }
+        self.validate_crowding()?;
         self.cameras.validate()
+    }
+
+    /// The sizes that all other checks, and compiling, take time and memory in proportion to.
+    fn validate_sizes(&self) -> Result<(), SpecError> {
+        for (index, module) in self.modules.iter().enumerate() {
+            if !(1..=MAX_DISCS).contains(&module.discs) {
+                let field = format!("modules[{index}].discs");
+                return Err(refuse(&field, module.discs, "1 to 1000"));
+            }
+        }
+        let discs = self.modules.iter().map(|module| module.discs);
+        let discs = discs.fold(0, usize::saturating_add);
+        if discs > MAX_DISCS {
+            let found = format!("{discs} discs");
+            return Err(refuse("modules", found, "1000 discs in all at most"));
+        }
+        // Every copy of a pattern of holes is turned by the clocking of another module.
+        let clocked = self.modules.iter().filter(|module| module.clocking != 0.0);
+        let copies = 1 + clocked.count();
+        let check = |field: String, holes: usize| {
+            if holes * copies <= MAX_HOLES {
+                return Ok(());
+            }
+            let found = format!("a list of {holes}");
+            let expected = "1000 holes at most, counted anew for each module with a clocking";
+            Err(refuse(&field, found, expected))
+        };
+        check("base.holes".to_owned(), self.base.holes.count())?;
+        for (index, module) in self.modules.iter().enumerate() {
+            check(format!("modules[{index}].holes"), module.holes.count())?;
+        }
+        // A tendon takes a joint at least.
+        if self.routes.len() > MAX_TENDONS_AT_JOINT * discs {
+            let found = format!("a list of {}", self.routes.len());
+            return Err(refuse("routes", found, "64 tendons at a joint at most"));
+        }
+        Ok(())
+    }
+
+    /// A disc with mass off the axis carries no rod: the two together have principal axes of their
+    /// own.
+    fn validate_centres(&self) -> Result<(), SpecError> {
+        for (index, module) in self.modules.iter().enumerate() {
+            let rods = self.modules[index..].iter().take(2);
+            if !rods.filter_map(|m| m.rod).any(|rod| rod.density > 0.0) {
+                continue;
+            }
+            let on_axis = |field: &str, [x, y, _]: &[f64; 3]| {
+                if [*x, *y] == [0.0; 2] {
+                    return Ok(());
+                }
+                let expected = "0 in x and y: its discs carry a rod with mass";
+                Err(refuse(field, format!("[{x}, {y}, ..]"), expected))
+            };
+            let at = |field: &str| format!("modules[{index}].mass.{field}");
+            match &module.mass {
+                MassSpec::Density(_) => {}
+                MassSpec::Solid(solid) => module.each(solid, &at("solid"), |field, solid| {
+                    on_axis(&format!("{field}.centre_of_mass"), &solid.centre_of_mass)
+                })?,
+                MassSpec::Rigid(rigid) => module.each(rigid, &at("rigid"), |field, rigid| {
+                    on_axis(&format!("{field}.centre_of_mass"), &rigid.centre_of_mass)
+                })?,
+            }
+        }
+        Ok(())
+    }
+
+    /// The statics' work at a joint grows with the square of the tendons there.
+    fn validate_crowding(&self) -> Result<(), SpecError> {
+        // Changes of the count from each joint to the next.
+        let mut changes = vec![0_i64; self.disc_count() + 1];
+        let mut add = |joints: std::ops::Range<usize>, count: i64| {
+            changes[joints.start] += count;
+            changes[joints.end] -= count;
+        };
+        let mut first_disc = 0;
+        for module in &self.modules {
+            let end = first_disc + module.discs;
+            let start = match self.routing {
+                Routing::ModuleBelow => first_disc,
+                Routing::Base => 0,
+            };
+            if module.tendons.is_some() {
+                add(start..end, module.holes.count() as i64);
+            }
+            first_disc = end;
+        }
+        for route in &self.routes {
+            add(joints_along(&route.through), 1);
+            for piece in route.through.windows(2) {
+                let joints = joints_along(piece);
+                if joints.len() > 1 {
+                    // The columns across a piece reach down to the base: see `energy::Columns`.
+                    add(0..joints.end, 2);
+                }
+            }
+        }
+        let mut count = 0;
+        for (joint, change) in changes.iter().enumerate() {
+            count += change;
+            if count > MAX_TENDONS_AT_JOINT as i64 {
+                let expected = "64 at most, pieces that pass discs by counted three times";
+                return Err(refuse(
+                    &format!("tendons at joint {joint}"),
+                    count,
+                    expected,
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// Every body that a module's tendons pass has a hole for each.
@@ -63,14 +177,14 @@ impl RobotSpec {
         let at = |field: &str| format!("routes[{index}].{field}");
         for (place, waypoint) in route.through.iter().enumerate() {
             let field = at(&format!("through[{place}]"));
-            let Some(holes) = self.holes(waypoint.0) else {
+            let Some(holes) = self.hole_count(waypoint.0) else {
                 let Body::Disc(disc) = waypoint.0 else {
                     continue;
                 };
                 return Err(refuse(&field, disc, "\"base\" or the number of a disc"));
             };
-            if waypoint.1 >= holes.count() {
-                let found = format!("hole {} of {}", waypoint.1, holes.count());
+            if waypoint.1 >= holes {
+                let found = format!("hole {} of {holes}", waypoint.1);
                 return Err(refuse(&field, found, "a hole's number, counted from 0"));
             }
         }
@@ -113,7 +227,7 @@ impl Holes {
             Self::At(holes) => finite(field, holes.as_flattened()),
             Self::Circle(circle) => {
                 not_negative(&format!("{field}.radius"), circle.radius)?;
-                finite(&format!("{field}.angles"), &circle.angles)
+                radians(&format!("{field}.angles"), &circle.angles, "degrees")
             }
         }
     }
@@ -121,11 +235,9 @@ impl Holes {
 
 impl ModuleSpec {
     fn validate(&self, at: &dyn Fn(&str) -> String) -> Result<(), SpecError> {
-        if !(1..=MAX_DISCS).contains(&self.discs) {
-            return Err(refuse(&at("discs"), self.discs, "1 to 1000"));
-        }
         positive(&at("first_offset"), self.first_offset)?;
         positive(&at("pitch"), self.pitch)?;
+        radians(&at("clocking"), &[self.clocking], "clocking_degrees")?;
         not_negative(&at("joint_below"), self.joint_below)?;
         positive(&at("radius"), self.radius)?;
         positive(&at("half_height"), self.half_height)?;
@@ -134,12 +246,16 @@ impl ModuleSpec {
             MassSpec::Density(density) => {
                 self.each(density, &at("mass.density"), |f, d| not_negative(f, *d))?;
             }
+            MassSpec::Solid(solid) => self.each(solid, &at("mass.solid"), |field, solid| {
+                not_negative(&format!("{field}.density"), solid.density)?;
+                finite(&format!("{field}.centre_of_mass"), &solid.centre_of_mass)
+            })?,
             MassSpec::Rigid(rigid) => self.each(rigid, &at("mass.rigid"), |field, rigid| {
                 not_negative(&format!("{field}.mass"), rigid.mass)?;
                 for moment in rigid.inertia {
                     not_negative(&format!("{field}.inertia"), moment)?;
                 }
-                Ok(())
+                finite(&format!("{field}.centre_of_mass"), &rigid.centre_of_mass)
             })?,
         }
         self.each(&self.damping, &at("damping"), |f, d| not_negative(f, *d))?;
@@ -147,11 +263,43 @@ impl ModuleSpec {
         if let Some(backbone) = &self.backbone {
             self.each(backbone, &at("backbone"), Backbone::validate)?;
         }
+        if let Some(rod) = &self.rod {
+            self.validate_rod(rod, at)?;
+        }
         if let Some(limit) = &self.limit {
             self.each(limit, &at("limit"), Limit::validate)?;
         }
         if let Some(tendons) = &self.tendons {
             tendons.validate(&|field| at(&format!("tendons.{field}")))?;
+        }
+        Ok(())
+    }
+
+    fn validate_rod(&self, rod: &RodSpec, at: &dyn Fn(&str) -> String) -> Result<(), SpecError> {
+        if self.backbone.is_some() {
+            let expected = "none beside a `rod`, from which it follows";
+            return Err(refuse(&at("backbone"), "given", expected));
+        }
+        positive(&at("rod.youngs"), rod.youngs)?;
+        positive(&at("rod.radius"), rod.radius)?;
+        not_negative(&at("rod.density"), rod.density)?;
+        if !(rod.poisson > -1.0 && rod.poisson <= 0.5) {
+            let expected = "above -1, and at most 0.5";
+            return Err(refuse(&at("rod.poisson"), rod.poisson, expected));
+        }
+        for (field, length) in [("first_offset", self.first_offset), ("pitch", self.pitch)] {
+            let Backbone {
+                bending, torsion, ..
+            } = rod.backbone(length);
+            if !(bending[0].is_finite() && torsion.is_finite()) {
+                let found = format!("of {} and {} N m/rad a joint", bending[0], torsion);
+                return Err(refuse(&at("rod"), found, "finite stiffnesses"));
+            }
+            if self.joint_below > length {
+                let expected = "where there is a rod, at most `first_offset` and `pitch`";
+                let found = format!("{}, more than `{field}`", self.joint_below);
+                return Err(refuse(&at("joint_below"), found, expected));
+            }
         }
         Ok(())
     }
@@ -181,14 +329,14 @@ impl Backbone {
             not_negative(&format!("{field}.bending"), stiffness)?;
         }
         not_negative(&format!("{field}.torsion"), backbone.torsion)?;
-        finite(&format!("{field}.rest"), &backbone.rest)
+        radians(&format!("{field}.rest"), &backbone.rest, "rest_degrees")
     }
 }
 
 impl Limit {
     fn validate(field: &str, limit: &Self) -> Result<(), SpecError> {
-        if !(limit.angle > 0.0 && limit.angle < std::f64::consts::PI) {
-            let expected = "radians between 0 and pi";
+        if !(limit.angle > 0.0 && limit.angle < PI) {
+            let expected = "radians between 0 and pi; `degrees` takes degrees in its place";
             return Err(refuse(&format!("{field}.angle"), limit.angle, expected));
         }
         positive(&format!("{field}.stiffness"), limit.stiffness)
@@ -227,6 +375,22 @@ pub(super) fn finite(field: &str, values: &[f64]) -> Result<(), SpecError> {
         Some(value) => Err(refuse(field, value, "finite numbers")),
         None => Ok(()),
     }
+}
+
+/// Angles within a turn either way: what is more was meant in degrees, which the field `degrees`
+/// would take.
+pub(super) fn radians(field: &str, values: &[f64], degrees: &'static str) -> Result<(), SpecError> {
+    finite(field, values)?;
+    // A turn may have been rounded.
+    let within = |angle: &&f64| angle.abs() > TAU + 1e-3;
+    let Some(angle) = values.iter().find(within) else {
+        return Ok(());
+    };
+    Err(SpecError::Degrees {
+        field: field.to_owned(),
+        value: *angle,
+        degrees,
+    })
 }
 
 pub(super) fn positive(field: &str, value: f64) -> Result<(), SpecError> {

@@ -29,14 +29,20 @@ pub enum Parameter {
     Torsion(usize),
     /// Density of a module's discs (kg/m³), all alike.
     Density(usize),
+    /// Young's modulus of a module's rod (Pa).
+    Youngs(usize),
     /// Distance of all holes of a body from its z axis (m): of the base, or of the module of a disc.
     HoleRadius(Body),
-    /// Place of one hole of a body along its x or y axis (m): of the base, or of all discs of the
-    /// module of a disc.
+    /// Place of one hole of a body along its x or y axis (m), before any clocking: of the base, or of
+    /// all discs of the module of a disc.
     Hole(Body, usize, Axis),
     /// Distance between the discs of a module (m).
     Pitch(usize),
 }
+
+/// Step by which the pitch of a rod's joints is moved either way, as a share of it: central
+/// differences of its inverse are then exact to 1e-10.
+const PITCH_STEP: f64 = 1e-5;
 
 /// An axis of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -142,6 +148,7 @@ impl ModelTangent {
             Parameter::AxialStiffness(t) => tangent.stiffness[t] = series(robot, t).1,
             Parameter::Bending(module, axis) => tangent.stiffen(robot, module, axis),
             Parameter::Torsion(module) => tangent.stiffen(robot, module, Axis::Z),
+            Parameter::Youngs(module) => tangent.stiffen_rod(robot, module),
             Parameter::Density(_)
             | Parameter::HoleRadius(_)
             | Parameter::Hole(..)
@@ -158,10 +165,33 @@ impl ModelTangent {
         }
     }
 
+    /// A rod's stiffness is in proportion to its Young's modulus.
+    fn stiffen_rod(&mut self, robot: &Robot, module: usize) {
+        let Some(rod) = robot.spec().modules[module].rod else {
+            return;
+        };
+        for (disc, stiffness) in self.backbone.iter_mut().enumerate() {
+            if robot.spec().module_of(disc) == Some(module)
+                && let Some(backbone) = &robot.discs[disc].backbone
+            {
+                *stiffness = backbone.stiffness() / rod.youngs;
+            }
+        }
+    }
+
     /// Places and masses depend on these parameters by affine maps, so the difference of two compiled
-    /// robots is their derivative.
+    /// robots is their derivative. Only where the pitch moves the joints of a rod are there squares
+    /// (of its mass' places) and inverses (its stiffness), for which a small step is taken.
     fn move_spec(&mut self, robot: &Robot, loads: &Loads, parameter: Parameter) {
-        let [low, high] = [0.0, 1.0].map(|by| {
+        let steps = match parameter {
+            Parameter::Pitch(module) if robot.spec().modules[module].rod.is_some() => {
+                let small = PITCH_STEP * robot.spec().modules[module].pitch;
+                [-small, small]
+            }
+            _ => [0.0, 1.0],
+        };
+        let per_unit = 1.0 / (steps[1] - steps[0]);
+        let [low, high] = steps.map(|by| {
             let mut spec = robot.spec().clone();
             shift(&mut spec, parameter, by);
             let robot = Robot::lay_out(spec);
@@ -169,8 +199,9 @@ impl ModelTangent {
             dead.set(&robot, loads);
             (robot, dead)
         });
-        let ends =
-            |from: [&Vector3<f64>; 2], to: [&Vector3<f64>; 2]| [from[1] - from[0], to[1] - to[0]];
+        let ends = |from: [&Vector3<f64>; 2], to: [&Vector3<f64>; 2]| {
+            [from, to].map(|[low, high]| (high - low) * per_unit)
+        };
         for (i, tangent) in self.segments.iter_mut().enumerate() {
             let (a, b) = (&low.0.segments[i], &high.0.segments[i]);
             *tangent = ends([&a.from, &b.from], [&a.to, &b.to]);
@@ -187,14 +218,23 @@ impl ModelTangent {
             {
                 let across = |robot: &Robot| robot.hole(pair[1]) - robot.hole(pair[0]);
                 let direction = across(robot).try_normalize(0.0).unwrap_or_default();
-                *length += direction.dot(&(across(&high.0) - across(&low.0)));
+                *length += direction.dot(&(across(&high.0) - across(&low.0))) * per_unit;
             }
         }
         for (i, tangent) in self.joint_offsets.iter_mut().enumerate() {
-            *tangent = high.0.discs[i].joint_offset - low.0.discs[i].joint_offset;
+            *tangent = (high.0.discs[i].joint_offset - low.0.discs[i].joint_offset) * per_unit;
         }
         for (i, force) in self.dead.at_origin.iter_mut().enumerate() {
-            *force = high.1.at_origin[i] - low.1.at_origin[i];
+            *force = (high.1.at_origin[i] - low.1.at_origin[i]) * per_unit;
+        }
+        for (i, off_origin) in self.dead.off_origin.iter_mut().enumerate() {
+            *off_origin = (high.1.off_origin[i] - low.1.off_origin[i]) * per_unit;
+        }
+        for (i, stiffness) in self.backbone.iter_mut().enumerate() {
+            let joints = [&low.0, &high.0].map(|robot| robot.discs[i].backbone);
+            if let [Some(low), Some(high)] = joints {
+                *stiffness = (high.stiffness() - low.stiffness()) * per_unit;
+            }
         }
     }
 }
@@ -240,14 +280,22 @@ pub(super) fn check(spec: &RobotSpec, parameter: Parameter) -> Result<(), Sensit
                 .map(|module| module.backbone.is_some())
             {
                 None => "no such module",
+                Some(false) if spec.modules[module].rod.is_some() => {
+                    "the stiffness is that of the module's rod, which has a Young's modulus"
+                }
                 Some(false) => "the module has no backbone",
                 Some(true) => return Ok(()),
             }
         }
+        Parameter::Youngs(module) => match spec.modules.get(module).map(|module| module.rod) {
+            None => "no such module",
+            Some(None) => "the module has no rod",
+            Some(Some(_)) => return Ok(()),
+        },
         Parameter::Density(module) => match spec.modules.get(module).map(|module| &module.mass) {
             None => "no such module",
             Some(MassSpec::Rigid(_)) => "the module's masses are not given by a density",
-            Some(MassSpec::Density(_)) => return Ok(()),
+            Some(MassSpec::Density(_) | MassSpec::Solid(_)) => return Ok(()),
         },
         Parameter::Pitch(module) if module >= spec.modules.len() => "no such module",
         Parameter::HoleRadius(body) => match holes(body) {

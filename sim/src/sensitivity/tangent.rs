@@ -184,6 +184,7 @@ impl Sensitivity<'_> {
             let arm = chain.positions[k] - chain.centres[k];
             let more = tangent.dead.at_origin[k];
             let mut change = more.cross(&arm) - tangent.moments[k];
+            change += (self.dead.gravity).cross(&(chain.disc(k) * tangent.dead.off_origin[k]));
             if k + 1 == n {
                 let hung = chain.disc(k) * self.dead.payload_arm;
                 change += tangent.dead.payload.cross(&hung);

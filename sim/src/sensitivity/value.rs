@@ -43,6 +43,7 @@ impl RobotSpec {
             Parameter::Torsion(module) => bending(module, &|b| b.torsion),
             Parameter::Density(module) => match &self.modules[module].mass {
                 MassSpec::Density(density) => mean(density, &|density| *density),
+                MassSpec::Solid(solid) => mean(solid, &|solid| solid.density),
                 MassSpec::Rigid(_) => unreachable!("checked: has a density"),
             },
             Parameter::HoleRadius(body) => {
@@ -52,6 +53,9 @@ impl RobotSpec {
             }
             Parameter::Hole(body, hole, axis) => holes(body)[hole][axis.index()],
             Parameter::Pitch(module) => self.modules[module].pitch,
+            Parameter::Youngs(module) => {
+                self.modules[module].rod.expect("checked: has a rod").youngs
+            }
         })
     }
 
@@ -100,12 +104,17 @@ pub(super) fn shift(spec: &mut RobotSpec, parameter: Parameter, by: f64) {
             change_backbone(spec, module, |b| b.bending[axis.index()] += by);
         }
         Parameter::Torsion(module) => change_backbone(spec, module, |b| b.torsion += by),
-        Parameter::Density(module) => {
-            if let MassSpec::Density(density) = &mut spec.modules[module].mass {
-                change(density, |density| *density += by);
+        Parameter::Density(module) => match &mut spec.modules[module].mass {
+            MassSpec::Density(density) => change(density, |density| *density += by),
+            MassSpec::Solid(solid) => change(solid, |solid| solid.density += by),
+            MassSpec::Rigid(_) => {}
+        },
+        Parameter::Pitch(module) => spec.modules[module].pitch += by,
+        Parameter::Youngs(module) => {
+            if let Some(rod) = &mut spec.modules[module].rod {
+                rod.youngs += by;
             }
         }
-        Parameter::Pitch(module) => spec.modules[module].pitch += by,
         Parameter::HoleRadius(body) => {
             let module = module_of(body);
             move_holes(spec, module, |_, [x, y]| {
@@ -210,6 +219,7 @@ impl Parameter {
             Self::Gain(_) | Self::AxialStiffness(_) => "N/m",
             Self::Bending(..) | Self::Torsion(_) => "N m/rad",
             Self::Density(_) => "kg/m\u{b3}",
+            Self::Youngs(_) => "Pa",
             Self::HoleRadius(_) | Self::Hole(..) | Self::Pitch(_) => "m",
         }
     }
@@ -237,6 +247,7 @@ impl fmt::Display for Parameter {
             Self::Bending(m, axis) => write!(f, "bending stiffness of module {m} about {axis}"),
             Self::Torsion(m) => write!(f, "torsion stiffness of module {m}"),
             Self::Density(m) => write!(f, "density of module {m}"),
+            Self::Youngs(m) => write!(f, "Young's modulus of the rod of module {m}"),
             Self::HoleRadius(at) => write!(f, "hole radius of {}", body(at)),
             Self::Hole(at, hole, axis) => write!(f, "{axis} of hole {hole} of {}", body(at)),
             Self::Pitch(m) => write!(f, "pitch of module {m}"),

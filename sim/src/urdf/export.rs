@@ -165,11 +165,11 @@ fn at(offset: Vector3<f64>) -> Pose {
     }
 }
 
-/// A share of a disc's mass and moments of inertia, about its origin.
+/// A share of a disc's mass and moments of inertia, about its centre of mass.
 fn inertial(disc: &Disc, share: f64) -> Inertial {
     let [ixx, iyy, izz]: [f64; 3] = (disc.inertia * share).into();
     Inertial {
-        origin: at(disc.origin),
+        origin: at(disc.origin + disc.centre_of_mass),
         mass: Mass {
             value: disc.mass * share,
         },

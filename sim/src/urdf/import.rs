@@ -9,14 +9,17 @@ use urdf_rs::{Geometry, Inertial, Joint, JointType, Link, Pose};
 
 use super::{EXTENSION, LINK_SHARE};
 use crate::exchange::{
-    DiscLayout, DiscMass, ImportError, Imported, Layout, Note, Place, ring_around,
+    DiscLayout, DiscMass, ImportError, Imported, Layout, Note, Place, ring_around, xml,
 };
+use crate::reading::{LARGEST_TEXT, read_text};
 use crate::robot::{BaseSpec, Disc, Holes, Payload, RigidMass, Robot, RobotSpec};
 
 /// Difference that counts as none (m, rad; of masses and damping, as a share).
 const SAME: f64 = 1e-9;
 /// How much a joint's limits may fall short of a free turn: they are often written as 3.14 (rad).
 const NEARLY_FREE: f64 = 0.01;
+/// How deep elements may nest; URDF's own go six deep.
+const DEEPEST: usize = 64;
 /// Image size of the cameras around a robot that its file says nothing about (pixels).
 const RESOLUTION: [u32; 2] = [1280, 720];
 
@@ -27,7 +30,7 @@ const RESOLUTION: [u32; 2] = [1280, 720];
 /// [`ImportError`] when the file cannot be read or is not URDF, for whatever is not a chain of links
 /// on triples of joints about x, y and z, and for links that disagree with `<tdcr>`.
 pub fn import(path: &Path) -> Result<Imported, ImportError> {
-    let text = std::fs::read_to_string(path).map_err(|source| ImportError::Read {
+    let text = read_text(path, LARGEST_TEXT).map_err(|source| ImportError::Read {
         path: path.to_owned(),
         source,
     })?;
@@ -56,7 +59,8 @@ struct Step<'a> {
 
 impl Reader<'_> {
     fn robot(self, text: &str) -> Result<Imported, ImportError> {
-        let xml = roxmltree::Document::parse(text).map_err(|e| self.syntax(e.to_string()))?;
+        // The bounds hold for `urdf_rs` too, which takes the nesting in stack.
+        let xml = xml::parse(text, DEEPEST).map_err(|reason| self.syntax(reason))?;
         let urdf = urdf_rs::read_from_string(text).map_err(|e| self.syntax(e.to_string()))?;
         let chain = self.chain(&urdf)?;
         let mut children = xml.root_element().children();
@@ -199,15 +203,15 @@ impl Reader<'_> {
             let reason = "expected the same damping of the three joints of a disc";
             return Err(self.refuse("joint", &z.joint.name, reason));
         }
-        let rigid = self.rigid_mass(z.link)?;
+        let mut rigid = self.rigid_mass(z.link)?;
         for Step { link, .. } in [x, y] {
             if link.inertial.mass.value > 10.0 * LINK_SHARE * rigid.mass {
                 let reason = "expected almost no mass between the joints of a disc";
                 return Err(self.refuse("link", &link.name, reason));
             }
         }
-        let (radius, half_height) = self.cylinder(z.link)?;
-        let joint_below = z.link.inertial.origin.xyz[2];
+        let [radius, half_height, joint_below] = self.cylinder(z.link)?;
+        rigid.centre_of_mass[2] -= joint_below;
         let [off_x, off_y, offset] = x.joint.origin.xyz.0;
         if off_x.hypot(off_y) > SAME {
             let reason = "its origin lies off the z axis of the link below; expected on it";
@@ -262,9 +266,6 @@ impl Reader<'_> {
             inertia,
         } = &link.inertial;
         let refuse = |reason: &str| Err(self.refuse("link", &link.name, reason));
-        if origin.xyz[0].hypot(origin.xyz[1]) > SAME {
-            return refuse("expected the centre of mass on the z axis");
-        }
         let products = [inertia.ixy, inertia.ixz, inertia.iyz];
         let turned = origin.rpy.iter().any(|angle| angle.abs() > SAME);
         if turned || products.iter().any(|product| *product != 0.0) {
@@ -273,18 +274,31 @@ impl Reader<'_> {
         Ok(RigidMass {
             mass: mass.value,
             inertia: [inertia.ixx, inertia.iyy, inertia.izz],
+            centre_of_mass: origin.xyz.0,
         })
     }
 
-    /// Radius and half height of the cylinder that a link is seen as (m).
-    fn cylinder(self, link: &Link) -> Result<(f64, f64), ImportError> {
-        let visuals = link.visual.iter().map(|visual| &visual.geometry);
-        let mut geometries = visuals.chain(link.collision.iter().map(|c| &c.geometry));
-        let size = geometries.find_map(|geometry| match geometry {
-            Geometry::Cylinder { radius, length } => Some((*radius, length / 2.0)),
+    /// Radius and half height of the cylinder that a link is seen as, and the height of its centre in
+    /// the link's frame (m): where it stands beside the z axis, that of the centre of mass.
+    fn cylinder(self, link: &Link) -> Result<[f64; 3], ImportError> {
+        let visuals = (link.visual.iter()).map(|visual| (&visual.geometry, &visual.origin));
+        let collisions = (link.collision.iter()).map(|c| (&c.geometry, &c.origin));
+        let size = (visuals.chain(collisions)).find_map(|(geometry, origin)| match geometry {
+            Geometry::Cylinder { radius, length } => Some((*radius, length / 2.0, origin)),
             _ => None,
         });
-        size.ok_or_else(|| {
+        let placed = size.map(|(radius, half_height, origin)| {
+            let [x, y, z] = origin.xyz.0;
+            let upright = origin.rpy.iter().all(|angle| angle.abs() <= SAME);
+            let on_axis = upright && x.hypot(y) <= SAME && z >= 0.0;
+            let height = if on_axis {
+                z
+            } else {
+                link.inertial.origin.xyz[2]
+            };
+            [radius, half_height, height]
+        });
+        placed.ok_or_else(|| {
             let reason = "expected a cylinder to see it as";
             self.refuse("link", &link.name, reason)
         })
@@ -324,7 +338,11 @@ fn pose(pose: &Pose) -> Isometry3<f64> {
 /// Whether two discs are the same, in what URDF says of them.
 fn agree(a: &Disc, b: &Disc) -> bool {
     let near = |a: f64, b: f64| (a - b).abs() <= SAME * a.abs().max(b.abs());
+    let centres = [a, b].map(|disc| disc.origin + disc.centre_of_mass);
     let lengths = [
+        (centres[0].x, centres[1].x),
+        (centres[0].y, centres[1].y),
+        (centres[0].z, centres[1].z),
         (a.joint_offset.z, b.joint_offset.z),
         (a.origin.z, b.origin.z),
         (a.radius, b.radius),

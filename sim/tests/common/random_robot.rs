@@ -52,9 +52,13 @@ pub fn random_spec(kind: Kind, rng: &mut impl Rng) -> RobotSpec {
         module.armature =
             PerDisc::Each((0..module.discs).map(|_| within(1e-3, 2e-2, rng)).collect());
         if rng.random() {
+            let mass = within(1e-4, 2e-3, rng);
+            let inertia: [f64; 3] = std::array::from_fn(|_| within(1e-7, 1.9e-7, rng));
             module.mass = MassSpec::Rigid(PerDisc::Uniform(RigidMass {
-                mass: within(1e-4, 2e-3, rng),
-                inertia: std::array::from_fn(|_| within(1e-7, 1.9e-7, rng)),
+                mass,
+                inertia,
+                // Up to 2 mm off the origin, as random as the moments are.
+                centre_of_mass: inertia.map(|moment| (moment - 1.45e-7) * 5e4),
             }));
         }
         module.backbone = random_backbone(kind, rng);

@@ -15,7 +15,7 @@ use tdcr_sim::camera::Camera;
 use tdcr_sim::robot::{
     Aim, Backbone, Body, CameraSpec, Cameras, Disc, Drive, HoleCircle, Holes, Lens, MassSpec,
     ModuleSpec, PerDisc, Pull, RigidMass, RingSpec, Robot, RobotSpec, RouteSpec, Routing,
-    TendonSpec, Waypoint,
+    SolidMass, TendonSpec, Waypoint,
 };
 
 /// A robot with whatever MuJoCo can represent, drawn at random.
@@ -82,6 +82,15 @@ fn random_module(rng: &mut ChaCha8Rng, holes: usize) -> ModuleSpec {
     let rigid = |rng: &mut ChaCha8Rng| RigidMass {
         mass: rng.random_range(1e-4..1e-2),
         inertia: std::array::from_fn(|_| rng.random_range(1e-7..2e-7)),
+        centre_of_mass: if rng.random() {
+            vector(rng, 0.004)
+        } else {
+            [0.0; 3]
+        },
+    };
+    let solid = |rng: &mut ChaCha8Rng| SolidMass {
+        density: rng.random_range(1.0..1e4),
+        centre_of_mass: vector(rng, 0.004),
     };
     let backbone = |rng: &mut ChaCha8Rng| Backbone {
         rest: if rng.random() {
@@ -95,18 +104,20 @@ fn random_module(rng: &mut ChaCha8Rng, holes: usize) -> ModuleSpec {
         discs,
         first_offset,
         pitch: rng.random_range(0.01..0.04),
+        clocking: *[0.0, 0.3].choose(rng).unwrap(),
         joint_below: *[0.0, 0.005].choose(rng).unwrap(),
         radius: rng.random_range(0.01..0.03),
         half_height: rng.random_range(0.002..0.01),
-        mass: if rng.random() {
-            MassSpec::Density(per_disc(rng, discs, |rng| rng.random_range(1.0..1e4)))
-        } else {
-            MassSpec::Rigid(per_disc(rng, discs, rigid))
+        mass: match rng.random_range(0..3) {
+            0 => MassSpec::Density(per_disc(rng, discs, |rng| rng.random_range(1.0..1e4))),
+            1 => MassSpec::Solid(per_disc(rng, discs, solid)),
+            _ => MassSpec::Rigid(per_disc(rng, discs, rigid)),
         },
         holes: random_holes(rng, holes),
         damping: per_disc(rng, discs, |rng| rng.random_range(0.0..0.2)),
         armature: per_disc(rng, discs, |rng| rng.random_range(0.0..0.02)),
         backbone: rng.random::<bool>().then(|| per_disc(rng, discs, backbone)),
+        rod: None,
         limit: None,
         tendons: rng.random::<bool>().then(|| random_tendon(rng)),
     }
@@ -198,6 +209,7 @@ fn assert_same_disc(a: &Disc, b: &Disc) {
         (a.joint_offset, b.joint_offset),
         (a.origin, b.origin),
         (a.inertia, b.inertia),
+        (a.centre_of_mass, b.centre_of_mass),
     ] {
         assert_near(a.as_slice(), b.as_slice());
     }
@@ -228,8 +240,7 @@ fn assert_same_robot(a: &Robot, b: &Robot) {
         assert_near(&[one.stiffness], &[other.stiffness]);
         assert_eq!(one.route.len(), other.route.len());
         for (p, q) in one.route.iter().zip(&other.route) {
-            let place =
-                |robot: &Robot, w: &Waypoint| robot.spec().holes(w.0).unwrap().positions()[w.1];
+            let place = |robot: &Robot, w: &Waypoint| robot.spec().hole_position(w.0, w.1).unwrap();
             assert_eq!(p.0, q.0);
             assert_near(&place(a, p), &place(b, q));
         }

@@ -134,6 +134,7 @@ fn what_mujoco_cannot_represent_is_named_by_its_field() {
                 s.modules[0].mass = MassSpec::Rigid(PerDisc::Uniform(RigidMass {
                     mass: 0.1,
                     inertia: [1e-6, 1e-6, 3e-6],
+                    ..RigidMass::default()
                 }));
             },
             "`modules[0].mass.rigid` is 1e-6, 1e-6, 3e-6 kg m2; MuJoCo takes moments",

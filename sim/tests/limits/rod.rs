@@ -117,6 +117,7 @@ impl Rod {
             .map(|halves| RigidMass {
                 mass: halves * 0.5 * pitch * self.line_density,
                 inertia: [0.0; 3],
+                ..RigidMass::default()
             })
             .collect()
     }

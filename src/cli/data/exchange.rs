@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use tdcr::learn::data::{self, DataSet, ExportFormat, ImportSettings};
+use tdcr::learn::data::{self, DataSet, ExportFormat, Finding, ImportSettings, LengthUnit};
 
 use super::Console;
 
@@ -17,6 +17,9 @@ pub(in crate::cli) struct ImportArgs {
     /// Folder of the data set
     #[arg(long, value_name = "SET")]
     out: PathBuf,
+    /// Unit of the clouds
+    #[arg(long, value_enum, default_value_t = Units::M)]
+    units: Units,
     /// Points per cloud
     #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::super::amount)]
     points: usize,
@@ -42,6 +45,26 @@ pub(in crate::cli) struct ExportArgs {
     out: PathBuf,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Units {
+    /// Metres
+    M,
+    /// Centimetres
+    Cm,
+    /// Millimetres
+    Mm,
+}
+
+impl Units {
+    fn unit(self) -> LengthUnit {
+        match self {
+            Self::M => LengthUnit::Metre,
+            Self::Cm => LengthUnit::Centimetre,
+            Self::Mm => LengthUnit::Millimetre,
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Format {
     Ply,
@@ -64,12 +87,17 @@ impl Moved {
 
 pub(super) fn import(args: &ImportArgs, console: &Console) -> anyhow::Result<()> {
     let settings = ImportSettings {
+        unit: args.units.unit(),
         points: args.points,
         voxel_size: args.voxel,
         seed: args.seed,
     };
     let clouds = data::import(&args.dir, &args.out, &settings)?;
     let dir = args.out.clone();
+    let scale = DataSet::open(&dir)?.normalisation().scale;
+    if let Some(finding) = Finding::of_scale(scale) {
+        tracing::warn!("{}: {finding} (`--units mm`, `--units cm`)", dir.display());
+    }
     Moved { dir, clouds }.tell(console)
 }
 

@@ -10,27 +10,21 @@ use serde::Serialize;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
 use tdcr::sim::render::{BaseVisibility, Instance, RgbdFrame, Scene, Sensor, Shape};
-use tdcr::sim::robot::{Loads, Payload, Robot};
+use tdcr::sim::robot::Robot;
 
-use super::CommandArg;
 use super::console::Console;
+use super::loads::{LoadArgs, LoadsSaid};
+use super::{CommandArg, output};
 
 /// See a settled robot with its cameras: colour, depth and mask images, and the fused cloud
 #[derive(Debug, Args)]
 pub(super) struct RenderArgs {
-    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml or .urdf)
-    #[arg(long, default_value = "2m")]
+    #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     #[command(flatten)]
     command: CommandArg,
-    /// Mass hung from the tip disc (kg)
-    #[arg(
-        long,
-        default_value_t = 0.0,
-        allow_hyphen_values = true,
-        value_name = "KG"
-    )]
-    payload: f64,
+    #[command(flatten)]
+    loads: LoadArgs,
     /// Show the robot's base
     #[arg(long)]
     base: bool,
@@ -67,7 +61,8 @@ enum Extra {
 struct Views<'a> {
     robot: &'a str,
     command: &'a [f64],
-    payload: f64,
+    #[serde(flatten)]
+    loads: LoadsSaid,
     sensor: Option<Sensor>,
     seed: u64,
     cameras: Vec<ViewFiles>,
@@ -103,13 +98,11 @@ struct MaskValue {
 }
 
 pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
+    output::folder("--out", &args.out, "a folder for the pictures of all cameras")?;
     let robot = Robot::new(super::load_robot(&args.robot)?)?;
     let command = robot.command(&args.command.lengths)?;
-    let payload = Payload {
-        mass: args.payload,
-        ..Payload::default()
-    };
-    let equilibrium = robot.settle(&command, &Loads::default().with_payload(payload)?);
+    let loads = args.loads.on(&robot)?;
+    let equilibrium = robot.settle(&command, &loads);
     if !equilibrium.converged {
         let residual = equilibrium.residual;
         bail!("the robot did not settle: residual {residual:e} N m");
@@ -125,7 +118,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         scene.add_base(&robot, mesh);
     }
     if args.show.contains(&Extra::Payload) {
-        scene.add_payload(&robot, &equilibrium, &payload);
+        scene.add_payload(&robot, &equilibrium, &loads.tip_payload());
     }
     if args.show.contains(&Extra::Tendons) {
         scene.add_tendons(&robot, &equilibrium);
@@ -143,7 +136,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     let views = Views {
         robot: &robot.spec().name,
         command: command.as_slice(),
-        payload: args.payload,
+        loads: LoadsSaid::new(&loads),
         sensor,
         seed: args.seed,
         cameras: (frames.iter().enumerate())

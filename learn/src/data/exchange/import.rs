@@ -11,6 +11,7 @@ use super::{EXTENSIONS, Fault, NpzArray, NpzValues, read_cloud, write_npz};
 use crate::data::collector::{foreign_entry, remove_staging};
 use crate::data::conditions::rng;
 use crate::data::{Collector, Condition, DataError, DataSet, Meta, Origin, Sample, Split};
+use crate::limits::{MAX_JSON, read_file};
 
 /// Folder of what an export has written, inside the one that it is to fill.
 const STAGING: &str = ".partial-export";
@@ -18,15 +19,61 @@ const STAGING: &str = ".partial-export";
 /// Samples per file on disk.
 const SAMPLES_PER_SHARD: usize = 250;
 
+/// The unit of clouds in files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LengthUnit {
+    /// Metres.
+    #[default]
+    Metre,
+    /// Centimetres.
+    Centimetre,
+    /// Millimetres.
+    Millimetre,
+}
+
+impl LengthUnit {
+    /// Its length (m).
+    pub fn metres(self) -> f64 {
+        match self {
+            Self::Metre => 1.0,
+            Self::Centimetre => 1e-2,
+            Self::Millimetre => 1e-3,
+        }
+    }
+
+    /// Its name, of several.
+    fn plural(self) -> &'static str {
+        match self {
+            Self::Metre => "metres",
+            Self::Centimetre => "centimetres",
+            Self::Millimetre => "millimetres",
+        }
+    }
+}
+
 /// How a folder becomes a data set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportSettings {
+    /// Unit of the clouds; the data set is in metres.
+    pub unit: LengthUnit,
     /// Points per cloud.
     pub points: usize,
     /// Edge of the voxel grid that thins the clouds (m); `None` leaves them as they are.
     pub voxel_size: Option<f64>,
     /// Seed of the points that are kept, and of the splits.
     pub seed: u64,
+}
+
+impl Default for ImportSettings {
+    /// Clouds of 10,000 points in metres, not thinned.
+    fn default() -> Self {
+        Self {
+            unit: LengthUnit::default(),
+            points: 10_000,
+            voxel_size: None,
+            seed: 0,
+        }
+    }
 }
 
 /// Format of exported clouds.
@@ -45,7 +92,7 @@ struct Motors {
 }
 
 /// Makes a data set in the folder `out` of the clouds in `dir`, in the order of their names. Beside each cloud `NAME.ply`,
-/// `.pcd`, `.npy` or `.npz` (m), `NAME.json` holds its motors, `{"ctrl": [...]}`, in any unit. Returns the number of
+/// `.pcd`, `.npy` or `.npz`, `NAME.json` holds its motors, `{"ctrl": [...]}`, in any unit. Returns the number of
 /// clouds. Interrupted, the same call goes on where it stopped.
 ///
 /// # Errors
@@ -63,7 +110,15 @@ pub fn import(dir: &Path, out: &Path, settings: &ImportSettings) -> Result<usize
         points_per_cloud: settings.points,
         samples_per_shard: SAMPLES_PER_SHARD,
         origin: Origin::Imported {
-            source: format!("{} clouds from {}", clouds.len(), dir.display()),
+            source: match settings.unit {
+                LengthUnit::Metre => format!("{} clouds from {}", clouds.len(), dir.display()),
+                unit => format!(
+                    "{} clouds in {} from {}",
+                    clouds.len(),
+                    unit.plural(),
+                    dir.display()
+                ),
+            },
         },
     };
     let collector = Collector::open(out, &meta)?;
@@ -94,6 +149,11 @@ fn read_sample(
             .into());
     }
     let mut cloud = read_cloud(path)?;
+    if settings.unit != LengthUnit::Metre {
+        for x in cloud.points.as_flattened_mut() {
+            *x = (f64::from(*x) * settings.unit.metres()) as f32;
+        }
+    }
     if let Some(size) = settings.voxel_size {
         cloud = cloud.voxel_downsample(VoxelGrid::new(size));
     }
@@ -104,7 +164,7 @@ fn read_sample(
 /// The motors beside a cloud.
 fn read_motors(cloud: &Path) -> Result<Vec<f32>, DataError> {
     let path = cloud.with_extension("json");
-    let bytes = std::fs::read(&path).map_err(DataError::io("read", &path))?;
+    let bytes = read_file(&path, MAX_JSON).map_err(DataError::io("read", &path))?;
     let motors = serde_json::from_slice::<Motors>(&bytes);
     let motors = motors.map_err(|source| DataError::Json {
         path: path.clone(),

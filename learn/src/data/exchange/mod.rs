@@ -7,15 +7,20 @@ mod pcd;
 mod ply;
 mod table;
 
-pub use import::{ExportFormat, ImportSettings, export, import};
+pub use import::{ExportFormat, ImportSettings, LengthUnit, export, import};
 pub use npz::{NpzArray, NpzRows, NpzValues, write_npz};
 
 use std::path::{Path, PathBuf};
 
 use tdcr_sim::cloud::PointCloud;
 
+use crate::limits::{MAX_FILE, read_file};
+
 /// Colour of points whose file gives none.
 const GREY: [u8; 3] = [128; 3];
+
+/// Most points of a file: more than any depth camera or laser scanner sees from around a robot.
+const MAX_POINTS: usize = 1 << 25;
 
 /// Extensions of the files that clouds are read from.
 pub(super) const EXTENSIONS: [&str; 4] = ["ply", "pcd", "npy", "npz"];
@@ -56,7 +61,18 @@ impl Fault {
     }
 }
 
-/// Reads a cloud (m) from a PLY (ASCII or binary little-endian), PCD (ASCII or binary), NPY or NPZ file, by its
+/// Refuses more points than any cloud has.
+fn require_points(place: impl ToString, count: usize) -> Result<(), Fault> {
+    match count {
+        0..=MAX_POINTS => Ok(()),
+        _ => Err(Fault::new(
+            place,
+            format!("{count} points, expected at most {MAX_POINTS}: thin the cloud"),
+        )),
+    }
+}
+
+/// Reads a cloud, in the unit of the file, from a PLY (ASCII or binary little-endian), PCD (ASCII or binary), NPY or NPZ file, by its
 /// extension. Points that are not finite, with which depth cameras mark what they did not see, are left out; points
 /// without a colour are grey.
 ///
@@ -74,7 +90,7 @@ pub fn read_cloud(path: &Path) -> Result<PointCloud, CloudFileError> {
             return Err(Fault::new("name", problem).at(path));
         }
     };
-    let bytes = std::fs::read(path).map_err(|error| Fault::new("file", error).at(path))?;
+    let bytes = read_file(path, MAX_FILE).map_err(|error| Fault::new("file", error).at(path))?;
     let mut cloud = parse(&bytes).map_err(|fault| fault.at(path))?;
     let seen = |point: &[f32; 3]| point.iter().all(|x| x.is_finite());
     let kept: Vec<bool> = cloud.points.iter().map(seen).collect();

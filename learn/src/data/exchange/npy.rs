@@ -3,27 +3,45 @@
 use std::io::{self, Cursor, Read, Seek, Write};
 
 use tdcr_sim::cloud::PointCloud;
+use zip::read::ZipFile;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
-use super::{Fault, GREY};
+use super::table::Kind;
+use super::{Fault, GREY, require_points};
+use crate::limits;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
-
-/// Most bytes that an array of an archive may unfold to.
-const MAX_UNPACKED: u64 = 1 << 32;
 
 /// Names of the array of points, and of that of colours.
 const POINTS: [&str; 4] = ["points", "data", "xyz", "arr_0"];
 const COLORS: [&str; 3] = ["rgb", "colors", "colours"];
 
-/// A table of numbers, row-major.
-struct Table {
+/// A table of numbers in the bytes of a file, row-major.
+struct Table<'a> {
     rows: usize,
     columns: usize,
-    values: Vec<f64>,
-    /// Whether they are bytes, as colours of 8 bits are.
-    bytes: bool,
+    data: &'a [u8],
+    kind: Kind,
+}
+
+impl Table<'_> {
+    /// Row after row, each as what reads the number in a column.
+    fn rows(&self) -> impl Iterator<Item = impl Fn(usize) -> f64> {
+        let (kind, size) = (self.kind, self.kind.size());
+        let rows = self.data.chunks_exact(self.columns * size);
+        rows.map(move |row| move |column| kind.read(&row[column * size..]))
+    }
+
+    /// The colours in the three columns from `first` on: 0 to 255 where they are bytes, else 0 to 1.
+    fn colors(&self, first: usize) -> Vec<[u8; 3]> {
+        let unit = if self.kind == Kind::U8 { 1.0 } else { 255.0 };
+        // Casts saturate, so that what is out of range is the nearest colour.
+        let color = |value: f64| (value * unit).round() as u8;
+        let rows = self.rows();
+        rows.map(|at| [0, 1, 2].map(|k| color(at(first + k))))
+            .collect()
+    }
 }
 
 /// A cloud of `(N, 3)` points, or `(N, 6)` with colours from 0 to 1, or to 255 in an array of bytes.
@@ -34,8 +52,7 @@ pub(super) fn parse_npy(bytes: &[u8]) -> Result<PointCloud, Fault> {
     }
     let mut cloud = points(&table);
     if table.columns == 6 {
-        let rows = table.values.chunks_exact(6);
-        cloud.colors = rows.map(|row| color(&row[3..], table.bytes)).collect();
+        cloud.colors = table.colors(3);
     }
     Ok(cloud)
 }
@@ -44,41 +61,61 @@ pub(super) fn parse_npy(bytes: &[u8]) -> Result<PointCloud, Fault> {
 pub(super) fn parse_npz(bytes: &[u8]) -> Result<PointCloud, Fault> {
     let mut archive =
         ZipArchive::new(Cursor::new(bytes)).map_err(|error| Fault::new("archive", error))?;
-    let mut find = |names: &[&str]| -> Result<Option<Table>, Fault> {
-        for name in names {
-            let Ok(mut file) = archive.by_name(&format!("{name}.npy")) else {
+    let mut find = |names: &[&'static str]| -> Result<Option<Member>, Fault> {
+        for &name in names {
+            let Ok(file) = archive.by_name(&format!("{name}.npy")) else {
                 continue;
             };
-            let mut bytes = Vec::new();
-            let read = file.by_ref().take(MAX_UNPACKED).read_to_end(&mut bytes);
-            read.map_err(|error| Fault::new(format!("array `{name}`"), error))?;
-            let inside = |fault: Fault| Fault {
-                place: format!("array `{name}`, {}", fault.place),
-                ..fault
-            };
-            return parse(&bytes).map(Some).map_err(inside);
+            return Member::unpack(name, file, bytes.len() as u64).map(Some);
         }
         Ok(None)
     };
-    let table = find(&POINTS)?;
-    let table = table.ok_or_else(|| {
+    let member = find(&POINTS)?;
+    let member = member.ok_or_else(|| {
         Fault::new(
             "archive",
             format!("no array of points, expected one of {POINTS:?}"),
         )
     })?;
+    let table = member.table()?;
     if table.columns != 3 {
         return Err(wrong_shape(&table, "(N, 3)"));
     }
     let mut cloud = points(&table);
-    if let Some(colors) = find(&COLORS)? {
+    if let Some(member) = find(&COLORS)? {
+        let colors = member.table()?;
         if (colors.rows, colors.columns) != (table.rows, 3) {
             return Err(wrong_shape(&colors, "the shape of the points"));
         }
-        let rows = colors.values.chunks_exact(3);
-        cloud.colors = rows.map(|row| color(row, colors.bytes)).collect();
+        cloud.colors = colors.colors(0);
     }
     Ok(cloud)
+}
+
+/// An array of an archive, unpacked.
+struct Member {
+    name: &'static str,
+    npy: Vec<u8>,
+}
+
+impl Member {
+    /// Unpacks `file` of an archive of `held` bytes, as far as the archive says that it is long.
+    fn unpack<R: Read>(name: &'static str, file: ZipFile<R>, held: u64) -> Result<Self, Fault> {
+        let place = || format!("array `{name}`");
+        let asked = file.size();
+        limits::require(asked, held).map_err(|error| Fault::new(place(), error))?;
+        let mut npy = Vec::with_capacity(asked as usize);
+        let read = file.take(asked).read_to_end(&mut npy);
+        read.map_err(|error| Fault::new(place(), error))?;
+        Ok(Self { name, npy })
+    }
+
+    fn table(&self) -> Result<Table<'_>, Fault> {
+        parse(&self.npy).map_err(|fault| Fault {
+            place: format!("array `{}`, {}", self.name, fault.place),
+            ..fault
+        })
+    }
 }
 
 fn wrong_shape(table: &Table, expected: &str) -> Fault {
@@ -90,22 +127,15 @@ fn wrong_shape(table: &Table, expected: &str) -> Fault {
 }
 
 fn points(table: &Table) -> PointCloud {
-    let rows = table.values.chunks_exact(table.columns);
-    let points = rows.map(|row| [0, 1, 2].map(|k| row[k] as f32)).collect();
+    let rows = table.rows();
     PointCloud {
-        points,
+        points: rows.map(|at| [0, 1, 2].map(|k| at(k) as f32)).collect(),
         colors: vec![GREY; table.rows],
     }
 }
 
-/// Casts saturate, so that what is out of range is the nearest colour.
-fn color(channels: &[f64], bytes: bool) -> [u8; 3] {
-    let unit = if bytes { 1.0 } else { 255.0 };
-    [0, 1, 2].map(|k| (channels[k] * unit).round() as u8)
-}
-
 /// Reads a two-dimensional array of little-endian numbers in C order.
-fn parse(bytes: &[u8]) -> Result<Table, Fault> {
+fn parse(bytes: &[u8]) -> Result<Table<'_>, Fault> {
     let fault = |problem: &str| Fault::new("header", problem);
     let short = || fault("the file ends within its header");
     if !bytes.starts_with(MAGIC) {
@@ -153,33 +183,27 @@ fn parse(bytes: &[u8]) -> Result<Table, Fault> {
         return Err(fault(&format!("shape {shape:?}, expected two dimensions")));
     };
     let data = &bytes[start + length..];
-    let values: Vec<f64> = match descr {
-        "<f4" => numbers(data, |b| f64::from(f32::from_le_bytes(b))),
-        "<f8" => numbers(data, f64::from_le_bytes),
-        "|u1" => data.iter().map(|&byte| byte.into()).collect(),
+    let kind = match descr {
+        "<f4" => Kind::F32,
+        "<f8" => Kind::F64,
+        "|u1" => Kind::U8,
         _ => {
             let problem = format!("elements of type `{descr}`, expected <f4, <f8 or |u1");
             return Err(fault(&problem));
         }
     };
-    if rows.checked_mul(columns) != Some(values.len()) || values.is_empty() {
-        let problem = format!("{} numbers, expected {rows} times {columns}", values.len());
+    let count = data.len() / kind.size();
+    if rows.checked_mul(columns) != Some(count) || count == 0 {
+        let problem = format!("{count} numbers, expected {rows} times {columns}");
         return Err(Fault::new(format!("byte {}", start + length), problem));
     }
+    require_points("header", rows)?;
     Ok(Table {
         rows,
         columns,
-        values,
-        bytes: descr == "|u1",
+        data,
+        kind,
     })
-}
-
-fn numbers<const N: usize>(data: &[u8], read: impl Fn([u8; N]) -> f64) -> Vec<f64> {
-    data.as_chunks()
-        .0
-        .iter()
-        .map(|&bytes| read(bytes))
-        .collect()
 }
 
 /// An NPY file, version 1.0, up to its data, which follow in C order.

@@ -2,9 +2,12 @@
 
 use tdcr_sim::cloud::PointCloud;
 
-use super::Fault;
 use super::ply::Lines;
 use super::table::{Column, Kind, Layout};
+use super::{Fault, require_points};
+
+/// Most numbers of a point: PCL's largest descriptor has 7,992.
+const MAX_COLUMNS: usize = 1 << 14;
 
 /// The cloud of a file.
 pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
@@ -39,6 +42,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
     let area = width.zip(height).and_then(|(w, h)| w.checked_mul(h));
     let count = points.or(area);
     let count = count.ok_or_else(|| Fault::new("header", "no POINTS, expected their number"))?;
+    require_points("header", count)?;
     match data {
         "ascii" => {
             let text = std::str::from_utf8(lines.rest)
@@ -87,12 +91,23 @@ fn columns(
             }
         };
         let count = counts.get(k).map_or(Some(1), |count| count.parse().ok());
-        let count: usize = count.filter(|&count| count <= 4096).ok_or_else(|| {
+        let count: usize = count.ok_or_else(|| {
             let problem = format!("COUNT of `{name}` is {}, not a number", counts[k]);
             Fault::new("header", problem)
         })?;
-        columns.extend((0..count).map(|_| Column {
-            name: (*name).to_owned(),
+        if count > MAX_COLUMNS - columns.len() {
+            let problem = format!(
+                "COUNT of `{name}` is {count}, expected at most {MAX_COLUMNS} numbers a point in all"
+            );
+            return Err(Fault::new("header", problem));
+        }
+        // The first number has the field's name, and none else: a long one is not repeated.
+        columns.extend((0..count).map(|k| Column {
+            name: if k == 0 {
+                (*name).to_owned()
+            } else {
+                String::new()
+            },
             kind,
         }));
     }

@@ -2,11 +2,8 @@
 
 use tdcr_sim::cloud::PointCloud;
 
-use super::Fault;
 use super::table::{Column, Kind, Layout};
-
-/// Most points of a file: far above any camera's.
-const MAX_POINTS: usize = 1 << 30;
+use super::{Fault, require_points};
 
 /// The cloud of a file's vertices.
 pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
@@ -29,8 +26,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
                 return Err(fault("expected format ascii or binary_little_endian"));
             }
             ["element", name, count] => {
-                let count = count.parse().ok().filter(|&count| count <= MAX_POINTS);
-                let count = count.ok_or_else(|| fault("expected a number of elements"))?;
+                let count = count.parse::<u32>().ok();
+                let count = count.ok_or_else(|| fault("expected a number of elements"))? as usize;
                 elements.push((name.to_owned(), count, Vec::new()));
             }
             ["property", "list", ..] if has_vertices(&elements) => {}
@@ -60,13 +57,14 @@ pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
     let (before, rest) = elements.split_at(vertex);
     let layout = Layout::of(rest[0].2.clone())?;
     let count = rest[0].1;
+    require_points("header", count)?;
     match format {
         Format::Ascii => {
             let text = std::str::from_utf8(lines.rest)
                 .map_err(|_| Fault::new("points", "not text, though the format is ascii"))?;
             let skipped: usize = before.iter().map(|(_, count, _)| count).sum();
-            let text: Vec<&str> = text.lines().skip(skipped).collect();
-            layout.ascii(&text.join("\n"), count, lines.number + skipped + 1)
+            let rest = after_lines(text, skipped);
+            layout.ascii(rest, count, lines.number + skipped + 1)
         }
         Format::Binary => {
             let size = |(_, count, columns): &(String, usize, Vec<Column>)| {
@@ -79,6 +77,17 @@ pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
             let skipped = before.iter().map(size).sum::<usize>().min(lines.rest.len());
             let offset = bytes.len() - lines.rest.len() + skipped;
             layout.binary(&lines.rest[skipped..], count, offset)
+        }
+    }
+}
+
+/// What follows the first `count` lines.
+fn after_lines(text: &str, count: usize) -> &str {
+    match count.checked_sub(1) {
+        None => text,
+        Some(last) => {
+            let end = text.match_indices('\n').nth(last);
+            end.map_or("", |(end, _)| &text[end + 1..])
         }
     }
 }

@@ -35,7 +35,7 @@ impl Kind {
     }
 
     /// The little-endian number that `bytes` start with, as many as [`size`](Self::size).
-    fn read(self, bytes: &[u8]) -> f64 {
+    pub fn read(self, bytes: &[u8]) -> f64 {
         let mut raw = [0; 8];
         raw[..self.size()].copy_from_slice(&bytes[..self.size()]);
         let word = u64::from_le_bytes(raw);

@@ -3,7 +3,7 @@
 //! Minimises the weighted sum of the targets' squared errors over the box of commands, from those of
 //! a few hundred sampled commands whose shapes come nearest. Every answer is checked by settling its
 //! command from the straight pose, and says whether the targets are reached, or how it knows that
-//! nothing better is near.
+//! nothing better is near. Targets that move are followed by a [`ShapePath`].
 //!
 //! ```
 //! use tdcr_sim::inverse::shape::{Outcome, Search, ShapeController, Target};
@@ -18,9 +18,11 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod path;
 mod problem;
 mod target;
 
+pub use path::{Arrival, PathPoint, ShapePath};
 pub use target::{Goal, Target};
 
 use rand::SeedableRng;
@@ -29,7 +31,7 @@ use thiserror::Error;
 
 use crate::robot::{Command, LoadError, Loads, Robot};
 use crate::statics::Equilibrium;
-use problem::Problem;
+use problem::{Place, Problem, shares};
 
 /// How to search for a command.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,7 +76,8 @@ pub struct ShapeController<'a> {
 pub struct ShapeSolution {
     /// The command, within the tendons' ranges.
     pub command: Command,
-    /// Where the robot settles under it from the straight pose, as by [`Robot::settle`].
+    /// Where the robot settles under it: from the straight pose, as by [`Robot::settle`], but for a
+    /// [`PathPoint`]'s.
     pub equilibrium: Equilibrium,
     /// Distance left to each target (m), without weights.
     pub errors: Vec<f64>,
@@ -193,6 +196,11 @@ impl<'a> ShapeController<'a> {
     /// start leads to a stable equilibrium.
     pub fn reach(&self, targets: &[Target]) -> Result<ShapeSolution, ShapeError> {
         let problem = self.problem(targets)?;
+        problem.best_of(self.starts(targets))
+    }
+
+    /// The samples that come nearest to `targets`.
+    fn starts(&self, targets: &[Target]) -> impl Iterator<Item = &(Command, Equilibrium)> {
         let cost = |sample: &(Command, Equilibrium)| {
             let weighted = |t: &Target| t.weight * t.error(&sample.1).norm_squared();
             targets.iter().map(weighted).sum::<f64>()
@@ -201,13 +209,32 @@ impl<'a> ShapeController<'a> {
             .map(|(index, sample)| (cost(sample), index))
             .collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let starts = order.iter().take(self.search.starts.max(1));
-        let starts = starts.map(|&(_, index)| &self.samples[index]);
-        problem.best_of(starts)
+        let starts = order.into_iter().take(self.search.starts.max(1));
+        starts.map(|(_, index)| &self.samples[index])
     }
 
-    /// The command near `start` under which the robot comes nearest to `targets`: the way to follow
-    /// targets that move, without jumps from one solution to another.
+    /// A path of targets that the robot is led along without jumps. Its first targets are sought as by
+    /// [`ShapeController::reach`].
+    pub fn path(&self) -> ShapePath<'_, 'a> {
+        ShapePath::new(self, None)
+    }
+
+    /// A path that starts where the robot settles under `start`, from the straight pose.
+    ///
+    /// # Errors
+    /// [`ShapeError`] for a command of another robot, or under which it does not settle.
+    pub fn path_from(&self, start: &Command) -> Result<ShapePath<'_, 'a>, ShapeError> {
+        let start = self.robot.command(start.as_slice())?;
+        let settled = self.robot.settle(&start, &self.loads);
+        if !settled.converged {
+            return Err(ShapeError::Unsettled(1));
+        }
+        let x = shares(self.robot, &start);
+        Ok(ShapePath::new(self, Some(Place { x, settled })))
+    }
+
+    /// The command near `start` under which the robot comes nearest to `targets`. To follow targets
+    /// that move without jumps, see [`ShapeController::path`].
     ///
     /// # Errors
     /// As [`ShapeController::reach`]; also for a command of another robot.

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix3xX};
 
 use super::{ActiveBound, Bound, Outcome, Search, ShapeError, ShapeSolution, Target};
 use crate::chain::Configuration;
-use crate::inverse::least_squares::{Evaluation, Fit, minimise};
+use crate::inverse::least_squares::{Evaluation, minimise};
 use crate::robot::{Command, Loads, Robot};
 use crate::statics::{Equilibrium, Settler};
 
@@ -18,6 +18,13 @@ pub(super) struct Problem<'a> {
     pub loads: &'a Loads,
     pub search: &'a Search,
     pub targets: &'a [Target],
+}
+
+/// A command, as shares of the tendons' ranges, and the equilibrium under it.
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    pub x: DVector<f64>,
+    pub settled: Equilibrium,
 }
 
 impl Problem<'_> {
@@ -47,6 +54,16 @@ impl Problem<'_> {
         Ok(found)
     }
 
+    /// What a descent from each start leads to.
+    pub fn all_of<'s>(
+        &self,
+        starts: impl Iterator<Item = &'s (Command, Equilibrium)>,
+    ) -> Vec<ShapeSolution> {
+        let mut settler = Settler::new(self.robot);
+        let found = starts.filter_map(|start| self.descend(&mut settler, start));
+        found.map(|(_, found)| found).collect()
+    }
+
     /// Descends from one command; also returns the cost reached.
     fn descend(
         &self,
@@ -54,7 +71,7 @@ impl Problem<'_> {
         (command, settled): &(Command, Equilibrium),
     ) -> Option<(f64, ShapeSolution)> {
         let bounds = vec![[0.0, 1.0]; self.robot.tendons.len()];
-        let mut x = self.shares(command);
+        let mut x = shares(self.robot, command);
         let mut at = self.evaluate(&x, settled.clone())?;
         let mut steps = 0;
         for _ in 0..MAX_RETURNS {
@@ -79,11 +96,15 @@ impl Problem<'_> {
             }
         }
         let cost = at.cost();
-        Some((cost, self.solution(Fit { x, at, steps })))
+        Some((cost, self.solution(x, at, steps)))
     }
 
     /// Residuals and Jacobian at an equilibrium; `None` where it is not stable.
-    fn evaluate(&self, x: &DVector<f64>, settled: Equilibrium) -> Option<Evaluation<Equilibrium>> {
+    pub fn evaluate(
+        &self,
+        x: &DVector<f64>,
+        settled: Equilibrium,
+    ) -> Option<Evaluation<Equilibrium>> {
         let command = self.command(x);
         let sensitivity = self.robot.sensitivity(&command, self.loads, &settled);
         let poses = sensitivity.ok()?.command_jacobian();
@@ -111,16 +132,7 @@ impl Problem<'_> {
         })
     }
 
-    fn shares(&self, command: &Command) -> DVector<f64> {
-        let tendons = self.robot.tendons.iter().zip(command.as_slice());
-        let share = |(tendon, value): (&crate::robot::Tendon, &f64)| {
-            let [low, high] = tendon.range;
-            (value - low) / (high - low)
-        };
-        DVector::from_iterator(self.robot.tendons.len(), tendons.map(share))
-    }
-
-    fn command(&self, x: &DVector<f64>) -> Command {
+    pub fn command(&self, x: &DVector<f64>) -> Command {
         let tendons = self.robot.tendons.iter().zip(x);
         let value = |(tendon, share): (&crate::robot::Tendon, &f64)| {
             let [low, high] = tendon.range;
@@ -140,33 +152,48 @@ impl Problem<'_> {
     }
 
     /// Whether a configuration is that of an equilibrium, to the tolerance as an angle on 1 m.
-    fn same_place(&self, followed: &Configuration, settled: &Equilibrium) -> bool {
+    pub fn same_place(&self, followed: &Configuration, settled: &Equilibrium) -> bool {
         let joints = followed.0.iter().zip(&settled.configuration.0);
         joints.fold(0.0, |largest: f64, (a, b)| largest.max(a.angle_to(b))) <= self.search.tolerance
     }
 
-    fn solution(&self, fit: Fit<Equilibrium>) -> ShapeSolution {
-        let gap = gap(&fit.x, &fit.at);
-        let outcome = if self.largest_error(&fit.at.memory) <= self.search.tolerance {
+    pub fn solution(
+        &self,
+        x: DVector<f64>,
+        at: Evaluation<Equilibrium>,
+        steps: usize,
+    ) -> ShapeSolution {
+        let gap = gap(&x, &at);
+        let outcome = if self.largest_error(&at.memory) <= self.search.tolerance {
             Outcome::Reached
         } else if gap <= self.search.tolerance {
-            let active = active_bounds(&fit.x, &fit.at);
+            let active = active_bounds(&x, &at);
             Outcome::Unreachable { active, gap }
         } else {
             Outcome::Stalled { gap }
         };
         ShapeSolution {
-            command: self.command(&fit.x),
-            errors: self.errors(&fit.at.memory),
-            equilibrium: fit.at.memory,
+            command: self.command(&x),
+            errors: self.errors(&at.memory),
+            equilibrium: at.memory,
             outcome,
-            steps: fit.steps,
+            steps,
         }
     }
 }
 
+/// A command as shares of the tendons' ranges.
+pub(super) fn shares(robot: &Robot, command: &Command) -> DVector<f64> {
+    let tendons = robot.tendons.iter().zip(command.as_slice());
+    let share = |(tendon, value): (&crate::robot::Tendon, &f64)| {
+        let [low, high] = tendon.range;
+        (value - low) / (high - low)
+    };
+    DVector::from_iterator(robot.tendons.len(), tendons.map(share))
+}
+
 /// The most that the norm of the residuals would fall by within the unit box, were it linear.
-fn gap<M>(x: &DVector<f64>, at: &Evaluation<M>) -> f64 {
+pub(super) fn gap<M>(x: &DVector<f64>, at: &Evaluation<M>) -> f64 {
     let gradient = at.gradient();
     let fall = |(x, slope): (&f64, &f64)| {
         if *slope > 0.0 {

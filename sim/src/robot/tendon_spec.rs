@@ -1,0 +1,121 @@
+//! Tendons in a robot's specification: drives, friction, routes.
+
+use serde::{Deserialize, Serialize};
+
+/// A tendon and its drive.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TendonSpec {
+    /// What a command means to the tendon.
+    pub drive: Drive,
+    /// Smallest and largest command (m, or N for a tension drive).
+    pub range: [f64; 2],
+    /// Whether the tendon can push.
+    #[serde(default, skip_serializing_if = "is_bilateral")]
+    pub pull: Pull,
+    /// Axial stiffness of the tendon itself (N/m), in series with the servo's; inextensible where
+    /// the file does not give it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axial_stiffness: Option<f64>,
+    /// Friction in the holes; none where the file does not give it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub friction: Option<Friction>,
+}
+
+/// What a command means to a tendon of length `L`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Drive {
+    /// A rest length `c` (m), through the servo's gain kp (N/m): the tension is `kp (L - c)`.
+    Gain(f64),
+    /// The length itself (m): `L = c`, by whatever tension it takes.
+    Length,
+    /// The tension (N), whatever the length.
+    Tension,
+}
+
+/// Whether a tendon can push.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pull {
+    /// It pulls and pushes, as MuJoCo's position actuator does.
+    #[default]
+    Bilateral,
+    /// It only pulls, and is slack when shorter than commanded.
+    TensionOnly,
+}
+
+/// Friction of a tendon in its holes (capstan law): over a hole at which it turns by the angle
+/// `theta`, its tension may change by a factor up to `exp(mu theta)`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Friction {
+    /// Coefficient of friction `mu`.
+    pub coefficient: f64,
+    /// Stiffness of a sticking contact (N/m): before it slips, the tendon gives way by the friction
+    /// force divided by this.
+    #[serde(default = "contact_stiffness")]
+    pub contact_stiffness: f64,
+}
+
+/// A tendon with a route of its own.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RouteSpec {
+    /// The holes it goes through, from the servo to where it is fastened; at least two.
+    pub through: Vec<Waypoint>,
+    /// The tendon.
+    pub tendon: TendonSpec,
+}
+
+/// A hole on a tendon's route, in files `[body, hole]`: the hole's number in its body's list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Waypoint(pub Body, pub usize);
+
+/// A body of the robot; in files `"base"`, or the disc's number counted from the base.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "BodyName", into = "BodyName")]
+pub enum Body {
+    /// The fixed base.
+    Base,
+    /// Disc `i`, from 0 at the base.
+    Disc(usize),
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected \"base\" or a disc's number")]
+enum BodyName {
+    Disc(usize),
+    Name(String),
+}
+
+impl TryFrom<BodyName> for Body {
+    type Error = String;
+
+    fn try_from(name: BodyName) -> Result<Self, String> {
+        match name {
+            BodyName::Disc(index) => Ok(Self::Disc(index)),
+            BodyName::Name(name) if name == "base" => Ok(Self::Base),
+            BodyName::Name(name) => Err(format!(
+                "unknown body `{name}`: expected \"base\" or a disc's number"
+            )),
+        }
+    }
+}
+
+impl From<Body> for BodyName {
+    fn from(body: Body) -> Self {
+        match body {
+            Body::Base => Self::Name("base".to_owned()),
+            Body::Disc(index) => Self::Disc(index),
+        }
+    }
+}
+
+fn is_bilateral(pull: &Pull) -> bool {
+    *pull == Pull::Bilateral
+}
+
+fn contact_stiffness() -> f64 {
+    1e5
+}

@@ -1,0 +1,148 @@
+//! Chains of discs with a rod against a continuous Cosserat rod: 500 shapes of a steel rod under
+//! gravity and wrenches in the middle and at the tip, by SoRoSim (`data/sorosim`).
+//!
+//! `cargo test --release -p tdcr-sim --test cosserat -- --nocapture` prints the table of
+//! docs/validation.md.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use tdcr_sim::robot::{Frame, Loads, Robot, RobotSpec, Wrench};
+use tdcr_sim::statics::Equilibrium;
+
+/// The rod's length (m): the shapes' errors are given as shares of it.
+const LENGTH: f64 = 0.6;
+
+/// One shape, in a frame where the straight rod stands along z.
+struct Shape {
+    gravity: [f64; 3],
+    /// Moment (N m) and force (N) in the middle and at the tip.
+    wrenches: [[Vector3<f64>; 2]; 2],
+    /// Arc length (m) and position (m) of each station.
+    stations: Vec<(f64, Vector3<f64>)>,
+}
+
+fn shapes() -> Vec<Shape> {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/tests/data/sorosim/spring_steel_statics.csv"
+    );
+    let text = std::fs::read_to_string(path).unwrap();
+    let rows: Vec<Vec<f64>> = (text.lines().skip(1))
+        .map(|row| row.split(',').skip(1).map(|n| n.parse().unwrap()).collect())
+        .collect();
+    let upright = Matrix3::new(0.0, 0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0);
+    let (shares, shapes) = rows.split_first().unwrap();
+    let station = |column: usize| {
+        let segment = if column < 10 { 0.0 } else { 1.0 };
+        LENGTH / 2.0 * (segment + shares[column])
+    };
+    let shape = |rows: &[Vec<f64>]| {
+        let at = |first: usize, column: usize| {
+            upright * Vector3::from_fn(|axis, _| rows[first + axis][column])
+        };
+        Shape {
+            gravity: at(3, 0).into(),
+            wrenches: [1, 2].map(|column| [at(0, column), at(3, column)]),
+            stations: (3..17).map(|c| (station(c), at(3, c))).collect(),
+        }
+    };
+    shapes.chunks(6).map(shape).collect()
+}
+
+/// The rod as a chain of discs without mass, from a robot file's text.
+fn rod(discs: usize) -> RobotSpec {
+    toml::from_str(&format!(
+        "name = \"rod\"
+        gravity = [0.0, 0.0, 0.0]
+        routing = \"base\"
+        base = {{ position = [0.0, 0.0, 0.0], holes = [], hole_height = 0.0 }}
+        [[modules]]
+        discs = {discs}
+        length = {LENGTH}
+        joint_below = {}
+        radius = 0.0008
+        half_height = 0.001
+        mass = {{ density = 0.0 }}
+        holes = []
+        damping = 0.0
+        armature = 0.0
+        rod = {{ youngs = 200e9, poisson = 0.33, radius = 0.0008, density = 7870.0 }}",
+        LENGTH / discs as f64 / 2.0
+    ))
+    .unwrap()
+}
+
+fn settle(shape: &Shape, discs: usize) -> Equilibrium {
+    let mut spec = rod(discs);
+    spec.gravity = shape.gravity;
+    let robot = Robot::new(spec).unwrap();
+    let mut loads = Loads::default();
+    for (disc, [moment, force]) in [discs / 2 - 1, discs - 1].into_iter().zip(shape.wrenches) {
+        let wrench = Wrench {
+            force: force.into(),
+            moment: moment.into(),
+            ..Wrench::none(disc, FRAME)
+        };
+        loads = loads.with_wrench(wrench).unwrap();
+    }
+    let settled = robot.settle(&robot.command(&[]).unwrap(), &loads);
+    assert!(settled.converged, "{}", settled.residual);
+    settled
+}
+
+/// The point at arc length `s` (m): cubic between the discs' origins, along the discs' axes there.
+fn point(settled: &Equilibrium, s: f64) -> Vector3<f64> {
+    let n = settled.positions.len();
+    let pitch = LENGTH / n as f64;
+    let above = ((s / pitch) as usize).min(n - 1);
+    let end = |disc: Option<usize>| match disc {
+        None => (Vector3::zeros(), Vector3::z()),
+        Some(disc) => (
+            settled.positions[disc],
+            settled.orientations[disc] * Vector3::z(),
+        ),
+    };
+    let ((p, u), (q, v)) = (end(above.checked_sub(1)), end(Some(above)));
+    let t = s / pitch - above as f64;
+    p * ((1.0 + 2.0 * t) * (1.0 - t) * (1.0 - t))
+        + q * (t * t * (3.0 - 2.0 * t))
+        + (u * (t * (1.0 - t) * (1.0 - t)) + v * (t * t * (t - 1.0))) * pitch
+}
+
+/// Mean, median and largest.
+fn summary(mut errors: Vec<f64>) -> [f64; 3] {
+    errors.sort_by(f64::total_cmp);
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    let median = errors[errors.len() / 2];
+    [mean, median, errors[errors.len() - 1]]
+}
+
+#[test]
+fn chains_of_discs_take_the_shapes_of_a_cosserat_rod() {
+    let shapes = shapes();
+    assert_eq!(shapes.len(), 500);
+    println!("|  discs | error (mm) | mean | median | worst | mean (% of length) | worst (%) |");
+    println!("|---|---|---|---|---|---|---|");
+    let mut medians = Vec::new();
+    for discs in [20, 40, 80] {
+        let errors = shapes.par_iter().map(|shape| {
+            let settled = settle(shape, discs);
+            let error = |&(s, p): &(f64, Vector3<f64>)| (point(&settled, s) - p).norm();
+            let all: Vec<f64> = shape.stations.iter().map(error).collect();
+            (all.iter().sum::<f64>() / all.len() as f64, all[13])
+        });
+        let (stations, tips): (Vec<f64>, Vec<f64>) = errors.collect::<Vec<_>>().into_iter().unzip();
+        for (what, errors) in [("mean over the 14 stations", stations), ("tip", tips)] {
+            let [mean, median, worst] = summary(errors).map(|error| error * 1e3);
+            let share = 100.0 / (LENGTH * 1e3);
+            println!(
+                "| {discs} | {what} | {mean:.3} | {median:.3} | {worst:.3} | {:.3} | {:.3} |",
+                mean * share,
+                worst * share
+            );
+            medians.push([mean, median, worst]);
+        }
+    }
+}
+const FRAME: Frame = Frame::World;

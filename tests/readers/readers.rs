@@ -1,0 +1,245 @@
+//! Every reader of bytes that someone else may have written, as a function of the bytes.
+//!
+//! What a reader returns does not matter: it must not panic, abort, or take memory and time that its input does not
+//! warrant. The tests beside this file and the fuzz targets in `fuzz/` call the same functions.
+
+use std::fs;
+use std::path::Path;
+
+use serde::Deserialize;
+use serde_json::json;
+use tdcr::learn::data::{DataSet, ImportSettings, Split, import, read_cloud};
+use tdcr::learn::train::{Model, TrainingState};
+use tdcr::pipeline::{PipelineError, Scores};
+use tdcr::sim::render::Shape;
+use tdcr::sim::robot::{Robot, RobotSpec};
+
+// Parts of the program that no library has: here they are read with all that they need.
+#[path = "../../src/cli/commands.rs"]
+#[allow(dead_code, reason = "the program needs more of it")]
+mod commands;
+#[path = "../../src/pipeline/journal.rs"]
+#[allow(dead_code, reason = "the program needs more of it")]
+mod journal;
+
+/// A reader's name, and the reader.
+pub type Reader = (&'static str, fn(&[u8]));
+
+/// All readers.
+pub const READERS: [Reader; 18] = [
+    ("robot_toml", robot_toml),
+    ("robot_json", robot_json),
+    ("mjcf", mjcf),
+    ("urdf", urdf),
+    ("stl", stl),
+    ("meta", meta),
+    ("motor_ranges", motor_ranges),
+    ("point_scale", point_scale),
+    ("shard", shard),
+    ("npy", npy),
+    ("npz", npz),
+    ("pcd", pcd),
+    ("ply", ply),
+    ("motors", motors),
+    ("model", model),
+    ("training_state", training_state),
+    ("journal", journal),
+    ("commands", commands),
+];
+
+/// Robot files (TOML).
+pub fn robot_toml(bytes: &[u8]) {
+    robot("robot.toml", bytes);
+}
+
+/// Robot files (JSON).
+pub fn robot_json(bytes: &[u8]) {
+    robot("robot.json", bytes);
+}
+
+/// MuJoCo models.
+pub fn mjcf(bytes: &[u8]) {
+    robot("robot.xml", bytes);
+}
+
+/// URDF models.
+pub fn urdf(bytes: &[u8]) {
+    robot("robot.urdf", bytes);
+}
+
+fn robot(name: &str, bytes: &[u8]) {
+    in_file(name, bytes, |path| {
+        // What is read is a robot.
+        if let Ok(spec) = RobotSpec::load(&path.to_string_lossy()) {
+            drop(Robot::new(spec));
+        }
+    });
+}
+
+/// Triangle meshes.
+pub fn stl(bytes: &[u8]) {
+    in_file("mesh.stl", bytes, |path| drop(Shape::read_stl(path)));
+}
+
+const MOTOR_RANGES: &str = "global_motors_scope-all.json";
+const POINT_SCALE: &str = "global_norm_scope-all_anchor-origin.json";
+const SHARD: &str = "val/shard-00000.h5";
+
+/// Files of a small data set of 2 motors, written by h5py.
+const DATA_SET: [(&str, &[u8]); 3] = [
+    (
+        MOTOR_RANGES,
+        include_bytes!("../../learn/tests/data/chunked/global_motors_scope-all.json"),
+    ),
+    (
+        POINT_SCALE,
+        include_bytes!("../../learn/tests/data/chunked/global_norm_scope-all_anchor-origin.json"),
+    ),
+    (
+        SHARD,
+        include_bytes!("../../learn/tests/data/chunked/val/shard-00000.h5"),
+    ),
+];
+
+/// What a data set was made with.
+pub fn meta(bytes: &[u8]) {
+    data_set("meta.json", bytes);
+}
+
+/// Ranges of a data set's motors.
+pub fn motor_ranges(bytes: &[u8]) {
+    data_set(MOTOR_RANGES, bytes);
+}
+
+/// Scale of a data set's points.
+pub fn point_scale(bytes: &[u8]) {
+    data_set(POINT_SCALE, bytes);
+}
+
+/// Shards of a data set (HDF5).
+pub fn shard(bytes: &[u8]) {
+    data_set(SHARD, bytes);
+}
+
+/// Reads the small data set with `bytes` in the file `name`.
+fn data_set(name: &str, bytes: &[u8]) {
+    in_folder(|dir| {
+        fs::create_dir(dir.join("val")).expect("a folder can be made");
+        for (file, whole) in DATA_SET {
+            fs::write(dir.join(file), whole).expect("a file can be written");
+        }
+        fs::write(dir.join(name), bytes).expect("a file can be written");
+        if let Ok(set) = DataSet::open(dir) {
+            drop(set.read_split(Split::Val));
+            drop(set.cloud_set(Split::Val));
+        }
+    });
+}
+
+/// Clouds of NumPy.
+pub fn npy(bytes: &[u8]) {
+    cloud("cloud.npy", bytes);
+}
+
+/// Archives of NumPy.
+pub fn npz(bytes: &[u8]) {
+    cloud("cloud.npz", bytes);
+}
+
+/// Clouds of the Point Cloud Library.
+pub fn pcd(bytes: &[u8]) {
+    cloud("cloud.pcd", bytes);
+}
+
+/// Clouds in PLY files.
+pub fn ply(bytes: &[u8]) {
+    cloud("cloud.ply", bytes);
+}
+
+fn cloud(name: &str, bytes: &[u8]) {
+    in_file(name, bytes, |path| drop(read_cloud(path)));
+}
+
+/// Motors beside a cloud that is imported.
+pub fn motors(bytes: &[u8]) {
+    in_folder(|dir| {
+        let clouds = dir.join("clouds");
+        fs::create_dir(&clouds).expect("a folder can be made");
+        // Too few for a data set: the motors are read, and nothing is written.
+        fs::write(clouds.join("cloud.ply"), "").expect("a file can be written");
+        fs::write(clouds.join("cloud.json"), bytes).expect("a file can be written");
+        drop(import(
+            &clouds,
+            &dir.join("set"),
+            &ImportSettings::default(),
+        ));
+    });
+}
+
+/// Trained networks (safetensors).
+pub fn model(bytes: &[u8]) {
+    in_file("model.safetensors", bytes, |path| drop(Model::load(path)));
+}
+
+/// Training runs (safetensors).
+pub fn training_state(bytes: &[u8]) {
+    in_file("state.safetensors", bytes, |path| {
+        drop(TrainingState::load(path));
+    });
+}
+
+/// Finished pieces of an evaluation.
+pub fn journal(bytes: &[u8]) {
+    #[derive(Deserialize)]
+    #[allow(dead_code, reason = "it is read, not used")]
+    struct Entry {
+        index: usize,
+        scores: Scores,
+    }
+    in_file("journal", bytes, |path| {
+        drop(journal::Journal::open::<Entry>(path, &journal_key()));
+    });
+}
+
+/// A journal of two pieces.
+pub fn journal_file() -> Vec<u8> {
+    let file = tempfile::NamedTempFile::new().expect("a file can be made");
+    let opened = journal::Journal::open::<serde_json::Value>(file.path(), &journal_key());
+    let (journal, _) = opened.expect("a journal can be written");
+    for index in 0..2 {
+        let piece = json!({ "index": index, "scores": {} });
+        journal.add(&piece).expect("a journal can be written");
+    }
+    fs::read(file.path()).expect("a file can be read")
+}
+
+/// Whose work the journal is.
+fn journal_key() -> serde_json::Value {
+    json!({ "format": 1 })
+}
+
+/// Commands: JSON where the first byte is of a list, else CSV.
+pub fn commands(bytes: &[u8]) {
+    let name = match bytes.first() {
+        Some(b'[') => "commands.json",
+        _ => "commands.csv",
+    };
+    in_file(name, bytes, |path| {
+        drop(commands::read_commands(path, |_| Ok(())));
+    });
+}
+
+/// Has `read` read a file `name` of these bytes.
+fn in_file(name: &str, bytes: &[u8], read: impl FnOnce(&Path)) {
+    in_folder(|dir| {
+        let path = dir.join(name);
+        fs::write(&path, bytes).expect("a file can be written");
+        read(&path);
+    });
+}
+
+/// Makes a folder for `work`, and removes it.
+fn in_folder(work: impl FnOnce(&Path)) {
+    let dir = tempfile::tempdir().expect("a folder can be made");
+    work(dir.path());
+}
