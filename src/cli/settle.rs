@@ -12,7 +12,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
-use tdcr::sim::robot::{Command, Loads, Robot, Tendon};
+use tdcr::sim::robot::{Command, Loads, Robot};
 use tdcr::sim::sensitivity::{Axis, Parameter, SensitivityError};
 use tdcr::sim::statics::{Equilibrium, Settler};
 
@@ -28,13 +28,13 @@ pub(super) struct SettleArgs {
     /// Command of every tendon (m, or N for a tension drive), separated by commas
     #[arg(
         long = "command",
-        value_delimiter = ',',
+        value_parser = super::numbers,
         required_unless_present_any = ["random", "commands"],
         conflicts_with_all = ["random", "commands"],
         allow_hyphen_values = true,
         value_name = "C,C,..."
     )]
-    command: Vec<f64>,
+    command: Option<Box<[f64]>>,
     /// Settle all commands of a file: CSV, a line each, with a first line of names if need be, or JSON, a list of lists. A
     /// column `payload` (kg) stands for --payload
     #[arg(long, value_name = "FILE", conflicts_with = "random")]
@@ -104,7 +104,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(count) = args.random {
         return survey(&robot, &loads, count, args.seed, console);
     }
-    let command = robot.command(&args.command)?;
+    let command = robot.command(args.command.as_deref().unwrap_or_default())?;
     let equilibrium = robot.settle(&command, &loads);
     let tip_compliance = match args.compliance && equilibrium.converged {
         true => Some(tip_compliance(&robot, &command, &loads, &equilibrium)?),
@@ -113,7 +113,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     let settled = Settled {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),
-        command: args.command.clone(),
+        command: command.as_slice().to_vec(),
         loads: LoadsSaid::new(&loads),
         units: units(&robot),
         smallest_stiffness: stiffness(&robot, &command, &loads, &equilibrium),
@@ -146,7 +146,8 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
 
 /// Units of what results say of settled robots, by field.
 pub(super) fn units(robot: &Robot) -> Value {
-    let command: Vec<&str> = robot.tendons().iter().map(Tendon::unit).collect();
+    let tendons = robot.tendons().iter();
+    let command: Vec<&str> = tendons.map(|t| t.unit().symbol()).collect();
     json!({
         "command": command,
         "payload": "kg",
