@@ -17,7 +17,6 @@ use tdcr::sim::sensitivity::{Axis, Parameter, SensitivityError};
 use tdcr::sim::statics::{Equilibrium, Settler, Stability};
 
 use super::console::{Console, Interrupted};
-use super::entry::{self, Entry};
 use super::loads::{LoadArgs, LoadsSaid};
 use super::settle_many;
 
@@ -26,16 +25,16 @@ use super::settle_many;
 pub(super) struct SettleArgs {
     #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
-    /// Command of every tendon (m, or N for a tension drive), separated by commas; empty or left out for a robot without
-    /// tendons
+    /// Command of every tendon (m, or N for a tension drive), separated by commas; empty for a robot without tendons
     #[arg(
         long = "command",
-        value_delimiter = ',',
+        value_parser = super::numbers,
+        required_unless_present_any = ["random", "commands"],
         conflicts_with_all = ["random", "commands"],
         allow_hyphen_values = true,
         value_name = "C,C,..."
     )]
-    command: Vec<Entry>,
+    command: Option<Box<[f64]>>,
     /// Settle all commands of a file: CSV, a line each, with a first line of names if need be, or JSON, a list of lists. A
     /// column `payload` (kg) stands for --payload
     #[arg(long, value_name = "FILE", conflicts_with = "random")]
@@ -108,8 +107,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(count) = args.random {
         return survey(&robot, &loads, count, args.seed, console);
     }
-    entry::require_command(&args.command, robot.tendons().len());
-    let command = robot.command(&entry::numbers(&args.command)?)?;
+    let command = robot.command(args.command.as_deref().unwrap_or_default())?;
     let equilibrium = robot.settle(&command, &loads);
     let failure = equilibrium.failure(&robot, &command);
     let tip_compliance = match args.compliance && equilibrium.converged {
@@ -150,7 +148,8 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
 
 /// Units of what results say of settled robots, by field.
 pub(super) fn units(robot: &Robot) -> Value {
-    let command: Vec<&str> = (robot.tendons().iter().map(|t| t.unit().symbol())).collect();
+    let tendons = robot.tendons().iter();
+    let command: Vec<&str> = tendons.map(|t| t.unit().symbol()).collect();
     json!({
         "command": command,
         "payload": "kg",

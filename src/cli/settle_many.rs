@@ -156,7 +156,7 @@ fn settle(
 fn csv(robot: &Robot, settled: &[Settled]) -> String {
     let tendons = robot.tendons();
     let mut header: Vec<String> = (tendons.iter().enumerate())
-        .map(|(t, tendon)| format!("c{t} ({})", tendon.unit()))
+        .map(|(t, tendon)| format!("c{t} ({})", tendon.unit().symbol()))
         .collect();
     header.extend(
         [
