@@ -128,6 +128,7 @@ fn on_a_rod() -> RobotSpec {
         module.mass = MassSpec::Rigid(PerDisc::Uniform(RigidMass {
             mass: 2e-3,
             inertia: [3e-7, 3e-7, 5e-7],
+            centre_of_mass: [0.0; 3],
         }));
         module.armature = PerDisc::Uniform(1e-7);
         module.damping = PerDisc::Uniform(1e-4);
