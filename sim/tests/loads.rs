@@ -102,8 +102,11 @@ fn moment_about_joint(
     let mut moment = elastic_moment(robot, settled, disc);
     for i in disc..count {
         let half = |i: usize| robot.discs().get(i).map_or(0.0, |d| d.offset.norm() / 2.0);
-        let force = gravity * robot.discs()[i].mass + loads.line_load() * (half(i) + half(i + 1));
-        moment += (place(i) - joint).cross(&force);
+        let line = loads.line_load() * (half(i) + half(i + 1));
+        moment += (place(i) - joint).cross(&line);
+        let heavy = &robot.discs()[i];
+        let centre = place(i) + settled.orientations[i] * heavy.centre_of_mass;
+        moment += (centre - joint).cross(&(gravity * heavy.mass));
     }
     let payload = loads.tip_payload();
     let hung = place(count - 1) + settled.orientations[count - 1] * Vector3::from(payload.offset);

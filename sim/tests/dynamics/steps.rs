@@ -49,7 +49,10 @@ fn moving_masses(robot: &Robot, state: &State, payload: Payload) -> f64 {
     let (before, after) = (ahead(-1.0), ahead(1.0));
     let mut energy = 0.0;
     for (i, disc) in robot.discs().iter().enumerate() {
-        let velocity = (after.0[i] - before.0[i]) / (2.0 * size);
+        let centre = |at: &(Vec<Vector3<f64>>, Vec<UnitQuaternion<f64>>)| {
+            at.0[i] + at.1[i] * disc.centre_of_mass
+        };
+        let velocity = (centre(&after) - centre(&before)) / (2.0 * size);
         let spin = (before.1[i].inverse() * after.1[i]).scaled_axis() / (2.0 * size);
         let rate = Vector3::from_column_slice(&state.velocity[3 * i..3 * i + 3]);
         energy += 0.5 * disc.mass * velocity.norm_squared()
