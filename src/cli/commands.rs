@@ -73,8 +73,8 @@ fn read<T>(
     make: impl Fn(Vec<f64>, Option<&Columns>) -> anyhow::Result<T>,
 ) -> anyhow::Result<Vec<T>> {
     let name = file.display();
-    let text = std::fs::read_to_string(file)
-        .with_context(|| format!("cannot read {what} from {name}"))?;
+    let text =
+        std::fs::read_to_string(file).with_context(|| format!("cannot read {what} from {name}"))?;
     let mut made = Vec::new();
     if file
         .extension()
@@ -151,8 +151,7 @@ fn command_columns(names: &[&str]) -> anyhow::Result<Columns> {
         Some((number, place))
     };
     let is_payload = |name: &&str| name.eq_ignore_ascii_case("payload");
-    let mut command: Vec<(usize, usize)> =
-        names.iter().enumerate().filter_map(numbered).collect();
+    let mut command: Vec<(usize, usize)> = names.iter().enumerate().filter_map(numbered).collect();
     command.sort_unstable();
     let expected = 0..command.len();
     ensure!(
@@ -183,7 +182,11 @@ fn command_columns(names: &[&str]) -> anyhow::Result<Columns> {
 }
 
 fn point_columns(names: &[&str]) -> anyhow::Result<Columns> {
-    let place = |axis: &str| names.iter().position(|name| name.eq_ignore_ascii_case(axis));
+    let place = |axis: &str| {
+        names
+            .iter()
+            .position(|name| name.eq_ignore_ascii_case(axis))
+    };
     let axes: Option<Vec<usize>> = ["x", "y", "z"].into_iter().map(place).collect();
     let places = axes.with_context(|| {
         let found = list(names.iter().map(ToString::to_string));

@@ -20,9 +20,7 @@ mod settle_many;
 mod simulate;
 mod train;
 
-use std::io::Write;
 use std::num::NonZero;
-use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, ensure};
@@ -32,7 +30,6 @@ use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Target, TrainSettings};
 use tdcr::pipeline::PipelineError;
-use tdcr::sim::files::write_atomically;
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
 use tracing_subscriber::filter::LevelFilter;
@@ -245,12 +242,6 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
     }
-}
-
-/// Writes a file that is whole or keeps what it held.
-fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
-    write_atomically(path, |file| file.write_all(bytes.as_ref()))
-        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// A robot by name or file; says what of a file of another tool was passed over.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use clap::Args;
 use serde::Serialize;
 use tdcr::learn::data::{NpzArray, NpzRows, NpzValues, OutOfRange, write_npz};
@@ -124,7 +124,11 @@ fn check_out(args: &PredictArgs) -> anyhow::Result<()> {
     match args.commands {
         None => output::format("--out", &out, &["ply", "npz"]).map(drop),
         Some(_) if is_npz(&out) => Ok(()),
-        Some(_) => output::folder("--out", &out, "a .npz file, or a folder for a PLY file each"),
+        Some(_) => output::folder(
+            "--out",
+            &out,
+            "a .npz file, or a folder for a PLY file each",
+        ),
     }
 }
 

@@ -11,7 +11,7 @@ use tdcr::pipeline::Monitor;
 use tdcr::sim::inverse::shape::{
     Bound, Outcome, Search, ShapeController, ShapeError, ShapeSolution, Target,
 };
-use tdcr::sim::robot::{Robot, Tendon};
+use tdcr::sim::robot::Robot;
 
 use super::commands::read_points;
 use super::console::{Console, Interrupted};
@@ -106,7 +106,9 @@ fn reason(outcome: &Outcome) -> Option<String> {
                 Bound::Low => "low",
                 Bound::High => "high",
             };
-            let bounds = active.iter().map(|a| format!("{} ({})", a.tendon, end(a.bound)));
+            let bounds = active
+                .iter()
+                .map(|a| format!("{} ({})", a.tendon, end(a.bound)));
             let bounds: Vec<String> = bounds.collect();
             let bounds = bounds.join(", ");
             Some(format!(
@@ -133,7 +135,7 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
         ..Search::default()
     };
     let controller = ShapeController::new(&robot, &loads, search)?;
-    let command_units: Vec<&str> = robot.tendons().iter().map(Tendon::unit).collect();
+    let command_units: Vec<&str> = robot.tendons().iter().map(|t| t.unit().symbol()).collect();
     let table = Table {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),

@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use serde_json::{Value, json};
 use tdcr::pipeline::Monitor;
-use tdcr::sim::robot::{Command, Loads, Robot, Tendon};
+use tdcr::sim::robot::{Command, Loads, Robot};
 use tdcr::sim::sensitivity::{Axis, Parameter, SensitivityError};
 use tdcr::sim::statics::{Equilibrium, Settler};
 
@@ -145,7 +145,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
 
 /// Units of what results say of settled robots, by field.
 pub(super) fn units(robot: &Robot) -> Value {
-    let command: Vec<&str> = robot.tendons().iter().map(Tendon::unit).collect();
+    let command: Vec<&str> = robot.tendons().iter().map(|t| t.unit().symbol()).collect();
     json!({
         "command": command,
         "payload": "kg",
@@ -286,7 +286,14 @@ fn table(settled: &Settled) -> String {
         text.push_str(
             "\ntip by            Fx (N)     Fy (N)     Fz (N)   Mx (N m)   My (N m)   Mz (N m)\n",
         );
-        let names = ["x (m)", "y (m)", "z (m)", "rot x (rad)", "rot y (rad)", "rot z (rad)"];
+        let names = [
+            "x (m)",
+            "y (m)",
+            "z (m)",
+            "rot x (rad)",
+            "rot y (rad)",
+            "rot z (rad)",
+        ];
         for (name, row) in names.iter().zip(compliance) {
             let _ = write!(text, "{name:13}");
             for entry in row {

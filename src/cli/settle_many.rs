@@ -157,7 +157,17 @@ fn csv(robot: &Robot, settled: &[Settled]) -> String {
         .map(|(t, tendon)| format!("c{t} ({})", tendon.unit()))
         .collect();
     header.extend(
-        ["payload (kg)", "x (m)", "y (m)", "z (m)", "qw", "qx", "qy", "qz"].map(str::to_owned),
+        [
+            "payload (kg)",
+            "x (m)",
+            "y (m)",
+            "z (m)",
+            "qw",
+            "qx",
+            "qy",
+            "qz",
+        ]
+        .map(str::to_owned),
     );
     header.extend((0..tendons.len()).map(|t| format!("tension{t} (N)")));
     header.extend((0..tendons.len()).map(|t| format!("length{t} (m)")));

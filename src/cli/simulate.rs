@@ -90,9 +90,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         output::format("--linearise", file, &["json"])?;
     }
     let robot = Robot::new(super::load_robot(&args.robot)?)?;
-    let commands = read_commands(&args.commands, |row| {
-        Ok(robot.command(&row.unloaded()?)?)
-    })?;
+    let commands = read_commands(&args.commands, |row| Ok(robot.command(&row.unloaded()?)?))?;
     let loads = Loads::payload(args.payload)?;
     let mut stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
     let mut path = args
@@ -141,7 +139,7 @@ fn write_matrices(file: &Path, linear: &Linearisation) -> anyhow::Result<()> {
             .collect()
     };
     let matrices = serde_json::json!({ "a": rows(&linear.a), "b": rows(&linear.b) });
-    super::write_file(file, matrices.to_string())
+    output::write(file, matrices.to_string())
 }
 
 /// The CSV file of the discs' path, which takes its place when the path is whole.
