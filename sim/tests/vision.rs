@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use tdcr_sim::camera::{Camera, Distortion};
 use tdcr_sim::cloud::{Observer, PointCloud, PointProperty, VoxelGrid, write_ply, write_ply_with};
 use tdcr_sim::render::{BaseVisibility, Instance, RgbdFrame, Scene, Shape, ShapeError};
-use tdcr_sim::robot::{Loads, Payload, Robot};
+use tdcr_sim::robot::{Loads, Payload, Robot, RobotSpec, RodSpec};
 use tdcr_sim::statics::Equilibrium;
 
 fn bent_robot() -> (Robot, Equilibrium) {
@@ -472,4 +472,52 @@ fn ply_files_hold_what_was_written() {
             .to_string()
             .contains("/no/such/folder/x.ply")
     );
+}
+
+#[test]
+fn the_rod_of_a_robot_is_seen_between_its_discs() {
+    let mut spec = RobotSpec::standard("2m").unwrap();
+    spec.gravity = [0.0; 3];
+    let radius = 0.002;
+    for module in &mut spec.modules {
+        module.half_height = 0.003;
+        module.joint_below = module.pitch / 2.0;
+    }
+    let pixels = |spec: &RobotSpec| {
+        let robot = Robot::new(spec.clone()).unwrap();
+        let equilibrium = robot.settle(&robot.mean_command(), &Loads::default());
+        let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
+        let mut frame = scene.render(&Camera::placed(&robot.spec().cameras)[0]);
+        let mut heights = Vec::new();
+        let others = frame
+            .mask
+            .iter()
+            .enumerate()
+            .filter(|(_, seen)| **seen != Instance::Rod);
+        let others: Vec<usize> = others.map(|(pixel, _)| pixel).collect();
+        others.iter().for_each(|&pixel| frame.depth[pixel] = 0.0);
+        let mut cloud = PointCloud::default();
+        cloud.add_frame(&frame);
+        for [x, y, z] in cloud.points {
+            // The robot is straight: the rod's surface is at its radius from the z axis.
+            assert!((x.hypot(y) - radius as f32).abs() < 2e-5, "{x} {y} {z}");
+            heights.push(z);
+        }
+        heights
+    };
+    assert!(pixels(&spec).is_empty(), "no rod");
+    for module in &mut spec.modules {
+        module.rod = Some(RodSpec {
+            youngs: 1e9,
+            poisson: 0.3,
+            radius,
+            density: 1000.0,
+        });
+    }
+    let heights = pixels(&spec);
+    // Half of the way between the discs is free; a pixel is 0.6 mm wide.
+    assert!(heights.len() > 500, "{} pixels", heights.len());
+    let base = spec.base.position[2];
+    let [low, high] = [0.002, 0.15].map(|height| (base + height) as f32);
+    assert!(heights.iter().any(|&z| z < low + 0.004) && heights.iter().any(|&z| z > high));
 }

@@ -19,10 +19,10 @@ use tdcr::report::{Example, MotorGroup, Report, Stage, Training, contact_sheet, 
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::RobotSpec;
 
-use super::PrecisionArgs;
 use super::console::Console;
 use super::eval::{Metrics, table};
 use super::eval_page;
+use super::{PrecisionArgs, output};
 
 /// Simulate, see, learn, predict and evaluate the paper's 2m robot, and write a report
 ///
@@ -138,7 +138,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         ("shapes.png", contact_sheet(&sheet, SHEET_PANEL_WIDTH)),
     ] {
         let path = args.out.join(name);
-        super::write_file(&path, bytes)?;
+        output::write(&path, bytes)?;
     }
     tracing::info!(
         "shapes.png: test commands from the best prediction to the worst; the bar is {:.0} cm",
@@ -197,7 +197,7 @@ impl StageClock {
         let result = work();
         *self.seconds.entry(stage.to_owned()).or_default() += start.elapsed().as_secs_f64();
         if let Ok(json) = serde_json::to_vec(&self.seconds)
-            && let Err(error) = super::write_file(&self.path, json)
+            && let Err(error) = output::write(&self.path, json)
         {
             tracing::warn!("the time of a stage is not noted: {error:#}");
         }

@@ -14,7 +14,7 @@ use tdcr::pipeline::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles, 
 
 use super::console::Console;
 use super::eval_page;
-use super::{PrecisionArgs, SamplerArgs};
+use super::{PrecisionArgs, SamplerArgs, output};
 
 /// Score a trained model, or anyone's clouds, on the test commands of a data set, beside trivial predictors and the floor
 #[derive(Debug, Args)]
@@ -395,7 +395,7 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     // After the result: a page that cannot be written costs nothing but the page.
     if let Some(path) = &args.report {
         let page = eval_page::page(args, &evaluator, &evaluation, &evaluated.metrics, &worst)?;
-        super::write_file(path, page.to_html())?;
+        output::write(path, page.to_html())?;
     }
     Ok(())
 }

@@ -10,6 +10,7 @@ use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::{Payload, RobotSpec};
 
 use super::console::Console;
+use super::output;
 
 /// Write a robot as a file of another tool, or as a robot file
 #[derive(Debug, Args)]
@@ -112,7 +113,7 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
     let Some(out) = &args.out else {
         return console.result(&Printed { text }, |printed| printed.text.clone());
     };
-    super::write_file(out, &text)?;
+    output::write(out, &text)?;
     let exported = Exported {
         file: out.clone(),
         bytes: text.len(),

@@ -21,9 +21,7 @@ mod simulate;
 mod train;
 
 use std::ffi::OsString;
-use std::io::Write;
 use std::num::NonZero;
-use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, ensure};
@@ -33,7 +31,6 @@ use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Model, Target, TrainSettings};
 use tdcr::pipeline::PipelineError;
-use tdcr::sim::files::write_atomically;
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
 use tracing_subscriber::filter::LevelFilter;
@@ -260,12 +257,6 @@ fn refuse_unwritable_names(arguments: impl Iterator<Item = OsString>) -> anyhow:
         );
     }
     Ok(())
-}
-
-/// Writes a file that is whole or keeps what it held.
-fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
-    write_atomically(path, |file| file.write_all(bytes.as_ref()))
-        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// A robot by name or file; says what of a file of another tool was passed over.

@@ -1,8 +1,10 @@
 //! What `--out` names: a file of a format that is told by its extension, or a folder.
 
+use std::io::Write;
 use std::path::Path;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
+use tdcr::sim::files::write_atomically;
 
 /// Extensions of files that people ask a program for. A folder of such a name is a mistake.
 const FILES: [&str; 20] = [
@@ -45,4 +47,10 @@ pub(super) fn folder(option: &str, path: &Path, what: &str) -> anyhow::Result<()
 fn has(path: &Path, extension: &str) -> bool {
     path.extension()
         .is_some_and(|found| found.eq_ignore_ascii_case(extension))
+}
+
+/// Writes a file that is whole, or keeps what it held.
+pub(super) fn write(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
+    write_atomically(path, |file| file.write_all(bytes.as_ref()))
+        .with_context(|| format!("cannot write {}", path.display()))
 }

@@ -263,7 +263,7 @@ fn warn(robot: &Robot, loads: &Loads, tolerance: f64, path: &[Found]) -> anyhow:
 
 fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Result<()> {
     if format == "json" {
-        return super::write_file(out, serde_json::to_string_pretty(table)? + "\n");
+        return output::write(out, serde_json::to_string_pretty(table)? + "\n");
     }
     let commands = robot.tendons().iter().enumerate();
     let mut header: Vec<String> = commands
@@ -303,7 +303,7 @@ fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Resu
         let arrival = found.arrival.unwrap_or_default();
         let _ = writeln!(text, "{},{arrival}", found.reached);
     }
-    super::write_file(out, &text)
+    output::write(out, &text)
 }
 
 fn for_people(table: &Table) -> String {

@@ -101,7 +101,7 @@ pub(super) fn run(
                 "json" => serde_json::to_string_pretty(&table)? + "\n",
                 _ => csv(robot, &table.settled),
             };
-            super::write_file(out, &text)?;
+            output::write(out, &text)?;
             let summary = Summary {
                 file: out.to_owned(),
                 commands: table.settled.len(),

@@ -140,7 +140,7 @@ fn write_matrices(file: &Path, linear: &Linearisation) -> anyhow::Result<()> {
             .collect()
     };
     let matrices = serde_json::json!({ "a": rows(&linear.a), "b": rows(&linear.b) });
-    super::write_file(file, matrices.to_string())
+    output::write(file, matrices.to_string())
 }
 
 /// The CSV file of the discs' path, which takes its place when the path is whole.

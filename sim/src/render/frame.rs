@@ -17,6 +17,8 @@ pub enum Instance {
     Disc(u16),
     /// The tendon with this index, in a command's order.
     Tendon(u16),
+    /// The elastic rod through the discs.
+    Rod,
     /// What hangs from the distal disc.
     Payload,
     /// The obstacle with this index.

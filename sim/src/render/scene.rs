@@ -14,6 +14,7 @@ use crate::statics::Equilibrium;
 /// Colour of the base: light yellow.
 const BASE_COLOR: [u8; 3] = [230, 226, 185];
 const TENDON_COLOR: [u8; 3] = [60, 60, 60];
+const ROD_COLOR: [u8; 3] = [96, 101, 110];
 const PAYLOAD_COLOR: [u8; 3] = [150, 155, 165];
 /// Radius that tendons are drawn with (m).
 const TENDON_RADIUS: f64 = 0.0005;
@@ -52,7 +53,7 @@ pub enum BaseVisibility {
 }
 
 impl Scene {
-    /// A settled robot.
+    /// A settled robot: its discs, and the rods through them.
     pub fn of_robot(robot: &Robot, equilibrium: &Equilibrium, base: BaseVisibility) -> Self {
         let mut solids = match base {
             BaseVisibility::Shown => base_solids(robot),
@@ -69,6 +70,7 @@ impl Scene {
                 instance: Instance::Disc(index as u16),
             });
         }
+        solids.extend(rod_solids(robot, equilibrium));
         Self { solids }
     }
 }
@@ -78,7 +80,7 @@ impl Scene {
     pub fn add_base(&mut self, robot: &Robot, shape: Shape) {
         self.solids.push(Solid {
             shape,
-            pose: Isometry3::from_parts(robot.base.into(), robot.base_orientation),
+            pose: base_pose(robot),
             color: BASE_COLOR,
             instance: Instance::Base,
         });
@@ -87,7 +89,7 @@ impl Scene {
     /// Adds the robot's tendons, as thin lines from hole to hole.
     pub fn add_tendons(&mut self, robot: &Robot, equilibrium: &Equilibrium) {
         let spec = robot.spec();
-        let base = Isometry3::from_parts(robot.base.into(), robot.base_orientation);
+        let base = base_pose(robot);
         let hole = |waypoint: &Waypoint| {
             let [x, y] = spec.hole_position(waypoint.0, waypoint.1)?;
             Some(match waypoint.0 {
@@ -98,16 +100,10 @@ impl Scene {
         for (index, tendon) in robot.tendons().iter().enumerate() {
             let holes: Vec<Point3<f64>> = tendon.route.iter().filter_map(hole).collect();
             for ends in holes.windows(2) {
-                let along = ends[1] - ends[0];
-                let turn = UnitQuaternion::rotation_between(&Vector3::z(), &along)
-                    .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI));
-                let middle = nalgebra::center(&ends[0], &ends[1]);
+                let (shape, pose) = between([ends[0], ends[1]], TENDON_RADIUS);
                 self.solids.push(Solid {
-                    shape: Shape(Kind::Capsule(Capsule {
-                        radius: TENDON_RADIUS,
-                        half_length: along.norm() / 2.0,
-                    })),
-                    pose: Isometry3::from_parts(middle.into(), turn),
+                    shape,
+                    pose,
                     color: TENDON_COLOR,
                     instance: Instance::Tendon(index as u16),
                 });
@@ -146,6 +142,57 @@ impl Scene {
         });
         instance
     }
+}
+
+fn base_pose(robot: &Robot) -> Isometry3<f64> {
+    Isometry3::from_parts(robot.base.into(), robot.base_orientation)
+}
+
+/// A capsule of a radius (m) between two places in the world (m), and its pose.
+fn between([from, to]: [Point3<f64>; 2], radius: f64) -> (Shape, Isometry3<f64>) {
+    let along = to - from;
+    let turn = UnitQuaternion::rotation_between(&Vector3::z(), &along)
+        .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI));
+    let shape = Shape(Kind::Capsule(Capsule {
+        radius,
+        half_length: along.norm() / 2.0,
+    }));
+    let middle = nalgebra::center(&from, &to);
+    (shape, Isometry3::from_parts(middle.into(), turn))
+}
+
+/// The rods through the discs. A disc's joint stands for its module's rod from the origin of the body below to that of the
+/// disc: each body carries the part on its side of the joint.
+fn rod_solids(robot: &Robot, equilibrium: &Equilibrium) -> Vec<Solid> {
+    let spec = robot.spec();
+    let mut below = base_pose(robot);
+    let mut solids = Vec::new();
+    for (index, disc) in robot.discs().iter().enumerate() {
+        let pose = equilibrium.disc_pose(index);
+        let rod = spec
+            .module_of(index)
+            .and_then(|module| spec.modules[module].rod);
+        if let Some(rod) = rod {
+            let joint = pose * Point3::from(-disc.origin);
+            for ends in [
+                [below * Point3::origin(), joint],
+                [joint, pose * Point3::origin()],
+            ] {
+                // A joint at the origin of its disc leaves no rod above it.
+                if ends[0] != ends[1] {
+                    let (shape, pose) = between(ends, rod.radius);
+                    solids.push(Solid {
+                        shape,
+                        pose,
+                        color: ROD_COLOR,
+                        instance: Instance::Rod,
+                    });
+                }
+            }
+        }
+        below = pose;
+    }
+    solids
 }
 
 /// Colour of disc `index` of `count`: a ramp of hues from red at the base to violet at the tip.

@@ -10,6 +10,7 @@ use tdcr::report::{DataPage, MotorGroup, SetSummary};
 
 use super::info::Info;
 use super::{Console, Dirs, name};
+use crate::cli::output;
 
 /// Draw data sets: workspace, histograms of commands and payloads, some of the clouds
 #[derive(Debug, Args)]
@@ -55,7 +56,7 @@ pub(super) fn run(args: &ViewArgs, console: &Console) -> anyhow::Result<()> {
         Some("svg") => page.workspace().to_svg().into_bytes(),
         _ => page.to_html().into_bytes(),
     };
-    super::super::write_file(&args.out, bytes)?;
+    output::write(&args.out, bytes)?;
     let viewed = Viewed {
         file: args.out.clone(),
     };

@@ -152,7 +152,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     };
     write_ply(&args.out.join(views.cloud), &cloud)?;
     let text = serde_json::to_string_pretty(&views)? + "\n";
-    super::write_file(&args.out.join("views.json"), text.as_bytes())?;
+    output::write(&args.out.join("views.json"), text.as_bytes())?;
     console.result(&views, |views| {
         let cameras = counted(views.cameras.len(), "view");
         let points = counted(views.points, "point");
@@ -204,16 +204,16 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
     let millimetres = frame.depth.iter().map(|z| (1e3 * z).round() as u16);
     let values = frame.mask.iter().map(|&instance| mask_value(instance));
     let color = files::rgb_png(size, frame.color.as_flattened())?;
-    super::write_file(&folder.join(&view.color), &color)?;
-    super::write_file(
+    output::write(&folder.join(&view.color), &color)?;
+    output::write(
         &folder.join(&view.depth_png),
         &files::grey_png(size, millimetres)?,
     )?;
-    super::write_file(
+    output::write(
         &folder.join(&view.depth_npy),
         &files::npy(size, &frame.depth),
     )?;
-    super::write_file(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
+    output::write(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
     Ok(view)
 }
 
@@ -224,6 +224,7 @@ fn mask_value(instance: Instance) -> u16 {
         Instance::Base => 1,
         Instance::Payload => 2,
         Instance::Unknown => 3,
+        Instance::Rod => 4,
         Instance::Disc(index) => 10_000_u16.saturating_add(index),
         Instance::Tendon(index) => 20_000_u16.saturating_add(index),
         Instance::Obstacle(index) => 40_000_u16.saturating_add(index),
@@ -236,6 +237,7 @@ fn name_of(instance: Instance) -> String {
         Instance::Base => "base".to_owned(),
         Instance::Payload => "payload".to_owned(),
         Instance::Unknown => "unknown".to_owned(),
+        Instance::Rod => "rod".to_owned(),
         Instance::Disc(index) => format!("disc {index}"),
         Instance::Tendon(index) => format!("tendon {index}"),
         Instance::Obstacle(index) => format!("obstacle {index}"),
