@@ -206,7 +206,8 @@ impl ShardFile {
         let asked = limits::bytes(&chunk_shape, array.element_size());
         self.require_warranted(array, &chunk_shape, asked)?;
         let shape = array.shape(self.sizes);
-        let grid = std::iter::zip(&shape, &chunk_shape).map(|(size, chunk)| size.div_ceil((*chunk).max(1)));
+        let grid = std::iter::zip(&shape, &chunk_shape)
+            .map(|(size, chunk)| size.div_ceil((*chunk).max(1)));
         let asked = limits::bytes(&grid.collect::<Vec<_>>(), CHUNK_ENTRY);
         self.require_warranted(array, &shape, asked)?;
         let file_bytes = self.file.file_size();
