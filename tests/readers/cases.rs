@@ -336,7 +336,13 @@ fn training_state() -> Vec<u8> {
         points: vec![0.25; 120],
         colors: None,
     };
-    let trainer = Trainer::new(SHAPE, TrainSettings::default(), &set, &set);
+    let settings = TrainSettings {
+        points: 4,
+        validation_clouds: 2,
+        validation_points: 4,
+        ..TrainSettings::default()
+    };
+    let trainer = Trainer::new(SHAPE, settings, &set, &set);
     let state = trainer.expect("a run can start").state(provenance());
     saved(|path| state.save(path).expect("a file can be written"))
 }

@@ -51,12 +51,10 @@ fn corpus() {
     }
 }
 
-#[test]
-fn files_that_ask_for_more_than_they_hold_get_an_answer() {
-    for reader in READERS {
-        for (case, bytes) in cases::hostile(reader.0) {
-            read(reader, &bytes).unwrap_or_else(|problem| panic!("{case}: {problem}"));
-        }
+/// Files that ask for more than they hold get an answer.
+fn check_hostile(reader: Reader) {
+    for (case, bytes) in cases::hostile(reader.0) {
+        read(reader, &bytes).unwrap_or_else(|problem| panic!("{case}: {problem}"));
     }
 }
 
@@ -140,25 +138,59 @@ impl Damage {
     }
 }
 
+/// Sound files and damaged ones get an answer.
+fn check_damaged(reader: Reader) {
+    let sound = cases::sound(reader.0);
+    assert!(!sound.is_empty(), "{} has no file to damage", reader.0);
+    for (_, bytes) in &sound {
+        read(reader, bytes).unwrap();
+    }
+    let mut runner = TestRunner::new(Config {
+        cases: 300,
+        source_file: Some(file!()),
+        ..Config::default()
+    });
+    let damaged = (0..sound.len(), prop::collection::vec(damage(), 1..6));
+    let result = runner.run(&damaged, |(file, damages)| {
+        let mut bytes = sound[file].1.clone();
+        damages.iter().for_each(|damage| damage.on(&mut bytes));
+        read(reader, &bytes).map_err(TestCaseError::fail)
+    });
+    result.unwrap_or_else(|error| panic!("{}: {error}", reader.0));
+}
+
+/// The tests of each reader, by its name.
+macro_rules! tests_of {
+    ($($name:ident)*) => {
+        $(mod $name {
+            #[test]
+            fn files_that_ask_for_more_than_they_hold_get_an_answer() {
+                crate::check_hostile((stringify!($name), crate::readers::$name));
+            }
+
+            #[test]
+            fn damaged_files_get_an_answer() {
+                crate::check_damaged((stringify!($name), crate::readers::$name));
+            }
+        })*
+
+        /// All of them.
+        const NAMES: &[&str] = &[$(stringify!($name)),*];
+    };
+}
+
+tests_of!(
+    robot_toml robot_json mjcf urdf stl meta motor_ranges point_scale shard npy npz pcd ply motors model training_state
+    journal commands
+);
+
+/// A reader is tested, and has a fuzz target.
 #[test]
-fn damaged_files_get_an_answer() {
-    for reader in READERS {
-        let sound = cases::sound(reader.0);
-        assert!(!sound.is_empty(), "{} has no file to damage", reader.0);
-        for (_, bytes) in &sound {
-            read(reader, bytes).unwrap();
-        }
-        let mut runner = TestRunner::new(Config {
-            cases: 300,
-            source_file: Some(file!()),
-            ..Config::default()
-        });
-        let damaged = (0..sound.len(), prop::collection::vec(damage(), 1..6));
-        let result = runner.run(&damaged, |(file, damages)| {
-            let mut bytes = sound[file].1.clone();
-            damages.iter().for_each(|damage| damage.on(&mut bytes));
-            read(reader, &bytes).map_err(TestCaseError::fail)
-        });
-        result.unwrap_or_else(|error| panic!("{}: {error}", reader.0));
+fn every_reader_is_tested_and_fuzzed() {
+    assert_eq!(READERS.map(|(name, _)| name), NAMES);
+    for name in NAMES {
+        let target = concat!(env!("CARGO_MANIFEST_DIR"), "/fuzz/fuzz_targets");
+        let text = std::fs::read_to_string(format!("{target}/{name}.rs")).unwrap();
+        assert!(text.contains(&format!("readers::{name}(bytes)")), "{name}");
     }
 }
