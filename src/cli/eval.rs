@@ -346,7 +346,7 @@ fn worst_table(worst: &[WorstTest]) -> String {
 
 pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(path) = &args.report {
-        super::output::format("--report", path, &["html"])?;
+        output::format("--report", path, &["html"])?;
     }
     let evaluator = evaluator(args)?;
     if evaluator.lacks_colors() {

@@ -22,6 +22,7 @@ mod train;
 
 use std::ffi::OsString;
 use std::num::NonZero;
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, ensure};
