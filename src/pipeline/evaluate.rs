@@ -8,7 +8,9 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use tdcr_learn::data::{CloudSet, DataSet, Normalisation, Sample, Split, Subject};
+use tdcr_learn::data::{
+    CloudSet, DataSet, Normalisation, PredictedClouds, Sample, Split, Subject,
+};
 use tdcr_learn::flow::Sampler;
 use tdcr_learn::metrics::{
     MetricError, chamfer, color_error, emd, emd_squared, nearest_distances, rank_correlation,
