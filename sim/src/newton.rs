@@ -4,7 +4,11 @@
 //! lies above joint `i` enters as a quadratic of the turn `Omega` of the disc and of the partial sums
 //! `s_c` of the columns (tendons) that pass the joint. That is a block Cholesky factorisation of the
 //! Hessian from the tip to the base, so its pivots are positive exactly where the Hessian is positive
-//! definite.
+//! definite (Sylvester's law of inertia).
+//!
+//! A pivot that is zero but for rounding says nothing by itself: where the eliminated turn couples to
+//! those below, the Hessian is indefinite, otherwise it may be semidefinite. [`Factor::definiteness`]
+//! decides that by factorising the Hessian with all its eigenvalues shifted by a small stiffness.
 #![allow(
     clippy::needless_range_loop,
     reason = "an index names one joint or slot in several arrays"
@@ -23,6 +27,21 @@ pub(crate) enum Curvature {
     Modified,
 }
 
+/// Sign of the Hessian's smallest eigenvalue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Definiteness {
+    /// Above the margin.
+    Positive,
+    /// Within the margin around zero.
+    Semidefinite,
+    /// Below minus the margin.
+    Indefinite,
+}
+
+/// Eigenvalues of the Hessian below this share of its size are not told from zero: rounding disturbs
+/// them by about 1e-16 of it for each joint.
+pub(crate) const MARGIN: f64 = 1e-10;
+
 /// Factorisation of a potential's Hessian.
 #[derive(Clone, Debug)]
 pub(crate) struct Factor {
@@ -35,9 +54,13 @@ pub(crate) struct Factor {
     partial: Vec<Vector3<f64>>,
     /// The columns, as in [`Expansion::slopes`].
     slopes: Vec<Vector3<f64>>,
-    /// The pivot that first was not positive, from the tip: its joint, smallest eigenvalue relative
-    /// to its largest, and eigenvector.
-    negative: Option<(usize, f64, Vector3<f64>)>,
+    /// The pivot that first was not positive, from the tip: its joint, and the eigenvector of its
+    /// smallest eigenvalue.
+    negative: Option<(usize, Vector3<f64>)>,
+    /// Smallest pivot of the positive ones' scalar factorisations (N m/rad).
+    smallest: f64,
+    /// Largest trace of a pivot (N m/rad).
+    largest: f64,
 }
 
 /// Calls a method with the smallest compiled number of slots that is large enough. Compiling has seen
@@ -66,13 +89,15 @@ impl Factor {
             partial: vec![Vector3::zeros(); n * columns.slots],
             slopes: vec![Vector3::zeros(); n * columns.slots],
             negative: None,
+            smallest: 0.0,
+            largest: 0.0,
             columns,
         }
     }
 
-    /// Factorises the Hessian of `expansion`, with `stiffness` (N m/rad) added to every joint. Where it
-    /// is not positive definite, the pivots' negative eigenvalues change their sign, so that solving
-    /// still gives a direction of descent.
+    /// Factorises the Hessian of `expansion`, with `stiffness` (N m/rad) added to every joint, which
+    /// shifts its eigenvalues by as much. Where it is not positive definite, the pivots' negative
+    /// eigenvalues change their sign, so that solving still gives a direction of descent.
     pub fn factorise(&mut self, expansion: &Expansion, stiffness: f64) -> Curvature {
         self.slopes.copy_from_slice(&expansion.slopes);
         with_slots!(self.eliminate(expansion, stiffness))
@@ -81,6 +106,7 @@ impl Factor {
     fn eliminate<const A: usize>(&mut self, expansion: &Expansion, stiffness: f64) -> Curvature {
         let slots = self.columns.slots;
         self.negative = None;
+        (self.smallest, self.largest) = (f64::INFINITY, 0.0);
         // The quadratic of what lies above: by turn and turn, partial sum and turn, sum and sum.
         let mut turns = Matrix3::zeros();
         let mut moment = Vector3::zeros();
@@ -111,12 +137,18 @@ impl Factor {
             for s in 0..A {
                 pivot += slopes[s] * partial[s].transpose();
             }
-            let inverse = invert_positive(&pivot).unwrap_or_else(|| {
-                let (inverse, eigenvalue, eigenvector) = invert_reflected(&pivot);
-                self.negative
-                    .get_or_insert((joint, eigenvalue, eigenvector));
-                inverse
-            });
+            self.largest = self.largest.max(pivot.trace().abs());
+            let inverse = match invert_positive(&pivot) {
+                Some((inverse, smallest)) => {
+                    self.smallest = self.smallest.min(smallest);
+                    inverse
+                }
+                None => {
+                    let (inverse, eigenvector) = invert_reflected(&pivot);
+                    self.negative.get_or_insert((joint, eigenvector));
+                    inverse
+                }
+            };
             below += noncommuting(&moment);
             let reduced = inverse * below.transpose();
             turns -= below * reduced;
@@ -146,18 +178,45 @@ impl Factor {
         }
     }
 
-    /// Whether the Hessian has a negative eigenvalue beyond rounding. If so, writes turns of the
-    /// joints to `step` (world axes) along which the energy falls to second order: the eigenvector of
-    /// the first negative pivot, with the joints above following as they like best.
-    pub fn falling_direction(&self, step: &mut [Vector3<f64>]) -> bool {
-        let Some((joint, eigenvalue, eigenvector)) = self.negative else {
-            return false;
-        };
-        if eigenvalue > -1e-12 {
-            return false;
+    /// Whether the Hessian of `expansion` is positive definite beyond rounding, given what
+    /// [`Factor::factorise`] without stiffness has just said of it. `resolution` (N m/rad) is a
+    /// curvature that is not told from zero whatever the rounding.
+    ///
+    /// The factor is then that of the Hessian; where it is not positive definite, of the Hessian with
+    /// all eigenvalues raised by the margin.
+    pub fn definiteness(
+        &mut self,
+        expansion: &Expansion,
+        curvature: Curvature,
+        resolution: f64,
+    ) -> Definiteness {
+        if curvature == Curvature::Positive && self.smallest > resolution.max(MARGIN * self.largest)
+        {
+            return Definiteness::Positive;
         }
-        with_slots!(self.follow(joint, &eigenvector, step));
-        true
+        let margin = resolution.max(MARGIN * expansion.scale());
+        let positive = curvature == Curvature::Positive
+            && self.factorise(expansion, -margin) == Curvature::Positive;
+        if positive {
+            self.factorise(expansion, 0.0);
+            return Definiteness::Positive;
+        }
+        match self.factorise(expansion, margin) {
+            Curvature::Positive => Definiteness::Semidefinite,
+            Curvature::Modified => Definiteness::Indefinite,
+        }
+    }
+
+    /// Writes turns of the joints to `step` (world axes) along which the quadratic form of the
+    /// factorised matrix is negative, the direction of negative curvature: the eigenvector of the
+    /// first pivot that is not positive, with the distal joints at their minimisers. These have
+    /// positive pivots, so the form's value is that of the pivot alone. Writes zeros if there is no
+    /// such pivot.
+    pub fn negative_curvature(&self, step: &mut [Vector3<f64>]) {
+        match self.negative {
+            Some((joint, eigenvector)) => with_slots!(self.follow(joint, &eigenvector, step)),
+            None => step.fill(Vector3::zeros()),
+        }
     }
 
     fn follow<const A: usize>(
@@ -267,8 +326,9 @@ impl Factor {
     }
 }
 
-/// Inverse of a symmetric matrix, by its factors `L D L'`, if it is positive definite beyond rounding.
-fn invert_positive(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+/// Inverse of a symmetric matrix, by its factors `L D L'`, if it is positive definite beyond rounding;
+/// also the smallest entry of `D`.
+fn invert_positive(m: &Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
     let (a, b, c) = (m[(0, 0)], m[(0, 1)], m[(0, 2)]);
     let (d, e, f) = (m[(1, 1)], m[(1, 2)], m[(2, 2)]);
     let floor = f64::EPSILON * (a.abs() + d.abs() + f.abs());
@@ -288,20 +348,29 @@ fn invert_positive(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let (zx, zy) = (r * third, -l21 * third);
     let (yx, yy) = (zy * r - l10 * second, second - l21 * zy);
     let xx = first - l10 * (-l10 * second) + r * zx;
-    Some(Matrix3::new(xx, yx, zx, yx, yy, zy, zx, zy, third))
+    Some((
+        Matrix3::new(xx, yx, zx, yx, yy, zy, zx, zy, third),
+        a.min(second_pivot).min(third_pivot),
+    ))
 }
 
-/// Inverse of a symmetric matrix with its eigenvalues made positive; also the smallest eigenvalue,
-/// relative to the largest absolute one, and its eigenvector.
-fn invert_reflected(m: &Matrix3<f64>) -> (Matrix3<f64>, f64, Vector3<f64>) {
+/// Inverse of a symmetric matrix with its eigenvalues made positive, and the eigenvector of the
+/// smallest one. The inverse of zero is zero.
+fn invert_reflected(m: &Matrix3<f64>) -> (Matrix3<f64>, Vector3<f64>) {
     let eigen = SymmetricEigen::new(*m);
-    let largest = eigen.eigenvalues.amax().max(f64::MIN_POSITIVE);
-    let inverse = (eigen.eigenvalues).map(|value| 1.0 / value.abs().max(1e-6 * largest));
+    let largest = eigen.eigenvalues.amax();
+    let inverse = (eigen.eigenvalues).map(|value| {
+        let size = value.abs().max(1e-6 * largest);
+        if size > f64::MIN_POSITIVE {
+            1.0 / size
+        } else {
+            0.0
+        }
+    });
     let vectors = &eigen.eigenvectors;
     let smallest = eigen.eigenvalues.imin();
     (
         vectors * Matrix3::from_diagonal(&inverse) * vectors.transpose(),
-        eigen.eigenvalues[smallest] / largest,
         vectors.column(smallest).into_owned(),
     )
 }

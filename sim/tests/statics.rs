@@ -53,8 +53,7 @@ fn corner_commands_settle() {
                 "{command:?}: {}",
                 equilibrium.residual
             );
-            let softest =
-                robot.smallest_stiffness(command, &Loads::default(), &equilibrium.configuration);
+            let softest = robot.smallest_stiffness(command, &Loads::default(), &equilibrium);
             assert!(softest > 0.0, "{command:?}: {softest}");
         }
     }
@@ -212,9 +211,7 @@ fn an_upright_robot_does_not_rest_on_its_unstable_straight_pose() {
     let equilibrium = robot.settle(&command, &Loads::default());
     assert!(equilibrium.converged);
     assert!(equilibrium.positions[14].xy().norm() > 1e-4);
-    assert!(
-        robot.smallest_stiffness(&command, &Loads::default(), &equilibrium.configuration) > 0.0
-    );
+    assert!(robot.smallest_stiffness(&command, &Loads::default(), &equilibrium) > 0.0);
 }
 
 #[test]

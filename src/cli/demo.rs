@@ -112,11 +112,12 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         precision,
         seed: args.seed,
     };
-    let (evaluation, examples) = clock.time("evaluate", || {
+    let (evaluation, examples, per_test) = clock.time("evaluate", || {
         let evaluator = Evaluator::new(&trained.model, &data, scoring)?;
         let evaluation = evaluator.run(Some(&args.out.join("evaluation.jsonl")), console)?;
         let examples = examples(&evaluator, &evaluation)?;
-        Ok((evaluation, examples))
+        let per_test = eval_page::per_test(&evaluator, &evaluation)?;
+        Ok((evaluation, examples, per_test))
     })?;
 
     let metrics = DemoMetrics {
@@ -124,7 +125,11 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         seconds: clock.seconds.values().sum(),
         stages: clock.seconds.clone(),
     };
-    let report = report(args, &settings, &trained, &evaluation, examples, &metrics)?;
+    let report = Report {
+        examples,
+        per_test: Some(per_test),
+        ..report(args, &settings, &trained, &evaluation, &metrics)?
+    };
     let json = serde_json::to_vec_pretty(&metrics).context("cannot write the metrics as JSON")?;
     let sheet = contact_sheet_examples(&report.examples);
     for (name, bytes) in [
@@ -141,12 +146,11 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     );
     console.result(&metrics, |m| {
         format!(
-            "{}\nmeans over {} test commands, {:.1} times better than the nearest training command; {:.0} s in all\n\
-             see {}",
+            "{}\nmeans over {} test commands; {:.0} s in all\n{}\nsee {}",
             table(&evaluation, "network"),
             m.metrics.tests,
-            m.metrics.cd_nearest / m.metrics.cd,
             m.seconds,
+            eval_page::headline(&m.metrics),
             args.out.join("report.html").display()
         )
     })
@@ -227,7 +231,6 @@ fn report(
     settings: &CollectSettings,
     trained: &Trained,
     evaluation: &Evaluation,
-    examples: Vec<Example>,
     metrics: &DemoMetrics,
 ) -> anyhow::Result<Report> {
     let splits = split_indices(args.samples, args.seed)?;
@@ -237,11 +240,7 @@ fn report(
     Ok(Report {
         title: "The shape of a 2-module tendon-driven continuum robot, learned from its commands"
             .to_owned(),
-        headline: format!(
-            "For {test_count} commands that the network has never seen, its clouds are {:.1} times nearer to the true \
-             shape (Chamfer distance) than those of the nearest training command.",
-            metrics.metrics.cd_nearest / metrics.metrics.cd
-        ),
+        headline: eval_page::headline(&metrics.metrics),
         summary: vec![
             (
                 "Robot".to_owned(),
@@ -289,7 +288,6 @@ fn report(
         scores: eval_page::scores(evaluation),
         floor: eval_page::floor(evaluation),
         score_notes: eval_page::score_notes(&metrics.metrics),
-        per_test: Some(eval_page::per_test(evaluation)),
         training: Some(Training {
             loss_curve: (1u64..)
                 .zip(trained.losses.iter().map(|loss| f64::from(*loss)))
@@ -311,6 +309,6 @@ fn report(
             seconds: stage_seconds(key),
         })
         .into(),
-        examples,
+        ..Report::default()
     })
 }

@@ -10,7 +10,7 @@ use tdcr::learn::data::read_predictions;
 use tdcr::learn::flow::Sampler;
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Model, TrainSettings};
-use tdcr::pipeline::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles, Scores};
+use tdcr::pipeline::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles, Scores, TipError};
 
 use super::console::Console;
 use super::eval_page;
@@ -122,6 +122,10 @@ pub(super) struct Metrics {
     /// Mean absolute colour difference of predicted points from the nearest true ones, in [0, 1]; `None` where the
     /// network or the data set has no colours.
     pub color: Option<f64>,
+    /// Mean distance of the tip in the network's clouds from the true one (m); `None` where the data set names no robot.
+    pub tip: Option<f64>,
+    /// The same in the clouds of the nearest training commands (m).
+    pub tip_nearest: Option<f64>,
     /// Mean uncertainty of the network's points (m); `None` where too few points tell.
     pub uncertainty: Option<f64>,
     /// Spearman's rank correlation of a point's uncertainty with its distance from the true cloud, over the points of
@@ -185,6 +189,7 @@ impl Metrics {
             floor,
             color,
             uncertainty,
+            tip,
             evaluations,
         } = evaluation.mean();
         let greatest = evaluation.greatest();
@@ -205,6 +210,8 @@ impl Metrics {
             emd_squared_mean: mean.map(|d| d.emd_squared),
             emd_squared_gap: greatest.emd_squared_gap,
             color,
+            tip: tip.map(|tip| tip.network),
+            tip_nearest: tip.map(|tip| tip.nearest),
             uncertainty: uncertainty.map(|u| u.mean),
             uncertainty_rank_points: uncertainty.and_then(|u| u.rank_correlation),
             uncertainty_rank_commands: evaluation.uncertainty_rank_correlation(),
@@ -264,6 +271,7 @@ pub(super) fn table(evaluation: &Evaluation, predictor: &str) -> String {
         perfect,
         floor,
         color,
+        tip,
         ..
     } = evaluation.mean();
     for (name, distances) in [
@@ -280,6 +288,13 @@ pub(super) fn table(evaluation: &Evaluation, predictor: &str) -> String {
         let _ = writeln!(
             text,
             "{name:26} {cd:12.4} {emd:10.3} {emd_squared:19.4} {ratio:>12}"
+        );
+    }
+    if let Some(TipError { network, nearest }) = tip {
+        let [network, nearest] = [network, nearest].map(|x| 1e3 * x);
+        let _ = writeln!(
+            text,
+            "tip off by (mm): network {network:.2}, nearest training command {nearest:.2}"
         );
     }
     if let Some(color) = color {

@@ -1,6 +1,8 @@
 //! The page that `tdcr eval` writes, and what it shares with the demo's.
 
+use tdcr::learn::data::Sample;
 use tdcr::learn::flow::{Sampler, TimeGrid};
+use tdcr::learn::metrics::nearest_distances;
 use tdcr::pipeline::{Distances, Evaluation, Evaluator, PipelineError};
 use tdcr::report::{Example, MotorGroup, PerTest, Report, Score};
 use tdcr::sim::cloud::PointCloud;
@@ -44,17 +46,12 @@ pub(super) fn page(
     ]);
     Ok(Report {
         title: "A network's clouds against the true ones".to_owned(),
-        headline: format!(
-            "For {} test commands, the network's clouds are {:.1} times nearer to the true shape (mean Chamfer \
-             distance) than those of the nearest training command.",
-            metrics.tests,
-            metrics.cd_nearest / metrics.cd
-        ),
+        headline: headline(metrics),
         summary,
         scores: scores(evaluation),
         floor: floor(evaluation),
         score_notes: score_notes(metrics),
-        per_test: Some(per_test(evaluation)),
+        per_test: Some(per_test(evaluator, evaluation)?),
         training: None,
         stages: Vec::new(),
         motors: motors(evaluator),
@@ -71,6 +68,21 @@ fn score(name: &str, distances: Distances) -> Score {
         emd: distances.emd,
         emd_squared: distances.emd_squared,
     }
+}
+
+/// How far the network's clouds are from the true ones, beside those of the nearest training command: root mean square
+/// distances between nearest points, and their ratio. CD is the sum of the mean squares both ways, so a ratio of CDs is one
+/// of squared distances.
+pub(super) fn headline(metrics: &Metrics) -> String {
+    let [network, nearest] = [metrics.cd, metrics.cd_nearest].map(|cd| 1e3 * (cd / 2.0).sqrt());
+    format!(
+        "Over {} test commands, points of the network's clouds and of the true ones are {network:.2} mm from the nearest \
+         point of the other (root mean square, {} points a cloud); with the clouds of the nearest training commands it is \
+         {nearest:.2} mm, {:.1} times as far.",
+        metrics.tests,
+        metrics.points,
+        nearest / network
+    )
 }
 
 /// Which numbers of the data set's commands belong together.
@@ -103,6 +115,16 @@ pub(super) fn floor(evaluation: &Evaluation) -> Option<Score> {
     floor.map(|floor| score("Sampling floor", floor))
 }
 
+/// What is said of the tips.
+fn tip_note(metrics: &Metrics) -> Option<String> {
+    let (network, nearest) = (1e3 * metrics.tip?, 1e3 * metrics.tip_nearest?);
+    Some(format!(
+        "The tip is off by {network:.2} mm on average in the network's clouds, and by {nearest:.2} mm in those of the nearest \
+         training commands: the length of the shift that brings the points of the true cloud on the last disc onto the other \
+         cloud."
+    ))
+}
+
 /// How the scores were computed.
 pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
     let mut notes = vec![
@@ -119,18 +141,27 @@ pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
             metrics.emd_gap, metrics.emd_squared_gap
         ),
     ];
+    notes.extend(tip_note(metrics));
     notes.extend(metrics.uncertainty_text());
     notes
 }
 
 /// Chamfer distances of each test command.
-pub(super) fn per_test(evaluation: &Evaluation) -> PerTest {
+pub(super) fn per_test(
+    evaluator: &Evaluator,
+    evaluation: &Evaluation,
+) -> Result<PerTest, PipelineError> {
     let all = &evaluation.per_test;
-    PerTest {
+    let command = |sample: &Sample| sample.condition.motors.iter().map(|&x| x.into()).collect();
+    Ok(PerTest {
         network: all.iter().map(|s| s.network.cd).collect(),
         nearest: all.iter().map(|s| s.nearest.cd).collect(),
         floor: all.iter().filter_map(|s| Some(s.floor?.cd)).collect(),
-    }
+        commands: evaluator.test().iter().map(command).collect(),
+        apart: (0..all.len())
+            .map(|test| evaluator.distance_to_training(test))
+            .collect::<Result<_, _>>()?,
+    })
 }
 
 /// The clouds of one test command.
@@ -143,12 +174,17 @@ pub(super) fn example(
     let scores = &evaluation.per_test[test];
     let sample = &evaluator.test()[test];
     let condition = &sample.condition;
+    let prediction = evaluator.predict(test)?;
+    let uncertainty = prediction.uncertainty(&[]).unwrap_or_default();
     Ok(Example {
         label,
         command: condition.motors.iter().map(|&x| x.into()).collect(),
         payload: condition.payload.map(f64::from),
         truth: sample.cloud.clone(),
-        prediction: colorless(evaluator.predict(test)?.points),
+        error: nearest_distances(&prediction.points, &sample.cloud.points)?,
+        uncertainty: uncertainty.into_iter().map(f64::from).collect(),
+        tip: scores.tip.map(|tip| tip.network),
+        prediction: colorless(prediction.points),
         nearest: colorless(evaluator.nearest(test)?),
         cd: scores.network.cd,
         emd: scores.network.emd,

@@ -140,9 +140,9 @@ pub(super) fn vector(text: &str) -> Result<[f64; 3], String> {
 }
 
 fn numbers_of(text: &str) -> Result<Vec<f64>, String> {
-    let number = |text: &str| match text.trim().parse() {
-        Ok(number) if f64::is_finite(number) => Ok(number),
-        _ => Err(format!("`{text}` is not a finite number")),
-    };
-    text.split(',').map(number).collect()
+    let numbers = super::numbers(text)?.into_vec();
+    match numbers.iter().find(|number| !number.is_finite()) {
+        Some(number) => Err(format!("`{number}` is not a finite number")),
+        None => Ok(numbers),
+    }
 }

@@ -90,12 +90,11 @@ struct CommandArg {
     /// Command of every tendon (m, or N for a tension drive), separated by commas
     #[arg(
         long = "command",
-        value_delimiter = ',',
-        required = true,
+        value_parser = numbers,
         allow_hyphen_values = true,
         value_name = "C,C,..."
     )]
-    lengths: Vec<f64>,
+    lengths: Box<[f64]>,
 }
 
 /// Steps that a sampler takes at the most, where a tolerance lays them.
@@ -327,6 +326,18 @@ fn threads(text: &str) -> Result<usize, String> {
             "expected a whole number, 1 to {most}; this machine runs {processors} threads at once"
         )),
     }
+}
+
+/// Parses numbers separated by commas. An empty text has none, as the command of a robot without tendons.
+fn numbers(text: &str) -> Result<Box<[f64]>, String> {
+    if text.is_empty() {
+        return Ok(Box::default());
+    }
+    let number = |text: &str| {
+        let text = text.trim();
+        (text.parse()).map_err(|_| format!("`{text}` is not a number"))
+    };
+    text.split(',').map(number).collect()
 }
 
 /// Parses a number of things that are held in memory or counted on disk.

@@ -27,12 +27,12 @@ pub(super) struct PredictArgs {
     /// units of their motors
     #[arg(
         long,
-        value_delimiter = ',',
+        value_parser = super::numbers,
         required_unless_present = "commands",
         allow_hyphen_values = true,
         value_name = "C,C,..."
     )]
-    command: Option<Vec<f64>>,
+    command: Option<Box<[f64]>>,
     /// Mass hung from the tip (kg), for a model of data with payloads
     #[arg(long, allow_hyphen_values = true, value_name = "KG")]
     payload: Option<f64>,

@@ -169,14 +169,16 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
     };
     let controller = ShapeController::new(&robot, &loads, search)?;
     let found = match (&args.path, targets.as_slice()) {
-        (None, [tip]) => vec![Found::new(
-            &robot,
-            *tip,
-            &next(&robot, &controller, *tip, None)?,
-        )],
+        (None, [tip]) => {
+            let solution = controller.reach(&[Target::tip(&robot, (*tip).into())])?;
+            vec![Found::new(&robot, *tip, &solution)]
+        }
         _ => follow(&robot, &controller, &targets, console)?,
     };
-    let command_units: Vec<&str> = (robot.tendons().iter().map(|t| t.unit().symbol())).collect();
+    if args.path.is_some() {
+        warn(&robot, &loads, args.tolerance, &found)?;
+    }
+    let command_units: Vec<&str> = robot.tendons().iter().map(|t| t.unit().symbol()).collect();
     let table = Table {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),
@@ -265,7 +267,7 @@ fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Resu
     }
     let commands = robot.tendons().iter().enumerate();
     let mut header: Vec<String> = commands
-        .map(|(t, tendon)| format!("c{t} ({})", tendon.unit()))
+        .map(|(t, tendon)| format!("c{t} ({})", tendon.unit().symbol()))
         .collect();
     header.extend(
         [

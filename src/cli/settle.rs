@@ -14,7 +14,7 @@ use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Command, Loads, Robot};
 use tdcr::sim::sensitivity::{Axis, Parameter, SensitivityError};
-use tdcr::sim::statics::{Equilibrium, Settler};
+use tdcr::sim::statics::{Equilibrium, Settler, Stability};
 
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsSaid};
@@ -25,16 +25,16 @@ use super::settle_many;
 pub(super) struct SettleArgs {
     #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
-    /// Command of every tendon (m, or N for a tension drive), separated by commas
+    /// Command of every tendon (m, or N for a tension drive), separated by commas; empty for a robot without tendons
     #[arg(
         long = "command",
-        value_delimiter = ',',
+        value_parser = super::numbers,
         required_unless_present_any = ["random", "commands"],
         conflicts_with_all = ["random", "commands"],
         allow_hyphen_values = true,
         value_name = "C,C,..."
     )]
-    command: Vec<f64>,
+    command: Option<Box<[f64]>>,
     /// Settle all commands of a file: CSV, a line each, with a first line of names if need be, or JSON, a list of lists. A
     /// column `payload` (kg) stands for --payload
     #[arg(long, value_name = "FILE", conflicts_with = "random")]
@@ -66,7 +66,8 @@ struct Settled {
     units: Value,
     /// Disc origins, world frame (m).
     positions: Vec<[f64; 3]>,
-    /// Disc orientations, world frame, unit quaternions (w, x, y, z).
+    /// Disc orientations, world frame, unit quaternions (w, x, y, z): of each the sign nearer to that of the body below,
+    /// the base's with w >= 0.
     orientations: Vec<[f64; 4]>,
     tendon_lengths: Vec<f64>,
     tendon_tensions: Vec<f64>,
@@ -74,6 +75,8 @@ struct Settled {
     iterations: usize,
     smallest_stiffness: f64,
     converged: bool,
+    /// `stable`, `neutral` or `unstable`; null where moments are left.
+    stability: Option<Stability>,
     /// Where asked for, and the robot has settled.
     #[serde(skip_serializing_if = "Option::is_none")]
     tip_compliance: Option<Compliance>,
@@ -104,8 +107,9 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(count) = args.random {
         return survey(&robot, &loads, count, args.seed, console);
     }
-    let command = robot.command(&args.command)?;
+    let command = robot.command(args.command.as_deref().unwrap_or_default())?;
     let equilibrium = robot.settle(&command, &loads);
+    let failure = equilibrium.failure(&robot, &command);
     let tip_compliance = match args.compliance && equilibrium.converged {
         true => Some(tip_compliance(&robot, &command, &loads, &equilibrium)?),
         false => None,
@@ -113,10 +117,10 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     let settled = Settled {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),
-        command: args.command.clone(),
+        command: command.as_slice().to_vec(),
         loads: LoadsSaid::new(&loads),
         units: units(&robot),
-        smallest_stiffness: stiffness(&robot, &command, &loads, &equilibrium),
+        smallest_stiffness: robot.smallest_stiffness(&command, &loads, &equilibrium),
         positions: equilibrium
             .positions
             .iter()
@@ -132,21 +136,20 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         residual: equilibrium.residual,
         iterations: equilibrium.iterations,
         converged: equilibrium.converged,
+        stability: equilibrium.stability,
         tip_compliance,
     };
     console.result(&settled, table)?;
-    if !settled.converged {
-        bail!(
-            "the robot did not settle: residual {:e} N m",
-            settled.residual
-        );
+    if let Some(failure) = failure {
+        return Err(failure.into());
     }
     Ok(())
 }
 
 /// Units of what results say of settled robots, by field.
 pub(super) fn units(robot: &Robot) -> Value {
-    let command: Vec<&str> = (robot.tendons().iter().map(|t| t.unit().symbol())).collect();
+    let tendons = robot.tendons().iter();
+    let command: Vec<&str> = tendons.map(|t| t.unit().symbol()).collect();
     json!({
         "command": command,
         "payload": "kg",
@@ -161,16 +164,6 @@ pub(super) fn units(robot: &Robot) -> Value {
         "smallest_stiffness": "N m/rad",
         "tip_compliance": "rows m, m, m, rad, rad, rad by columns N, N, N, N m, N m, N m",
     })
-}
-
-/// Stiffness of the softest mode of an equilibrium (N m/rad).
-pub(super) fn stiffness(
-    robot: &Robot,
-    command: &Command,
-    loads: &Loads,
-    equilibrium: &Equilibrium,
-) -> f64 {
-    robot.smallest_stiffness(command, loads, &equilibrium.configuration)
 }
 
 fn tip_compliance(
@@ -274,10 +267,11 @@ fn table(settled: &Settled) -> String {
     let _ = writeln!(
         text,
         "\n{} in {} Newton steps; residual {:.1e} N m, smallest stiffness {:.3e} N m/rad",
-        if settled.converged {
-            "settled"
-        } else {
-            "NOT settled"
+        match settled.stability {
+            Some(Stability::Neutral) if settled.converged => "settled (neutral equilibrium)",
+            Some(Stability::Unstable) => "NOT settled (unstable equilibrium)",
+            _ if settled.converged => "settled",
+            _ => "NOT settled",
         },
         settled.iterations,
         settled.residual,

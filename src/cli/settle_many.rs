@@ -16,7 +16,7 @@ use super::commands::{Row, read_commands};
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsSaid};
 use super::output;
-use super::settle::{stiffness, units};
+use super::settle::units;
 
 /// Commands settled between two safe points.
 const BATCH: usize = 1024;
@@ -61,7 +61,7 @@ impl Settled {
             tip_orientation: [rotation.w, rotation.i, rotation.j, rotation.k],
             tendon_tensions: settled.tendon_tensions.clone(),
             tendon_lengths: settled.tendon_lengths.clone(),
-            smallest_stiffness: stiffness(robot, command, loads, settled),
+            smallest_stiffness: robot.smallest_stiffness(command, loads, settled),
             residual: settled.residual,
             iterations: settled.iterations,
             converged: settled.converged,
@@ -156,7 +156,7 @@ fn settle(
 fn csv(robot: &Robot, settled: &[Settled]) -> String {
     let tendons = robot.tendons();
     let mut header: Vec<String> = (tendons.iter().enumerate())
-        .map(|(t, tendon)| format!("c{t} ({})", tendon.unit()))
+        .map(|(t, tendon)| format!("c{t} ({})", tendon.unit().symbol()))
         .collect();
     header.extend(
         [

@@ -77,7 +77,7 @@ struct Simulated {
     time: f64,
     /// Disc origins at the end, world frame (m).
     positions: Vec<[f64; 3]>,
-    /// Rotation of each disc relative to the body below at the end: quaternions (w, x, y, z).
+    /// Rotation of each disc relative to the body below at the end: quaternions (w, x, y, z) with w >= 0.
     rotations: Vec<[f64; 4]>,
     /// Joint rates at the end, in the discs' own frames (rad/s).
     velocity: Vec<f64>,
@@ -125,7 +125,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
             .map(|p| [p.x, p.y, p.z])
             .collect(),
         rotations: (state.configuration.0.iter())
-            .map(|q| [q.w, q.i, q.j, q.k])
+            .map(|q| [q.w, q.i, q.j, q.k].map(|x| if q.w < 0.0 { -x } else { x }))
             .collect(),
         velocity: state.velocity,
     };

@@ -8,9 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use tdcr_learn::data::{
-    CloudSet, DataSet, Normalisation, PredictedClouds, Sample, Split, Subject,
-};
+use tdcr_learn::data::{CloudSet, DataSet, Normalisation, PredictedClouds, Sample, Split, Subject};
 use tdcr_learn::flow::Sampler;
 use tdcr_learn::metrics::{
     MetricError, chamfer, color_error, emd, emd_squared, nearest_distances, rank_correlation,
@@ -20,8 +18,9 @@ use tdcr_learn::train::{Model, Prediction, TrainError};
 use tdcr_sim::robot::Robot;
 
 use super::journal::Journal;
-use super::scores::{Distances, Evaluation, Scores, UncertaintyScore};
+use super::scores::{Distances, Evaluation, Scores, TipError, UncertaintyScore};
 use super::simulation::Simulation;
+use super::tip::tip_error;
 use super::{Monitor, PipelineError};
 
 /// How a network is scored.
@@ -41,7 +40,7 @@ pub struct EvalSettings {
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 8;
+const JOURNAL_FORMAT: u32 = 9;
 
 /// How far a command beside a predicted cloud may be from the test command, as a part of the motor's range: what is lost
 /// where commands are printed with a few digits, and far less than what tells commands apart.
@@ -238,6 +237,23 @@ impl Evaluator {
         Ok(points.as_chunks().0.to_vec())
     }
 
+    /// Distance of the condition of test command `index` from the nearest training condition: Euclidean, each number in
+    /// units of its range in the training data.
+    ///
+    /// # Errors
+    /// [`PipelineError::Data`] where the command does not fit the data set.
+    pub fn distance_to_training(&self, index: usize) -> Result<f64, PipelineError> {
+        let command = self.test[index].condition.to_vec();
+        let condition = self.normalisation.condition(&command)?;
+        let nearest = self
+            .training
+            .nearest_condition(&condition)
+            .expect("a data set has training samples");
+        let pairs = condition.iter().zip(self.training.condition(nearest));
+        let squared: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        Ok(squared.sqrt())
+    }
+
     /// Scores every test command. Finished ones are kept in the file `journal`, from which an
     /// interrupted evaluation of a network is taken up.
     ///
@@ -318,6 +334,18 @@ impl Evaluator {
             color_error((&prediction.points, colors), (&cloud.points, &cloud.colors))
         };
         let colors = prediction.colors.as_ref().filter(|_| self.colored);
+        let tip = match &self.simulation {
+            Some(simulation) => {
+                let settled = simulation.settle(&self.test[index].condition)?;
+                let of = |points: &[_]| tip_error(&simulation.robot, &settled, &truth, points);
+                let of_network = of(&prediction.points)?;
+                let of_nearest = of(&nearest)?;
+                of_network
+                    .zip(of_nearest)
+                    .map(|(network, nearest)| TipError { network, nearest })
+            }
+            None => None,
+        };
         let network = against(&prediction.points)?;
         let nearest = against(&nearest)?;
         let mean = self.simulation.as_ref();
@@ -341,6 +369,7 @@ impl Evaluator {
             floor,
             color: colors.map(color).transpose()?,
             uncertainty: uncertainty(&prediction, &cloud.points)?,
+            tip,
             evaluations: prediction.evaluations as f64,
         })
     }

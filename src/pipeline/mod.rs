@@ -14,6 +14,7 @@ mod preset;
 mod scores;
 mod simulation;
 mod survey;
+mod tip;
 mod train;
 
 pub use collect::{CollectSettings, CollectTimes, collect};
@@ -21,7 +22,7 @@ use evaluate::require_same;
 pub use evaluate::{EvalSettings, Evaluator};
 pub use monitor::{Monitor, Silent};
 pub use preset::{Length, Preset, Rates, distillation};
-pub use scores::{Distances, Evaluation, Quantiles, Scores, UncertaintyScore};
+pub use scores::{Distances, Evaluation, Quantiles, Scores, TipError, UncertaintyScore};
 pub use survey::{Survey, Tips};
 pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, model_path, train};
 

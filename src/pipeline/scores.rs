@@ -39,8 +39,20 @@ pub struct Scores {
     pub color: Option<f64>,
     /// How uncertain the network is; `None` where too few points tell.
     pub uncertainty: Option<UncertaintyScore>,
+    /// How far tips are off; `None` where the data set names no robot, or shows too little of its last disc.
+    pub tip: Option<TipError>,
     /// Evaluations of the network that the prediction took.
     pub evaluations: f64,
+}
+
+/// Distances of predicted tips from the true one (m): lengths of the shifts that bring the points of the true cloud on the
+/// last disc onto the predicted clouds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TipError {
+    /// In the network's cloud.
+    pub network: f64,
+    /// In the training cloud whose command is nearest.
+    pub nearest: f64,
 }
 
 /// How uncertain a network is ([`Prediction::uncertainty`](tdcr_learn::train::Prediction::uncertainty)), and how well
@@ -130,6 +142,17 @@ impl Evaluation {
                 let known = self.per_test.iter().map(|s| s.uncertainty);
                 let known = known.collect::<Option<Vec<_>>>();
                 known.map(|known| UncertaintyScore::mean(&known))
+            },
+            tip: {
+                // Over the commands whose tips are seen.
+                let known: Vec<TipError> = self.per_test.iter().filter_map(|s| s.tip).collect();
+                let mean = |pick: fn(&TipError) -> f64| {
+                    known.iter().map(pick).sum::<f64>() / known.len() as f64
+                };
+                (!known.is_empty()).then(|| TipError {
+                    network: mean(|tip| tip.network),
+                    nearest: mean(|tip| tip.nearest),
+                })
             },
             evaluations: self.per_test.iter().map(|s| s.evaluations).sum::<f64>() / count,
         }
@@ -253,6 +276,10 @@ mod tests {
                 mean: cd.sqrt(),
                 rank_correlation: (cd > 1.0).then_some(0.25 * cd),
             }),
+            tip: (cd > 1.0).then_some(TipError {
+                network: cd,
+                nearest: 4.0 * cd,
+            }),
             evaluations: 8.0 * cd,
         };
         Evaluation {
@@ -312,6 +339,11 @@ mod tests {
         assert_eq!(mean.perfect.map(|d| d.cd), Some(1.2));
         assert_eq!(mean.floor.map(|d| d.cd), Some(1.0));
         assert_eq!(mean.color, Some(0.2));
+        let tip = TipError {
+            network: 3.0,
+            nearest: 12.0,
+        };
+        assert_eq!(mean.tip, Some(tip));
         assert_eq!(mean.evaluations, 16.0);
         let uncertainty = UncertaintyScore {
             mean: 0.5 * (1.0 + 3.0_f64.sqrt()),

@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use tdcr_learn::data::{CloudSet, Condition, DataSet, Recipe, SimulateError, Simulator};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::robot::Robot;
+use tdcr_sim::statics::Equilibrium;
 
 use super::PipelineError;
 
@@ -64,6 +65,13 @@ impl Simulation {
             points,
             mean,
         })
+    }
+
+    /// Where the discs are under a condition.
+    pub fn settle(&self, condition: &Condition) -> Result<Equilibrium, SimulateError> {
+        Simulator::new(&self.robot, &self.recipe)
+            .settle(condition)
+            .cloned()
     }
 
     /// Other samples of the surface of test command `index`, a function of `seed` and `index`.

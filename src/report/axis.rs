@@ -143,7 +143,8 @@ pub(crate) fn mark_at_or_below(value: f64) -> f64 {
     rounded(mark)
 }
 
-fn mark_at_or_above(value: f64) -> f64 {
+/// The least of 1, 2, 5 times a power of ten that is at least `value > 0`.
+pub(crate) fn mark_at_or_above(value: f64) -> f64 {
     let below = mark_at_or_below(value);
     if below >= value * (1.0 - 1e-9) {
         below

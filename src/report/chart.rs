@@ -167,6 +167,38 @@ impl Plot {
     }
 }
 
+/// A dot of a chart: its place on both axes and its colour.
+pub(crate) struct Dot {
+    pub place: (f64, f64),
+    pub color: [u8; 3],
+}
+
+/// A chart of dots, the last on top; `None` if there is none to draw.
+pub(crate) fn dot_chart(title: &str, x: &AxisStyle, y: &AxisStyle, dots: &[Dot]) -> Option<String> {
+    let places = || {
+        let places = dots.iter().map(|dot| dot.place);
+        places.filter(|place| x.spacing.shows(place.0) && y.spacing.shows(place.1))
+    };
+    let plot = Plot {
+        x: Axis::covering(x.spacing, places().map(|place| place.0))?,
+        y: Axis::covering(y.spacing, places().map(|place| place.1))?,
+    };
+    let grid = plot.grid(x.title, y.title);
+    let circles = dots.iter().filter_map(|dot| {
+        let (x, y) = plot.place(dot.place)?;
+        let [r, g, b] = dot.color;
+        Some(format!(
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4\" fill=\"#{r:02x}{g:02x}{b:02x}\"/>"
+        ))
+    });
+    let circles: String = circles.collect();
+    Some(format!(
+        "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">\
+         {grid}<g class=\"dots\">{circles}</g></svg>",
+        escape(title),
+    ))
+}
+
 /// Horizontal bars from zero for durations (s); `None` if none is above zero.
 pub(crate) fn duration_bars(title: &str, bars: &[(&str, f64)]) -> Option<String> {
     let longest = bars

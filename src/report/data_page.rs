@@ -5,14 +5,16 @@ use super::count::counted;
 use super::figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
 use super::html::{base64, escape, fill};
 use super::motors::MotorGroup;
-use super::picture::cloud_sheet;
 use super::sections;
+use super::sheet::cloud_sheet;
 use tdcr_sim::cloud::PointCloud;
 
 /// Bins of a histogram.
 const BINS: usize = 20;
 /// Dots of a workspace; the outline is of all tips.
 const MAX_DOTS: usize = 2000;
+/// Tips from which on a workspace shows them as specks.
+const SPECKS: usize = 200;
 /// Histograms side by side, at most.
 const PANELS: usize = 4;
 const SHEET_COLUMNS: usize = 4;
@@ -133,7 +135,11 @@ impl SetSummary {
             aspect: Aspect::Equal,
             marks: vec![
                 mark(
-                    Shape::Specks,
+                    match seen.len() {
+                        // Specks of a few tips are not seen.
+                        ..SPECKS => Shape::Dots,
+                        _ => Shape::Specks,
+                    },
                     Ink::Blue,
                     seen.iter().copied().step_by(stride).collect(),
                 ),

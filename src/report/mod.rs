@@ -7,15 +7,20 @@
 
 mod axis;
 mod chart;
+mod closing;
+mod color_scale;
+mod command_space;
 mod count;
 mod curves;
 mod data_page;
 mod figure;
 mod html;
+mod lettering;
 mod motors;
 mod picture;
 mod raster;
 mod sections;
+mod sheet;
 mod viewer;
 
 pub use axis::Spacing;
@@ -23,7 +28,7 @@ pub use count::counted;
 pub use data_page::{DataPage, SetSummary};
 pub use figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
 pub use motors::MotorGroup;
-pub use picture::{cloud_sheet, contact_sheet, scale_bar};
+pub use sheet::{cloud_sheet, contact_sheet, scale_bar};
 
 use tdcr_sim::cloud::PointCloud;
 
@@ -70,7 +75,7 @@ pub struct Score {
     pub emd_squared: f64,
 }
 
-/// Chamfer distances (m^2) of every test command, in any order.
+/// The test commands and their Chamfer distances (m^2), one after another in the same order in each list.
 #[derive(Clone, Debug, Default)]
 pub struct PerTest {
     /// Of the network's predictions.
@@ -79,6 +84,11 @@ pub struct PerTest {
     pub nearest: Vec<f64>,
     /// Of second samples of the true surfaces; empty where there are none.
     pub floor: Vec<f64>,
+    /// The commands, as in [`Example::command`].
+    pub commands: Vec<Vec<f64>>,
+    /// Distance of each condition from the nearest training condition: Euclidean, each number in units of its range in the
+    /// training data.
+    pub apart: Vec<f64>,
 }
 
 /// The course of a training.
@@ -122,6 +132,12 @@ pub struct Example {
     pub emd: f64,
     /// Chamfer distance of the nearest command's cloud from the truth (m^2).
     pub cd_nearest: f64,
+    /// Distance of each point of the prediction from the nearest point of the truth (m); empty where it is not known.
+    pub error: Vec<f64>,
+    /// Uncertainty of each point of the prediction (m); empty where it is not known.
+    pub uncertainty: Vec<f64>,
+    /// Distance of the predicted tip from the true one (m); `None` where no robot says where that is.
+    pub tip: Option<f64>,
 }
 
 impl Example {
@@ -147,6 +163,10 @@ impl Report {
                 (
                     "distribution",
                     &curves::distribution(self.per_test.as_ref()),
+                ),
+                (
+                    "commands",
+                    &command_space::section(self.per_test.as_ref(), &self.motors),
                 ),
                 (
                     "training",

@@ -2,6 +2,8 @@
 
 use super::Example;
 use super::axis::mark_at_or_below;
+use super::closing::closing_radius;
+use super::color_scale::ColorScale;
 use super::raster::{Frame, Image, Layer, Paint, View, render};
 use tdcr_sim::cloud::PointCloud;
 
@@ -15,43 +17,26 @@ pub(crate) const BOTH: [u8; 3] = [0xd3, 0xd7, 0xdd];
 
 /// Height of the camera above the horizon (rad).
 const ELEVATION: f64 = 0.21;
-/// Radius of a point (m), large enough for a few thousand of them to close the robot's surface.
+/// Least radius of a point (m), large enough for ten thousand of them to close the robot's surface; fewer are drawn larger.
 const POINT_RADIUS: f64 = 0.003;
 /// Free border (pixels); the scale bar has its own strip below.
-const BORDER: f64 = 10.0;
+pub(crate) const BORDER: f64 = 10.0;
 const BAR_STRIP: f64 = 18.0;
-const BAR_THICKNESS: usize = 3;
-const BAR_COLOR: [u8; 3] = [0x44, 0x4b, 0x55];
-/// Space between the panels of a contact sheet (pixels).
-const GAP: usize = 8;
-
+pub(crate) const BAR_THICKNESS: usize = 3;
+pub(crate) const BAR_COLOR: [u8; 3] = [0x44, 0x4b, 0x55];
 /// What a picture of an example shows.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Subject {
     /// The true cloud in its own colours.
     Truth,
     /// The predicted cloud and the true cloud.
     Prediction,
+    /// The predicted cloud, coloured by the distance of each point from the true cloud.
+    Error,
+    /// The predicted cloud, coloured by the uncertainty of each point.
+    Uncertainty,
     /// The cloud of the nearest training command and the true cloud.
     Nearest,
-}
-
-impl Subject {
-    pub const ALL: [Subject; 3] = [Subject::Truth, Subject::Prediction, Subject::Nearest];
-
-    fn layers(self, example: &Example) -> Vec<Layer<'_>> {
-        let layer = |cloud, paint| Layer {
-            cloud,
-            paint,
-            radius: POINT_RADIUS,
-        };
-        let truth = layer(&example.truth, Paint::Flat(TRUTH));
-        match self {
-            Subject::Truth => vec![layer(&example.truth, Paint::Own)],
-            Subject::Prediction => vec![truth, layer(&example.prediction, Paint::Flat(PREDICTION))],
-            Subject::Nearest => vec![truth, layer(&example.nearest, Paint::Flat(NEAREST))],
-        }
-    }
 }
 
 /// The frame and the scale bar that all pictures of a report share.
@@ -60,13 +45,21 @@ pub(crate) struct Framing {
     pub frame: Frame,
     /// Length of the scale bar (m).
     pub bar: f64,
+    /// Radius of a point (m).
+    radius: f64,
+    /// Scale of the errors; `None` where no example has any.
+    pub error: Option<ColorScale>,
+    /// Scale of the uncertainties; `None` where no example has any.
+    pub uncertainty: Option<ColorScale>,
 }
 
 impl Framing {
     /// The frame `width` pixels wide that holds every example in its own view.
     pub fn of(examples: &[Example], width: usize) -> Self {
         let width = width.max(8 * BORDER as usize);
-        let [[left, right], [bottom, top]] = bounds(examples);
+        let clouds = examples.iter().flat_map(Example::clouds);
+        let radius = clouds.map(closing_radius).fold(POINT_RADIUS, f64::max);
+        let [[left, right], [bottom, top]] = bounds(examples, radius);
         let inner = width as f64 - 2.0 * BORDER;
         let margins = 2.0 * BORDER + BAR_STRIP;
         let height = (inner * (top - bottom) / (right - left) + margins)
@@ -85,13 +78,62 @@ impl Framing {
         Self {
             frame,
             bar: mark_at_or_below(0.3 * width as f64 * metres_per_pixel),
+            radius,
+            error: ColorScale::covering(examples.iter().flat_map(|e| &e.error).copied()),
+            uncertainty: ColorScale::covering(
+                examples.iter().flat_map(|e| &e.uncertainty).copied(),
+            ),
+        }
+    }
+
+    /// What the pictures show: truth and both predictions, and what is known beside.
+    pub fn subjects(&self) -> Vec<Subject> {
+        [
+            Some(Subject::Truth),
+            Some(Subject::Prediction),
+            self.error.map(|_| Subject::Error),
+            self.uncertainty.map(|_| Subject::Uncertainty),
+            Some(Subject::Nearest),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+
+    /// The scale of a subject's colours, where they stand for lengths.
+    pub fn scale(&self, subject: Subject) -> Option<ColorScale> {
+        match subject {
+            Subject::Error => self.error,
+            Subject::Uncertainty => self.uncertainty,
+            Subject::Truth | Subject::Prediction | Subject::Nearest => None,
         }
     }
 
     /// Draws one picture of an example, with the scale bar at the lower left.
     pub fn picture(&self, example: &Example, subject: Subject) -> Image {
         let view = View::turned(bend_azimuth(&example.truth), ELEVATION);
-        let mut image = render(&subject.layers(example), BOTH, &view, &self.frame);
+        let layer = |cloud, paint| Layer {
+            cloud,
+            paint,
+            radius: self.radius,
+        };
+        let truth = layer(&example.truth, Paint::Flat(TRUTH));
+        let values = match subject {
+            Subject::Uncertainty => &example.uncertainty,
+            _ => &example.error,
+        };
+        let scale = self.scale(subject);
+        let color = |&value: &f64| scale.map_or(BOTH, |scale| scale.color(value));
+        let colors: Vec<[u8; 3]> = values.iter().map(color).collect();
+        let layers = match subject {
+            Subject::Truth => vec![layer(&example.truth, Paint::Own)],
+            Subject::Prediction => vec![truth, layer(&example.prediction, Paint::Flat(PREDICTION))],
+            Subject::Error | Subject::Uncertainty => {
+                vec![layer(&example.prediction, Paint::Each(&colors))]
+            }
+            Subject::Nearest => vec![truth, layer(&example.nearest, Paint::Flat(NEAREST))],
+        };
+        let mut image = render(&layers, BOTH, &view, &self.frame);
         let mut bar = Image::white(
             (self.bar / self.frame.metres_per_pixel).round() as usize,
             BAR_THICKNESS,
@@ -103,54 +145,6 @@ impl Framing {
         image.paste(&bar, BORDER as usize, y);
         image
     }
-}
-
-/// PNG of examples side by side: a column for each, with the true cloud in its own colours, the
-/// prediction (vermilion) against the truth (blue), and the cloud of the nearest training command
-/// (purple) against the truth; where the outlines of both agree, they are grey.
-///
-/// Each panel is `panel_width` pixels wide (at least 80). Each column is seen across its plane of
-/// bending; all panels have one scale, that of the bar at their lower left, whose length (m) is
-/// [`scale_bar`]. No example gives one white panel.
-pub fn contact_sheet(examples: &[Example], panel_width: usize) -> Vec<u8> {
-    let framing = Framing::of(examples, panel_width);
-    let (width, height) = (framing.frame.width + GAP, framing.frame.height + GAP);
-    let mut sheet = Image::white(
-        examples.len().max(1) * width - GAP,
-        Subject::ALL.len() * height - GAP,
-    );
-    for (column, example) in examples.iter().enumerate() {
-        for (row, subject) in Subject::ALL.into_iter().enumerate() {
-            let picture = framing.picture(example, subject);
-            sheet.paste(&picture, column * width, row * height);
-        }
-    }
-    sheet.to_png()
-}
-
-/// PNG of clouds in their own colours, row by row with `columns` in each: as [`contact_sheet`], and with the length (m) of
-/// its scale bars.
-pub fn cloud_sheet(clouds: &[PointCloud], columns: usize, panel_width: usize) -> (Vec<u8>, f64) {
-    let alone = |cloud: &PointCloud| Example {
-        truth: cloud.clone(),
-        ..Example::default()
-    };
-    let examples: Vec<Example> = clouds.iter().map(alone).collect();
-    let framing = Framing::of(&examples, panel_width);
-    let (width, height) = (framing.frame.width + GAP, framing.frame.height + GAP);
-    let columns = columns.clamp(1, examples.len().max(1));
-    let rows = examples.len().div_ceil(columns).max(1);
-    let mut sheet = Image::white(columns * width - GAP, rows * height - GAP);
-    for (k, example) in examples.iter().enumerate() {
-        let picture = framing.picture(example, Subject::Truth);
-        sheet.paste(&picture, k % columns * width, k / columns * height);
-    }
-    (sheet.to_png(), framing.bar)
-}
-
-/// Length (m) of the scale bar in the [`contact_sheet`] of the same arguments.
-pub fn scale_bar(examples: &[Example], panel_width: usize) -> f64 {
-    Framing::of(examples, panel_width).bar
 }
 
 /// Horizontal direction of a cloud's bend, as an angle from x (rad): the principal axis of its
@@ -177,8 +171,8 @@ pub(crate) fn bend_azimuth(cloud: &PointCloud) -> f64 {
     }
 }
 
-/// Bounds `[[left, right], [bottom, top]]` (m) of all clouds, each in its example's view.
-fn bounds(examples: &[Example]) -> [[f64; 2]; 2] {
+/// Bounds `[[left, right], [bottom, top]]` (m) of all clouds with points of a radius (m), each in its example's view.
+fn bounds(examples: &[Example], radius: f64) -> [[f64; 2]; 2] {
     let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
     for example in examples {
         let view = View::turned(bend_azimuth(&example.truth), ELEVATION);
@@ -194,7 +188,7 @@ fn bounds(examples: &[Example]) -> [[f64; 2]; 2] {
     }
     bounds.map(|[low, high]| {
         if low <= high {
-            [low - POINT_RADIUS, high + POINT_RADIUS]
+            [low - radius, high + radius]
         } else {
             [-0.1, 0.1]
         }

@@ -108,18 +108,20 @@ pub(crate) struct Frame {
 
 /// Where a layer's colours come from.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Paint {
+pub(crate) enum Paint<'a> {
     /// Each point has its own colour.
     Own,
     /// All points have this colour.
     Flat([u8; 3]),
+    /// Each point has the colour of its place here.
+    Each(&'a [[u8; 3]]),
 }
 
 /// A cloud drawn as balls.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layer<'a> {
     pub cloud: &'a PointCloud,
-    pub paint: Paint,
+    pub paint: Paint<'a>,
     /// Radius of a ball (m).
     pub radius: f64,
 }
@@ -187,6 +189,7 @@ impl DepthBuffer {
             let color = match layer.paint {
                 Paint::Own => layer.cloud.colors.get(index).copied(),
                 Paint::Flat(color) => Some(color),
+                Paint::Each(colors) => colors.get(index).copied(),
             };
             let [u, v, w] = view.project(point);
             let x = (u - frame.center[0]) / sample + 0.5 * width as f64;

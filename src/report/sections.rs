@@ -1,5 +1,6 @@
 //! The sections of the page, each from the part of the report that it shows.
 
+use super::color_scale::{ColorScale, css_gradient};
 use super::html::{NOT_AVAILABLE, base64, column_decimals, escape, fill, fixed};
 use super::motors::command_text;
 use super::picture::{BOTH, Framing, NEAREST, PREDICTION, Subject, TRUTH};
@@ -23,6 +24,7 @@ pub(crate) fn style() -> String {
             ("prediction", &hex(PREDICTION)),
             ("nearest", &hex(NEAREST)),
             ("both", &hex(BOTH)),
+            ("gradient", &css_gradient()),
         ],
     )
 }
@@ -121,16 +123,31 @@ pub(crate) fn pictures(report: &Report) -> String {
         .map(|example| picture_row(example, &report.motors, &framing, decimals))
         .collect();
     let bar_cm = 100.0 * framing.bar;
+    let scales: String = [
+        (
+            "Error: distance of a predicted point from the true cloud",
+            framing.error,
+        ),
+        ("Uncertainty", framing.uncertainty),
+    ]
+    .into_iter()
+    .filter_map(|(name, scale)| Some(color_legend(name, scale?)))
+    .collect();
+    let tip = match examples.iter().any(|example| example.tip.is_some()) {
+        true => TIP_NOTE,
+        false => "",
+    };
     format!(
         "<ul class=\"legend\"><li><i class=\"dot truth\"></i>True cloud alone</li>\
          <li><i class=\"dot network\"></i>Prediction alone</li>\
          <li><i class=\"dot nearest\"></i>Nearest training command’s cloud alone</li>\
-         <li><i class=\"dot both\"></i>Both</li></ul>{rows}\
-         <p class=\"note\">Each row is one test command. Left: the true cloud in its own colours. \
-         Middle and right: grey where the outlines of both clouds agree, a colour where one cloud \
-         stands out. A row is seen across its plane of bending, all pictures have the same scale, \
+         <li><i class=\"dot both\"></i>Both</li></ul><ul class=\"legend\">{scales}</ul>{rows}\
+         <p class=\"note\">Each row is one test command. First: the true cloud in its own colours. \
+         Where two clouds are compared: grey where the outlines of both agree, a colour where one cloud \
+         stands out. Between them, where they are known: the prediction in the colours of its error and of its \
+         uncertainty. A row is seen across its plane of bending, all pictures have the same scale, \
          and the bar at the lower left of each is {bar_cm}\u{a0}cm long. CD is the squared Chamfer \
-         distance from the true cloud, EMD the earth mover’s distance.</p>"
+         distance from the true cloud, EMD the earth mover’s distance. {tip}</p>"
     )
 }
 
@@ -141,18 +158,30 @@ fn picture_row(
     decimals: usize,
 ) -> String {
     let label = escape(&example.label);
-    let figures: String = Subject::ALL
-        .into_iter()
-        .map(|subject| {
+    let subjects = framing.subjects();
+    let figures: String = subjects
+        .iter()
+        .map(|&subject| {
             let (alt, caption) = match subject {
                 Subject::Truth => ("true cloud in its own colours", "Truth".to_owned()),
                 Subject::Prediction => (
                     "predicted cloud against the true cloud",
                     format!(
-                        "Prediction, CD\u{a0}{}, EMD\u{a0}{}\u{a0}mm",
+                        "Prediction, CD\u{a0}{}, EMD\u{a0}{}\u{a0}mm{}",
                         cd_text(example.cd, decimals),
-                        fixed(example.emd / EMD_UNIT, 1)
+                        fixed(example.emd / EMD_UNIT, 1),
+                        example.tip.map_or(String::new(), |tip| {
+                            format!(", tip\u{a0}{}\u{a0}mm off", fixed(tip / EMD_UNIT, 1))
+                        })
                     ),
+                ),
+                Subject::Error => (
+                    "predicted cloud, coloured by the distance of each point from the true cloud",
+                    format!("Its error, {}", values_text(&example.error)),
+                ),
+                Subject::Uncertainty => (
+                    "predicted cloud, coloured by the uncertainty of each point",
+                    format!("Its uncertainty, {}", values_text(&example.uncertainty)),
                 ),
                 Subject::Nearest => (
                     "cloud of the nearest training command against the true cloud",
@@ -174,9 +203,37 @@ fn picture_row(
         .collect();
     format!(
         "<article class=\"example\"><h3>{label}</h3><p>{}</p>\
-         <div class=\"triple\">{figures}</div></article>",
+         <div class=\"pictures\" style=\"--columns:{}\">{figures}</div></article>",
         condition_text(example, motors),
+        subjects.len(),
     )
+}
+
+/// What a tip's error is.
+const TIP_NOTE: &str = "The tip is off by the shift that brings the points of the true cloud on the last disc onto the \
+     predicted cloud.";
+
+/// A scale of colours in a legend, from zero to its end.
+fn color_legend(name: &str, scale: ColorScale) -> String {
+    let top = fixed(
+        scale.top / EMD_UNIT,
+        column_decimals([scale.top / EMD_UNIT]).saturating_sub(1),
+    );
+    format!("<li>{name}: 0 <i class=\"scale\"></i> {top}\u{a0}mm or more</li>")
+}
+
+/// Mean and 95 % quantile of lengths (m).
+fn values_text(values: &[f64]) -> String {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let Some(last) = sorted.len().checked_sub(1) else {
+        return NOT_AVAILABLE.to_owned();
+    };
+    let mean = sorted.iter().sum::<f64>() / sorted.len() as f64;
+    let most = sorted[(0.95 * last as f64).round() as usize];
+    let decimals = column_decimals([mean / EMD_UNIT]);
+    let [mean, most] = [mean, most].map(|x| fixed(x / EMD_UNIT, decimals));
+    format!("mean\u{a0}{mean}\u{a0}mm, 95\u{a0}% below {most}\u{a0}mm")
 }
 
 /// A squared distance in the table's unit, kept on one line.

@@ -40,9 +40,14 @@ fn base_and_payload_go_into_a_model_alone() {
         "{model}"
     );
     assert!(model.contains("<body name=\"payload\">") && model.contains("mass=\"0.02\""));
-    for option in [&["--base"][..], &["--payload", "0.02"]] {
+    for option in [
+        &["--base"][..],
+        &["--payload", "0.02"],
+        &["--dt", "0.001"],
+        &["--integrator", "rk4"],
+    ] {
         let arguments = [&["export", "--format", "urdf"], option].concat();
-        refuse(&arguments, 1, "--base and --payload go with --format mjcf");
+        refuse(&arguments, 1, "--command go with --format mjcf");
     }
     refuse(
         &["export", "--payload", "-1"],
@@ -68,7 +73,7 @@ fn a_model_that_is_no_robot_is_named_with_its_line() {
     settle("`payload` is 0.02 kg; expected none in a robot file");
     fs::write(&file, model.replacen("type=\"ball\"", "type=\"hinge\"", 1)).unwrap();
     settle(&format!(
-        "{}, line 29, <joint>: attribute type=\"hinge\": expected ball",
+        "{}, line 29, <joint>: a hinge alone; expected a ball joint",
         file.display()
     ));
     fs::write(&file, "<mujoco>").unwrap();
@@ -92,4 +97,120 @@ fn what_is_passed_over_in_a_model_is_said() {
         String::from_utf8(output.stdout).unwrap(),
         succeed(&["export", "--format", "toml"])
     );
+}
+
+#[test]
+fn a_file_in_the_way_is_replaced_only_with_force() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("keep.toml");
+    let own = format!("# mine\n{}", succeed(&["export", "--format", "toml"]));
+    fs::write(&file, &own).unwrap();
+    let export = [
+        "export",
+        "--robot",
+        text(&file),
+        "--format",
+        "toml",
+        "--out",
+        text(&file),
+    ];
+    refuse(
+        &export,
+        1,
+        "keep.toml is there already; --force replaces it",
+    );
+    assert_eq!(fs::read_to_string(&file).unwrap(), own);
+    succeed(&[&export[..], &["--force"]].concat());
+    assert!(!fs::read_to_string(&file).unwrap().contains("# mine"));
+}
+
+/// The 2m robot on a rod of steel, in a file.
+fn on_a_rod(folder: &std::path::Path) -> std::path::PathBuf {
+    let file = folder.join("rod.toml");
+    let spec = succeed(&["export", "--format", "toml"]);
+    let rod = "armature = 1e-7\nbackbone = { bending = [0.5, 0.5], torsion = 0.385 }";
+    let spec = spec
+        .replace("armature = 0.01", rod)
+        .replace("damping = 0.1", "damping = 1e-4");
+    fs::write(&file, spec).unwrap();
+    file
+}
+
+#[test]
+fn a_stiff_rod_gets_a_stable_time_step_or_is_refused_with_the_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = on_a_rod(folder.path());
+    let model = succeed(&["export", "--robot", text(&file)]);
+    assert!(
+        model.contains("timestep=\"0.0002\" integrator=\"Euler\""),
+        "{model}"
+    );
+    for integrator in ["euler", "implicitfast", "implicit", "rk4"] {
+        let options = [
+            "export",
+            "--robot",
+            text(&file),
+            "--integrator",
+            integrator,
+            "--dt",
+        ];
+        let expected = "a time step of 0.002 s is not stable: with MuJoCo's";
+        refuse(&[&options[..], &["0.002"]].concat(), 1, expected);
+        let model = succeed(&[&options[..], &["0.0003"]].concat());
+        assert!(model.contains("timestep=\"0.0003\""), "{model}");
+    }
+    let command = ["export", "--command", "0.01,0.02,0.03,0.02,0.02,0.02"];
+    let model = succeed(&command);
+    assert!(
+        model.contains("ctrl=\"0.01 0.02 0.03 0.02 0.02 0.02\""),
+        "{model}"
+    );
+    refuse(
+        &["export", "--command", "1,2"],
+        1,
+        "the command has 2 entries",
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn a_device_is_no_robot_however_it_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let settle = |file: &std::path::Path| {
+        let expected = "not a regular file";
+        refuse(
+            &["settle", "--robot", text(file), "--command", COMMAND],
+            1,
+            expected,
+        );
+    };
+    for extension in ["toml", "json", "xml", "urdf"] {
+        let file = folder.path().join(format!("zero.{extension}"));
+        std::os::unix::fs::symlink("/dev/zero", &file).unwrap();
+        settle(&file);
+    }
+    let file = folder.path().join("includes.xml");
+    fs::write(&file, "<mujoco><include file=\"/dev/zero\"/></mujoco>").unwrap();
+    settle(&file);
+    let out = folder.path().join("views");
+    let render = [
+        "render",
+        "--command",
+        COMMAND,
+        "--base-mesh",
+        "/dev/zero",
+        "--out",
+        text(&out),
+    ];
+    refuse(&render, 1, "cannot read mesh /dev/zero: not a regular file");
+}
+
+#[test]
+fn the_help_of_every_robot_option_names_all_kinds_of_files() {
+    for command in ["settle", "simulate", "collect", "export", "render"] {
+        let help = succeed(&[command, "--help"]);
+        for kind in [".toml", ".json", ".xml", ".urdf"] {
+            assert!(help.contains(kind), "{command}: {help}");
+        }
+    }
 }

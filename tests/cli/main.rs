@@ -7,6 +7,7 @@ mod data;
 mod distill;
 mod eval;
 mod export;
+mod files;
 mod growth;
 mod names;
 mod others;
@@ -21,7 +22,9 @@ mod settle;
 mod signals;
 mod simulate;
 mod start;
+mod statics;
 mod training;
+mod units;
 
 use std::path::Path;
 use std::process::{Command, Output};

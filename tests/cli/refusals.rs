@@ -52,7 +52,7 @@ fn a_wrong_command_is_named() {
         "command entry 0 is NaN m; tendon 0 takes 0 to 0.04 m",
     );
     settle("0.01,inf,0.01,0,0,0", 1, "command entry 1 is inf m");
-    settle("0.01,two,0.01,0,0,0", 2, "invalid value 'two'");
+    settle("0.01,two,0.01,0,0,0", 2, "`two` is not a number");
     refuse(&["settle"], 2, "--command");
     refuse(
         &["settle", "--command", COMMAND, "--payload", "-1"],

@@ -195,3 +195,22 @@ fn wrong_loads_are_named() {
     );
     wrong("--line-load", "0,1", 2, "expected 3 numbers, found 2");
 }
+
+#[test]
+fn a_robot_without_tendons_takes_an_empty_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = include_str!("one-module.toml");
+    let tendons = robot
+        .lines()
+        .filter(|line| !line.starts_with("tendons = "))
+        .map(|line| format!("{line}\n"));
+    let robot = file(folder.path(), "free.toml", &tendons.collect::<String>());
+    let free = ["settle", "--robot", text(&robot), "--command", ""];
+    let settled = succeed_json(&[&free[..], &["--wrench", "tip:0.001,0,0"]].concat());
+    assert_eq!(settled["command"].as_array().unwrap().len(), 0);
+    refuse(
+        &["settle", "--command", ""],
+        1,
+        "the command has 0 entries; robot `2m` has 6 tendons",
+    );
+}

@@ -97,13 +97,13 @@ const WORDS: [&[u8]; 22] = [
 ];
 
 fn damage() -> impl Strategy<Value = Damage> {
-    let place = any::<Index>();
+    let place = any::<Index>;
     prop_oneof![
-        4 => (place, any::<u8>()).prop_map(|(place, byte)| Damage::Byte(place, byte)),
-        2 => (place, 1..40_usize).prop_map(|(place, length)| Damage::Remove(place, length)),
-        4 => (place, prop::sample::select(&WORDS[..])).prop_map(|(place, word)| Damage::Insert(place, word)),
-        1 => (place, 1..40_usize, 1..200_usize).prop_map(|(place, length, times)| Damage::Repeat(place, length, times)),
-        1 => place.prop_map(Damage::Truncate),
+        4 => (place(), any::<u8>()).prop_map(|(place, byte)| Damage::Byte(place, byte)),
+        2 => (place(), 1..40_usize).prop_map(|(place, length)| Damage::Remove(place, length)),
+        4 => (place(), prop::sample::select(&WORDS[..])).prop_map(|(place, word)| Damage::Insert(place, word)),
+        1 => (place(), 1..40_usize, 1..200_usize).prop_map(|(place, length, times)| Damage::Repeat(place, length, times)),
+        1 => place().prop_map(Damage::Truncate),
     ]
 }
 

@@ -72,6 +72,9 @@ pub fn example(label: &str, azimuth: f64, angle: f64, counter: f64) -> Example {
         cd: 3.1e-5,
         emd: 5.1e-3,
         cd_nearest: 2.84e-4,
+        error: (0..5000).map(|k| 1e-6 * f64::from(k)).collect(),
+        uncertainty: (0..5000).map(|k| 2e-7 * f64::from(k)).collect(),
+        tip: Some(2.3e-3),
         ..Example::default()
     }
 }
@@ -130,6 +133,10 @@ pub fn full_report() -> Report {
             network: log_normal(2.6e-5, 0.6),
             nearest: log_normal(2.2e-4, 0.7),
             floor: log_normal(2.7e-6, 0.1),
+            commands: (0..500)
+                .map(|k| (0..6).map(|m| 0.04 * (0.618 * f64::from(k * (m + 1))).fract()).collect())
+                .collect(),
+            apart: (0..500).map(|k| 0.1 + 0.4 * (0.755 * f64::from(k)).fract()).collect(),
         }),
         training: Some(Training {
         loss_curve: (0..4000).map(|k| (10 * k, loss(10 * k))).collect(),

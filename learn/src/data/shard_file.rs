@@ -8,6 +8,9 @@ use super::DataError;
 use super::shard::{Array, Batch, Sizes};
 use crate::limits;
 
+/// Bytes of memory for what the HDF5 reader keeps of a chunk, stored or not, however small it is.
+const CHUNK_ENTRY: u64 = 128;
+
 /// An open HDF5 file of samples whose arrays have the types and shapes of the layout.
 pub(super) struct ShardFile {
     path: PathBuf,
@@ -202,6 +205,11 @@ impl ShardFile {
         };
         let asked = limits::bytes(&chunk_shape, array.element_size());
         self.require_warranted(array, &chunk_shape, asked)?;
+        let shape = array.shape(self.sizes);
+        let grid = std::iter::zip(&shape, &chunk_shape)
+            .map(|(size, chunk)| size.div_ceil((*chunk).max(1)));
+        let asked = limits::bytes(&grid.collect::<Vec<_>>(), CHUNK_ENTRY);
+        self.require_warranted(array, &shape, asked)?;
         let file_bytes = self.file.file_size();
         let chunks = stored.chunks().map_err(unreadable)?;
         match chunks.iter().find(|chunk| chunk.storage_size > file_bytes) {

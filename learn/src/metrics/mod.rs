@@ -15,6 +15,7 @@ mod matcher;
 mod nearest;
 mod priced_tree;
 mod rank;
+mod register;
 mod spread;
 
 pub use approximate::emd_approximate;
@@ -24,6 +25,7 @@ pub use emd::{Emd, GroundCost, emd, emd_squared, emd_with};
 pub(crate) use matcher::Matcher;
 pub use nearest::nearest_distances;
 pub use rank::rank_correlation;
+pub use register::shift_onto;
 pub use spread::surface_spread;
 
 use std::fmt;

@@ -100,6 +100,21 @@ impl Expansion {
         }
     }
 
+    /// Size of the Hessian's diagonal blocks (N m/rad), from above and without regard to signs.
+    pub fn scale(&self) -> f64 {
+        let stiffest = self.weights.iter().fold(0.0, |w: f64, x| w.max(x.abs()));
+        let mut above = Matrix3::zeros();
+        let mut largest: f64 = 0.0;
+        for joint in (0..self.joint_blocks.len()).rev() {
+            above += self.disc_blocks[joint];
+            let slopes = &self.slopes[joint * self.columns.slots..][..self.columns.slots];
+            let columns: f64 = slopes.iter().map(Vector3::norm_squared).sum();
+            let own = self.joint_blocks[joint].norm() + above.norm() + stiffest * columns;
+            largest = largest.max(own);
+        }
+        largest
+    }
+
     /// The Hessian by the joints' turns as a dense matrix `3 n x 3 n`, world axes (N m/rad).
     pub fn dense(&self) -> Mat<f64> {
         let n = self.joint_blocks.len();

@@ -106,8 +106,8 @@ pub struct TendonProfile {
 pub struct FrictionState {
     /// Where the robot rests. `tendon_tensions` are those at the servos, `iterations` the Newton
     /// steps since the last command, and `converged` says that the residual is within
-    /// [`TOLERANCE`](crate::statics::TOLERANCE); unlike in the statics without friction it says nothing
-    /// about stability. Where a path could not reach its command, this is the last equilibrium on the
+    /// [`Robot::moment_tolerance`]; unlike in the statics without friction it says nothing
+    /// about stability (`stability` is `None`). Where a path could not reach its command, this is the last equilibrium on the
     /// way, with the residual that the command leaves there and `converged` false.
     pub equilibrium: Equilibrium,
     /// Each tendon along its route.
@@ -248,6 +248,7 @@ impl<'a> FrictionPath<'a> {
         let mut reached = from.clone();
         (self.state.substeps, self.state.equilibrium.iterations) = (0, 0);
         self.state.equilibrium.converged = true;
+        self.state.equilibrium.stability = None;
         while done < 1.0 {
             let part = f64::min(done + stride, 1.0);
             let between = if part == 1.0 {

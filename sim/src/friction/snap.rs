@@ -12,7 +12,6 @@ use super::FrictionPath;
 use crate::chain::Configuration;
 use crate::energy::Expansion;
 use crate::robot::Loads;
-use crate::statics::TOLERANCE;
 use crate::tendon::Posture;
 
 /// Steps before a slide counts as endless.
@@ -61,7 +60,7 @@ impl FrictionPath<'_> {
         self.retreat();
         self.balance.load(command, loads, &self.state.tendons);
         self.balance.follow(&self.state.tendons);
-        let mut drag = self.balance.residual().max(TOLERANCE) / self.resolution;
+        let mut drag = self.balance.residual().max(self.balance.tolerance) / self.resolution;
         for _ in 0..MAX_STEPS {
             let Some((turn, taken)) = self.slide(command, loads, &mut drag) else {
                 break;
@@ -71,7 +70,7 @@ impl FrictionPath<'_> {
             self.balance.drag = None;
             self.balance.follow(&self.state.tendons);
             self.state.equilibrium.residual = self.balance.residual();
-            if self.state.equilibrium.residual <= TOLERANCE {
+            if self.state.equilibrium.residual <= self.balance.tolerance {
                 self.state.snaps += 1;
                 return true;
             }

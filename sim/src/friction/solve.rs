@@ -23,7 +23,7 @@ use super::{Contact, TendonProfile};
 use crate::chain::{Configuration, turned};
 use crate::energy::{DeadForces, Expansion, Potential};
 use crate::robot::{Loads, Robot};
-use crate::statics::{LENGTH_TOLERANCE, TOLERANCE, follower};
+use crate::statics::follower;
 use crate::tendon::Posture;
 
 /// Newton steps before a solve counts as failed.
@@ -50,6 +50,11 @@ enum Contacts {
 #[derive(Clone, Debug)]
 pub(super) struct Balance<'a> {
     robot: &'a Robot,
+    /// Largest moment left on a joint (N m); of the robot without loads, `own_tolerance`.
+    pub tolerance: f64,
+    own_tolerance: f64,
+    /// Largest error of a commanded length (m).
+    length_tolerance: f64,
     loads: Loads,
     /// The dead forces among the loads.
     weight: DeadForces,
@@ -75,6 +80,9 @@ impl<'a> Balance<'a> {
         let profiles: Vec<_> = lines.iter().map(TendonProfile::new).collect();
         Self {
             robot,
+            tolerance: robot.moment_tolerance(),
+            own_tolerance: robot.moment_tolerance(),
+            length_tolerance: robot.length_tolerance(),
             loads: Loads::default(),
             weight: DeadForces::new(robot),
             dead: DeadForces::new(robot),
@@ -106,6 +114,7 @@ impl<'a> Balance<'a> {
             };
             self.rest[t] = command[t] - correction;
         }
+        self.tolerance = self.own_tolerance.max(self.robot.load_rounding(loads));
         self.loads.clone_from(loads);
         self.weight.set(self.robot, loads);
     }
@@ -133,7 +142,7 @@ impl<'a> Balance<'a> {
             if !solved {
                 return (false, iterations);
             }
-            if self.correct_rest_lengths(command) <= LENGTH_TOLERANCE {
+            if self.correct_rest_lengths(command) <= self.length_tolerance {
                 return (true, iterations);
             }
         }
@@ -152,7 +161,7 @@ impl<'a> Balance<'a> {
             let error = self.lines[t].length() - command[t];
             if error < 0.0 && self.profiles[t].tensions[0] == 0.0 {
                 self.rest[t] = command[t];
-            } else if error.abs() > LENGTH_TOLERANCE {
+            } else if error.abs() > self.length_tolerance {
                 self.rest[t] -= error;
                 largest = largest.max(error.abs());
             }
@@ -163,7 +172,7 @@ impl<'a> Balance<'a> {
     fn newton(&mut self, before: &[TendonProfile]) -> (bool, usize) {
         for iteration in 0..MAX_ITERATIONS {
             self.follow(before);
-            if self.residual() <= TOLERANCE {
+            if self.residual() <= self.tolerance {
                 return (true, iteration);
             }
             self.evaluate(before, Contacts::Assumed);
@@ -183,7 +192,7 @@ impl<'a> Balance<'a> {
             }
         }
         self.follow(before);
-        (self.residual() <= TOLERANCE, MAX_ITERATIONS)
+        (self.residual() <= self.tolerance, MAX_ITERATIONS)
     }
 
     /// Takes the step, halved until the next simplified correction is smaller than `size`, that of

@@ -58,7 +58,7 @@ impl Integrator {
 }
 
 /// What a model says of joints that bend and turn unlike.
-const IN_SERIES: &str = "Bending and torsion differ: each joint is a ball with the larger stiffness, \
+const IN_SERIES: &str = "Bending and torsion differ: each joint is a ball with the largest stiffness, \
                          in series with a hinge about each softer axis. Turns about one of the axes \
                          have exactly the energy of the rod; combined turns differ by terms of \
                          fourth order in the angles.";

@@ -16,14 +16,13 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::attributes::Attributes;
 use super::body::BodyReader;
 use super::disc::SAME_PLACE;
 use super::write::{Attribute, number, numbers};
 use crate::backbone::rotation_vector;
 use crate::exchange::ImportError;
 use crate::robot::Disc;
-
-use super::attributes::Attributes;
 
 /// Deviation of a direction from an axis, and of stiffnesses from one another (relative), that counts
 /// as none.
@@ -52,8 +51,8 @@ pub(super) struct Hinge {
 
 /// One degree of freedom of a joint.
 pub(super) struct Freedom {
-    /// The disc's axis that it turns about.
-    pub axis: usize,
+    /// What it turns the disc about, in the disc's frame.
+    pub axis: Vector3<f64>,
     pub stiffness: f64,
     pub damping: f64,
     pub armature: f64,
@@ -86,7 +85,8 @@ impl SeriesJoint {
         self.hinges.is_empty()
     }
 
-    /// The attributes of the elements `joint`.
+    /// The attributes of the elements `joint`: the hinges come first, as MuJoCo takes no hinge after a
+    /// ball.
     pub fn elements(&self) -> Vec<Vec<Attribute<'static>>> {
         let element = |kind: &str, hinge: Option<&Hinge>| {
             let mut joint = vec![("type", kind.to_owned())];
@@ -98,69 +98,81 @@ impl SeriesJoint {
             }
             joint
         };
-        let mut ball = element("ball", None);
-        ball.push(("damping", number(self.damping)));
-        ball.push(("armature", number(self.armature)));
-        ball.extend(
-            self.stiffness
-                .map(|stiffness| ("stiffness", number(stiffness))),
-        );
-        let mut elements = vec![ball];
-        for hinge in &self.hinges {
+        let hinges = self.hinges.iter().map(|hinge| {
             let mut joint = element("hinge", Some(hinge));
             joint.push(("damping", number(hinge.damping)));
             joint.push(("armature", number(hinge.armature)));
             joint.push(("stiffness", number(hinge.stiffness)));
-            elements.push(joint);
-        }
-        elements
-    }
-
-    /// Its degrees of freedom, in MuJoCo's order.
-    pub fn freedoms(&self) -> impl Iterator<Item = Freedom> {
-        let ball = (0..3).map(|axis| Freedom {
-            axis,
-            stiffness: self.stiffness.unwrap_or(0.0),
-            damping: self.damping,
-            armature: self.armature,
+            joint
         });
-        ball.chain(self.hinges.iter().map(|hinge| Freedom {
-            axis: hinge.axis,
-            stiffness: hinge.stiffness,
-            damping: hinge.damping,
-            armature: hinge.armature,
-        }))
+        let mut ball = element("ball", None);
+        ball.push(("damping", number(self.damping)));
+        ball.push(("armature", number(self.armature)));
+        ball.extend(self.stiffness.map(|k| ("stiffness", number(k))));
+        hinges.chain([ball]).collect()
     }
 
-    /// MuJoCo's coordinates of the turn `q` from rest: the ball's quaternion (w, x, y, z), then the
-    /// hinges' angles (rad), at which ball and hinges hold one another.
+    /// Its degrees of freedom where it turns by `q` from rest.
+    pub fn freedoms(&self, q: &UnitQuaternion<f64>) -> Vec<Freedom> {
+        let (angles, ball) = self.balance(q);
+        let mut freedoms: Vec<Freedom> = (0..3)
+            .map(|axis| Freedom {
+                axis: Vector3::ith(axis, 1.0),
+                stiffness: self.stiffness.unwrap_or(0.0),
+                damping: self.damping,
+                armature: self.armature,
+            })
+            .collect();
+        let mut after = ball;
+        for (hinge, angle) in self.hinges.iter().zip(angles).rev() {
+            freedoms.push(Freedom {
+                axis: after.inverse() * hinge.axis(),
+                stiffness: hinge.stiffness,
+                damping: hinge.damping,
+                armature: hinge.armature,
+            });
+            after = hinge.turn(angle) * after;
+        }
+        freedoms
+    }
+
+    /// MuJoCo's coordinates of the turn `q` from rest: the hinges' angles (rad), then the ball's
+    /// quaternion (w, x, y, z).
     pub fn coordinates(&self, q: &UnitQuaternion<f64>) -> Vec<f64> {
+        let (mut coordinates, ball) = self.balance(q);
+        let sign = if ball.w < 0.0 { -1.0 } else { 1.0 };
+        coordinates.extend([ball.w, ball.i, ball.j, ball.k].map(|number| sign * number));
+        coordinates
+    }
+
+    /// The hinges' angles (rad) and the ball's turn that make up the turn `q` from rest, at which they
+    /// hold one another.
+    fn balance(&self, q: &UnitQuaternion<f64>) -> (Vec<f64>, UnitQuaternion<f64>) {
         let stiffness = self.stiffness.unwrap_or(0.0);
         let mut angles = vec![0.0; self.hinges.len()];
         let mut ball = *q;
         for _ in 0..ITERATIONS * self.hinges.len().min(1) {
-            // The ball turns about the moment in it, which is the same in the frames on either side.
+            // The ball turns about its moment, which is the same in the frames on either side of it.
             let moment = rotation_vector(&ball) * stiffness;
-            let mut below = UnitQuaternion::identity();
-            for (hinge, angle) in self.hinges.iter().zip(&mut angles) {
-                let left = moment.dot(&(below * hinge.axis())) - hinge.stiffness * *angle;
+            let mut after = UnitQuaternion::identity();
+            for (hinge, angle) in self.hinges.iter().zip(&mut angles).rev() {
+                let left = moment.dot(&(after.inverse() * hinge.axis())) - hinge.stiffness * *angle;
                 *angle += left / (stiffness + hinge.stiffness);
-                below *= UnitQuaternion::from_scaled_axis(hinge.axis() * *angle);
+                after = hinge.turn(*angle) * after;
             }
-            ball = q * below.inverse();
+            ball = after.inverse() * q;
         }
-        let sign = if ball.w < 0.0 { -1.0 } else { 1.0 };
-        let mut coordinates: Vec<f64> = [ball.w, ball.i, ball.j, ball.k]
-            .map(|number| sign * number)
-            .into();
-        coordinates.extend(angles);
-        coordinates
+        (angles, ball)
     }
 }
 
 impl Hinge {
     fn axis(&self) -> Vector3<f64> {
         Vector3::ith(self.axis, 1.0)
+    }
+
+    fn turn(&self, angle: f64) -> UnitQuaternion<f64> {
+        UnitQuaternion::from_scaled_axis(self.axis() * angle)
     }
 
     /// The hinge that makes a ball of `stiffness` `share` times as stiff about an axis.

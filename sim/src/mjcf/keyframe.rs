@@ -1,6 +1,7 @@
 //! The pose that a model starts in, and the time step that is stable about it.
 
 use faer::Mat;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::export::{ExportOptions, Integrator};
 use super::joint::{Freedom, SeriesJoint};
@@ -8,7 +9,6 @@ use crate::chain::Configuration;
 use crate::dynamics::{self, SmallMotions, State};
 use crate::exchange::ExportError;
 use crate::robot::{Command, Disc, Loads, Robot};
-use nalgebra::{UnitQuaternion, Vector3};
 
 /// Name of the keyframe of a model: the robot settled under a command.
 pub(super) const KEYFRAME: &str = "settled";
@@ -103,34 +103,36 @@ impl Start {
         if joints.iter().all(SeriesJoint::is_ball) {
             return balls.clone();
         }
-        let freedoms: Vec<(usize, Freedom)> = (joints.iter().enumerate())
-            .flat_map(|(disc, joint)| joint.freedoms().map(move |freedom| (disc, freedom)))
-            .collect();
-        let count = freedoms.len();
-        let axis = |of: usize| 3 * freedoms[of].0 + freedoms[of].1.axis;
-        let spread = |matrix: &Mat<f64>,
-                      own: &dyn Fn(&Disc, usize) -> f64,
-                      new: &dyn Fn(&Freedom) -> f64| {
-            Mat::from_fn(count, count, |row, column| {
-                let (i, j) = (axis(row), axis(column));
-                let mut entry = matrix[(i, j)];
-                if i == j {
-                    entry -= own(&robot.discs()[i / 3], i % 3);
-                }
-                if row == column {
-                    entry += new(&freedoms[row].1);
-                }
-                entry
+        let turns = robot.discs().iter().zip(&self.configuration.0);
+        let freedoms: Vec<(usize, Freedom)> = (turns.zip(joints).enumerate())
+            .flat_map(|(index, ((disc, q), joint))| {
+                let freedoms = joint.freedoms(&from_rest(disc, q)).into_iter();
+                freedoms.map(move |freedom| (index, freedom))
             })
-        };
-        let spring = |disc: &Disc, axis: usize| disc.backbone.map_or(0.0, |b| b.stiffness()[axis]);
+            .collect();
+        // `J' (A - B) J + C`, where the columns of `J` are the freedoms' axes, and `B` and `C` what the
+        // balls alone and the freedoms have of their own.
+        let spread =
+            |matrix: &Mat<f64>, of_ball: fn(&Disc) -> Vector3<f64>, own: fn(&Freedom) -> f64| {
+                Mat::from_fn(freedoms.len(), freedoms.len(), |row, column| {
+                    let ((i, left), (j, right)) = (&freedoms[row], &freedoms[column]);
+                    let mut block = Matrix3::from_fn(|r, c| matrix[(3 * i + r, 3 * j + c)]);
+                    if i == j {
+                        block -= Matrix3::from_diagonal(&of_ball(&robot.discs()[*i]));
+                    }
+                    let own = if row == column { own(left) } else { 0.0 };
+                    left.axis.dot(&(block * right.axis)) + own
+                })
+            };
+        let armature = |disc: &Disc| Vector3::repeat(disc.armature);
+        let spring = |disc: &Disc| disc.backbone.map_or(Vector3::zeros(), |b| b.stiffness());
         SmallMotions {
-            mass: spread(&balls.mass, &|disc, _| disc.armature, &|f| f.armature),
+            mass: spread(&balls.mass, armature, |freedom| freedom.armature),
             damping: freedoms
                 .iter()
                 .map(|(_, freedom)| freedom.damping)
                 .collect(),
-            stiffness: spread(&balls.stiffness, &spring, &|f| f.stiffness),
+            stiffness: spread(&balls.stiffness, spring, |freedom| freedom.stiffness),
         }
     }
 }

@@ -13,6 +13,12 @@ const MAX_DISCS: usize = 1000;
 const MAX_HOLES: usize = 1000;
 /// Tendons at one joint, pieces of tendon that pass discs by counted three times.
 const MAX_TENDONS_AT_JOINT: usize = 64;
+/// No quantity of a robot in SI units comes near, and products of several such do not overflow.
+const LARGEST: f64 = 1e15;
+/// Largest distance within a robot (m): beside it the others are not lost in rounding.
+const MAX_DISTANCE: f64 = 1e3;
+/// Largest coordinate of the base (m), for the same reason.
+const MAX_COORDINATE: f64 = 1e6;
 
 impl RobotSpec {
     /// Checks every field.
@@ -217,7 +223,11 @@ impl BaseSpec {
             ));
         }
         finite("base.hole_height", &[self.hole_height])?;
-        self.holes.validate("base.holes")
+        self.holes.validate("base.holes")?;
+        let far = "coordinates of at most 1e6 m";
+        at_most(MAX_COORDINATE, "base.position", &self.position, far)?;
+        at_most(MAX_DISTANCE, "base.hole_height", &[self.hole_height], NEAR)?;
+        self.holes.validate_distances("base.holes")
     }
 }
 
@@ -228,6 +238,16 @@ impl Holes {
             Self::Circle(circle) => {
                 not_negative(&format!("{field}.radius"), circle.radius)?;
                 radians(&format!("{field}.angles"), &circle.angles, "degrees")
+            }
+        }
+    }
+
+    fn validate_distances(&self, field: &str) -> Result<(), SpecError> {
+        match self {
+            Self::At(holes) => at_most(MAX_DISTANCE, field, holes.as_flattened(), NEAR),
+            Self::Circle(circle) => {
+                let field = format!("{field}.radius");
+                at_most(MAX_DISTANCE, &field, &[circle.radius], NEAR)
             }
         }
     }
@@ -272,7 +292,16 @@ impl ModuleSpec {
         if let Some(tendons) = &self.tendons {
             tendons.validate(&|field| at(&format!("tendons.{field}")))?;
         }
-        Ok(())
+        for (field, distance) in [
+            ("first_offset", self.first_offset),
+            ("pitch", self.pitch),
+            ("joint_below", self.joint_below),
+            ("radius", self.radius),
+            ("half_height", self.half_height),
+        ] {
+            at_most(MAX_DISTANCE, &at(field), &[distance], NEAR)?;
+        }
+        self.holes.validate_distances(&at("holes"))
     }
 
     fn validate_rod(&self, rod: &RodSpec, at: &dyn Fn(&str) -> String) -> Result<(), SpecError> {
@@ -358,6 +387,7 @@ impl TendonSpec {
             };
             return Err(refuse(&at("range"), format!("[{low}, {high}]"), expected));
         }
+        finite(&at("range"), &self.range)?;
         if let Some(stiffness) = self.axial_stiffness {
             positive(&at("axial_stiffness"), stiffness)?;
         }
@@ -370,10 +400,25 @@ impl TendonSpec {
     }
 }
 
+/// What is expected of a distance within a robot.
+const NEAR: &str = "distances of at most 1000 m";
+
+fn at_most(
+    limit: f64,
+    field: &str,
+    values: &[f64],
+    expected: &'static str,
+) -> Result<(), SpecError> {
+    match values.iter().find(|value| value.abs() > limit) {
+        Some(value) => Err(refuse(field, format!("{value:e}"), expected)),
+        None => Ok(()),
+    }
+}
+
 pub(super) fn finite(field: &str, values: &[f64]) -> Result<(), SpecError> {
     match values.iter().find(|value| !value.is_finite()) {
         Some(value) => Err(refuse(field, value, "finite numbers")),
-        None => Ok(()),
+        None => at_most(LARGEST, field, values, "numbers of at most 1e15"),
     }
 }
 
@@ -395,7 +440,7 @@ pub(super) fn radians(field: &str, values: &[f64], degrees: &'static str) -> Res
 
 pub(super) fn positive(field: &str, value: f64) -> Result<(), SpecError> {
     if value.is_finite() && value > 0.0 {
-        Ok(())
+        at_most(LARGEST, field, &[value], "a number above 0 of at most 1e15")
     } else {
         Err(refuse(field, value, "a finite number above 0"))
     }
@@ -403,7 +448,7 @@ pub(super) fn positive(field: &str, value: f64) -> Result<(), SpecError> {
 
 fn not_negative(field: &str, value: f64) -> Result<(), SpecError> {
     if value.is_finite() && value >= 0.0 {
-        Ok(())
+        at_most(LARGEST, field, &[value], "a number from 0 to 1e15")
     } else {
         Err(refuse(field, value, "a finite number, 0 or above"))
     }

@@ -36,7 +36,7 @@ use nalgebra::{DMatrix, Vector3};
 use crate::energy::{DeadForces, Expansion, Potential};
 use crate::newton::{Curvature, Factor};
 use crate::robot::{Command, Drive, Loads, Robot, joints_along};
-use crate::statics::{Equilibrium, follower};
+use crate::statics::{Equilibrium, Stability, follower};
 use crate::tendon::{LENGTH_PENALTY, Posture};
 use parameter::ModelTangent;
 
@@ -104,6 +104,9 @@ impl Robot {
         loads: &Loads,
         equilibrium: &Equilibrium,
     ) -> Result<Sensitivity<'_>, SensitivityError> {
+        if equilibrium.stability == Some(Stability::Unstable) {
+            return Err(SensitivityError::Unstable);
+        }
         if !equilibrium.converged {
             return Err(SensitivityError::NotSettled(equilibrium.residual));
         }

@@ -4,7 +4,8 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::TOLERANCE;
+use super::Stability;
+use super::tolerance::moment_tolerance;
 use crate::chain::{Configuration, turned};
 use crate::energy::{Expansion, Potential};
 use crate::newton::{Curvature, Factor};
@@ -25,6 +26,10 @@ const MAX_STIFFENINGS: usize = 10;
 const PARALLEL: f64 = 0.99;
 /// Halvings of a step before it counts as failed.
 const MAX_HALVINGS: usize = 30;
+/// Share of the energy that is rounding.
+const ENERGY_ROUNDING: f64 = 1e-13;
+/// Energy (J) that terms of both signs may have before they cancel, for each N m of the tolerance.
+const CANCELLING: f64 = 1e7;
 
 /// A robot on its way down the potential, with the memory that takes.
 #[derive(Clone, Debug)]
@@ -34,6 +39,8 @@ pub(super) struct Descent<'a> {
     pub posture: Posture,
     pub expansion: Expansion,
     pub factor: Factor,
+    /// Largest moment left on a joint (N m) at which the robot counts as at rest.
+    pub tolerance: f64,
     trial: Configuration,
     trial_posture: Posture,
     gradient: Vec<Vector3<f64>>,
@@ -55,10 +62,17 @@ struct Prediction {
 /// How a descent ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum End {
-    /// In a stable equilibrium.
-    Settled,
-    /// Somewhere else.
+    /// In an equilibrium of this kind.
+    AtRest(Stability),
+    /// Where moments are left.
     Stalled,
+}
+
+impl End {
+    /// Whether the end is an equilibrium that is not unstable.
+    pub fn is_settled(self) -> bool {
+        matches!(self, Self::AtRest(Stability::Stable | Stability::Neutral))
+    }
 }
 
 impl<'a> Descent<'a> {
@@ -67,6 +81,7 @@ impl<'a> Descent<'a> {
         let mut posture = Posture::new(robot);
         posture.place(robot, &configuration);
         let expansion = Expansion::new(robot);
+        let tolerance = moment_tolerance(robot, &posture.lengths);
         let zero = vec![Vector3::zeros(); robot.discs.len()];
         Self {
             robot,
@@ -76,6 +91,7 @@ impl<'a> Descent<'a> {
             posture,
             factor: Factor::new(&expansion),
             expansion,
+            tolerance,
             gradient: zero.clone(),
             none: zero.clone(),
             step: zero,
@@ -130,21 +146,22 @@ impl<'a> Descent<'a> {
         self.posture.place(self.robot, &self.configuration);
     }
 
-    /// Descends to an equilibrium; also returns the Newton steps taken. The expansion is that of the
-    /// last configuration.
+    /// Descends to an equilibrium that is not unstable; also returns the Newton steps taken. The
+    /// expansion is that of the last configuration.
     pub fn run(&mut self, potential: &Potential) -> (End, usize) {
         let mut energy = potential.energy(&self.configuration, &self.posture);
-        for iteration in 0..MAX_ITERATIONS {
+        let mut iteration = 0;
+        loop {
             potential.expand(&self.configuration, &self.posture, &mut self.expansion);
             let curvature = self.factor.factorise(&self.expansion, 0.0);
-            let at_rest = self.expansion.residual() <= TOLERANCE;
-            if at_rest {
-                if curvature == Curvature::Positive
-                    || !self.factor.falling_direction(&mut self.step)
-                {
-                    return (End::Settled, iteration);
+            let end = if self.expansion.residual() <= self.tolerance {
+                let stability = self.stability(potential, curvature);
+                if stability != Stability::Unstable {
+                    return (End::AtRest(stability), iteration);
                 }
+                self.factor.negative_curvature(&mut self.step);
                 self.scale_saddle_step();
+                End::AtRest(Stability::Unstable)
             } else {
                 self.stiffen(curvature);
                 let (joint, disc) = (
@@ -153,14 +170,17 @@ impl<'a> Descent<'a> {
                 );
                 self.factor.descend(joint, disc, &mut self.step);
                 self.limit_step();
+                End::Stalled
+            };
+            if iteration == MAX_ITERATIONS {
+                return (end, iteration);
             }
             match self.advance(potential, energy) {
                 Some(lower) => energy = lower,
-                None => return (End::Stalled, iteration),
+                None => return (end, iteration),
             }
+            iteration += 1;
         }
-        potential.expand(&self.configuration, &self.posture, &mut self.expansion);
-        (End::Stalled, MAX_ITERATIONS)
     }
 
     /// Moves the rest lengths of tendons that are longer than they should be by `errors` (tendon, m),
@@ -231,7 +251,7 @@ impl<'a> Descent<'a> {
             .map(|(step, gradient)| step.dot(gradient))
             .sum();
         // Energy differences below this are rounding; there a Newton step is right as it is.
-        let rounding = 1e-13 * energy.abs().max(1e-3);
+        let rounding = ENERGY_ROUNDING * energy.abs().max(CANCELLING * self.tolerance);
         let mut share = 1.0;
         for _ in 0..MAX_HALVINGS {
             for (i, (to, from)) in self

@@ -9,8 +9,8 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::{Matrix3, Vector3};
 
-use super::TOLERANCE;
 use super::descent::{Descent, End};
+use super::stability::{Stability, of_jacobian};
 use crate::energy::{DeadForces, Expansion, Potential, add_block};
 use crate::robot::{Frame, Loads, Robot, Wrench};
 use crate::tendon::Posture;
@@ -114,14 +114,15 @@ pub(super) fn bring_on(
         let (end, steps) = balance.solve(descent);
         iterations += steps;
         match end {
-            End::Settled => {
+            End::AtRest(_) => {
                 done = share;
                 stride *= 2.0;
                 settled.clone_from(&descent.configuration);
             }
             End::Stalled if stride < MIN_SHARE => {
-                // What is left is reported of the loads asked for.
+                // What is left is reported of the loads asked for, where the robot last rested.
                 balance.share = 1.0;
+                descent.start_at(&settled);
                 balance.expand(descent);
                 return (End::Stalled, iterations);
             }
@@ -132,8 +133,8 @@ pub(super) fn bring_on(
         }
     }
     let jacobian = jacobian(loads, 1.0, &descent.posture, &descent.expansion);
-    let stable = (jacobian.eigenvalues()).is_ok_and(|values| values.iter().all(|v| v.re > 0.0));
-    (if stable { End::Settled } else { End::Stalled }, iterations)
+    let stability = of_jacobian(&jacobian, descent.tolerance);
+    (End::AtRest(stability), iterations)
 }
 
 /// The balance of moments under a share of the loads.
@@ -152,8 +153,9 @@ impl Balance<'_> {
         self.expand(descent);
         let mut left = squared_norm(&descent.expansion);
         for iteration in 0..MAX_ITERATIONS {
-            if descent.expansion.residual() <= TOLERANCE {
-                return (End::Settled, iteration);
+            if descent.expansion.residual() <= descent.tolerance {
+                // What kind of equilibrium matters under all of the loads.
+                return (End::AtRest(Stability::Neutral), iteration);
             }
             let step = self.newton_step(descent);
             let from = descent.configuration.clone();
@@ -169,7 +171,7 @@ impl Balance<'_> {
                 descent.posture.place(self.robot, &descent.configuration);
                 self.expand(descent);
                 let now = squared_norm(&descent.expansion);
-                if now < left * (1.0 - 1e-4 * share) || now.sqrt() <= TOLERANCE {
+                if now < left * (1.0 - 1e-4 * share) || now.sqrt() <= descent.tolerance {
                     left = now;
                     break;
                 }

@@ -2,8 +2,8 @@
 //!
 //! A solve starts from the straight pose and descends: a Newton step where the Hessian is positive
 //! definite, otherwise one with all joints stiffened until it is; steps are limited in angle and
-//! halved until the energy falls. An equilibrium whose Hessian has a negative
-//! pivot is a saddle, and is left downhill. A solve that stalls is repeated by continuation: the
+//! halved until the energy falls. An equilibrium whose Hessian has a negative eigenvalue is a saddle,
+//! and is left along a direction of negative curvature ([`Stability`]). A solve that stalls is repeated by continuation: the
 //! command is led from the mean over each group of tendons, under which the robot stands straight, to
 //! its goal. So the reported equilibrium is a function of the command and the loads alone; where
 //! there are several, it is the one that this descent from the straight pose finds.
@@ -15,23 +15,26 @@
 mod descent;
 pub(crate) mod follower;
 mod settler;
+mod stability;
 mod sweep;
+mod tolerance;
 
 pub use settler::Settler;
+pub use stability::{NotSettled, Stability};
 pub use sweep::Sweep;
 
-use faer::Side;
-use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use crate::chain::Configuration;
-use crate::energy::{DeadForces, Expansion, Potential};
 use crate::robot::{Command, Loads, Robot};
 use crate::tendon::Posture;
 
-/// Largest moment left on a joint (N m) at which a configuration counts as settled.
+/// Largest moment left on a joint (N m) at which a configuration of a robot of usual size counts as
+/// settled; of small robots [`Robot::moment_tolerance`].
 pub const TOLERANCE: f64 = 1e-10;
-/// Largest error (m) of a tendon whose length is commanded.
+/// Largest error (m) of a tendon whose length is commanded; of small robots
+/// [`Robot::length_tolerance`].
 pub const LENGTH_TOLERANCE: f64 = 1e-11;
 
 /// Where a robot comes to rest.
@@ -41,7 +44,9 @@ pub struct Equilibrium {
     pub configuration: Configuration,
     /// Origin of each disc, world frame (m).
     pub positions: Vec<Vector3<f64>>,
-    /// Orientation of each disc, world frame.
+    /// Orientation of each disc, world frame. Of the two quaternions of an orientation the one nearer
+    /// to that of the body below is given (their dot product is not negative), counted from the
+    /// base's with `w >= 0`: so they change continuously along the robot.
     pub orientations: Vec<UnitQuaternion<f64>>,
     /// Length of each tendon (m).
     pub tendon_lengths: Vec<f64>,
@@ -51,9 +56,13 @@ pub struct Equilibrium {
     pub residual: f64,
     /// Newton steps taken, those of continuation included.
     pub iterations: usize,
-    /// Whether the residual is within [`TOLERANCE`] and the equilibrium stable: no eigenvalue of the
-    /// Hessian (with moments and following forces: no real part of one of the Jacobian) below zero.
+    /// Whether this is an equilibrium that is not unstable: the residual is within
+    /// [`Robot::moment_tolerance`], commanded lengths within [`Robot::length_tolerance`], and no
+    /// eigenvalue of the Hessian (with moments and following forces: no real part of one of the
+    /// Jacobian) below zero.
     pub converged: bool,
+    /// What kind of equilibrium this is; `None` where moments are left, and on paths with friction.
+    pub stability: Option<Stability>,
 }
 
 impl Equilibrium {
@@ -77,7 +86,14 @@ impl Equilibrium {
             residual: f64::INFINITY,
             iterations: 0,
             converged: false,
+            stability: None,
         }
+    }
+
+    /// Whether all places and lengths are finite numbers.
+    fn is_finite(&self) -> bool {
+        let places = self.positions.iter().flatten();
+        places.chain(&self.tendon_lengths).all(|x| x.is_finite())
     }
 
     /// Takes over a configuration, and the poses and lengths of its posture.
@@ -85,9 +101,16 @@ impl Equilibrium {
         let chain = &posture.chain;
         self.configuration.0.copy_from_slice(&q.0);
         self.positions.copy_from_slice(&chain.positions);
+        let mut below = quaternion(&chain.orientations[0]);
+        if below.w < 0.0 {
+            below = opposite(&below);
+        }
         for (to, orientation) in self.orientations.iter_mut().zip(&chain.orientations[1..]) {
-            let rotation = Rotation3::from_matrix_unchecked(*orientation);
-            *to = UnitQuaternion::from_rotation_matrix(&rotation);
+            *to = quaternion(orientation);
+            if to.coords.dot(&below.coords) < 0.0 {
+                *to = opposite(to);
+            }
+            below = *to;
         }
         self.tendon_lengths.copy_from_slice(&posture.lengths);
     }
@@ -116,31 +139,13 @@ impl Robot {
             .map_init(|| Settler::new(self), settle)
             .collect()
     }
+}
 
-    /// The smallest eigenvalue (N m/rad) of the energy's Hessian at `configuration`: the stiffness
-    /// of the softest mode, positive at a stable equilibrium. `NaN` if it cannot be computed.
-    ///
-    /// # Panics
-    /// As [`Robot::settle`].
-    pub fn smallest_stiffness(
-        &self,
-        command: &Command,
-        loads: &Loads,
-        configuration: &Configuration,
-    ) -> f64 {
-        let mut dead = DeadForces::new(self);
-        dead.set(self, loads);
-        let mut posture = Posture::new(self);
-        posture.place(self, configuration);
-        let mut expansion = Expansion::new(self);
-        let command = command.as_slice();
-        let potential = Potential {
-            robot: self,
-            command,
-            dead: &dead,
-        };
-        potential.expand(configuration, &posture, &mut expansion);
-        let eigenvalues = expansion.dense().self_adjoint_eigenvalues(Side::Lower);
-        eigenvalues.map_or(f64::NAN, |values| values[0])
-    }
+fn quaternion(orientation: &Matrix3<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*orientation))
+}
+
+/// The other quaternion of the same rotation.
+fn opposite(q: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::new_unchecked(-q.into_inner())
 }

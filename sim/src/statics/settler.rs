@@ -1,8 +1,8 @@
 //! From command to equilibrium: where a solve starts, and what it does when a descent stalls.
 
+use super::Equilibrium;
 use super::descent::{Descent, End};
 use super::follower::{bring_on, follows};
-use super::{Equilibrium, LENGTH_TOLERANCE};
 use crate::chain::Configuration;
 use crate::energy::{DeadForces, Potential};
 use crate::robot::{Command, Drive, Loads, Robot, Tendon};
@@ -37,15 +37,22 @@ pub struct Settler<'a> {
     pub(super) dead: DeadForces,
     /// The command, with the rest lengths of tendons whose length is commanded corrected.
     pub(super) command: Vec<f64>,
+    /// Largest moment left on a joint (N m), and largest error of a commanded length (m), of a robot
+    /// without loads.
+    moment_tolerance: f64,
+    length_tolerance: f64,
     equilibrium: Equilibrium,
 }
 
 impl<'a> Settler<'a> {
     /// Prepares to settle `robot`.
     pub fn new(robot: &'a Robot) -> Self {
+        let descent = Descent::new(robot);
         Self {
             robot,
-            descent: Descent::new(robot),
+            moment_tolerance: descent.tolerance,
+            length_tolerance: robot.length_tolerance(),
+            descent,
             dead: DeadForces::new(robot),
             command: vec![0.0; robot.tendons.len()],
             equilibrium: Equilibrium::unsettled(robot),
@@ -110,20 +117,21 @@ impl<'a> Settler<'a> {
     fn solve(&mut self, command: &Command, loads: &Loads) -> &Equilibrium {
         self.dead.set(self.robot, loads);
         self.command.copy_from_slice(command.as_slice());
+        self.descent.tolerance = self.moment_tolerance.max(self.robot.load_rounding(loads));
         let (mut end, mut iterations) = self.descend();
-        if end == End::Stalled {
+        if !end.is_settled() {
             let steps;
             (end, steps) = self.continue_from_mean(command);
             iterations += steps;
         }
-        if end == End::Settled && loads.wrenches().iter().any(follows) {
+        if end.is_settled() && loads.wrenches().iter().any(follows) {
             let steps;
             (end, steps) = self.rest(loads);
             iterations += steps;
         }
-        if end == End::Settled && self.robot.tendons.iter().any(Tendon::holds_length) {
+        if end.is_settled() && self.robot.tendons.iter().any(Tendon::holds_length) {
             let steps;
-            (end, steps) = self.hold_lengths(command, loads);
+            (end, steps) = self.hold_lengths(end, command, loads);
             iterations += steps;
         }
         self.report(end, iterations)
@@ -150,9 +158,10 @@ impl<'a> Settler<'a> {
     /// Moves the rest lengths of the tendons whose length is commanded until they have it: the method
     /// of multipliers, the multiplier being the tension, with Newton's step on the dual problem
     /// (Nocedal and Wright, Numerical Optimization, ch. 17).
-    fn hold_lengths(&mut self, command: &Command, loads: &Loads) -> (End, usize) {
+    /// `end` is how the last descent ended.
+    fn hold_lengths(&mut self, end: End, command: &Command, loads: &Loads) -> (End, usize) {
         let goal = command.as_slice();
-        let mut iterations = 0;
+        let (mut end, mut iterations) = (end, 0);
         for _ in 0..MAX_CORRECTIONS {
             let mut taut = Vec::new();
             for (t, tendon) in self.robot.tendons.iter().enumerate() {
@@ -169,15 +178,13 @@ impl<'a> Settler<'a> {
                 .iter()
                 .map(|(_, error)| error.abs())
                 .fold(0.0, f64::max);
-            if largest <= LENGTH_TOLERANCE {
-                return (End::Settled, iterations);
-            }
-            self.descent.correct_rest_lengths(&taut, &mut self.command);
-            let (end, steps) = self.rest(loads);
-            iterations += steps;
-            if end == End::Stalled {
+            if !end.is_settled() || largest <= self.length_tolerance {
                 return (end, iterations);
             }
+            self.descent.correct_rest_lengths(&taut, &mut self.command);
+            let steps;
+            (end, steps) = self.rest(loads);
+            iterations += steps;
         }
         (End::Stalled, iterations)
     }
@@ -188,6 +195,7 @@ impl<'a> Settler<'a> {
         let start = self.group_means(goal);
         self.descent.start_straight();
         let (mut done, mut stride, mut iterations) = (0.0, 0.25, 0);
+        let mut end = End::Stalled;
         let mut settled = self.descent.configuration.clone();
         while done < 1.0 {
             let part = f64::min(done + stride, 1.0);
@@ -197,26 +205,26 @@ impl<'a> Settler<'a> {
             if part == 1.0 {
                 self.command.copy_from_slice(goal);
             }
-            let (end, steps) = self.descend();
+            let steps;
+            (end, steps) = self.descend();
             iterations += steps;
-            match end {
-                End::Settled => {
-                    done = part;
-                    stride *= 2.0;
-                    settled.clone_from(&self.descent.configuration);
-                }
-                End::Stalled if stride < MIN_CONTINUATION_STEP => {
+            if end.is_settled() {
+                done = part;
+                stride *= 2.0;
+                settled.clone_from(&self.descent.configuration);
+            } else if stride < MIN_CONTINUATION_STEP {
+                if part < 1.0 {
                     self.command.copy_from_slice(goal);
                     self.expand();
-                    return (End::Stalled, iterations);
+                    end = End::Stalled;
                 }
-                End::Stalled => {
-                    stride /= 4.0;
-                    self.descent.start_at(&settled);
-                }
+                return (end, iterations);
+            } else {
+                stride /= 4.0;
+                self.descent.start_at(&settled);
             }
         }
-        (End::Settled, iterations)
+        (end, iterations)
     }
 
     /// For each tendon the mean command of those that end at the same body and are driven alike.
@@ -259,7 +267,11 @@ impl<'a> Settler<'a> {
             .copy_from_slice(&descent.expansion.tensions);
         out.residual = descent.expansion.residual();
         out.iterations = iterations;
-        out.converged = end == End::Settled;
+        out.stability = match end {
+            End::AtRest(stability) if out.is_finite() => Some(stability),
+            _ => None,
+        };
+        out.converged = end.is_settled() && out.stability.is_some();
         &self.equilibrium
     }
 }
@@ -267,7 +279,7 @@ impl<'a> Settler<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::statics::TOLERANCE;
+    use crate::statics::{Stability, TOLERANCE};
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
@@ -282,7 +294,7 @@ mod tests {
             let command = robot.random_command(&mut rng);
             let direct = settler.settle(&command, &Loads::default()).positions[14];
             let (end, _) = settler.continue_from_mean(&command);
-            assert_eq!(end, End::Settled);
+            assert_eq!(end, End::AtRest(Stability::Stable));
             assert!(settler.descent.expansion.residual() <= TOLERANCE);
             let apart = (settler.descent.posture.chain.positions[14] - direct).norm();
             elsewhere += usize::from(apart > 1e-7);

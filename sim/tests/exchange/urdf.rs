@@ -46,6 +46,19 @@ fn what_only_the_extension_holds_comes_back() {
 }
 
 #[test]
+fn the_mass_of_a_rod_comes_back_with_the_links_that_carry_it() {
+    let file = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../examples/three-segments.toml"
+    );
+    let robot = Robot::load(file).unwrap();
+    let text = export(robot.spec()).unwrap();
+    assert_eq!(&import_text(&text).unwrap().spec, robot.spec());
+    let chain = Robot::new(import_text(&links_alone(&text)).unwrap().spec).unwrap();
+    assert_same_chain(&robot, &chain);
+}
+
+#[test]
 fn links_that_disagree_with_the_extension_are_named() {
     let spec = RobotSpec::standard("2m").unwrap();
     let text = export(&spec).unwrap();

@@ -10,8 +10,9 @@ use crate::rod::{Rod, TipLoad};
 
 /// The load at which the straight pose loses its stability, by bisection.
 fn critical(robot: &Robot, highest: f64, loads: impl Fn(f64) -> Loads) -> f64 {
-    let straight = Configuration::straight(robot);
     let command = robot.command(&[]).unwrap();
+    let straight = robot.settle(&command, &Loads::default());
+    assert_eq!(straight.configuration, Configuration::straight(robot));
     let stable = |load| robot.smallest_stiffness(&command, &loads(load), &straight) > 0.0;
     assert!(stable(0.0) && !stable(highest));
     let (mut low, mut high) = (0.0, highest);

@@ -116,8 +116,10 @@ impl Case {
             Parameter::Torsion(m) => joints(&mut spec.modules[m], &|b| b.torsion += by),
             Parameter::Density(m) => match &mut spec.modules[m].mass {
                 MassSpec::Density(PerDisc::Uniform(density)) => *density += by,
+                MassSpec::Solid(PerDisc::Uniform(solid)) => solid.density += by,
                 other => panic!("{other:?}"),
             },
+            Parameter::Youngs(m) => spec.modules[m].rod.as_mut().unwrap().youngs += by,
             Parameter::Pitch(m) => spec.modules[m].pitch += by,
             Parameter::HoleRadius(body) => holes(spec, body, &|_, [x, y]| {
                 let stretch = 1.0 + by / x.hypot(y);
@@ -198,7 +200,12 @@ pub fn all_parameters(spec: &RobotSpec) -> Vec<(Parameter, f64)> {
             all.push((Parameter::Bending(m, Axis::Y), 2e-3));
             all.push((Parameter::Torsion(m), 2e-3));
         }
-        if let MassSpec::Density(PerDisc::Uniform(_)) = module.mass {
+        if let Some(rod) = module.rod {
+            all.push((Parameter::Youngs(m), 1e-2 * rod.youngs));
+        }
+        if let MassSpec::Density(PerDisc::Uniform(_)) | MassSpec::Solid(PerDisc::Uniform(_)) =
+            module.mass
+        {
             all.push((Parameter::Density(m), 1.0));
         }
         all.push((Parameter::Pitch(m), 1e-5));

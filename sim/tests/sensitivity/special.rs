@@ -5,8 +5,10 @@ use crate::random_robot::within;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::{
-    Backbone, Body, Drive, Holes, Loads, PerDisc, Pull, Robot, RobotSpec, Waypoint,
+    Backbone, Body, Drive, Holes, Loads, MassSpec, PerDisc, Pull, Robot, RobotSpec, RodSpec,
+    SolidMass, Waypoint,
 };
+use tdcr_sim::sensitivity::Parameter;
 
 /// The 3m robot, hanging or on a backbone, every tendon on its own route.
 fn changed(change: impl Fn(&mut RobotSpec)) -> RobotSpec {
@@ -48,6 +50,49 @@ fn they_are_so_where_a_tendon_crosses_a_disc() {
         loads: Loads::payload(0.01).unwrap(),
     };
     assert_derivatives_agree(&case, "across");
+}
+
+#[test]
+fn they_are_so_with_a_rod_and_centres_of_mass_off_the_origin() {
+    let spec = changed(|spec| {
+        spec.gravity = [3.0, -2.0, -9.0];
+        for (m, module) in spec.modules.iter_mut().enumerate() {
+            let off = [0.002, -0.001, 0.003];
+            let centre_of_mass = if m == 2 { off } else { [0.0, 0.0, -0.002] };
+            module.clocking = 0.3 * m as f64;
+            module.mass = MassSpec::Solid(PerDisc::Uniform(SolidMass {
+                density: 300.0,
+                centre_of_mass,
+            }));
+            module.joint_below = 0.006;
+            module.rod = (m < 2).then_some(RodSpec {
+                youngs: 60e9,
+                poisson: 0.3,
+                radius: 6e-4,
+                density: 7870.0,
+            });
+            module.backbone = (m == 2).then_some(PerDisc::Uniform(Backbone::isotropic(0.4)));
+        }
+    });
+    let case = Case {
+        spec,
+        command: vec![0.02, 0.01, 0.03, 0.005, 0.02, 0.02, 0.04, 0.01, 0.02],
+        loads: Loads::payload(0.01).unwrap(),
+    };
+    assert_derivatives_agree(&case, "rod");
+    let robot = Robot::new(case.spec.clone()).unwrap();
+    let error = case
+        .spec
+        .value(Parameter::Torsion(0))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("the module's rod, which has a Young's modulus"),
+        "{error}"
+    );
+    let stiffer = case.spec.with(&[(Parameter::Youngs(1), 70e9)]).unwrap();
+    assert_eq!(stiffer.modules[1].rod.unwrap().youngs, 70e9);
+    assert_eq!(robot.spec().modules[1].rod.unwrap().youngs, 60e9);
 }
 
 #[test]

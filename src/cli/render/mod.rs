@@ -108,9 +108,8 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     let command = robot.command(&args.command.lengths)?;
     let loads = args.loads.on(&robot)?;
     let equilibrium = robot.settle(&command, &loads);
-    if !equilibrium.converged {
-        let residual = equilibrium.residual;
-        bail!("the robot did not settle: residual {residual:e} N m");
+    if let Some(failure) = equilibrium.failure(&robot, &command) {
+        return Err(failure.into());
     }
     let mesh = args.base_mesh.as_deref().map(Shape::read_stl).transpose()?;
     prepare(&args.out)?;
