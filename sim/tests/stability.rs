@@ -5,7 +5,7 @@
 #[path = "common/random_robot.rs"]
 mod random_robot;
 
-use nalgebra::{DMatrix, SymmetricEigen, Vector3};
+use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use random_robot::{Kind, random_spec, within};
@@ -209,47 +209,36 @@ fn what_converges_is_stable_or_said_to_be_neutral() {
     assert!(counts[2] >= 1 && counts[3] <= 160, "{counts:?}");
 }
 
-/// The Hessian of the weight's energy along configurations that keep the tendons' lengths, by second
-/// differences, in an orthonormal basis of the turns that keep them to first order.
-fn constrained_hessian(robot: &Robot, start: &Configuration) -> DMatrix<f64> {
+/// The Hessian of the Lagrangian `V + sum_t T_t L_t` of weight and commanded lengths, by second
+/// differences, in an orthonormal basis of the turns that keep the lengths to first order.
+fn constrained_hessian(robot: &Robot, settled: &Equilibrium) -> DMatrix<f64> {
+    let start = &settled.configuration;
     let (lengths, jacobian) = robot.tendon_kinematics(start);
     let kept = SymmetricEigen::new(jacobian.tr_mul(&jacobian));
     let mut order: Vec<usize> = (0..robot.dof()).collect();
     order.sort_by(|a, b| kept.eigenvalues[*a].total_cmp(&kept.eigenvalues[*b]));
     order.truncate(robot.dof() - lengths.len());
-    let energy = |step: nalgebra::DVector<f64>| {
+    let gravity = Vector3::from(robot.spec().gravity);
+    let lagrangian = |step: &DVector<f64>| {
         let mut q = start.clone();
         start.retract(step.as_slice(), &mut q);
-        for _ in 0..6 {
-            let (now, jacobian) = robot.tendon_kinematics(&q);
-            let error = nalgebra::DVector::from_fn(now.len(), |t, _| now[t] - lengths[t]);
-            let gram = (&jacobian * jacobian.transpose()).try_inverse().unwrap();
-            let back = -(jacobian.transpose() * gram * error);
-            let from = q.clone();
-            from.retract(back.as_slice(), &mut q);
-        }
-        let gravity = Vector3::from(robot.spec().gravity);
+        let (now, _) = robot.tendon_kinematics(&q);
+        let pulls = now.iter().zip(&lengths).zip(&settled.tendon_tensions);
+        let pulled: f64 = pulls.map(|((now, then), t)| t * (now - then)).sum();
         let places = State::at_rest(q).positions(robot);
         let weights = robot.discs().iter().zip(&places);
-        -weights
-            .map(|(disc, place)| disc.mass * gravity.dot(place))
-            .sum::<f64>()
+        let lifted = weights.map(|(disc, place)| disc.mass * gravity.dot(place));
+        pulled - lifted.sum::<f64>()
     };
-    // Small: where the gradients of the lengths are nearly dependent, the way back to them is steep.
-    let h = 1e-4;
-    let mut hessian = DMatrix::zeros(order.len(), order.len());
-    for (i, a) in order.iter().enumerate() {
-        for (j, b) in order.iter().enumerate().take(i + 1) {
-            let (a, b) = (kept.eigenvectors.column(*a), kept.eigenvectors.column(*b));
-            let (sum, difference) = ((a + b) * h, (a - b) * h);
-            let second = energy(sum.clone()) + energy(-sum)
-                - energy(difference.clone())
-                - energy(-difference);
-            hessian[(i, j)] = second / (4.0 * h * h);
-            hessian[(j, i)] = hessian[(i, j)];
-        }
-    }
-    hessian
+    let h = 3e-4;
+    DMatrix::from_fn(order.len(), order.len(), |i, j| {
+        let [a, b] = [order[i], order[j]].map(|k| kept.eigenvectors.column(k) * h);
+        let (sum, difference) = (&a + &b, a - b);
+        let second = lagrangian(&sum) + lagrangian(&-sum)
+            - lagrangian(&difference)
+            - lagrangian(&-difference);
+        second / (4.0 * h * h)
+    })
 }
 
 #[test]
@@ -263,7 +252,7 @@ fn the_smallest_stiffness_at_commanded_lengths_is_that_of_the_turns_that_keep_th
         let settled = held.settle(&command, &Loads::default());
         assert!(settled.converged, "{}", settled.residual);
         let stiffness = held.smallest_stiffness(&command, &Loads::default(), &settled);
-        let hessian = constrained_hessian(&held, &settled.configuration);
+        let hessian = constrained_hessian(&held, &settled);
         let expected = hessian.symmetric_eigenvalues().min();
         assert!(expected > 0.0);
         assert!(

@@ -106,9 +106,9 @@ pub struct TendonProfile {
 pub struct FrictionState {
     /// Where the robot rests. `tendon_tensions` are those at the servos, `iterations` the Newton
     /// steps since the last command, and `converged` says that the residual is within
-    /// [`Robot::moment_tolerance`]; unlike in the statics without friction it says nothing
-    /// about stability (`stability` is `None`). Where a path could not reach its command, this is the last equilibrium on the
-    /// way, with the residual that the command leaves there and `converged` false.
+    /// [`Robot::moment_tolerance`]; unlike in the statics without friction it says nothing about
+    /// stability, and `stability` is `None`. Where a path could not reach its command, this is the last
+    /// equilibrium on the way, with the residual that the command leaves there and `converged` false.
     pub equilibrium: Equilibrium,
     /// Each tendon along its route.
     pub tendons: Vec<TendonProfile>,

@@ -4,7 +4,7 @@
 //! smallest stiffness is an eigenvalue of the dense one. Where lengths are commanded, what counts is
 //! the Hessian on the turns that keep them: the second-order conditions of constrained minimisation
 //! (Nocedal and Wright, Numerical Optimization, ch. 12.5), with the tensions as multipliers. The
-//! descent looks at that of the augmented Lagrangian, which is smaller nowhere on these turns.
+//! descent asks more: its Hessian is that of the augmented Lagrangian, the same on these turns.
 //!
 //! [`Factor::definiteness`]: crate::newton::Factor::definiteness
 
