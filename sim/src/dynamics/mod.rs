@@ -51,4 +51,4 @@ pub use error::DynamicsError;
 pub use linearise::{Linearisation, Lineariser};
 pub use rollout::{Rollout, rollout_batch};
 pub use state::{Energy, State};
-pub use stepper::{Integrator, Stepper};
+pub use stepper::{Integrator, LARGEST_TURN, Stepper};
