@@ -138,7 +138,15 @@ impl<'a> Stepper<'a> {
                 advance(state, accelerations, h);
             }
         }
-        match largest_turn(state, h) {
+        let rates = largest_turn(&state.velocity, h);
+        let turn = match &self.scheme {
+            // Its turns are of rates at all stages.
+            Scheme::RungeKutta4(scheme) if rates.1 <= LARGEST_TURN => {
+                largest_turn(scheme.turns(), 1.0)
+            }
+            _ => rates,
+        };
+        match turn {
             (_, turn) if turn <= LARGEST_TURN => Ok(()),
             (joint, turn) => Err(DynamicsError::Diverged {
                 joint,
@@ -164,9 +172,10 @@ impl<'a> Stepper<'a> {
     }
 }
 
-/// The joint that turns most in a step of `h`, and by how much (rad); not a number before any other.
-fn largest_turn(state: &State, h: f64) -> (usize, f64) {
-    let rates = state.velocity.as_chunks::<3>().0.iter();
+/// The joint that turns most at these `rates` in `h`, and by how much (rad); not a number before any
+/// other.
+fn largest_turn(rates: &[f64], h: f64) -> (usize, f64) {
+    let rates = rates.as_chunks::<3>().0.iter();
     let turns = rates
         .map(|rate| Vector3::from(*rate).norm() * h)
         .enumerate();

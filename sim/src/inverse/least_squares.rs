@@ -94,8 +94,14 @@ pub(super) fn minimise<M>(
         let step = model.step(damping);
         let predicted = model.decrease(&step);
         let mut moved = &fit.x + step.component_div(&scale);
-        for (x, limit) in moved.iter_mut().zip(limits) {
-            *x = x.clamp(limit.range[0], limit.range[1]);
+        for (i, (x, limit)) in moved.iter_mut().zip(limits).enumerate() {
+            let [low, high] = limit.range;
+            // A step to the end of a range is to the end itself, whatever rounding says.
+            *x = match step[i] {
+                s if s == model.low[i] && low - fit.x[i] >= -limit.reach => low,
+                s if s == model.high[i] && high - fit.x[i] <= limit.reach => high,
+                _ => x.clamp(low, high),
+            };
         }
         if predicted <= f64::EPSILON * fit.at.cost() || moved == fit.x {
             break;
