@@ -133,7 +133,8 @@ fn print_findings(unknowns: &[Unknown], found: &Calibration) {
     }
     let identification = &found.identification;
     println!(
-        "  residuals {:.3} mm, noise {:.3} mm, condition number {:.0}",
+        "  {:?}: residuals {:.3} mm, noise {:.3} mm, condition number {:.0}",
+        found.state,
         found.residual_rms * MM,
         identification.noise * MM,
         identification.condition

@@ -104,7 +104,8 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         if console.interrupted() {
             return Err(Interrupted.into());
         }
-        (stepper.step(&mut state, command, &loads)).with_context(|| format!("step {step}"))?;
+        (stepper.step(&mut state, command, &loads))
+            .with_context(|| format!("step {step}, at {:.6} s", step as f64 * args.dt))?;
         if let Some(path) = &mut path {
             path.write((step + 1) as f64 * args.dt, &state, &robot)?;
         }

@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+use super::Integrator;
 use crate::robot::LoadError;
 
 /// Why a motion cannot be computed.
@@ -43,13 +44,27 @@ pub enum DynamicsError {
     /// A load that does not fit the robot.
     #[error(transparent)]
     Load(#[from] LoadError),
-    /// A motion that left the finite numbers.
+    /// A motion that the time step does not resolve: it is of the integration, not of the robot.
     #[error(
-        "the motion diverged: joint rates are no longer finite; expected a shorter time step than \
-         {timestep} s or an implicit integrator"
+        "the motion diverged: joint {joint} turns by {turn:.3e} rad in one step of {timestep} s, more than the \
+         {} rad that a step resolves; take a shorter time step{}",
+        super::LARGEST_TURN,
+        if *.integrator == Integrator::ImplicitEuler { "" } else { ", or an implicit integrator" }
     )]
     Diverged {
+        /// The joint that turns most, from 0 at the base.
+        joint: usize,
+        /// By how much it turns in the step (rad); not finite where the numbers have left their range.
+        turn: f64,
         /// The time step (s).
         timestep: f64,
+        /// How the step was taken.
+        integrator: Integrator,
     },
+    /// A state from which a step has no finite derivative.
+    #[error(
+        "the step from this state has no finite derivative: the joints' accelerations, or the inverse of \
+         the mass matrix, are not finite numbers; expected a state of a motion that did not diverge"
+    )]
+    NotDifferentiable,
 }

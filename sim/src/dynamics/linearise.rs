@@ -64,8 +64,8 @@ impl<'a> Lineariser<'a> {
     /// in O(n³) time. Where a tendon goes slack or a joint meets its limit it is one-sided.
     ///
     /// # Errors
-    /// [`DynamicsError`] when state, command or loads are not of this robot, or the state has no
-    /// finite accelerations.
+    /// [`DynamicsError`] when state, command or loads are not of this robot;
+    /// [`DynamicsError::NotDifferentiable`] when a derivative is not a finite number.
     pub fn linearise(
         &mut self,
         state: &State,
@@ -87,11 +87,16 @@ impl<'a> Lineariser<'a> {
         self.subtract_inertia(&mut forces);
         let mass = mass_matrix(&self.composites, &self.armatures);
         let Ok(factor) = Llt::new(mass.as_ref(), Side::Lower) else {
-            let timestep = self.timestep;
-            return Err(DynamicsError::Diverged { timestep });
+            return Err(DynamicsError::NotDifferentiable);
         };
         factor.solve_in_place(forces.as_mut());
-        Ok(self.through_step(v, &forces))
+        let step = self.through_step(v, &forces);
+        let finite = |matrix: &DMatrix<f64>| matrix.iter().all(|x| x.is_finite());
+        if finite(&step.a) && finite(&step.b) {
+            Ok(step)
+        } else {
+            Err(DynamicsError::NotDifferentiable)
+        }
     }
 
     /// Minus the derivative of the moments left on the joints, `g`, in the discs' frames: along

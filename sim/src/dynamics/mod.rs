@@ -53,4 +53,4 @@ pub use linearise::{Linearisation, Lineariser};
 pub use rollout::{Rollout, rollout_batch};
 pub(crate) use small_motions::SmallMotions;
 pub use state::{Energy, State};
-pub use stepper::{Integrator, Stepper};
+pub use stepper::{Integrator, LARGEST_TURN, Stepper};

@@ -33,6 +33,11 @@ impl RungeKutta {
         })
     }
 
+    /// The joints' turns in the last step (rad), three entries each.
+    pub fn turns(&self) -> &[f64] {
+        &self.turn_sum
+    }
+
     pub fn step(
         &mut self,
         equations: &mut EquationsOfMotion,

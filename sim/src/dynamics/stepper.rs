@@ -9,6 +9,10 @@ use super::{DynamicsError, Energy, State};
 use crate::chain::turned;
 use crate::robot::{Command, Loads, Robot};
 
+/// Largest turn of a joint in one step (rad). No integrator is accurate at half of it, and beyond half a
+/// turn the next state is of no motion at all.
+pub const LARGEST_TURN: f64 = 1.0;
+
 /// How a step is taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Integrator {
@@ -44,6 +48,16 @@ enum Scheme {
     SemiImplicitEuler,
     RungeKutta4(Box<RungeKutta>),
     ImplicitEuler(Box<ImplicitEuler>),
+}
+
+impl Scheme {
+    fn integrator(&self) -> Integrator {
+        match self {
+            Self::SemiImplicitEuler => Integrator::SemiImplicitEuler,
+            Self::RungeKutta4(_) => Integrator::RungeKutta4,
+            Self::ImplicitEuler(_) => Integrator::ImplicitEuler,
+        }
+    }
 }
 
 impl<'a> Stepper<'a> {
@@ -95,7 +109,7 @@ impl<'a> Stepper<'a> {
     ///
     /// # Errors
     /// [`DynamicsError`] when state, command or loads are not of this robot (the state is left as it
-    /// was), or the motion diverged.
+    /// was), or the motion diverged: a joint turns by more than [`LARGEST_TURN`] in the step.
     pub fn step(
         &mut self,
         state: &mut State,
@@ -124,10 +138,22 @@ impl<'a> Stepper<'a> {
                 advance(state, accelerations, h);
             }
         }
-        if state.velocity.iter().sum::<f64>().is_finite() {
-            Ok(())
-        } else {
-            Err(DynamicsError::Diverged { timestep: h })
+        let rates = largest_turn(&state.velocity, h);
+        let turn = match &self.scheme {
+            // Its turns are of rates at all stages.
+            Scheme::RungeKutta4(scheme) if rates.1 <= LARGEST_TURN => {
+                largest_turn(scheme.turns(), 1.0)
+            }
+            _ => rates,
+        };
+        match turn {
+            (_, turn) if turn <= LARGEST_TURN => Ok(()),
+            (joint, turn) => Err(DynamicsError::Diverged {
+                joint,
+                turn,
+                timestep: h,
+                integrator: self.scheme.integrator(),
+            }),
         }
     }
 
@@ -144,6 +170,20 @@ impl<'a> Stepper<'a> {
         self.equations.accept(state, command, loads)?;
         Ok(self.equations.energy(state, command.as_slice()))
     }
+}
+
+/// The joint that turns most at these `rates` in `h`, and by how much (rad); not a number before any
+/// other.
+fn largest_turn(rates: &[f64], h: f64) -> (usize, f64) {
+    let rates = rates.as_chunks::<3>().0.iter();
+    let turns = rates
+        .map(|rate| Vector3::from(*rate).norm() * h)
+        .enumerate();
+    turns.fold((0, 0.0), |most, next| match next.1 <= most.1 {
+        true => most,
+        false if most.1.is_nan() => most,
+        false => next,
+    })
 }
 
 /// `v+ = v + h a`, then `q+ = q exp(h v+)`.

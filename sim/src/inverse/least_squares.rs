@@ -46,13 +46,35 @@ pub(super) struct Fit<M> {
     pub steps: usize,
 }
 
-/// Goes down from `start`, within `bounds` as `[low, high]` of each unknown, until `done`, or no step
-/// brings anything, or `max_steps` have been tried. A point that `evaluate` has no value for is
+/// How far an unknown may go.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limit {
+    /// Its smallest and largest value.
+    pub range: [f64; 2],
+    /// Its largest change in one step: about how far its effect is linear.
+    pub reach: f64,
+}
+
+impl Limit {
+    /// A share of something: from 0 to 1, in one step if need be.
+    pub const SHARE: Self = Self {
+        range: [0.0, 1.0],
+        reach: 1.0,
+    };
+
+    /// Whether a value is at an end of the range.
+    pub fn stops(&self, value: f64) -> bool {
+        value <= self.range[0] || value >= self.range[1]
+    }
+}
+
+/// Goes down from `start`, within the `limits` of each unknown, until `done`, or no step brings
+/// anything, or `max_steps` have been tried. A point that `evaluate` has no value for is
 /// avoided. `evaluate` also gets the memory of the last point accepted.
 pub(super) fn minimise<M>(
     start: DVector<f64>,
     first: Evaluation<M>,
-    bounds: &[[f64; 2]],
+    limits: &[Limit],
     max_steps: usize,
     mut evaluate: impl FnMut(&DVector<f64>, &M) -> Option<Evaluation<M>>,
     mut done: impl FnMut(&DVector<f64>, &Evaluation<M>) -> bool,
@@ -68,12 +90,18 @@ pub(super) fn minimise<M>(
     while fit.steps < max_steps && damping < LARGEST_DAMPING && !done(&fit.x, &fit.at) {
         fit.steps += 1;
         enlarge(&mut scale, &fit.at.jacobian);
-        let model = Model::new(&fit.x, &fit.at, &curvature, &scale, bounds);
+        let model = Model::new(&fit.x, &fit.at, &curvature, &scale, limits);
         let step = model.step(damping);
         let predicted = model.decrease(&step);
         let mut moved = &fit.x + step.component_div(&scale);
-        for (x, [low, high]) in moved.iter_mut().zip(bounds) {
-            *x = x.clamp(*low, *high);
+        for (i, (x, limit)) in moved.iter_mut().zip(limits).enumerate() {
+            let [low, high] = limit.range;
+            // A step to the end of a range is to the end itself, whatever rounding says.
+            *x = match step[i] {
+                s if s == model.low[i] && low - fit.x[i] >= -limit.reach => low,
+                s if s == model.high[i] && high - fit.x[i] <= limit.reach => high,
+                _ => x.clamp(low, high),
+            };
         }
         if predicted <= f64::EPSILON * fit.at.cost() || moved == fit.x {
             break;
@@ -99,11 +127,11 @@ pub(super) fn minimise<M>(
     fit
 }
 
-/// By how much the cost could still fall within the bounds, by the linear model at `x`.
-pub(super) fn left_to_gain<M>(x: &DVector<f64>, at: &Evaluation<M>, bounds: &[[f64; 2]]) -> f64 {
+/// By how much the cost could still fall in one step within the limits, by the linear model at `x`.
+pub(super) fn left_to_gain<M>(x: &DVector<f64>, at: &Evaluation<M>, limits: &[Limit]) -> f64 {
     let mut scale = DVector::zeros(x.len());
     enlarge(&mut scale, &at.jacobian);
-    let model = Model::new(x, at, &DMatrix::zeros(x.len(), x.len()), &scale, bounds);
+    let model = Model::new(x, at, &DMatrix::zeros(x.len(), x.len()), &scale, limits);
     model.decrease(&model.step(JUDGING_DAMPING))
 }
 
@@ -155,12 +183,15 @@ impl Model {
         at: &Evaluation<M>,
         curvature: &DMatrix<f64>,
         scale: &DVector<f64>,
-        bounds: &[[f64; 2]],
+        limits: &[Limit],
     ) -> Self {
         let unscaled = at.jacobian.tr_mul(&at.jacobian) + curvature;
         let hessian = |i: usize, j: usize| unscaled[(i, j)] / (scale[i] * scale[j]);
         let room = |side: usize| {
-            let room = |i: usize, _| (bounds[i][side] - x[i]) * scale[i];
+            let room = |i: usize, _| {
+                let Limit { range, reach } = limits[i];
+                (range[side] - x[i]).clamp(-reach, reach) * scale[i]
+            };
             DVector::from_fn(x.len(), room)
         };
         Self {
@@ -287,7 +318,11 @@ mod tests {
         let start = DVector::from_row_slice(&start);
         let first = evaluate(&start);
         let never = |_: &DVector<f64>, _: &Evaluation<()>| false;
-        minimise(start, first, &bounds, 500, |x, ()| Some(evaluate(x)), never)
+        let limits = bounds.map(|range| Limit {
+            range,
+            reach: f64::INFINITY,
+        });
+        minimise(start, first, &limits, 500, |x, ()| Some(evaluate(x)), never)
     }
 
     fn rosenbrock(x: f64, y: f64) -> ([f64; 2], [f64; 4]) {

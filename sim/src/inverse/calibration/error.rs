@@ -65,14 +65,4 @@ pub enum CalibrationError {
         "the robot that the calibration starts from does not settle stably under observation {0}"
     )]
     Unsettled(usize),
-    /// The minimisation stopped short of a minimum.
-    #[error(
-        "the fit came to a halt after {steps} steps, at residuals of {residual_rms:e} m: try other first values"
-    )]
-    Stalled {
-        /// Steps tried.
-        steps: usize,
-        /// Root mean square of the residuals there (m).
-        residual_rms: f64,
-    },
 }

@@ -1,6 +1,6 @@
 //! What a fit says of its unknowns: estimates with intervals, or that the data do not tell.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use crate::inverse::least_squares::Evaluation;
 use crate::inverse::student::two_sided_quantile;
@@ -71,20 +71,18 @@ pub struct Estimate {
     pub interval: [f64; 2],
 }
 
-/// `scales`: the sizes against which each unknown's uncertainty is judged.
+/// `x`: the unknowns' values; `at`: residuals there and their derivatives by them; `stopped`: which are
+/// at a bound; `scales`: the sizes against which each unknown's uncertainty is judged.
 pub(super) fn identify<M>(
-    x: &DVector<f64>,
+    x: &[f64],
     at: &Evaluation<M>,
-    bounds: &[[f64; 2]],
+    stopped: &[bool],
     scales: &[f64],
 ) -> Identification {
-    let mut findings: Vec<Finding> = (x.iter().zip(bounds))
-        .map(|(value, [low, high])| {
-            if value <= low || value >= high {
-                Finding::AtBound(*value)
-            } else {
-                Finding::NoEffect
-            }
+    let mut findings: Vec<Finding> = (x.iter().zip(stopped))
+        .map(|(value, stopped)| match stopped {
+            true => Finding::AtBound(*value),
+            false => Finding::NoEffect,
         })
         .collect();
     // Relative effects, so that "no effect" does not depend on units.

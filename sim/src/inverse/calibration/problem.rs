@@ -3,8 +3,9 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::coordinate::Coordinate;
 use super::{CalibrationError, Observation, Unknown};
-use crate::inverse::least_squares::Evaluation;
+use crate::inverse::least_squares::{Evaluation, Limit};
 use crate::robot::{Body, Robot, RobotSpec};
 use crate::sensitivity::{Parameter, SensitivityError};
 use crate::statics::{Equilibrium, Settler};
@@ -14,11 +15,72 @@ pub(super) struct Problem<'a> {
     pub first: &'a RobotSpec,
     pub unknowns: &'a [Unknown],
     pub observations: &'a [Observation],
+    /// Of each unknown, in order.
+    pub coordinates: Vec<Coordinate>,
 }
 
-impl Problem<'_> {
+impl<'a> Problem<'a> {
+    /// The problem, and the unknowns' first coordinates.
+    pub fn new(
+        first: &'a RobotSpec,
+        unknowns: &'a [Unknown],
+        observations: &'a [Observation],
+    ) -> Result<(Self, DVector<f64>), CalibrationError> {
+        let mut problem = Self {
+            first,
+            unknowns,
+            observations,
+            coordinates: Vec::new(),
+        };
+        let values = problem.check()?;
+        let pairs = || unknowns.iter().zip(&values);
+        problem.coordinates = pairs()
+            .map(|(u, &value)| Coordinate::new(u, value))
+            .collect();
+        let start = problem.coordinates.iter().zip(&values);
+        let start: Vec<f64> = start.map(|(c, &value)| c.of(value)).collect();
+        Ok((problem, DVector::from_vec(start)))
+    }
+
+    /// The same for the first unknowns alone.
+    pub fn head(&self, count: usize) -> Self {
+        Self {
+            first: self.first,
+            unknowns: &self.unknowns[..count],
+            observations: self.observations,
+            coordinates: self.coordinates[..count].to_vec(),
+        }
+    }
+
+    /// The unknowns' values at `x`.
+    pub fn values(&self, x: &DVector<f64>) -> Vec<f64> {
+        let pairs = self.coordinates.iter().zip(x);
+        pairs.map(|(coordinate, &u)| coordinate.value(u)).collect()
+    }
+
+    /// How far each unknown's coordinate may go.
+    pub fn limits(&self) -> Vec<Limit> {
+        let limit = |(unknown, c): (&Unknown, &Coordinate)| Limit {
+            range: unknown.bounds(c.first).map(|value| c.of(value)),
+            reach: c.reach(),
+        };
+        self.unknowns
+            .iter()
+            .zip(&self.coordinates)
+            .map(limit)
+            .collect()
+    }
+
+    /// Takes derivatives by coordinates at `x` to those by the values.
+    pub fn by_values(&self, x: &DVector<f64>, jacobian: &mut DMatrix<f64>) {
+        let coordinates = self.coordinates.iter().zip(x);
+        for (mut column, (coordinate, &u)) in jacobian.column_iter_mut().zip(coordinates) {
+            column /= coordinate.slope(u);
+        }
+    }
+
     /// Checks the input; returns the first values.
-    pub fn check(&self) -> Result<DVector<f64>, CalibrationError> {
+    fn check(&self) -> Result<Vec<f64>, CalibrationError> {
         let robot = Robot::new(self.first.clone())?;
         for (index, observation) in self.observations.iter().enumerate() {
             (robot.command(observation.command.as_slice()))
@@ -56,7 +118,7 @@ impl Problem<'_> {
         let values: Result<Vec<f64>, _> = (self.unknowns.iter())
             .map(|unknown| unknown.value(self.first))
             .collect();
-        Ok(DVector::from_vec(values?))
+        Ok(values?)
     }
 
     fn check_overlap(&self) -> Result<(), CalibrationError> {
@@ -95,9 +157,9 @@ impl Problem<'_> {
     }
 
     pub fn spec(&self, x: &DVector<f64>) -> Result<RobotSpec, SensitivityError> {
-        let shared = self.unknowns.iter().zip(x);
+        let shared = self.unknowns.iter().zip(self.values(x));
         let values: Vec<_> = shared
-            .flat_map(|(unknown, value)| unknown.parameters().iter().map(move |p| (*p, *value)))
+            .flat_map(|(unknown, value)| unknown.parameters().iter().map(move |p| (*p, value)))
             .collect();
         self.first.with(&values)
     }
@@ -130,6 +192,10 @@ impl Problem<'_> {
             jacobian.rows_mut(row, rows).copy_from(&part.jacobian);
             memory.push(part.settled);
             row += rows;
+        }
+        let coordinates = self.coordinates.iter().zip(x);
+        for (mut column, (coordinate, &u)) in jacobian.column_iter_mut().zip(coordinates) {
+            column *= coordinate.slope(u);
         }
         Ok(Evaluation {
             residuals,

@@ -71,15 +71,22 @@ impl Unknown {
         }
     }
 
+    /// Whether it is a size, at or above zero; the place of a hole may be anywhere.
+    pub(super) fn is_size(&self) -> bool {
+        let place = |parameter: &Parameter| matches!(parameter, Parameter::Hole(..));
+        !self.parameters.iter().any(place)
+    }
+
     /// Smallest and largest value considered, from a first one.
     pub(super) fn bounds(&self, first: f64) -> [f64; 2] {
+        let [least, most] = WIDEST.map(|share| share * first);
         let bounds = |parameter: &Parameter| match parameter {
             Parameter::Hole(..) => [f64::NEG_INFINITY, f64::INFINITY],
             // A backbone may be limp and a disc weightless; anything else vanishes only with the robot.
             Parameter::Bending(..) | Parameter::Torsion(_) | Parameter::Density(_) => {
-                [0.0, f64::INFINITY]
+                [0.0, if first > 0.0 { most } else { f64::INFINITY }]
             }
-            _ => WIDEST.map(|share| share * first),
+            _ => [least, most],
         };
         let all = self.parameters.iter().map(bounds);
         all.fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], [l, h]| {

@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::problem::{Place, Problem, gap, shares};
 use super::{Outcome, ShapeController, ShapeError, ShapeSolution, Target};
-use crate::inverse::least_squares::{Evaluation, minimise};
+use crate::inverse::least_squares::{Evaluation, Limit, minimise};
 use crate::robot::Command;
 use crate::statics::{Equilibrium, Settler};
 
@@ -207,7 +207,7 @@ impl Way<'_, '_> {
     ) -> Option<(Place, Evaluation<Equilibrium>)> {
         let (problem, jump) = (self.problem, self.jump);
         let search = problem.search;
-        let bounds = vec![[0.0, 1.0]; from.x.len()];
+        let limits = vec![Limit::SHARE; from.x.len()];
         let settler = &mut *self.settler;
         let mut follow = |x: &DVector<f64>, near: &Equilibrium| {
             let command = problem.command(x);
@@ -229,7 +229,7 @@ impl Way<'_, '_> {
         let chosen = minimise(
             from.x.clone(),
             choice(&from.x, start),
-            &bounds,
+            &limits,
             CHOICE_STEPS,
             |x, near| Some(choice(x, follow(x, near)?)),
             |x, at| gap(x, at) <= CHOSEN,
@@ -243,7 +243,7 @@ impl Way<'_, '_> {
         let found = minimise(
             chosen.x,
             start,
-            &bounds,
+            &limits,
             search.max_steps,
             follow,
             |x, at| met(x, at, enough),

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix3xX};
 
 use super::{ActiveBound, Bound, Outcome, Search, ShapeError, ShapeSolution, Target};
 use crate::chain::Configuration;
-use crate::inverse::least_squares::{Evaluation, minimise};
+use crate::inverse::least_squares::{Evaluation, Limit, minimise};
 use crate::robot::{Command, Loads, Robot};
 use crate::statics::{Equilibrium, Settler};
 
@@ -70,7 +70,7 @@ impl Problem<'_> {
         settler: &mut Settler,
         (command, settled): &(Command, Equilibrium),
     ) -> Option<(f64, ShapeSolution)> {
-        let bounds = vec![[0.0, 1.0]; self.robot.tendons.len()];
+        let limits = vec![Limit::SHARE; self.robot.tendons.len()];
         let mut x = shares(self.robot, command);
         let mut at = self.evaluate(&x, settled.clone())?;
         let mut steps = 0;
@@ -85,7 +85,7 @@ impl Problem<'_> {
             let done = |x: &DVector<f64>, at: &Evaluation<Equilibrium>| {
                 self.largest_error(&at.memory) <= enough || gap(x, at) <= enough
             };
-            let found = minimise(x, at, &bounds, self.search.max_steps, evaluate, done);
+            let found = minimise(x, at, &limits, self.search.max_steps, evaluate, done);
             steps += found.steps;
             let followed = found.at.memory.configuration.clone();
             let settled = settler.settle(&self.command(&found.x), self.loads).clone();
