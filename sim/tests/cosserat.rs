@@ -151,6 +151,7 @@ const BOUNDS_OF_40: [[f64; 2]; 2] = [[0.1e-3, 0.35e-3], [0.15e-3, 0.7e-3]];
 
 #[test]
 #[ignore = "minutes: prints the table of docs/validation.md"]
+#[allow(clippy::print_stdout, reason = "that is what it is for")]
 fn the_table_of_errors() {
     println!("| discs | error (mm) | mean | median | worst | mean (% of length) | worst (%) |");
     println!("|---|---|---|---|---|---|---|");
@@ -183,10 +184,6 @@ fn a_rod_under_its_weight_converges_with_the_square_of_the_pitch() {
     let limit = tip(640);
     assert!(limit.y > 0.03, "it sags: {limit}");
     let errors = [20, 40, 80].map(|discs| (tip(discs) - limit).norm());
-    println!(
-        "tip error (mm) of 20, 40, 80 discs: {:?}",
-        errors.map(|e| e * 1e3)
-    );
     for pair in errors.windows(2) {
         assert!(pair[0] / pair[1] > 3.5, "{errors:?}");
     }
