@@ -21,8 +21,14 @@ use random_robot::{Kind, random_robot, within};
 
 /// The robot as MuJoCo reads it from our export, a payload included.
 fn exported(robot: &Robot, loads: &Loads) -> Model {
+    exported_with_step(robot, loads, None)
+}
+
+/// The same with a time step (s), where not the one that the export chooses.
+fn exported_with_step(robot: &Robot, loads: &Loads, timestep: Option<f64>) -> Model {
     let options = ExportOptions {
         payload: loads.tip_payload(),
+        timestep,
         ..ExportOptions::default()
     };
     Model::from_xml(&mjcf::export(robot.spec(), &options).unwrap()).unwrap()
@@ -125,7 +131,7 @@ fn trajectories_are_mujocos_for_a_thousand_steps() {
     let mut worst: f64 = 0.0;
     for robot in robots(12, &mut rng) {
         let loads = random_payload(&mut rng);
-        let model = exported(&robot, &loads);
+        let model = exported_with_step(&robot, &loads, Some(0.002));
         let commands = moving(&robot, 1_000, &mut rng);
         let mut stepper = Stepper::new(&robot, 0.002, Integrator::SemiImplicitEuler).unwrap();
         let mut state = State::straight(&robot);

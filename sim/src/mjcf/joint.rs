@@ -7,7 +7,10 @@
 //! axis, as torsion is softer than bending by the factor `1 / (1 + nu)`.
 //!
 //! With one hinge, bending alone and torsion alone have exactly the energy `1/2 phi' K phi`. Together
-//! they differ by terms of fourth order in the angles, and so do turns about two hinges.
+//! they differ by terms of fourth order in the angles, and so do turns about two hinges. How far the
+//! ten discs of 2m then settle from ours, its joints bent by 6 to 23 degrees: 4e-5 mm at most for a round
+//! rod (torsion 0.77 times bending), 0.01 mm for a helical spring (1.15 times), 0.6 mm where torsion is 3
+//! times as stiff as bending. `tests/python/test_mjcf.py` settles one of each in MuJoCo.
 //!
 //! The hinge moves with its share `1 - s` of the turn and the ball with `s`. Damping and armature of
 //! the hinge are `(1 + s) / (1 - s)` times those of the ball: then slow turns dissipate and store as
