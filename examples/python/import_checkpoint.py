@@ -19,10 +19,10 @@ The MLP's layers, with embedding e, width H, C numbers per point and D motors, a
 
 The time's features are cosines, then sines. The names are those of the authors' release, and its MLP is the one here.
 
-The authors' Hybrid is another network than ours, so its checkpoints are refused. Its head has projections of its own
-(`head.t_proj`), and its context network too (`ctx_net.t_proj`, `ctx_net.c_proj`); its stages have batch norms
-(`ctx_net.stages.S.proj.layers.1`, `ctx_net.stages.S.blocks.B.pvconv.voxel_layers.1`), and `ctx_net.stages.S.blocks.B.post`,
-`ctx_net.global_mlp`, `ctx_net.head_pre`, `ctx_net.head_norm`, `ctx_net.head_out` and `ctx_net.ctx_from_emb` have no counterpart.
+The authors' Hybrid is another network than ours, so its checkpoints are refused: its context network has an embedding of its
+own (`ctx_net.t_proj`, `ctx_net.c_proj`), batch norms where ours has group norms (`ctx_net.stages.S.proj.layers.1`,
+`ctx_net.stages.S.blocks.B.pvconv.voxel_layers.1` and `.4`), blocks of another order (`ctx_net.stages.S.blocks.B.post`), and
+layers on the maximum over the points (`ctx_net.global_mlp`) that ours has not.
 
 A Hybrid of our kind, trained elsewhere, has t_proj and c_proj, these layers as `head.`, its input of [x | context | e], and
 a context network as `ctx_net.`, whose layers it may call as it likes. A tensor of it
