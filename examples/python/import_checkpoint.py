@@ -17,8 +17,15 @@ The MLP's layers, with embedding e, width H, C numbers per point and D motors, a
     blocks.i.1          (H, H)
     out.1               (C, H)
 
-The time's features are cosines, then sines. A Hybrid has t_proj and c_proj, these layers as `head.`, its input of
-[x | context | e], and a context network as `ctx_net.`. How that one's layers are called is not published. A tensor of it
+The time's features are cosines, then sines. The names are those of the authors' release, and its MLP is the one here.
+
+The authors' Hybrid is another network than ours, so its checkpoints are refused: its context network has an embedding of its
+own (`ctx_net.t_proj`, `ctx_net.c_proj`), batch norms where ours has group norms (`ctx_net.stages.S.proj.layers.1`,
+`ctx_net.stages.S.blocks.B.pvconv.voxel_layers.1` and `.4`), blocks of another order (`ctx_net.stages.S.blocks.B.post`), and
+layers on the maximum over the points (`ctx_net.global_mlp`) that ours has not.
+
+A Hybrid of our kind, trained elsewhere, has t_proj and c_proj, these layers as `head.`, its input of [x | context | e], and
+a context network as `ctx_net.`, whose layers it may call as it likes. A tensor of it
 is found by its shape where one alone has it; for all others say --names FILE, JSON from the names of networks.py to the
 checkpoint's. `--guess FILE` writes such a file, to be looked through: layers of the same shapes, in the order in which both
 networks have them. Two layers are one in the checkpoint: `context.stages.0.project`, of [e | x], and `context.join`, of the
@@ -166,11 +173,21 @@ def alike(shapes):
     return groups
 
 
+def refuse_authors_hybrid(state):
+    """The authors' Hybrid is another network, whatever its names."""
+    if "ctx_net.t_proj.weight" in state or any(name.startswith("ctx_net.global_mlp.") for name in state):
+        raise CheckpointError(
+            "the checkpoint is of the authors' Hybrid, which is another network than the one here (batch norms, projections "
+            "of its own in the context network): only their MLP can be imported"
+        )
+
+
 def guess(state, context=None):
     """Names of the context network's tensors, ours to the checkpoint's: layers alike in shape, in their order.
 
     Layers of which the checkpoint has another number are left out.
     """
+    refuse_authors_hybrid(state)
     weights = Weights(state)
     _, sizes = embedding(weights)
     _, head, features = point_layers(weights, "head.", sizes)
@@ -248,6 +265,7 @@ def convert(state, context=None, names=None):
     `context` are the sizes of a Hybrid's context network as in a shape, but for `features`: by default the paper's;
     `names` the checkpoint's names of its tensors by ours.
     """
+    refuse_authors_hybrid(state)
     weights = Weights(state)
     tensors, sizes = embedding(weights)
     hybrid = any(name.startswith("head.") for name in state)

@@ -13,7 +13,8 @@ use super::console::Console;
 
 /// Make a data set: settle random commands, see each with the camera ring, keep the clouds
 ///
-/// Interrupted, the same command goes on where it stopped.
+/// Interrupted, the same command goes on where it stopped; with more --samples it adds to the set, whose splits are then
+/// drawn anew.
 #[derive(Debug, Args)]
 pub(super) struct CollectArgs {
     #[arg(long, default_value = "2m", help = super::ROBOT)]

@@ -20,7 +20,7 @@ use super::console::Console;
 
 /// Train a velocity network on a data set or a stream by action-conditioned flow matching
 ///
-/// Interrupted, the same command goes on where it stopped.
+/// Interrupted, the same command goes on where it stopped; with more --steps it goes on from where the run ended.
 #[derive(Debug, Args)]
 pub(super) struct TrainArgs {
     /// Folder of the data set

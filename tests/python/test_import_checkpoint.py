@@ -276,3 +276,16 @@ def test_a_guess_is_written_for_the_importer_and_never_over_a_file(tmp_path, mon
     torch.save({"model": {"t_proj.weight": torch.zeros(2, 2)}}, checkpoint)
     with pytest.raises(CheckpointError, match="no names are needed"):
         import_checkpoint.write_guess(checkpoint, tmp_path / "other.json")
+
+
+def test_the_authors_hybrid_is_refused_as_another_network():
+    """By names of their release alone: no network is to be made of it."""
+    state = {
+        "head.t_proj.weight": torch.zeros(256, 256),
+        "ctx_net.t_proj.weight": torch.zeros(256, 256),
+        "ctx_net.stages.0.proj.layers.0.weight": torch.zeros(80, 259, 1),
+        "ctx_net.global_mlp.0.weight": torch.zeros(112, 112),
+    }
+    for make in (convert, guess):
+        with pytest.raises(CheckpointError, match="authors' Hybrid, which is another network"):
+            make(state)
