@@ -69,6 +69,7 @@ struct DemoMetrics {
 }
 
 pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
+    super::output::folder("--out", &args.out, "a folder for all that the demo makes")?;
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot make the folder {}", args.out.display()))?;
     let (data, run) = (args.out.join("data"), args.out.join("run"));

@@ -288,14 +288,18 @@ fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Resu
     // Writing to a string cannot fail.
     for found in &table.found {
         for command in &found.via {
-            command.iter().for_each(|c| drop(write!(text, "{c:?},")));
+            for entry in command {
+                let _ = write!(text, "{entry:?},");
+            }
             text.push_str(",,,,,,,,,via\n");
         }
         let numbers = (found.command.iter())
             .chain(&found.target)
             .chain(&found.tip_position)
             .chain([&found.error, &found.disc_change]);
-        numbers.for_each(|number| drop(write!(text, "{number:?},")));
+        for number in numbers {
+            let _ = write!(text, "{number:?},");
+        }
         let arrival = found.arrival.unwrap_or_default();
         let _ = writeln!(text, "{},{arrival}", found.reached);
     }
