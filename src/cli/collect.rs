@@ -63,6 +63,7 @@ struct Collected {
 }
 
 pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
+    super::output::folder("--out", &args.out, "a folder for the data set")?;
     let splits = split_indices(args.samples, args.seed)?;
     let settings = CollectSettings {
         robot: super::load_robot(&args.robot)?,

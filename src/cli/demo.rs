@@ -69,6 +69,7 @@ struct DemoMetrics {
 }
 
 pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
+    output::folder("--out", &args.out, "a folder for all that the demo makes")?;
     let _lock = lock_folder(&args.out)?;
     let (data, run) = (args.out.join("data"), args.out.join("run"));
     let mut clock = StageClock::open(args.out.join("stages.json"));

@@ -57,6 +57,7 @@ struct Run {
 }
 
 pub(super) fn run(args: &DistillArgs, console: &Console) -> anyhow::Result<()> {
+    super::output::folder("--out", &args.out, "a folder for the run")?;
     let teacher = super::load_model(&args.model)?;
     let sampler = Sampler {
         method: Method::Euler,

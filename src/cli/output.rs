@@ -7,9 +7,28 @@ use anyhow::{Context, bail};
 use tdcr::sim::files::write_atomically;
 
 /// Extensions of files that people ask a program for. A folder of such a name is a mistake.
-const FILES: [&str; 20] = [
-    "avi", "csv", "gif", "h5", "hdf5", "html", "jpeg", "jpg", "json", "mp4", "npy", "npz", "obj",
-    "pcd", "pdf", "ply", "png", "stl", "svg", "zip",
+const FILES: [&str; 21] = [
+    "avi",
+    "csv",
+    "gif",
+    "h5",
+    "hdf5",
+    "html",
+    "jpeg",
+    "jpg",
+    "json",
+    "mp4",
+    "npy",
+    "npz",
+    "obj",
+    "pcd",
+    "pdf",
+    "ply",
+    "png",
+    "safetensors",
+    "stl",
+    "svg",
+    "zip",
 ];
 
 /// The format that a file's extension asks for, one of `formats`. A device or a pipe has none and takes the first.

@@ -288,8 +288,8 @@ fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Resu
     // Writing to a string cannot fail.
     for found in &table.found {
         for command in &found.via {
-            for value in command {
-                let _ = write!(text, "{value:?},");
+            for entry in command {
+                let _ = write!(text, "{entry:?},");
             }
             text.push_str(",,,,,,,,,via\n");
         }

@@ -398,6 +398,7 @@ struct Run {
 }
 
 pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
+    super::output::folder("--out", &args.out, "a folder for the run")?;
     let context = args.context.shape(args.net)?;
     let data = training_data(args)?;
     let (size, settings) = plan(args, context)?;

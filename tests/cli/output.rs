@@ -50,6 +50,15 @@ fn a_name_that_promises_another_format_is_refused_before_the_work_is_done() {
         "page.pdf",
         "expected the extension .html",
     );
+    for (what, name, folder) in [
+        ("collect", "data.h5", "the data set"),
+        ("train", "model.safetensors", "the run"),
+        ("distill", "model.safetensors", "the run"),
+        ("demo", "report.html", "all that the demo makes"),
+    ] {
+        let expected = format!("is named like a file; expected a folder for {folder}");
+        refused(&[what], "--out", name, &expected);
+    }
     let pictures = "is named like a file; expected a folder for the pictures of all cameras";
     refused(&["render", one[0], one[1]], "--out", "views.png", pictures);
 }

@@ -126,7 +126,7 @@ fn wrong_files_of_commands_are_named_with_their_place() {
     refuse(
         &[&arguments[..], &["--out", "x.ply"]].concat(),
         1,
-        "--out x.ply is one PLY file",
+        "--out x.ply is named like a file; expected a .npz file, or a folder for a PLY file each",
     );
     refuse(
         &[&arguments[..], &["--payload", "0"]].concat(),

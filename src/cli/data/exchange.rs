@@ -8,6 +8,7 @@ use tdcr::learn::data::{self, DataSet, ExportFormat, Finding, ImportSettings, Le
 use tdcr::report::counted;
 
 use super::Console;
+use crate::cli::output;
 
 /// Make a data set of clouds (.ply, .pcd, .npy, .npz) with motor files {"ctrl": [...]} of the same names
 #[derive(Debug, Args)]
@@ -91,6 +92,7 @@ impl Moved {
 }
 
 pub(super) fn import(args: &ImportArgs, console: &Console) -> anyhow::Result<()> {
+    output::folder("--out", &args.out, "a folder for the data set")?;
     let settings = ImportSettings {
         unit: args.units.unit(),
         points: args.points,
@@ -108,6 +110,7 @@ pub(super) fn import(args: &ImportArgs, console: &Console) -> anyhow::Result<()>
 }
 
 pub(super) fn export(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
+    output::folder("--out", &args.out, "a folder for the clouds")?;
     let set = DataSet::open(&args.set)?;
     let format = match args.format {
         Format::Ply => ExportFormat::Ply,
