@@ -120,8 +120,8 @@ fn tip_note(metrics: &Metrics) -> Option<String> {
     let (network, nearest) = (1e3 * metrics.tip?, 1e3 * metrics.tip_nearest?);
     Some(format!(
         "The tip is off by {network:.2} mm on average in the network's clouds, and by {nearest:.2} mm in those of the nearest \
-         training commands: the length of the shift that brings the points of the true cloud on the last disc onto the other \
-         cloud."
+         training commands: how far the last disc moves when the points of the true cloud on it are laid onto the \
+         other cloud as a rigid body."
     ))
 }
 

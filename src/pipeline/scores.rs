@@ -45,8 +45,8 @@ pub struct Scores {
     pub evaluations: f64,
 }
 
-/// Distances of predicted tips from the true one (m): lengths of the shifts that bring the points of the true cloud on the
-/// last disc onto the predicted clouds.
+/// Distances of predicted tips from the true one (m): how far the last disc's origin moves when the points of the true cloud
+/// on that disc are laid onto the predicted cloud as a rigid body.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TipError {
     /// In the network's cloud.

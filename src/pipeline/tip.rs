@@ -1,17 +1,20 @@
 //! How far a predicted tip is from the true one.
 
-use tdcr_learn::metrics::{MetricError, emd_squared, shift_onto};
+use nalgebra::Point3;
+use tdcr_learn::metrics::{MetricError, emd_squared, lay_onto, rigid_motion};
 use tdcr_sim::robot::Robot;
 use tdcr_sim::statics::Equilibrium;
 
 /// Points of both clouds that are matched for a first guess.
 const MATCHED: usize = 500;
+/// Matched points on the last disc, at the least.
+const FEWEST: usize = 4;
 /// Points of the last disc that are laid onto the predicted cloud, at the most.
 const LAID: usize = 400;
 
-/// Distance (m) of the predicted tip from the true one: length of the shift that brings the points of the true cloud on the
-/// last disc onto the predicted cloud ([`shift_onto`]). It starts where the points that an optimal matching of both clouds
-/// gives to those of the disc are, so that a tip far off is found too.
+/// Distance (m) of the predicted tip from the true one: how far the origin of the last disc moves with the rigid motion that
+/// lays the points of the true cloud on that disc onto the predicted cloud ([`lay_onto`]). The motion starts where an
+/// optimal matching of both clouds puts these points, so that a tip far off is found too.
 ///
 /// A point is on the disc whose solid it is nearest to. Both clouds have their points in random order. `None` where the
 /// true cloud shows too little of the last disc.
@@ -29,16 +32,17 @@ pub(super) fn tip_error(
     on_tip.truncate(LAID);
     let count = MATCHED.min(truth.len()).min(predicted.len());
     let matching = emd_squared(&truth[..count], &predicted[..count])?.matching;
-    let shifts = (truth[..count].iter().zip(matching))
+    let place = |point: [f32; 3]| Point3::from(point.map(f64::from));
+    let (from, to): (Vec<_>, Vec<_>) = (truth[..count].iter().zip(matching))
         .filter(|(point, _)| is_on_tip(robot, settled, **point))
-        .map(|(point, partner)| [0, 1, 2].map(|k| f64::from(predicted[partner][k] - point[k])));
-    let shifts: Vec<[f64; 3]> = shifts.collect();
-    if shifts.is_empty() {
+        .map(|(&point, partner)| (place(point), place(predicted[partner])))
+        .unzip();
+    if from.len() < FEWEST {
         return Ok(None);
     }
-    let mean = |k: usize| shifts.iter().map(|shift| shift[k]).sum::<f64>() / shifts.len() as f64;
-    let shift = shift_onto(&on_tip, predicted, [0, 1, 2].map(mean))?;
-    Ok(Some(shift.iter().map(|x| x * x).sum::<f64>().sqrt()))
+    let motion = lay_onto(&on_tip, predicted, rigid_motion(&from, &to))?;
+    let tip = Point3::from(settled.positions[robot.discs().len() - 1]);
+    Ok(Some((motion * tip - tip).norm()))
 }
 
 /// Whether a point (m) is nearer to the last disc than to all others.

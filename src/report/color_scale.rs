@@ -13,7 +13,7 @@ const STOPS: [[u8; 3]; 6] = [
     [0x33, 0x0a, 0x4d],
 ];
 /// Steps of the scale: few enough for pictures to compress well, too many to be told apart.
-const LEVELS: f64 = 40.0;
+const LEVELS: f64 = 20.0;
 /// Share of the values that the scale tells apart; the rest has the last colour.
 const COVERED: f64 = 0.98;
 /// Colour of what has no number.

@@ -57,8 +57,9 @@ impl Framing {
     /// The frame `width` pixels wide that holds every example in its own view.
     pub fn of(examples: &[Example], width: usize) -> Self {
         let width = width.max(8 * BORDER as usize);
-        let clouds = examples.iter().flat_map(Example::clouds);
-        let radius = clouds.map(closing_radius).fold(POINT_RADIUS, f64::max);
+        // By the true clouds alone: they lie on a surface, while those of a bad network fill a space.
+        let truths = examples.iter().map(|example| &example.truth);
+        let radius = truths.map(closing_radius).fold(POINT_RADIUS, f64::max);
         let [[left, right], [bottom, top]] = bounds(examples, radius);
         let inner = width as f64 - 2.0 * BORDER;
         let margins = 2.0 * BORDER + BAR_STRIP;

@@ -12,7 +12,7 @@ const EMD_UNIT: f64 = 1e-3;
 pub(crate) const CD_TITLE: &str = "CD (10⁻⁴\u{a0}m²)";
 
 /// Width of a picture (pixels).
-const PICTURE_WIDTH: usize = 340;
+const PICTURE_WIDTH: usize = 256;
 
 /// Style sheet of the page.
 pub(crate) fn style() -> String {
@@ -210,8 +210,8 @@ fn picture_row(
 }
 
 /// What a tip's error is.
-const TIP_NOTE: &str = "The tip is off by the shift that brings the points of the true cloud on the last disc onto the \
-     predicted cloud.";
+const TIP_NOTE: &str = "The tip is off by how far the last disc moves when the points of the true cloud on it are laid onto \
+     the predicted cloud.";
 
 /// A scale of colours in a legend, from zero to its end.
 fn color_legend(name: &str, scale: ColorScale) -> String {

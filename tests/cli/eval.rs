@@ -195,9 +195,11 @@ fn the_report_is_a_page_of_its_own_that_shows_the_worst_tests() {
     );
     let row = page.split("Network</th>").nth(1).unwrap();
     assert!(row.split("</tr>").next().unwrap().contains(&ratio));
-    // Truth, prediction and nearest of one test; one chart of all of them.
-    assert_eq!(page.matches("<img ").count(), 3);
-    assert_eq!(page.matches("<svg ").count(), 1);
+    // Truth, prediction, its error and uncertainty, and nearest of one test.
+    assert_eq!(page.matches("<img ").count(), 5);
+    // All test commands: in a chart of their distances, in one over those to the training commands, and over three pairs of
+    // motors of each of two modules.
+    assert_eq!(page.matches("<svg ").count(), 1 + 1 + 6);
     assert!(!page.contains("http:") && !page.contains("https:") && !page.contains("Training</h2>"));
 }
 

@@ -169,11 +169,11 @@ fn what_lies_outside_the_training_range_is_named() {
     let said = stderr(&output);
     assert!(output.status.success());
     assert!(
-        said.contains("the command: tendon 2 is 0.04, outside the training range 0."),
+        said.contains("the command: tendon 2 is 0.04 m, outside the training range 0."),
         "{said}"
     );
     assert!(
-        said.contains("the payload (kg) is 0.05, outside the training range 0 to 0.01"),
+        said.contains("the payload is 0.05 kg, outside the training range 0 to 0.01"),
         "{said}"
     );
 }

@@ -25,7 +25,7 @@ pub use emd::{Emd, GroundCost, emd, emd_squared, emd_with};
 pub(crate) use matcher::Matcher;
 pub use nearest::nearest_distances;
 pub use rank::rank_correlation;
-pub use register::shift_onto;
+pub use register::{lay_onto, rigid_motion};
 pub use spread::surface_spread;
 
 use std::fmt;
