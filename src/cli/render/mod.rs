@@ -212,7 +212,7 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
     )?;
     super::write_file(
         &folder.join(&view.depth_npy),
-        &files::npy(size, &frame.depth),
+        files::npy(size, &frame.depth),
     )?;
     super::write_file(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
     Ok(view)
