@@ -38,7 +38,7 @@ pub(super) struct ExportArgs {
     #[arg(long, value_enum)]
     integrator: Option<Method>,
     /// Command of the keyframe, in which the robot must settle (m, or N for a tension drive; mjcf) [default: the middle of
-    /// every tendon's range]
+    /// every tendon's range, with a little more pull by the first tendon of each module]
     #[arg(
         long,
         value_delimiter = ',',

@@ -26,8 +26,8 @@ pub struct ExportOptions {
     /// How MuJoCo takes a step.
     pub integrator: Integrator,
     /// The command of the keyframe, in which the robot must settle (m, or N for a tension drive). By
-    /// default the middle of every tendon's range; if the robot does not settle there, the model has no
-    /// keyframe.
+    /// default the middle of every tendon's range, with a little more pull by the first tendon of each
+    /// module; if the robot does not settle there, the model has no keyframe.
     pub command: Option<Vec<f64>>,
 }
 
