@@ -46,7 +46,8 @@ fn anyones_clouds_are_scored_with_the_table_of_a_networks() {
     let folder = tempfile::tempdir().unwrap();
     let [data, run, csv, clouds] =
         ["data", "run", "commands.csv", "clouds.npz"].map(|name| folder.path().join(name));
-    collect_small(&data, &["--samples", "40"]);
+    let size = ["collect", "--samples", "40", "--points", "400"];
+    succeed_json(&[&size[..], &["--out", text(&data)]].concat());
     let trained = train_tiny(&data, &run, &[]);
     let model = trained["model"].as_str().unwrap();
     let of_network = [
