@@ -305,7 +305,7 @@ fn worst_table(worst: &[WorstTest]) -> String {
 
 pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(path) = &args.report {
-        super::output::format("--report", path, &["html"])?;
+        output::format("--report", path, &["html"])?;
     }
     let model = Model::load(&args.model)?;
     let settings = args.scoring.settings(&model)?;

@@ -12,7 +12,7 @@ const EMD_UNIT: f64 = 1e-3;
 pub(crate) const CD_TITLE: &str = "CD (10⁻⁴\u{a0}m²)";
 
 /// Width of a picture (pixels).
-const PICTURE_WIDTH: usize = 256;
+const PICTURE_WIDTH: usize = 240;
 
 /// Style sheet of the page.
 pub(crate) fn style() -> String {
