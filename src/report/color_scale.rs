@@ -12,8 +12,8 @@ const STOPS: [[u8; 3]; 6] = [
     [0x8e, 0x1b, 0x5e],
     [0x33, 0x0a, 0x4d],
 ];
-/// Steps of the scale: few enough for pictures to compress well, too many to be told apart.
-const LEVELS: f64 = 20.0;
+/// Steps of the scale: few enough for pictures to compress well, enough for a reader.
+const LEVELS: f64 = 10.0;
 /// Share of the values that the scale tells apart; the rest has the last colour.
 const COVERED: f64 = 0.98;
 /// Colour of what has no number.

@@ -172,6 +172,8 @@ struct DepthBuffer {
     color: Vec<[u8; 3]>,
     /// Least and greatest depth of the surface (m).
     range: [f64; 2],
+    /// Whether surfaces are darker with distance; colours that stand for numbers stay what they are.
+    shaded: bool,
 }
 
 impl DepthBuffer {
@@ -183,6 +185,7 @@ impl DepthBuffer {
             depth: vec![f64::NEG_INFINITY; width * height],
             color: vec![[255; 3]; width * height],
             range: [f64::INFINITY, f64::NEG_INFINITY],
+            shaded: !matches!(layer.paint, Paint::Each(_)),
         };
         let sample = frame.metres_per_pixel / SUPERSAMPLE as f64;
         for (index, &point) in layer.cloud.points.iter().enumerate() {
@@ -232,6 +235,9 @@ impl DepthBuffer {
         let depth = self.depth[index];
         if !depth.is_finite() {
             return None;
+        }
+        if !self.shaded {
+            return Some((1.0, self.color[index]));
         }
         let [far, near] = self.range;
         let nearness = (depth - far) / (near - far).max(f64::MIN_POSITIVE);

@@ -12,7 +12,7 @@ const EMD_UNIT: f64 = 1e-3;
 pub(crate) const CD_TITLE: &str = "CD (10⁻⁴\u{a0}m²)";
 
 /// Width of a picture (pixels).
-const PICTURE_WIDTH: usize = 256;
+const PICTURE_WIDTH: usize = 240;
 
 /// Style sheet of the page.
 pub(crate) fn style() -> String {
@@ -211,7 +211,7 @@ fn picture_row(
 
 /// What a tip's error is.
 const TIP_NOTE: &str = "The tip is off by how far the last disc moves when the points of the true cloud on it are laid onto \
-     the predicted cloud.";
+     the predicted cloud; one that is off by more than the disc's radius is told as too near.";
 
 /// A scale of colours in a legend, from zero to its end.
 fn color_legend(name: &str, scale: ColorScale) -> String {
