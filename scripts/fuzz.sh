@@ -53,6 +53,11 @@ for target in "${targets[@]}"; do
     corpus=$(find "fuzz/corpus/$target" -type f | wc -l)
     printf '%-16s %12d %8d %8d %8d\n' "$target" "$executions" "$seconds" "$corpus" "$found"
     crashes=$((crashes + found))
+    if [ "$executions" -eq 0 ]; then
+        echo "fuzz: $target did not run:" >&2
+        tail -n 5 "$logs/$target" >&2
+        exit 1
+    fi
 done
 if [ "$crashes" -gt 0 ]; then
     echo "fuzz: $crashes inputs in fuzz/artifacts; \`cargo fuzz run --sanitizer none TARGET FILE\` runs one again" >&2
