@@ -210,7 +210,7 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
     )?;
     output::write(
         &folder.join(&view.depth_npy),
-        &files::npy(size, &frame.depth),
+        files::npy(size, &frame.depth),
     )?;
     output::write(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
     Ok(view)
