@@ -14,7 +14,7 @@ const STEPS: usize = 200;
 /// closest points (Besl and McKay, IEEE PAMI 14, 1992). Each step takes the nearest points of `q` to the moved points, and
 /// the motion that brings `p` closest to those, which never increases the mean square distance.
 ///
-/// A local minimum is found, near `start`. Where `p` can slide in the surface of `q`, as the wall of a tube without its end
+/// A local minimum is found, near `start`, to about half the distance between points of `q`, on which those of `p` catch. Where `p` can slide in the surface of `q`, as the wall of a tube without its end
 /// can, the motion along it stays about what it is at the start.
 ///
 /// # Errors
@@ -90,12 +90,11 @@ mod tests {
     /// Points on the wall and the upper end of a tube along z: radius 20 mm, up to the height 0.
     fn tube(phase: f64) -> Vec<[f32; 3]> {
         let mut points = Vec::new();
-        for ring in 0..60 {
-            let z = -0.002 * (f64::from(ring) + phase);
-            for k in 0..60 {
-                let (sin, cos) = (0.1047 * (f64::from(k) + phase)).sin_cos();
-                points.push([0.02 * cos, 0.02 * sin, z].map(|x| x as f32));
-            }
+        // Even and without rows on which another cloud's points would catch (Roberts' sequence, 2018).
+        for k in 0..3600 {
+            let share = |step: f64| (phase + step * f64::from(k)).fract();
+            let (sin, cos) = (std::f64::consts::TAU * share(0.754_877_666)).sin_cos();
+            points.push([0.02 * cos, 0.02 * sin, -0.12 * share(0.569_840_291)].map(|x| x as f32));
         }
         for k in 0..300 {
             // Sunflower points (Vogel, 1979).
@@ -126,8 +125,8 @@ mod tests {
                 .collect();
             let found = lay_onto(&end, &there, Isometry3::identity()).unwrap();
             let [tip, expected] = [found, moved].map(|motion| motion * Point3::origin());
-            // A fifth of the points' distance.
-            assert!((tip - expected).norm() < 4e-4, "{moved:?}: {found:?}");
+            // Half of the points' distance.
+            assert!((tip - expected).norm() < 1e-3, "{moved:?}: {found:?}");
         }
     }
 
