@@ -172,7 +172,7 @@ fn clouds_that_were_imported_without_colours_have_none_to_learn_or_to_score() {
         let scores: Value = serde_json::from_slice(&output.stdout).unwrap();
         (scores["color"].as_f64(), stderr(&output))
     };
-    let unscored = "the network's colours are not scored";
+    let unscored = "the predicted colours are not scored";
     let (error, said) = scored(&red);
     assert!(error.is_some_and(|error| error > 0.0) && !said.contains(unscored));
     let (error, said) = scored(&grey);

@@ -320,9 +320,9 @@ impl ModuleSpec {
             let Backbone {
                 bending, torsion, ..
             } = rod.backbone(length);
-            if !(bending[0].is_finite() && torsion.is_finite()) {
+            if !(bending[0] <= LARGEST && torsion <= LARGEST) {
                 let found = format!("of {} and {} N m/rad a joint", bending[0], torsion);
-                return Err(refuse(&at("rod"), found, "finite stiffnesses"));
+                return Err(refuse(&at("rod"), found, "at most 1e15 N m/rad"));
             }
             if self.joint_below > length {
                 let expected = "where there is a rod, at most `first_offset` and `pitch`";
