@@ -6,7 +6,7 @@ use thiserror::Error;
 use super::{CommandUnit, Robot, Tendon};
 
 /// One value per tendon, each finite and within its tendon's range: a rest length or a length (m), or
-/// a tension (N), by the tendon's [`Drive`].
+/// a tension (N), by the tendon's [`Drive`](super::Drive).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Command(Vec<f64>);
 
