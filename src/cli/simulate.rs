@@ -100,6 +100,9 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         .map(|file| PathFile::create(file, &robot))
         .transpose()?;
     let mut state = State::straight(&robot);
+    if let Some(first) = commands.first() {
+        stepper.check_stable(&state, first, &loads)?;
+    }
     for (step, command) in commands.iter().enumerate() {
         if console.interrupted() {
             return Err(Interrupted.into());

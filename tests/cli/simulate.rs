@@ -82,3 +82,25 @@ fn wrong_commands_are_named_with_their_line() {
     let arguments = ["simulate", "--commands", text(&file), "--dt", "0"];
     refuse(&arguments, 2, "expected a finite number above 0");
 }
+
+#[test]
+fn a_step_that_the_robot_is_too_stiff_for_is_refused() {
+    let (folder, file) = commands("0.03,0.01,0.02,0.01,0.01,0.01\n");
+    let robot = folder.path().join("stiff.toml");
+    let stiff = include_str!("../../sim/robots/2m.toml").replace("gain = 500.0", "gain = 1e7");
+    std::fs::write(&robot, stiff).unwrap();
+    for integrator in ["semi-implicit-euler", "runge-kutta4"] {
+        let stiff = [
+            "simulate",
+            "--robot",
+            text(&robot),
+            "--commands",
+            text(&file),
+        ];
+        refuse(
+            &[&stiff[..], &["--integrator", integrator]].concat(),
+            1,
+            "steps of 0.002 s are unstable",
+        );
+    }
+}

@@ -61,6 +61,17 @@ pub enum DynamicsError {
         /// How the step was taken.
         integrator: Integrator,
     },
+    /// A time step by which even small motions about a pose grow without bound.
+    #[error(
+        "steps of {timestep} s are unstable: small motions about the robot's pose grow unless they are below \
+         {longest:.2e} s; take a shorter time step, or an implicit integrator"
+    )]
+    Unstable {
+        /// The time step (s).
+        timestep: f64,
+        /// The longest that is stable (s).
+        longest: f64,
+    },
     /// A state from which a step has no finite derivative.
     #[error(
         "the step from this state has no finite derivative: the joints' accelerations, or the inverse of \

@@ -6,7 +6,7 @@ use faer::{Mat, Side};
 use super::acceleration::EquationsOfMotion;
 use super::composite::compose;
 use super::implicit::{in_discs, mass_matrix};
-use super::{DynamicsError, Integrator, State};
+use super::{DynamicsError, Integrator, State, Stepper};
 use crate::energy::Expansion;
 use crate::robot::{Command, Loads, Robot};
 
@@ -104,6 +104,31 @@ impl SmallMotions {
             }
         }
         stable
+    }
+}
+
+impl Stepper<'_> {
+    /// Checks that small motions about the configuration of `state`, at rest, do not grow by the steps'
+    /// own errors. It says nothing of other poses and of large motions. Takes O(n³) time.
+    ///
+    /// # Errors
+    /// [`DynamicsError::Unstable`] with the longest stable step; as [`Stepper::step`] for a state, command or
+    /// loads of another robot.
+    pub fn check_stable(
+        &self,
+        state: &State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<(), DynamicsError> {
+        let motions = SmallMotions::about(self.robot(), state, command, loads)?;
+        let (integrator, timestep) = (self.integrator(), self.timestep());
+        match motions.is_stable(integrator, timestep) {
+            true => Ok(()),
+            false => Err(DynamicsError::Unstable {
+                timestep,
+                longest: motions.longest_step(integrator, timestep),
+            }),
+        }
     }
 }
 

@@ -104,6 +104,11 @@ impl<'a> Stepper<'a> {
         self.timestep
     }
 
+    /// How a step is taken.
+    pub fn integrator(&self) -> Integrator {
+        self.scheme.integrator()
+    }
+
     /// Moves `state` by one time step under `command` and `loads`, both constant meanwhile. Takes
     /// O(n) time and allocates nothing, but for [`Integrator::ImplicitEuler`].
     ///
@@ -152,7 +157,7 @@ impl<'a> Stepper<'a> {
                 joint,
                 turn,
                 timestep: h,
-                integrator: self.scheme.integrator(),
+                integrator: self.integrator(),
             }),
         }
     }

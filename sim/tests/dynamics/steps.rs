@@ -4,7 +4,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Lineariser, State, Stepper};
-use tdcr_sim::robot::{Backbone, Loads, Payload, PerDisc, Robot, RobotSpec};
+use tdcr_sim::robot::{Backbone, Drive, Loads, Payload, PerDisc, Robot, RobotSpec};
 use tdcr_sim::sensitivity::Parameter;
 
 use crate::random_robot::{Kind, random_spec};
@@ -311,4 +311,35 @@ fn a_derivative_that_is_not_finite_is_an_error() {
     let mut lineariser = Lineariser::new(&robot, 0.002).unwrap();
     let refused = lineariser.linearise(&state, &command, &Loads::default());
     assert_eq!(refused.unwrap_err(), DynamicsError::NotDifferentiable);
+}
+
+/// The limit that a check tells is the one that steps obey: below it a motion comes to rest.
+#[test]
+fn steps_that_are_too_long_for_small_motions_are_told_before_they_are_taken() {
+    let mut spec = RobotSpec::standard("2m").unwrap();
+    for module in &mut spec.modules {
+        module.tendons.as_mut().unwrap().drive = Drive::Gain(1e7);
+    }
+    let robot = Robot::new(spec).unwrap();
+    let command = robot
+        .command(&[0.03, 0.01, 0.01, 0.02, 0.02, 0.02])
+        .unwrap();
+    let (state, loads) = (State::straight(&robot), Loads::default());
+    for integrator in [Integrator::SemiImplicitEuler, Integrator::RungeKutta4] {
+        let check = |timestep: f64| {
+            let stepper = Stepper::new(&robot, timestep, integrator).unwrap();
+            stepper.check_stable(&state, &command, &loads)
+        };
+        let Err(DynamicsError::Unstable { timestep, longest }) = check(0.002) else {
+            panic!("{integrator:?} is told to be stable");
+        };
+        assert!(
+            timestep == 0.002 && longest > 0.0 && longest < 0.002,
+            "{longest}"
+        );
+        assert_eq!(check(0.99 * longest), Ok(()));
+        assert!(check(1.01 * longest).is_err());
+    }
+    let implicit = Stepper::new(&robot, 0.002, Integrator::ImplicitEuler).unwrap();
+    assert_eq!(implicit.check_stable(&state, &command, &loads), Ok(()));
 }
