@@ -28,11 +28,11 @@ def tdcr():
 
 @pytest.fixture
 def settle(tdcr):
-    """Settles one command (m) of a standard robot with the tdcr binary."""
+    """Settles one command (m) of a standard robot with the tdcr binary, with more options."""
 
-    def run(robot, command, payload=0.0):
+    def run(robot, command, payload=0.0, options=()):
         text = ",".join(repr(float(c)) for c in command)
-        return tdcr("settle", "--robot", robot, "--command", text, "--payload", payload)
+        return tdcr("settle", "--robot", robot, "--command", text, "--payload", payload, *options)
 
     return run
 
