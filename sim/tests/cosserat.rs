@@ -150,7 +150,7 @@ const BOUNDS_OF_20: [[f64; 2]; 2] = [[0.14e-3, 0.5e-3], [0.22e-3, 0.95e-3]];
 const BOUNDS_OF_40: [[f64; 2]; 2] = [[0.1e-3, 0.35e-3], [0.15e-3, 0.7e-3]];
 
 #[test]
-#[ignore = "minutes: prints the table of docs/validation.md"]
+#[ignore = "prints the table of docs/validation.md"]
 #[allow(clippy::print_stdout, reason = "that is what it is for")]
 fn the_table_of_errors() {
     println!("| discs | error (mm) | mean | median | worst | mean (% of length) | worst (%) |");
