@@ -20,6 +20,7 @@ use super::commands::read_points;
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsSaid, vector};
 use super::output;
+use super::settle::command_columns;
 
 /// Find the command that brings the tip to a point, or along a path of points
 #[derive(Debug, Args)]
@@ -265,10 +266,7 @@ fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Resu
     if format == "json" {
         return output::write(out, serde_json::to_string_pretty(table)? + "\n");
     }
-    let commands = robot.tendons().iter().enumerate();
-    let mut header: Vec<String> = commands
-        .map(|(t, tendon)| format!("c{t} ({})", tendon.unit().symbol()))
-        .collect();
+    let mut header = command_columns(robot);
     header.extend(
         [
             "target_x (m)",

@@ -166,6 +166,13 @@ pub(super) fn units(robot: &Robot) -> Value {
     })
 }
 
+/// Names of a table's columns for a command's entries, by which files of commands are read again.
+pub(super) fn command_columns(robot: &Robot) -> Vec<String> {
+    (robot.tendons().iter().enumerate())
+        .map(|(t, tendon)| format!("c{t} ({})", tendon.unit()))
+        .collect()
+}
+
 fn tip_compliance(
     robot: &Robot,
     command: &Command,

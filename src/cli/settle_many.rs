@@ -16,7 +16,7 @@ use super::commands::{Row, read_commands};
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsSaid};
 use super::output;
-use super::settle::units;
+use super::settle::{command_columns, units};
 
 /// Commands settled between two safe points.
 const BATCH: usize = 1024;
@@ -155,9 +155,7 @@ fn settle(
 /// The table with a line for each command, and units in the first.
 fn csv(robot: &Robot, settled: &[Settled]) -> String {
     let tendons = robot.tendons();
-    let mut header: Vec<String> = (tendons.iter().enumerate())
-        .map(|(t, tendon)| format!("c{t} ({})", tendon.unit().symbol()))
-        .collect();
+    let mut header = command_columns(robot);
     header.extend(
         [
             "payload (kg)",
