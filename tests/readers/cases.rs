@@ -55,6 +55,10 @@ pub fn sound(name: &str) -> Vec<Case> {
         "motors" => vec![("two", b"{\"ctrl\": [0.01, 2e-3]}".to_vec())],
         "model" => vec![("mlp", model())],
         "training_state" => vec![("mlp", training_state())],
+        "split_file" => vec![(
+            "three",
+            b"# by hand\na,train\nb.ply, val\n\nc,test\n".to_vec(),
+        )],
         "journal" => vec![("entries", readers::journal_file())],
         "commands" => vec![
             ("csv", b"# m\n0.01, 0.02\n\n3e-2,-0\n".to_vec()),
@@ -147,6 +151,7 @@ pub fn hostile(name: &str) -> Vec<Case> {
             "deep",
             format!("{{\"ctrl\": {}", "[".repeat(1_000_000)).into(),
         )],
+        "split_file" => vec![("one_cloud_often", "a,train\n".repeat(300_000).into())],
         "journal" => vec![(
             "deep",
             format!("{{\"format\":1}}\n{}\n", "[".repeat(1_000_000)).into(),

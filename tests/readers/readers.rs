@@ -26,7 +26,7 @@ mod journal;
 pub type Reader = (&'static str, fn(&[u8]));
 
 /// All readers.
-pub const READERS: [Reader; 18] = [
+pub const READERS: [Reader; 19] = [
     ("robot_toml", robot_toml),
     ("robot_json", robot_json),
     ("mjcf", mjcf),
@@ -41,6 +41,7 @@ pub const READERS: [Reader; 18] = [
     ("pcd", pcd),
     ("ply", ply),
     ("motors", motors),
+    ("split_file", split_file),
     ("model", model),
     ("training_state", training_state),
     ("journal", journal),
@@ -173,6 +174,27 @@ pub fn motors(bytes: &[u8]) {
             &dir.join("set"),
             &ImportSettings::default(),
         ));
+    });
+}
+
+/// Splits given to an import (CSV), for the clouds `a.ply`, `b.ply` and `c.ply`.
+pub fn split_file(bytes: &[u8]) {
+    in_folder(|dir| {
+        let clouds = dir.join("clouds");
+        fs::create_dir(&clouds).expect("a folder can be made");
+        for name in ["a", "b", "c"] {
+            // The clouds are empty: the splits are read, and no data set is written.
+            fs::write(clouds.join(format!("{name}.ply")), "").expect("a file can be written");
+            let motors = clouds.join(format!("{name}.json"));
+            fs::write(motors, r#"{"ctrl": [0.01]}"#).expect("a file can be written");
+        }
+        let file = dir.join("split.csv");
+        fs::write(&file, bytes).expect("a file can be written");
+        let settings = ImportSettings {
+            split: Some(file),
+            ..ImportSettings::default()
+        };
+        drop(import(&clouds, &dir.join("set"), &settings));
     });
 }
 
