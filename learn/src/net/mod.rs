@@ -53,45 +53,16 @@
 //!
 //! A cloud's blocks of points and planes of voxels run in parallel, sums over them in fixed order.
 
-mod batch;
-mod bf16;
-#[cfg(test)]
-mod check;
-mod conditioner;
-mod context;
-mod context_shape;
-mod context_stage;
-mod conv3d;
-mod conv3d_bf16;
-mod conv3d_sparse;
-mod dense;
-mod dense_rows;
-mod grid;
-mod group_norm;
 mod hybrid;
-mod hybrid_shape;
 mod kernels;
+mod layers;
 mod mlp;
 mod network;
-mod occupied;
-mod precision;
-mod pv_conv;
-mod rows;
-mod shape;
-mod squeeze;
-mod trunk;
-mod trunk_bf16;
-mod voxel_layer;
-mod voxels;
-mod weights;
+mod voxel;
 
 pub use crate::channels::{Channels, DIM};
-pub use batch::{Batch, COLOR_WEIGHT, Workspace};
-pub use context_shape::{ContextShape, Stage, TimeGate};
-pub use hybrid::Hybrid;
-pub use hybrid_shape::HybridShape;
-pub use kernels::vector_lanes;
-pub use mlp::Mlp;
+pub use hybrid::{ContextShape, Hybrid, HybridShape, Stage, TimeGate};
+pub use kernels::Precision;
+pub use kernels::float32::vector_lanes;
+pub use mlp::{Batch, COLOR_WEIGHT, Mlp, MlpShape, ShapeError, TensorSpec, Workspace};
 pub use network::{Network, NetworkShape};
-pub use precision::Precision;
-pub use shape::{MlpShape, ShapeError, TensorSpec};

@@ -6,13 +6,10 @@ use serde_json::Value;
 
 use crate::flow::VelocityField;
 
-use super::batch::{Batch, Workspace};
-use super::hybrid::Hybrid;
-use super::hybrid_shape::HybridShape;
-use super::mlp::Mlp;
-use super::precision::Precision;
-use super::shape::{MlpShape, ShapeError, TensorSpec};
 use crate::channels::Channels;
+use crate::net::hybrid::{Hybrid, HybridShape};
+use crate::net::kernels::Precision;
+use crate::net::mlp::{Batch, Mlp, MlpShape, ShapeError, TensorSpec, Workspace};
 
 /// Shape of a velocity network.
 ///

@@ -1,0 +1,9 @@
+//! Machinery: loops and products compiled for this processor, which know nothing of networks.
+
+pub mod bfloat16;
+#[cfg(test)]
+pub mod check;
+pub mod float32;
+mod precision;
+
+pub use precision::Precision;

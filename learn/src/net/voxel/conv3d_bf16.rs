@@ -1,0 +1,148 @@
+//! Convolution of a grid with bfloat16 products.
+//!
+//! Three neighbours along x are three adjacent rows of a grid, one row of a left matrix: nine products, one for each line
+//! of neighbours, are the whole convolution, and their sum stays in registers. So is the gradient by the input, from
+//! weights in the reverse order. The gradient by the weight has the rows as its inner dimension.
+
+use faer::Accum;
+use rayon::prelude::*;
+
+use super::conv3d::{Conv3d, NEIGHBOURS, shift};
+use super::grid::Grid;
+use crate::net::kernels::bfloat16::{Floats, Operands, Taps, Tiles, padded};
+use crate::net::kernels::float32::{Sums, fill_rows};
+use crate::net::layers::Passes;
+
+/// Lines of neighbours, and neighbours in a line.
+const LINES: usize = NEIGHBOURS / LINE;
+const LINE: usize = 3;
+
+/// A convolution's weight in tiles, a line of neighbours at a time.
+#[derive(Debug, Default)]
+pub struct PackedConv {
+    forward: Packed,
+    backward: Packed,
+}
+
+#[derive(Debug, Default)]
+struct Packed([PackedLine; LINES]);
+
+/// A right matrix; the inner dimension is a line's three neighbours, and the features of each.
+#[derive(Debug, Default)]
+struct PackedLine {
+    tiles: Tiles,
+    /// The same in floats.
+    floats: Vec<f32>,
+}
+
+impl PackedConv {
+    /// Packs the weight of `conv`.
+    pub fn set(&mut self, conv: &Conv3d, params: &[f32], passes: Passes) {
+        let (inputs, outputs) = (conv.inputs, conv.outputs);
+        let weights = &params[conv.weight.clone()];
+        let weight =
+            |neighbour: usize| &weights[neighbour * inputs * outputs..][..inputs * outputs];
+        self.forward.each(|line, PackedLine { tiles, floats }| {
+            let stride = padded(inputs);
+            floats.resize(outputs * LINE * stride, 0.0);
+            for (output, row) in floats.chunks_exact_mut(LINE * stride).enumerate() {
+                for (x, to) in row.chunks_exact_mut(stride).enumerate() {
+                    let from = &weight(line * LINE + x)[output * inputs..][..inputs];
+                    to[..inputs].copy_from_slice(from);
+                }
+            }
+            tiles.set_right_transposed(Floats::dense(floats, LINE * stride));
+        });
+        if passes == Passes::Training {
+            self.backward.each(|line, PackedLine { tiles, floats }| {
+                let stride = padded(outputs);
+                floats.resize(LINE * stride * inputs, 0.0);
+                for (x, to) in floats.chunks_exact_mut(stride * inputs).enumerate() {
+                    let from = weight(NEIGHBOURS - 1 - (line * LINE + x));
+                    to[..outputs * inputs].copy_from_slice(from);
+                }
+                tiles.set_right(Floats::dense(floats, inputs));
+            });
+        }
+    }
+}
+
+impl Packed {
+    fn each(&mut self, pack: impl Fn(usize, &mut PackedLine) + Sync) {
+        self.0
+            .par_iter_mut()
+            .enumerate()
+            .for_each(|(line, packed)| pack(line, packed));
+    }
+
+    /// Grid `y` of `columns` features from the grid in `operands`; `prepare` as [`Operands::multiply`] has it.
+    fn convolve(
+        &self,
+        grid: Grid,
+        operands: &Operands,
+        y: &mut [f32],
+        columns: usize,
+        prepare: impl Fn(&mut [f32]) -> Accum + Sync,
+    ) {
+        let taps = Taps {
+            starts: std::array::from_fn(|line| shift(grid, line * LINE)),
+            adjacent: LINE,
+            matrices: self.0.each_ref().map(|packed| &packed.tiles),
+        };
+        let body = grid.body_mut(y, columns);
+        operands.multiply(&taps, body, columns, prepare);
+        body.par_chunks_mut(grid.plane() * columns)
+            .for_each(|plane| grid.clear_padding(plane, columns));
+    }
+}
+
+impl Conv3d {
+    /// [`Conv3d::forward`], with the weight packed.
+    pub fn forward_bf16(
+        &self,
+        params: &[f32],
+        packed: &PackedConv,
+        operands: &mut Operands,
+        x: &[f32],
+        y: &mut [f32],
+    ) {
+        let bias = &params[self.bias.clone()];
+        operands.enter(x, self.inputs);
+        packed
+            .forward
+            .convolve(self.grid, operands, y, self.outputs, |y| {
+                fill_rows(y, bias);
+                Accum::Add
+            });
+    }
+
+    /// [`Conv3d::backward_input`], with the weight packed.
+    pub fn backward_input_bf16(
+        &self,
+        packed: &PackedConv,
+        operands: &mut Operands,
+        dy: &[f32],
+        dx: &mut [f32],
+    ) {
+        operands.enter(dy, self.outputs);
+        packed
+            .backward
+            .convolve(self.grid, operands, dx, self.inputs, |_| Accum::Replace);
+    }
+
+    /// [`Conv3d::backward`] with bfloat16 products.
+    pub fn backward_bf16(
+        &self,
+        operands: &mut Operands,
+        gradient: &mut [f32],
+        x: &[f32],
+        dy: &[f32],
+        sums: &mut Sums,
+    ) {
+        let starts: [usize; NEIGHBOURS] = std::array::from_fn(|n| shift(self.grid, n));
+        let dy = self.grid.body(dy, self.outputs);
+        let weight = &mut gradient[self.weight.clone()];
+        operands.add_weight_gradient(starts, (x, self.inputs), (dy, self.outputs), weight);
+        sums.add_columns(dy, self.grid.rows(), &mut gradient[self.bias.clone()]);
+    }
+}
