@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{FlowError, require};
+use super::error::{FlowError, require};
 use crate::channels::{Channels, DIM};
 use crate::metrics::Matcher;
 

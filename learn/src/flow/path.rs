@@ -4,7 +4,8 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::{Coupling, FlowError, require};
+use super::coupling::Coupling;
+use super::error::{FlowError, require};
 use crate::channels::{Channels, DIM};
 
 /// Prior, coupling, path and distribution of flow times (paper, Sec. Method).

@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::error::{FlowError, require};
 use super::multistep::{Extended, Multistep};
-use super::{FlowError, TimeGrid, require};
+use super::time_grid::TimeGrid;
 
 /// A velocity field `u(X, t | c)` over whole clouds.
 pub trait VelocityField {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{FlowError, require};
+use super::error::{FlowError, require};
 
 /// Where in [0, 1] the steps of an integration lie.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
