@@ -58,11 +58,12 @@ mod kernels;
 mod layers;
 mod mlp;
 mod network;
+mod parameters;
 mod voxel;
 
 pub use crate::channels::{Channels, DIM};
-pub use hybrid::{ContextShape, Hybrid, HybridShape, Stage, TimeGate};
-pub use kernels::Precision;
-pub use kernels::float32::vector_lanes;
-pub use mlp::{Batch, COLOR_WEIGHT, Mlp, MlpShape, ShapeError, TensorSpec, Workspace};
-pub use network::{Network, NetworkShape};
+pub use hybrid::{ContextShape, HybridShape, Stage, TimeGate};
+pub use kernels::{Precision, Processor};
+pub use mlp::{Batch, MlpShape};
+pub use network::{Network, NetworkShape, Workspace};
+pub use parameters::{NetworkShapeError, TensorSpec};

@@ -4,8 +4,37 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::difference::Difference;
-use super::settings::{SPIKE_STEPS, SettingsError};
-use crate::net::ShapeError;
+use super::spike::SPIKE_STEPS;
+use crate::flow::FlowError;
+use crate::net::NetworkShapeError;
+
+/// A setting out of bounds.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// A setting of the run itself.
+    #[error("{field} is {found}, expected {expected}")]
+    Value {
+        /// Field of [`TrainSettings`](super::TrainSettings).
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What would be right.
+        expected: String,
+    },
+    /// A setting of the path or of the sampler.
+    #[error(transparent)]
+    Flow(#[from] FlowError),
+}
+
+impl SettingsError {
+    pub(super) fn new(field: &'static str, found: impl ToString, expected: impl ToString) -> Self {
+        Self::Value {
+            field,
+            found: found.to_string(),
+            expected: expected.to_string(),
+        }
+    }
+}
 
 /// Why a training run cannot start or go on.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -16,7 +45,7 @@ pub enum TrainError {
     Settings(#[from] SettingsError),
     /// The network's shape is out of bounds.
     #[error(transparent)]
-    Shape(#[from] ShapeError),
+    Shape(#[from] NetworkShapeError),
     /// A data set cannot be trained on or validated with.
     #[error("{set} set: {reason}")]
     Data {
@@ -35,7 +64,7 @@ pub enum TrainError {
         /// Its value.
         value: f64,
     },
-    /// The loss has been far above its running level for [`SPIKE_STEPS`] steps on end.
+    /// The loss has been far above its running level for ten steps on end.
     #[error(
         "training diverged at step {step}: the loss is {loss}, and was above {factor} times its level of {level} for \
          {SPIKE_STEPS} steps"
@@ -45,7 +74,7 @@ pub enum TrainError {
         step: u64,
         /// Its loss.
         loss: f32,
-        /// The level before ([`TrainSettings::loss_level`](super::TrainSettings::loss_level)).
+        /// The running level: the median of up to 100 losses before those.
         level: f32,
         /// [`TrainSettings::spike_factor`](super::TrainSettings::spike_factor).
         factor: f64,

@@ -2,9 +2,9 @@
 
 use tdcr_sim::robot::SpecError;
 
-use super::error::TrainError;
+use super::error::{SettingsError, TrainError};
 use super::samples::Samples;
-use super::settings::{SettingsError, Target, TrainSettings};
+use super::settings::{Target, TrainSettings};
 use super::start;
 use super::state::{fingerprint, hash};
 use super::teacher::Teacher;

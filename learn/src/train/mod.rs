@@ -2,6 +2,7 @@
 //!
 //! [`Trainer`] takes steps; [`TrainingState`] is all of it on disk, for exact resumption; [`Model`] is what predicts.
 
+mod check;
 mod difference;
 mod error;
 mod feed;
@@ -12,17 +13,17 @@ mod orthogonal;
 mod samples;
 mod schedule;
 mod settings;
+mod spike;
 mod start;
 mod state;
 mod teacher;
 mod trainer;
 
-pub use error::{FileError, FileProblem, TrainError};
+pub use error::{FileError, FileProblem, SettingsError, TrainError};
 pub use feed::{Feed, StreamWindow};
 pub use model::{Model, PredictError, Prediction, Provenance};
 pub use optimizer::Optimizer;
-pub use schedule::Schedule;
-pub use settings::{SPIKE_STEPS, SettingsError, Target, TrainSettings};
+pub use settings::{Schedule, Target, TrainSettings};
 pub use start::Start;
 pub use state::{Best, TrainingState};
 pub use teacher::Teacher;

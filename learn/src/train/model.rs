@@ -10,7 +10,7 @@ use super::settings::TrainSettings;
 use crate::data::{DataError, Normalisation, Subject};
 use crate::flow::{Sampler, Stream, rng};
 use crate::metrics::surface_spread;
-use crate::net::{Channels, DIM, Network, NetworkShape, Precision, ShapeError};
+use crate::net::{Channels, DIM, Network, NetworkShape, NetworkShapeError, Precision};
 use tdcr_sim::cloud::PointCloud;
 
 /// What a network was trained on.
@@ -215,8 +215,8 @@ impl Model {
     /// The same model with products of other numbers: [`Precision::Float32`] as it is read.
     ///
     /// # Errors
-    /// [`ShapeError::Precision`] where the network's width does not suit them.
-    pub fn with_precision(self, precision: Precision) -> Result<Self, ShapeError> {
+    /// [`NetworkShapeError::Precision`] where the network's width does not suit them.
+    pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
         let network = self.network.with_precision(precision)?;
         Ok(Self { network, ..self })
     }

@@ -2,24 +2,10 @@
 
 use std::f64::consts::PI;
 
-use serde::{Deserialize, Serialize};
-
 use super::difference::require_same;
-use super::error::TrainError;
+use super::error::{SettingsError, TrainError};
 use super::optimizer::Optimizer;
-use super::settings::{SettingsError, TrainSettings};
-
-/// The learning rate's schedule in the first part of a run that was given more steps later.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Schedule {
-    /// Last step that followed it; the first is 1.
-    pub until: u64,
-    /// [`TrainSettings::steps`] at that time.
-    pub steps: u64,
-    /// [`TrainSettings::warmup_steps`] at that time.
-    pub warmup_steps: u64,
-}
+use super::settings::{Schedule, TrainSettings};
 
 impl TrainSettings {
     /// These settings for a run that took `taken` steps with the settings `before`: the same, or with more steps. A longer

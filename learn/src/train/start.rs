@@ -6,7 +6,7 @@ use super::model::{Model, Provenance};
 use super::settings::Target;
 use super::state::hash;
 use crate::flow::{Stream, rng};
-use crate::net::{HybridShape, MlpShape, Network, NetworkShape, ShapeError};
+use crate::net::{HybridShape, MlpShape, Network, NetworkShape, NetworkShapeError};
 
 /// Where the weights of a run start.
 #[derive(Clone, Copy, Debug)]
@@ -69,7 +69,7 @@ impl<'a> Start<'a> {
     }
 
     /// The network at its start.
-    pub(super) fn network(&self, seed: u64) -> Result<Network, ShapeError> {
+    pub(super) fn network(&self, seed: u64) -> Result<Network, NetworkShapeError> {
         match self {
             Self::Random(shape) => Network::new(*shape, &mut rng(seed, Stream::Parameters)),
             Self::Network(network) => Ok((*network).clone()),

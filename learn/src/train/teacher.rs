@@ -3,9 +3,10 @@
 use rand::RngExt;
 use rayon::prelude::*;
 
+use super::error::SettingsError;
 use super::model::Model;
 use super::samples::Samples;
-use super::settings::{SettingsError, Target, TrainSettings};
+use super::settings::{Target, TrainSettings};
 use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape};
 
@@ -172,7 +173,7 @@ mod tests {
             condition_dim: 2,
             channels: Channels::Xyz,
         };
-        let network = Network::new(shape.into(), &mut rng(3, Stream::Parameters)).expect("a shape");
+        let network = Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape");
         let grid = TimeGrid::Power(2.0);
         let teacher = Teacher {
             network,

@@ -3,12 +3,13 @@
 use rand::seq::index;
 
 use super::difference::require_same;
-use super::error::TrainError;
+use super::error::{SettingsError, TrainError};
 use super::feed::{Feed, check_feed, check_set};
 use super::model::{Model, Provenance, positions};
 use super::optimizer::{Moments, Update, Updater, norm};
 use super::samples::Samples;
-use super::settings::{SPIKE_STEPS, SettingsError, TrainSettings};
+use super::settings::TrainSettings;
+use super::spike::SPIKE_STEPS;
 use super::start::{self, Start};
 use super::state::{Best, TrainingState, fingerprint};
 use crate::data::CloudSet;

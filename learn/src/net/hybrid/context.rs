@@ -8,7 +8,7 @@ use super::context_stage::{PackedStage, StageNet, StageTape};
 use crate::net::kernels::bfloat16::Operands;
 use crate::net::kernels::float32::{Rows, Sums, fill_rows};
 use crate::net::layers::{AffineNorm, Dense, Normed, PackedWeight, Passes, Weights};
-use crate::net::mlp::{Initial, Table, fan_in};
+use crate::net::parameters::{Initial, Table, fan_in};
 
 /// Point-voxel context `(N, F)` of a cloud's points `(N, C)`, from channels `[e | x]`:
 ///
@@ -70,8 +70,14 @@ impl ContextNet {
             let name = format!("context.stages.{s}.project");
             // The first projection's bias is part of the embedding's share.
             let project = match s {
-                0 => table.product(&name, before, stage.channels, fan_in(before + embedding)),
-                _ => table.dense(&name, before, stage.channels, fan_in(before)),
+                0 => Dense::declare_unbiased(
+                    table,
+                    &name,
+                    before,
+                    stage.channels,
+                    fan_in(before + embedding),
+                ),
+                _ => Dense::declare(table, &name, before, stage.channels, fan_in(before)),
             };
             before = stage.channels;
             stages.push(StageNet::declare(table, s, stage, project, shape.blocks));
@@ -83,7 +89,8 @@ impl ContextNet {
             .sum::<usize>();
         let (joined, initial) = (shape.joined, fan_in(all + before));
         let joins = shape.stages.iter().enumerate().map(|(s, stage)| {
-            table.product(
+            Dense::declare_unbiased(
+                table,
                 &format!("context.joins.{s}"),
                 stage.channels,
                 joined,
@@ -94,9 +101,10 @@ impl ContextNet {
         Self {
             stages,
             joins,
-            join_maximum: table.dense("context.join_maximum", before, joined, initial),
+            join_maximum: Dense::declare(table, "context.join_maximum", before, joined, initial),
             join_norm: AffineNorm::declare(table, "context.join_norm", joined),
-            output: table.dense(
+            output: Dense::declare(
+                table,
                 "context.output",
                 joined,
                 shape.features,

@@ -2,13 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::net::mlp::{Initial, Part, ShapeError, fan_in, require_size};
+use crate::net::mlp::Part;
+use crate::net::parameters::{
+    Initial, MAX_VOXEL_NUMBERS, NetworkShapeError, fan_in, require_finite, require_size,
+};
 
 /// Stages of the context network.
 pub const STAGES: usize = 3;
-
-/// Most numbers of a stage's grid of voxels, of which training keeps several: 256 MiB.
-pub const MAX_VOXEL_NUMBERS: usize = 1 << 26;
 
 /// A stage of the context network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,7 +33,7 @@ pub struct TimeGate {
 
 impl TimeGate {
     /// Weight of the cloud's context.
-    pub fn weight(self, t: f32) -> f32 {
+    pub(in crate::net) fn weight(self, t: f32) -> f32 {
         1.0 / (1.0 + (-self.steepness * (t - self.centre)).exp())
     }
 }
@@ -75,8 +75,8 @@ impl Default for ContextShape {
 }
 
 impl ContextShape {
-    /// Refuses sizes of which no network can be made.
-    pub fn check(&self) -> Result<(), ShapeError> {
+    /// Returns an error if the sizes do not describe a network.
+    pub(in crate::net) fn check(&self) -> Result<(), NetworkShapeError> {
         let size = |field, found, most, expected| {
             require_size(field, found, (1..=most).contains(&found), expected)
         };
@@ -89,7 +89,7 @@ impl ContextShape {
             } = stage;
             let found = channels * resolution.pow(3);
             if found > MAX_VOXEL_NUMBERS {
-                return Err(ShapeError::Grid {
+                return Err(NetworkShapeError::Grid {
                     resolution,
                     channels,
                     found,
@@ -99,17 +99,13 @@ impl ContextShape {
         size("blocks per stage", self.blocks, 16, "1 to 16")?;
         size("joined features", self.joined, 4096, "1 to 4096")?;
         size("context features", self.features, 4096, "1 to 4096")?;
-        let TimeGate { centre, steepness } = self.gate;
-        if centre.is_finite() && steepness.is_finite() {
-            Ok(())
-        } else {
-            Err(ShapeError::Gate)
-        }
+        require_finite("time gate's centre", self.gate.centre)?;
+        require_finite("time gate's steepness", self.gate.steepness)
     }
 
     /// What of the modulation vector is affine in the embedding: the context that the cloud's is blended with, and the
     /// embedding's share of the first projection, of points of `inputs` numbers.
-    pub fn parts(&self, embedding: usize, inputs: usize) -> [Part<'static>; 2] {
+    pub(in crate::net) fn parts(&self, embedding: usize, inputs: usize) -> [Part<'static>; 2] {
         let shift = fan_in(embedding + inputs);
         [
             Part::new(
@@ -122,7 +118,7 @@ impl ContextShape {
     }
 
     /// The blocks that FiLM modulates, with their features.
-    pub fn films(&self) -> impl Iterator<Item = (String, usize)> {
+    pub(in crate::net) fn films(&self) -> impl Iterator<Item = (String, usize)> {
         let stages = self.stages.into_iter().enumerate();
         stages.flat_map(move |(s, stage)| {
             (0..self.blocks).map(move |b| (block_name(s, b), stage.channels))

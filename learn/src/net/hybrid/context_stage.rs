@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::context_shape::{Stage, block_name};
 use crate::net::layers::{Dense, PackedWeight, Passes, Weights};
-use crate::net::mlp::Table;
+use crate::net::parameters::Table;
 use crate::net::voxel::{Grid, PackedPvBlock, PvBlock, PvInput, PvScratch, PvTape, Voxels};
 
 #[derive(Clone, Debug)]

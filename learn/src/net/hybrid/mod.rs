@@ -6,6 +6,6 @@ mod context_stage;
 mod shape;
 mod velocity;
 
-pub use context_shape::{ContextShape, MAX_VOXEL_NUMBERS, Stage, TimeGate};
+pub use context_shape::{ContextShape, Stage, TimeGate};
 pub use shape::HybridShape;
-pub use velocity::{CloudTape, Hybrid};
+pub use velocity::{Hybrid, HybridWorkspace};

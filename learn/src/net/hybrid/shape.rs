@@ -4,9 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::context::ContextNet;
 use super::context_shape::ContextShape;
-use crate::net::mlp::{
-    Conditioner, MlpShape, Part, ShapeError, Table, TensorSpec, Trunk, fan_in, require_parameters,
-};
+use crate::net::mlp::{Conditioner, MlpShape, Part, Trunk};
+use crate::net::parameters::{NetworkShapeError, Table, TensorSpec, fan_in, require_parameters};
 
 /// Shape of a hybrid velocity network.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,8 +19,8 @@ pub struct HybridShape {
 }
 
 impl HybridShape {
-    /// Refuses sizes of which no network can be made.
-    pub fn check(&self) -> Result<(), ShapeError> {
+    /// Returns an error if the sizes do not describe a network.
+    pub fn check(&self) -> Result<(), NetworkShapeError> {
         self.head.check()?;
         self.context.check()?;
         require_parameters(self.parameter_count())
@@ -44,7 +43,7 @@ impl HybridShape {
     }
 
     /// Adds the network's tensors to `table`; returns its layers.
-    pub fn declare(&self, table: &mut Table) -> Layers {
+    pub(in crate::net) fn declare(&self, table: &mut Table) -> Layers {
         let Self { head, context } = self;
         let (embedding, channels) = (head.embedding, head.channels.count());
         let inputs = channels + context.features;

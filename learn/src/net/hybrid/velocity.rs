@@ -3,18 +3,18 @@
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::flow::VelocityField;
-
 use super::context::{ContextInput, ContextTape, PackedContext};
 use super::context_shape::ContextShape;
 use super::shape::{HybridShape, Layers};
+use crate::flow::VelocityField;
 use crate::net::kernels::Precision;
 use crate::net::kernels::float32::add;
 use crate::net::layers::{Passes, Weights};
 use crate::net::mlp::{
-    Batch, ConditionerTape, Loss, PackedTrunk, PointPass, STRIPE, ShapeError, Share, Table,
-    TrunkTapes, Workspace, add_trunk_gradients, divide, reset,
+    Batch, ConditionerTape, Loss, PackedTrunk, PointPass, STRIPE, Share, TrunkTapes,
+    add_trunk_gradients, divide, reset,
 };
+use crate::net::parameters::{NetworkShapeError, Table, require_precision};
 use crate::pool::Pool;
 
 /// The paper's Hybrid velocity network (Sec. Method, Eqs. contextnet and time_gate): a cloud's points are seen together.
@@ -38,9 +38,18 @@ struct Packed {
 /// Points per share of a cloud: fewer than of the MLP's batches of many clouds.
 const SHARE: usize = 1024;
 
-/// Memory of one cloud.
+/// Buffers of [`Hybrid::loss_and_gradient`], kept from step to step.
+#[derive(Debug, Default)]
+pub struct HybridWorkspace {
+    conditioner: ConditionerTape,
+    shares: Vec<Share>,
+    d_modulation: Vec<f32>,
+    cloud: Option<CloudTape>,
+}
+
+/// Buffers of one cloud's passes.
 #[derive(Debug)]
-pub struct CloudTape {
+struct CloudTape {
     packed: Packed,
     context: ContextTape,
     /// `[x | context]`, `(N, C + F)`.
@@ -64,8 +73,8 @@ impl Hybrid {
     /// zero, so that the network starts as its head alone.
     ///
     /// # Errors
-    /// [`ShapeError`] where `shape` is out of bounds.
-    pub fn new(shape: HybridShape, rng: &mut ChaCha8Rng) -> Result<Self, ShapeError> {
+    /// [`NetworkShapeError`] where `shape` is out of bounds.
+    pub fn new(shape: HybridShape, rng: &mut ChaCha8Rng) -> Result<Self, NetworkShapeError> {
         shape.check()?;
         let mut table = Table::default();
         shape.declare(&mut table);
@@ -76,14 +85,14 @@ impl Hybrid {
     /// A network with given parameters, in the order of [`HybridShape::tensors`].
     ///
     /// # Errors
-    /// [`ShapeError`] where `shape` is out of bounds or `params` has another length than it needs.
-    pub fn from_params(shape: HybridShape, params: Vec<f32>) -> Result<Self, ShapeError> {
+    /// [`NetworkShapeError`] where `shape` is out of bounds or `params` has another length than it needs.
+    pub fn from_params(shape: HybridShape, params: Vec<f32>) -> Result<Self, NetworkShapeError> {
         shape.check()?;
         let mut table = Table::default();
         let layers = shape.declare(&mut table);
         let (found, expected) = (params.len(), table.len());
         if found != expected {
-            return Err(ShapeError::ParameterCount { found, expected });
+            return Err(NetworkShapeError::ParameterCount { found, expected });
         }
         Ok(Self {
             shape,
@@ -118,9 +127,9 @@ impl Hybrid {
     /// The same network with products of other numbers.
     ///
     /// # Errors
-    /// [`ShapeError::Precision`] where its width does not suit them.
-    pub fn with_precision(self, precision: Precision) -> Result<Self, ShapeError> {
-        precision.check(self.shape.head.width)?;
+    /// [`NetworkShapeError::Precision`] where its width does not suit them.
+    pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
+        require_precision(precision, self.shape.head.width)?;
         Ok(Self { precision, ..self })
     }
 
@@ -134,7 +143,7 @@ impl Hybrid {
         conditioner.flops() + trunk.flops(points) + context.flops(points)
     }
 
-    /// Loss and gradient as [`Mlp::loss_and_gradient`](super::Mlp::loss_and_gradient) has them.
+    /// Loss and gradient as [`Mlp::loss_and_gradient`](crate::net::mlp::Mlp::loss_and_gradient) has them.
     ///
     /// Clouds run one after the other, the points and voxels of each in parallel; the result does not depend on the
     /// number of threads.
@@ -144,7 +153,7 @@ impl Hybrid {
     pub fn loss_and_gradient(
         &self,
         batch: &Batch,
-        workspace: &mut Workspace,
+        workspace: &mut HybridWorkspace,
         gradient: &mut [f32],
     ) -> f64 {
         let (head, params) = (self.shape.head, &self.params[..]);
@@ -153,12 +162,11 @@ impl Hybrid {
             head.channels,
             [params.len(), gradient.len()],
         );
-        let Workspace {
+        let HybridWorkspace {
             conditioner: tape,
             shares,
             d_modulation,
             cloud,
-            packed: _,
         } = workspace;
         let cloud = cloud.get_or_insert_with(|| self.cloud_tape());
         let conditioner = &self.layers.conditioner;

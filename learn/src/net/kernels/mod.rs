@@ -5,5 +5,7 @@ pub mod bfloat16;
 pub mod check;
 pub mod float32;
 mod precision;
+mod processor;
 
 pub use precision::Precision;
+pub use processor::Processor;

@@ -1,21 +1,20 @@
-//! What numbers the networks' products are of.
+//! The operand type of the networks' products.
 
 use serde::{Deserialize, Serialize};
 
-use crate::net::kernels::bfloat16::{DEPTH, is_faster};
-use crate::net::mlp::ShapeError;
+use super::bfloat16::{DEPTH, is_faster};
 
-/// Numbers that the products of a network's layers on points and voxels are of; sums, norms, weights and gradients are
-/// floats (f32) in either.
+/// Operand type of the products in the layers on points and voxels. Sums, norms, weights and gradients are 32-bit floats in
+/// either.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
-    /// Floats of 32 bits.
+    /// 32-bit floats.
     #[default]
     Float32,
     /// Operands rounded to bfloat16: floats with a mantissa of 8 bits. Many times faster on a processor with a matrix unit
-    /// (Intel's AMX), faster on AMD's with AVX-512 BF16 (Zen 4 and later), slower on others. The layers on points must have
-    /// a multiple of 32 features.
+    /// (Intel's AMX), faster on AMD's with AVX-512 BF16 (Zen 4 and later), slower on others. The width of the layers on
+    /// points must be a multiple of 32.
     Bfloat16,
 }
 
@@ -25,7 +24,7 @@ impl Precision {
 
     /// The faster one on this machine for layers of `width` features.
     pub fn fastest(width: usize) -> Self {
-        if is_faster() && Self::Bfloat16.check(width).is_ok() {
+        if is_faster() && Self::Bfloat16.suits(width) {
             Self::Bfloat16
         } else {
             Self::Float32
@@ -39,12 +38,9 @@ impl Precision {
             .find(|precision| precision.name() == name)
     }
 
-    /// Refuses layers of `width` features that it cannot take.
-    pub fn check(self, width: usize) -> Result<(), ShapeError> {
-        match self {
-            Self::Bfloat16 if !width.is_multiple_of(DEPTH) => Err(ShapeError::Precision { width }),
-            _ => Ok(()),
-        }
+    /// Whether layers on points may have `width` features.
+    pub(in crate::net) fn suits(self, width: usize) -> bool {
+        self == Self::Float32 || width.is_multiple_of(DEPTH)
     }
 
     /// Its name.

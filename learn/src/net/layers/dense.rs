@@ -6,6 +6,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::net::kernels::float32::{fill_rows, sum_rows};
+use crate::net::parameters::{Initial, Table};
 
 /// A dense layer `y = W x + b`: where its weight, row-major `(outputs, inputs)`, and its bias lie in a flat slice.
 ///
@@ -19,6 +20,38 @@ pub struct Dense {
 }
 
 impl Dense {
+    /// Adds the layer's tensors; they start as `initial`.
+    pub fn declare(
+        table: &mut Table,
+        name: &str,
+        inputs: usize,
+        outputs: usize,
+        initial: Initial,
+    ) -> Self {
+        Self {
+            inputs,
+            outputs,
+            weight: table.push(format!("{name}.weight"), &[outputs, inputs], initial),
+            bias: table.push(format!("{name}.bias"), &[outputs], initial),
+        }
+    }
+
+    /// Adds the tensor of a layer without bias.
+    pub fn declare_unbiased(
+        table: &mut Table,
+        name: &str,
+        inputs: usize,
+        outputs: usize,
+        initial: Initial,
+    ) -> Self {
+        Self {
+            inputs,
+            outputs,
+            weight: table.push(format!("{name}.weight"), &[outputs, inputs], initial),
+            bias: 0..0,
+        }
+    }
+
     /// Floating-point operations of the product with `rows` rows.
     pub fn flops(&self, rows: usize) -> u64 {
         2 * (rows * self.inputs * self.outputs) as u64

@@ -1,6 +1,7 @@
 //! Dense layers with bfloat16 weights.
 
 use super::dense::Dense;
+use super::pass::Passes;
 use crate::net::kernels::bfloat16::{Floats, Tiles};
 
 /// A dense layer's weight `W` `(outputs, inputs)` as its passes take it.
@@ -10,15 +11,6 @@ pub struct PackedWeight {
     pub forward: Tiles,
     /// The right matrix `W`, for `dX = dY W`.
     pub backward: Tiles,
-}
-
-/// Which passes weights are packed for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Passes {
-    /// The forward pass alone.
-    Forward,
-    /// Both.
-    Training,
 }
 
 impl PackedWeight {

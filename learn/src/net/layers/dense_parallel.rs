@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::dense::Dense;
 use super::dense_bf16::PackedWeight;
-use super::weights::Weights;
+use super::pass::Weights;
 use crate::net::kernels::bfloat16::{Operands, Taps, Tiles};
 use crate::net::kernels::float32::{Rows, Sums, fill_rows};
 

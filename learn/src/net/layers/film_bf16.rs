@@ -2,17 +2,11 @@
 //!
 //! Rows of floats may be apart by more than their numbers; all have a whole number of [`Part`]s.
 
-#[cfg(target_arch = "x86_64")]
-use pulp::NullaryFnOnce;
-#[cfg(target_arch = "x86_64")]
-use pulp::x86::V4;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Simd;
 
-#[cfg(target_arch = "x86_64")]
-use crate::net::kernels::bfloat16::Wide;
-use crate::net::kernels::bfloat16::{Lanes, Loops, Part, Tiles};
-use crate::net::kernels::float32::EPSILON;
-use crate::net::mlp::Keep;
+use super::film::EPSILON;
+use super::pass::Keep;
+use crate::net::kernels::bfloat16::{Kernel, Lanes, Part, Tiles, parts, parts_mut};
 
 /// What a block's backward pass needs of its forward pass, one row per point of a tile of points.
 #[derive(Debug, Default)]
@@ -37,59 +31,7 @@ impl BlockTape {
     }
 }
 
-/// A loop over rows.
-pub trait Kernel: Sized {
-    /// Runs with the given vectors, and on parts with the given lanes.
-    fn run_with<S: Simd>(self, simd: S, lanes: impl Lanes);
-
-    /// Runs on the widest vectors that the machine has.
-    fn run(self) {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(simd) = V4::try_new() {
-            return simd.vectorize(OnWide(self, simd));
-        }
-        Arch::new().dispatch(OnLoops(self));
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-struct OnWide<K>(K, V4);
-
-#[cfg(target_arch = "x86_64")]
-impl<K: Kernel> NullaryFnOnce for OnWide<K> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self(kernel, simd) = self;
-        kernel.run_with(simd, Wide(simd));
-    }
-}
-
-struct OnLoops<K>(K);
-
-impl<K: Kernel> WithSimd for OnLoops<K> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        self.0.run_with(simd, Loops);
-    }
-}
-
-/// The parts of a row.
-#[inline(always)]
-pub fn parts<T>(row: &[T]) -> &[Part<T>] {
-    row.as_chunks().0
-}
-
-/// The parts of a row.
-#[inline(always)]
-pub fn parts_mut<T>(row: &mut [T]) -> &mut [Part<T>] {
-    row.as_chunks_mut().0
-}
-
-/// As the floats' [`Modulate`](crate::net::kernels::float32::Modulate).
+/// As the floats' [`Modulate`](super::film::Modulate).
 pub struct Modulate<'a> {
     pub features: &'a mut [f32],
     pub scale: &'a [f32],
@@ -215,7 +157,7 @@ fn moments<S: Simd>(simd: S, x: &[f32]) -> [f32; 2] {
     ]
 }
 
-/// As the floats' [`ModulateBackward`](crate::net::kernels::float32::ModulateBackward), with the gradient by the features also
+/// As the floats' [`ModulateBackward`](super::film::ModulateBackward), with the gradient by the features also
 /// rounded, as a left matrix, and summed over the rows.
 pub struct ModulateBackward<'a> {
     pub features: &'a mut [f32],

@@ -4,8 +4,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::net::kernels::float32::{EPSILON, Rows, Sums, silu, vectorised};
-use crate::net::mlp::{Initial, Table};
+use super::film::EPSILON;
+use crate::net::kernels::float32::{Rows, Sums, silu, vectorised};
+use crate::net::parameters::{Initial, Table};
 
 /// `y = SiLU(scale * GN(x) + offset)`, GN over groups of adjacent channels and all rows of a cloud (Wu and He 2018).
 ///

@@ -2,10 +2,9 @@
 
 use pulp::Simd;
 
-use super::film_bf16::{Kernel, parts, parts_mut};
+use super::pass::Keep;
 use crate::channels::{Channels, DIM};
-use crate::net::kernels::bfloat16::{DEPTH, Lanes, Part, Tiles};
-use crate::net::mlp::Keep;
+use crate::net::kernels::bfloat16::{DEPTH, Kernel, Lanes, Part, Tiles, parts, parts_mut};
 
 /// Most numbers of a point's velocity; the other number is that of its position's.
 const MOST: usize = Channels::XyzRgb.count();

@@ -1,7 +1,7 @@
 //! Squeeze and excitation: a gain per channel from the channels' means.
 
 use super::dense::Dense;
-use crate::net::mlp::{Table, fan_in};
+use crate::net::parameters::{Table, fan_in};
 
 /// Channels per hidden feature.
 const REDUCTION: usize = 8;
@@ -34,8 +34,8 @@ impl Squeeze {
         let hidden = (channels / REDUCTION).max(1);
         let (reduce, expand) = (format!("{name}.reduce"), format!("{name}.expand"));
         Self {
-            reduce: table.product(&reduce, channels, hidden, fan_in(channels)),
-            expand: table.product(&expand, hidden, channels, fan_in(hidden)),
+            reduce: Dense::declare_unbiased(table, &reduce, channels, hidden, fan_in(channels)),
+            expand: Dense::declare_unbiased(table, &expand, hidden, channels, fan_in(hidden)),
         }
     }
 

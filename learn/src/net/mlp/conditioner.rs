@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use super::shape::{Initial, Table, fan_in};
 use crate::net::kernels::float32::{activate, add, multiply};
 use crate::net::layers::Dense;
+use crate::net::parameters::{Initial, Table, fan_in};
 
 /// Embeds `(t, c)` as `e` (paper, Eq. embedding_fusion) and maps `e` to a cloud's modulation vector.
 ///
@@ -85,8 +85,14 @@ impl Conditioner {
     ) -> Self {
         let [embedding, condition_dim] = sizes;
         let zero = Initial::Constant(0.0);
-        let time = table.dense("time", embedding, embedding, fan_in(embedding));
-        let condition = table.dense("condition", condition_dim, embedding, fan_in(condition_dim));
+        let time = Dense::declare(table, "time", embedding, embedding, fan_in(embedding));
+        let condition = Dense::declare(
+            table,
+            "condition",
+            condition_dim,
+            embedding,
+            fan_in(condition_dim),
+        );
         let weight = table.len();
         for Part { name, len, initial } in parts {
             table.push(format!("{name}.weight"), &[*len, embedding], *initial);

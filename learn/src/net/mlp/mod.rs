@@ -3,18 +3,18 @@
 mod batch;
 mod conditioner;
 mod shape;
+mod shares;
 mod trunk;
 mod trunk_bf16;
+mod trunk_f32;
+mod trunk_tiles;
 mod velocity;
 
-pub use batch::{
-    Batch, COLOR_WEIGHT, Loss, PointPass, STRIPE, Share, Workspace, add_trunk_gradients, divide,
-    reset,
-};
+pub use batch::{Batch, Loss};
 pub use conditioner::{Conditioner, ConditionerTape, Part};
-pub use shape::{
-    Initial, MlpShape, ShapeError, Table, TensorSpec, fan_in, require_parameters, require_size,
-};
-pub use trunk::{Keep, Trunk, TrunkTapes};
+pub use shape::MlpShape;
+pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide, reset};
+pub use trunk::Trunk;
 pub use trunk_bf16::PackedTrunk;
-pub use velocity::Mlp;
+pub use trunk_tiles::TrunkTapes;
+pub use velocity::{Mlp, MlpWorkspace};

@@ -6,12 +6,12 @@
 use faer::Accum;
 use rayon::prelude::*;
 
-use super::trunk::{Keep, TilePass, Trunk, TrunkGradient};
-use crate::net::kernels::bfloat16::{Floats, Output, Tiles, multiply};
+use super::trunk::{TilePass, Trunk, TrunkGradient};
+use crate::net::kernels::bfloat16::{Floats, Kernel, Output, Tiles, multiply};
 use crate::net::kernels::float32::sum_rows;
+use crate::net::layers::film_bf16::{BlockTape, Modulate, ModulateBackward};
 use crate::net::layers::{
-    BlockTape, Dense, InputBackward, InputLayer, Kernel, Modulate, ModulateBackward,
-    OutputBackward, OutputLayer, PackedWeight, Passes,
+    Dense, InputBackward, InputLayer, Keep, OutputBackward, OutputLayer, PackedWeight, Passes,
 };
 
 /// Most points per tile: the gradient by a weight is read and written once a tile.

@@ -146,3 +146,69 @@ impl Conv3d {
         sums.add_columns(dy, self.grid.rows(), &mut gradient[self.bias.clone()]);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::net::kernels::check::{numbers, single};
+    use crate::net::parameters::Table;
+
+    /// Whole numbers and halves: bfloat16 holds them, and floats hold their sums.
+    fn halves(seed: u64, len: usize) -> Vec<f64> {
+        let numbers = numbers(seed, len);
+        numbers.iter().map(|x| (x * 8.0).round() / 2.0).collect()
+    }
+
+    /// On the unit that this machine has; products of either unit have tests of their own.
+    #[test]
+    fn bfloat16_products_give_what_those_of_floats_give() {
+        for (resolution, [inputs, outputs]) in
+            [(3, [2, 3]), (9, [37, 20]), (5, [16, 80]), (4, [112, 112])]
+        {
+            let grid = Grid { resolution };
+            let mut table = Table::default();
+            let conv = Conv3d::declare(&mut table, "conv", grid, inputs, outputs);
+            let params = single(&halves(1, table.len()));
+            let fresh = |channels| {
+                let mut buffer = Vec::new();
+                grid.prepare(&mut buffer, channels);
+                buffer
+            };
+            let filled = |seed, channels| {
+                let mut buffer = fresh(channels);
+                let body = grid.body_mut(&mut buffer, channels);
+                body.copy_from_slice(&single(&halves(seed, body.len())));
+                let planes = body.chunks_mut(grid.plane() * channels);
+                planes.for_each(|plane| grid.clear_padding(plane, channels));
+                buffer
+            };
+            let (x, dy) = (filled(2, inputs), filled(3, outputs));
+            let (mut packed, mut operands) = (PackedConv::default(), Operands::default());
+            packed.set(&conv, &params, Passes::Training);
+
+            let (mut y, mut expected) = (fresh(outputs), fresh(outputs));
+            conv.forward(&params, &x, &mut expected);
+            conv.forward_bf16(&params, &packed, &mut operands, &x, &mut y);
+            assert_eq!(y, expected, "forward, {conv:?}");
+
+            let (mut dx, mut expected) = (fresh(inputs), fresh(inputs));
+            conv.backward_input(&params, &dy, &mut expected);
+            conv.backward_input_bf16(&packed, &mut operands, &dy, &mut dx);
+            assert_eq!(dx, expected, "gradient by the input, {conv:?}");
+
+            let mut gradients = [vec![1.0; table.len()], vec![1.0; table.len()]];
+            conv.backward(&mut gradients[0], &x, &dy, &mut Sums::default());
+            conv.backward_bf16(
+                &mut operands,
+                &mut gradients[1],
+                &x,
+                &dy,
+                &mut Sums::default(),
+            );
+            assert_eq!(
+                gradients[1], gradients[0],
+                "gradient by the weight, {conv:?}"
+            );
+        }
+    }
+}

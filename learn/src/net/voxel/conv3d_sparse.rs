@@ -181,10 +181,10 @@ vectorised! {
 
 #[cfg(test)]
 mod tests {
+    use super::super::grid::Grid;
     use super::*;
     use crate::net::kernels::check::{numbers, single};
-    use crate::net::mlp::Table;
-    use crate::net::voxel::grid::Grid;
+    use crate::net::parameters::Table;
 
     const SIZES: [usize; 2] = [5, 3];
 

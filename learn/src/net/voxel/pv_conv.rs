@@ -12,7 +12,7 @@ use crate::net::kernels::float32::{Rows, Sums, add, vectorised};
 use crate::net::layers::{
     AffineNorm, Dense, GroupNorm, Normed, PackedWeight, Passes, Squeeze, SqueezeTape, Weights,
 };
-use crate::net::mlp::{Table, fan_in};
+use crate::net::parameters::{Table, fan_in};
 
 /// Point-voxel convolution (Liu et al. 2019) with GroupNorm and SiLU, then a shared MLP that FiLM modulates; residual:
 ///
@@ -93,9 +93,15 @@ impl PvBlock {
             channels,
             layers,
             squeeze: Squeeze::declare(table, &format!("{name}.squeeze"), channels),
-            point: table.dense(&format!("{name}.point"), channels, channels, initial),
+            point: Dense::declare(table, &format!("{name}.point"), channels, channels, initial),
             point_norm: AffineNorm::declare(table, &format!("{name}.point_norm"), channels),
-            mix: table.dense(&format!("{name}.linear"), channels, channels, initial),
+            mix: Dense::declare(
+                table,
+                &format!("{name}.linear"),
+                channels,
+                channels,
+                initial,
+            ),
             film: GroupNorm { channels },
         }
     }

@@ -8,7 +8,7 @@ use super::occupied::Sparse;
 use crate::net::kernels::bfloat16::{Operands, has_matrix_unit};
 use crate::net::kernels::float32::Sums;
 use crate::net::layers::{AffineNorm, Normed, Weights};
-use crate::net::mlp::Table;
+use crate::net::parameters::Table;
 
 /// `y = SiLU(GN(conv(x)))`; grids have margins.
 #[derive(Clone, Debug)]

@@ -12,8 +12,8 @@ use std::sync::OnceLock;
 use faer::Accum;
 
 use super::panel::Panel;
-use super::product::{Four, Order, Shape, Term};
 use super::tile::SIDE;
+use super::unit::{Four, Order, Shape, Term, Unit};
 
 /// Whether the processor has the unit, with bfloat16 products, and the system lets this process use it.
 ///
@@ -58,7 +58,7 @@ fn request() -> bool {
 }
 
 /// The unit, ready for products on this thread: tile registers are a thread's own, so it cannot be sent to another.
-pub struct Unit(PhantomData<*const ()>);
+pub struct Amx(PhantomData<*const ()>);
 
 /// Shape of the tile registers (palette 1): each of the eight has 16 rows of 64 bytes.
 #[repr(C, align(64))]
@@ -78,7 +78,7 @@ impl Palette {
     };
 }
 
-impl Unit {
+impl Amx {
     /// Sets up this thread's tile registers.
     ///
     /// # Panics
@@ -96,19 +96,12 @@ impl Unit {
         }
         Self(PhantomData)
     }
+}
 
-    /// Puts the sum of the products of `terms` into `c`, whose rows are `stride` numbers apart, or adds it: four tiles.
-    ///
+impl Unit for Amx {
     /// # Panics
     /// Where `c` is too short or two matrices differ in their inner dimension.
-    pub fn multiply_tiles(
-        &self,
-        terms: &[Term],
-        four: Four,
-        accum: Accum,
-        c: &mut [f32],
-        stride: usize,
-    ) {
+    fn multiply(&self, terms: &[Term], four: Four, accum: Accum, c: &mut [f32], stride: usize) {
         let Four {
             first,
             shape,
@@ -180,7 +173,9 @@ impl Unit {
             );
         }
     }
+}
 
+impl Amx {
     /// Adds two tiles by two to the first four registers.
     fn add_square(&self, Term { left, right }: &Term, first: [usize; 2]) {
         assert_eq!(left.depth(), right.depth(), "one inner dimension");
@@ -219,7 +214,7 @@ impl Unit {
         }
     }
 
-    /// As [`Unit::add_square`], where the left matrix streams by: its tiles are loaded so that they displace no others from
+    /// As [`Amx::add_square`], where the left matrix streams by: its tiles are loaded so that they displace no others from
     /// the first cache, and `next`, the rows of the output that follow, is fetched meanwhile.
     fn add_streaming(
         &self,
@@ -325,7 +320,7 @@ enum Strip {
     Wide,
 }
 
-impl Drop for Unit {
+impl Drop for Amx {
     /// Empties the tile registers, so that the system need not save them.
     fn drop(&mut self) {
         // SAFETY: the unit is there, as `self` shows.

@@ -12,12 +12,12 @@ use std::arch::x86_64::{
 
 use faer::Accum;
 
-use super::product::{Four, Term};
 use super::tile::{DEPTH, SIDE};
+use super::unit::{Four, Term, Unit};
 
 /// The vectors, found on this processor.
 #[derive(Clone, Copy, Debug)]
-pub struct Unit(());
+pub struct Avx512(());
 
 /// Whether AMD made the processor.
 pub fn is_amd() -> bool {
@@ -29,25 +29,18 @@ pub fn is_amd() -> bool {
 /// Rows whose sums are in registers at once: with two tiles of columns, 16 sums hide how long each product takes.
 const ROWS: usize = SIDE / 2;
 
-impl Unit {
+impl Avx512 {
     /// The vectors, where the processor has them.
     pub fn try_new() -> Option<Self> {
         let present = is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bf16");
         present.then_some(Self(()))
     }
+}
 
-    /// Puts the sum of the products of `terms` into `c`, whose rows are `stride` numbers apart, or adds it: four tiles.
-    ///
+impl Unit for Avx512 {
     /// # Panics
     /// Where `c` is too short or two matrices differ in their inner dimension.
-    pub fn multiply_tiles(
-        self,
-        terms: &[Term],
-        four: Four,
-        accum: Accum,
-        c: &mut [f32],
-        stride: usize,
-    ) {
+    fn multiply(&self, terms: &[Term], four: Four, accum: Accum, c: &mut [f32], stride: usize) {
         let [rows, columns] = four.shape.tiles();
         assert!(stride >= columns * SIDE && c.len() >= (rows * SIDE - 1) * stride + columns * SIDE);
         for Term { left, right } in terms {
@@ -86,7 +79,7 @@ struct Strip {
 }
 
 impl Strip {
-    /// As [`Unit::multiply_tiles`], for these rows and `COLUMNS` tiles of columns.
+    /// As [`Unit::multiply`], for these rows and `COLUMNS` tiles of columns.
     ///
     /// # Safety
     /// Each term's matrices must have one inner dimension; at `c`, [`ROWS`] rows `stride` numbers apart of `COLUMNS` tiles each

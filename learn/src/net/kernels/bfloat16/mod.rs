@@ -4,6 +4,8 @@
 mod amx;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod floats;
+mod kernel;
 mod lanes;
 mod operands;
 mod pack;
@@ -12,10 +14,10 @@ mod product;
 mod rows;
 mod shuffle;
 mod tile;
+mod unit;
 
-#[cfg(target_arch = "x86_64")]
-pub use lanes::Wide;
-pub use lanes::{Lanes, Loops, Part};
+pub use kernel::{Kernel, parts, parts_mut};
+pub use lanes::{Lanes, Part};
 pub use operands::{Operands, Taps};
 pub use pack::Floats;
 pub use product::{Output, has_matrix_unit, is_faster, multiply};

@@ -4,9 +4,10 @@ use faer::Accum;
 use rayon::prelude::*;
 
 use super::pack::Floats;
-use super::product::{Output, Term, multiply_terms};
+use super::product::{Output, multiply_terms};
 use super::rows::{Paired, Rows};
 use super::tile::Tiles;
+use super::unit::Term;
 use crate::net::kernels::float32::add;
 
 /// Rows that a task of a product takes.

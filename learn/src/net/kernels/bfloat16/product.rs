@@ -1,58 +1,17 @@
 //! Products of tiled matrices.
 
 use faer::Accum;
-use pulp::{Arch, Simd, WithSimd};
 
-use super::panel::Panel;
-use super::tile::{SIDE, Tiles, widen};
 #[cfg(target_arch = "x86_64")]
-use super::{amx, avx512};
-
-/// A left and a right matrix, to be multiplied.
-#[derive(Clone, Copy, Debug)]
-pub struct Term<'a> {
-    pub left: Panel<'a>,
-    pub right: Panel<'a>,
-}
-
-/// Four tiles of a product, for which a matrix unit has registers: by rows and columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
-    Square,
-    Tall,
-    Wide,
-}
-
-/// Which blocks of tiles are multiplied one after the other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
-    /// The same rows with all columns: the left matrix stays in the first cache.
-    AlongRows,
-    /// The same columns with all rows: the right matrix stays in the first cache, and the left one streams by.
-    AlongColumns,
-}
-
-/// Four tiles of a product: those from the tile `first` on.
-#[derive(Clone, Copy, Debug)]
-pub struct Four {
-    pub first: [usize; 2],
-    pub shape: Shape,
-    pub order: Order,
-}
+use super::amx::{self, Amx};
+#[cfg(target_arch = "x86_64")]
+use super::avx512::{self, Avx512};
+use super::floats::Vectors;
+use super::tile::{SIDE, Tiles};
+use super::unit::{Four, Order, Shape, Term, Unit};
 
 /// Numbers in four tiles.
 const FOUR: usize = 4 * SIDE * SIDE;
-
-impl Shape {
-    /// Tiles by rows and by columns.
-    pub const fn tiles(self) -> [usize; 2] {
-        match self {
-            Self::Square => [2, 2],
-            Self::Tall => [4, 1],
-            Self::Wide => [1, 4],
-        }
-    }
-}
 
 /// The product, `(rows, columns)` floats of row-major memory whose rows are `stride` numbers apart.
 pub struct Output<'a> {
@@ -78,20 +37,13 @@ impl<'a> Output<'a> {
 /// takes two thirds of a first cache.
 const CACHED: usize = 16;
 
-/// What runs the products.
-trait Unit {
-    /// Puts the sum of the products of `terms` into `c`, whose rows are `stride` numbers apart, or adds it: four tiles.
-    /// Where a matrix has fewer blocks, its last one is taken again.
-    fn multiply(&self, terms: &[Term], four: Four, accum: Accum, c: &mut [f32], stride: usize);
-}
-
 /// The fastest that this processor has.
 enum Fastest {
     #[cfg(target_arch = "x86_64")]
-    Matrix(amx::Unit),
+    Amx(Amx),
     #[cfg(target_arch = "x86_64")]
-    Pairs(avx512::Unit),
-    Floats(Vectors),
+    Avx512(Avx512),
+    Vectors(Vectors),
 }
 
 impl Fastest {
@@ -99,11 +51,11 @@ impl Fastest {
     fn new() -> Self {
         #[cfg(target_arch = "x86_64")]
         if amx::is_available() {
-            return Self::Matrix(amx::Unit::new());
-        } else if let Some(unit) = avx512::Unit::try_new() {
-            return Self::Pairs(unit);
+            return Self::Amx(Amx::new());
+        } else if let Some(unit) = Avx512::try_new() {
+            return Self::Avx512(unit);
         }
-        Self::Floats(Vectors)
+        Self::Vectors(Vectors)
     }
 }
 
@@ -111,25 +63,11 @@ impl Unit for Fastest {
     fn multiply(&self, terms: &[Term], four: Four, accum: Accum, c: &mut [f32], stride: usize) {
         match self {
             #[cfg(target_arch = "x86_64")]
-            Self::Matrix(unit) => unit.multiply(terms, four, accum, c, stride),
+            Self::Amx(unit) => unit.multiply(terms, four, accum, c, stride),
             #[cfg(target_arch = "x86_64")]
-            Self::Pairs(unit) => unit.multiply(terms, four, accum, c, stride),
-            Self::Floats(unit) => unit.multiply(terms, four, accum, c, stride),
+            Self::Avx512(unit) => unit.multiply(terms, four, accum, c, stride),
+            Self::Vectors(unit) => unit.multiply(terms, four, accum, c, stride),
         }
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-impl Unit for amx::Unit {
-    fn multiply(&self, terms: &[Term], four: Four, accum: Accum, c: &mut [f32], stride: usize) {
-        self.multiply_tiles(terms, four, accum, c, stride);
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-impl Unit for avx512::Unit {
-    fn multiply(&self, terms: &[Term], four: Four, accum: Accum, c: &mut [f32], stride: usize) {
-        self.multiply_tiles(terms, four, accum, c, stride);
     }
 }
 
@@ -145,7 +83,7 @@ pub fn has_matrix_unit() -> bool {
 /// do as many instructions in a cycle as those of floats. Intel's do a quarter as many: half the products.
 pub fn is_faster() -> bool {
     #[cfg(target_arch = "x86_64")]
-    return has_matrix_unit() || (avx512::Unit::try_new().is_some() && avx512::is_amd());
+    return has_matrix_unit() || (Avx512::try_new().is_some() && avx512::is_amd());
     #[cfg(not(target_arch = "x86_64"))]
     return false;
 }
@@ -259,77 +197,10 @@ fn add_four(
     }
 }
 
-/// The processor's vectors of floats.
-struct Vectors;
-
-impl Unit for Vectors {
-    fn multiply(&self, terms: &[Term], four: Four, accum: Accum, c: &mut [f32], stride: usize) {
-        let [rows, columns] = four.shape.tiles();
-        for tile in 0..rows * columns {
-            let at = [tile / columns, tile % columns];
-            let c = &mut c[(at[0] * stride + at[1]) * SIDE..];
-            if let Accum::Replace = accum {
-                c.chunks_mut(stride)
-                    .take(SIDE)
-                    .for_each(|line| line[..SIDE].fill(0.0));
-            }
-            for term in terms {
-                Arch::new().dispatch(MultiplyAdd {
-                    term,
-                    at: [four.first[0] + at[0], four.first[1] + at[1]],
-                    c,
-                    stride,
-                });
-            }
-        }
-    }
-}
-
-/// One tile of the product.
-struct MultiplyAdd<'a> {
-    term: &'a Term<'a>,
-    at: [usize; 2],
-    c: &'a mut [f32],
-    stride: usize,
-}
-
-impl WithSimd for MultiplyAdd<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Term { left, right } = self.term;
-        assert_eq!(left.depth(), right.depth(), "one inner dimension");
-        let mut sums = [[0.0f32; SIDE]; SIDE];
-        for tile in 0..left.depth() {
-            for pair in 0..SIDE {
-                let line = right.line(self.at[1], tile, pair);
-                let (mut even, mut odd) = ([0.0; SIDE], [0.0; SIDE]);
-                for k in 0..SIDE {
-                    (even[k], odd[k]) = (widen(line[2 * k]), widen(line[2 * k + 1]));
-                }
-                for (row, sums) in sums.iter_mut().enumerate() {
-                    let numbers = left.line(self.at[0], tile, row);
-                    let (first, second) = (widen(numbers[2 * pair]), widen(numbers[2 * pair + 1]));
-                    for k in 0..SIDE {
-                        sums[k] = second.mul_add(odd[k], first.mul_add(even[k], sums[k]));
-                    }
-                }
-            }
-        }
-        for (line, sums) in self.c.chunks_mut(self.stride).zip(&sums) {
-            line[..SIDE]
-                .iter_mut()
-                .zip(sums)
-                .for_each(|(c, sum)| *c += sum);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::pack::Floats;
     use super::*;
-    use crate::net::kernels::bfloat16::Floats;
     use crate::net::kernels::check::{numbers, single};
 
     /// Among them such with an odd number of tiles by rows, by columns and by both.
@@ -402,14 +273,14 @@ mod tests {
     #[test]
     fn the_matrix_unit_multiplies_as_defined_where_there_is_one() {
         if amx::is_available() {
-            assert_multiplies(&amx::Unit::new());
+            assert_multiplies(&Amx::new());
         }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[test]
     fn vectors_of_pairs_multiply_as_defined_where_there_are_some() {
-        if let Some(unit) = avx512::Unit::try_new() {
+        if let Some(unit) = Avx512::try_new() {
             assert_multiplies(&unit);
         }
     }

@@ -4,8 +4,5 @@ mod loops;
 mod rows;
 
 pub(in crate::net) use loops::vectorised;
-pub use loops::{
-    BlockTape, EPSILON, Modulate, ModulateBackward, activate, add, fill_rows, multiply, silu,
-    sum_rows, vector_lanes,
-};
+pub use loops::{activate, add, dot, fill_rows, multiply, silu, sum, sum_rows};
 pub use rows::{Rows, Sums};
