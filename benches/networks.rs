@@ -243,6 +243,7 @@ fn parts(shape: &NetworkShape) -> (MlpShape, Option<ContextShape>) {
     match shape {
         NetworkShape::Mlp(head) => (*head, None),
         NetworkShape::Hybrid(hybrid) => (hybrid.head, Some(hybrid.context)),
+        other => panic!("no products are listed for {other:?}"),
     }
 }
 

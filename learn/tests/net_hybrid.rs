@@ -295,7 +295,11 @@ fn impossible_shapes_are_refused_by_name() {
         "{said}"
     );
     assert!(error(&|context| context.joined = 0).contains("joined features is 0"));
-    assert!(error(&|context| context.gate.centre = f32::NAN).contains("not a finite number"));
+    let said = error(&|context| context.gate.centre = f32::NAN);
+    assert_eq!(
+        said,
+        "network time gate's centre is NaN, expected a finite number"
+    );
 }
 
 #[test]

@@ -52,6 +52,7 @@ impl fmt::Display for Side {
 
 /// Why clouds have no distance, or no spread.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MetricError {
     /// A cloud holds no point.
     #[error("the {side} is empty; a distance needs at least one point in each cloud")]
@@ -60,14 +61,14 @@ pub enum MetricError {
         side: Side,
     },
     /// A cloud has too few points to lay planes through.
-    #[error("the {side} holds {found} points, expected at least {needed}")]
+    #[error("the {side} holds {found} points, expected at least {expected}")]
     TooFew {
         /// The cloud.
         side: Side,
         /// Its points.
         found: usize,
         /// Fewest points that do.
-        needed: usize,
+        expected: usize,
     },
     /// No bijection exists between clouds of different sizes.
     #[error(

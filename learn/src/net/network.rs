@@ -16,6 +16,7 @@ use crate::flow::VelocityField;
 /// Files tell the two apart by their fields: a hybrid's has a `context`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, try_from = "Value")]
+#[non_exhaustive]
 pub enum NetworkShape {
     /// Every point alone.
     Mlp(MlpShape),

@@ -10,6 +10,7 @@ use crate::net::NetworkShapeError;
 
 /// A setting out of bounds.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SettingsError {
     /// A setting of the run itself.
     #[error("{field} is {found}, expected {expected}")]
@@ -55,16 +56,16 @@ pub enum TrainError {
         reason: String,
     },
     /// The loss, its gradient or the validation's distance is NaN or infinite.
-    #[error("training diverged at step {step}: {quantity} is {value}")]
+    #[error("training diverged at step {step}: {quantity} is {found}")]
     Diverged {
         /// The step, the first is 1.
         step: u64,
         /// What is not finite.
         quantity: &'static str,
         /// Its value.
-        value: f64,
+        found: f64,
     },
-    /// The loss has been far above its running level for ten steps on end.
+    /// The loss has been far above its running level for ten steps in a row.
     #[error(
         "training diverged at step {step}: the loss is {loss}, and was above {factor} times its level of {level} for \
          {SPIKE_STEPS} steps"
@@ -79,7 +80,7 @@ pub enum TrainError {
         /// [`TrainSettings::spike_factor`](super::TrainSettings::spike_factor).
         factor: f64,
     },
-    /// A model's weights are no start for a run.
+    /// A run cannot start from a model's weights.
     #[error(
         "the run cannot start at the weights of this model: its {what} is {found}, expected {expected}"
     )]
@@ -91,15 +92,15 @@ pub enum TrainError {
         /// This run's.
         expected: String,
     },
-    /// A run is to have fewer steps than it was planned for.
+    /// A run cannot be given fewer steps than it has.
     #[error(
-        "`steps` is {steps}, and the run is of {planned}: a run can be given more steps, not fewer"
+        "`steps` is {found}, and the run is of {expected}: a run can be given more steps, not fewer"
     )]
     Shorter {
         /// Steps asked for.
-        steps: u64,
+        found: u64,
         /// Steps that the run has.
-        planned: u64,
+        expected: u64,
     },
     /// A state belongs to another run.
     #[error("the training state is of another run: {what} was {found}, expected {expected}")]
@@ -179,14 +180,14 @@ pub enum FileProblem {
     #[error("unexpected tensor `{0}`")]
     ExtraTensor(String),
     /// A NaN or infinite value.
-    #[error("tensor `{name}` is {value} at index {index}, expected finite values")]
+    #[error("tensor `{name}` is {found} at index {index}, expected finite values")]
     NotFinite {
         /// The tensor.
         name: String,
         /// Where in it, row-major.
         index: usize,
         /// What stands there.
-        value: f64,
+        found: f64,
     },
 }
 
