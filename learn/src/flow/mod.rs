@@ -1,5 +1,5 @@
-//! Flow matching: the straight path from prior to data and how they are coupled, random streams, and the sampler that
-//! integrates a learned flow.
+//! Flow matching (Lipman et al., ICLR 2023): the straight path from prior to data, their coupling, random streams, and the
+//! sampler that integrates a learned velocity field ([`VelocityField`]).
 
 mod coupling;
 mod error;

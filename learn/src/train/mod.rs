@@ -1,6 +1,7 @@
 //! Training a velocity network by flow matching, and the files that training leaves.
 //!
-//! [`Trainer`] takes steps; [`TrainingState`] is all of it on disk, for exact resumption; [`Model`] is what predicts.
+//! A [`Trainer`] takes steps on a [`Feed`] (a data set, a stream, or the trajectories of a [`Teacher`]) with
+//! [`TrainSettings`]. [`TrainingState`] is the whole run on disk, from which it is resumed exactly; [`Model`] predicts.
 
 mod check;
 mod difference;

@@ -19,17 +19,17 @@ const COLOR_WEIGHT: f32 = 0.05;
 pub struct TrainSettings {
     /// Optimiser steps in all.
     pub steps: u64,
-    /// Schedules of a run that was given more steps later, in the order in which it followed them; none in most runs.
+    /// Older schedules of a run that was extended, in order; empty for most runs.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub earlier: Vec<Schedule>,
     /// Clouds per step.
     pub clouds: usize,
     /// Points per cloud and step, a fresh random subset each time.
     pub points: usize,
-    /// How gradients move the weights; AdamW in files of before there was a choice.
+    /// Optimiser; AdamW in older files, which do not say.
     #[serde(default)]
     pub optimizer: Optimizer,
-    /// What numbers the network's products are of; floats in files of before there was a choice.
+    /// Operand type of the network's products; 32-bit floats in older files, which do not say.
     #[serde(default)]
     pub precision: Precision,
     /// Learning rate of AdamW after warm-up.
@@ -60,9 +60,9 @@ pub struct TrainSettings {
     pub sampler: Sampler,
     /// What the network learns.
     pub target: Target,
-    /// Validations without a new best one after which the run ends; none takes all steps.
+    /// Validations without a new best one after which the run ends; `None` takes all steps.
     pub patience: Option<u64>,
-    /// How many times its running level the loss may be for ten steps on end; above, the run has diverged.
+    /// Largest ratio of the loss to its running level; a run that exceeds it for ten steps in a row has diverged.
     pub spike_factor: f64,
 }
 
@@ -95,11 +95,11 @@ impl Default for TrainSettings {
     }
 }
 
-/// The learning rate's schedule in the first part of a run that was given more steps later.
+/// The schedule of a run before it was extended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Schedule {
-    /// Last step that followed it; the first is 1.
+    /// Last step on this schedule; the first is 1.
     pub until: u64,
     /// [`TrainSettings::steps`] at that time.
     pub steps: u64,
@@ -110,12 +110,13 @@ pub struct Schedule {
 /// What a network learns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Target {
-    /// The velocity at any flow time, which any sampler may follow.
+    /// The velocity at any flow time: the network suits any sampler.
     #[default]
     Velocity,
-    /// The mean velocities over the steps of [`TrainSettings::sampler`], Euler's method, from a
-    /// [`Teacher`](super::Teacher): the network is of use with that sampler alone.
+    /// The mean velocities of a [`Teacher`](super::Teacher) over the steps of [`TrainSettings::sampler`] (Euler's method):
+    /// the network suits that sampler alone.
     Steps,
 }
 

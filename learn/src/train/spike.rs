@@ -2,8 +2,8 @@
 
 use super::settings::TrainSettings;
 
-/// Steps on end that the loss must be above its running level times [`TrainSettings::spike_factor`] to be divergence:
-/// single batches may be that far off.
+/// Steps in a row for which a diverged loss is above its running level times [`TrainSettings::spike_factor`]; single batches
+/// may be that far off.
 pub(super) const SPIKE_STEPS: usize = 10;
 
 /// Losses, before those of the last [`SPIKE_STEPS`] steps, whose median is the running level.
@@ -25,8 +25,8 @@ impl TrainSettings {
         Some(*sorted.select_nth_unstable_by(middle, f32::total_cmp).1)
     }
 
-    /// How many of the last [`SPIKE_STEPS`] losses, from the last one back, are on end above the running level times
-    /// [`Self::spike_factor`]: with 0 all is well, with [`SPIKE_STEPS`] the run has diverged.
+    /// Number of losses in a row, up to and including the last one, above the running level times [`Self::spike_factor`]: 0 in
+    /// a sound run, [`SPIKE_STEPS`] in one that has diverged.
     pub(super) fn spike_length(&self, losses: &[f32]) -> usize {
         let Some(level) = Self::loss_level(losses) else {
             return 0;

@@ -1,4 +1,4 @@
-//! The context network: what a point learns from the cloud about it.
+//! The context network: features of the cloud about a point.
 
 use faer::Accum;
 use rayon::prelude::*;
@@ -19,7 +19,7 @@ use crate::net::parameters::{Initial, Table, fan_in};
 /// c   = W_o SiLU(GN(W_j [f_1 | f_2 | f_3 | g] + b_j)) + b_o
 /// ```
 ///
-/// `W_j` is stored as its shares. `W_o` and `b_o` start at zero, so that the context starts silent.
+/// `W_j` is stored as its shares. `W_o` and `b_o` start at zero, and so does the context.
 #[derive(Clone, Debug)]
 pub struct ContextNet {
     stages: Vec<StageNet>,
@@ -137,7 +137,7 @@ impl ContextNet {
         packed.output.set(&self.output, params, passes);
     }
 
-    /// Room for a cloud.
+    /// Buffers for a cloud.
     pub fn tape(&self) -> ContextTape {
         ContextTape {
             stages: self.stages.iter().map(StageNet::tape).collect(),
@@ -164,6 +164,7 @@ impl ContextNet {
         } = input;
         let operands = &mut tape.operands;
         let count = points.len() / self.stages[0].project.inputs;
+        // f_s: the points' features, projected to the stage's channels, through its blocks.
         for (s, stage) in self.stages.iter().enumerate() {
             let (before, tape) = tape.stages.split_at_mut(s);
             let tape = &mut tape[0];
@@ -196,6 +197,7 @@ impl ContextNet {
         let params = weights.params;
         let last = tape.stages[STAGES - 1].output();
         let channels = self.join_maximum.inputs;
+        // g, the maximum over the points, and the point that has it.
         tape.maximum.clear();
         tape.maximum.extend_from_slice(&last[..channels]);
         tape.highest.clear();

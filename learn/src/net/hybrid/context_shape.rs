@@ -103,8 +103,8 @@ impl ContextShape {
         require_finite("time gate's steepness", self.gate.steepness)
     }
 
-    /// What of the modulation vector is affine in the embedding: the context that the cloud's is blended with, and the
-    /// embedding's share of the first projection, of points of `inputs` numbers.
+    /// The parts of the modulation vector that the context adds: the embedding's context, and its share of the first
+    /// projection, of points of `inputs` numbers.
     pub(in crate::net) fn parts(&self, embedding: usize, inputs: usize) -> [Part<'static>; 2] {
         let shift = fan_in(embedding + inputs);
         [

@@ -1,4 +1,4 @@
-//! A stage of the context network: features of one number of channels, on grids of one resolution.
+//! A stage of the context network: blocks with one number of channels, on grids of one resolution.
 
 use rayon::prelude::*;
 
@@ -18,12 +18,12 @@ pub struct StageNet {
 /// The stage's weights in tiles.
 #[derive(Debug, Default)]
 pub struct PackedStage {
-    /// Of no use to the first stage, whose projection is of few numbers.
+    /// Not used by the first stage, whose projection has few inputs.
     pub project: PackedWeight,
     blocks: Vec<PackedPvBlock>,
 }
 
-/// Memory of one cloud's forward and backward pass.
+/// Buffers of one cloud's forward and backward pass.
 #[derive(Debug)]
 pub struct StageTape {
     pub voxels: Voxels,
@@ -88,7 +88,7 @@ impl StageNet {
         blocks.for_each(|(block, packed)| block.pack(params, passes, packed));
     }
 
-    /// Room for a cloud.
+    /// Buffers for a cloud.
     pub fn tape(&self) -> StageTape {
         StageTape {
             voxels: Voxels::new(self.grid),

@@ -1,4 +1,4 @@
-//! The hybrid network: a head per point that knows the cloud about it.
+//! The Hybrid: its parameters, velocities, loss and gradient.
 
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -119,15 +119,15 @@ impl Hybrid {
         &mut self.params
     }
 
-    /// What numbers its products are of.
+    /// Operand type of its products.
     pub fn precision(&self) -> Precision {
         self.precision
     }
 
-    /// The same network with products of other numbers.
+    /// The same network with another operand type.
     ///
     /// # Errors
-    /// [`NetworkShapeError::Precision`] where its width does not suit them.
+    /// [`NetworkShapeError::Precision`] where its width does not suit it.
     pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
         require_precision(precision, self.shape.head.width)?;
         Ok(Self { precision, ..self })
@@ -242,7 +242,7 @@ impl Hybrid {
         }
     }
 
-    /// Packs the weights, where products are of bfloat16 numbers.
+    /// Packs the weights, where the operand type is bfloat16.
     fn pack(&self, passes: Passes, packed: &mut Packed) {
         if self.precision == Precision::Bfloat16 {
             let Layers { trunk, context, .. } = &self.layers;
@@ -281,7 +281,8 @@ impl Hybrid {
         }
     }
 
-    /// Fills `tape.inputs` with the points and their context, the cloud's blended with the embedding's by the time gate.
+    /// Fills `tape.inputs` with `[x | C]`, `C = a(t) C_pv + (1 - a(t)) (W_g e + b_g)`: the cloud's context, blended with the
+    /// embedding's by the time gate.
     fn see(&self, time: f32, modulation: &Split<&[f32]>, points: &[f32], tape: &mut CloudTape) {
         let input = self.context_input(modulation, points, &tape.packed);
         self.layers.context.forward(input, &mut tape.context);
@@ -297,7 +298,7 @@ impl Hybrid {
         }
     }
 
-    /// Divides the gradient by the points' context, which the shares have, between cloud and embedding.
+    /// Splits the gradient by `C`, which the shares have, into those by the cloud's context and by the embedding's.
     fn blend_backward(
         &self,
         time: f32,

@@ -21,7 +21,7 @@ pub struct BlockTape {
 }
 
 impl BlockTape {
-    /// Room for `rows` points of `width` features.
+    /// Buffers for `rows` points of `width` features.
     pub fn new(rows: usize, width: usize) -> Self {
         Self {
             normalised: vec![0.0; rows * width],

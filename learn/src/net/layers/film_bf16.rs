@@ -1,6 +1,6 @@
-//! Element-wise loops over the rows of a tile of points, with bfloat16 numbers kept for the backward pass.
+//! LayerNorm under FiLM, and SiLU, between bfloat16 products: what the backward pass needs is kept in bfloat16.
 //!
-//! Rows of floats may be apart by more than their numbers; all have a whole number of [`Part`]s.
+//! Rows of floats may have a stride above their width; all have a whole number of [`Part`]s.
 
 use pulp::Simd;
 
@@ -22,7 +22,7 @@ pub struct BlockTape {
 }
 
 impl BlockTape {
-    /// Makes room for `rows` points of `width` features.
+    /// Resizes the buffers for `rows` points of `width` features.
     pub fn resize(&mut self, rows: usize, width: usize) {
         self.normalised.resize(rows * width, 0);
         self.inverse_deviation.resize(rows, 0.0);
@@ -31,7 +31,7 @@ impl BlockTape {
     }
 }
 
-/// As the floats' [`Modulate`](super::film::Modulate).
+/// [`Modulate`](super::film::Modulate).
 pub struct Modulate<'a> {
     pub features: &'a mut [f32],
     pub scale: &'a [f32],
@@ -157,7 +157,7 @@ fn moments<S: Simd>(simd: S, x: &[f32]) -> [f32; 2] {
     ]
 }
 
-/// As the floats' [`ModulateBackward`](super::film::ModulateBackward), with the gradient by the features also
+/// [`ModulateBackward`](super::film::ModulateBackward), with the gradient by the features also
 /// rounded, as a left matrix, and summed over the rows.
 pub struct ModulateBackward<'a> {
     pub features: &'a mut [f32],
@@ -183,7 +183,7 @@ impl Kernel for ModulateBackward<'_> {
             let normalised = parts(&tape.normalised[kept.clone()]);
             let slope = parts(&tape.slope[kept]);
 
-            // The gradient by the normalised features, its sum, and its product with those features.
+            // Gradient by the normalised features x, its sum, and its scalar product with x; gradients by scale and offset.
             let (mut sum, mut slant) = (lanes.splat(0.0), lanes.splat(0.0));
             let inputs = d_activated.iter().zip(parts(self.scale));
             let inputs = inputs.zip(normalised.iter().zip(slope));
@@ -204,7 +204,7 @@ impl Kernel for ModulateBackward<'_> {
                 slant = lanes.mul_add(by_x, x, slant);
             }
 
-            // Through the norm: `(d - mean(d) - x mean(d x)) / deviation`.
+            // Gradient by the features: `(d - mean(d) - x mean(d x)) / deviation`.
             let inverse_deviation = tape.inverse_deviation[row];
             let each = -inverse_deviation / width as f32;
             let shift = lanes.splat(lanes.total(sum) * each);

@@ -49,6 +49,7 @@ impl GroupNorm {
             sums,
             ..
         } = tape;
+        // Mean and deviation of every group, for all of its channels.
         self.spread(
             sums.columns(x, rows, c),
             |sum| (sum / per_group) as f32,
@@ -86,6 +87,7 @@ impl GroupNorm {
             slant,
             sums,
         } = tape;
+        // Through SiLU to the gradient by scale * x + offset; sums for those by scale and offset.
         let sums = sums.while_changing(d, len, 2 * c, |block, d, partial| {
             let x = &x[block * len..][..d.len()];
             let (d_scale, d_offset) = partial.split_at_mut(c);
@@ -96,6 +98,7 @@ impl GroupNorm {
             d_scale[k] += by_scale[k] as f32;
             d_offset[k] += by_offset[k] as f32;
         }
+        // Means over each group of scale d and of scale d x, then (scale d - mean - x slant) / deviation.
         let weighted = |sums: &[f64], means: &mut Vec<f32>| {
             means.clear();
             for (sums, scale) in self.chunks(sums).zip(scale.chunks(c / self.groups())) {

@@ -1,4 +1,4 @@
-//! The first and the last layer of a trunk, on rows of few numbers.
+//! First and last layer about bfloat16 products: their few inputs or outputs stay floats.
 
 use pulp::Simd;
 
@@ -6,7 +6,7 @@ use super::pass::Keep;
 use crate::channels::{Channels, DIM};
 use crate::net::kernels::bfloat16::{DEPTH, Kernel, Lanes, Part, Tiles, parts, parts_mut};
 
-/// Most numbers of a point's velocity; the other number is that of its position's.
+/// Numbers per velocity of a point with a colour; without, there are [`DIM`].
 const MOST: usize = Channels::XyzRgb.count();
 
 /// The rows of a matrix `(C, H)`.

@@ -23,7 +23,7 @@ impl Batch<'_> {
         self.times.len()
     }
 
-    /// Refuses slices that do not fit each other or a network of `condition_dim`, `channels` and `parameters`.
+    /// Panics if the slices do not fit each other or a network of `condition_dim`, `channels` and `parameters`.
     pub(in crate::net) fn check(
         &self,
         condition_dim: usize,

@@ -1,4 +1,5 @@
-//! What the network computes once per cloud: from flow time and condition to the modulation of every block.
+//! What is computed once per cloud: from flow time and condition to the modulation of every block (FiLM: Perez et al.,
+//! AAAI 2018).
 
 use std::ops::Range;
 
@@ -38,7 +39,7 @@ impl<'a> Part<'a> {
     }
 }
 
-/// Intermediate results for `B` clouds, and room for their gradients.
+/// Intermediate results for `B` clouds, and their gradients.
 #[derive(Debug, Default)]
 pub struct ConditionerTape {
     features: Vec<f32>,
@@ -149,11 +150,13 @@ impl Conditioner {
         conditions: &[f32],
         tape: &mut ConditionerTape,
     ) {
+        // e = SiLU(W_t phi(t) + b_t) + SiLU(W_c c + b_c).
         time_features(times, self.time.inputs, &mut tape.features);
         tape.time.forward(&self.time, params, &tape.features);
         tape.condition.forward(&self.condition, params, conditions);
         tape.embedding.clone_from(&tape.time.activated);
         add(&tape.condition.activated, &mut tape.embedding);
+        // Parts, gamma and beta, affine in e; then with the norms folded in.
         tape.film.resize(times.len() * self.head.outputs, 0.0);
         self.head.forward(params, &tape.embedding, &mut tape.film);
         tape.modulation.clone_from(&tape.film);
@@ -176,7 +179,8 @@ impl Conditioner {
         }
     }
 
-    /// Adds to `gradient` what follows from `d_modulation`, the gradient by the modulation vectors `(B, M)`.
+    /// Backward pass of [`Conditioner::forward`], from `d_modulation`, the gradient by the modulation vectors `(B, M)`. Adds
+    /// to `gradient`.
     pub fn backward(
         &self,
         params: &[f32],
@@ -233,7 +237,7 @@ impl Conditioner {
 /// Why a block's part of a row is there.
 const WHOLE: &str = "rows hold every block";
 
-/// Sinusoidal features `(B, E)` of flow times: `E/2` cosines, then `E/2` sines, of `t exp(-ln(10000) k / (E/2))`.
+/// Sinusoidal features `(B, E)` of flow times (Vaswani et al., NeurIPS 2017): `E/2` cosines, then `E/2` sines, of `t exp(-ln(10000) k / (E/2))`.
 fn time_features(times: &[f32], embedding: usize, features: &mut Vec<f32>) {
     let half = embedding / 2;
     features.clear();

@@ -12,7 +12,7 @@ use crate::channels::Channels;
 use crate::net::kernels::float32::add;
 use crate::net::layers::{Keep, Weights};
 
-/// Parameters that one task clears, or sums over the shares.
+/// Parameters per task that clears a gradient or sums it over the shares.
 pub const STRIPE: usize = 4096;
 
 /// Some points of one cloud, and their part of the loss and of the gradient.

@@ -1,4 +1,4 @@
-//! What the network computes at every point: input layer, residual blocks and output layer, a tile of points at a time.
+//! The layers that act on points: input layer, residual blocks and output layer.
 
 use std::ops::Range;
 

@@ -1,7 +1,7 @@
 //! The trunk with bfloat16 products.
 //!
-//! Operands of the hidden layers' products are rounded, and so is what the backward pass needs of a block; the residual
-//! stream, all sums, norms and gradients are floats, as are input and output layer where points have few numbers.
+//! Operands of the hidden layers' products are rounded to bfloat16, and so is what the backward pass needs of a block. The
+//! residual stream, all sums, norms and gradients are floats, as are input and output layer where points have few numbers.
 
 use faer::Accum;
 use rayon::prelude::*;
@@ -17,10 +17,10 @@ use crate::net::layers::{
 /// Most points per tile: the gradient by a weight is read and written once a tile.
 pub const TILE: usize = 512;
 
-/// Inputs from which on the input layer's products are of bfloat16 numbers too.
+/// Smallest input width for which the input layer runs in bfloat16.
 const MANY: usize = 32;
 
-/// Numbers between the rows of what products read and write again: rows at a power of two of bytes would share a few
+/// Padding between the rows of matrices that products update in place: rows at a power of two of bytes would share a few
 /// lines of a cache.
 const PAD: usize = 16;
 
@@ -34,7 +34,7 @@ pub struct PackedTrunk {
 /// The input layer's weight.
 #[derive(Clone, Debug)]
 enum PackedInput {
-    /// Of few inputs: its transpose, `(I, H)`.
+    /// With few inputs: its transpose, `(I, H)`, in floats.
     Few(Vec<f32>),
     Many(PackedWeight),
 }
@@ -82,28 +82,28 @@ impl PackedTrunk {
     }
 }
 
-/// Features of one tile, kept for the backward pass, and room for their gradients.
+/// Features of one tile, kept for the backward pass, and their gradients.
 #[derive(Debug, Default)]
 pub struct TrunkTape {
-    /// Features or the gradient by them, `(T, H)`, rows apart by [`PAD`].
+    /// Features or the gradient by them, `(T, H)` with stride `H + PAD`.
     features: Vec<f32>,
     blocks: Vec<BlockTape>,
     /// SiLU of the last features and its slope, `(T, H)`.
     last: [Vec<u16>; 2],
-    /// The gradient by what enters a layer, rows apart by [`PAD`].
+    /// The gradient by a layer's input, with stride `H + PAD`.
     d_activated: Vec<f32>,
     points: Tiles,
     /// The gradient by a layer's output, a left matrix, and its transpose, another.
     d: Tiles,
     d_transposed: Tiles,
-    /// What entered a layer, a right matrix.
+    /// A layer's input, a right matrix.
     entered: Tiles,
     /// The gradient by the input layer's weight, transposed.
     d_input: Vec<f32>,
 }
 
 impl TrunkTape {
-    /// Makes room for `rows` points of `width` features and `blocks` blocks.
+    /// Resizes the buffers for `rows` points of `width` features and `blocks` blocks.
     fn resize(&mut self, rows: usize, width: usize, blocks: usize) {
         for buffer in [&mut self.features, &mut self.d_activated] {
             buffer.resize(rows * (width + PAD), 0.0);
@@ -130,7 +130,7 @@ pub struct Bf16Pass<'a> {
 }
 
 impl Bf16Pass<'_> {
-    /// Features behind the input layer.
+    /// Forward pass of the input layer: `h = W_x x + shift`.
     fn enter(&mut self, shift: &[f32], points: &[f32]) {
         let features = &mut self.tape.features[..];
         match &self.packed.input {
@@ -153,7 +153,7 @@ impl Bf16Pass<'_> {
         }
     }
 
-    /// Gradient of the input layer, whose output's gradient is in the tape.
+    /// Backward pass of the input layer, from the gradient by its output in the tape.
     fn enter_backward(
         &mut self,
         points: &[f32],
@@ -215,6 +215,7 @@ impl TilePass for Bf16Pass<'_> {
         let (shift, modulations) = modulation.split_at(width);
         self.enter(shift, points);
 
+        // Residual blocks: m = FiLM(LN(h)) and h' = m + b, then h' += W SiLU(m).
         let tape = &mut *self.tape;
         let features = &mut tape.features[..];
         let layers = trunk.blocks.iter().zip(&self.packed.blocks);
@@ -234,6 +235,7 @@ impl TilePass for Bf16Pass<'_> {
             let output = padded(features, width);
             multiply(output, Accum::Add, &block.activated, &packed.forward);
         }
+        // Output layer: u = W_o SiLU(h) + b_o.
         OutputLayer {
             features,
             weight: &params[trunk.output.weight.clone()],
@@ -261,9 +263,9 @@ impl TilePass for Bf16Pass<'_> {
         } = gradient;
         let (d_shift, d_blocks) = d_modulation.split_at_mut(width);
 
-        sum_rows(d_velocities, &mut gradient[trunk.output.bias.clone()]);
-        // The sum over the rows of a gradient is the gradient by the bias before it: the last block's, or the shift's.
+        // Output layer. The sum over the rows of a gradient is the gradient by the bias before it: the last block's, or the shift's.
         let weight = trunk.output.weight.clone();
+        sum_rows(d_velocities, &mut gradient[trunk.output.bias.clone()]);
         let (d_weight, sum) = match trunk.blocks.last() {
             None => (&mut gradient[weight.clone()], &mut *d_shift),
             Some(layer) => {
@@ -282,6 +284,8 @@ impl TilePass for Bf16Pass<'_> {
             channels: trunk.output.outputs,
         }
         .run();
+        // Blocks, the last first: gradients by SiLU(m) and by W from the gradient d by the block's output; then through SiLU,
+        // FiLM and LN to that by its input, which replaces d.
         let modulations = modulation[width..].chunks_exact(2 * width);
         let modulations = modulations.zip(d_blocks.chunks_exact_mut(2 * width));
         let layers = trunk.blocks.iter().zip(&self.packed.blocks);
@@ -314,7 +318,7 @@ impl TilePass for Bf16Pass<'_> {
     }
 }
 
-/// A matrix whose rows are apart by [`PAD`], to be written by a product.
+/// A matrix with padded rows as the output of a product.
 fn padded(numbers: &mut [f32], columns: usize) -> Output<'_> {
     let stride = columns + PAD;
     Output {

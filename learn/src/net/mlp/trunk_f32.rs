@@ -54,9 +54,11 @@ impl TilePass for Float32Pass<'_> {
         } = self;
         let len = points.len() / trunk.input.inputs * trunk.width;
         let (shift, blocks) = modulation.split_at(trunk.width);
+        // Input layer: h = W_x x + shift.
         let features = &mut tape.features[..len];
         fill_rows(features, shift);
         trunk.input.add_product(params, points, features);
+        // Residual blocks: m = FiLM(LN(h)) and h' = m + b, then h' += W SiLU(m).
         let modulations = blocks.chunks_exact(2 * trunk.width);
         for (l, (layer, modulation)) in trunk.blocks.iter().zip(modulations).enumerate() {
             let tape = match keep {
@@ -74,6 +76,7 @@ impl TilePass for Float32Pass<'_> {
             });
             layer.add_product(params, &tape.activated[..len], features);
         }
+        // Output layer: u = W_o SiLU(h) + b_o.
         let (activated, slope) = (&mut tape.activated[..len], &mut tape.slope[..len]);
         activate(features, activated, slope);
         trunk.output.forward(params, activated, velocities);
@@ -98,6 +101,7 @@ impl TilePass for Float32Pass<'_> {
             points: d_points,
         } = gradient;
         let (d_shift, d_blocks) = d_modulation.split_at_mut(trunk.width);
+        // Output layer, to the gradient d by the last block's output.
         let d = &mut tape.features[..len];
         let d_activated = &mut tape.d_activated[..len];
         trunk
@@ -106,6 +110,7 @@ impl TilePass for Float32Pass<'_> {
         trunk.output.backward_input(params, d_velocities, d);
         multiply(&tape.slope[..len], d);
 
+        // Blocks, the last first: gradients by W and SiLU(m), then through SiLU, FiLM and LN to d, that by the block's input.
         let modulations = modulation[trunk.width..].chunks_exact(2 * trunk.width);
         let modulations = modulations.zip(d_blocks.chunks_exact_mut(2 * trunk.width));
         let blocks = trunk.blocks.iter().zip(&tape.blocks).zip(modulations);
@@ -122,6 +127,7 @@ impl TilePass for Float32Pass<'_> {
                 d_offset,
             });
         }
+        // Input layer.
         sum_rows(d, d_shift);
         trunk.input.backward_weight(gradient, points, d);
         if let Some(d_points) = d_points {

@@ -89,21 +89,21 @@ impl Mlp {
         self.shape
     }
 
-    /// What numbers its products are of.
+    /// Operand type of its products.
     pub fn precision(&self) -> Precision {
         self.precision
     }
 
-    /// The same network with products of other numbers.
+    /// The same network with another operand type.
     ///
     /// # Errors
-    /// [`NetworkShapeError::Precision`] where its width does not suit them.
+    /// [`NetworkShapeError::Precision`] where its width does not suit it.
     pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
         require_precision(precision, self.shape.width)?;
         Ok(Self { precision, ..self })
     }
 
-    /// The trunk's weights, packed for `passes` where its products are of bfloat16 numbers.
+    /// The trunk's weights, packed for `passes` where the operand type is bfloat16.
     fn trunk_weights<'a>(
         &'a self,
         packed: &'a mut PackedTrunk,
@@ -180,6 +180,7 @@ impl Mlp {
             );
         });
 
+        // Gradients of the shares, summed in order: by the trunk's parameters, and by each cloud's modulation.
         gradient.fill(0.0);
         add_trunk_gradients(shares, &mut gradient[self.trunk.range.clone()]);
         reset(d_modulation, clouds * modulation_len);

@@ -18,7 +18,7 @@ const PLANE: usize = 9;
 /// Occupied voxels that a product takes: what is gathered for them stays in a core's cache.
 const ROWS: usize = 128;
 
-/// Room for what is gathered for some voxels, or to be scattered; kept from call to call.
+/// Buffers for features gathered or to be scattered, kept from call to call.
 pub type Rooms = Pool<Vec<f32>>;
 
 impl Conv3d {
@@ -41,6 +41,8 @@ impl Conv3d {
                 if from == grid.resolution {
                     continue;
                 }
+                // Products of the voxels in plane `from` with the nine weights that reach this plane, then added where they
+                // belong.
                 let weight = MatRef::from_row_major_slice(weight, PLANE * outputs, inputs);
                 for block in blocks(voxels.of_plane(from)) {
                     let rows = &voxels.rows()[block.clone()];
@@ -74,6 +76,7 @@ impl Conv3d {
             .zip(voxels.rows().par_chunks(ROWS))
             .for_each(|(dx, rows)| {
                 self.with_room(rooms, [rows.len(), NEIGHBOURS], |gathered| {
+                    // A row per voxel: dy at all of its neighbours. One product with all weights sums over them.
                     for (row, gathered) in rows
                         .iter()
                         .zip(gathered.chunks_exact_mut(NEIGHBOURS * outputs))
@@ -125,13 +128,13 @@ impl Conv3d {
         sums.add_columns(grid.body(dy, outputs), grid.rows(), bias);
     }
 
-    /// Of the grid `dy`, the features of the voxel whose neighbour number `neighbour` is the one at `row`.
+    /// The features in the grid `dy` of the voxel whose neighbour number `neighbour` is the voxel at `row`.
     fn met_by<'a>(&self, dy: &'a [f32], row: usize, neighbour: usize) -> &'a [f32] {
         let row = row + 2 * self.grid.margin() - shift(self.grid, neighbour);
         &dy[row * self.outputs..][..self.outputs]
     }
 
-    /// Runs `work` with room for the outputs of `neighbours` neighbours of `rows` voxels.
+    /// Runs `work` with a buffer for the outputs of `neighbours` neighbours of `rows` voxels.
     fn with_room(
         &self,
         rooms: &Rooms,

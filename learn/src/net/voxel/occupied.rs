@@ -15,8 +15,8 @@ pub struct Occupied {
 }
 
 impl Occupied {
-    /// The voxels of `grid` with a number above zero in `counts`, one for each of the grid's rows without its margins. At
-    /// most `most` of them, for which room is made.
+    /// The voxels of `grid` with a number above zero in `counts`, one for each of the grid's rows without its margins.
+    /// Allocates for `most` of them, the most there may be.
     pub fn set(&mut self, grid: Grid, counts: &[u32], most: usize) {
         self.rows.clear();
         self.rows.reserve(most);

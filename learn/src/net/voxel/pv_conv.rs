@@ -59,7 +59,7 @@ pub struct PvTape {
     mixed: Normed,
 }
 
-/// Memory that blocks of one shape share: grids with margins, and points.
+/// Workspace that blocks of one shape share: grids with margins, and points.
 #[derive(Debug, Default)]
 pub struct PvScratch {
     voxels: [Vec<f32>; 2],
@@ -146,6 +146,7 @@ impl PvBlock {
         } = scratch;
         self.prepare(h.len(), tape, [spare, left], output);
 
+        // Voxels: g = SiLU(GN(conv(SiLU(GN(conv(average of h per voxel)))))).
         voxels.average(h, c, &mut tape.averages);
         let [first, second] = &mut tape.convolved;
         let [layer1, layer2] = &self.layers;
@@ -156,6 +157,7 @@ impl PvBlock {
         layer2.convolve(convs[1], room, &tape.activated, second);
         layer2.activate(params, second, left);
 
+        // Gains a(mean g) and features of g at the points.
         let means = room.sums.columns(grid.body(left, c), grid.rows(), c);
         tape.squeeze.means.clear();
         let mean = means.iter().map(|sum| (sum / grid.voxels() as f64) as f32);
@@ -163,6 +165,7 @@ impl PvBlock {
         self.squeeze.forward(params, &mut tape.squeeze);
         voxels.interpolate(left, c, &mut tape.interpolated);
 
+        // Points: v = a(mean g) * interpolate(g) + SiLU(GN(W_p h + b_p)).
         let rows = Rows::points(h.len() / c);
         let point = weights.of(|packed| &packed.point);
         self.point
@@ -175,6 +178,7 @@ impl PvBlock {
             .forward(params, rows, features, norm, &mut tape.joined);
         add_gained(&tape.interpolated, &tape.squeeze.gains, &mut tape.joined);
 
+        // h' = h + SiLU(FiLM(W_m v + b_m; e)).
         let mix = weights.of(|packed| &packed.mix);
         self.mix
             .par_forward(mix, operands, &tape.joined, &mut tape.mixed.features);
@@ -212,6 +216,7 @@ impl PvBlock {
             operands,
         } = scratch;
         let sums = &mut room.sums;
+        // Through FiLM and W_m to the gradient by v; d itself stays, as h' contains h.
         copy(d, d_mixed);
         let Normed {
             features,
@@ -226,6 +231,7 @@ impl PvBlock {
         self.mix
             .par_input_gradient(mix, operands, Accum::Replace, d_mixed, d_joined);
 
+        // Through GN and W_p: the points' share of the gradient by h.
         let d_point = d_mixed;
         copy(d_joined, d_point);
         let Normed {
@@ -240,6 +246,7 @@ impl PvBlock {
         self.point
             .par_input_gradient(point, operands, Accum::Add, d_point, d);
 
+        // By the gains, through squeeze and excitation to the means of g; then by g itself.
         let d_gains = sum_products(d_joined, &tape.interpolated, c, sums);
         tape.squeeze.d.clear();
         tape.squeeze.d.extend(d_gains.iter().map(|d| *d as f32));
@@ -249,6 +256,7 @@ impl PvBlock {
         gain(&tape.squeeze.gains, d_joined);
         voxels.interpolate_backward(d_joined, d_means, d_voxels);
 
+        // Through both convolutions to the averages: the voxels' share of the gradient by h.
         let [first, second] = &mut tape.convolved;
         let [layer1, layer2] = &self.layers;
         let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
@@ -260,13 +268,13 @@ impl PvBlock {
         d_averages.reserve(h.len());
         d_averages.resize(tape.averages.len(), 0.0);
         let sparse = (voxels.sparse(&tape.averages, c), &d_activated[..]);
-        // What was between the layers is not needed any more.
+        // The features between the layers are no longer needed: their buffers are free.
         let spare = [&mut tape.activated[..], d_voxels];
         layer1.convolve_backward_sparse(convs[0], room, sparse, spare, gradient, d_averages);
         voxels.average_backward(d_averages, c, d);
     }
 
-    /// Room for features of `len` numbers.
+    /// Resizes the buffers for features of `len` numbers.
     fn prepare(
         &self,
         len: usize,

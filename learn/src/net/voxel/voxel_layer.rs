@@ -17,7 +17,7 @@ pub struct VoxelLayer {
     norm: AffineNorm,
 }
 
-/// Room for products, kept from call to call.
+/// Workspace of the products, kept from call to call.
 #[derive(Debug, Default)]
 pub struct VoxelRoom {
     float32: Rooms,
@@ -56,7 +56,7 @@ impl VoxelLayer {
         }
     }
 
-    /// The convolution of a grid with the features of a few voxels. `spare` is a grid to be used as room.
+    /// The convolution of a grid with the features of a few voxels. `spare` is a grid to be used as workspace.
     pub fn convolve_sparse(
         &self,
         weights: Weights<PackedConv>,
@@ -72,8 +72,8 @@ impl VoxelLayer {
         (self.conv).forward_sparse(weights.params, x, &room.float32, &mut normed.features);
     }
 
-    /// Whether the products of all voxels take less time, on a matrix unit, than to gather and to scatter those of a sparse.
-    /// Those are of floats in either precision.
+    /// Whether products for all voxels, on a matrix unit, take less time than to gather and scatter those of the occupied
+    /// ones, which are of floats in either precision.
     fn takes_all(weights: Weights<PackedConv>) -> bool {
         weights.packed.is_some() && has_matrix_unit()
     }
@@ -126,7 +126,7 @@ impl VoxelLayer {
     }
 
     /// [`VoxelLayer::convolve_backward`] of [`VoxelLayer::convolve_sparse`], to the gradient `dx` `(M, C)` by the few voxels'
-    /// features. `spare` are grids to be used as room.
+    /// features. `spare` are grids to be used as workspace.
     pub fn convolve_backward_sparse(
         &self,
         weights: Weights<PackedConv>,

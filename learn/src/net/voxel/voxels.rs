@@ -49,7 +49,7 @@ struct Place {
     below: usize,
     /// Distance in rows to the voxel above along x, y, z; 0 at the grid's border.
     steps: [usize; DIM],
-    /// How far it is on its way there, in [0, 1).
+    /// Coordinates relative to the voxel below, in [0, 1).
     fractions: [f32; DIM],
 }
 
@@ -61,7 +61,7 @@ struct Sorted {
 }
 
 impl Sorted {
-    /// Sorts points by `bin`, which is below `bins`. Room is made for `most` bins.
+    /// Sorts points by `bin`, which is below `bins`. Allocates for `most` bins.
     fn sort(&mut self, bins: usize, most: usize, places: &[Place], bin: impl Fn(&Place) -> usize) {
         self.starts.clear();
         self.starts.reserve(most + 2);
@@ -106,7 +106,7 @@ impl Place {
 }
 
 impl Voxels {
-    /// Room for a cloud.
+    /// Buffers for a cloud.
     pub fn new(grid: Grid) -> Self {
         Self {
             grid,
@@ -133,6 +133,7 @@ impl Voxels {
         let norm = |x: [f32; DIM]| (x[0] * x[0] + x[1] * x[1] + x[2] * x[2]).sqrt();
         let diameter = 2.0 * centred.clone().map(norm).fold(0.0, f32::max);
 
+        // Coordinates in the grid, the voxel that each point is averaged in, and the eight that it interpolates.
         let grid = self.grid;
         let r = grid.resolution;
         self.places.clear();
@@ -158,6 +159,7 @@ impl Voxels {
                 fractions: [0, 1, 2].map(|k| x[k] - below[k] as f32),
             }
         }));
+        // Points per voxel, the occupied voxels, and the share of each point in its voxel's average.
         self.counts.clear();
         self.counts.resize(r * grid.plane(), 0);
         self.places
@@ -173,6 +175,7 @@ impl Voxels {
             place.voxel = self.indices[place.row];
             place.share = 1.0 / self.counts[place.row] as f32;
         }
+        // Points by the voxel that averages them, and by the plane that they interpolate.
         let occupied = self.occupied.rows().len();
         self.averaged
             .sort(occupied, count, &self.places, |place| place.voxel);

@@ -1,4 +1,18 @@
-//! Products of bfloat16 numbers, summed as floats: on a matrix unit where the processor has one, on vectors elsewhere.
+//! Products of bfloat16 matrices, summed in 32-bit floats.
+//!
+//! A bfloat16 number is the upper half of a float's bits: its exponent and 8 bits of mantissa. A product `C = A B` of a *left*
+//! matrix `A` `(M, K)` and a *right* matrix `B` `(K, N)` runs over the inner dimension `K`, tile by tile.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `tile` | tiles of 16 x 32 numbers, and matrices of them |
+//! | `pack`, `shuffle` | floats into tiles, tiles from one layout into another |
+//! | `rows`, `panel` | matrices whose rows are operands as they lie in memory; strides of an operand |
+//! | `unit` | what a product of tiles is given, and the trait of what runs it |
+//! | `amx`, `avx512`, `floats` | Intel's matrix unit, AVX-512 BF16, vectors of floats: the first two hold `unsafe` code |
+//! | `product` | the loop over tiles on the fastest unit there is |
+//! | `operands` | products over the rows of large matrices, in parallel |
+//! | `lanes`, `kernel` | element-wise loops on 32 numbers at a time, for the layers between the products |
 
 #[cfg(target_arch = "x86_64")]
 mod amx;

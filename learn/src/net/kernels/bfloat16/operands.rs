@@ -10,10 +10,10 @@ use super::tile::Tiles;
 use super::unit::Term;
 use crate::net::kernels::float32::add;
 
-/// Rows that a task of a product takes.
+/// Rows per task of a product.
 const TASK: usize = 128;
 
-/// Rows that the gradient by a weight sums over before it is read and written again.
+/// Rows per product of the gradient by a weight, which is read and written once for each.
 const CHUNK: usize = 1024;
 
 /// Parts of the rows whose gradients by a weight are summed apart, and then added in order.
@@ -22,7 +22,7 @@ const PARTS: usize = 2;
 /// Parts of the weights whose gradients are summed apart.
 const GROUPS: usize = 9;
 
-/// Weights that act on the rows of a matrix at some distance from the output's row; their products are summed.
+/// Weights that act on the rows of a matrix at fixed offsets from the output's row; their products are summed.
 pub struct Taps<'a, const N: usize> {
     /// The row that each acts on for the output's first row.
     pub starts: [usize; N],
@@ -32,7 +32,7 @@ pub struct Taps<'a, const N: usize> {
     pub matrices: [&'a Tiles; N],
 }
 
-/// A matrix as products take it, and room for the gradient by a weight; kept from call to call.
+/// An operand, and workspace for the gradient by a weight; kept from call to call.
 #[derive(Debug, Default)]
 pub struct Operands {
     rows: Rows,
@@ -48,7 +48,8 @@ impl Operands {
         self.rows.set(x, columns);
     }
 
-    /// `Y += X W`, or `Y = X W`, with the matrix that was entered; `prepare` says which, having seen the part of `y`.
+    /// `Y += X W`, or `Y = X W`, with the matrix `X` of [`Operands::enter`]. `prepare` may write to a part of `y` first, and
+    /// says which.
     pub fn multiply<const N: usize>(
         &self,
         taps: &Taps<N>,
@@ -79,6 +80,7 @@ impl Operands {
         (dy, outputs): (&[f32], usize),
         gradient: &mut [f32],
     ) {
+        // X as right operand, dY^T as left ones, a chunk of rows each.
         self.paired.set(x, inputs);
         let (chunks, size) = (dy.par_chunks(CHUNK * outputs), inputs * outputs);
         let count = chunks.len();
@@ -89,6 +91,7 @@ impl Operands {
         (transposed.par_iter_mut().zip(chunks))
             .for_each(|(tiles, dy)| tiles.set_left_transposed(Floats::dense(dy, outputs)));
 
+        // Sums over the chunks of each part of the rows, for groups of starts.
         self.partials.resize(PARTS * N * size, 0.0);
         let group = N.div_ceil(GROUPS);
         let groups = N / group;
@@ -110,6 +113,7 @@ impl Operands {
                 }
             }
         });
+        // The parts, added in order.
         let gradients = gradient.par_chunks_mut(size).enumerate();
         gradients.for_each(|(index, gradient)| {
             for part in self.partials.chunks_exact(N * size) {

@@ -1,4 +1,4 @@
-//! Floats into tiles, and tiles from one arrangement into another.
+//! Floats into tiles, and tiles from one layout into another.
 
 use std::ops::Range;
 
@@ -7,7 +7,7 @@ use pulp::{Arch, Simd, WithSimd};
 use super::shuffle::{Turn, transpose, turn};
 use super::tile::{DEPTH, SIDE, Tile, Tiles, round};
 
-/// A row-major matrix of floats whose rows are `stride` numbers apart.
+/// A row-major matrix of floats with a stride.
 #[derive(Clone, Copy, Debug)]
 pub struct Floats<'a> {
     pub numbers: &'a [f32],
@@ -16,7 +16,7 @@ pub struct Floats<'a> {
 }
 
 impl<'a> Floats<'a> {
-    /// Rows that lie one behind the other.
+    /// A matrix whose rows are adjacent.
     pub fn dense(numbers: &'a [f32], columns: usize) -> Self {
         Self {
             numbers,
@@ -25,7 +25,7 @@ impl<'a> Floats<'a> {
         }
     }
 
-    /// The rows, without what lies between them.
+    /// The rows, without the padding between them.
     pub fn rows(&self) -> impl Iterator<Item = &'a [f32]> + use<'a> {
         let columns = self.columns;
         self.numbers
@@ -35,7 +35,7 @@ impl<'a> Floats<'a> {
 }
 
 impl Tiles {
-    /// Becomes the left matrix `floats`; the inner dimension is its columns.
+    /// Packs `floats` as a left matrix; the inner dimension is its columns.
     pub fn set_left(&mut self, floats: Floats) {
         self.resize(floats.numbers.len().div_ceil(floats.stride), floats.columns);
         for (index, row) in floats.rows().enumerate() {
@@ -49,7 +49,7 @@ impl Tiles {
         }
     }
 
-    /// Becomes the right matrix `floats`; the inner dimension is its rows.
+    /// Packs `floats` as a right matrix; the inner dimension is its rows.
     pub fn set_right(&mut self, floats: Floats) {
         self.resize(floats.columns, floats.numbers.len().div_ceil(floats.stride));
         for (block, tiles) in self.blocks_mut().enumerate() {
@@ -63,30 +63,30 @@ impl Tiles {
         }
     }
 
-    /// Turns the left matrix `B` into the right matrix `B^T`, and a right matrix `B` into the left matrix `B^T`.
+    /// Transposes in place: a left matrix `B` becomes the right matrix `B^T`, a right matrix `B` the left matrix `B^T`.
     pub fn transpose(&mut self) {
         transpose(self.tiles_mut());
     }
 
-    /// Becomes the left matrix `floats^T`; the inner dimension is the rows of `floats`.
+    /// Packs `floats^T` as a left matrix; the inner dimension is the rows of `floats`.
     pub fn set_left_transposed(&mut self, floats: Floats) {
         self.set_right(floats);
         self.transpose();
     }
 
-    /// Becomes the right matrix `floats^T`; the inner dimension is the columns of `floats`.
+    /// Packs `floats^T` as a right matrix; the inner dimension is the columns of `floats`.
     pub fn set_right_transposed(&mut self, floats: Floats) {
         self.set_left(floats);
         self.transpose();
     }
 
-    /// Becomes the right matrix of which `left` is the left one: of `rows` rows and `columns` columns, which `left` has as
-    /// its inner dimension, and this as its outer one.
+    /// Repacks the left matrix `left`, of `rows` rows and `columns` columns, as a right matrix. Its columns are the inner
+    /// dimension of `left`, and the outer one here.
     pub fn set_right_from(&mut self, left: &Self, shape: [usize; 2]) {
         self.set_turned(Turn::Right, left, shape);
     }
 
-    /// Becomes the transpose of the left matrix `left` of `rows` rows and `columns` columns, also a left matrix.
+    /// Repacks the transpose of the left matrix `left`, of `rows` rows and `columns` columns, as a left matrix.
     pub fn set_left_transposed_from(&mut self, left: &Self, shape: [usize; 2]) {
         self.set_turned(Turn::LeftTransposed, left, shape);
     }

@@ -1,10 +1,10 @@
-//! Operands of products, as they lie in memory.
+//! Operands of products: their layout in memory, as strides.
 
 use std::ops::Range;
 
 use super::tile::{DEPTH, SIDE, Tile, Tiles};
 
-/// Where an operand's numbers lie.
+/// Memory of an operand.
 #[derive(Clone, Copy, Debug)]
 enum Numbers<'a> {
     Tiles(&'a [Tile]),
@@ -20,8 +20,8 @@ impl Numbers<'_> {
     }
 }
 
-/// Numbers from one line of a tile to the next, from a tile to the next along the inner dimension, and to the next along the
-/// outer one.
+/// Strides (in numbers): from one line of a tile to the next, and from a tile to the next along the inner and along the outer
+/// dimension.
 #[derive(Clone, Copy, Debug)]
 pub struct Steps {
     pub line: usize,
@@ -29,7 +29,7 @@ pub struct Steps {
     pub outer: usize,
 }
 
-/// A left or right matrix whose tiles' lines are at fixed distances, which may be shorter than the lines.
+/// A left or right matrix whose tiles' lines have fixed strides, which may be shorter than the lines.
 #[derive(Clone, Copy, Debug)]
 pub struct Panel<'a> {
     numbers: Numbers<'a>,
@@ -45,7 +45,7 @@ impl Tiles {
         self.panel(0..self.depth())
     }
 
-    /// Of all blocks the tiles `part` along the inner dimension.
+    /// The tiles `part` along the inner dimension, of all blocks.
     pub fn panel(&self, part: Range<usize>) -> Panel<'_> {
         let tile = SIDE * DEPTH;
         let steps = Steps {
@@ -92,7 +92,7 @@ impl<'a> Panel<'a> {
         self.depth
     }
 
-    /// Distances between lines and tiles.
+    /// Strides of lines and tiles.
     pub fn steps(&self) -> Steps {
         self.steps
     }

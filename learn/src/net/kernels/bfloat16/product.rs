@@ -13,7 +13,7 @@ use super::unit::{Four, Order, Shape, Term, Unit};
 /// Numbers in four tiles.
 const FOUR: usize = 4 * SIDE * SIDE;
 
-/// The product, `(rows, columns)` floats of row-major memory whose rows are `stride` numbers apart.
+/// The product: a row-major matrix `(rows, columns)` of floats with a stride.
 pub struct Output<'a> {
     pub numbers: &'a mut [f32],
     pub stride: usize,
@@ -22,7 +22,7 @@ pub struct Output<'a> {
 }
 
 impl<'a> Output<'a> {
-    /// Rows that lie one behind the other.
+    /// A matrix whose rows are adjacent.
     pub fn dense(numbers: &'a mut [f32], columns: usize) -> Self {
         Self {
             stride: columns,
@@ -33,8 +33,7 @@ impl<'a> Output<'a> {
     }
 }
 
-/// Tiles along the inner dimension that are multiplied with all others before the next ones: a pair of blocks of them
-/// takes two thirds of a first cache.
+/// Tiles along the inner dimension per pass over the output: a pair of blocks of so many takes two thirds of a first cache.
 const CACHED: usize = 16;
 
 /// The fastest that this processor has.
@@ -118,7 +117,7 @@ fn run_cached(unit: &impl Unit, output: &mut Output, accum: Accum, left: &Tiles,
     }
 }
 
-/// Rows of tiles that take turns with the columns.
+/// Rows of tiles that are multiplied with all columns before the next ones.
 const GROUP: usize = 4;
 
 fn run(unit: &impl Unit, output: &mut Output, accum: Accum, terms: &[Term], order: Order) {
@@ -166,7 +165,7 @@ fn run(unit: &impl Unit, output: &mut Output, accum: Accum, terms: &[Term], orde
     }
 }
 
-/// Four tiles of the product, as far as the output goes to the row and the column `ends`.
+/// Four tiles of the product, cut off at the row and the column `ends` of the output.
 fn add_four(
     unit: &impl Unit,
     output: &mut Output,

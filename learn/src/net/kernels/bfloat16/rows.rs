@@ -1,4 +1,4 @@
-//! Matrices of bfloat16 numbers whose rows products may enter anywhere.
+//! Row-major bfloat16 matrices that are operands from any row on, without repacking.
 
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
@@ -6,18 +6,18 @@ use rayon::prelude::*;
 use super::panel::{Panel, Steps};
 use super::tile::{DEPTH, SIDE, round};
 
-/// Rows of zeros behind the last: products take rows by tiles.
+/// Rows of zeros after the last: products take rows by tiles.
 const BEHIND: usize = 4 * SIDE;
 
 /// Rows, or pairs of them, that a task takes.
 const TASK: usize = 128;
 
-/// `columns` and zeros behind them: rows then start at halves of a cache's line, and at every second tile's line.
+/// Stride of a row of `columns` numbers, padded with zeros: rows start at multiples of half a cache line.
 pub fn padded(columns: usize) -> usize {
     columns.next_multiple_of(SIDE)
 }
 
-/// Numbers that start at a cache's line.
+/// A buffer that starts at a cache line.
 #[derive(Debug, Default)]
 struct Aligned {
     numbers: Vec<u16>,

@@ -1,4 +1,4 @@
-//! Numbers that change places in tiles.
+//! Tiles from one layout into another.
 
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::V4;
@@ -8,7 +8,7 @@ use super::tile::{DEPTH, SIDE, Tile};
 /// A tile as a 16 x 16 matrix of pairs of numbers.
 type Pairs = [[u32; SIDE]; SIDE];
 
-/// Which matrix two tiles of a left one become.
+/// What two tiles of a left matrix are repacked as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
     /// The same matrix, as a right one.

@@ -61,8 +61,8 @@ pub fn widen(x: u16) -> f32 {
 }
 
 impl Tiles {
-    /// Makes room for a matrix of `outer` rows of a left matrix, or columns of a right one, and `inner` along the other.
-    /// Numbers that were there stay where the shape is the same; else all are zero.
+    /// Resizes to `outer` rows of a left matrix, or columns of a right one, and `inner` along the inner dimension. Keeps its
+    /// numbers if the shape stays; otherwise all are zero.
     pub fn resize(&mut self, outer: usize, inner: usize) {
         if self.shape != [outer, inner] {
             self.shape = [outer, inner];

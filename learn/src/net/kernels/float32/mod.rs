@@ -1,4 +1,7 @@
-//! Loops over rows of floats.
+//! Loops over row-major matrices of 32-bit floats, one row of features per point, voxel or cloud.
+//!
+//! `loops` has the element-wise functions, `rows` the division of a matrix into blocks that tasks take, and sums over them in
+//! fixed order.
 
 mod loops;
 mod rows;
