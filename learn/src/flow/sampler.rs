@@ -144,7 +144,7 @@ impl Sampler {
     }
 
     /// [`Sampler::integrate`], calling `observe` after every step with the number of steps taken and the points.
-    pub fn integrate_observed(
+    pub(crate) fn integrate_observed(
         &self,
         field: &impl VelocityField,
         condition: &[f32],

@@ -81,7 +81,7 @@ mod network;
 mod parameters;
 mod voxel;
 
-pub use crate::channels::{Channels, DIM};
+pub use crate::channels::Channels;
 pub use hybrid::{ContextShape, HybridShape, Stage, TimeGate};
 pub use kernels::{Precision, Processor};
 pub use mlp::{Batch, MlpShape};

@@ -8,8 +8,9 @@ use super::settings::{Target, TrainSettings};
 use super::start;
 use super::state::{fingerprint, hash};
 use super::teacher::Teacher;
+use crate::channels::{Channels, DIM};
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
-use crate::net::{Channels, DIM, NetworkShape};
+use crate::net::NetworkShape;
 
 /// Samples that a stream's threads may be ahead of the run.
 const AHEAD: usize = 32;

@@ -7,10 +7,11 @@ use serde::{Deserialize, Serialize};
 use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
 use super::settings::TrainSettings;
+use crate::channels::{Channels, DIM};
 use crate::data::{DataError, Normalisation, Subject};
 use crate::flow::{Sampler, Stream, rng};
 use crate::metrics::surface_spread;
-use crate::net::{Channels, DIM, Network, NetworkShape, NetworkShapeError, Precision};
+use crate::net::{Network, NetworkShape, NetworkShapeError, Precision};
 use tdcr_sim::cloud::PointCloud;
 
 /// What a network was trained on.

@@ -4,10 +4,11 @@ use rand::RngExt;
 use rayon::prelude::*;
 
 use super::settings::TrainSettings;
+use crate::channels::Channels;
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
 use crate::metrics::Matcher;
-use crate::net::{Batch, Channels};
+use crate::net::Batch;
 
 /// A step's batch: `B` clouds of `N` points.
 #[derive(Debug, Default)]

@@ -75,7 +75,7 @@ impl TrainSettings {
     }
 
     /// Learning rate of the optimiser's matrices at step `step`: [`Self::learning_rate_at`], in proportion.
-    pub fn matrix_learning_rate_at(&self, step: u64) -> f64 {
+    pub(super) fn matrix_learning_rate_at(&self, step: u64) -> f64 {
         self.matrix_learning_rate() * (self.learning_rate_at(step) / self.learning_rate)
     }
 
@@ -89,7 +89,7 @@ impl TrainSettings {
 
     /// Decay of the weight average at step `step` (the first is 1): `min(decay, (1 + step) / (10 + step))`, so that the
     /// early average is not held at the initial weights.
-    pub fn average_decay_at(&self, step: u64) -> f64 {
+    pub(super) fn average_decay_at(&self, step: u64) -> f64 {
         let step = step as f64;
         self.average_decay.min((1.0 + step) / (10.0 + step))
     }

@@ -12,9 +12,10 @@ use super::settings::TrainSettings;
 use super::spike::SPIKE_STEPS;
 use super::start::{self, Start};
 use super::state::{Best, TrainingState, fingerprint};
+use crate::channels::DIM;
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
-use crate::net::{DIM, Network, Workspace};
+use crate::net::{Network, Workspace};
 
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
