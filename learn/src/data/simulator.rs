@@ -57,6 +57,7 @@ impl Recipe {
 
 /// Why a sample could not be simulated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SimulateError {
     /// The command does not fit the robot.
     #[error(transparent)]
