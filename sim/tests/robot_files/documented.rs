@@ -5,7 +5,7 @@
 
 use std::collections::BTreeSet;
 
-use tdcr_sim::robot::SpecError;
+use tdcr_sim::formats::RobotFileError;
 use toml::{Table, Value};
 
 use super::load;
@@ -112,7 +112,7 @@ fn is_read(document: &Value) -> bool {
     let loaded = load("toml", &toml::to_string(document).unwrap());
     // What is refused must be the value, not what else the file looks like.
     if let Err(error) = &loaded {
-        assert!(!matches!(error, SpecError::Missing { .. }), "{error}");
+        assert!(!matches!(error, RobotFileError::Missing { .. }), "{error}");
         for other in ["unknown field", "given beside", "are given", "duplicate"] {
             assert!(!error.to_string().contains(other), "{error}");
         }
@@ -219,7 +219,7 @@ fn the_page_has_the_defaults_of_what_is_left_out() {
             }
             let error = read(&without).unwrap_err();
             assert!(
-                matches!(error, SpecError::Missing { .. }),
+                matches!(error, RobotFileError::Missing { .. }),
                 "{full}: {error}"
             );
             assert!(
