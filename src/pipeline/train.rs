@@ -11,6 +11,7 @@ use tdcr_learn::train::{
 };
 
 use super::log::RunLog;
+use super::preset::Preset;
 use super::{Divergence, Monitor, PipelineError, lock_folder, require_same};
 
 /// Steps between two words on the loss.
@@ -31,6 +32,13 @@ pub struct NetworkSize {
     pub channels: Channels,
 }
 
+/// An MLP of positions, of the default preset's size.
+impl Default for NetworkSize {
+    fn default() -> Self {
+        Preset::default().size()
+    }
+}
+
 impl NetworkSize {
     /// The shape for conditions of dimension `condition_dim`.
     fn shape(&self, condition_dim: usize) -> NetworkShape {
@@ -44,6 +52,18 @@ impl NetworkSize {
         match self.context {
             None => head.into(),
             Some(context) => HybridShape { head, context }.into(),
+        }
+    }
+}
+
+/// Steps draw from the newest 512 clouds of the default stream, of which each replaces one: those of the command line.
+impl Default for StreamSettings {
+    fn default() -> Self {
+        Self {
+            spec: StreamSpec::default(),
+            window: 512,
+            fresh: 1,
+            validation: None,
         }
     }
 }
