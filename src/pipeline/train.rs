@@ -12,7 +12,8 @@ use tdcr_learn::train::{
 
 use super::log::RunLog;
 use super::preset::Preset;
-use super::{Divergence, Monitor, PipelineError, lock_folder, require_same};
+use super::subject::require_same;
+use super::{Divergence, Monitor, PipelineError, lock_folder};
 
 /// Steps between two words on the loss.
 const STEPS_PER_STATUS: u64 = 10;

@@ -5,6 +5,7 @@
 mod difference;
 mod error;
 mod feed;
+mod flow_predictor;
 mod format;
 mod model;
 mod optimizer;
@@ -19,7 +20,8 @@ mod trainer;
 
 pub use error::{FileError, FileProblem, TrainError};
 pub use feed::{Feed, StreamWindow};
-pub use model::{Model, PredictError, Prediction, Provenance};
+pub use flow_predictor::FlowPredictor;
+pub use model::{Model, Provenance};
 pub use optimizer::Optimizer;
 pub use schedule::Schedule;
 pub use settings::{SPIKE_STEPS, SettingsError, Target, TrainSettings};
