@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid};
 use tdcr_sim::render::{BaseVisibility, Sensor};
-use tdcr_sim::robot::{CommandError, LoadError, Loads, Robot, RobotSpec};
+use tdcr_sim::robot::{CommandError, Loads, LoadsError, Robot, RobotSpec};
 use tdcr_sim::statics::{Equilibrium, Settler};
 
 use super::conditions::{PayloadRange, rng};
@@ -90,7 +90,7 @@ pub enum SimulateError {
     Command(#[from] CommandError),
     /// The payload is no mass.
     #[error(transparent)]
-    Load(#[from] LoadError),
+    Load(#[from] LoadsError),
     /// The robot did not settle.
     #[error("the robot did not settle under {condition:?}: residual {residual:e} N m")]
     NotSettled {

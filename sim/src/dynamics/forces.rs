@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 
 use crate::chain::Configuration;
+use crate::energy::following::{follower, follows};
 use crate::energy::{DeadForces, Potential};
 use crate::robot::{Loads, Robot, Wrench};
-use crate::statics::follower::{follower, follows};
 use crate::tendon::Posture;
 
 /// The forces on one robot under one set of loads; reuses its memory.

@@ -10,9 +10,9 @@ use super::composite::{Composite, compose, cross_motion, cross_with_force};
 use super::implicit::{in_discs, mass_matrix};
 use super::{DynamicsError, State};
 use crate::chain::Configuration;
+use crate::energy::following::{add_forces, add_moments, jacobian};
 use crate::energy::{Expansion, Potential};
 use crate::robot::{Command, Drive, Loads, Robot};
-use crate::statics::follower::{add_forces, add_moments, jacobian};
 
 /// A step to first order: `x+ + dx+`, `dx+ = A dx + B du`.
 ///

@@ -11,10 +11,11 @@
 //! sum_c weight_c (a_c . w)^2`: tendon segments and backbones depend on one joint, dead forces on the
 //! disc that carries them up (with the moment `G_k` on joint `k`, for turns do not commute), and a
 //! tendon's stiffness acts along one column. That takes O(n) to build, to store and
-//! ([`crate::newton`]) to solve.
+//! ([`crate::factor`]) to solve.
 
 mod columns;
 mod dead;
+pub(crate) mod following;
 mod gradient;
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,7 @@
 //! The expansion against differences of the energy.
 
 use super::*;
-use crate::newton::{Curvature, Factor};
+use crate::factor::{Curvature, Factor};
 use crate::robot::{Command, Frame, Loads, Payload, RobotSpec, Wrench};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -2,8 +2,8 @@
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::file::refuse;
 use super::mass::Part;
+use super::spec_error::refuse;
 use super::{
     Body, Disc, Drive, ModuleSpec, PerDisc, Robot, RobotSpec, Routing, Segment, Span, SpecError,
     Tendon, TendonSpec, Waypoint,

@@ -4,32 +4,35 @@ mod angle;
 mod cameras;
 mod command;
 mod compile;
-mod file;
 mod holes;
 mod in_file;
 mod joint;
 mod loads;
 mod mass;
-mod missing;
+mod parameter;
 mod per_disc;
 mod spec;
+mod spec_error;
 mod tendon_spec;
 mod units;
 mod validate;
+mod value;
 
 pub use cameras::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, RingSpec};
 pub use command::{Command, CommandError};
 pub(crate) use compile::joints_along;
-pub use file::SpecError;
 pub use holes::{HoleCircle, Holes};
 pub use joint::{Backbone, Limit, RodSpec};
-pub use loads::{Frame, LoadError, Loads, Payload, Wrench};
+pub use loads::{Frame, Loads, LoadsError, Payload, Wrench};
 pub use mass::{MassSpec, RigidMass, SolidMass};
-pub use missing::MissingFields;
+pub(crate) use parameter::check;
+pub use parameter::{Axis, Parameter, ParameterError};
 pub use per_disc::PerDisc;
 pub use spec::{BaseSpec, ModuleSpec, RobotSpec, Routing};
+pub use spec_error::SpecError;
 pub use tendon_spec::{Body, Drive, Friction, Pull, RouteSpec, TendonSpec, Waypoint};
 pub use units::{CommandUnit, DisplayUnit, TendonGroup};
+pub(crate) use value::shift;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -137,14 +140,6 @@ pub(crate) struct Span {
 }
 
 impl Robot {
-    /// A standard robot by name, or a robot file: [`RobotSpec::load`], compiled.
-    ///
-    /// # Errors
-    /// [`SpecError`] as [`RobotSpec::load`] and [`Robot::new`].
-    pub fn load(name_or_path: &str) -> Result<Self, SpecError> {
-        Self::new(RobotSpec::load(name_or_path)?)
-    }
-
     /// The specification that this robot was compiled from.
     pub fn spec(&self) -> &RobotSpec {
         &self.spec

@@ -6,8 +6,7 @@
 //! number of parameters one solve.
 //!
 //! ```
-//! use tdcr_sim::robot::{Loads, Robot};
-//! use tdcr_sim::sensitivity::Parameter;
+//! use tdcr_sim::robot::{Loads, Parameter, Robot};
 //!
 //! let robot = Robot::load("2m")?;
 //! let (command, loads) = (robot.mean_command(), Loads::payload(0.02)?);
@@ -23,22 +22,35 @@
 //! from one side to the other; those of the side where the equilibrium lies are given. Friction of
 //! tendons is left out.
 
-mod parameter;
+mod model_tangent;
 mod tangent;
-mod value;
-
-pub use parameter::{Axis, Parameter, SensitivityError};
 
 use faer::Mat;
 use faer::linalg::solvers::{PartialPivLu, Solve};
 use nalgebra::{DMatrix, Vector3};
+use thiserror::Error;
 
-use crate::energy::{DeadForces, Expansion, Potential};
-use crate::newton::{Curvature, Factor};
-use crate::robot::{Command, Drive, Loads, Robot, joints_along};
-use crate::statics::{Equilibrium, Stability, follower};
+use crate::energy::{DeadForces, Expansion, Potential, following};
+use crate::factor::{Curvature, Factor};
+use crate::robot::{Command, Drive, Loads, Parameter, ParameterError, Robot, joints_along};
+use crate::statics::{Equilibrium, Stability};
 use crate::tendon::{LENGTH_PENALTY, Posture};
-use parameter::ModelTangent;
+use model_tangent::ModelTangent;
+
+/// Why an equilibrium has no such derivative.
+#[non_exhaustive]
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum SensitivityError {
+    /// Not settled: there is no equilibrium to differentiate.
+    #[error("the robot has not settled (residual {0:e} N m): there is nothing to differentiate")]
+    NotSettled(f64),
+    /// The equilibrium is on the brink of instability, where derivatives are infinite.
+    #[error("the equilibrium is not stable: its Hessian is not positive definite")]
+    Unstable,
+    /// The robot has no such parameter.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+}
 
 /// A change of a disc's pose, or what a cost changes by for one: world frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -128,7 +140,7 @@ impl<'a> Sensitivity<'a> {
         posture.place(robot, &equilibrium.configuration);
         let mut dead = DeadForces::new(robot);
         dead.set(robot, loads);
-        follower::add_forces(loads, 1.0, &posture, &mut dead);
+        following::add_forces(loads, 1.0, &posture, &mut dead);
         let mut effective = command.as_slice().to_vec();
         for (t, tendon) in robot.tendons.iter().enumerate() {
             if tendon.holds_length() {
@@ -142,7 +154,7 @@ impl<'a> Sensitivity<'a> {
             dead: &dead,
         };
         potential.expand(&equilibrium.configuration, &posture, &mut expansion);
-        follower::add_moments(loads, 1.0, &posture, &mut expansion);
+        following::add_moments(loads, 1.0, &posture, &mut expansion);
         Self {
             robot,
             loads: loads.clone(),
@@ -162,8 +174,8 @@ impl<'a> Sensitivity<'a> {
     }
 
     fn factorise(&mut self) -> Result<(), SensitivityError> {
-        if self.loads.wrenches().iter().any(follower::follows) {
-            let jacobian = follower::jacobian(&self.loads, 1.0, &self.posture, &self.expansion);
+        if self.loads.wrenches().iter().any(following::follows) {
+            let jacobian = following::jacobian(&self.loads, 1.0, &self.posture, &self.expansion);
             let transpose = jacobian.transpose().to_owned();
             let factors = [jacobian.partial_piv_lu(), transpose.partial_piv_lu()];
             self.system = System::Dense(Box::new(factors));

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::parameter::ModelTangent;
+use super::model_tangent::ModelTangent;
 use super::{PoseTangent, Sensitivity};
 use crate::robot::Drive;
 

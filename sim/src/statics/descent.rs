@@ -8,7 +8,7 @@ use super::Stability;
 use super::tolerance::moment_tolerance;
 use crate::chain::{Configuration, turned};
 use crate::energy::{Expansion, Potential};
-use crate::newton::{Curvature, Factor};
+use crate::factor::{Curvature, Factor};
 use crate::robot::{Robot, joints_along};
 use crate::tendon::Posture;
 

@@ -13,7 +13,7 @@
 //! equilibrium without them, by Newton's method on the moments left.
 
 mod descent;
-pub(crate) mod follower;
+mod following;
 mod settler;
 mod stability;
 mod sweep;

@@ -2,8 +2,9 @@
 
 use super::Equilibrium;
 use super::descent::{Descent, End};
-use super::follower::{bring_on, follows};
+use super::following::bring_on;
 use crate::chain::Configuration;
+use crate::energy::following::follows;
 use crate::energy::{DeadForces, Potential};
 use crate::robot::{Command, Drive, Loads, Robot, Tendon};
 

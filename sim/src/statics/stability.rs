@@ -6,7 +6,7 @@
 //! (Nocedal and Wright, Numerical Optimization, ch. 12.5), with the tensions as multipliers. The
 //! descent asks more: its Hessian is that of the augmented Lagrangian, the same on these turns.
 //!
-//! [`Factor::definiteness`]: crate::newton::Factor::definiteness
+//! [`Factor::definiteness`]: crate::factor::Factor::definiteness
 
 use faer::{Mat, Side};
 use serde::Serialize;
@@ -14,9 +14,9 @@ use thiserror::Error;
 
 use super::Equilibrium;
 use super::descent::Descent;
-use super::follower::{add_forces, add_moments, follows, jacobian};
+use crate::energy::following::{add_forces, add_moments, follows, jacobian};
 use crate::energy::{DeadForces, Expansion, Potential};
-use crate::newton::{Curvature, Definiteness, MARGIN};
+use crate::factor::{Curvature, Definiteness, MARGIN};
 use crate::robot::{Command, Drive, Loads, Pull, Robot, Tendon};
 use crate::tendon::Posture;
 

@@ -29,7 +29,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use thiserror::Error;
 
-use crate::robot::{Command, LoadError, Loads, Robot};
+use crate::robot::{Command, Loads, LoadsError, Robot};
 use crate::statics::Equilibrium;
 use problem::{Place, Problem, shares};
 
@@ -149,7 +149,7 @@ pub enum ShapeError {
     Tolerance(f64),
     /// Loads of another robot.
     #[error(transparent)]
-    Loads(#[from] LoadError),
+    Loads(#[from] LoadsError),
     /// A command of another robot.
     #[error(transparent)]
     Command(#[from] crate::robot::CommandError),
