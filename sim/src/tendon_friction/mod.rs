@@ -219,6 +219,11 @@ impl FrictionPath {
         }
     }
 
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        self.settler.robot()
+    }
+
     /// Where the path has come to.
     pub fn state(&self) -> &FrictionState {
         &self.state
@@ -308,7 +313,7 @@ impl FrictionPath {
     fn accept(&mut self) {
         let balance = &self.balance;
         let out = &mut self.state.equilibrium;
-        out.pose(&balance.configuration, &balance.posture);
+        out.take_over(&balance.configuration, &balance.posture);
         for (tension, profile) in out.tendon_tensions.iter_mut().zip(&balance.profiles) {
             *tension = profile.tensions[0];
         }
