@@ -13,8 +13,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use tdcr::report::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
 use tdcr::sim::inverse::calibration::{Calibration, Finding, Observation, Unknown, calibrate};
-use tdcr::sim::robot::{Backbone, Body, Command, Loads, PerDisc, Robot, RobotSpec};
-use tdcr::sim::sensitivity::{Axis, Parameter};
+use tdcr::sim::robot::{
+    Axis, Backbone, Body, Command, Loads, Parameter, PerDisc, Robot, RobotSpec,
+};
 
 const MM: f64 = 1e3;
 /// Standard deviation of each measured coordinate (m).

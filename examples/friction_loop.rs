@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use tdcr::report::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
-use tdcr::sim::friction::FrictionPath;
 use tdcr::sim::robot::{Backbone, Friction, Loads, PerDisc, Robot, RobotSpec};
+use tdcr::sim::tendon_friction::FrictionPath;
 
 const MM: f64 = 1e3;
 /// Coefficients of friction, and the ink that each is drawn in.

@@ -33,22 +33,23 @@
 //! # Modules
 //!
 //! - [`robot`]: what the user writes, validated and compiled; commands and loads.
+//! - [`geometry`]: shapes and solids, and those that a robot consists of.
 //! - [`chain`]: configurations on SO(3)^n.
 //! - [`statics`]: command to equilibrium, one at a time, along paths, in batches and sweeps.
-//! - [`friction`]: paths of equilibria with friction between tendons and holes.
+//! - [`tendon_friction`]: paths of equilibria with friction between tendons and holes.
 //! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
 //! - [`dynamics`]: motion in time: steps, rollouts, and their derivatives.
 //! - [`inverse`]: from a target shape to the command, from measured positions to the robot.
 //! - [`camera`]: pinholes and distorted lenses, in rings or placed freely.
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
+//! - [`formats`]: robots in files, their own and those of other tools (MJCF, URDF).
 //! - [`files`]: files that are whole or not there.
-//! - [`mjcf`], [`urdf`]: robots written to and read from files of other tools ([`exchange`]).
 //!
 //! # What it is not for
 //!
 //! Contact of the robot with itself or its surroundings is not modelled. Friction of the tendons in
-//! their holes acts along quasi-static paths ([`friction`]) only: [`statics`], [`sensitivity`] and
+//! their holes acts along quasi-static paths ([`tendon_friction`]) only: [`statics`], [`sensitivity`] and
 //! [`dynamics`] leave it out.
 
 #[cfg(test)]
@@ -60,20 +61,18 @@ pub mod chain;
 pub mod cloud;
 pub mod dynamics;
 mod energy;
-pub mod exchange;
+mod factor;
 pub mod files;
-pub mod friction;
+pub mod formats;
+pub mod geometry;
 pub mod inverse;
 mod lens;
-pub mod mjcf;
-mod newton;
-mod reading;
 pub mod render;
 pub mod robot;
 pub mod sensitivity;
 pub mod statics;
 mod tendon;
-pub mod urdf;
+pub mod tendon_friction;
 
 #[cfg(test)]
 #[path = "../tests/common/random_robot.rs"]

@@ -8,8 +8,9 @@ use rand_distr::{Distribution, Normal};
 use tdcr_sim::inverse::calibration::{
     Calibration, CalibrationError, Estimate, Finding, Observation, Unknown, calibrate,
 };
-use tdcr_sim::robot::{Backbone, Body, Drive, Loads, MassSpec, PerDisc, Robot, RobotSpec};
-use tdcr_sim::sensitivity::{Axis, Parameter};
+use tdcr_sim::robot::{
+    Axis, Backbone, Body, Drive, Loads, MassSpec, Parameter, PerDisc, Robot, RobotSpec,
+};
 
 /// Observations of a robot under random commands and random payloads of up to `payload` kg.
 struct Campaign {

@@ -6,8 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use tdcr_sim::inverse::calibration::{Finding, FitState, Observation, Unknown, calibrate};
-use tdcr_sim::robot::{Backbone, Body, Loads, PerDisc, Robot, RobotSpec};
-use tdcr_sim::sensitivity::{Axis, Parameter};
+use tdcr_sim::robot::{Axis, Backbone, Body, Loads, Parameter, PerDisc, Robot, RobotSpec};
 
 /// Tip positions of a robot under random commands and payloads of up to 30 g, with errors (m).
 fn observe(real: &RobotSpec, seed: u64, discs: &[usize], noise: f64) -> Vec<Observation> {

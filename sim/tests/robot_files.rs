@@ -5,13 +5,14 @@ use std::f64::consts::{FRAC_PI_4, PI};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use tdcr_sim::formats::RobotFileError;
 use tdcr_sim::robot::{Body, Cameras, Holes, Robot, RobotSpec, SpecError, Waypoint};
 
 const EVERY_FIELD: &str = include_str!("../../examples/every-field.toml");
 const THREE_SEGMENTS: &str = include_str!("../../examples/three-segments.toml");
 
 /// Loads a robot from a file of this text.
-fn load(extension: &str, text: &str) -> Result<RobotSpec, SpecError> {
+fn load(extension: &str, text: &str) -> Result<RobotSpec, RobotFileError> {
     static COUNT: AtomicUsize = AtomicUsize::new(0);
     let (process, count) = (std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
     let name = format!("tdcr-robot-file-{process}-{count}.{extension}");
@@ -167,8 +168,8 @@ fn what_is_called_missing_is_what_reading_misses() {
         for (key, value) in all {
             let text = toml::to_string(&value).unwrap();
             match load("toml", &text) {
-                Ok(_) | Err(SpecError::Field { .. }) => {}
-                Err(SpecError::Missing { missing, .. }) => {
+                Ok(_) | Err(RobotFileError::Robot(SpecError::Field { .. })) => {}
+                Err(RobotFileError::Missing { missing, .. }) => {
                     missed += 1;
                     let [missing] = missing.as_slice() else {
                         panic!("{key}: {missing:?}");

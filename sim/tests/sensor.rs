@@ -4,9 +4,8 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tdcr_sim::camera::{Camera, Intrinsics};
 use tdcr_sim::cloud::{Observer, VoxelGrid};
-use tdcr_sim::render::{
-    BaseVisibility, Edges, ExtrinsicError, Grazing, Instance, RgbdFrame, Scene, Sensor, Shape,
-};
+use tdcr_sim::geometry::{Instance, Shape};
+use tdcr_sim::render::{BaseVisibility, Edges, ExtrinsicError, Grazing, RgbdFrame, Scene, Sensor};
 use tdcr_sim::robot::{Loads, Robot};
 
 fn camera() -> Camera {

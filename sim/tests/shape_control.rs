@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use tdcr_sim::inverse::shape::{
     ActiveBound, Bound, Goal, Outcome, Search, ShapeController, ShapeError, ShapeSolution, Target,
 };
-use tdcr_sim::robot::{Backbone, Frame, LoadError, Loads, PerDisc, Robot, RobotSpec, Wrench};
+use tdcr_sim::robot::{Backbone, Frame, Loads, LoadsError, PerDisc, Robot, RobotSpec, Wrench};
 use tdcr_sim::statics::Equilibrium;
 
 /// What must hold of every answer, whatever was asked.
@@ -301,7 +301,7 @@ fn what_makes_no_sense_is_refused_with_what_would() {
     let refused = ShapeController::new(&robot, &push, Search::default()).unwrap_err();
     assert!(matches!(
         refused,
-        ShapeError::Loads(LoadError::Disc {
+        ShapeError::Loads(LoadsError::Disc {
             disc: 12,
             discs: 10
         })

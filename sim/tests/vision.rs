@@ -6,7 +6,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::camera::{Camera, Distortion};
 use tdcr_sim::cloud::{Observer, PointCloud, PointProperty, VoxelGrid, write_ply, write_ply_with};
-use tdcr_sim::render::{BaseVisibility, Instance, RgbdFrame, Scene, Shape, ShapeError};
+use tdcr_sim::geometry::{Instance, Shape, ShapeError};
+use tdcr_sim::render::{BaseVisibility, RgbdFrame, Scene};
 use tdcr_sim::robot::{Loads, Payload, Robot, RobotSpec, RodSpec};
 use tdcr_sim::statics::Equilibrium;
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::bail;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use tdcr::sim::mjcf::{self, ExportOptions, Integrator};
+use tdcr::sim::formats::mjcf::{self, ExportOptions, Integrator};
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::{Payload, RobotSpec};
 
@@ -150,7 +150,7 @@ fn text_of(spec: &RobotSpec, args: &ExportArgs) -> anyhow::Result<String> {
             };
             mjcf::export(spec, &options)?
         }
-        Format::Urdf => tdcr::sim::urdf::export(spec)?,
+        Format::Urdf => tdcr::sim::formats::urdf::export(spec)?,
         Format::Json => serde_json::to_string_pretty(spec)? + "\n",
         Format::Toml => toml::to_string(spec)?,
     })

@@ -12,8 +12,8 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
-use tdcr::sim::robot::{Command, Loads, Robot};
-use tdcr::sim::sensitivity::{Axis, Parameter, SensitivityError};
+use tdcr::sim::robot::{Axis, Command, Loads, Parameter, Robot};
+use tdcr::sim::sensitivity::SensitivityError;
 use tdcr::sim::statics::{Equilibrium, Settler, Stability};
 
 use super::console::{Console, Interrupted};

@@ -5,7 +5,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr::sim::chain::Configuration;
 use tdcr::sim::dynamics::{Integrator, State, Stepper};
-use tdcr::sim::mjcf::{self, ExportOptions};
+use tdcr::sim::formats::mjcf::{self, ExportOptions};
 use tdcr::sim::robot::{Command, Loads, Robot, RobotSpec};
 use tdcr_mujoco::Model;
 

@@ -172,7 +172,7 @@ pub fn hostile(name: &str) -> Vec<Case> {
 }
 
 const ROBOT: &str = include_str!("../../sim/robots/2m.toml");
-const BY_HAND: &str = include_str!("../../sim/tests/exchange/by_hand/robot.xml");
+const BY_HAND: &str = include_str!("../../sim/tests/formats/by_hand/robot.xml");
 const STL: &str = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n\
                    endloop\nendfacet\nendsolid s\n";
 const PCD: &str = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 2\nDATA ascii\n1 2 3\n4 5 6\n";

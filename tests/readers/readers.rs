@@ -11,7 +11,7 @@ use serde_json::json;
 use tdcr::learn::data::{DataSet, ImportSettings, Split, import, read_cloud};
 use tdcr::learn::train::{Model, TrainingState};
 use tdcr::pipeline::{PipelineError, Scores};
-use tdcr::sim::render::Shape;
+use tdcr::sim::geometry::Shape;
 use tdcr::sim::robot::{Robot, RobotSpec};
 
 // Parts of the program that no library has: here they are read with all that they need.

@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use super::Integrator;
-use crate::robot::LoadError;
+use crate::robot::LoadsError;
 
 /// Why a motion cannot be computed.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -43,7 +43,7 @@ pub enum DynamicsError {
     },
     /// A load that does not fit the robot.
     #[error(transparent)]
-    Load(#[from] LoadError),
+    Load(#[from] LoadsError),
     /// A motion that the time step does not resolve: it is of the integration, not of the robot.
     #[error(
         "the motion diverged: joint {joint} turns by {turn:.3e} rad in one step of {timestep} s, more than the \

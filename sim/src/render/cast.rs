@@ -1,14 +1,15 @@
 //! Where rays meet shapes.
 //!
-//! The shapes in closed form are met by the rays of several pixels at once, without branches.
+//! The shapes in closed form are met by the rays of several pixels at once, without branches. Cylinders too: parry
+//! finds its cylinders by an iterative search (GJK), which is slower and less exact; a test compares the two.
 
 use nalgebra::Vector3;
 use parry3d_f64::math::Vec3;
 use parry3d_f64::query::{Ray, RayCast};
-use parry3d_f64::shape::TriMesh;
 use pulp::Simd;
 
 use super::lanes::{Lanes, Mask};
+use crate::geometry::{Capsule, Cuboid, Cylinder, Mesh, Sphere};
 
 /// Where the rays of several pixels meet a shape.
 #[derive(Clone, Copy, Debug)]
@@ -23,41 +24,6 @@ pub(super) struct Hits<S: Simd> {
 pub(super) trait Cast {
     /// First hits of the rays `origin + t direction`, `t >= 0`, from outside, in the shape's frame.
     fn cast<S: Simd>(&self, simd: S, origin: &Vector3<f64>, direction: [Lanes<S>; 3]) -> Hits<S>;
-}
-
-/// A cylinder about the z axis (m). Cast in closed form: parry walks to its cylinders by an
-/// iterative search (GJK), which is slower and less exact; a test compares the two.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Cylinder {
-    pub radius: f64,
-    pub half_height: f64,
-}
-
-/// A box along the axes (m).
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Cuboid {
-    pub half: Vector3<f64>,
-}
-
-/// A sphere about the origin (m).
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Sphere {
-    pub radius: f64,
-}
-
-/// What is within `radius` of a piece of the z axis (m).
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Capsule {
-    pub radius: f64,
-    pub half_length: f64,
-}
-
-/// Triangles, in parry's bounding volume hierarchy, and the box around them (m).
-#[derive(Clone, Debug)]
-pub(crate) struct Mesh {
-    pub mesh: TriMesh,
-    pub middle: Vector3<f64>,
-    pub half: Vector3<f64>,
 }
 
 /// Smallest divisor: quotients by less would be no numbers where 0 is divided by 0.

@@ -5,27 +5,7 @@ use std::ops::Range;
 use thiserror::Error;
 
 use crate::camera::Camera;
-
-/// What a pixel shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Instance {
-    /// Nothing.
-    Background,
-    /// The robot's base.
-    Base,
-    /// The disc with this index, from the base up.
-    Disc(u16),
-    /// The tendon with this index, in a command's order.
-    Tendon(u16),
-    /// The elastic rod through the discs.
-    Rod,
-    /// What hangs from the distal disc.
-    Payload,
-    /// The obstacle with this index.
-    Obstacle(u16),
-    /// Something, in a picture of a real camera.
-    Unknown,
-}
+use crate::geometry::Instance;
 
 /// One picture of an RGB-D camera, with the instance mask that only a simulated one knows.
 ///

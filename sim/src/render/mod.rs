@@ -9,17 +9,11 @@ mod frame;
 mod lanes;
 mod scene;
 mod sensor;
-mod shape;
-mod stl;
 mod view;
 
-pub use frame::{FrameError, Instance, RgbdFrame};
-pub(crate) use scene::base_solids;
-pub use scene::{BaseVisibility, Scene, Solid, disc_color};
+pub use frame::{FrameError, RgbdFrame};
+pub use scene::{BaseVisibility, Scene};
 pub use sensor::{Edges, ExtrinsicError, Grazing, Sensor};
-pub(crate) use shape::Kind;
-pub use shape::{Shape, ShapeError};
-pub use stl::StlError;
 
 use rayon::prelude::*;
 

@@ -7,7 +7,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 
-use super::{Instance, RgbdFrame};
+use super::RgbdFrame;
+use crate::geometry::Instance;
 
 /// A stereo depth camera's faults, each of them off where it is `None`.
 ///

@@ -8,9 +8,10 @@ use pulp::{Arch, Simd, WithSimd};
 use super::cast::Cast;
 use super::frame::Span;
 use super::lanes::Lanes;
-use super::shape::Kind;
-use super::{Instance, Scene, Solid};
+
+use super::Scene;
 use crate::camera::Camera;
+use crate::geometry::{Instance, Kind, Solid};
 
 /// Share of the colour that does not depend on the angle to the head light.
 const AMBIENT: f64 = 0.35;

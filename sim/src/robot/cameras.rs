@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::angle;
 use super::validate::{finite, positive, radians};
-use super::{SpecError, file::refuse};
+use super::{SpecError, spec_error::refuse};
 use crate::lens::{Distortion, Intrinsics};
 
 const MAX_CAMERAS: usize = 1000;

@@ -58,7 +58,7 @@ pub enum Frame {
 
 /// Why a load was refused.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
-pub enum LoadError {
+pub enum LoadsError {
     /// A mass that is negative or not a number.
     #[error("the payload is {0} kg; expected a finite mass, 0 or above")]
     Mass(f64),
@@ -96,8 +96,8 @@ impl Loads {
     /// A payload (kg) at the origin of the distal disc: a force `p g` along gravity.
     ///
     /// # Errors
-    /// [`LoadError`] for a negative or non-finite mass.
-    pub fn payload(mass: f64) -> Result<Self, LoadError> {
+    /// [`LoadsError`] for a negative or non-finite mass.
+    pub fn payload(mass: f64) -> Result<Self, LoadsError> {
         Self::default().with_payload(Payload {
             mass,
             offset: [0.0; 3],
@@ -107,10 +107,10 @@ impl Loads {
     /// These loads with another payload.
     ///
     /// # Errors
-    /// [`LoadError`] for a negative or non-finite mass, or a non-finite offset.
-    pub fn with_payload(mut self, payload: Payload) -> Result<Self, LoadError> {
+    /// [`LoadsError`] for a negative or non-finite mass, or a non-finite offset.
+    pub fn with_payload(mut self, payload: Payload) -> Result<Self, LoadsError> {
         if !(payload.mass.is_finite() && payload.mass >= 0.0) {
-            return Err(LoadError::Mass(payload.mass));
+            return Err(LoadsError::Mass(payload.mass));
         }
         finite("payload's offset (m)", &payload.offset)?;
         self.payload = payload;
@@ -120,8 +120,8 @@ impl Loads {
     /// These loads and one more wrench.
     ///
     /// # Errors
-    /// [`LoadError`] for components that are not finite.
-    pub fn with_wrench(mut self, wrench: Wrench) -> Result<Self, LoadError> {
+    /// [`LoadsError`] for components that are not finite.
+    pub fn with_wrench(mut self, wrench: Wrench) -> Result<Self, LoadsError> {
         finite("force (N)", &wrench.force)?;
         finite("moment (N m)", &wrench.moment)?;
         self.wrenches.push(wrench);
@@ -132,8 +132,8 @@ impl Loads {
     /// that of half the backbone to each neighbour.
     ///
     /// # Errors
-    /// [`LoadError`] for components that are not finite.
-    pub fn with_line_load(mut self, force_per_length: [f64; 3]) -> Result<Self, LoadError> {
+    /// [`LoadsError`] for components that are not finite.
+    pub fn with_line_load(mut self, force_per_length: [f64; 3]) -> Result<Self, LoadsError> {
         finite("line load (N/m)", &force_per_length)?;
         self.line = force_per_length.into();
         Ok(self)
@@ -171,11 +171,11 @@ impl Loads {
     /// Whether every wrench acts on a disc that `robot` has.
     ///
     /// # Errors
-    /// [`LoadError::Disc`] for the first that does not.
-    pub fn check(&self, robot: &Robot) -> Result<(), LoadError> {
-        let discs = robot.discs.len();
+    /// [`LoadsError::Disc`] for the first that does not.
+    pub fn check(&self, robot: &Robot) -> Result<(), LoadsError> {
+        let discs = robot.discs().len();
         match self.wrenches.iter().find(|wrench| wrench.disc >= discs) {
-            Some(Wrench { disc, .. }) => Err(LoadError::Disc { disc: *disc, discs }),
+            Some(Wrench { disc, .. }) => Err(LoadsError::Disc { disc: *disc, discs }),
             None => Ok(()),
         }
     }
@@ -196,9 +196,9 @@ impl Loads {
     }
 }
 
-fn finite(what: &'static str, values: &[f64]) -> Result<(), LoadError> {
+fn finite(what: &'static str, values: &[f64]) -> Result<(), LoadsError> {
     match values.iter().find(|value| !value.is_finite()) {
-        Some(&value) => Err(LoadError::NotFinite { what, value }),
+        Some(&value) => Err(LoadsError::NotFinite { what, value }),
         None => Ok(()),
     }
 }

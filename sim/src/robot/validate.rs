@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use super::{
     Backbone, BaseSpec, Body, Drive, Holes, Limit, MassSpec, ModuleSpec, PerDisc, RobotSpec,
-    RodSpec, RouteSpec, Routing, SpecError, TendonSpec, file::refuse, joints_along,
+    RodSpec, RouteSpec, Routing, SpecError, TendonSpec, joints_along, spec_error::refuse,
 };
 
 /// Far above any robot built, and small enough that every product of sizes fits in memory.

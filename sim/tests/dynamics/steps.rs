@@ -4,8 +4,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::dynamics::{DynamicsError, Integrator, Lineariser, State, Stepper};
-use tdcr_sim::robot::{Backbone, Drive, Loads, Payload, PerDisc, Robot, RobotSpec};
-use tdcr_sim::sensitivity::Parameter;
+use tdcr_sim::robot::{Backbone, Drive, Loads, Parameter, Payload, PerDisc, Robot, RobotSpec};
 
 use crate::random_robot::{Kind, random_spec};
 use crate::{all_loads, dead_loads, difference, random_robots, random_state, without_kinks};

@@ -5,10 +5,10 @@ use nalgebra::{DMatrix, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::{
-    Backbone, Body, Drive, Frame, Holes, Loads, MassSpec, ModuleSpec, Payload, PerDisc, Robot,
-    RobotSpec, TendonSpec, Wrench,
+    Axis, Backbone, Body, Drive, Frame, Holes, Loads, MassSpec, ModuleSpec, Parameter, Payload,
+    PerDisc, Robot, RobotSpec, TendonSpec, Wrench,
 };
-use tdcr_sim::sensitivity::{Axis, Parameter, PoseTangent};
+use tdcr_sim::sensitivity::PoseTangent;
 use tdcr_sim::statics::{Equilibrium, Settler};
 
 /// One equilibrium, as a function of its parameters.

@@ -3,8 +3,8 @@
 use crate::case::{all_parameters, random_case};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tdcr_sim::robot::{Body, Command, Holes, Loads, Robot, RobotSpec};
-use tdcr_sim::sensitivity::{Axis, Parameter, SensitivityError};
+use tdcr_sim::robot::{Axis, Body, Command, Holes, Loads, Parameter, Robot, RobotSpec};
+use tdcr_sim::sensitivity::SensitivityError;
 
 #[test]
 fn a_robot_with_another_value_differs_in_that_parameter_alone() {

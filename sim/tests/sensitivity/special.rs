@@ -5,10 +5,9 @@ use crate::random_robot::within;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::{
-    Backbone, Body, Drive, Holes, Loads, MassSpec, PerDisc, Pull, Robot, RobotSpec, RodSpec,
-    SolidMass, Waypoint,
+    Backbone, Body, Drive, Holes, Loads, MassSpec, Parameter, PerDisc, Pull, Robot, RobotSpec,
+    RodSpec, SolidMass, Waypoint,
 };
-use tdcr_sim::sensitivity::Parameter;
 
 /// The 3m robot, hanging or on a backbone, every tendon on its own route.
 fn changed(change: impl Fn(&mut RobotSpec)) -> RobotSpec {

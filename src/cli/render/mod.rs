@@ -10,7 +10,8 @@ use serde::Serialize;
 use tdcr::report::counted;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
-use tdcr::sim::render::{BaseVisibility, Instance, RgbdFrame, Scene, Sensor, Shape};
+use tdcr::sim::geometry::{Instance, Shape};
+use tdcr::sim::render::{BaseVisibility, RgbdFrame, Scene, Sensor};
 use tdcr::sim::robot::Robot;
 
 use super::console::Console;

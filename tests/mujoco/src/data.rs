@@ -4,7 +4,7 @@ use std::ptr::{self, NonNull};
 
 use nalgebra::{DMatrix, Quaternion, UnitQuaternion, Vector3};
 
-use crate::model::{LoadError, Model, UnknownBody};
+use crate::model::{LoadsError, Model, UnknownBody};
 use crate::sys;
 
 /// The state of a model (`mjData`).
@@ -41,10 +41,10 @@ macro_rules! arrays {
 }
 
 impl<'m> Data<'m> {
-    pub(crate) fn new(model: &'m Model) -> Result<Self, LoadError> {
+    pub(crate) fn new(model: &'m Model) -> Result<Self, LoadsError> {
         // SAFETY: the model is alive.
         let data = NonNull::new(unsafe { sys::mj_makeData(model.as_ptr()) });
-        let data = data.ok_or(LoadError::Memory)?;
+        let data = data.ok_or(LoadsError::Memory)?;
         Ok(Self { model, data })
     }
 

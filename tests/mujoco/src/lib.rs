@@ -11,7 +11,7 @@ mod data;
 mod model;
 
 pub use data::{Data, Transition};
-pub use model::{LoadError, Model, UnknownBody};
+pub use model::{LoadsError, Model, UnknownBody};
 
 #[allow(
     dead_code,

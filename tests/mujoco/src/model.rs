@@ -13,7 +13,7 @@ pub struct Model(NonNull<sys::mjModel>);
 
 /// Why a model could not be made ready.
 #[derive(Debug, Error)]
-pub enum LoadError {
+pub enum LoadsError {
     /// The temporary file that MuJoCo reads the text from could not be written.
     #[error("cannot write the model to a temporary file")]
     File(#[from] std::io::Error),
@@ -42,14 +42,14 @@ impl Model {
     /// Compiles MJCF text.
     ///
     /// # Errors
-    /// [`LoadError`] when MuJoCo refuses the text, the text cannot be handed to it, or the library
+    /// [`LoadsError`] when MuJoCo refuses the text, the text cannot be handed to it, or the library
     /// is not of the header's version.
-    pub fn from_xml(text: &str) -> Result<Self, LoadError> {
+    pub fn from_xml(text: &str) -> Result<Self, LoadsError> {
         // SAFETY: no arguments, no state.
         let library = i64::from(unsafe { sys::mj_version() });
         let header = i64::from(sys::mjVERSION_HEADER);
         if library != header {
-            return Err(LoadError::Version { library, header });
+            return Err(LoadsError::Version { library, header });
         }
         // MuJoCo reads files in every version; how it reads from memory differs between them.
         let mut file = tempfile::Builder::new().suffix(".xml").tempfile()?;
@@ -66,15 +66,15 @@ impl Model {
         NonNull::new(model).map(Self).ok_or_else(|| {
             // SAFETY: the buffer was zeroed, and MuJoCo ends its message with NUL.
             let message = unsafe { CStr::from_ptr(message.as_ptr()) };
-            LoadError::Refused(message.to_string_lossy().trim_end().to_owned())
+            LoadsError::Refused(message.to_string_lossy().trim_end().to_owned())
         })
     }
 
     /// A state of this model: at its reference configuration, at rest, without controls.
     ///
     /// # Errors
-    /// [`LoadError::Memory`] when there is none left.
-    pub fn data(&self) -> Result<Data<'_>, LoadError> {
+    /// [`LoadsError::Memory`] when there is none left.
+    pub fn data(&self) -> Result<Data<'_>, LoadsError> {
         Data::new(self)
     }
 

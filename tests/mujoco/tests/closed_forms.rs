@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use nalgebra::{DMatrix, Matrix2, UnitQuaternion, Vector2, Vector3};
-use tdcr_mujoco::{LoadError, Model, UnknownBody, version};
+use tdcr_mujoco::{LoadsError, Model, UnknownBody, version};
 
 const GRAVITY: f64 = 9.81;
 
@@ -23,7 +23,7 @@ fn the_library_is_the_one_that_was_asked_for() {
 #[test]
 fn a_refused_model_comes_with_mujocos_own_words() {
     let refusal = |text: &str| match Model::from_xml(text) {
-        Err(LoadError::Refused(message)) => message,
+        Err(LoadsError::Refused(message)) => message,
         Err(other) => panic!("{other}"),
         Ok(_) => panic!("accepted {text}"),
     };

@@ -2,8 +2,7 @@
 
 use thiserror::Error;
 
-use crate::robot::{CommandError, LoadError, SpecError};
-use crate::sensitivity::SensitivityError;
+use crate::robot::{CommandError, LoadsError, ParameterError, SpecError};
 
 /// Why there is no calibration.
 #[derive(Debug, Error)]
@@ -26,7 +25,7 @@ pub enum CalibrationError {
     Overlap(String, String),
     /// A parameter that the robot does not have.
     #[error(transparent)]
-    Parameter(#[from] SensitivityError),
+    Parameter(#[from] ParameterError),
     /// A robot to start from that is not valid.
     #[error(transparent)]
     Spec(#[from] SpecError),
@@ -44,7 +43,7 @@ pub enum CalibrationError {
         /// The observation, from 0.
         index: usize,
         /// What is wrong.
-        source: LoadError,
+        source: LoadsError,
     },
     /// A measurement of no disc, or not of finite numbers.
     #[error(

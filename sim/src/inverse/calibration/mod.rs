@@ -7,8 +7,7 @@
 //! ```
 //! use rand::SeedableRng;
 //! use tdcr_sim::inverse::calibration::{Finding, Observation, Unknown, calibrate};
-//! use tdcr_sim::robot::{Loads, Robot, RobotSpec};
-//! use tdcr_sim::sensitivity::Parameter;
+//! use tdcr_sim::robot::{Loads, Parameter, Robot, RobotSpec};
 //!
 //! // The robot as it is, and 20 positions of its tip under known commands and payloads.
 //! let nominal = RobotSpec::load("2m")?;
@@ -20,7 +19,7 @@
 //!     let tip = real.settle(&command, &loads).positions[9];
 //!     Ok(Observation { command, loads, positions: vec![(9, tip)] })
 //! };
-//! let observations = (0..20).map(observe).collect::<Result<Vec<_>, tdcr_sim::robot::LoadError>>()?;
+//! let observations = (0..20).map(observe).collect::<Result<Vec<_>, tdcr_sim::robot::LoadsError>>()?;
 //!
 //! let found = calibrate(&nominal, &[gains], &observations)?;
 //! let Finding::Identified(gain) = &found.identification.findings[0] else { panic!("the gain is identified") };

@@ -6,8 +6,7 @@ use rayon::prelude::*;
 use super::coordinate::Coordinate;
 use super::{CalibrationError, Observation, Unknown};
 use crate::inverse::least_squares::{Evaluation, Limit};
-use crate::robot::{Body, Robot, RobotSpec};
-use crate::sensitivity::{Parameter, SensitivityError};
+use crate::robot::{Body, Parameter, ParameterError, Robot, RobotSpec};
 use crate::statics::{Equilibrium, Settler};
 
 /// What is to be explained, by which unknowns.
@@ -156,7 +155,7 @@ impl<'a> Problem<'a> {
             .sum()
     }
 
-    pub fn spec(&self, x: &DVector<f64>) -> Result<RobotSpec, SensitivityError> {
+    pub fn spec(&self, x: &DVector<f64>) -> Result<RobotSpec, ParameterError> {
         let shared = self.unknowns.iter().zip(self.values(x));
         let values: Vec<_> = shared
             .flat_map(|(unknown, value)| unknown.parameters().iter().map(move |p| (*p, value)))

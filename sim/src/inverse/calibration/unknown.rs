@@ -1,7 +1,6 @@
 //! What is to be found.
 
-use crate::robot::RobotSpec;
-use crate::sensitivity::{Parameter, SensitivityError};
+use crate::robot::{Parameter, ParameterError, RobotSpec};
 
 /// Bounds of what must be above zero, relative to its first value.
 const WIDEST: [f64; 2] = [1e-6, 1e6];
@@ -47,13 +46,13 @@ impl Unknown {
     ///
     /// # Errors
     /// As [`RobotSpec::with`].
-    pub fn set(&self, spec: &RobotSpec, value: f64) -> Result<RobotSpec, SensitivityError> {
+    pub fn set(&self, spec: &RobotSpec, value: f64) -> Result<RobotSpec, ParameterError> {
         let values: Vec<_> = self.parameters.iter().map(|&p| (p, value)).collect();
         spec.with(&values)
     }
 
     /// Mean value of its parameters.
-    pub(super) fn value(&self, spec: &RobotSpec) -> Result<f64, SensitivityError> {
+    pub(super) fn value(&self, spec: &RobotSpec) -> Result<f64, ParameterError> {
         let values: Result<Vec<f64>, _> = self.parameters.iter().map(|&p| spec.value(p)).collect();
         let values = values?;
         Ok(values.iter().sum::<f64>() / values.len() as f64)

@@ -1,6 +1,7 @@
 use super::*;
 use crate::camera::{Distortion, Intrinsics};
-use crate::render::{RgbdFrame, Shape};
+use crate::geometry::Shape;
+use crate::render::RgbdFrame;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 

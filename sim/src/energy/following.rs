@@ -1,0 +1,79 @@
+//! Loads without a potential: moments, and forces that turn with their disc.
+//!
+//! They enter as the dead forces and moments that they are in the current configuration. The Jacobian of the
+//! moments on the joints needs two terms more: loads turn with their disc, and turns do not commute. It is not
+//! symmetric.
+
+use faer::Mat;
+use nalgebra::{Matrix3, Vector3};
+
+use super::{DeadForces, Expansion, add_block};
+use crate::robot::{Frame, Loads, Wrench};
+use crate::tendon::Posture;
+
+/// Whether a wrench has a part without a potential.
+pub(crate) fn follows(wrench: &Wrench) -> bool {
+    let some = |vector: [f64; 3]| vector.iter().any(|x| *x != 0.0);
+    some(wrench.moment) || (wrench.frame == Frame::Disc && some(wrench.force))
+}
+
+/// Force and moment of the part of a wrench without a potential, world axes.
+pub(crate) fn follower(
+    wrench: &Wrench,
+    orientation: &Matrix3<f64>,
+) -> (Vector3<f64>, Vector3<f64>) {
+    let (force, moment) = (Vector3::from(wrench.force), Vector3::from(wrench.moment));
+    match wrench.frame {
+        Frame::World => (Vector3::zeros(), moment),
+        Frame::Disc => (orientation * force, orientation * moment),
+    }
+}
+
+/// Adds to the expansion's gradient what `share` of the moments is in this posture. The forces must be
+/// in its dead forces: see [`add_forces`].
+pub(crate) fn add_moments(loads: &Loads, share: f64, posture: &Posture, expansion: &mut Expansion) {
+    for wrench in loads.wrenches().iter().filter(|wrench| follows(wrench)) {
+        let (_, moment) = follower(wrench, posture.chain.disc(wrench.disc));
+        expansion.disc_gradient[wrench.disc] -= moment * share;
+    }
+}
+
+/// Adds to `dead` what `share` of the forces without a potential is in this posture.
+pub(crate) fn add_forces(loads: &Loads, share: f64, posture: &Posture, dead: &mut DeadForces) {
+    for wrench in loads.wrenches().iter().filter(|wrench| follows(wrench)) {
+        let (force, _) = follower(wrench, posture.chain.disc(wrench.disc));
+        dead.at_origin[wrench.disc] += force * share;
+    }
+}
+
+/// The Jacobian `3 n x 3 n` of the moments left by the joints' turns, world axes (N m/rad): the
+/// expansion's Hessian, and what `share` of the loads without a potential add to it.
+///
+/// With `M` a moment and `F` a force on disc `m`, `d_k` its origin from joint `k`, blocks `k, i <= m`
+/// get `-1/2 [M]x` (world frame) or `1/2 [M]x` (disc frame), and `[d_k]x [F]x`.
+pub(crate) fn jacobian(
+    loads: &Loads,
+    share: f64,
+    posture: &Posture,
+    expansion: &Expansion,
+) -> Mat<f64> {
+    let mut jacobian = expansion.dense();
+    let chain = &posture.chain;
+    for wrench in loads.wrenches().iter().filter(|wrench| follows(wrench)) {
+        let (force, moment) = follower(wrench, chain.disc(wrench.disc));
+        let half = match wrench.frame {
+            Frame::World => -0.5,
+            Frame::Disc => 0.5,
+        };
+        let twist = (moment * (half * share)).cross_matrix();
+        let turning = (force * share).cross_matrix();
+        for k in 0..=wrench.disc {
+            let arm = chain.positions[wrench.disc] - chain.centres[k];
+            let block = twist + arm.cross_matrix() * turning;
+            for i in 0..=wrench.disc {
+                add_block(&mut jacobian, k, i, &block);
+            }
+        }
+    }
+    jacobian
+}

@@ -1,0 +1,185 @@
+//! Robots by name or path.
+
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use super::missing::{self, MissingFields};
+use super::{ImportError, Imported, Note, mjcf, urdf};
+use crate::files::{LARGEST_TEXT, read_text};
+use crate::robot::{Robot, RobotSpec, SpecError};
+
+/// Why a robot was not read from a file.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum RobotFileError {
+    /// The name is neither a standard robot nor a file.
+    #[error(
+        "unknown robot `{0}`: expected 2m, 3m, 5m or the path of a .toml, .json, .xml (MJCF) or \
+         .urdf robot file"
+    )]
+    Unknown(String),
+    /// The file could not be read.
+    #[error("cannot read robot file {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// The file is not a robot specification.
+    #[error("robot file {} is not a robot specification: {reason}", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Where in the file, and what was expected there.
+        reason: String,
+    },
+    /// Fields are missing in the file.
+    #[error(
+        "robot file {} is not a robot specification: {}",
+        path.display(),
+        missing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+    )]
+    Missing {
+        /// The file.
+        path: PathBuf,
+        /// All of them, by the tables that lack them.
+        missing: Vec<MissingFields>,
+    },
+    /// The file is of another tool, and not a robot that can be represented here.
+    #[error(transparent)]
+    Import(Box<ImportError>),
+    /// The robot is not valid.
+    #[error(transparent)]
+    Robot(#[from] SpecError),
+}
+
+const TWO_MODULES: &str = include_str!("../../robots/2m.toml");
+const THREE_MODULES: &str = include_str!("../../robots/3m.toml");
+const FIVE_MODULES: &str = include_str!("../../robots/5m.toml");
+
+impl RobotSpec {
+    /// Names of the paper's simulated robots.
+    pub const STANDARD: [&str; 3] = ["2m", "3m", "5m"];
+
+    /// One of the paper's simulated robots, by its name; `None` for any other name.
+    pub fn standard(name: &str) -> Option<Self> {
+        let text = match name {
+            "2m" => TWO_MODULES,
+            "3m" => THREE_MODULES,
+            "5m" => FIVE_MODULES,
+            _ => return None,
+        };
+        Some(toml::from_str(text).expect("the standard robots parse: a test loads each"))
+    }
+
+    /// A standard robot by name, or a robot file, validated: TOML, or by its extension JSON, MJCF
+    /// (`.xml`) or URDF (`.urdf`). What a file of another tool says besides is passed over.
+    ///
+    /// # Errors
+    /// [`RobotFileError`] when there is no such robot, or the file cannot be read, parsed or accepted.
+    pub fn load(name_or_path: &str) -> Result<Self, RobotFileError> {
+        Ok(Self::load_with_notes(name_or_path)?.0)
+    }
+
+    /// As [`load`](Self::load), with notes on what was passed over.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    pub fn load_with_notes(name_or_path: &str) -> Result<(Self, Vec<Note>), RobotFileError> {
+        if let Some(spec) = Self::standard(name_or_path) {
+            return Ok((spec, Vec::new()));
+        }
+        let path = Path::new(name_or_path);
+        let extension = path.extension().and_then(|extension| extension.to_str());
+        match extension {
+            Some("toml") => parse(path, from_toml, missing::in_toml),
+            Some("json") => parse(path, from_json, missing::in_json),
+            Some("xml") => without_payload(mjcf::import(path)?),
+            Some("urdf") => without_payload(urdf::import(path)?),
+            _ => Err(RobotFileError::Unknown(name_or_path.to_owned())),
+        }
+    }
+}
+
+impl Robot {
+    /// A standard robot by name, or a robot file: [`RobotSpec::load`], compiled.
+    ///
+    /// # Errors
+    /// [`RobotFileError`] as [`RobotSpec::load`]; [`RobotFileError::Robot`] as [`Robot::new`].
+    pub fn load(name_or_path: &str) -> Result<Self, RobotFileError> {
+        Ok(Self::new(RobotSpec::load(name_or_path)?)?)
+    }
+}
+
+impl From<ImportError> for RobotFileError {
+    fn from(error: ImportError) -> Self {
+        match error {
+            ImportError::Read { path, source } => Self::Read { path, source },
+            ImportError::Robot(error) => Self::Robot(*error),
+            other => Self::Import(Box::new(other)),
+        }
+    }
+}
+
+/// Why a text could not be read.
+struct Refusal {
+    /// Without the place in the file.
+    message: String,
+    /// With it.
+    reason: String,
+}
+
+fn from_toml(text: &str) -> Result<RobotSpec, Refusal> {
+    toml::from_str(text).map_err(|error| Refusal {
+        message: error.message().to_owned(),
+        reason: error.to_string(),
+    })
+}
+
+fn from_json(text: &str) -> Result<RobotSpec, Refusal> {
+    serde_json::from_str(text).map_err(|error| Refusal {
+        message: error.to_string(),
+        reason: error.to_string(),
+    })
+}
+
+fn parse(
+    path: &Path,
+    read: impl Fn(&str) -> Result<RobotSpec, Refusal>,
+    missing: impl Fn(&str) -> Vec<MissingFields>,
+) -> Result<(RobotSpec, Vec<Note>), RobotFileError> {
+    let text = read_text(path, LARGEST_TEXT).map_err(|source| RobotFileError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    let spec = read(&text).map_err(|refusal| {
+        let path = path.to_owned();
+        // Of what is missing, reading names only the first.
+        let is_first_missing = refusal.message.starts_with("missing field");
+        match is_first_missing.then(|| missing(&text)) {
+            Some(missing) if !missing.is_empty() => RobotFileError::Missing { path, missing },
+            _ => RobotFileError::Parse {
+                path,
+                reason: refusal.reason,
+            },
+        }
+    })?;
+    spec.validate()?;
+    Ok((spec, Vec::new()))
+}
+
+/// A payload is a load on a robot, not part of it, and would be lost in silence.
+fn without_payload(imported: Imported) -> Result<(RobotSpec, Vec<Note>), RobotFileError> {
+    if imported.payload.mass > 0.0 {
+        let value = format!("{} kg", imported.payload.mass);
+        let expected = "none in a robot file: a payload is a load, given beside the robot";
+        return Err(RobotFileError::Robot(SpecError::Field {
+            field: "payload".to_owned(),
+            value,
+            expected,
+        }));
+    }
+    Ok((imported.spec, imported.notes))
+}

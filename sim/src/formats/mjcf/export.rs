@@ -1,0 +1,400 @@
+//! From a robot's specification to a MuJoCo model.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use super::check::{longest, representable};
+use super::joint::SeriesJoint;
+use super::keyframe::{KEYFRAME, Start};
+use super::write::{XmlWriter, number, numbers};
+use crate::camera::Camera;
+use crate::formats::ExportError;
+use crate::geometry::{Kind, Solid, base_solids, disc_color};
+use crate::render::BaseVisibility;
+use crate::robot::{
+    Body, Cameras, Disc, Drive, Lens, MassSpec, Payload, Pull, Robot, RobotSpec, Tendon, Waypoint,
+};
+
+/// What a model has besides the robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExportOptions {
+    /// Whether the base below the robot is seen.
+    pub base: BaseVisibility,
+    /// What hangs from the distal disc: a point mass in a body of its own, named `payload`.
+    pub payload: Payload,
+    /// Time step (s), which must be stable about the keyframe's pose; by default the longest of 2 ms,
+    /// 1 ms, 0.5 ms, 0.2 ms, .. that is, and by a margin.
+    pub timestep: Option<f64>,
+    /// How MuJoCo takes a step.
+    pub integrator: Integrator,
+    /// The command of the keyframe, in which the robot must settle (m, or N for a tension drive). By
+    /// default the middle of every tendon's range, with a little more pull by the first tendon of each
+    /// module; if the robot does not settle there, the model has no keyframe.
+    pub command: Option<Vec<f64>>,
+}
+
+/// MuJoCo's integrators.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Integrator {
+    /// First order, joint damping implicit.
+    #[default]
+    Euler,
+    /// First order, implicit in the velocities but for Coriolis forces. Newer than MuJoCo 2.2.2.
+    ImplicitFast,
+    /// First order, implicit in the velocities.
+    Implicit,
+    /// Fourth order, explicit.
+    RungeKutta4,
+}
+
+impl Integrator {
+    /// MuJoCo's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Euler => "Euler",
+            Self::ImplicitFast => "implicitfast",
+            Self::Implicit => "implicit",
+            Self::RungeKutta4 => "RK4",
+        }
+    }
+}
+
+/// What a model says of joints that bend and turn unlike.
+const IN_SERIES: &str = "Bending and torsion differ: each joint is a ball with the largest stiffness, \
+                         in series with a hinge about each softer axis. Turns about one of the axes \
+                         have exactly the energy of the rod; combined turns differ by terms of \
+                         fourth order in the angles.";
+
+impl Default for ExportOptions {
+    /// No base and no payload, a stable step of MuJoCo's Euler integrator, at rest in the middle of
+    /// all ranges.
+    fn default() -> Self {
+        Self {
+            base: BaseVisibility::Hidden,
+            payload: Payload::default(),
+            timestep: None,
+            integrator: Integrator::default(),
+            command: None,
+        }
+    }
+}
+
+/// The robot as a MuJoCo model (MJCF text), its numbers in full precision.
+///
+/// Bodies are named `base`, `disc0`, ..; sites `base_0`, `disc0_0`, .. by their hole; tendons and
+/// their actuators `tendon0`, ..; cameras `camera0`, ..; the keyframe `settled`. A command is MuJoCo's
+/// `ctrl`.
+///
+/// # Errors
+/// [`ExportError`] for an invalid robot, and for whatever MuJoCo cannot represent with the same
+/// meaning, by the field's path: soft limits, friction of tendons, drives
+/// that set the length of an inextensible tendon, discs without mass, distorted lenses, cameras of
+/// unlike resolutions, pixels that are not square or centred on the optical axis. For a command of
+/// another robot, or one that it does not settle in, and for a time step that is not stable.
+pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, ExportError> {
+    let robot = Robot::new(spec.clone())?;
+    representable(&robot, &options.payload)?;
+    let joints: Vec<SeriesJoint> = robot.discs().iter().map(SeriesJoint::of).collect();
+    let start = Start::of(&robot, options)?;
+    let timestep = start.timestep(&robot, &joints, options)?;
+    let mut xml = XmlWriter::default();
+    xml.open("mujoco", &[("model", spec.name.clone())]);
+    xml.leaf("compiler", &[("angle", "radian".to_owned())]);
+    xml.leaf(
+        "option",
+        &[
+            ("timestep", number(timestep)),
+            ("integrator", options.integrator.name().to_owned()),
+            ("gravity", numbers(&spec.gravity)),
+        ],
+    );
+    write_visual(&mut xml, spec);
+    write_defaults(&mut xml);
+    xml.open("worldbody", &[]);
+    write_cameras(&mut xml, spec);
+    if options.base == BaseVisibility::Shown {
+        for solid in base_solids(&robot) {
+            write_solid(&mut xml, &solid);
+        }
+    }
+    if !joints.iter().all(SeriesJoint::is_ball) {
+        xml.comment(IN_SERIES);
+    }
+    write_chain(&mut xml, &robot, &joints, &options.payload);
+    xml.close();
+    if !robot.tendons().is_empty() {
+        write_tendons(&mut xml, &robot);
+    }
+    if start.settled {
+        write_keyframe(&mut xml, &start, &start.coordinates(&robot, &joints));
+    }
+    Ok(xml.finish())
+}
+
+fn write_visual(xml: &mut XmlWriter, spec: &RobotSpec) {
+    let cameras = Camera::placed(&spec.cameras);
+    let largest = |side: fn(&Camera) -> u32| cameras.iter().map(side).max().unwrap_or_default();
+    let [width, height] = [
+        largest(|camera| camera.intrinsics.width),
+        largest(|camera| camera.intrinsics.height),
+    ];
+    xml.open("visual", &[]);
+    xml.leaf(
+        "global",
+        &[
+            ("offwidth", width.to_string()),
+            ("offheight", height.to_string()),
+        ],
+    );
+    xml.close();
+}
+
+fn write_defaults(xml: &mut XmlWriter) {
+    xml.open("default", &[]);
+    let no_contact = [("contype", "0".to_owned()), ("conaffinity", "0".to_owned())];
+    xml.leaf("geom", &no_contact);
+    xml.leaf("site", &[("size", "0.001".to_owned())]);
+    xml.leaf(
+        "tendon",
+        &[
+            ("width", "0.0005".to_owned()),
+            ("rgba", "0.2 0.2 0.2 1".to_owned()),
+        ],
+    );
+    xml.open("default", &[("class", "visual".to_owned())]);
+    xml.leaf(
+        "geom",
+        &[("group", "1".to_owned()), ("mass", "0".to_owned())],
+    );
+    xml.close();
+    xml.close();
+}
+
+fn write_cameras(xml: &mut XmlWriter, spec: &RobotSpec) {
+    // MuJoCo's cameras look along -z with y up; ours along z with y down.
+    let half_turn = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0));
+    for (index, camera) in Camera::placed(&spec.cameras).iter().enumerate() {
+        let position = camera.pose.translation.vector;
+        xml.leaf(
+            "camera",
+            &[
+                ("name", format!("camera{index}")),
+                ("pos", vector(&position)),
+                ("quat", quaternion(&(camera.pose.rotation * half_turn))),
+                ("fovy", number(fovy(spec, index, camera))),
+            ],
+        );
+    }
+}
+
+/// Vertical field of view (degrees), as the specification has it where it does.
+fn fovy(spec: &RobotSpec, index: usize, camera: &Camera) -> f64 {
+    let given = match &spec.cameras {
+        Cameras::Ring(ring) => Lens::Fovy(ring.fovy),
+        Cameras::Free(cameras) => cameras[index].lens,
+    };
+    match given {
+        Lens::Fovy(degrees) => degrees,
+        Lens::Pixels(_) => {
+            let half = f64::from(camera.intrinsics.height) / (2.0 * camera.intrinsics.fy);
+            2.0 * half.atan().to_degrees()
+        }
+    }
+}
+
+fn write_solid(xml: &mut XmlWriter, solid: &Solid) {
+    let (kind, size) = match &solid.shape.0 {
+        Kind::Cylinder(c) => ("cylinder", numbers(&[c.radius, c.half_height])),
+        Kind::Cuboid(c) => ("box", vector(&c.half)),
+        other => unreachable!("the base is made of cylinders and boxes, not {other:?}"),
+    };
+    xml.leaf(
+        "geom",
+        &[
+            ("class", "visual".to_owned()),
+            ("type", kind.to_owned()),
+            ("size", size),
+            ("pos", vector(&solid.pose.translation.vector)),
+            ("quat", quaternion(&solid.pose.rotation)),
+            ("rgba", rgba(solid.color)),
+        ],
+    );
+}
+
+/// The base and the discs, each within the one below.
+fn write_chain(xml: &mut XmlWriter, robot: &Robot, joints: &[SeriesJoint], payload: &Payload) {
+    let spec = robot.spec();
+    let mut base = vec![
+        ("name", "base".to_owned()),
+        ("pos", numbers(&spec.base.position)),
+    ];
+    if robot.base_orientation() != UnitQuaternion::identity() {
+        base.push(("quat", quaternion(&robot.base_orientation())));
+    }
+    xml.open("body", &base);
+    write_sites(xml, spec, Body::Base, spec.base.hole_height);
+    for (index, (disc, joint)) in robot.discs().iter().zip(joints).enumerate() {
+        write_disc(xml, robot, index, disc, joint);
+    }
+    if payload.mass > 0.0 {
+        xml.open("body", &[("name", "payload".to_owned())]);
+        write_inertial(xml, payload.offset, payload.mass, [0.0; 3]);
+        xml.close();
+    }
+    for _ in 0..=robot.discs().len() {
+        xml.close();
+    }
+}
+
+/// Opens the body of a disc, and leaves it open for the next.
+fn write_disc(xml: &mut XmlWriter, robot: &Robot, index: usize, disc: &Disc, joint: &SeriesJoint) {
+    let rest = disc.backbone.map_or(Vector3::zeros(), |b| b.rest.into());
+    let mut body = vec![("name", format!("disc{index}"))];
+    if rest == Vector3::zeros() {
+        body.push(("pos", vector(&disc.offset)));
+    } else {
+        let bend = UnitQuaternion::from_scaled_axis(rest);
+        let joint = disc.offset - disc.origin;
+        body.push(("pos", vector(&(joint + bend * disc.origin))));
+        body.push(("quat", quaternion(&bend)));
+    }
+    xml.open("body", &body);
+    let geom_mass = match density(robot.spec(), index) {
+        Some(density) => ("density", number(density)),
+        None => {
+            let center = disc.centre_of_mass.into();
+            write_inertial(xml, center, disc.mass, disc.inertia.into());
+            ("mass", "0".to_owned())
+        }
+    };
+    for attributes in joint.elements() {
+        xml.leaf("joint", &attributes);
+    }
+    xml.leaf(
+        "geom",
+        &[
+            ("type", "cylinder".to_owned()),
+            ("size", numbers(&[disc.radius, disc.half_height])),
+            geom_mass,
+            ("rgba", rgba(disc_color(index, robot.discs().len()))),
+        ],
+    );
+    write_sites(xml, robot.spec(), Body::Disc(index), 0.0);
+}
+
+fn write_inertial(xml: &mut XmlWriter, center: [f64; 3], mass: f64, moments: [f64; 3]) {
+    xml.leaf(
+        "inertial",
+        &[
+            ("pos", numbers(&center)),
+            ("mass", number(mass)),
+            ("diaginertia", numbers(&moments)),
+        ],
+    );
+}
+
+fn write_sites(xml: &mut XmlWriter, spec: &RobotSpec, body: Body, height: f64) {
+    for (hole, [x, y]) in spec.hole_positions(body).into_iter().enumerate() {
+        let name = site(Waypoint(body, hole));
+        xml.leaf("site", &[("name", name), ("pos", numbers(&[x, y, height]))]);
+    }
+}
+
+fn write_tendons(xml: &mut XmlWriter, robot: &Robot) {
+    xml.open("tendon", &[]);
+    for (index, tendon) in robot.tendons().iter().enumerate() {
+        xml.open("spatial", &[("name", format!("tendon{index}"))]);
+        for waypoint in &tendon.route {
+            xml.leaf("site", &[("site", site(*waypoint))]);
+        }
+        xml.close();
+    }
+    xml.close();
+    xml.open("actuator", &[]);
+    for (index, tendon) in robot.tendons().iter().enumerate() {
+        write_actuator(xml, index, tendon, longest(robot, index));
+    }
+    xml.close();
+}
+
+fn write_keyframe(xml: &mut XmlWriter, start: &Start, coordinates: &[f64]) {
+    let mut key = vec![
+        ("name", KEYFRAME.to_owned()),
+        ("qpos", numbers(coordinates)),
+    ];
+    let command = start.command.as_slice();
+    if !command.is_empty() {
+        key.push(("ctrl", numbers(command)));
+    }
+    xml.open("keyframe", &[]);
+    xml.leaf("key", &key);
+    xml.close();
+}
+
+/// The actuator of a tendon that gets at most `longest` (m) long.
+fn write_actuator(xml: &mut XmlWriter, index: usize, tendon: &Tendon, longest: f64) {
+    let name = format!("tendon{index}");
+    let mut attributes = vec![("name", name.clone()), ("tendon", name)];
+    let tag = match tendon.drive {
+        Drive::Gain(_) | Drive::Length => {
+            attributes.push(("kp", number(tendon.stiffness)));
+            "position"
+        }
+        // A tension shortens the tendon, where MuJoCo's forces lengthen it.
+        Drive::Tension => {
+            attributes.push(("gear", "-1".to_owned()));
+            "motor"
+        }
+    };
+    attributes.push(("ctrllimited", "true".to_owned()));
+    attributes.push(("ctrlrange", numbers(&tendon.range)));
+    if tendon.pull == Pull::TensionOnly && tendon.drive != Drive::Tension {
+        // MuJoCo wants a lower end, too: one that no command and no pose reach.
+        let strongest = tendon.stiffness * (longest - tendon.range[0]).max(1.0);
+        let beyond = 10_f64.powf(strongest.log10().ceil());
+        attributes.push(("forcelimited", "true".to_owned()));
+        attributes.push(("forcerange", numbers(&[-beyond.max(strongest), 0.0])));
+    }
+    xml.leaf(tag, &attributes);
+}
+
+fn site(waypoint: Waypoint) -> String {
+    match waypoint {
+        Waypoint(Body::Base, hole) => format!("base_{hole}"),
+        Waypoint(Body::Disc(disc), hole) => format!("disc{disc}_{hole}"),
+    }
+}
+
+/// Density of a disc whose mass is that of its cylinder; `None` where the mass, its centre or the
+/// moments of inertia are others.
+fn density(spec: &RobotSpec, disc: usize) -> Option<f64> {
+    let module = spec.module_of(disc)?;
+    let first: usize = spec.modules[..module].iter().map(|m| m.discs).sum();
+    match &spec.modules[module].mass {
+        MassSpec::Density(density) if !carries_rod(spec, disc) => {
+            density.of_disc(disc - first).copied()
+        }
+        MassSpec::Density(_) | MassSpec::Solid(_) | MassSpec::Rigid(_) => None,
+    }
+}
+
+/// Whether a disc carries a piece of a rod: of its own module's, or of that of the module above.
+fn carries_rod(spec: &RobotSpec, disc: usize) -> bool {
+    [disc, disc + 1].into_iter().any(|disc| {
+        let module = spec.module_of(disc).map(|module| &spec.modules[module]);
+        module.is_some_and(|module| module.rod.is_some())
+    })
+}
+
+fn vector(v: &Vector3<f64>) -> String {
+    numbers(v.as_slice())
+}
+
+fn quaternion(q: &UnitQuaternion<f64>) -> String {
+    numbers(&[q.w, q.i, q.j, q.k])
+}
+
+/// A colour to a thousandth: closer than a step of 1/255.
+fn rgba(color: [u8; 3]) -> String {
+    let [r, g, b] = color.map(|channel| (f64::from(channel) / 0.255).round() / 1000.0);
+    numbers(&[r, g, b, 1.0])
+}

@@ -1,0 +1,36 @@
+//! Robots in files: their own (TOML, JSON), and those of other tools ([`mjcf`], [`urdf`]).
+//!
+//! [`RobotSpec::load`](crate::robot::RobotSpec::load) and [`Robot::load`](crate::robot::Robot::load) read
+//! any of them, by the name of a standard robot or by a path, and refuse with a [`RobotFileError`]. What a
+//! file of another tool says besides becomes a [`Note`].
+//!
+//! | | reads | writes |
+//! |---|---|---|
+//! | TOML, JSON | [`RobotSpec::load`](crate::robot::RobotSpec::load) | serde, as [`RobotSpec`](crate::robot::RobotSpec) is `Serialize` |
+//! | MJCF | [`mjcf::import`] | [`mjcf::export`] |
+//! | URDF | [`urdf::import`] | [`urdf::export`] |
+//!
+//! ```
+//! use tdcr_sim::formats::mjcf;
+//! use tdcr_sim::robot::{Payload, RobotSpec};
+//!
+//! let spec = RobotSpec::load("2m")?;
+//! let xml = mjcf::export(&spec, &mjcf::ExportOptions::default())?;
+//! let imported = mjcf::import_text(&xml)?;
+//! assert_eq!(imported.spec.disc_count(), spec.disc_count());
+//! assert_eq!(imported.payload, Payload::default());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod exchange;
+mod layout;
+mod load;
+mod missing;
+pub mod mjcf;
+pub mod urdf;
+mod xml;
+
+pub use exchange::{ExportError, ImportError, Imported, Note, Place};
+pub(crate) use layout::{DiscLayout, DiscMass, Layout, ring_around};
+pub use load::RobotFileError;
+pub use missing::MissingFields;

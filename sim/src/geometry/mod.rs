@@ -1,0 +1,26 @@
+//! Shapes and solids: what cameras see, and what a body can touch.
+//!
+//! A [`Shape`] is centred on its frame's origin: a cylinder, box, sphere or capsule by its dimensions, or a triangle
+//! mesh ([`Shape::read_stl`]). A [`Solid`] is a shape with a pose in the world (m), a colour, and the [`Instance`] that
+//! it is a part of.
+//!
+//! ```
+//! use tdcr_sim::geometry::Shape;
+//!
+//! let shelf = Shape::cuboid([0.1, 0.1, 0.005])?;
+//! # Ok::<(), tdcr_sim::geometry::ShapeError>(())
+//! ```
+
+mod primitives;
+mod robot;
+mod shape;
+mod solid;
+mod stl;
+
+pub(crate) use primitives::{Capsule, Cuboid, Cylinder, Mesh, Sphere};
+pub use robot::disc_color;
+pub(crate) use robot::{BASE_COLOR, base_pose, base_solids, between, disc_solids, rod_solids};
+pub(crate) use shape::Kind;
+pub use shape::{Shape, ShapeError};
+pub use solid::{Instance, Solid};
+pub use stl::StlError;

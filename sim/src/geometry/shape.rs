@@ -1,0 +1,176 @@
+//! Shapes of solids.
+
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, Vector3};
+use parry3d_f64::math::Vec3;
+use parry3d_f64::shape::{TriMesh, TriMeshFlags};
+use thiserror::Error;
+
+use super::primitives::{Capsule, Cuboid, Cylinder, Mesh, Sphere};
+
+/// A shape, centred on its frame's origin; a mesh wherever its vertices are.
+#[derive(Clone, Debug)]
+pub struct Shape(pub(crate) Kind);
+
+#[derive(Clone, Debug)]
+pub(crate) enum Kind {
+    Cylinder(Cylinder),
+    Cuboid(Cuboid),
+    Sphere(Sphere),
+    Capsule(Capsule),
+    Mesh(Arc<Mesh>),
+}
+
+/// Why there is no such shape.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ShapeError {
+    /// A length that is not above 0.
+    #[error("the {what} of a {shape} is {value} m; expected a finite length above 0")]
+    Length {
+        /// The shape.
+        shape: &'static str,
+        /// Which length.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A vertex that is not finite.
+    #[error("vertex {index} of a mesh is {position:?}; expected finite numbers")]
+    Vertex {
+        /// The vertex.
+        index: usize,
+        /// Its position (m).
+        position: [f64; 3],
+    },
+    /// A triangle with a vertex that there is not.
+    #[error("triangle {index} of a mesh is {vertices:?}; the mesh has {count} vertices")]
+    Triangle {
+        /// The triangle.
+        index: usize,
+        /// Its vertices' numbers.
+        vertices: [u32; 3],
+        /// Number of vertices.
+        count: usize,
+    },
+    /// A mesh without triangles.
+    #[error("a mesh has no triangles; expected one at least")]
+    Empty,
+}
+
+impl Shape {
+    /// A cylinder about the z axis, of a radius and half its height (m).
+    ///
+    /// # Errors
+    /// [`ShapeError::Length`] unless both are finite and above 0.
+    pub fn cylinder(radius: f64, half_height: f64) -> Result<Self, ShapeError> {
+        Ok(Self(Kind::Cylinder(Cylinder {
+            radius: length("cylinder", "radius", radius)?,
+            half_height: length("cylinder", "half height", half_height)?,
+        })))
+    }
+
+    /// A box along the axes, of half its sides (m).
+    ///
+    /// # Errors
+    /// [`ShapeError::Length`] unless all are finite and above 0.
+    pub fn cuboid(half_sides: [f64; 3]) -> Result<Self, ShapeError> {
+        for side in half_sides {
+            length("box", "half side", side)?;
+        }
+        Ok(Self(Kind::Cuboid(Cuboid {
+            half: half_sides.into(),
+        })))
+    }
+
+    /// A sphere of a radius (m).
+    ///
+    /// # Errors
+    /// [`ShapeError::Length`] unless it is finite and above 0.
+    pub fn sphere(radius: f64) -> Result<Self, ShapeError> {
+        Ok(Self(Kind::Sphere(Sphere {
+            radius: length("sphere", "radius", radius)?,
+        })))
+    }
+
+    /// All points within `radius` of the piece of the z axis from `-half_length` to `half_length` (m).
+    ///
+    /// # Errors
+    /// [`ShapeError::Length`] unless both are finite and above 0.
+    pub fn capsule(radius: f64, half_length: f64) -> Result<Self, ShapeError> {
+        Ok(Self(Kind::Capsule(Capsule {
+            radius: length("capsule", "radius", radius)?,
+            half_length: length("capsule", "half length", half_length)?,
+        })))
+    }
+
+    /// A triangle mesh: vertices (m) and triangles of three vertices' numbers. Both sides of a
+    /// triangle are seen.
+    ///
+    /// # Errors
+    /// [`ShapeError`] for a vertex that is not finite, a triangle of vertices that there are not, or
+    /// no triangle.
+    pub fn mesh(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self, ShapeError> {
+        for (index, &position) in vertices.iter().enumerate() {
+            if !position.iter().all(|x| x.is_finite()) {
+                return Err(ShapeError::Vertex { index, position });
+            }
+        }
+        let count = vertices.len();
+        for (index, &vertices) in triangles.iter().enumerate() {
+            if vertices.iter().any(|&vertex| vertex as usize >= count) {
+                return Err(ShapeError::Triangle {
+                    index,
+                    vertices,
+                    count,
+                });
+            }
+        }
+        let points = vertices
+            .iter()
+            .map(|&[x, y, z]| Vec3::new(x, y, z))
+            .collect();
+        let mesh = TriMesh::with_flags(points, triangles.to_vec(), TriMeshFlags::empty())
+            .map_err(|_| ShapeError::Empty)?;
+        let bounds = mesh.local_aabb();
+        let (low, high) = (bounds.mins, bounds.maxs);
+        let [low, high] = [low, high].map(|p| Vector3::new(p.x, p.y, p.z));
+        Ok(Self(Kind::Mesh(Arc::new(Mesh {
+            mesh,
+            middle: (low + high) / 2.0,
+            half: (high - low) / 2.0,
+        }))))
+    }
+
+    /// Middle of the shape, in its frame (m).
+    pub(crate) fn middle(&self) -> Vector3<f64> {
+        match &self.0 {
+            Kind::Mesh(mesh) => mesh.middle,
+            _ => Vector3::zeros(),
+        }
+    }
+
+    /// How far the shape reaches from its middle, at most, along each of the unit vectors that are
+    /// the rows of `axes` (m).
+    pub(crate) fn extents(&self, axes: &Matrix3<f64>) -> Vector3<f64> {
+        let of_box = |half: &Vector3<f64>| axes.abs() * half;
+        match &self.0 {
+            Kind::Cylinder(c) => Vector3::from_fn(|k, _| {
+                let across = axes[(k, 0)].hypot(axes[(k, 1)]);
+                c.radius * across + c.half_height * axes[(k, 2)].abs()
+            }),
+            Kind::Cuboid(cuboid) => of_box(&cuboid.half),
+            Kind::Sphere(sphere) => Vector3::repeat(sphere.radius),
+            Kind::Capsule(c) => axes.column(2).abs() * c.half_length + Vector3::repeat(c.radius),
+            Kind::Mesh(mesh) => of_box(&mesh.half),
+        }
+    }
+}
+
+fn length(shape: &'static str, what: &'static str, value: f64) -> Result<f64, ShapeError> {
+    if value.is_finite() && value > 0.0 {
+        Ok(value)
+    } else {
+        Err(ShapeError::Length { shape, what, value })
+    }
+}

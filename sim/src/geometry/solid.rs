@@ -1,0 +1,39 @@
+//! Solids: shapes with a pose, a colour and a name.
+
+use nalgebra::Isometry3;
+
+use super::Shape;
+
+/// What a solid is a part of, and what a pixel of a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Instance {
+    /// Nothing.
+    Background,
+    /// The robot's base.
+    Base,
+    /// The disc with this index, from the base up.
+    Disc(u16),
+    /// The tendon with this index, in a command's order.
+    Tendon(u16),
+    /// The elastic rod through the discs.
+    Rod,
+    /// What hangs from the distal disc.
+    Payload,
+    /// The obstacle with this index.
+    Obstacle(u16),
+    /// Something, in a picture of a real camera.
+    Unknown,
+}
+
+/// A shape somewhere in the world.
+#[derive(Clone, Debug)]
+pub struct Solid {
+    /// Its shape.
+    pub shape: Shape,
+    /// Pose in the world (m).
+    pub pose: Isometry3<f64>,
+    /// Colour under full light.
+    pub color: [u8; 3],
+    /// What its pixels are labelled with.
+    pub instance: Instance,
+}

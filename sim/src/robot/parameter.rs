@@ -1,0 +1,191 @@
+//! What a robot, its command and its loads are made of, as numbers: each has a name and a unit.
+
+use std::fmt;
+
+use nalgebra::Vector3;
+use thiserror::Error;
+
+use super::{Body, Drive, MassSpec, RobotSpec};
+
+/// A number that an equilibrium depends on. Derivatives are per unit given here. Those of the robot,
+/// not of its command and loads, have a value in its specification: [`RobotSpec::value`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parameter {
+    /// The command of a tendon (m, or N for a tension drive).
+    Command(usize),
+    /// Mass of the tip payload (kg).
+    Payload,
+    /// A force on a disc's origin along an axis of the world (N).
+    Force(usize, Axis),
+    /// A moment on a disc about an axis of the world (N m).
+    Moment(usize, Axis),
+    /// Gain kp of a tendon's drive (N/m).
+    Gain(usize),
+    /// Axial stiffness of a tendon (N/m).
+    AxialStiffness(usize),
+    /// Bending stiffness of all joints of a module about a disc's x or y axis (N m/rad).
+    Bending(usize, Axis),
+    /// Torsion stiffness of all joints of a module (N m/rad).
+    Torsion(usize),
+    /// Density of a module's discs (kg/m³), all alike.
+    Density(usize),
+    /// Young's modulus of a module's rod (Pa).
+    Youngs(usize),
+    /// Distance of all holes of a body from its z axis (m): of the base, or of the module of a disc.
+    HoleRadius(Body),
+    /// Place of one hole of a body along its x or y axis (m), before any clocking: of the base, or of
+    /// all discs of the module of a disc.
+    Hole(Body, usize, Axis),
+    /// Distance between the discs of a module (m).
+    Pitch(usize),
+}
+
+/// An axis of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// The x axis.
+    X,
+    /// The y axis.
+    Y,
+    /// The z axis.
+    Z,
+}
+
+/// Why a robot does not have a parameter, or a value of it.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[error("robot `{robot}` has no parameter {parameter:?}: {reason}")]
+pub struct ParameterError {
+    /// Name of the robot.
+    pub robot: String,
+    /// The parameter.
+    pub parameter: Parameter,
+    /// Why.
+    pub reason: &'static str,
+}
+
+impl Axis {
+    /// The axes, in order.
+    pub const ALL: [Self; 3] = [Self::X, Self::Y, Self::Z];
+
+    /// Its number: 0, 1 or 2.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// Unit vector along the axis.
+    pub(crate) fn unit(self) -> Vector3<f64> {
+        Vector3::ith(self.index(), 1.0)
+    }
+}
+
+impl Parameter {
+    /// Its unit.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Command(_) => "m or N",
+            Self::Payload => "kg",
+            Self::Force(..) => "N",
+            Self::Moment(..) => "N m",
+            Self::Gain(_) | Self::AxialStiffness(_) => "N/m",
+            Self::Bending(..) | Self::Torsion(_) => "N m/rad",
+            Self::Density(_) => "kg/m\u{b3}",
+            Self::Youngs(_) => "Pa",
+            Self::HoleRadius(_) | Self::Hole(..) | Self::Pitch(_) => "m",
+        }
+    }
+}
+
+impl fmt::Display for Axis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(["x", "y", "z"][self.index()])
+    }
+}
+
+impl fmt::Display for Parameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let body = |body: &Body| match body {
+            Body::Base => "the base".to_owned(),
+            Body::Disc(disc) => format!("the module of disc {disc}"),
+        };
+        match self {
+            Self::Command(t) => write!(f, "command of tendon {t}"),
+            Self::Payload => write!(f, "payload"),
+            Self::Force(disc, axis) => write!(f, "force on disc {disc} along {axis}"),
+            Self::Moment(disc, axis) => write!(f, "moment on disc {disc} about {axis}"),
+            Self::Gain(t) => write!(f, "gain of tendon {t}"),
+            Self::AxialStiffness(t) => write!(f, "axial stiffness of tendon {t}"),
+            Self::Bending(m, axis) => write!(f, "bending stiffness of module {m} about {axis}"),
+            Self::Torsion(m) => write!(f, "torsion stiffness of module {m}"),
+            Self::Density(m) => write!(f, "density of module {m}"),
+            Self::Youngs(m) => write!(f, "Young's modulus of the rod of module {m}"),
+            Self::HoleRadius(at) => write!(f, "hole radius of {}", body(at)),
+            Self::Hole(at, hole, axis) => write!(f, "{axis} of hole {hole} of {}", body(at)),
+            Self::Pitch(m) => write!(f, "pitch of module {m}"),
+        }
+    }
+}
+
+/// Whether the robot has the parameter.
+pub(crate) fn check(spec: &RobotSpec, parameter: Parameter) -> Result<(), ParameterError> {
+    let holes = |body| spec.holes(body).map(|holes| holes.positions());
+    let tendon = |t: usize| spec.tendons().get(t).copied();
+    let reason = match parameter {
+        Parameter::Command(t) if tendon(t).is_none() => "no such tendon",
+        Parameter::Gain(t) => match tendon(t).map(|spec| spec.drive) {
+            None => "no such tendon",
+            Some(Drive::Gain(_)) => return Ok(()),
+            Some(_) => "the tendon's drive has no gain",
+        },
+        Parameter::AxialStiffness(t) => match tendon(t).map(|spec| spec.axial_stiffness) {
+            None => "no such tendon",
+            Some(None) => "the tendon is inextensible",
+            Some(Some(_)) => return Ok(()),
+        },
+        Parameter::Force(disc, _) | Parameter::Moment(disc, _) if disc >= spec.disc_count() => {
+            "no such disc"
+        }
+        Parameter::Bending(_, Axis::Z) => "bending is about x or y",
+        Parameter::Bending(module, _) | Parameter::Torsion(module) => {
+            match spec
+                .modules
+                .get(module)
+                .map(|module| module.backbone.is_some())
+            {
+                None => "no such module",
+                Some(false) if spec.modules[module].rod.is_some() => {
+                    "the stiffness is that of the module's rod, which has a Young's modulus"
+                }
+                Some(false) => "the module has no backbone",
+                Some(true) => return Ok(()),
+            }
+        }
+        Parameter::Youngs(module) => match spec.modules.get(module).map(|module| module.rod) {
+            None => "no such module",
+            Some(None) => "the module has no rod",
+            Some(Some(_)) => return Ok(()),
+        },
+        Parameter::Density(module) => match spec.modules.get(module).map(|module| &module.mass) {
+            None => "no such module",
+            Some(MassSpec::Rigid(_)) => "the module's masses are not given by a density",
+            Some(MassSpec::Density(_) | MassSpec::Solid(_)) => return Ok(()),
+        },
+        Parameter::Pitch(module) if module >= spec.modules.len() => "no such module",
+        Parameter::HoleRadius(body) => match holes(body) {
+            None => "no such body",
+            Some(holes) if holes.iter().any(|[x, y]| x.hypot(*y) == 0.0) => {
+                "a hole on the axis has no direction to move in"
+            }
+            Some(_) => return Ok(()),
+        },
+        Parameter::Hole(_, _, Axis::Z) => "holes move along x or y",
+        Parameter::Hole(body, hole, _) if holes(body).is_none_or(|holes| hole >= holes.len()) => {
+            "no such hole"
+        }
+        _ => return Ok(()),
+    };
+    Err(ParameterError {
+        robot: spec.name.clone(),
+        parameter,
+        reason,
+    })
+}
