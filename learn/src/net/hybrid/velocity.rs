@@ -207,7 +207,7 @@ impl Hybrid {
         d_modulation: Split<&mut [f32]>,
     ) -> f64 {
         let Layers { trunk, context, .. } = &self.layers;
-        self.see(sample.time, &sample.modulation, sample.points, tape);
+        self.fill_inputs(sample.time, &sample.modulation, sample.points, tape);
         let pass = PointPass {
             trunk,
             weights: self.trunk_weights(&tape.packed),
@@ -283,7 +283,13 @@ impl Hybrid {
 
     /// Fills `tape.inputs` with `[x | C]`, `C = a(t) C_pv + (1 - a(t)) (W_g e + b_g)`: the cloud's context, blended with the
     /// embedding's by the time gate.
-    fn see(&self, time: f32, modulation: &Split<&[f32]>, points: &[f32], tape: &mut CloudTape) {
+    fn fill_inputs(
+        &self,
+        time: f32,
+        modulation: &Split<&[f32]>,
+        points: &[f32],
+        tape: &mut CloudTape,
+    ) {
         let input = self.context_input(modulation, points, &tape.packed);
         self.layers.context.forward(input, &mut tape.context);
         let (global, channels) = (modulation.global, self.shape.head.channels.count());
@@ -382,7 +388,7 @@ impl VelocityField for Hybrid {
             conditioner.forward(&self.params, &[t], condition, tape);
             let modulation = self.split(&tape.modulation);
             self.pack(Passes::Forward, &mut cloud.packed);
-            self.see(t, &modulation, points, cloud);
+            self.fill_inputs(t, &modulation, points, cloud);
             trunk.velocities(
                 self.trunk_weights(&cloud.packed),
                 modulation.head,
