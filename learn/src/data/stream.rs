@@ -87,7 +87,7 @@ impl SimStream {
         threads: usize,
         ahead: usize,
     ) -> Result<Self, SpecError> {
-        let robot = Arc::new(Robot::new(spec.recipe.subject.robot.clone())?);
+        let robot = Robot::new(spec.recipe.subject.robot.clone())?;
         let shared = Arc::new(Shared {
             state: Mutex::new(State {
                 next_made: first,

@@ -80,13 +80,13 @@ impl Equilibrium {
 
     /// Room for an equilibrium of `robot`: the straight pose, not converged.
     pub(crate) fn unsettled(robot: &Robot) -> Self {
-        let n = robot.discs.len();
+        let n = robot.discs().len();
         Self {
             configuration: Configuration::straight(robot),
             positions: vec![Vector3::zeros(); n],
             orientations: vec![UnitQuaternion::identity(); n],
-            tendon_lengths: vec![0.0; robot.tendons.len()],
-            tendon_tensions: vec![0.0; robot.tendons.len()],
+            tendon_lengths: vec![0.0; robot.tendons().len()],
+            tendon_tensions: vec![0.0; robot.tendons().len()],
             residual: f64::INFINITY,
             iterations: 0,
             converged: false,

@@ -130,18 +130,18 @@ pub struct FrictionState {
 
 /// Follows a robot along a sequence of commands, with friction in its tendons' holes.
 #[derive(Clone, Debug)]
-pub struct FrictionPath<'a> {
-    settler: Settler<'a>,
-    balance: Balance<'a>,
+pub struct FrictionPath {
+    settler: Settler,
+    balance: Balance,
     resolution: f64,
     /// The command (m or N) and the loads of the last equilibrium; none before the start.
     reached: Option<(Vec<f64>, Loads)>,
     state: FrictionState,
 }
 
-impl<'a> FrictionPath<'a> {
+impl FrictionPath {
     /// Prepares to follow `robot`.
-    pub fn new(robot: &'a Robot) -> Self {
+    pub fn new(robot: &Robot) -> Self {
         let balance = Balance::new(robot);
         Self {
             settler: Settler::new(robot),
