@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::flow::{Coupling, FlowPath};
-use tdcr::learn::net::{COLOR_WEIGHT, Channels, ContextShape, Precision, vector_lanes};
+use tdcr::learn::net::{Channels, ContextShape, Precision, Processor};
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
     Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
@@ -47,7 +47,7 @@ pub(super) struct TrainArgs {
     #[arg(long)]
     colors: bool,
     /// Weight of the colours' error beside the positions'
-    #[arg(long, default_value_t = COLOR_WEIGHT, value_name = "W", requires = "colors", allow_hyphen_values = true)]
+    #[arg(long, default_value_t = TrainSettings::default().color_weight, value_name = "W", requires = "colors", allow_hyphen_values = true)]
     color_weight: f32,
     #[arg(long, value_name = "N", help = by_preset("Optimiser steps", |p| match p.length {
         Length::Steps(steps) => steps.to_string(),
@@ -226,19 +226,19 @@ struct StreamArgs {
     #[arg(long, value_name = "MIN:MAX", value_parser = super::collect::payload_range, requires = "stream", allow_hyphen_values = true)]
     payload: Option<PayloadRange>,
     /// Points per cloud of the stream
-    #[arg(long, default_value_t = 2000, value_name = "N", value_parser = super::amount, requires = "stream")]
+    #[arg(long, default_value_t = StreamSpec::default().points, value_name = "N", value_parser = super::amount, requires = "stream")]
     stream_points: usize,
     /// Edge of the voxels that thin the stream's clouds (m)
-    #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, requires = "stream")]
+    #[arg(long, default_value_t = Recipe::default().voxel_size, value_name = "M", value_parser = super::positive, requires = "stream")]
     voxel: f64,
     /// See the stream's clouds with the faults of a real camera
     #[arg(long, value_enum, requires = "stream")]
     noise: Option<super::Noise>,
     /// Clouds of the stream that a step draws from
-    #[arg(long, default_value_t = 512, value_name = "N", value_parser = super::amount, requires = "stream")]
+    #[arg(long, default_value_t = StreamSettings::default().window, value_name = "N", value_parser = super::amount, requires = "stream")]
     window: usize,
     /// Clouds of the window that are replaced by fresh ones after each step
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = super::amount, requires = "stream")]
+    #[arg(long, default_value_t = StreamSettings::default().fresh, value_name = "N", value_parser = super::amount, requires = "stream")]
     fresh: usize,
     /// Folder of a data set whose val split validates; by default clouds of the stream that no step sees
     #[arg(long, value_name = "DIR", requires = "stream")]
@@ -355,14 +355,12 @@ fn plan(
         ..preset.settings(rates, preset.length.steps(rates.clouds, set))
     };
     let size = NetworkSize {
-        width: preset.width,
-        depth: preset.depth,
-        embedding: preset.embedding,
         context,
         channels: match args.colors {
             true => Channels::XyzRgb,
             false => Channels::Xyz,
         },
+        ..preset.size()
     };
     Ok((size, settings))
 }
@@ -415,7 +413,7 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
         best_step: trained.model.step,
         validation_cd: trained.model.validation_distance * scale * scale,
         precision: settings.precision,
-        vector_lanes: vector_lanes(),
+        vector_lanes: Processor::detect().vector_lanes,
     };
     console.result(&run, |r| {
         format!(

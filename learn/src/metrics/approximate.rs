@@ -7,7 +7,8 @@ use std::num::NonZeroUsize;
 
 use super::MetricError;
 use super::assignment::Assignment;
-use super::emd::{Coarse, Emd, GroundCost, group_slots, mean_cost, trees};
+use super::emd::{Coarse, Emd, group_slots, mean_cost, trees};
+use super::ground_cost::GroundCost;
 use super::kdtree::{KdTree, squared_distance};
 use super::matcher::Matcher;
 use super::priced_tree::PricedTree;

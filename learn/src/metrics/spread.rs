@@ -35,7 +35,7 @@ pub fn surface_spread(points: &[[f32; 3]], pool: &[[f32; 3]]) -> Result<Vec<f32>
         return Err(MetricError::TooFew {
             side: Side::Second,
             found: pool.len(),
-            needed: NEIGHBOURS,
+            expected: NEIGHBOURS,
         });
     }
     let pool = KdTree::new(&pool);

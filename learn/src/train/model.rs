@@ -1,4 +1,4 @@
-//! What predicts: averaged weights, and what their numbers mean.
+//! The predictor: a network with averaged weights, and the units of its inputs and outputs.
 
 use std::path::Path;
 
@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
 use super::settings::TrainSettings;
-use crate::data::{DataError, Normalisation, Subject};
+use crate::channels::{Channels, DIM};
+use crate::data::{Normalisation, Subject};
 use crate::flow::{Sampler, Stream, rng};
-use crate::metrics::surface_spread;
-use crate::net::{Channels, DIM, Network, NetworkShape, Precision, ShapeError};
-use tdcr_sim::cloud::PointCloud;
+use crate::net::{Network, NetworkShape, NetworkShapeError, Precision};
+use crate::predict::{PredictError, Prediction};
 
 /// What a network was trained on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,82 +38,6 @@ pub struct Model {
     pub network: Network,
 }
 
-/// A predicted cloud.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Prediction {
-    /// Positions, world frame (m).
-    pub points: Vec<[f32; DIM]>,
-    /// Colours of the points, 8-bit RGB; `None` from a network of positions alone.
-    pub colors: Option<Vec<[u8; 3]>>,
-    /// Evaluations of the network that it took.
-    pub evaluations: usize,
-}
-
-impl Prediction {
-    /// How uncertain the network is of each point (m): how far the prediction spreads, normal to its surface, over the
-    /// 16 points about it ([`surface_spread`]).
-    ///
-    /// A robot's surface has no thickness. Where a network is sure of it, all noise of the prior is carried to it, and
-    /// where it is not, points come to lie before and behind it. The points are those of this prediction and of
-    /// `others`, of the same command with other seeds. A network whose points move alone (the MLP) draws a point's
-    /// noise as it draws a cloud's, so that one prediction is as many samples as it has points, and `others` may be
-    /// empty; clouds of the Hybrid may also differ as a whole.
-    ///
-    /// Larger where predictions are worse, but no bound on the error: a network may be sure and wrong. Edges of the
-    /// robot, and few points, make it larger. `None` where there are fewer than 16 points, or one is not finite.
-    pub fn uncertainty(&self, others: &[Self]) -> Option<Vec<f32>> {
-        let pool: Vec<_> = (std::iter::once(self).chain(others))
-            .flat_map(|prediction| &prediction.points)
-            .copied()
-            .collect();
-        surface_spread(&self.points, &pool).ok()
-    }
-
-    /// The cloud; points without colours of their own get `color`.
-    pub fn into_cloud(self, color: [u8; 3]) -> PointCloud {
-        let Self { points, colors, .. } = self;
-        let colors = colors.unwrap_or_else(|| vec![color; points.len()]);
-        PointCloud { points, colors }
-    }
-}
-
-/// A command that no cloud can be predicted for.
-#[derive(Debug, thiserror::Error)]
-pub enum PredictError {
-    /// Another number of values than the model was trained with.
-    #[error(transparent)]
-    Length(#[from] DataError),
-    /// A value is NaN or infinite.
-    #[error("value {index} of the command is {value}, expected a finite number")]
-    NotFinite {
-        /// Where in the command.
-        index: usize,
-        /// What stands there.
-        value: f64,
-    },
-    /// The predicted cloud is not one.
-    #[error(
-        "the network's cloud for the command {command:?} is not finite: {channel} of point {point} is {value}; the \
-         model's largest weight is {weight:e}, in tensor `{tensor}`, and its scale is {scale:e} m"
-    )]
-    NoCloud {
-        /// The command (m).
-        command: Vec<f64>,
-        /// The first point that is not finite.
-        point: usize,
-        /// Which of its numbers.
-        channel: &'static str,
-        /// What it is.
-        value: f32,
-        /// The tensor that holds the largest weight.
-        tensor: String,
-        /// The magnitude of that weight.
-        weight: f32,
-        /// The data's scale (m), by which the network's positions are multiplied.
-        scale: f64,
-    },
-}
-
 /// A model's header on disk.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -130,7 +54,7 @@ impl Model {
     /// its last value is the payload (kg).
     ///
     /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts
-    /// from is a function of `seed`. Commands outside the training range are extrapolated, without warrant.
+    /// from is a function of `seed`. Commands outside the training range are extrapolated, without any guarantee.
     ///
     /// # Errors
     /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity, and where
@@ -146,7 +70,7 @@ impl Model {
         if let Some(index) = command.iter().position(|value| !value.is_finite()) {
             return Err(PredictError::NotFinite {
                 index,
-                value: command[index],
+                found: command[index],
             });
         }
         let channels = self.network.shape().channels();
@@ -165,7 +89,7 @@ impl Model {
         })
     }
 
-    /// Refuses a cloud whose `points` (m), or whose `rows` as the network gives them, are not finite.
+    /// Returns an error if the `points` (m) of a cloud, or its `rows` as the network gives them, are not finite.
     fn require_cloud(
         &self,
         command: &[f64],
@@ -205,18 +129,18 @@ impl Model {
             command: command.to_vec(),
             point,
             channel: NAMES[channel],
-            value,
+            found: value,
             tensor,
             weight,
             scale: self.provenance.normalisation.scale,
         })
     }
 
-    /// The same model with products of other numbers: [`Precision::Float32`] as it is read.
+    /// The same model with another operand type; a model that is read has [`Precision::Float32`].
     ///
     /// # Errors
-    /// [`ShapeError::Precision`] where the network's width does not suit them.
-    pub fn with_precision(self, precision: Precision) -> Result<Self, ShapeError> {
+    /// [`NetworkShapeError::Precision`] where the network's width does not suit it.
+    pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
         let network = self.network.with_precision(precision)?;
         Ok(Self { network, ..self })
     }
@@ -271,7 +195,7 @@ fn colors(rows: &[f32], channels: Channels) -> Option<Vec<[u8; 3]>> {
     (channels == Channels::XyzRgb).then(|| colors.collect())
 }
 
-/// Refuses headers of which no network can be made.
+/// Returns an error for headers that do not describe a network.
 pub(super) fn check_header(
     provenance: &Provenance,
     shape: &NetworkShape,

@@ -1,0 +1,250 @@
+//! The page that `tdcr eval` writes, and what it shares with the demo's.
+
+use tdcr::learn::data::Sample;
+use tdcr::learn::flow::{Sampler, TimeGrid};
+use tdcr::learn::metrics::nearest_distances;
+use tdcr::pipeline::{Evaluation, Evaluator, PipelineError, Row, RowScore};
+use tdcr::report::{Example, MethodDistances, MotorGroup, PerTest, Report, Role, Score};
+use tdcr::sim::cloud::PointCloud;
+use tdcr::sim::robot::Robot;
+
+use super::{EvalArgs, Evaluated, Metrics};
+
+/// The page on an evaluation that shows the `worst` test commands.
+pub(super) fn page(
+    args: &EvalArgs,
+    evaluated: &Evaluated,
+    evaluator: &Evaluator,
+    evaluation: &Evaluation,
+    metrics: &Metrics,
+    worst: &[usize],
+) -> Result<Report, PipelineError> {
+    let label = |rank: usize, test: usize| match rank {
+        0 => format!("test {test}, the worst"),
+        rank => format!("test {test}, number {} of the worst", rank + 1),
+    };
+    let entry = |name: &str, value: String| (name.to_owned(), value);
+    let mut summary = match evaluated {
+        Evaluated::Clouds(file) => vec![entry("Predictions", file.display().to_string())],
+        Evaluated::Model(model, sampler) => vec![
+            entry("Model", args.model.display().to_string()),
+            entry(
+                "Network",
+                format!("{} parameters", model.network.params().len()),
+            ),
+            entry("Training", format!("best at step {}", model.step)),
+            entry("Sampler", sampler_text(sampler)),
+        ],
+    };
+    summary.extend(precision_text(metrics).map(|text| entry("Precision", text)));
+    summary.extend([
+        entry("Data set", args.data.display().to_string()),
+        entry("Test commands", metrics.tests.to_string()),
+        entry("Seed", evaluator.settings().seed.to_string()),
+        entry("tdcr", env!("CARGO_PKG_VERSION").to_owned()),
+    ]);
+    Ok(Report {
+        title: "A network's clouds against the true ones".to_owned(),
+        headline: headline(metrics),
+        summary,
+        scores: scores(evaluation),
+        floor: floor(evaluation),
+        score_notes: score_notes(metrics),
+        per_test: Some(per_test(evaluator, evaluation)?),
+        training: None,
+        stages: Vec::new(),
+        motors: motors(evaluator),
+        examples: (worst.iter().enumerate())
+            .map(|(rank, &test)| example(evaluator, evaluation, test, label(rank, test)))
+            .collect::<Result<_, _>>()?,
+    })
+}
+
+/// How far the network's clouds are from the true ones, beside those of the nearest training command: root mean square
+/// distances between nearest points, and their ratio. CD is the sum of the mean squares both ways, so a ratio of CDs is one
+/// of squared distances.
+pub(in crate::cli) fn headline(metrics: &Metrics) -> String {
+    let [network, nearest] = [metrics.cd, metrics.cd_nearest].map(|cd| 1e3 * (cd / 2.0).sqrt());
+    format!(
+        "Over {} test commands, points of the network's clouds and of the true ones are {network:.2} mm from the nearest \
+         point of the other (root mean square, {} points a cloud); with the clouds of the nearest training commands it is \
+         {nearest:.2} mm, {:.1} times as far.",
+        metrics.tests,
+        metrics.points,
+        nearest / network
+    )
+}
+
+/// Which numbers of the data set's commands belong together.
+pub(in crate::cli) fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
+    let count = evaluator
+        .test()
+        .first()
+        .map_or(0, |sample| sample.condition.motors.len());
+    MotorGroup::of(evaluator.robot().map(Robot::spec), count)
+}
+
+/// Key of the row that ratios are of.
+const FLOOR: &str = "floor";
+
+/// Mean scores of all rows but the floor.
+pub(in crate::cli) fn scores(evaluation: &Evaluation) -> Vec<Score> {
+    mean_scores(evaluation, |row| row.about.key != FLOOR)
+}
+
+/// Mean score of second samples of the true surfaces.
+pub(in crate::cli) fn floor(evaluation: &Evaluation) -> Option<Score> {
+    mean_scores(evaluation, |row| row.about.key == FLOOR).pop()
+}
+
+fn mean_scores(evaluation: &Evaluation, which: impl Fn(&Row) -> bool) -> Vec<Score> {
+    let mean = evaluation.mean().rows;
+    let rows = evaluation.rows.iter().zip(mean);
+    rows.filter(|(row, _)| which(row))
+        .map(|(row, RowScore { distances, .. })| Score {
+            name: title(row),
+            cd: distances.cd,
+            emd: distances.emd,
+            emd_squared: distances.emd_squared,
+        })
+        .collect()
+}
+
+/// A row's name with a capital.
+fn title(row: &Row) -> String {
+    let mut letters = row.about.name.chars();
+    let first = letters.next().into_iter().flat_map(char::to_uppercase);
+    first.chain(letters).collect()
+}
+
+/// What is said of the tips.
+fn tip_note(metrics: &Metrics) -> Option<String> {
+    let (network, nearest) = (1e3 * metrics.tip?, 1e3 * metrics.tip_nearest?);
+    Some(format!(
+        "The tip is off by {network:.2} mm on average in the network's clouds, and by {nearest:.2} mm in those of the nearest \
+         training commands: how far the last disc moves when the points of the true cloud on it are laid onto the \
+         other cloud as a rigid body."
+    ))
+}
+
+/// How the scores were computed.
+pub(in crate::cli) fn score_notes(metrics: &Metrics) -> Vec<String> {
+    let mut notes = vec![
+        format!("Means over {} test commands.", metrics.tests),
+        format!(
+            "Chamfer distance on {} points of each cloud, earth mover's distances on {}.",
+            metrics.points, metrics.emd_points
+        ),
+        "A perfect predictor draws points of the seen surface independently of each other; the floor's view has its \
+         pixels and voxels in a random phase."
+            .to_owned(),
+        format!(
+            "The matchings are optimal: their duality gaps are at most {:.1e} m, and {:.1e} m² where squared.",
+            metrics.emd_gap, metrics.emd_squared_gap
+        ),
+    ];
+    notes.extend(tip_note(metrics));
+    notes.extend(metrics.uncertainty_text());
+    notes
+}
+
+/// Chamfer distances of each test command.
+pub(in crate::cli) fn per_test(
+    evaluator: &Evaluator,
+    evaluation: &Evaluation,
+) -> Result<PerTest, PipelineError> {
+    let command = |sample: &Sample| sample.condition.motors.iter().map(|&x| x.into()).collect();
+    Ok(PerTest {
+        methods: methods(evaluation),
+        commands: evaluator.test().iter().map(command).collect(),
+        apart: (0..evaluation.per_test.len())
+            .map(|test| evaluator.distance_to_training(test))
+            .collect::<Result<_, _>>()?,
+    })
+}
+
+/// The rows whose distances are drawn: not the mean command, which is far off, nor the perfect predictor, which is where the
+/// floor is.
+fn methods(evaluation: &Evaluation) -> Vec<MethodDistances> {
+    let mut methods = Vec::new();
+    let mut others = 0;
+    for (place, row) in evaluation.rows.iter().enumerate() {
+        let role = match row.about.key.as_str() {
+            _ if place == 0 => Role::Network,
+            "nearest" => Role::Nearest,
+            FLOOR => Role::Floor,
+            "mean" | "perfect" => continue,
+            _ => {
+                others += 1;
+                Role::Other(others - 1)
+            }
+        };
+        let values = evaluation.per_test.iter();
+        methods.push(MethodDistances {
+            name: title(row),
+            role,
+            values: values.map(|s| s.rows[place].distances.cd).collect(),
+        });
+    }
+    methods
+}
+
+/// The clouds of one test command.
+pub(in crate::cli) fn example(
+    evaluator: &Evaluator,
+    evaluation: &Evaluation,
+    test: usize,
+    label: String,
+) -> Result<Example, PipelineError> {
+    let scores = &evaluation.per_test[test];
+    let evaluated = scores.evaluated();
+    let sample = &evaluator.test()[test];
+    let condition = &sample.condition;
+    let prediction = evaluator.predict(test)?;
+    let uncertainty = prediction.uncertainty(&[]).unwrap_or_default();
+    Ok(Example {
+        label,
+        command: condition.motors.iter().map(|&x| x.into()).collect(),
+        payload: condition.payload.map(f64::from),
+        truth: sample.cloud.clone(),
+        error: nearest_distances(&prediction.points, &sample.cloud.points)?,
+        uncertainty: uncertainty.into_iter().map(f64::from).collect(),
+        tip: evaluated.tip,
+        prediction: colorless(prediction.points),
+        nearest: colorless(evaluator.nearest(test)?),
+        cd: evaluated.distances.cd,
+        emd: evaluated.distances.emd,
+        cd_nearest: (scores.get("nearest")).map_or(f64::NAN, |row| row.distances.cd),
+    })
+}
+
+fn colorless(points: Vec<[f32; 3]>) -> PointCloud {
+    let colors = vec![[128; 3]; points.len()];
+    PointCloud { points, colors }
+}
+
+/// What numbers the network's products are of; `None` where there is no network.
+pub(in crate::cli) fn precision_text(metrics: &Metrics) -> Option<String> {
+    let (prediction, training) = (metrics.precision?, metrics.training_precision?);
+    Some(format!(
+        "{} in prediction, {} in training",
+        prediction.name(),
+        training.name()
+    ))
+}
+
+/// What the sampler is, in a few words.
+pub(in crate::cli) fn sampler_text(sampler: &Sampler) -> String {
+    let Sampler {
+        method,
+        steps,
+        grid,
+    } = sampler;
+    let steps = match grid {
+        TimeGrid::Uniform => format!("{steps} equal steps"),
+        TimeGrid::Power(power) => format!("{steps} steps, power {power}"),
+        TimeGrid::Adaptive(tolerance) => format!("at most {steps} steps, tolerance {tolerance}"),
+        _ => format!("at most {steps} steps"),
+    };
+    format!("{}, {steps}", method.name())
+}
