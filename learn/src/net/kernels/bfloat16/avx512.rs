@@ -1,5 +1,8 @@
 //! Products of tiles on vectors that multiply and add pairs of bfloat16 numbers (AVX-512 BF16): Intel's Software Developer's
 //! Manual, volume 2, VDPBF16PS.
+//!
+//! This pays on AMD's processors alone: there these instructions, of twice the products, are as many in a cycle as those of
+//! floats. On an Intel Xeon they were a quarter as many (83 GF/s a core beside 167, the kernel at 75).
 #![allow(
     unsafe_code,
     reason = "the instruction is to be had by its intrinsic alone, which reads and writes no memory but is not there on every processor"
