@@ -17,8 +17,8 @@ use super::console::Console;
 /// drawn anew.
 #[derive(Debug, Args)]
 pub(super) struct CollectArgs {
-    #[arg(long, default_value = "2m", help = super::ROBOT)]
-    robot: String,
+    #[command(flatten)]
+    robot: super::RobotArg,
     /// Number of commands, split 80/10/10 into train, val and test
     #[arg(long, default_value_t = CollectSettings::default().count, value_name = "N", value_parser = super::amount)]
     samples: usize,
@@ -66,7 +66,7 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for the data set")?;
     let splits = split_indices(args.samples, args.seed)?;
     let settings = CollectSettings {
-        robot: super::load_robot(&args.robot)?,
+        robot: args.robot.load()?,
         base: super::visibility(args.base),
         payload: args.payload,
         design: args.design,

@@ -27,6 +27,7 @@ use std::process::ExitCode;
 use anyhow::{Context, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Model, Target, TrainSettings};
@@ -77,9 +78,19 @@ enum Command {
     Render(render::RenderArgs),
 }
 
-/// Help of every `--robot`.
-const ROBOT: &str =
-    "2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml for MuJoCo's MJCF, or .urdf)";
+/// Which robot.
+#[derive(Debug, Args)]
+struct RobotArg {
+    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml for MuJoCo's MJCF, or .urdf)
+    #[arg(long = "robot", default_value = Subject::ROBOT, value_name = "ROBOT")]
+    name_or_path: String,
+}
+
+impl RobotArg {
+    fn load(&self) -> anyhow::Result<RobotSpec> {
+        load_robot(&self.name_or_path)
+    }
+}
 
 /// What the tendons are asked for.
 #[derive(Debug, Args)]

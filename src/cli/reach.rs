@@ -25,8 +25,8 @@ use super::settle::command_columns;
 /// Find the command that brings the tip to a point, or along a path of points
 #[derive(Debug, Args)]
 pub(super) struct ReachArgs {
-    #[arg(long, default_value = "2m", help = super::ROBOT)]
-    robot: String,
+    #[command(flatten)]
+    robot: super::RobotArg,
     /// Where the tip disc's origin should be, world frame (m)
     #[arg(
         long,
@@ -156,7 +156,7 @@ fn reason(outcome: &Outcome) -> Option<String> {
 pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
     let format = |out: &PathBuf| output::format("--out", out, &["csv", "json"]);
     let format = args.out.as_ref().map(format).transpose()?;
-    let robot = Robot::new(super::load_robot(&args.robot)?)?;
+    let robot = Robot::new(args.robot.load()?)?;
     let loads = args.loads.on(&robot)?;
     let targets = match (&args.path, args.tip) {
         (Some(file), _) => read_points(file)?,

@@ -23,8 +23,8 @@ use super::settle_many;
 /// Settle a robot under a command: where its discs come to rest
 #[derive(Debug, Args)]
 pub(super) struct SettleArgs {
-    #[arg(long, default_value = "2m", help = super::ROBOT)]
-    robot: String,
+    #[command(flatten)]
+    robot: super::RobotArg,
     /// Command of every tendon (m, or N for a tension drive), separated by commas; empty for a robot without tendons
     #[arg(
         long = "command",
@@ -99,7 +99,7 @@ struct Survey {
 }
 
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
-    let robot = Robot::new(super::load_robot(&args.robot)?)?;
+    let robot = Robot::new(args.robot.load()?)?;
     if let Some(file) = &args.commands {
         return settle_many::run(&robot, file, &args.loads, args.out.as_deref(), console);
     }

@@ -124,6 +124,22 @@ fn collect_small(folder: &Path, options: &[&str]) -> Value {
     succeed_json(&[&SMALL_SET[..], &["--out", text(folder)], options].concat())
 }
 
+/// Arguments that score `model` on a small data set, with as many points as its clouds have.
+fn eval_small<'a>(model: &'a str, data: &'a Path) -> [&'a str; 9] {
+    let (points, few) = ("--points", "--emd-points");
+    [
+        "eval",
+        "--model",
+        model,
+        "--data",
+        text(data),
+        points,
+        "400",
+        few,
+        "100",
+    ]
+}
+
 /// Trains a tiny network on `data` in the folder `run`, with more options.
 fn train_tiny(data: &Path, run: &Path, options: &[&str]) -> Value {
     succeed_json(

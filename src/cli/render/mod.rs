@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use tdcr::learn::data::{NpzArray, NpzValues, write_npy};
 use tdcr::report::counted;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
@@ -21,8 +22,8 @@ use super::{CommandArg, output};
 /// See a settled robot with its cameras: colour, depth and mask images, and the fused cloud
 #[derive(Debug, Args)]
 pub(super) struct RenderArgs {
-    #[arg(long, default_value = "2m", help = super::ROBOT)]
-    robot: String,
+    #[command(flatten)]
+    robot: super::RobotArg,
     #[command(flatten)]
     command: CommandArg,
     #[command(flatten)]
@@ -105,7 +106,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         &args.out,
         "a folder for the pictures of all cameras",
     )?;
-    let robot = Robot::new(super::load_robot(&args.robot)?)?;
+    let robot = Robot::new(args.robot.load()?)?;
     let command = robot.command(&args.command.lengths)?;
     let loads = args.loads.on(&robot)?;
     let equilibrium = robot.settle(&command, &loads);
@@ -210,10 +211,12 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
         &folder.join(&view.depth_png),
         &files::grey_png(size, millimetres)?,
     )?;
-    output::write(
-        &folder.join(&view.depth_npy),
-        files::npy(size, &frame.depth),
-    )?;
+    let depth = NpzArray {
+        name: "depth",
+        shape: &[size[1] as usize, size[0] as usize],
+        values: NpzValues::Floats(&frame.depth),
+    };
+    write_npy(&folder.join(&view.depth_npy), &depth)?;
     output::write(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
     Ok(view)
 }
