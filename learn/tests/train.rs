@@ -13,9 +13,7 @@ use tdcr_learn::metrics::emd_squared;
 use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{Optimizer, TrainError, TrainSettings, Trainer, TrainingState};
 use tempfile::TempDir;
-use toy::{
-    COLORED, LARGER, SHAPE, bars, colored_bars, learning, provenance, run, settings,
-};
+use toy::{COLORED, LARGER, SHAPE, bars, colored_bars, learning, provenance, run, settings};
 
 /// The noise in the order of the points that it flows to.
 fn coupled<'a>(coupling: Coupling, noise: &[&'a [f32]], points: &[[f32; 3]]) -> Vec<&'a [f32]> {

@@ -34,7 +34,7 @@ pub(super) struct CollectArgs {
     /// Hang payloads from the tip (kg): a tenth exactly 0, the others uniform from MIN to MAX
     #[arg(long, value_name = "MIN:MAX", value_parser = payload_range, allow_hyphen_values = true)]
     payload: Option<PayloadRange>,
-    /// See with the faults of a real camera
+    /// Simulate the noise of a real depth camera
     #[arg(long, value_enum)]
     noise: Option<super::Noise>,
     /// How commands and payloads are chosen
@@ -109,7 +109,7 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
     })
 }
 
-/// Parses the ends of a payload range (kg); what range makes sense, the data set says.
+/// Parses the ends of a payload range (kg). The data set checks that they make a range.
 pub(super) fn payload_range(text: &str) -> Result<PayloadRange, String> {
     let ends = text.split_once(':');
     let ends = ends.and_then(|(min, max)| Some((min.parse().ok()?, max.parse().ok()?)));

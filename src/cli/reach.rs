@@ -27,7 +27,7 @@ use super::settle::command_columns;
 pub(super) struct ReachArgs {
     #[command(flatten)]
     robot: super::RobotArg,
-    /// Where the tip disc's origin should be, world frame (m)
+    /// Target of the tip disc's origin, world frame (m)
     #[arg(
         long,
         value_name = "X,Y,Z",
@@ -37,8 +37,8 @@ pub(super) struct ReachArgs {
         conflicts_with = "path"
     )]
     tip: Option<[f64; 3]>,
-    /// Points to bring it to one after another: CSV, a line each, with a first line of names if need be (x, y and z among
-    /// others), or JSON, a list of lists. The robot is led along without jumps, as far as it can be
+    /// Targets to reach one after another: CSV, one per line, optionally with a header (x, y and z among others), or JSON, a
+    /// list of lists. The robot follows them without jumps where it can
     #[arg(long, value_name = "FILE")]
     path: Option<PathBuf>,
     #[command(flatten)]

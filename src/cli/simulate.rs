@@ -23,8 +23,8 @@ use super::output;
 pub(super) struct SimulateArgs {
     #[command(flatten)]
     robot: super::RobotArg,
-    /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), with a first line of
-    /// names if need be, or as JSON, a list of lists
+    /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), optionally with a
+    /// header, or as JSON, a list of lists
     #[arg(long, value_name = "FILE")]
     commands: PathBuf,
     /// Time step (s)

@@ -1,6 +1,6 @@
 //! The log of a training run: a CSV file, and the same as TensorBoard's event file.
 //!
-//! The state holds all that the CSV says, so a run that is taken up writes it anew up to its state, and what was logged
+//! The state holds all that the CSV says, so a run that is resumed writes it anew up to its state, and what was logged
 //! after the state, whose steps are taken again, is gone. The events have wall-clock times that no state knows: they are
 //! cut after the state's step.
 
@@ -76,7 +76,7 @@ impl RunLog {
         Ok(())
     }
 
-    /// Brings the log to the disk.
+    /// Flushes the log to the disk.
     pub fn sync(&self) -> Result<(), PipelineError> {
         self.csv.sync_data().map_err(fail(&self.paths[0]))?;
         self.events.sync().map_err(fail(&self.paths[1]))
@@ -84,7 +84,7 @@ impl RunLog {
 }
 
 fn fail(path: &Path) -> impl FnOnce(io::Error) -> PipelineError {
-    move |source| PipelineError::Folder {
+    move |source| PipelineError::Write {
         path: path.to_owned(),
         source,
     }

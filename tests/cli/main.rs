@@ -1,4 +1,4 @@
-//! The `tdcr` binary as a user meets it: what it prints, what it says to wrong input, how it takes up
+//! The `tdcr` binary as a user meets it: what it prints, what it says to wrong input, how it resumes
 //! interrupted work.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 

@@ -10,9 +10,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use tdcr_learn::data::{
-    Collector, Condition, Design, Meta, Origin, PayloadRange, Recipe, Sample,
-};
+use tdcr_learn::data::{Collector, Condition, Design, Meta, Origin, PayloadRange, Recipe, Sample};
 use tdcr_sim::cloud::PointCloud;
 use tempfile::{TempDir, tempdir};
 

@@ -19,7 +19,7 @@ use super::console::Console;
 use super::loads::{LoadArgs, LoadsSaid};
 use super::{CommandArg, output};
 
-/// See a settled robot with its cameras: colour, depth and mask images, and the fused cloud
+/// Render a settled robot with its cameras: colour, depth and mask images, and the fused cloud
 #[derive(Debug, Args)]
 pub(super) struct RenderArgs {
     #[command(flatten)]
@@ -34,10 +34,10 @@ pub(super) struct RenderArgs {
     /// Show a base of your own: an STL mesh in the frame of the robot's base (m)
     #[arg(long, value_name = "FILE", conflicts_with = "base")]
     base_mesh: Option<PathBuf>,
-    /// Show what else there is; may be given several times
+    /// Show more than the discs; may be given several times
     #[arg(long, value_enum, value_name = "WHAT")]
     show: Vec<Extra>,
-    /// Take the pictures with the faults of a real camera
+    /// Simulate the noise of a real depth camera
     #[arg(long, value_enum)]
     noise: Option<super::Noise>,
     /// Seed of the faults
