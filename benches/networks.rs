@@ -19,7 +19,7 @@ use serde::Serialize;
 use tdcr::learn::data::CloudSet;
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::{
-    Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, Precision, vector_lanes,
+    Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, Precision, Processor,
 };
 use tdcr::learn::train::{Optimizer, TrainSettings, Trainer};
 
@@ -152,7 +152,7 @@ fn measure(
     let step_flops = 3 * clouds as u64 * network.flops(POINTS);
     Measured {
         threads: rayon::current_num_threads(),
-        vector_lanes: vector_lanes(),
+        vector_lanes: Processor::detect().vector_lanes,
         precision,
         shape,
         clouds,
@@ -243,6 +243,7 @@ fn parts(shape: &NetworkShape) -> (MlpShape, Option<ContextShape>) {
     match shape {
         NetworkShape::Mlp(head) => (*head, None),
         NetworkShape::Hybrid(hybrid) => (hybrid.head, Some(hybrid.context)),
+        other => panic!("no products are listed for {other:?}"),
     }
 }
 

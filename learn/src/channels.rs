@@ -8,6 +8,7 @@ pub const DIM: usize = 3;
 /// What a point of a cloud consists of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Channels {
     /// A position.
     #[default]

@@ -36,7 +36,7 @@ fn another_set_in_the_folder_is_refused_by_the_field_that_differs() {
             let error = Collector::open(dir.path(), &changed).unwrap_err();
             let DataError::OtherSet {
                 field: named,
-                wanted,
+                expected: wanted,
                 found,
                 ..
             } = error
@@ -148,7 +148,7 @@ fn settings_of_which_no_data_set_can_be_made_are_refused_by_name() {
     }
     let few = Meta { count: 9, ..meta() };
     let error = Collector::open(tempdir().unwrap().path(), &few).unwrap_err();
-    assert!(matches!(error, DataError::TooFewSamples { count: 9 }));
+    assert!(matches!(error, DataError::TooFewSamples { found: 9 }));
 }
 
 #[test]

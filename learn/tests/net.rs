@@ -8,7 +8,10 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use reference::{Cloud, Reference, loss_gradient};
 use tdcr_learn::flow::VelocityField;
-use tdcr_learn::net::{Batch, COLOR_WEIGHT, Channels, Mlp, MlpShape, ShapeError, Workspace};
+use tdcr_learn::net::{Batch, Channels, MlpShape, Network, NetworkShapeError, Workspace};
+
+/// The paper's weight of the colours' error.
+const COLOR_WEIGHT: f32 = 0.05;
 
 /// A width that no vector unit divides.
 const SHAPE: MlpShape = MlpShape {
@@ -32,9 +35,9 @@ fn to_f64(values: &[f32]) -> Vec<f64> {
 }
 
 /// A network with no parameter at a special value.
-fn network(shape: MlpShape) -> Mlp {
+fn network(shape: MlpShape) -> Network {
     let params = uniform(&mut rng(1), shape.parameter_count());
-    Mlp::from_params(shape, params.iter().map(|p| 0.5 * p).collect()).unwrap()
+    Network::from_params(shape, params.iter().map(|p| 0.5 * p).collect()).unwrap()
 }
 
 /// Random `times`, `conditions`, `points` and `targets`.
@@ -89,7 +92,7 @@ impl Samples {
     }
 }
 
-fn loss_and_gradient(network: &Mlp, batch: &Batch) -> (f64, Vec<f32>) {
+fn loss_and_gradient(network: &Network, batch: &Batch) -> (f64, Vec<f32>) {
     let mut gradient = vec![f32::NAN; network.params().len()];
     let loss = network.loss_and_gradient(batch, &mut Workspace::default(), &mut gradient);
     (loss, gradient)
@@ -238,7 +241,7 @@ fn a_fresh_network_starts_as_documented() {
         condition_dim: 4,
         channels: Channels::Xyz,
     };
-    let network = Mlp::new(shape, &mut rng(0)).unwrap();
+    let network = Network::new(shape, &mut rng(0)).unwrap();
     for tensor in shape.tensors() {
         let values = &network.params()[tensor.range.clone()];
         let largest = values.iter().fold(0.0f32, |max, v| max.max(v.abs()));
@@ -301,10 +304,10 @@ fn impossible_shapes_are_refused_by_name() {
         wide.ends_with("parameters, expected at most 134217728: choose smaller ones"),
         "{wide}"
     );
-    let short = Mlp::from_params(SHAPE, vec![0.0; 3]).unwrap_err();
+    let short = Network::from_params(SHAPE, vec![0.0; 3]).unwrap_err();
     assert_eq!(
         short,
-        ShapeError::ParameterCount {
+        NetworkShapeError::ParameterCount {
             found: 3,
             expected: SHAPE.parameter_count()
         }

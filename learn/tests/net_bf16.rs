@@ -7,8 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_learn::flow::VelocityField;
 use tdcr_learn::net::{
-    Batch, COLOR_WEIGHT, Channels, MlpShape, Network, NetworkShape, Precision, ShapeError,
-    Workspace,
+    Batch, Channels, MlpShape, Network, NetworkShape, NetworkShapeError, Precision, Workspace,
 };
 use tdcr_learn::train::{TrainError, TrainSettings, Trainer};
 
@@ -24,6 +23,9 @@ const SHAPE: MlpShape = MlpShape {
     channels: Channels::Xyz,
 };
 
+/// The paper's weight of the colours' error.
+const COLOR_WEIGHT: f32 = 0.05;
+
 fn uniform(rng: &mut ChaCha8Rng, len: usize) -> Vec<f32> {
     (0..len).map(|_| rng.random_range(-1.0..1.0)).collect()
 }
@@ -31,7 +33,7 @@ fn uniform(rng: &mut ChaCha8Rng, len: usize) -> Vec<f32> {
 /// A network with no parameter at a special value.
 fn network(shape: impl Into<NetworkShape>, precision: Precision) -> Network {
     let rng = &mut ChaCha8Rng::seed_from_u64(1);
-    let mut network = Network::new(shape.into(), rng).unwrap();
+    let mut network = Network::new(shape, rng).unwrap();
     let params = network.params_mut();
     params
         .iter_mut()
@@ -169,7 +171,7 @@ fn a_width_that_does_not_suit_is_refused_by_its_number() {
     let narrow = MlpShape { width: 40, ..SHAPE };
     let plain = network(narrow, Precision::Float32);
     let error = plain.with_precision(Precision::Bfloat16).unwrap_err();
-    assert_eq!(error, ShapeError::Precision { width: 40 });
+    assert_eq!(error, NetworkShapeError::Precision { width: 40 });
     assert!(error.to_string().contains("width is 40"), "{error}");
 
     let set = toy::bars(4, 1);
@@ -181,7 +183,7 @@ fn a_width_that_does_not_suit_is_refused_by_its_number() {
     assert!(
         matches!(
             error,
-            TrainError::Shape(ShapeError::Precision { width: 16 })
+            TrainError::Shape(NetworkShapeError::Precision { width: 16 })
         ),
         "{error}"
     );

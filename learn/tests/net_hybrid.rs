@@ -7,9 +7,12 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::{from_value, json, to_value};
 use tdcr_learn::flow::VelocityField;
 use tdcr_learn::net::{
-    Batch, COLOR_WEIGHT, Channels, ContextShape, Hybrid, HybridShape, Mlp, MlpShape, NetworkShape,
-    Precision, Stage, TimeGate, Workspace,
+    Batch, Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, Precision, Stage,
+    TimeGate, Workspace,
 };
+
+/// The paper's weight of the colours' error.
+const COLOR_WEIGHT: f32 = 0.05;
 
 const HEAD: MlpShape = MlpShape {
     width: 19,
@@ -50,9 +53,9 @@ fn uniform(seed: u64, len: usize) -> Vec<f32> {
 }
 
 /// A network with no parameter at a special value.
-fn network(shape: HybridShape) -> Hybrid {
+fn network(shape: HybridShape) -> Network {
     let params = uniform(1, shape.parameter_count());
-    Hybrid::from_params(shape, params.iter().map(|p| 0.5 * p).collect()).unwrap()
+    Network::from_params(shape, params.iter().map(|p| 0.5 * p).collect()).unwrap()
 }
 
 /// `clouds` clouds of `points` points.
@@ -84,7 +87,7 @@ impl Samples {
     }
 }
 
-fn loss_and_gradient(network: &Hybrid, samples: &Samples) -> (f64, Vec<f32>) {
+fn loss_and_gradient(network: &Network, samples: &Samples) -> (f64, Vec<f32>) {
     let mut gradient = vec![f32::NAN; network.params().len()];
     let workspace = &mut Workspace::default();
     let loss = network.loss_and_gradient(&samples.batch(), workspace, &mut gradient);
@@ -137,7 +140,7 @@ fn products_of_bfloat16_numbers_change_results_by_their_rounding() {
             head: MlpShape { width: 64, ..HEAD },
             context,
         };
-        let float32 = Hybrid::new(shape, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
+        let float32 = Network::new(shape, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
         // What starts at zero must not stay there. But for the maximum's share: rounding may change which point has it.
         let noise = uniform(6, float32.params().len());
         let params = float32.params().iter().zip(&noise);
@@ -147,7 +150,7 @@ fn products_of_bfloat16_numbers_change_results_by_their_rounding() {
             .iter()
             .find(|tensor| tensor.name == "context.join_maximum.weight");
         params[maximum.unwrap().range.clone()].fill(0.0);
-        let float32 = Hybrid::from_params(shape, params).unwrap();
+        let float32 = Network::from_params(shape, params).unwrap();
         let bfloat16 = float32.clone().with_precision(Precision::Bfloat16).unwrap();
         let samples = Samples::new(2, 700);
         let [exact, rounded] = [&float32, &bfloat16].map(|n| loss_and_gradient(n, &samples));
@@ -196,7 +199,7 @@ fn gradient_of_many_points_is_the_finite_difference() {
     let moved = |step: f64| {
         let pairs = network.params().iter().zip(&gradient);
         let params = pairs.map(|(p, g)| (f64::from(*p) + step * f64::from(*g)) as f32);
-        let network = Hybrid::from_params(SHAPE, params.collect()).unwrap();
+        let network = Network::from_params(SHAPE, params.collect()).unwrap();
         loss_and_gradient(&network, &samples).0
     };
     let step = 1e-3 / square.sqrt();
@@ -206,7 +209,7 @@ fn gradient_of_many_points_is_the_finite_difference() {
 
 #[test]
 fn a_fresh_network_is_its_head_alone() {
-    let hybrid = Hybrid::new(SHAPE, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
+    let hybrid = Network::new(SHAPE, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
     // The head's share of the parameters, less the columns of the input layer that take the context.
     let mut params = Vec::new();
     for spec in SHAPE.head.tensors() {
@@ -225,7 +228,7 @@ fn a_fresh_network_is_its_head_alone() {
             _ => params.extend(values),
         }
     }
-    let head = Mlp::from_params(HEAD, params).unwrap();
+    let head = Network::from_params(HEAD, params).unwrap();
     let points = uniform(4, 300);
     let [mut expected, mut velocities] = [vec![0.0; 300], vec![0.0; 300]];
     head.velocity(0.8, &[0.1, 0.2, 0.3], &points, &mut expected);
@@ -292,7 +295,11 @@ fn impossible_shapes_are_refused_by_name() {
         "{said}"
     );
     assert!(error(&|context| context.joined = 0).contains("joined features is 0"));
-    assert!(error(&|context| context.gate.centre = f32::NAN).contains("not a finite number"));
+    let said = error(&|context| context.gate.centre = f32::NAN);
+    assert_eq!(
+        said,
+        "network time gate's centre is NaN, expected a finite number"
+    );
 }
 
 #[test]

@@ -9,10 +9,13 @@ use rand_chacha::ChaCha8Rng;
 use tdcr_learn::data::CloudSet;
 use tdcr_learn::flow::{Coupling, FlowPath};
 use tdcr_learn::net::{
-    Batch, COLOR_WEIGHT, Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape,
-    Precision, Stage, Workspace,
+    Batch, Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, Precision, Stage,
+    Workspace,
 };
 use tdcr_learn::train::{Optimizer, TrainSettings, Trainer};
+
+/// The paper's weight of the colours' error.
+const COLOR_WEIGHT: f32 = 0.05;
 
 const HEAD: MlpShape = MlpShape {
     width: 64,

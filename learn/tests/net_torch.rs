@@ -6,10 +6,13 @@ use std::fs;
 use safetensors::SafeTensors;
 use serde_json::Value;
 use tdcr_learn::flow::VelocityField;
-use tdcr_learn::net::{Batch, COLOR_WEIGHT, Network, NetworkShape, Workspace};
+use tdcr_learn::net::{Batch, Network, NetworkShape, Workspace};
 
 /// Relative tolerance, in the Euclidean norm of a tensor.
 const TOLERANCE: f64 = 1e-5;
+
+/// The paper's weight of the colours' error.
+const COLOR_WEIGHT: f32 = 0.05;
 
 /// What `data/networks_torch.py` wrote.
 struct Fixture {

@@ -1,4 +1,7 @@
 //! Kinematics of the chain on SO(3)^n.
+//!
+//! The coordinates of a joint are a rotation vector `xi_i` in its disc's own frame, `q_i exp(xi_i)`, as MuJoCo's ball joints
+//! have them. Inside, the same vectors are kept in world axes, so that nothing changes frames along the chain.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -11,7 +14,7 @@ pub struct Configuration(pub Vec<UnitQuaternion<f64>>);
 impl Configuration {
     /// The straight pose of a robot: no joint turned.
     pub fn straight(robot: &Robot) -> Self {
-        Self(vec![UnitQuaternion::identity(); robot.discs.len()])
+        Self(vec![UnitQuaternion::identity(); robot.discs().len()])
     }
 
     /// Writes `self * exp(step)` to `out`: joint `i` turned by the rotation vector
@@ -60,8 +63,8 @@ pub(crate) struct Chain {
 impl Chain {
     /// Room for the poses of a robot's discs.
     pub fn new(robot: &Robot) -> Self {
-        let n = robot.discs.len();
-        let base = *robot.base_orientation.to_rotation_matrix().matrix();
+        let n = robot.discs().len();
+        let base = *robot.base_orientation().to_rotation_matrix().matrix();
         Self {
             orientations: vec![base; n + 1],
             centres: vec![Vector3::zeros(); n],
@@ -72,11 +75,11 @@ impl Chain {
     /// Forward kinematics: the poses of all discs in configuration `q`.
     pub fn place(&mut self, robot: &Robot, q: &Configuration) {
         let mut below = self.orientations[0];
-        let mut centre = robot.base;
+        let mut centre = robot.base();
         let poses = (self.orientations[1..].iter_mut())
             .zip(self.centres.iter_mut().zip(&mut self.positions));
         for ((disc, joint), (orientation, (joint_centre, position))) in
-            robot.discs.iter().zip(&q.0).zip(poses)
+            robot.discs().iter().zip(&q.0).zip(poses)
         {
             centre += below * disc.joint_offset;
             below *= joint.to_rotation_matrix().matrix();
@@ -95,7 +98,7 @@ impl Chain {
     /// its frame, in the world (m).
     pub fn point(&self, robot: &Robot, disc: Option<usize>, local: &Vector3<f64>) -> Vector3<f64> {
         match disc {
-            None => robot.base + self.orientations[0] * local,
+            None => robot.base() + self.orientations[0] * local,
             Some(index) => self.centres[index] + self.disc(index) * local,
         }
     }

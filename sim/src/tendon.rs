@@ -103,22 +103,22 @@ impl Posture {
         let none = Stretch::new(Vector3::zeros(), Vector3::zeros());
         Self {
             chain: Chain::new(robot),
-            stretches: vec![none; robot.segments.len()],
-            lengths: vec![0.0; robot.tendons.len()],
+            stretches: vec![none; robot.segments().len()],
+            lengths: vec![0.0; robot.tendons().len()],
         }
     }
 
     /// Places the discs in configuration `q`, and the tendons through their holes.
     pub fn place(&mut self, robot: &Robot, q: &Configuration) {
         self.chain.place(robot, q);
-        for (length, tendon) in self.lengths.iter_mut().zip(&robot.tendons) {
+        for (length, tendon) in self.lengths.iter_mut().zip(robot.tendons()) {
             *length = tendon.fixed_length;
         }
-        for (stretch, segment) in self.stretches.iter_mut().zip(&robot.segments) {
+        for (stretch, segment) in self.stretches.iter_mut().zip(robot.segments()) {
             *stretch = segment.stretch(&self.chain);
             self.lengths[segment.tendon] += stretch.length;
         }
-        for span in &robot.spans {
+        for span in robot.spans() {
             self.lengths[span.tendon] += span.stretch(robot, &self.chain).2.length;
         }
     }
@@ -134,17 +134,17 @@ impl Robot {
         let mut posture = Posture::new(self);
         posture.place(self, q);
         let chain = &posture.chain;
-        let mut jacobian = DMatrix::zeros(self.tendons.len(), self.dof());
+        let mut jacobian = DMatrix::zeros(self.tendons().len(), self.dof());
         let mut add = |tendon: usize, joint: usize, gradient: &Vector3<f64>| {
             let own_axes = chain.disc(joint).tr_mul(gradient);
             for axis in 0..3 {
                 jacobian[(tendon, 3 * joint + axis)] += own_axes[axis];
             }
         };
-        for (segment, stretch) in self.segments.iter().zip(&posture.stretches) {
+        for (segment, stretch) in self.segments().iter().zip(&posture.stretches) {
             add(segment.tendon, segment.joint, &stretch.gradient());
         }
-        for span in &self.spans {
+        for span in self.spans() {
             let (_, upper, stretch) = span.stretch(self, chain);
             for joint in span.lower.map_or(0, |disc| disc + 1)..=span.upper {
                 let arm = upper - chain.centres[joint];

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::flow::{Coupling, FlowPath};
-use tdcr::learn::net::{COLOR_WEIGHT, Channels, ContextShape, Precision, vector_lanes};
+use tdcr::learn::net::{Channels, ContextShape, Precision, Processor};
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
     Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
@@ -47,7 +47,7 @@ pub(super) struct TrainArgs {
     #[arg(long)]
     colors: bool,
     /// Weight of the colours' error beside the positions'
-    #[arg(long, default_value_t = COLOR_WEIGHT, value_name = "W", requires = "colors", allow_hyphen_values = true)]
+    #[arg(long, default_value_t = TrainSettings::default().color_weight, value_name = "W", requires = "colors", allow_hyphen_values = true)]
     color_weight: f32,
     #[arg(long, value_name = "N", help = by_preset("Optimiser steps", |p| match p.length {
         Length::Steps(steps) => steps.to_string(),
@@ -413,7 +413,7 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
         best_step: trained.model.step,
         validation_cd: trained.model.validation_distance * scale * scale,
         precision: settings.precision,
-        vector_lanes: vector_lanes(),
+        vector_lanes: Processor::detect().vector_lanes,
     };
     console.result(&run, |r| {
         format!(

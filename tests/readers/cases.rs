@@ -322,7 +322,7 @@ fn saved(save: impl FnOnce(&Path)) -> Vec<u8> {
 }
 
 fn model() -> Vec<u8> {
-    let network = Network::new(SHAPE.into(), &mut ChaCha8Rng::seed_from_u64(0));
+    let network = Network::new(SHAPE, &mut ChaCha8Rng::seed_from_u64(0));
     let model = Model {
         provenance: provenance(),
         settings: TrainSettings::default(),

@@ -12,6 +12,7 @@ use super::{Condition, DataError, Split};
 
 /// Something about a readable data set that will mislead a learner.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum Finding {
     /// A condition occurs twice.
     #[error("{second} has the condition of {first}, {condition:?}{}", if .second.split == .first.split { "" } else { ": a split knows what another asks" })]

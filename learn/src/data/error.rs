@@ -158,41 +158,41 @@ pub enum DataError {
         expected: bool,
     },
     /// Too few samples to fill the three splits.
-    #[error("{count} samples cannot be split 80/10/10, expected at least {MIN_SAMPLES}")]
+    #[error("{found} samples cannot be split 80/10/10, expected at least {MIN_SAMPLES}")]
     TooFewSamples {
         /// The number of samples.
-        count: usize,
+        found: usize,
     },
     /// Too many samples for their indices to fit into memory.
-    #[error("{count} samples cannot be split, expected at most {MAX_SAMPLES}")]
+    #[error("{found} samples cannot be split, expected at most {MAX_SAMPLES}")]
     TooManySamples {
         /// The number of samples.
-        count: usize,
+        found: usize,
     },
     /// The folder holds a data set made with other settings.
-    #[error("{} holds another data set: its `{field}` is {found}, not {wanted}; choose another folder", .path.display())]
+    #[error("{} holds another data set: its `{field}` is {found}, not {expected}; choose another folder", .path.display())]
     OtherSet {
         /// The folder.
         path: PathBuf,
         /// The first field that differs, as a dotted path into `meta.json`.
         field: String,
         /// The value asked for.
-        wanted: String,
+        expected: String,
         /// The value found.
         found: String,
     },
     /// The folder holds a data set with another number of samples, which cannot become this one.
     #[error(
-        "{} holds {held} samples and `samples` is {wanted}: {reason}; ask for {held}, or choose another folder",
+        "{} holds {found} samples and `samples` is {expected}: {reason}; ask for {found}, or choose another folder",
         .path.display()
     )]
     OtherCount {
         /// The folder.
         path: PathBuf,
         /// Samples of the set there.
-        held: usize,
+        found: usize,
         /// Samples asked for.
-        wanted: usize,
+        expected: usize,
         /// Why the one does not become the other.
         reason: String,
     },

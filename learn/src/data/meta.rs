@@ -47,6 +47,7 @@ pub struct Meta {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[allow(clippy::large_enum_variant, reason = "there is one for each data set")]
+#[non_exhaustive]
 pub enum Origin {
     /// Simulation: what it takes, with the seed, to make them again.
     Simulated {
@@ -226,8 +227,8 @@ impl Meta {
         };
         Err(DataError::OtherCount {
             path: folder.to_owned(),
-            held: found.count,
-            wanted: self.count,
+            found: found.count,
+            expected: self.count,
             reason,
         })
     }
@@ -238,10 +239,10 @@ impl Meta {
             |meta: &Self| serde_json::to_value(meta).expect("a struct of plain values serialises");
         match first_difference("", &as_value(self), &as_value(found)) {
             None => Ok(()),
-            Some((field, wanted, found)) => Err(DataError::OtherSet {
+            Some((field, expected, found)) => Err(DataError::OtherSet {
                 path: folder.to_owned(),
                 field,
-                wanted,
+                expected,
                 found,
             }),
         }

@@ -84,6 +84,7 @@ impl Recipe {
 
 /// Why a sample could not be simulated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SimulateError {
     /// The command does not fit the robot.
     #[error(transparent)]
@@ -126,19 +127,19 @@ pub struct SimulationTimes {
 const PHASES: usize = 8;
 
 /// Makes samples one after another, on one thread, reusing its memory.
-pub struct Simulator<'a> {
-    robot: &'a Robot,
-    settler: Settler<'a>,
-    observer: Observer<'a>,
+pub struct Simulator {
+    robot: Robot,
+    settler: Settler,
+    observer: Observer,
     sensor: Option<Sensor>,
     times: SimulationTimes,
 }
 
-impl<'a> Simulator<'a> {
+impl Simulator {
     /// A simulator of `robot`, which is compiled from the recipe's.
-    pub fn new(robot: &'a Robot, recipe: &Recipe) -> Self {
+    pub fn new(robot: &Robot, recipe: &Recipe) -> Self {
         Self {
-            robot,
+            robot: robot.clone(),
             settler: Settler::new(robot),
             observer: Observer::new(
                 robot,
@@ -162,7 +163,7 @@ impl<'a> Simulator<'a> {
     /// [`SimulateError`] where the condition does not fit the robot, or the robot does not settle.
     pub fn settle(&mut self, condition: &Condition) -> Result<&Equilibrium, SimulateError> {
         let began = Instant::now();
-        let command = condition.command(self.robot)?;
+        let command = condition.command(&self.robot)?;
         let unloaded = self.settler.settle(&command, &Loads::default());
         let payload = condition.payload.filter(|&mass| mass != 0.0);
         if let (Some(mass), true) = (payload, unloaded.converged) {

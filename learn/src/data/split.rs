@@ -121,9 +121,9 @@ pub fn split_indices(count: usize, seed: u64) -> Result<SplitIndices, DataError>
 /// Refuses numbers of samples that cannot be split.
 pub(super) fn require_count(count: usize) -> Result<(), DataError> {
     match count {
-        0..MIN_SAMPLES => Err(DataError::TooFewSamples { count }),
+        0..MIN_SAMPLES => Err(DataError::TooFewSamples { found: count }),
         MIN_SAMPLES..=MAX_SAMPLES => Ok(()),
-        _ => Err(DataError::TooManySamples { count }),
+        _ => Err(DataError::TooManySamples { found: count }),
     }
 }
 
@@ -203,7 +203,7 @@ mod tests {
         for count in [MAX_SAMPLES + 1, 1_000_000_000_000, usize::MAX] {
             assert!(matches!(
                 split_indices(count, 0),
-                Err(DataError::TooManySamples { count: found }) if found == count
+                Err(DataError::TooManySamples { found }) if found == count
             ));
         }
     }
@@ -212,7 +212,7 @@ mod tests {
     fn fewer_than_ten_samples_are_refused() {
         assert!(matches!(
             split_indices(9, 0),
-            Err(DataError::TooFewSamples { count: 9 })
+            Err(DataError::TooFewSamples { found: 9 })
         ));
     }
 }

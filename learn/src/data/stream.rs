@@ -1,4 +1,8 @@
 //! Samples made as they are needed, without files.
+//!
+//! A stream is a function of seed and index. Threads claim indices, a reorder buffer of fixed size hands the samples out in
+//! order, and training sees a window that moves along the stream by a fixed number of clouds a step: so neither threads nor
+//! interruptions show in the result. Its units are bounds, not statistics.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -92,7 +96,7 @@ impl SimStream {
         threads: usize,
         ahead: usize,
     ) -> Result<Self, SpecError> {
-        let robot = Arc::new(Robot::new(spec.recipe.subject.robot.clone())?);
+        let robot = Robot::new(spec.recipe.subject.robot.clone())?;
         let shared = Arc::new(Shared {
             state: Mutex::new(State {
                 next_made: first,

@@ -1,24 +1,25 @@
-//! How the noise that a cloud starts from is coupled to its points.
+//! How samples of the prior are coupled to the points of a cloud.
 
 use serde::{Deserialize, Serialize};
 
-use super::{FlowError, require};
+use super::error::{FlowError, require};
 use crate::channels::{Channels, DIM};
 use crate::metrics::Matcher;
 
-/// Largest group that is matched: the work grows with the cube of it.
+/// Largest group that is matched: the work grows with its cube.
 const MAX_BATCH: usize = 256;
 
 /// Which sample of the prior flows to which point of a cloud. Prior and data are the same under any coupling.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub enum Coupling {
-    /// Any to any (the paper's).
+    /// At random (the paper's).
     #[default]
     Independent,
-    /// Within groups of at most `batch` points, each to one such that the mean squared distance of positions is least:
-    /// minibatch optimal transport (Pooladian et al. 2023, Tong et al. 2024), here within a cloud, as a batch has one
-    /// condition. Ways cross less, so the velocity at a place varies less.
+    /// Minibatch optimal transport (Pooladian et al. 2023, Tong et al. 2024): within groups of at most `batch` points, the
+    /// one-to-one assignment of least mean squared distance between positions. A group belongs to one cloud, as its points
+    /// have one condition. Paths cross less, so the velocity at a place varies less.
     OptimalTransport {
         /// Points in a group.
         batch: usize,
@@ -29,7 +30,7 @@ impl Coupling {
     /// Optimal transport within groups of 32.
     pub const OPTIMAL_TRANSPORT: Self = Self::OptimalTransport { batch: 32 };
 
-    /// Refuses groups in which there is nothing to match, and such that would take too long.
+    /// Returns an error for groups that are too small to match, or too large.
     pub fn check(self) -> Result<(), FlowError> {
         match self {
             Self::Independent => Ok(()),

@@ -1,6 +1,6 @@
-//! Multistep methods of variable steps: one evaluation of the field each.
+//! Linear multistep methods with variable steps: one evaluation of the field per step.
 
-/// What a method extends in time.
+/// What a method extrapolates in time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Extended {
     /// The velocity `u`: `dX/dt = u(t)`.
@@ -9,18 +9,19 @@ pub(super) enum Extended {
     Data,
 }
 
-/// Orders up to which a method goes.
+/// Highest order.
 const ORDERS: usize = 3;
 
-/// A multistep method on its way: `X(t)` goes on as if what is extended were the polynomial through its last values,
+/// State of a multistep method. From the last evaluation on, the extrapolated quantity is taken to be the polynomial through
+/// its last values,
 ///
 /// ```text
-/// f(s) = f_0 + (s - t) f_1 + (s - t) (s - t') f_2          t' the time before; Newton's divided differences
+/// f(s) = f_0 + (s - t) f_1 + (s - t) (s - t') f_2          t' the previous time; Newton's divided differences
 /// ```
 ///
-/// of as many terms as the method's order, fewer in the first steps; what the first step so lacks of second order, the second
-/// adds. The equation is then solved exactly (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, Sec.
-/// III.5; for the data, DPM-Solver++: Lu et al., 2022).
+/// with as many terms as the method's order, or fewer in the first steps; the second step adds the second-order term that the
+/// first step lacked. The differential equation with this polynomial is solved exactly (Hairer, Norsett and Wanner, Solving
+/// Ordinary Differential Equations I, Sec. III.5; for the data, DPM-Solver++: Lu et al., 2022).
 #[derive(Debug)]
 pub(super) struct Multistep {
     extended: Extended,
@@ -30,7 +31,7 @@ pub(super) struct Multistep {
     /// Times of the last evaluations, the last first.
     times: [f64; ORDERS],
     evaluations: usize,
-    /// Weight of the slope's term that the first step lacked, which the second makes up for.
+    /// Weight of the second-order term that the first step lacked, which the second step adds.
     owed: f64,
 }
 
@@ -48,7 +49,7 @@ impl Multistep {
         }
     }
 
-    /// Takes the `velocity` of `points` at `t`.
+    /// Adds the `velocity` of `points` at `t` to the last values.
     pub fn evaluate(&mut self, t: f64, points: &[f32], velocity: &[f32]) {
         self.owed = match (self.evaluations, self.order) {
             (1, 2..) => self.weights(t).terms[1],
@@ -77,7 +78,7 @@ impl Multistep {
         self.evaluations += 1;
     }
 
-    /// Carries `points` from the last evaluation's time to `end`.
+    /// Moves `points` from the time of the last evaluation to `end`.
     pub fn step(&self, end: f64, points: &mut [f32]) {
         let Weights { keep, mut terms } = self.weights(end);
         terms[1] += keep * self.owed;
@@ -102,13 +103,13 @@ impl Multistep {
         }
     }
 
-    /// The time to which the slope's term moves the points by `tolerance` (root mean square over all components), 1 at the
-    /// most: by so much a step of first order would go wrong. The first step is as long as if the flow changed by 1 in a unit of
-    /// time, and no other more than twice as long as the last.
+    /// End of the longest step, 1 at the most, whose second-order term moves the points by no more than `tolerance` (root mean
+    /// square over all components): an estimate of the local error of a first-order step. The first step is as long as if
+    /// the flow changed by 1 per unit of time; each other one is at most twice as long as the last.
     pub fn longest_step(&self, tolerance: f64) -> f64 {
-        /// The first step at its longest.
+        /// Longest first step.
         const LONGEST_FIRST: f64 = 0.125;
-        /// How many times as long as the last one a step may be.
+        /// Largest ratio of a step to the last one.
         const GROWTH: f64 = 2.0;
         let [t, before, _] = self.times;
         let longest = match self.evaluations {
@@ -124,6 +125,7 @@ impl Multistep {
         if moved(end) <= tolerance {
             return end;
         }
+        // Bisection: the second-order term grows with the step.
         let (mut low, mut high) = (t, end);
         for _ in 0..f32::MANTISSA_DIGITS {
             let middle = 0.5 * (low + high);
@@ -136,12 +138,12 @@ impl Multistep {
         low
     }
 
-    /// Terms that are known.
+    /// Number of terms known.
     fn terms(&self) -> usize {
         self.evaluations.min(self.order)
     }
 
-    /// How points and differences count in a step from the last evaluation to `end`.
+    /// Weights of points and differences in a step from the last evaluation to `end`.
     fn weights(&self, end: f64) -> Weights {
         let [t, before, _] = self.times;
         let (h, gap) = (end - t, t - before);

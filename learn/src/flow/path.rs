@@ -4,7 +4,8 @@ use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::{Coupling, FlowError, require};
+use super::coupling::Coupling;
+use super::error::{FlowError, require};
 use crate::channels::{Channels, DIM};
 
 /// Prior, coupling, path and distribution of flow times (paper, Sec. Method).
@@ -16,10 +17,10 @@ use crate::channels::{Channels, DIM};
 pub struct FlowPath {
     /// Standard deviation of the positions' prior `sigma`, in normalised units.
     pub prior_deviation: f32,
-    /// `alpha` of the flow times' Beta distribution; above 1 it favours times near the data. The expected loss is that of
-    /// uniform times with the weight `alpha t^(alpha - 1)`, drawn by importance.
+    /// `alpha` of the flow times' Beta distribution; above 1 it favours times near the data: importance sampling of the loss
+    /// over uniform times with the weight `alpha t^(alpha - 1)`.
     pub time_exponent: f32,
-    /// Which sample of the prior flows to which point; independent in files of before there was a choice.
+    /// Which sample of the prior flows to which point; independent in older files, which do not say.
     #[serde(default)]
     pub coupling: Coupling,
 }
@@ -36,7 +37,7 @@ impl Default for FlowPath {
 }
 
 impl FlowPath {
-    /// Refuses values that make no path.
+    /// Returns an error for values that do not describe a path.
     pub fn check(&self) -> Result<(), FlowError> {
         let Self {
             prior_deviation,

@@ -1,9 +1,9 @@
-//! Random numbers that are a pure function of a seed and of what they are for.
+//! Random streams: each a pure function of a seed and a purpose.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// What random numbers are drawn for. No two purposes share numbers.
+/// The purpose of a random stream. No two share numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
     /// Initial parameters of a network.

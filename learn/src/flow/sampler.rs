@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::error::{FlowError, require};
 use super::multistep::{Extended, Multistep};
-use super::{FlowError, TimeGrid, require};
+use super::time_grid::TimeGrid;
 
 /// A velocity field `u(X, t | c)` over whole clouds.
 pub trait VelocityField {
@@ -12,36 +13,36 @@ pub trait VelocityField {
     fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]);
 }
 
-/// How a step of the integration is taken, from `t` to `t' = t + h`.
+/// Integration method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Method {
     /// Heun's method (improved Euler, second order; paper, Alg. tdcr-sampling): two evaluations of the field per step.
     #[default]
     Heun,
     /// Euler's method: first order, one evaluation per step.
     Euler,
-    /// Adams and Bashforth's method of second order with the last step's velocity: one evaluation per step.
+    /// Second-order Adams-Bashforth method: one evaluation per step.
     AdamsBashforth,
-    /// The same on the data that the velocity points at, `D = X + (1 - t) u`, one evaluation per step. `D` is extended
-    /// linearly in `t` from the last two evaluations, and `dX/dt = (D - X) / (1 - t)` is then solved exactly
-    /// (an exponential multistep method, as DPM-Solver++ 2M: Lu et al., 2022). For clouds `D` moves much less than the
-    /// velocity near the data.
+    /// Second-order exponential multistep method, one evaluation per step (as DPM-Solver++ 2M: Lu et al., 2022). The data
+    /// prediction `D = X + (1 - t) u` is extrapolated linearly in `t` from the last two evaluations, and
+    /// `dX/dt = (D - X) / (1 - t)` is solved exactly. For clouds `D` changes much less than the velocity near the data.
     Exponential,
-    /// The same of third order: `D` is extended quadratically from the last three evaluations.
+    /// The same of third order: `D` is extrapolated quadratically from the last three evaluations.
     Exponential3,
 }
 
-/// Integration of a field from prior to data.
+/// How a velocity field is integrated from prior to data.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sampler {
-    /// How steps are taken.
+    /// Integration method.
     #[serde(default)]
     pub method: Method,
     /// Number of steps.
     pub steps: usize,
-    /// Where they lie.
+    /// Time grid of the steps.
     pub grid: TimeGrid,
 }
 
@@ -53,7 +54,7 @@ impl Default for Sampler {
 }
 
 impl Method {
-    /// All of them.
+    /// All methods.
     pub const ALL: [Self; 5] = [
         Self::Heun,
         Self::Euler,
@@ -73,7 +74,7 @@ impl Method {
         }
     }
 
-    /// The multistep method of it; `None` for Heun's, of one step.
+    /// State of the multistep method; `None` for Heun's, which is a one-step method.
     fn multistep(self, len: usize) -> Option<Multistep> {
         let (extended, order) = match self {
             Self::Heun => return None,
@@ -101,7 +102,7 @@ impl Sampler {
         grid: TimeGrid::Uniform,
     };
 
-    /// Refuses values that make no grid.
+    /// Returns an error for values that do not describe a sampler.
     pub fn check(&self) -> Result<(), FlowError> {
         require(
             (1..=100_000).contains(&self.steps),
@@ -121,8 +122,7 @@ impl Sampler {
         }
     }
 
-    /// Evaluations of the field that an integration takes; at the most, where steps are adaptive or shorter than f32 tells
-    /// apart.
+    /// Evaluations of the field per integration. Fewer are taken where steps are adaptive, or shorter than f32 resolves.
     pub fn evaluations(&self) -> usize {
         match self.method {
             Method::Heun => 2 * self.steps,
@@ -130,10 +130,10 @@ impl Sampler {
         }
     }
 
-    /// Carries `points` `(N, C)` from `t = 0` to `t = 1`, in place; returns the evaluations of the field that it took.
+    /// Moves `points` `(N, C)` from `t = 0` to `t = 1`, in place; returns the number of evaluations of the field.
     ///
     /// # Panics
-    /// Where [`Sampler::check`] refuses the sampler.
+    /// Where [`Sampler::check`] returns an error.
     pub fn integrate(
         &self,
         field: &impl VelocityField,
@@ -143,8 +143,8 @@ impl Sampler {
         self.integrate_observed(field, condition, points, |_, _| {})
     }
 
-    /// [`Sampler::integrate`] that shows the points after every step to `observe`, with the number of steps taken.
-    pub fn integrate_observed(
+    /// [`Sampler::integrate`], calling `observe` after every step with the number of steps taken and the points.
+    pub(crate) fn integrate_observed(
         &self,
         field: &impl VelocityField,
         condition: &[f32],
@@ -193,13 +193,13 @@ impl Sampler {
         let mut velocity = vec![0.0; points.len()];
         let (mut t, mut evaluations) = (0.0, 0);
         for k in 1..=self.steps {
-            let laid = times.as_ref().map(|times| f64::from(times[k]));
-            // Steps that are shorter than f32 tells apart have no length.
-            if laid != Some(t) {
+            let fixed = times.as_ref().map(|times| f64::from(times[k]));
+            // Steps shorter than f32 resolves have no length.
+            if fixed != Some(t) {
                 field(t, points, &mut velocity);
                 multistep.evaluate(t, points, &velocity);
                 evaluations += 1;
-                t = match (laid, self.grid) {
+                t = match (fixed, self.grid) {
                     (Some(end), _) => end,
                     (None, TimeGrid::Adaptive(tolerance)) if k < self.steps => {
                         multistep.longest_step(tolerance.into())
@@ -209,7 +209,7 @@ impl Sampler {
                 multistep.step(t, points);
             }
             observe(k, points);
-            if laid.is_none() && t == 1.0 {
+            if fixed.is_none() && t == 1.0 {
                 break;
             }
         }
@@ -284,7 +284,7 @@ mod tests {
         }
     }
 
-    /// Where all paths lead to one point, its prediction is right from the first step on.
+    /// Where all paths lead to one point, the data prediction is exact from the first step on.
     #[test]
     fn the_exponential_method_is_exact_for_a_point() {
         let field = Gaussian { a: 0.5, b: 0.0 };

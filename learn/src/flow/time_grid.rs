@@ -1,25 +1,25 @@
-//! Where the steps of an integration lie.
+//! Time grids of an integration.
 
 use serde::{Deserialize, Serialize};
 
-use super::{FlowError, require};
+use super::error::{FlowError, require};
 
-/// Where in [0, 1] the steps of an integration lie.
+/// Time grid of an integration over [0, 1].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum TimeGrid {
     /// Equal steps, `t_k = k/n` (paper, Alg. tdcr-sampling).
     Uniform,
     /// `t_k = 1 - (1 - k/n)^p`: for `p > 1` denser towards the data, where the learned field bends most.
     Power(f32),
-    /// Each step as long as a tolerance allows: what the change of the velocity, or of the data that it points at, moves the
-    /// points by (root mean square over all components, normalised units). As many steps as that takes, the sampler's number
-    /// at the most.
+    /// Adaptive steps with this local error tolerance (root mean square over all components, normalised units), estimated
+    /// from the change of what the method extrapolates. The sampler's number of steps is the most that are taken.
     Adaptive(f32),
 }
 
 impl TimeGrid {
-    /// The times between `steps` steps, from 0 to 1: `steps + 1` of them; `None` where they follow from the field.
+    /// The `steps + 1` times of a grid of `steps` steps, from 0 to 1; `None` if the grid is adaptive.
     pub fn times(self, steps: usize) -> Option<Vec<f32>> {
         let exponent = match self {
             Self::Uniform => 1.0,
@@ -30,7 +30,7 @@ impl TimeGrid {
         Some((0..=steps).map(time).collect())
     }
 
-    /// Refuses values that make no grid.
+    /// Returns an error for values that do not describe a grid.
     pub(super) fn check(self) -> Result<(), FlowError> {
         let number = |field, found: f32, accepted: [f32; 2], expected| {
             let [low, high] = accepted;

@@ -1,10 +1,14 @@
 //! Earth mover's distance from groups of neighbours, with a bound.
+//!
+//! The exact method stopped at a coarser cloud: groups are matched by their centroids, points within matched groups, and the
+//! centroids' dual solution tells the bound.
 
 use std::num::NonZeroUsize;
 
 use super::MetricError;
 use super::assignment::Assignment;
-use super::emd::{Coarse, Emd, GroundCost, group_slots, mean_cost, trees};
+use super::emd::{Coarse, Emd, group_slots, mean_cost, trees};
+use super::ground_cost::GroundCost;
 use super::kdtree::{KdTree, squared_distance};
 use super::matcher::Matcher;
 use super::priced_tree::PricedTree;

@@ -13,7 +13,7 @@
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, VecDeque};
 
-use super::emd::GroundCost;
+use super::ground_cost::GroundCost;
 use super::kdtree::KdTree;
 use super::priced_tree::{Offer, PricedTree};
 

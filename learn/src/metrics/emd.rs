@@ -1,8 +1,13 @@
 //! Exact earth mover's distance between clouds of equal size.
+//!
+//! A sparse assignment (`assignment`) by augmenting paths on arcs that a k-d tree gives as needed, started from the
+//! dual solution of coarser clouds, and certified by its own against all pairs. An auction that ends at a tolerance was built
+//! too, and was no faster than the exact solution for clouds that nearly agree.
 
 use std::ops::Range;
 
 use super::assignment::Assignment;
+use super::ground_cost::GroundCost;
 use super::kdtree::{Aabb, KdTree, squared_distance};
 use super::priced_tree::PricedTree;
 use super::{MetricError, Side, checked};
@@ -16,26 +21,6 @@ const COARSEST: usize = 64;
 /// What a row may still gain in a solution called optimal, relative to the largest cost: above what
 /// rounding leaves, far below what the metric is read to.
 const TOLERANCE: f64 = 1e-12;
-
-/// Cost of moving one point to another.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GroundCost {
-    /// Euclidean distance (m).
-    Distance,
-    /// Squared Euclidean distance (m^2).
-    SquaredDistance,
-}
-
-impl GroundCost {
-    /// Cost of a move over the squared distance `squared` (m^2).
-    #[inline]
-    pub(super) fn of_squared(self, squared: f64) -> f64 {
-        match self {
-            Self::Distance => squared.sqrt(),
-            Self::SquaredDistance => squared,
-        }
-    }
-}
 
 /// A matching of two clouds, and the proof of how near to optimal it is.
 #[derive(Clone, Debug, PartialEq)]

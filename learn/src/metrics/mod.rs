@@ -9,6 +9,7 @@ mod assignment;
 mod chamfer;
 mod color;
 mod emd;
+mod ground_cost;
 mod k_nearest;
 mod kdtree;
 mod matcher;
@@ -21,7 +22,8 @@ mod spread;
 pub use approximate::emd_approximate;
 pub use chamfer::chamfer;
 pub use color::{Colored, color_error};
-pub use emd::{Emd, GroundCost, emd, emd_squared, emd_with};
+pub use emd::{Emd, emd, emd_squared, emd_with};
+pub use ground_cost::GroundCost;
 pub(crate) use matcher::Matcher;
 pub use nearest::nearest_distances;
 pub use rank::rank_correlation;
@@ -50,6 +52,7 @@ impl fmt::Display for Side {
 
 /// Why clouds have no distance, or no spread.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MetricError {
     /// A cloud holds no point.
     #[error("the {side} is empty; a distance needs at least one point in each cloud")]
@@ -58,14 +61,14 @@ pub enum MetricError {
         side: Side,
     },
     /// A cloud has too few points to lay planes through.
-    #[error("the {side} holds {found} points, expected at least {needed}")]
+    #[error("the {side} holds {found} points, expected at least {expected}")]
     TooFew {
         /// The cloud.
         side: Side,
         /// Its points.
         found: usize,
         /// Fewest points that do.
-        needed: usize,
+        expected: usize,
     },
     /// No bijection exists between clouds of different sizes.
     #[error(

@@ -1,6 +1,6 @@
 //! A k-d tree whose points carry prices that only rise.
 
-use super::emd::GroundCost;
+use super::ground_cost::GroundCost;
 use super::kdtree::{Aabb, KdTree, squared_distance};
 
 /// Ridge of the slope fit, relative to the spread of the points: flat nodes stay invertible.

@@ -1,5 +1,23 @@
 //! Velocity networks: the paper's MLP and Hybrid with FiLM modulation, forward and backward, on the CPU.
 //!
+//! A [`Network`] is made from a [`NetworkShape`]. It gives velocities
+//! ([`VelocityField`](crate::flow::VelocityField)), and the loss of a [`Batch`] with its gradient by the parameters, which
+//! are one flat vector; [`NetworkShape::tensors`] names its parts.
+//!
+//! # Rooms
+//!
+//! From the ground up; each uses only those above it in this list.
+//!
+//! - `kernels`: the machinery. Vectorised loops, tiles and matrix products in either operand type ([`Precision`]), for the
+//!   units that this [`Processor`] has. It knows no network.
+//! - `parameters`: the table of tensors, their initial values, the errors of shapes.
+//! - `layers`: the mathematics of layers on rows of features: dense, FiLM, GroupNorm, squeeze and excitation.
+//! - `voxel`: clouds in grids: averages, interpolation, convolutions, the point-voxel block.
+//! - `mlp`: the MLP: what is computed once per cloud, what at every point, loss and gradient.
+//! - `hybrid`: the Hybrid: the context of a point, and an MLP as the head.
+//!
+//! `Network` stands on top. A file `x_bf16` is the bfloat16 twin of the layer `x` beside it.
+//!
 //! # MLP
 //!
 //! With flow time `t`, condition `c` and a point `x`, a position or a position and a colour,
@@ -12,15 +30,16 @@
 //! u  = W_o SiLU(h) + b_o
 //! ```
 //!
-//! All that depends on `e` alone is computed once per cloud (the *conditioner*), the rest at every point, a tile of
-//! points at a time (the *trunk*). Parameters are one flat vector; [`NetworkShape::tensors`] names its parts.
+//! FiLM is of Perez et al. (AAAI 2018), LN is LayerNorm (Ba, Kiros and Hinton 2016), SiLU(x) = x / (1 + exp(-x)). All that
+//! depends on `e` alone is computed once per cloud (the *conditioner*), the rest at every point, a tile of points at a time
+//! (the *trunk*).
 //!
-//! # Numbers
+//! # Operand types
 //!
-//! Weights, gradients, sums and norms are f32. The operands of the products on points and voxels may be rounded to bfloat16
-//! ([`Precision`]), for processors that multiply such numbers faster: gradients then differ by some 0.2 % in the MLP, and by as
-//! much or more in the Hybrid, where rounding may change which point has a maximum. Without a matrix unit, a block's first
-//! convolution stays f32: its few products are not worth rounding.
+//! Weights, gradients, sums and norms are 32-bit floats. The operands of the products on points and voxels may be rounded to
+//! bfloat16 ([`Precision`]), for processors that multiply such numbers faster: gradients then differ by some 0.2 % in the
+//! MLP, and by as much or more in the Hybrid, where rounding may change which point has a maximum. Without a matrix unit, a
+//! block's first convolution stays in floats: its few products are not worth rounding.
 //!
 //! # Hybrid
 //!
@@ -41,57 +60,30 @@
 //! h' = h + SiLU(GN(W_m v + b_m) (1 + gamma(e)) + beta(e))
 //! ```
 //!
-//! What the paper leaves open is as in PVCNN (Liu et al. 2019) with GroupNorm and SiLU for its BatchNorm and ReLU:
+//! What the paper leaves open is as in PVCNN (Liu et al., NeurIPS 2019) with GroupNorm (Wu and He, ECCV 2018) and SiLU for its
+//! BatchNorm and ReLU:
 //!
 //! - The grid is the cube about the points' mean that holds the ball through the farthest point; coordinates are
 //!   `r p` with `p` in `[0, 1]^3`, clamped to `r - 1`, rounded (ties to even) for averages, trilinear on the way back.
-//! - Two convolutions of 3 x 3 x 3 with bias, padded by zeros. Squeeze and excitation `a` with an eighth of the channels
-//!   between, without biases, with ReLU and sigmoid.
+//! - Two convolutions of 3 x 3 x 3 with bias, padded by zeros. Squeeze and excitation `a` (Hu et al., CVPR 2018) with an eighth
+//!   of the channels between, without biases, with ReLU and sigmoid.
 //! - The shared projections are plain 1 x 1 convolutions; the shared MLP is one layer, its norm's output under FiLM.
 //! - GroupNorm has 8 groups, or the largest of 4, 2, 1 that divides the channels; epsilon is 1e-5, as everywhere.
 //! - The maximum is over the last stage's features. Joined features (`W_j`) are 128 by default.
 //!
 //! A cloud's blocks of points and planes of voxels run in parallel, sums over them in fixed order.
 
-mod batch;
-mod bf16;
-#[cfg(test)]
-mod check;
-mod conditioner;
-mod context;
-mod context_shape;
-mod context_stage;
-mod conv3d;
-mod conv3d_bf16;
-mod conv3d_sparse;
-mod dense;
-mod dense_rows;
-mod grid;
-mod group_norm;
 mod hybrid;
-mod hybrid_shape;
 mod kernels;
+mod layers;
 mod mlp;
 mod network;
-mod occupied;
-mod precision;
-mod pv_conv;
-mod rows;
-mod shape;
-mod squeeze;
-mod trunk;
-mod trunk_bf16;
-mod voxel_layer;
-mod voxels;
-mod weights;
+mod parameters;
+mod voxel;
 
-pub use crate::channels::{Channels, DIM};
-pub use batch::{Batch, COLOR_WEIGHT, Workspace};
-pub use context_shape::{ContextShape, Stage, TimeGate};
-pub use hybrid::Hybrid;
-pub use hybrid_shape::HybridShape;
-pub use kernels::vector_lanes;
-pub use mlp::Mlp;
-pub use network::{Network, NetworkShape};
-pub use precision::Precision;
-pub use shape::{MlpShape, ShapeError, TensorSpec};
+pub use crate::channels::Channels;
+pub use hybrid::{ContextShape, HybridShape, Stage, TimeGate};
+pub use kernels::{Precision, Processor};
+pub use mlp::{Batch, MlpShape};
+pub use network::{Network, NetworkShape, Workspace};
+pub use parameters::{NetworkShapeError, TensorSpec};

@@ -1,24 +1,22 @@
-//! Either network behind one type.
+//! Either network behind one type: what users make, train and evaluate.
 
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::flow::VelocityField;
-
-use super::batch::{Batch, Workspace};
-use super::hybrid::Hybrid;
-use super::hybrid_shape::HybridShape;
-use super::mlp::Mlp;
-use super::precision::Precision;
-use super::shape::{MlpShape, ShapeError, TensorSpec};
+use super::hybrid::{Hybrid, HybridShape, HybridWorkspace};
+use super::kernels::Precision;
+use super::mlp::{Batch, Mlp, MlpShape, MlpWorkspace};
+use super::parameters::{NetworkShapeError, TensorSpec};
 use crate::channels::Channels;
+use crate::flow::VelocityField;
 
 /// Shape of a velocity network.
 ///
 /// Files tell the two apart by their fields: a hybrid's has a `context`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, try_from = "Value")]
+#[non_exhaustive]
 pub enum NetworkShape {
     /// Every point alone.
     Mlp(MlpShape),
@@ -51,8 +49,8 @@ impl From<HybridShape> for NetworkShape {
 }
 
 impl NetworkShape {
-    /// Refuses sizes of which no network can be made.
-    pub fn check(&self) -> Result<(), ShapeError> {
+    /// Returns an error if the sizes do not describe a network.
+    pub fn check(&self) -> Result<(), NetworkShapeError> {
         match self {
             Self::Mlp(shape) => shape.check(),
             Self::Hybrid(shape) => shape.check(),
@@ -91,92 +89,115 @@ impl NetworkShape {
     }
 }
 
-/// A velocity network.
+/// A velocity network: the paper's MLP or its Hybrid.
 #[derive(Clone, Debug)]
-pub enum Network {
-    /// Every point alone.
+pub struct Network(Kind);
+
+#[derive(Clone, Debug)]
+enum Kind {
     Mlp(Box<Mlp>),
-    /// Points with a context from the cloud about them.
     Hybrid(Box<Hybrid>),
 }
 
+/// Buffers of [`Network::loss_and_gradient`], kept from step to step.
+#[derive(Debug, Default)]
+pub struct Workspace {
+    mlp: MlpWorkspace,
+    hybrid: HybridWorkspace,
+}
+
 impl Network {
-    /// A network with fresh parameters drawn from `rng`: [`Mlp::new`], [`Hybrid::new`].
+    /// A network with fresh parameters drawn from `rng`.
+    ///
+    /// Dense layers and convolutions start as PyTorch's do, weight and bias uniform in `+-1/sqrt(inputs)`; norms start as the
+    /// identity. The FiLM heads start at zero (gamma = beta = 0): every block starts as a plain residual block and the
+    /// embedding enters by the input layer alone, so no command or time starts with an accidental gain. The output layers of
+    /// a Hybrid's context start at zero too, so that it starts as its head alone.
     ///
     /// # Errors
-    /// [`ShapeError`] where `shape` is out of bounds.
-    pub fn new(shape: NetworkShape, rng: &mut ChaCha8Rng) -> Result<Self, ShapeError> {
-        Ok(match shape {
-            NetworkShape::Mlp(shape) => Self::Mlp(Box::new(Mlp::new(shape, rng)?)),
-            NetworkShape::Hybrid(shape) => Self::Hybrid(Box::new(Hybrid::new(shape, rng)?)),
-        })
+    /// [`NetworkShapeError`] where `shape` is out of bounds.
+    pub fn new(
+        shape: impl Into<NetworkShape>,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Self, NetworkShapeError> {
+        Ok(Self(match shape.into() {
+            NetworkShape::Mlp(shape) => Kind::Mlp(Box::new(Mlp::new(shape, rng)?)),
+            NetworkShape::Hybrid(shape) => Kind::Hybrid(Box::new(Hybrid::new(shape, rng)?)),
+        }))
     }
 
     /// A network with given parameters, in the order of [`NetworkShape::tensors`].
     ///
     /// # Errors
-    /// [`ShapeError`] where `shape` is out of bounds or `params` has another length than it needs.
-    pub fn from_params(shape: NetworkShape, params: Vec<f32>) -> Result<Self, ShapeError> {
-        Ok(match shape {
-            NetworkShape::Mlp(shape) => Self::Mlp(Box::new(Mlp::from_params(shape, params)?)),
+    /// [`NetworkShapeError`] where `shape` is out of bounds or `params` has another length than it needs.
+    pub fn from_params(
+        shape: impl Into<NetworkShape>,
+        params: Vec<f32>,
+    ) -> Result<Self, NetworkShapeError> {
+        Ok(Self(match shape.into() {
+            NetworkShape::Mlp(shape) => Kind::Mlp(Box::new(Mlp::from_params(shape, params)?)),
             NetworkShape::Hybrid(shape) => {
-                Self::Hybrid(Box::new(Hybrid::from_params(shape, params)?))
+                Kind::Hybrid(Box::new(Hybrid::from_params(shape, params)?))
             }
-        })
+        }))
     }
 
     /// The network's shape.
     pub fn shape(&self) -> NetworkShape {
-        match self {
-            Self::Mlp(network) => network.shape().into(),
-            Self::Hybrid(network) => network.shape().into(),
+        match &self.0 {
+            Kind::Mlp(network) => network.shape().into(),
+            Kind::Hybrid(network) => network.shape().into(),
         }
     }
 
     /// The flat parameter vector, in the order of [`NetworkShape::tensors`].
     pub fn params(&self) -> &[f32] {
-        match self {
-            Self::Mlp(network) => network.params(),
-            Self::Hybrid(network) => network.params(),
+        match &self.0 {
+            Kind::Mlp(network) => network.params(),
+            Kind::Hybrid(network) => network.params(),
         }
     }
 
     /// The flat parameter vector, to be changed in place.
     pub fn params_mut(&mut self) -> &mut [f32] {
-        match self {
-            Self::Mlp(network) => network.params_mut(),
-            Self::Hybrid(network) => network.params_mut(),
+        match &mut self.0 {
+            Kind::Mlp(network) => network.params_mut(),
+            Kind::Hybrid(network) => network.params_mut(),
         }
     }
 
-    /// What numbers its products are of: [`Precision::Float32`] unless asked for otherwise.
+    /// Operand type of its products: [`Precision::Float32`] unless asked for otherwise.
     pub fn precision(&self) -> Precision {
-        match self {
-            Self::Mlp(network) => network.precision(),
-            Self::Hybrid(network) => network.precision(),
+        match &self.0 {
+            Kind::Mlp(network) => network.precision(),
+            Kind::Hybrid(network) => network.precision(),
         }
     }
 
-    /// The same network with products of other numbers.
+    /// The same network with another operand type.
     ///
     /// # Errors
-    /// [`ShapeError::Precision`] where its width does not suit them.
-    pub fn with_precision(self, precision: Precision) -> Result<Self, ShapeError> {
-        Ok(match self {
-            Self::Mlp(network) => Self::Mlp(Box::new(network.with_precision(precision)?)),
-            Self::Hybrid(network) => Self::Hybrid(Box::new(network.with_precision(precision)?)),
-        })
+    /// [`NetworkShapeError::Precision`] where its width does not suit it.
+    pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
+        Ok(Self(match self.0 {
+            Kind::Mlp(network) => Kind::Mlp(Box::new(network.with_precision(precision)?)),
+            Kind::Hybrid(network) => Kind::Hybrid(Box::new(network.with_precision(precision)?)),
+        }))
     }
 
     /// Floating-point operations of the velocities of a cloud of `points` points, products alone.
     pub fn flops(&self, points: usize) -> u64 {
-        match self {
-            Self::Mlp(network) => network.flops(points),
-            Self::Hybrid(network) => network.flops(points),
+        match &self.0 {
+            Kind::Mlp(network) => network.flops(points),
+            Kind::Hybrid(network) => network.flops(points),
         }
     }
 
-    /// Loss and gradient: [`Mlp::loss_and_gradient`], [`Hybrid::loss_and_gradient`].
+    /// Mean squared velocity error over all `B N 3` components of the positions (paper, Eq. fm_loss_tdcr, divided by
+    /// their number), plus [`Batch::color_weight`] times that of the colours (Eq. rgb_loss_tdcr); and its gradient by the
+    /// parameters, written over `gradient`.
+    ///
+    /// Points run in parallel, and a Hybrid's voxels; the result does not depend on the number of threads.
     ///
     /// # Panics
     /// Where the batch holds no point or a slice's length does not fit the others or the network.
@@ -186,20 +207,24 @@ impl Network {
         workspace: &mut Workspace,
         gradient: &mut [f32],
     ) -> f64 {
-        match self {
-            Self::Mlp(network) => network.loss_and_gradient(batch, workspace, gradient),
-            Self::Hybrid(network) => network.loss_and_gradient(batch, workspace, gradient),
+        match &self.0 {
+            Kind::Mlp(network) => network.loss_and_gradient(batch, &mut workspace.mlp, gradient),
+            Kind::Hybrid(network) => {
+                network.loss_and_gradient(batch, &mut workspace.hybrid, gradient)
+            }
         }
     }
 }
 
 impl VelocityField for Network {
+    /// Points run in parallel, and a Hybrid's voxels; the result does not depend on the number of threads.
+    ///
     /// # Panics
     /// Where a slice's length does not fit the others or the network.
     fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]) {
-        match self {
-            Self::Mlp(network) => network.velocity(t, condition, points, velocities),
-            Self::Hybrid(network) => network.velocity(t, condition, points, velocities),
+        match &self.0 {
+            Kind::Mlp(network) => network.velocity(t, condition, points, velocities),
+            Kind::Hybrid(network) => network.velocity(t, condition, points, velocities),
         }
     }
 }

@@ -18,16 +18,16 @@ pub enum PredictError {
     #[error("the training set has no clouds, expected at least one")]
     NoTraining,
     /// A value is NaN or infinite.
-    #[error("value {index} of the command is {value}, expected a finite number")]
+    #[error("value {index} of the command is {found}, expected a finite number")]
     NotFinite {
         /// Where in the command.
         index: usize,
         /// What stands there.
-        value: f64,
+        found: f64,
     },
     /// The predicted cloud is not one.
     #[error(
-        "the network's cloud for the command {command:?} is not finite: {channel} of point {point} is {value}; the \
+        "the network's cloud for the command {command:?} is not finite: {channel} of point {point} is {found}; the \
          model's largest weight is {weight:e}, in tensor `{tensor}`, and its scale is {scale:e} m"
     )]
     NoCloud {
@@ -38,7 +38,7 @@ pub enum PredictError {
         /// Which of its numbers.
         channel: &'static str,
         /// What it is.
-        value: f32,
+        found: f32,
         /// The tensor that holds the largest weight.
         tensor: String,
         /// The magnitude of that weight.

@@ -18,7 +18,7 @@ pub(super) fn require_same<T: Serialize>(
     found: &T,
     expected: &T,
 ) -> Result<(), Difference> {
-    // By way of text, which writes an f32 in as many digits as tell it from others.
+    // Through text, in which an f32 has as many digits as distinguish it from others.
     let [found, expected] = [found, expected].map(|value| {
         let text = serde_json::to_string(value).expect("plain values serialise");
         serde_json::from_str(&text).expect("what was written is read")

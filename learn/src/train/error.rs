@@ -4,8 +4,38 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::difference::Difference;
-use super::settings::{SPIKE_STEPS, SettingsError};
-use crate::net::ShapeError;
+use super::spike::SPIKE_STEPS;
+use crate::flow::FlowError;
+use crate::net::NetworkShapeError;
+
+/// A setting out of bounds.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SettingsError {
+    /// A setting of the run itself.
+    #[error("{field} is {found}, expected {expected}")]
+    Value {
+        /// Field of [`TrainSettings`](super::TrainSettings).
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What would be right.
+        expected: String,
+    },
+    /// A setting of the path or of the sampler.
+    #[error(transparent)]
+    Flow(#[from] FlowError),
+}
+
+impl SettingsError {
+    pub(super) fn new(field: &'static str, found: impl ToString, expected: impl ToString) -> Self {
+        Self::Value {
+            field,
+            found: found.to_string(),
+            expected: expected.to_string(),
+        }
+    }
+}
 
 /// Why a training run cannot start or go on.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -16,7 +46,7 @@ pub enum TrainError {
     Settings(#[from] SettingsError),
     /// The network's shape is out of bounds.
     #[error(transparent)]
-    Shape(#[from] ShapeError),
+    Shape(#[from] NetworkShapeError),
     /// A data set cannot be trained on or validated with.
     #[error("{set} set: {reason}")]
     Data {
@@ -26,16 +56,16 @@ pub enum TrainError {
         reason: String,
     },
     /// The loss, its gradient or the validation's distance is NaN or infinite.
-    #[error("training diverged at step {step}: {quantity} is {value}")]
+    #[error("training diverged at step {step}: {quantity} is {found}")]
     Diverged {
         /// The step, the first is 1.
         step: u64,
         /// What is not finite.
         quantity: &'static str,
         /// Its value.
-        value: f64,
+        found: f64,
     },
-    /// The loss has been far above its running level for [`SPIKE_STEPS`] steps on end.
+    /// The loss has been far above its running level for ten steps in a row.
     #[error(
         "training diverged at step {step}: the loss is {loss}, and was above {factor} times its level of {level} for \
          {SPIKE_STEPS} steps"
@@ -45,12 +75,12 @@ pub enum TrainError {
         step: u64,
         /// Its loss.
         loss: f32,
-        /// The level before ([`TrainSettings::loss_level`](super::TrainSettings::loss_level)).
+        /// The running level: the median of up to 100 losses before those.
         level: f32,
         /// [`TrainSettings::spike_factor`](super::TrainSettings::spike_factor).
         factor: f64,
     },
-    /// A model's weights are no start for a run.
+    /// A run cannot start from a model's weights.
     #[error(
         "the run cannot start at the weights of this model: its {what} is {found}, expected {expected}"
     )]
@@ -62,15 +92,15 @@ pub enum TrainError {
         /// This run's.
         expected: String,
     },
-    /// A run is to have fewer steps than it was planned for.
+    /// A run cannot be given fewer steps than it has.
     #[error(
-        "`steps` is {steps}, and the run is of {planned}: a run can be given more steps, not fewer"
+        "`steps` is {found}, and the run is of {expected}: a run can be given more steps, not fewer"
     )]
     Shorter {
         /// Steps asked for.
-        steps: u64,
+        found: u64,
         /// Steps that the run has.
-        planned: u64,
+        expected: u64,
     },
     /// A state belongs to another run.
     #[error("the training state is of another run: {what} was {found}, expected {expected}")]
@@ -150,14 +180,14 @@ pub enum FileProblem {
     #[error("unexpected tensor `{0}`")]
     ExtraTensor(String),
     /// A NaN or infinite value.
-    #[error("tensor `{name}` is {value} at index {index}, expected finite values")]
+    #[error("tensor `{name}` is {found} at index {index}, expected finite values")]
     NotFinite {
         /// The tensor.
         name: String,
         /// Where in it, row-major.
         index: usize,
         /// What stands there.
-        value: f64,
+        found: f64,
     },
 }
 

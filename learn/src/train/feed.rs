@@ -1,33 +1,35 @@
-//! Where a run's training clouds come from.
+//! Sources of training clouds.
 
 use tdcr_sim::robot::SpecError;
 
-use super::error::TrainError;
+use super::error::{SettingsError, TrainError};
 use super::samples::Samples;
-use super::settings::{SettingsError, Target, TrainSettings};
+use super::settings::{Target, TrainSettings};
 use super::start;
 use super::state::{fingerprint, hash};
 use super::teacher::Teacher;
+use crate::channels::{Channels, DIM};
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
-use crate::net::{Channels, DIM, NetworkShape};
+use crate::net::NetworkShape;
 
 /// Samples that a stream's threads may be ahead of the run.
 const AHEAD: usize = 32;
 
 /// Training clouds: a set in memory, or a stream that never ends.
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum Feed<'a> {
     /// The clouds of a data set.
     Set(&'a CloudSet),
     /// The last clouds of a stream.
     Stream(Box<StreamWindow>),
-    /// No clouds, but another network's ways to them.
+    /// The trajectories of another network, from prior to data: distillation.
     Teacher(Box<Teacher>),
 }
 
-/// A window of `clouds` clouds that moves along a stream, `fresh` clouds a step: step `k`, the first is 1, sees the
-/// samples from `(k - 1) fresh` on. So what a step sees does not depend on interruptions, and each cloud serves
-/// `clouds / fresh` steps.
+/// A window of `clouds` clouds that moves along a stream by `fresh` clouds per step: step `k` (the first is 1) sees the
+/// samples from `(k - 1) fresh` on. So a step does not depend on interruptions, and each cloud serves `clouds / fresh`
+/// steps.
 #[derive(Debug)]
 pub struct StreamWindow {
     spec: StreamSpec,
@@ -57,7 +59,7 @@ impl Feed<'_> {
         }
     }
 
-    /// Points per cloud `N`; of a teacher, as many as one likes.
+    /// Points per cloud `N`; a teacher gives any number.
     pub fn points_per_cloud(&self) -> usize {
         match self {
             Self::Set(set) => set.points_per_cloud,
@@ -82,7 +84,7 @@ impl Feed<'_> {
         Ok(())
     }
 
-    /// A hash of the clouds, or of what they follow from.
+    /// A hash of the clouds, or of what determines them.
     pub(super) fn fingerprint(&self) -> u64 {
         match self {
             Self::Set(set) => fingerprint(set),
@@ -146,7 +148,7 @@ impl StreamWindow {
 
     fn at_step(&mut self, step: u64) -> Result<&CloudSet, TrainError> {
         let first = (step - 1) * self.fresh as u64;
-        // Going back, or further on than the window, is starting anew.
+        // A step before the window, or far behind it, starts a new stream.
         let reached = self
             .stream
             .take()
@@ -174,7 +176,7 @@ impl StreamWindow {
     }
 }
 
-/// Room for clouds.
+/// A set of clouds, all zero.
 fn blank(clouds: usize, condition_dim: usize, points: usize, channels: Channels) -> CloudSet {
     let components = clouds * points * DIM;
     CloudSet {
@@ -220,7 +222,7 @@ fn put(
     Ok(())
 }
 
-/// Refuses training clouds that do not suit the network or the settings.
+/// Returns an error for training clouds that do not suit the network or the settings.
 pub(super) fn check_feed(
     feed: &Feed,
     shape: &NetworkShape,
@@ -262,7 +264,8 @@ pub(super) fn check_feed(
     Ok(())
 }
 
-/// Refuses sets that are inconsistent, hold a value that is not finite, or have fewer than `points` points per cloud.
+/// Returns an error for sets that are inconsistent, hold a value that is not finite, or have fewer than `points` points per
+/// cloud.
 pub(super) fn check_set(
     name: &'static str,
     set: &CloudSet,
@@ -314,7 +317,7 @@ pub(super) fn check_set(
     }
 }
 
-/// Refuses sets without colours, and such in which all points are of one: nothing is to be learned from it.
+/// Returns an error for sets without colours, and for those in which all points have the same one: there is nothing to learn.
 fn check_colors(name: &'static str, set: &CloudSet) -> Result<(), TrainError> {
     let colors = set.colors.as_ref().ok_or_else(|| no_colors(name))?;
     let refuse = |reason: String| Err(TrainError::Data { set: name, reason });

@@ -68,7 +68,7 @@ element!(f32, Dtype::F32);
 element!(f64, Dtype::F64);
 element!(u64, Dtype::U64);
 
-/// A tensor on its way to a file.
+/// A tensor to be written.
 struct Tensor {
     dtype: Dtype,
     shape: Vec<usize>,
@@ -136,13 +136,13 @@ impl Writer {
     }
 }
 
-/// A file's tensors, handed out one by one.
+/// A file's tensors, read one by one.
 pub(super) struct Reader<'a> {
     tensors: SafeTensors<'a>,
     taken: Vec<String>,
 }
 
-/// Reads the file `path` of the given kind, and has `parse` make a value of its header and its tensors.
+/// Reads the file `path` of the given kind; `parse` makes a value of its header and its tensors.
 pub(super) fn read<H: DeserializeOwned, R>(
     path: &Path,
     kind: Kind,
@@ -229,7 +229,11 @@ impl Reader<'_> {
         for (index, value) in numbers.map(T::from_le_bytes).enumerate() {
             if !value.as_f64().is_finite() {
                 let (name, value) = (name.to_owned(), value.as_f64());
-                return Err(FileProblem::NotFinite { name, index, value });
+                return Err(FileProblem::NotFinite {
+                    name,
+                    index,
+                    found: value,
+                });
             }
             values.push(value);
         }
@@ -237,7 +241,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Refuses tensors that nobody took.
+    /// Returns an error for tensors that were not read.
     fn finish(self) -> Result<(), FileProblem> {
         let mut names = self.tensors.names().into_iter();
         match names.find(|name| !self.taken.iter().any(|taken| taken == name)) {

@@ -1,7 +1,9 @@
 //! Training a velocity network by flow matching, and the files that training leaves.
 //!
-//! [`Trainer`] takes steps; [`TrainingState`] is all of it on disk, for exact resumption; [`Model`] is what predicts.
+//! A [`Trainer`] takes steps on a [`Feed`] (a data set, a stream, or the trajectories of a [`Teacher`]) with
+//! [`TrainSettings`]. [`TrainingState`] is the whole run on disk, from which it is resumed exactly; [`Model`] predicts.
 
+mod check;
 mod difference;
 mod error;
 mod feed;
@@ -13,18 +15,18 @@ mod orthogonal;
 mod samples;
 mod schedule;
 mod settings;
+mod spike;
 mod start;
 mod state;
 mod teacher;
 mod trainer;
 
-pub use error::{FileError, FileProblem, TrainError};
+pub use error::{FileError, FileProblem, SettingsError, TrainError};
 pub use feed::{Feed, StreamWindow};
 pub use flow_predictor::FlowPredictor;
 pub use model::{Model, Provenance};
 pub use optimizer::Optimizer;
-pub use schedule::Schedule;
-pub use settings::{SPIKE_STEPS, SettingsError, Target, TrainSettings};
+pub use settings::{Schedule, Target, TrainSettings};
 pub use start::Start;
 pub use state::{Best, TrainingState};
 pub use teacher::Teacher;

@@ -1,4 +1,4 @@
-//! What predicts: averaged weights, and what their numbers mean.
+//! The predictor: a network with averaged weights, and the units of its inputs and outputs.
 
 use std::path::Path;
 
@@ -7,9 +7,10 @@ use serde::{Deserialize, Serialize};
 use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
 use super::settings::TrainSettings;
+use crate::channels::{Channels, DIM};
 use crate::data::{Normalisation, Subject};
 use crate::flow::{Sampler, Stream, rng};
-use crate::net::{Channels, DIM, Network, NetworkShape, Precision, ShapeError};
+use crate::net::{Network, NetworkShape, NetworkShapeError, Precision};
 use crate::predict::{PredictError, Prediction};
 
 /// What a network was trained on.
@@ -53,7 +54,7 @@ impl Model {
     /// its last value is the payload (kg).
     ///
     /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts
-    /// from is a function of `seed`. Commands outside the training range are extrapolated, without warrant.
+    /// from is a function of `seed`. Commands outside the training range are extrapolated, without any guarantee.
     ///
     /// # Errors
     /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity, and where
@@ -69,7 +70,7 @@ impl Model {
         if let Some(index) = command.iter().position(|value| !value.is_finite()) {
             return Err(PredictError::NotFinite {
                 index,
-                value: command[index],
+                found: command[index],
             });
         }
         let channels = self.network.shape().channels();
@@ -88,7 +89,7 @@ impl Model {
         })
     }
 
-    /// Refuses a cloud whose `points` (m), or whose `rows` as the network gives them, are not finite.
+    /// Returns an error if the `points` (m) of a cloud, or its `rows` as the network gives them, are not finite.
     fn require_cloud(
         &self,
         command: &[f64],
@@ -128,18 +129,18 @@ impl Model {
             command: command.to_vec(),
             point,
             channel: NAMES[channel],
-            value,
+            found: value,
             tensor,
             weight,
             scale: self.provenance.normalisation.scale,
         })
     }
 
-    /// The same model with products of other numbers: [`Precision::Float32`] as it is read.
+    /// The same model with another operand type; a model that is read has [`Precision::Float32`].
     ///
     /// # Errors
-    /// [`ShapeError::Precision`] where the network's width does not suit them.
-    pub fn with_precision(self, precision: Precision) -> Result<Self, ShapeError> {
+    /// [`NetworkShapeError::Precision`] where the network's width does not suit it.
+    pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
         let network = self.network.with_precision(precision)?;
         Ok(Self { network, ..self })
     }
@@ -194,7 +195,7 @@ fn colors(rows: &[f32], channels: Channels) -> Option<Vec<[u8; 3]>> {
     (channels == Channels::XyzRgb).then(|| colors.collect())
 }
 
-/// Refuses headers of which no network can be made.
+/// Returns an error for headers that do not describe a network.
 pub(super) fn check_header(
     provenance: &Provenance,
     shape: &NetworkShape,

@@ -16,12 +16,13 @@ const MOMENTUM: f32 = 0.95;
 /// Parameters that one task updates.
 const STRIPE: usize = 8192;
 
-/// Matrices with a shorter side are no hidden layers: points, colours and commands come in and go out there.
+/// Shortest side of a hidden layer's matrix; those with a shorter one are input and output layers.
 const HIDDEN: usize = 16;
 
-/// How gradients move the weights.
+/// Optimiser: how gradients move the weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub enum Optimizer {
     /// AdamW for all weights (Loshchilov and Hutter 2019): the paper's.
     #[default]
@@ -35,12 +36,12 @@ pub enum Optimizer {
 }
 
 impl Optimizer {
-    /// Muon at the rate that learned fastest here.
+    /// Muon at the rate that learned fastest in this project's measurements.
     pub const MUON: Self = Self::Muon {
         learning_rate: 0.02,
     };
 
-    /// The same with a rate of its own, if it has one, that is `factor` times as high.
+    /// The same optimiser, with its own learning rate (if it has one) multiplied by `factor`.
     pub fn scaled(self, factor: f64) -> Self {
         match self {
             Self::AdamW => Self::AdamW,
@@ -93,7 +94,7 @@ impl Piece {
     }
 }
 
-/// What one update is made with.
+/// Inputs of one update.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Update {
     /// Step number, the first is 1.
@@ -108,7 +109,7 @@ pub(super) struct Update {
     pub gradient_scale: f64,
 }
 
-/// Some parameters, and what belongs to them.
+/// Some parameters, with their gradients, moments and averages.
 struct Slices<'a> {
     gradient: &'a [f32],
     params: &'a mut [f32],
@@ -143,7 +144,7 @@ impl<'a> Slices<'a> {
 }
 
 impl Updater {
-    /// At rest, for parameters that are made of `tensors`, in order and without gaps.
+    /// An optimiser without moments, for parameters that consist of `tensors`, in order and without gaps.
     pub fn new(optimizer: Optimizer, tensors: &[TensorSpec]) -> Self {
         let mut pieces = Vec::new();
         for tensor in tensors {
@@ -230,7 +231,8 @@ impl Update {
         }
     }
 
-    /// Muon with Nesterov's momentum; a tall matrix steps further, as its rows are longer than its columns.
+    /// Muon with Nesterov's momentum (Jordan et al. 2024); the step of a tall matrix is scaled by the square root of its ratio
+    /// of sides.
     fn muon(
         &self,
         [outputs, inputs]: [usize; 2],

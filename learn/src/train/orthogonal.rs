@@ -1,19 +1,19 @@
-//! The nearest matrix with orthonormal rows or columns, roughly.
+//! Approximation of the nearest matrix with orthonormal rows or columns.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
-/// Coefficients of an odd quintic whose iterates drive all singular values in (0, 1] to about 1, the small ones fast
+/// Coefficients of an odd quintic whose iteration drives all singular values in (0, 1] to about 1, small ones fast
 /// (Jordan et al. 2024, *Muon: an optimizer for hidden layers in neural networks*).
 const QUINTIC: [f32; 3] = [3.4445, -4.7750, 2.0315];
 
-/// Iterations: singular values from about 0.01 on arrive.
+/// Iterations: enough for singular values above about 0.01.
 const ITERATIONS: usize = 5;
 
 /// Keeps the quotient finite where the matrix is zero.
 const EPSILON: f32 = 1e-7;
 
-/// Memory of [`Orthogonaliser::run`], kept from call to call.
+/// Workspace of [`Orthogonaliser::run`], kept from call to call.
 #[derive(Debug, Default)]
 pub(super) struct Orthogonaliser {
     x: Vec<f32>,

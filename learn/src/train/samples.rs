@@ -4,10 +4,11 @@ use rand::RngExt;
 use rayon::prelude::*;
 
 use super::settings::TrainSettings;
+use crate::channels::Channels;
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
 use crate::metrics::Matcher;
-use crate::net::{Batch, Channels};
+use crate::net::Batch;
 
 /// A step's batch: `B` clouds of `N` points.
 #[derive(Debug, Default)]
@@ -40,7 +41,7 @@ impl Samples {
         for points in self.points.chunks_exact_mut(stride) {
             let cloud = rng.random_range(0..set.len());
             let time = settings.path.sample_time(&mut rng);
-            // As `index::sample` shuffles, but in memory that stays.
+            // As `index::sample` shuffles, but without allocating.
             self.order.clear();
             self.order.extend(0..set.points_per_cloud);
             for k in 0..settings.points {
@@ -56,7 +57,7 @@ impl Samples {
         self.follow(settings, channels);
     }
 
-    /// Turns noise into points on the way to the data, and data into velocities.
+    /// Turns noise into points on the path to the data, and data into velocities.
     fn follow(&mut self, settings: &TrainSettings, channels: Channels) {
         let stride = settings.points * channels.count();
         self.matchers.resize_with(settings.clouds, Matcher::default);

@@ -1,38 +1,24 @@
-//! The learning rate over a run, also one that was given more steps, and the weight averaging.
+//! Learning rate and weight averaging over a run, also one that was extended.
 
 use std::f64::consts::PI;
 
-use serde::{Deserialize, Serialize};
-
 use super::difference::require_same;
-use super::error::TrainError;
+use super::error::{SettingsError, TrainError};
 use super::optimizer::Optimizer;
-use super::settings::{SettingsError, TrainSettings};
-
-/// The learning rate's schedule in the first part of a run that was given more steps later.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Schedule {
-    /// Last step that followed it; the first is 1.
-    pub until: u64,
-    /// [`TrainSettings::steps`] at that time.
-    pub steps: u64,
-    /// [`TrainSettings::warmup_steps`] at that time.
-    pub warmup_steps: u64,
-}
+use super::settings::{Schedule, TrainSettings};
 
 impl TrainSettings {
-    /// These settings for a run that took `taken` steps with the settings `before`: the same, or with more steps. A longer
+    /// These settings for a run that took `taken` steps with the settings `before`: the same, or with more steps. An extended
     /// run may also have another warm-up and validate at other steps. Its next step follows the schedule of the new
-    /// length, so its rate leaps, and it does not end as a run that was as long from the start.
+    /// length, so the learning rate jumps, and the result differs from that of a run of this length from the start.
     ///
     /// # Errors
     /// [`TrainError::Shorter`] for fewer steps; [`TrainError::OtherRun`] with the first field that differs.
     pub(super) fn continuing(self, before: &Self, taken: u64) -> Result<Self, TrainError> {
         if self.steps < before.steps {
             return Err(TrainError::Shorter {
-                steps: self.steps,
-                planned: before.steps,
+                found: self.steps,
+                expected: before.steps,
             });
         }
         let mut earlier = before.earlier.clone();
@@ -56,12 +42,13 @@ impl TrainSettings {
         Ok(Self { earlier, ..self })
     }
 
-    /// Refuses schedules that no run can follow.
+    /// Returns an error for schedules that no run can follow.
     pub(super) fn check_schedule(&self) -> Result<(), SettingsError> {
         let mut before = 0;
         for earlier in &self.earlier {
             if !(before < earlier.until && earlier.until <= earlier.steps.min(self.steps)) {
-                let expected = format!("above {before}, at most the steps of then and of now");
+                let expected =
+                    format!("above {before}, at most the steps of its schedule and of the run");
                 return Err(SettingsError::new("earlier.until", earlier.until, expected));
             }
             check_warmup("earlier.warmup_steps", earlier.warmup_steps, earlier.steps)?;
@@ -71,8 +58,8 @@ impl TrainSettings {
     }
 
     /// Learning rate of step `step` (the first is 1): linear from 0 to [`Self::learning_rate`] at the end of warm-up,
-    /// then half a cosine to [`Self::final_learning_rate`] at the last step. Steps that were taken before the run was given
-    /// more have the rate of the [`Schedule`] of then.
+    /// then half a cosine to [`Self::final_learning_rate`] at the last step (Loshchilov and Hutter, ICLR 2017). Steps taken
+    /// before the run was extended have the rate of the [`Schedule`] of that time.
     pub fn learning_rate_at(&self, step: u64) -> f64 {
         let earlier = self.earlier.iter().find(|earlier| step <= earlier.until);
         let (steps, warmup_steps) = match earlier {
@@ -88,7 +75,7 @@ impl TrainSettings {
     }
 
     /// Learning rate of the optimiser's matrices at step `step`: [`Self::learning_rate_at`], in proportion.
-    pub fn matrix_learning_rate_at(&self, step: u64) -> f64 {
+    pub(super) fn matrix_learning_rate_at(&self, step: u64) -> f64 {
         self.matrix_learning_rate() * (self.learning_rate_at(step) / self.learning_rate)
     }
 
@@ -102,7 +89,7 @@ impl TrainSettings {
 
     /// Decay of the weight average at step `step` (the first is 1): `min(decay, (1 + step) / (10 + step))`, so that the
     /// early average is not held at the initial weights.
-    pub fn average_decay_at(&self, step: u64) -> f64 {
+    pub(super) fn average_decay_at(&self, step: u64) -> f64 {
         let step = step as f64;
         self.average_decay.min((1.0 + step) / (10.0 + step))
     }

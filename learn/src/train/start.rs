@@ -1,4 +1,4 @@
-//! Where the weights of a run start.
+//! Initial weights of a run.
 
 use super::difference::require_same;
 use super::error::TrainError;
@@ -6,14 +6,15 @@ use super::model::{Model, Provenance};
 use super::settings::Target;
 use super::state::hash;
 use crate::flow::{Stream, rng};
-use crate::net::{HybridShape, MlpShape, Network, NetworkShape, ShapeError};
+use crate::net::{HybridShape, MlpShape, Network, NetworkShape, NetworkShapeError};
 
-/// Where the weights of a run start.
+/// Initial weights of a run.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum Start<'a> {
-    /// At random weights of a network of this shape, a function of [`TrainSettings::seed`](super::TrainSettings::seed).
+    /// Random weights of a network of this shape, a function of [`TrainSettings::seed`](super::TrainSettings::seed).
     Random(NetworkShape),
-    /// At the weights of this network.
+    /// The weights of this network.
     Network(&'a Network),
 }
 
@@ -42,11 +43,11 @@ impl<'a> From<&'a Network> for Start<'a> {
 }
 
 impl<'a> Start<'a> {
-    /// At the weights of `model`, for a run of a network of `shape` on data of `provenance`.
+    /// The weights of `model`, for a run of a network of `shape` on data of `provenance`.
     ///
     /// # Errors
-    /// [`TrainError::OtherStart`] where the model is of another shape, was trained on data of another normalisation, where
-    /// the same numbers mean other commands and points, or was distilled. Subjects are not compared.
+    /// [`TrainError::OtherStart`] where the model has another shape, was distilled, or was trained on data of another
+    /// normalisation, in which the same numbers mean other commands and points. Subjects are not compared.
     pub fn at(
         model: &'a Model,
         shape: NetworkShape,
@@ -68,15 +69,16 @@ impl<'a> Start<'a> {
         }
     }
 
-    /// The network at its start.
-    pub(super) fn network(&self, seed: u64) -> Result<Network, ShapeError> {
+    /// The network with its initial weights.
+    pub(super) fn network(&self, seed: u64) -> Result<Network, NetworkShapeError> {
         match self {
             Self::Random(shape) => Network::new(*shape, &mut rng(seed, Stream::Parameters)),
             Self::Network(network) => Ok((*network).clone()),
         }
     }
 
-    /// What tells it from other starts: [`fingerprint`] of a network; none for random weights, which follow from the settings.
+    /// What distinguishes it from other starts: [`fingerprint`] of a network; `None` for random weights, which the settings
+    /// determine.
     pub(super) fn fingerprint(&self) -> Option<u64> {
         match self {
             Self::Random(_) => None,

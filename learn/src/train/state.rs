@@ -22,7 +22,7 @@ pub struct Best {
     pub params: Vec<f32>,
 }
 
-/// Everything that a run needs to go on as if it had never stopped.
+/// Everything that a run needs to be resumed as if it had never stopped.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingState {
     /// What the network is trained on.
@@ -33,7 +33,7 @@ pub struct TrainingState {
     pub settings: TrainSettings,
     /// Fingerprints of the training and the validation set ([`fingerprint`]).
     pub(super) data: [u64; 2],
-    /// Fingerprint of the network that the run started from; none where it started at random weights.
+    /// Fingerprint of the network that the run started from; `None` if it started from random weights.
     pub(super) initial: Option<u64>,
     /// Steps taken.
     pub step: u64,
@@ -133,7 +133,7 @@ impl TrainingState {
                 shape: header.shape,
                 settings: header.settings,
                 data: header.data,
-                // Before there was a choice, only students started from a network: their teacher's.
+                // In older states, which do not say, only students started from a network: their teacher's.
                 initial: header.initial.or(taught.then_some(header.data[0])),
                 step: header.step,
             })
@@ -157,7 +157,7 @@ fn take_validations(reader: &mut Reader, len: usize) -> Result<Vec<(u64, f64)>, 
     Ok(steps.into_iter().zip(distances).collect())
 }
 
-/// A hash of all numbers of a set: tells whether two sets are the same.
+/// A hash of all numbers of a set, to tell whether two sets are the same.
 pub(super) fn fingerprint(set: &CloudSet) -> u64 {
     let sizes = [set.condition_dim as u32, set.points_per_cloud as u32];
     let numbers = set

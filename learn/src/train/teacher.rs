@@ -1,23 +1,24 @@
-//! Lessons from a trained network: its many small steps, to be learned as a few large ones.
+//! Distillation of a trained network: its many small steps, learned as a few large ones.
 
 use rand::RngExt;
 use rayon::prelude::*;
 
+use super::error::SettingsError;
 use super::model::Model;
 use super::samples::Samples;
-use super::settings::{SettingsError, Target, TrainSettings};
+use super::settings::{Target, TrainSettings};
 use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape};
 
-/// Fewest steps that the teacher takes from prior to data: where its own predictions stop getting better.
+/// Fewest steps of a teacher trajectory: more do not make the teacher's own predictions better.
 const TEACHER_STEPS: usize = 16;
 
-/// A trained network, from which a student learns to come in a few steps where it comes in many.
+/// A trained network whose trajectories a student learns to follow in a few steps.
 ///
-/// Along its way from prior to data the student is taught the mean velocity over each of the steps of its own sampler,
-/// Euler's method ([`TrainSettings::sampler`]): `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` at `X(t_k)` and `t_k`, with which it
-/// makes exactly the teacher's way (distillation of a sampler, as Salimans and Ho 2022, but to the last number of steps at
-/// once). Conditions are uniform in the range that the teacher was trained in; no data are needed.
+/// At the points `X(t_k)` of a teacher trajectory, the student learns the mean velocity
+/// `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` over each step of its own sampler, Euler's method ([`TrainSettings::sampler`]):
+/// with these velocities it follows the trajectory exactly. This is distillation as by Salimans and Ho (ICLR 2022), but to
+/// the final number of steps at once. Conditions are uniform in the teacher's training range; no data are needed.
 #[derive(Clone, Debug)]
 pub struct Teacher {
     network: Network,
@@ -43,12 +44,12 @@ impl Teacher {
         }
     }
 
-    /// The teacher's network, from which a student does best to start.
+    /// The teacher's network: the best start for a student.
     pub fn network(&self) -> &Network {
         &self.network
     }
 
-    /// Refuses a student of another shape, or settings of other lessons.
+    /// Returns an error for a student of another shape, or settings that do not distil this teacher.
     pub(super) fn check(
         &self,
         shape: &NetworkShape,
@@ -84,7 +85,7 @@ impl Teacher {
         Ok(())
     }
 
-    /// Draws the batch of step `step`: `settings.clouds / n` ways from prior to data, each cut into the student's `n` steps.
+    /// Draws the batch of step `step`: `settings.clouds / n` trajectories, each divided into the student's `n` steps.
     pub(super) fn lesson(&self, settings: &TrainSettings, step: u64, samples: &mut Samples) {
         let Sampler { steps, grid, .. } = settings.sampler;
         let shape = self.network.shape();
@@ -115,8 +116,8 @@ impl Teacher {
             });
     }
 
-    /// One way by the sampler `fine`: `points` `(n, N C)` begins with the prior's and receives where the student's steps begin,
-    /// which end at `times` `(n + 1)`; `targets` receives their mean velocities.
+    /// One trajectory by the sampler `fine`. `points` `(n, N C)` begins with samples of the prior and receives the points at
+    /// which the student's steps begin; the steps lie between the `times` `(n + 1)`; `targets` receives their mean velocities.
     fn walk(
         &self,
         fine: &Sampler,
@@ -162,7 +163,7 @@ mod tests {
     use crate::flow::TimeGrid;
     use crate::net::{Channels, MlpShape};
 
-    /// From any of the places where a lesson's steps begin, the steps that are left end where the teacher's way ends.
+    /// From the beginning of any step, the remaining steps lead to the end of the teacher trajectory.
     #[test]
     fn the_steps_of_a_lesson_make_the_teachers_way() {
         let shape = MlpShape {
@@ -172,7 +173,7 @@ mod tests {
             condition_dim: 2,
             channels: Channels::Xyz,
         };
-        let network = Network::new(shape.into(), &mut rng(3, Stream::Parameters)).expect("a shape");
+        let network = Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape");
         let grid = TimeGrid::Power(2.0);
         let teacher = Teacher {
             network,

@@ -3,22 +3,24 @@
 use rand::seq::index;
 
 use super::difference::require_same;
-use super::error::TrainError;
+use super::error::{SettingsError, TrainError};
 use super::feed::{Feed, check_feed, check_set};
 use super::model::{Model, Provenance, positions};
 use super::optimizer::{Moments, Update, Updater, norm};
 use super::samples::Samples;
-use super::settings::{SPIKE_STEPS, SettingsError, TrainSettings};
+use super::settings::TrainSettings;
+use super::spike::SPIKE_STEPS;
 use super::start::{self, Start};
 use super::state::{Best, TrainingState, fingerprint};
+use crate::channels::DIM;
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
-use crate::net::{DIM, Network, Workspace};
+use crate::net::{Network, Workspace};
 
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
 
-/// Steps whose losses and norms have room from the start (4 MB each).
+/// Steps whose losses and norms are allocated for from the start (4 MB each).
 const HISTORY: u64 = 1 << 20;
 
 /// A training run.
@@ -49,7 +51,7 @@ pub struct Trainer<'a> {
 }
 
 impl<'a> Trainer<'a> {
-    /// A run at its start: random weights of a network of the given shape, or those of a given network.
+    /// A new run: random weights of a network of the given shape, or those of a given network.
     ///
     /// # Errors
     /// [`TrainError`] where settings or shape are out of bounds, or the sets do not suit them.
@@ -103,8 +105,8 @@ impl<'a> Trainer<'a> {
         })
     }
 
-    /// The run that `state` was saved from, or that run with more steps: then the next step follows the learning rate's
-    /// schedule of the new length, and [`TrainSettings::earlier`] says that it did not always.
+    /// Resumes the run that `state` was saved from, or extends it by more steps: then the next step follows the schedule of
+    /// the new length, and [`TrainSettings::earlier`] records the older one.
     ///
     /// # Errors
     /// [`TrainError::Shorter`] where the run had more steps; [`TrainError::OtherRun`] where `state` is of another shape, other
@@ -152,7 +154,7 @@ impl<'a> Trainer<'a> {
         Ok(trainer)
     }
 
-    /// All of the run, to be saved. `provenance` is of the data sets.
+    /// The whole run, to be saved. `provenance` is that of the data sets.
     pub fn state(&self, provenance: Provenance) -> TrainingState {
         TrainingState {
             provenance,
@@ -195,7 +197,7 @@ impl<'a> Trainer<'a> {
         self.step
     }
 
-    /// Whether all steps are taken, or [`TrainSettings::patience`] is at its end.
+    /// Whether all steps are taken, or [`TrainSettings::patience`] is exhausted.
     pub fn is_finished(&self) -> bool {
         self.step >= self.settings.steps || self.is_out_of_patience()
     }
@@ -208,7 +210,7 @@ impl<'a> Trainer<'a> {
         worse.take_while(|(step, _)| *step > best.step).count() as u64 >= patience
     }
 
-    /// Whether the last loss lies near its running level, and the run is worth keeping: false from the first step of a
+    /// Whether the last loss is near its running level, so that the run is worth saving: false from the first step of a
     /// spike that may become [`TrainError::Spike`].
     pub fn is_level(&self) -> bool {
         self.settings.spike_length(&self.losses) == 0
@@ -341,7 +343,7 @@ fn require_finite(step: u64, quantity: &'static str, value: f64) -> Result<(), T
         Err(TrainError::Diverged {
             step,
             quantity,
-            value,
+            found: value,
         })
     }
 }

@@ -2,7 +2,10 @@
 
 use std::collections::HashMap;
 
-use tdcr_learn::net::{COLOR_WEIGHT, MlpShape};
+use tdcr_learn::net::MlpShape;
+
+/// The paper's weight of the colours' error.
+const COLOR_WEIGHT: f32 = 0.05;
 
 /// Parameters by tensor name.
 pub struct Reference {

@@ -11,8 +11,8 @@ use crate::robot::Robot;
 use crate::statics::Equilibrium;
 
 /// Sees settled robots with several cameras and fuses the frames into one cloud, reusing memory.
-pub struct Observer<'a> {
-    robot: &'a Robot,
+pub struct Observer {
+    robot: Robot,
     cameras: Vec<Camera>,
     base: BaseVisibility,
     grid: VoxelGrid,
@@ -21,11 +21,11 @@ pub struct Observer<'a> {
     occupied: CellSet,
 }
 
-impl<'a> Observer<'a> {
+impl Observer {
     /// Watches `robot` with the cameras of its specification.
-    pub fn new(robot: &'a Robot, base: BaseVisibility, grid: VoxelGrid) -> Self {
+    pub fn new(robot: &Robot, base: BaseVisibility, grid: VoxelGrid) -> Self {
         Self {
-            robot,
+            robot: robot.clone(),
             cameras: Camera::placed(&robot.spec().cameras),
             base,
             grid,
@@ -77,7 +77,7 @@ impl<'a> Observer<'a> {
         equilibrium: &Equilibrium,
         take: impl Fn(usize, RgbdFrame) -> RgbdFrame,
     ) -> PointCloud {
-        let scene = Scene::of_robot(self.robot, equilibrium, self.base);
+        let scene = Scene::of_robot(&self.robot, equilibrium, self.base);
         self.occupied.clear();
         let mut cloud = PointCloud::default();
         for (index, camera) in self.cameras.iter().enumerate() {

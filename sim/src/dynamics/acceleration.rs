@@ -13,11 +13,11 @@ use crate::tendon::Posture;
 
 /// The equations of motion of one robot; reuses its memory.
 #[derive(Clone, Debug)]
-pub(super) struct EquationsOfMotion<'a> {
-    pub robot: &'a Robot,
+pub(super) struct EquationsOfMotion {
+    pub robot: Robot,
     pub links: Vec<Link>,
     pub payload: PointMass,
-    pub forces: Forces<'a>,
+    pub forces: Forces,
     pub posture: Posture,
     motions: Vec<Motion>,
     /// Torque on every joint but that of its armature (N m), world axes.
@@ -27,10 +27,10 @@ pub(super) struct EquationsOfMotion<'a> {
     accelerations: Vec<Vector3<f64>>,
 }
 
-impl<'a> EquationsOfMotion<'a> {
+impl EquationsOfMotion {
     /// The equations of `robot`, whose joints have `armatures` (kg m²), implicit damping included.
-    pub fn new(robot: &'a Robot, armatures: &[f64]) -> Result<Self, DynamicsError> {
-        if let Some(tendon) = robot.tendons.iter().position(|t| t.holds_length()) {
+    pub fn new(robot: &Robot, armatures: &[f64]) -> Result<Self, DynamicsError> {
+        if let Some(tendon) = robot.tendons().iter().position(|t| t.holds_length()) {
             return Err(DynamicsError::Inextensible { tendon });
         }
         let links = Link::all(robot);
@@ -41,7 +41,7 @@ impl<'a> EquationsOfMotion<'a> {
         }
         let n = links.len();
         Ok(Self {
-            robot,
+            robot: robot.clone(),
             links,
             payload: PointMass::payload(robot, &Loads::default()),
             forces: Forces::new(robot),
@@ -66,10 +66,10 @@ impl<'a> EquationsOfMotion<'a> {
         self.check_size(
             "command",
             command.as_slice().len(),
-            self.robot.tendons.len(),
+            self.robot.tendons().len(),
         )?;
-        loads.check(self.robot)?;
-        self.payload = PointMass::payload(self.robot, loads);
+        loads.check(&self.robot)?;
+        self.payload = PointMass::payload(&self.robot, loads);
         self.forces.set_loads(loads);
         Ok(())
     }
@@ -98,7 +98,7 @@ impl<'a> EquationsOfMotion<'a> {
 
     /// Takes a state: postures, motions, and the torques, those of damping included.
     fn enter(&mut self, q: &Configuration, velocity: &[f64], command: &[f64]) {
-        self.posture.place(self.robot, q);
+        self.posture.place(&self.robot, q);
         set_in_motion(
             &self.links,
             &self.posture.chain.orientations,

@@ -63,7 +63,7 @@ pub(super) fn compose_on(
     let last = equations.links.len() - 1;
     for (i, (velocity, acceleration)) in rates.enumerate() {
         let orientation = chain.disc(i);
-        let centre = chain.centres[i] - equations.robot.base;
+        let centre = chain.centres[i] - equations.robot.base();
         let axes = stack(orientation, &(centre.cross_matrix() * orientation));
         let (velocity_below, acceleration_below) = (v, a);
         let rate = axes * Vector3::from(*velocity);

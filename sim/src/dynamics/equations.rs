@@ -23,7 +23,7 @@ impl Robot {
     /// # Errors
     /// [`DynamicsError`] when the state or the loads are not of this robot, or it cannot move.
     pub fn motion_terms(&self, state: &State, loads: &Loads) -> Result<MotionTerms, DynamicsError> {
-        let armatures: Vec<f64> = self.discs.iter().map(|disc| disc.armature).collect();
+        let armatures: Vec<f64> = self.discs().iter().map(|disc| disc.armature).collect();
         let mut equations = EquationsOfMotion::new(self, &armatures)?;
         equations.accept(state, &self.mean_command(), loads)?;
         equations.posture.place(self, &state.configuration);
@@ -31,7 +31,7 @@ impl Robot {
         let mut composites = Vec::new();
         compose(&equations, &still, &still, &mut composites);
         let mass = mass_matrix(&composites, &armatures);
-        let upwards = -self.gravity;
+        let upwards = -self.gravity();
         compose_on(
             &equations,
             &upwards,

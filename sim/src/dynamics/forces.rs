@@ -10,27 +10,27 @@ use crate::tendon::Posture;
 
 /// The forces on one robot under one set of loads; reuses its memory.
 #[derive(Clone, Debug)]
-pub(super) struct Forces<'a> {
-    robot: &'a Robot,
+pub(super) struct Forces {
+    robot: Robot,
     pub dead: DeadForces,
     /// The wrenches that have a part without a potential.
     followers: Vec<Wrench>,
     tensions: Vec<f64>,
 }
 
-impl<'a> Forces<'a> {
-    pub fn new(robot: &'a Robot) -> Self {
+impl Forces {
+    pub fn new(robot: &Robot) -> Self {
         Self {
-            robot,
+            robot: robot.clone(),
             dead: DeadForces::new(robot),
             followers: Vec::new(),
-            tensions: vec![0.0; robot.tendons.len()],
+            tensions: vec![0.0; robot.tendons().len()],
         }
     }
 
     /// Sets the loads, which must act on discs that the robot has.
     pub fn set_loads(&mut self, loads: &Loads) {
-        self.dead.set(self.robot, loads);
+        self.dead.set(&self.robot, loads);
         self.followers.clear();
         let following = loads.wrenches().iter().filter(|wrench| follows(wrench));
         self.followers.extend(following);
@@ -39,7 +39,7 @@ impl<'a> Forces<'a> {
     /// The potential under `command`.
     pub fn potential<'b>(&'b self, command: &'b [f64]) -> Potential<'b> {
         Potential {
-            robot: self.robot,
+            robot: &self.robot,
             command,
             dead: &self.dead,
         }
@@ -54,7 +54,7 @@ impl<'a> Forces<'a> {
         out: &mut [Vector3<f64>],
     ) {
         let potential = Potential {
-            robot: self.robot,
+            robot: &self.robot,
             command,
             dead: &self.dead,
         };

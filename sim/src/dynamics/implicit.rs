@@ -24,7 +24,7 @@ impl ImplicitEuler {
     pub fn new(robot: &Robot) -> Box<Self> {
         Box::new(Self {
             expansion: Expansion::new(robot),
-            composites: Vec::with_capacity(robot.discs.len()),
+            composites: Vec::with_capacity(robot.discs().len()),
             torques: vec![0.0; robot.dof()],
             still: vec![0.0; robot.dof()],
         })

@@ -28,26 +28,26 @@ pub struct Linearisation {
 
 /// Linearises semi-implicit Euler steps of one robot, reusing most of its memory.
 #[derive(Clone, Debug)]
-pub struct Lineariser<'a> {
+pub struct Lineariser {
     timestep: f64,
-    equations: EquationsOfMotion<'a>,
+    equations: EquationsOfMotion,
     armatures: Vec<f64>,
     accelerations: Vec<f64>,
     composites: Vec<Composite>,
     expansion: Expansion,
 }
 
-impl<'a> Lineariser<'a> {
+impl Lineariser {
     /// A lineariser of [`Integrator::SemiImplicitEuler`](super::Integrator) steps of `robot` by
     /// `timestep` (s).
     ///
     /// # Errors
     /// [`DynamicsError`] as [`Stepper::new`](super::Stepper::new).
-    pub fn new(robot: &'a Robot, timestep: f64) -> Result<Self, DynamicsError> {
+    pub fn new(robot: &Robot, timestep: f64) -> Result<Self, DynamicsError> {
         if !(timestep.is_finite() && timestep > 0.0) {
             return Err(DynamicsError::Timestep(timestep));
         }
-        let armatures: Vec<f64> = (robot.discs.iter())
+        let armatures: Vec<f64> = (robot.discs().iter())
             .map(|disc| disc.armature + timestep * disc.damping)
             .collect();
         Ok(Self {
@@ -55,7 +55,7 @@ impl<'a> Lineariser<'a> {
             equations: EquationsOfMotion::new(robot, &armatures)?,
             armatures,
             accelerations: vec![0.0; robot.dof()],
-            composites: Vec::with_capacity(robot.discs.len()),
+            composites: Vec::with_capacity(robot.discs().len()),
             expansion: Expansion::new(robot),
         })
     }
@@ -112,7 +112,7 @@ impl<'a> Lineariser<'a> {
         let mut dead = self.equations.forces.dead.clone();
         add_forces(loads, 1.0, posture, &mut dead);
         let potential = Potential {
-            robot: self.equations.robot,
+            robot: &self.equations.robot,
             command,
             dead: &dead,
         };
@@ -136,7 +136,7 @@ impl<'a> Lineariser<'a> {
         let orientations = self.equations.orientations();
         let first = 2 * self.equations.robot.dof();
         let columns = self.expansion.dense_columns();
-        for (t, tendon) in self.equations.robot.tendons.iter().enumerate() {
+        for (t, tendon) in self.equations.robot.tendons().iter().enumerate() {
             let (weight, slopes) = &columns[t];
             let tension = match tendon.drive {
                 Drive::Tension => 1.0,

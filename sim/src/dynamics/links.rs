@@ -23,7 +23,7 @@ pub(super) struct Link {
 
 impl Link {
     pub fn all(robot: &Robot) -> Vec<Self> {
-        (robot.discs.iter())
+        (robot.discs().iter())
             .map(|disc| Self {
                 joint_offset: disc.joint_offset,
                 mass: disc.mass,
@@ -66,7 +66,7 @@ pub(super) struct PointMass {
 impl PointMass {
     pub fn payload(robot: &Robot, loads: &Loads) -> Self {
         let payload = loads.tip_payload();
-        let origin = (robot.discs.last()).map_or(Vector3::zeros(), |disc| disc.origin);
+        let origin = (robot.discs().last()).map_or(Vector3::zeros(), |disc| disc.origin);
         Self {
             mass: payload.mass,
             arm: origin + Vector3::from(payload.offset),

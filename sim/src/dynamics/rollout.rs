@@ -16,7 +16,7 @@ pub struct Rollout {
     pub loads: Loads,
 }
 
-impl Stepper<'_> {
+impl Stepper {
     /// The states after each step of `rollout`.
     ///
     /// # Errors

@@ -40,7 +40,7 @@ impl SmallMotions {
         command: &Command,
         loads: &Loads,
     ) -> Result<Self, DynamicsError> {
-        let discs = &robot.discs;
+        let discs = robot.discs();
         let armatures: Vec<f64> = discs.iter().map(|disc| disc.armature).collect();
         let mut equations = EquationsOfMotion::new(robot, &armatures)?;
         equations.accept(state, command, loads)?;
@@ -107,7 +107,7 @@ impl SmallMotions {
     }
 }
 
-impl Stepper<'_> {
+impl Stepper {
     /// Checks that small motions about the configuration of `state`, at rest, do not grow by the steps'
     /// own errors. It says nothing of other poses and of large motions. Takes O(n³) time.
     ///

@@ -52,7 +52,7 @@ impl State {
     pub fn positions(&self, robot: &Robot) -> Vec<Vector3<f64>> {
         assert_eq!(
             self.configuration.0.len(),
-            robot.discs.len(),
+            robot.discs().len(),
             "a state of this robot"
         );
         let mut chain = Chain::new(robot);

@@ -32,9 +32,9 @@ pub enum Integrator {
 
 /// Moves states of one robot through time, reusing its memory.
 #[derive(Clone, Debug)]
-pub struct Stepper<'a> {
+pub struct Stepper {
     timestep: f64,
-    equations: EquationsOfMotion<'a>,
+    equations: EquationsOfMotion,
     /// Per joint, what resists its acceleration besides the discs (kg m²).
     armatures: Vec<f64>,
     scheme: Scheme,
@@ -60,14 +60,14 @@ impl Scheme {
     }
 }
 
-impl<'a> Stepper<'a> {
+impl Stepper {
     /// A stepper of `robot` by `timestep` (s).
     ///
     /// # Errors
     /// [`DynamicsError`] for a time step that is not positive, a joint without inertia, or an
     /// inextensible tendon whose length is commanded.
     pub fn new(
-        robot: &'a Robot,
+        robot: &Robot,
         timestep: f64,
         integrator: Integrator,
     ) -> Result<Self, DynamicsError> {
@@ -81,7 +81,7 @@ impl<'a> Stepper<'a> {
                 (Scheme::ImplicitEuler(ImplicitEuler::new(robot)), timestep)
             }
         };
-        let armatures: Vec<f64> = (robot.discs.iter())
+        let armatures: Vec<f64> = (robot.discs().iter())
             .map(|disc| disc.armature + implicit * disc.damping)
             .collect();
         let equations = EquationsOfMotion::new(robot, &armatures)?;
@@ -95,8 +95,8 @@ impl<'a> Stepper<'a> {
     }
 
     /// The robot.
-    pub fn robot(&self) -> &'a Robot {
-        self.equations.robot
+    pub fn robot(&self) -> &Robot {
+        &self.equations.robot
     }
 
     /// The time step (s).

@@ -22,13 +22,13 @@ pub(crate) struct Columns {
 
 impl Columns {
     pub fn new(robot: &Robot) -> Self {
-        let joints = robot.discs.len();
+        let joints = robot.discs().len();
         let tendons = robot
-            .tendons
+            .tendons()
             .iter()
             .map(|tendon| joints_along(&tendon.route));
         let spans = robot
-            .spans
+            .spans()
             .iter()
             .flat_map(|span| [0..span.upper + 1, 0..span.upper + 1]);
         let reaches: Vec<_> = tendons.chain(spans).collect();

@@ -28,9 +28,9 @@ impl DeadForces {
     /// No forces on `robot`.
     pub fn new(robot: &Robot) -> Self {
         Self {
-            at_origin: vec![Vector3::zeros(); robot.discs.len()],
+            at_origin: vec![Vector3::zeros(); robot.discs().len()],
             gravity: Vector3::zeros(),
-            off_origin: vec![Vector3::zeros(); robot.discs.len()],
+            off_origin: vec![Vector3::zeros(); robot.discs().len()],
             payload: Vector3::zeros(),
             payload_arm: Vector3::zeros(),
         }
@@ -41,24 +41,24 @@ impl DeadForces {
     /// # Panics
     /// If a wrench acts on a disc that the robot does not have ([`Loads::check`]).
     pub fn set(&mut self, robot: &Robot, loads: &Loads) {
-        self.gravity = robot.gravity;
-        for (off_origin, disc) in self.off_origin.iter_mut().zip(&robot.discs) {
+        self.gravity = robot.gravity();
+        for (off_origin, disc) in self.off_origin.iter_mut().zip(robot.discs()) {
             *off_origin = disc.centre_of_mass * disc.mass;
         }
         let line = loads.line_load();
-        for (i, (force, disc)) in self.at_origin.iter_mut().zip(&robot.discs).enumerate() {
+        for (i, (force, disc)) in self.at_origin.iter_mut().zip(robot.discs()).enumerate() {
             let above = robot
-                .discs
+                .discs()
                 .get(i + 1)
                 .map_or(0.0, |next| next.offset.norm());
-            *force = robot.gravity * disc.mass + line * (0.5 * (disc.offset.norm() + above));
+            *force = robot.gravity() * disc.mass + line * (0.5 * (disc.offset.norm() + above));
         }
         for wrench in loads.wrenches() {
             if wrench.frame == Frame::World {
                 self.at_origin[wrench.disc] += Vector3::from(wrench.force);
             }
         }
-        let weight = robot.gravity * loads.tip_payload().mass;
+        let weight = robot.gravity() * loads.tip_payload().mass;
         self.set_payload(robot, loads, weight);
     }
 
@@ -66,7 +66,7 @@ impl DeadForces {
     pub fn set_payload(&mut self, robot: &Robot, loads: &Loads, force: Vector3<f64>) {
         self.payload = force;
         let origin = robot
-            .discs
+            .discs()
             .last()
             .map_or(Vector3::zeros(), |disc| disc.origin);
         self.payload_arm = origin + Vector3::from(loads.tip_payload().offset);

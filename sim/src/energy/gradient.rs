@@ -19,17 +19,17 @@ impl Potential<'_> {
         self.dead_gradient(posture, out);
         let pulled = self
             .robot
-            .tendons
+            .tendons()
             .iter()
             .zip(&posture.lengths)
             .zip(self.command);
         for (tension, ((tendon, length), command)) in tensions.iter_mut().zip(pulled) {
             *tension = tendon.state(*length, *command).tension;
         }
-        for (segment, stretch) in self.robot.segments.iter().zip(&posture.stretches) {
+        for (segment, stretch) in self.robot.segments().iter().zip(&posture.stretches) {
             out[segment.joint] += stretch.gradient() * tensions[segment.tendon];
         }
-        for span in &self.robot.spans {
+        for span in self.robot.spans() {
             let (_, upper, stretch) = span.stretch(self.robot, &posture.chain);
             let pull = stretch.direction * tensions[span.tendon];
             let joints = span.lower.map_or(0, |disc| disc + 1)..=span.upper;
@@ -38,7 +38,7 @@ impl Potential<'_> {
                 *out += (upper - centre).cross(&pull);
             }
         }
-        for ((out, disc), (q, orientation)) in (out.iter_mut().zip(&self.robot.discs))
+        for ((out, disc), (q, orientation)) in (out.iter_mut().zip(self.robot.discs()))
             .zip(q.0.iter().zip(&posture.chain.orientations[1..]))
         {
             if let Some(joint) = disc.elasticity(q) {

@@ -62,10 +62,10 @@ pub(crate) struct Expansion {
 impl Expansion {
     /// Room for the derivatives of a robot's potential.
     pub fn new(robot: &Robot) -> Self {
-        let n = robot.discs.len();
+        let n = robot.discs().len();
         let columns = Columns::new(robot);
         Self {
-            tensions: vec![0.0; robot.tendons.len()],
+            tensions: vec![0.0; robot.tendons().len()],
             joint_gradient: vec![Vector3::zeros(); n],
             disc_gradient: vec![Vector3::zeros(); n],
             joint_blocks: vec![Matrix3::zeros(); n],
@@ -177,11 +177,11 @@ pub(crate) fn noncommuting(moment: &Vector3<f64>) -> Matrix3<f64> {
 impl Potential<'_> {
     /// Energy (J) at `q`, whose posture is `posture`.
     pub fn energy(&self, q: &Configuration, posture: &Posture) -> f64 {
-        let tendons: f64 = (self.robot.tendons.iter())
+        let tendons: f64 = (self.robot.tendons().iter())
             .zip(posture.lengths.iter().zip(self.command))
             .map(|(tendon, (length, command))| tendon.state(*length, *command).energy)
             .sum();
-        let joints: f64 = (self.robot.discs.iter().zip(&q.0))
+        let joints: f64 = (self.robot.discs().iter().zip(&q.0))
             .filter_map(|(disc, q)| disc.elasticity(q).map(|joint| joint.energy))
             .sum();
         tendons + joints + self.dead.energy(&posture.chain)
@@ -190,7 +190,7 @@ impl Potential<'_> {
     /// Gradient and Hessian at `q`, whose posture is `posture`.
     pub fn expand(&self, q: &Configuration, posture: &Posture, out: &mut Expansion) {
         let mut tensions = std::mem::take(&mut out.tensions);
-        for (t, tendon) in self.robot.tendons.iter().enumerate() {
+        for (t, tendon) in self.robot.tendons().iter().enumerate() {
             let state = tendon.state(posture.lengths[t], self.command[t]);
             tensions[t] = state.tension;
             out.weights[t] = state.stiffness;
@@ -216,7 +216,7 @@ impl Potential<'_> {
     }
 
     fn expand_joints(&self, q: &Configuration, chain: &Chain, out: &mut Expansion) {
-        for (i, (disc, q)) in self.robot.discs.iter().zip(&q.0).enumerate() {
+        for (i, (disc, q)) in self.robot.discs().iter().zip(&q.0).enumerate() {
             (out.joint_gradient[i], out.joint_blocks[i]) = match disc.elasticity(q) {
                 None => (Vector3::zeros(), Matrix3::zeros()),
                 Some(joint) => {
@@ -260,7 +260,7 @@ impl Potential<'_> {
         let slots = out.columns.slots;
         // A tendon may pass a joint more than once.
         out.slopes.fill(Vector3::zeros());
-        for (segment, stretch) in self.robot.segments.iter().zip(&posture.stretches) {
+        for (segment, stretch) in self.robot.segments().iter().zip(&posture.stretches) {
             let tension = tension(segment.tendon, segment.place);
             let gradient = stretch.gradient();
             out.joint_gradient[segment.joint] += gradient * tension;
@@ -275,8 +275,8 @@ impl Potential<'_> {
         tension: &impl Fn(usize, usize) -> f64,
         out: &mut Expansion,
     ) {
-        for (index, span) in self.robot.spans.iter().enumerate() {
-            let columns = self.robot.tendons.len() + 2 * index;
+        for (index, span) in self.robot.spans().iter().enumerate() {
+            let columns = self.robot.tendons().len() + 2 * index;
             let tension = tension(span.tendon, span.place);
             expand_span(self.robot, chain, span, tension, columns, out);
         }

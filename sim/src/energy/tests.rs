@@ -27,7 +27,7 @@ fn dead_loads(robot: &Robot, rng: &mut impl Rng) -> Loads {
     };
     let push = Wrench {
         force: three(0.1),
-        ..Wrench::none(robot.discs.len() / 2, Frame::World)
+        ..Wrench::none(robot.discs().len() / 2, Frame::World)
     };
     (Loads::default().with_payload(payload))
         .and_then(|loads| loads.with_line_load(three(0.2)))
@@ -99,7 +99,7 @@ fn gradient_is_the_central_difference_of_the_energy() {
     for robot in robots() {
         let landscape = Landscape::random(&robot, &mut rng);
         let (posture, expansion) = landscape.expansion();
-        let mut gradient = vec![Vector3::zeros(); robot.discs.len()];
+        let mut gradient = vec![Vector3::zeros(); robot.discs().len()];
         expansion.gradient(&mut gradient);
         let h = 1e-5;
         for (joint, gradient) in gradient.iter().enumerate() {
@@ -138,8 +138,8 @@ fn hessian_is_the_second_difference_of_the_energy() {
                 assert!(
                     error < 1e-5,
                     "({i}, {j}): {analytic} and {numeric} {:?} spans {:?}",
-                    robot.tendons,
-                    robot.spans
+                    robot.tendons(),
+                    robot.spans()
                 );
             }
         }
@@ -168,7 +168,7 @@ fn the_factor_solves_as_a_dense_factorisation_does() {
                 .self_adjoint_eigenvalues(faer::Side::Lower)
                 .expect("finite");
             assert_eq!(curvature == Curvature::Positive, eigenvalues[0] > 0.0);
-            let n = robot.discs.len();
+            let n = robot.discs().len();
             let mut step = vec![Vector3::zeros(); n];
             factor.descend(
                 &expansion.joint_gradient,

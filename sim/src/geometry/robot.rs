@@ -32,7 +32,7 @@ pub(crate) fn disc_solids(
 
 /// Pose of the base in the world (m).
 pub(crate) fn base_pose(robot: &Robot) -> Isometry3<f64> {
-    Isometry3::from_parts(robot.base.into(), robot.base_orientation)
+    Isometry3::from_parts(robot.base().into(), robot.base_orientation())
 }
 
 /// A capsule of a radius (m) between two places in the world (m), and its pose.
@@ -101,9 +101,9 @@ pub(crate) fn base_solids(robot: &Robot) -> Vec<Solid> {
     const PLATE: (f64, f64) = (0.055, 0.002);
     const SERVO_HALF_SIZE: [f64; 3] = [0.017, 0.010, 0.013];
     const SERVO_RADIUS: f64 = 0.034;
-    let top = robot.base.z;
+    let top = robot.base().z;
     // Built on the floor under an upright base; another base carries it along.
-    let foot = robot.base - robot.base_orientation * Vector3::new(0.0, 0.0, top);
+    let foot = robot.base() - robot.base_orientation() * Vector3::new(0.0, 0.0, top);
     let height = top + robot.spec().base.hole_height;
     if height <= 0.0 {
         return Vec::new();
@@ -113,8 +113,8 @@ pub(crate) fn base_solids(robot: &Robot) -> Vec<Solid> {
     let solid = |shape, z: f64, offset: f64, angle: f64| {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
         let place = turn * Vector3::new(offset, 0.0, 0.0) + Vector3::new(0.0, 0.0, z);
-        let rotation = robot.base_orientation * turn;
-        let position = foot + robot.base_orientation * place;
+        let rotation = robot.base_orientation() * turn;
+        let position = foot + robot.base_orientation() * place;
         Solid {
             shape,
             pose: Isometry3::from_parts(Translation3::from(position), rotation),

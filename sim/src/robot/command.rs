@@ -53,14 +53,14 @@ impl Robot {
     /// [`CommandError`] for a wrong number of entries, or an entry that is not within its tendon's
     /// range.
     pub fn command(&self, values: &[f64]) -> Result<Command, CommandError> {
-        if values.len() != self.tendons.len() {
+        if values.len() != self.tendons().len() {
             return Err(CommandError::Length {
-                robot: self.spec.name.clone(),
-                expected: self.tendons.len(),
+                robot: self.spec().name.clone(),
+                expected: self.tendons().len(),
                 found: values.len(),
             });
         }
-        for (index, (&value, tendon)) in values.iter().zip(&self.tendons).enumerate() {
+        for (index, (&value, tendon)) in values.iter().zip(self.tendons()).enumerate() {
             let [low, high] = tendon.range;
             if !(low..=high).contains(&value) {
                 return Err(CommandError::Range {
@@ -78,12 +78,12 @@ impl Robot {
     /// A command drawn uniformly from the box of the tendons' ranges.
     pub fn random_command(&self, rng: &mut impl Rng) -> Command {
         let draw = |[low, high]: [f64; 2]| low + (high - low) * rng.random::<f64>();
-        Command(self.tendons.iter().map(|t| t.range).map(draw).collect())
+        Command(self.tendons().iter().map(|t| t.range).map(draw).collect())
     }
 
     /// The command in the middle of every tendon's range.
     pub fn mean_command(&self) -> Command {
         let middle = |tendon: &Tendon| tendon.range.iter().sum::<f64>() / 2.0;
-        Command(self.tendons.iter().map(middle).collect())
+        Command(self.tendons().iter().map(middle).collect())
     }
 }

@@ -1,5 +1,7 @@
 //! From the specification to the robot laid out for computation.
 
+use std::sync::Arc;
+
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::mass::Part;
@@ -9,6 +11,24 @@ use super::{
     Tendon, TendonSpec, Waypoint,
 };
 
+/// What a robot consists of.
+#[derive(Debug)]
+pub(super) struct Model {
+    pub spec: RobotSpec,
+    /// Gravitational acceleration, world frame (m/s²).
+    pub gravity: Vector3<f64>,
+    /// Base origin, world frame (m).
+    pub base: Vector3<f64>,
+    /// Base orientation in the world frame.
+    pub base_orientation: UnitQuaternion<f64>,
+    pub discs: Vec<Disc>,
+    pub tendons: Vec<Tendon>,
+    /// Tendon segments between neighbouring bodies, ordered by joint.
+    pub segments: Vec<Segment>,
+    /// Tendon segments that pass discs by.
+    pub spans: Vec<Span>,
+}
+
 impl Robot {
     /// Compiles a specification.
     ///
@@ -17,15 +37,26 @@ impl Robot {
     /// the straight pose (its direction would be undefined) that does not lie in a joint's centre.
     pub fn new(spec: RobotSpec) -> Result<Self, SpecError> {
         spec.validate()?;
-        let robot = Self::lay_out(spec);
-        robot.check_segments()?;
-        Ok(robot)
+        let model = Model::lay_out(spec);
+        model.check_segments()?;
+        Ok(Self(Arc::new(model)))
     }
 
     /// The layout of a specification whose lists have been validated; numbers may be anything.
     pub(crate) fn lay_out(spec: RobotSpec) -> Self {
+        Self(Arc::new(Model::lay_out(spec)))
+    }
+
+    /// A hole as seen from the centre of its body's joint (or the base origin), in its frame (m).
+    pub(crate) fn hole(&self, waypoint: Waypoint) -> Vector3<f64> {
+        self.0.hole(waypoint)
+    }
+}
+
+impl Model {
+    fn lay_out(spec: RobotSpec) -> Self {
         let [w, x, y, z] = spec.base.orientation;
-        let mut robot = Self {
+        let mut model = Self {
             gravity: spec.gravity.into(),
             base: spec.base.position.into(),
             base_orientation: UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
@@ -35,8 +66,8 @@ impl Robot {
             spans: Vec::new(),
             spec,
         };
-        robot.lay_tendons();
-        robot
+        model.lay_tendons();
+        model
     }
 
     /// Cuts every tendon's route into segments.
@@ -113,8 +144,7 @@ impl Robot {
         Ok(())
     }
 
-    /// A hole as seen from the centre of its body's joint (or the base origin), in its frame (m).
-    pub(crate) fn hole(&self, waypoint: Waypoint) -> Vector3<f64> {
+    fn hole(&self, waypoint: Waypoint) -> Vector3<f64> {
         let Waypoint(body, hole) = waypoint;
         let [x, y] = (self.spec.hole_position(body, hole)).expect("validated: a hole of a body");
         match waypoint.0 {

@@ -173,7 +173,7 @@ impl Loads {
     /// # Errors
     /// [`LoadsError::Disc`] for the first that does not.
     pub fn check(&self, robot: &Robot) -> Result<(), LoadsError> {
-        let discs = robot.discs.len();
+        let discs = robot.discs().len();
         match self.wrenches.iter().find(|wrench| wrench.disc >= discs) {
             Some(Wrench { disc, .. }) => Err(LoadsError::Disc { disc: *disc, discs }),
             None => Ok(()),

@@ -34,28 +34,17 @@ pub use tendon_spec::{Body, Drive, Friction, Pull, RouteSpec, TendonSpec, Waypoi
 pub use units::{CommandUnit, DisplayUnit, TendonGroup};
 pub(crate) use value::shift;
 
+use std::sync::Arc;
+
+use compile::Model;
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// A validated robot, laid out for computation.
+/// A validated robot, laid out for computation. Cheap to clone: clones share what it consists of.
 ///
 /// Bodies are numbered along the chain: disc `i` turns on joint `i`, carried by disc `i - 1`, or by
 /// the base for `i = 0`. A configuration of `n` discs is one rotation per joint, `SO(3)^n`.
 #[derive(Clone, Debug)]
-pub struct Robot {
-    spec: RobotSpec,
-    /// Gravitational acceleration, world frame (m/s²).
-    pub(crate) gravity: Vector3<f64>,
-    /// Base origin, world frame (m).
-    pub(crate) base: Vector3<f64>,
-    /// Base orientation in the world frame.
-    pub(crate) base_orientation: UnitQuaternion<f64>,
-    pub(crate) discs: Vec<Disc>,
-    pub(crate) tendons: Vec<Tendon>,
-    /// Tendon segments between neighbouring bodies, ordered by joint.
-    pub(crate) segments: Vec<Segment>,
-    /// Tendon segments that pass discs by.
-    pub(crate) spans: Vec<Span>,
-}
+pub struct Robot(Arc<Model>);
 
 /// One disc of the chain.
 #[derive(Clone, Debug)]
@@ -142,22 +131,47 @@ pub(crate) struct Span {
 impl Robot {
     /// The specification that this robot was compiled from.
     pub fn spec(&self) -> &RobotSpec {
-        &self.spec
+        &self.0.spec
     }
 
     /// The discs, from the base to the tip.
     pub fn discs(&self) -> &[Disc] {
-        &self.discs
+        &self.0.discs
     }
 
     /// The tendons: those of the modules, from the base up, then those with routes of their own. A
     /// command has one entry for each.
     pub fn tendons(&self) -> &[Tendon] {
-        &self.tendons
+        &self.0.tendons
     }
 
     /// Number of joint coordinates: three for each ball joint.
     pub fn dof(&self) -> usize {
-        3 * self.discs.len()
+        3 * self.0.discs.len()
+    }
+
+    /// Tendon segments between neighbouring bodies, ordered by joint.
+    pub(crate) fn segments(&self) -> &[Segment] {
+        &self.0.segments
+    }
+
+    /// Tendon segments that pass discs by.
+    pub(crate) fn spans(&self) -> &[Span] {
+        &self.0.spans
+    }
+
+    /// Gravitational acceleration, world frame (m/s²).
+    pub(crate) fn gravity(&self) -> Vector3<f64> {
+        self.0.gravity
+    }
+
+    /// Base origin, world frame (m).
+    pub(crate) fn base(&self) -> Vector3<f64> {
+        self.0.base
+    }
+
+    /// Base orientation in the world frame.
+    pub(crate) fn base_orientation(&self) -> UnitQuaternion<f64> {
+        self.0.base_orientation
     }
 }

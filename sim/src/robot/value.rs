@@ -196,10 +196,10 @@ fn set_tendons(spec: &mut RobotSpec, tendons: Vec<TendonSpec>) {
         }
         return;
     }
-    let laid = Robot::lay_out(spec.clone()).tendons;
-    spec.routes = (laid.into_iter().zip(tendons))
+    let laid = Robot::lay_out(spec.clone());
+    spec.routes = (laid.tendons().iter().zip(tendons))
         .map(|(laid, tendon)| RouteSpec {
-            through: laid.route,
+            through: laid.route.clone(),
             tendon,
         })
         .collect();

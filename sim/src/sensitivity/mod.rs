@@ -63,8 +63,8 @@ pub struct PoseTangent {
 
 /// An equilibrium made ready to be differentiated: [`Robot::sensitivity`].
 #[derive(Clone, Debug)]
-pub struct Sensitivity<'a> {
-    robot: &'a Robot,
+pub struct Sensitivity {
+    robot: Robot,
     loads: Loads,
     q: crate::chain::Configuration,
     posture: Posture,
@@ -115,7 +115,7 @@ impl Robot {
         command: &Command,
         loads: &Loads,
         equilibrium: &Equilibrium,
-    ) -> Result<Sensitivity<'_>, SensitivityError> {
+    ) -> Result<Sensitivity, SensitivityError> {
         if equilibrium.stability == Some(Stability::Unstable) {
             return Err(SensitivityError::Unstable);
         }
@@ -129,20 +129,15 @@ impl Robot {
     }
 }
 
-impl<'a> Sensitivity<'a> {
-    fn expand(
-        robot: &'a Robot,
-        command: &Command,
-        loads: &Loads,
-        equilibrium: &Equilibrium,
-    ) -> Self {
+impl Sensitivity {
+    fn expand(robot: &Robot, command: &Command, loads: &Loads, equilibrium: &Equilibrium) -> Self {
         let mut posture = Posture::new(robot);
         posture.place(robot, &equilibrium.configuration);
         let mut dead = DeadForces::new(robot);
         dead.set(robot, loads);
         following::add_forces(loads, 1.0, &posture, &mut dead);
         let mut effective = command.as_slice().to_vec();
-        for (t, tendon) in robot.tendons.iter().enumerate() {
+        for (t, tendon) in robot.tendons().iter().enumerate() {
             if tendon.holds_length() {
                 effective[t] = posture.lengths[t] - equilibrium.tendon_tensions[t] / LENGTH_PENALTY;
             }
@@ -156,7 +151,7 @@ impl<'a> Sensitivity<'a> {
         potential.expand(&equilibrium.configuration, &posture, &mut expansion);
         following::add_moments(loads, 1.0, &posture, &mut expansion);
         Self {
-            robot,
+            robot: robot.clone(),
             loads: loads.clone(),
             q: equilibrium.configuration.clone(),
             system: System::Chain(Box::new(Factor::new(&expansion))),
@@ -191,14 +186,14 @@ impl<'a> Sensitivity<'a> {
 
     fn hold_lengths(&mut self) {
         let taut =
-            |t: &usize| self.robot.tendons[*t].holds_length() && self.expansion.weights[*t] > 0.0;
-        let tendons: Vec<usize> = (0..self.robot.tendons.len()).filter(taut).collect();
+            |t: &usize| self.robot.tendons()[*t].holds_length() && self.expansion.weights[*t] > 0.0;
+        let tendons: Vec<usize> = (0..self.robot.tendons().len()).filter(taut).collect();
         if tendons.is_empty() {
             return;
         }
         let columns = self.expansion.dense_columns();
         let slopes: Vec<_> = tendons.iter().map(|&t| columns[t].1.clone()).collect();
-        let none = vec![Vector3::zeros(); self.robot.discs.len()];
+        let none = vec![Vector3::zeros(); self.robot.discs().len()];
         let responses = [Side::Jacobian, Side::Transpose].map(|side| {
             let solve = |slope: &Vec<Vector3<f64>>| self.solve_free(slope, &none, side);
             slopes.iter().map(solve).collect::<Vec<_>>()
@@ -275,9 +270,9 @@ impl<'a> Sensitivity<'a> {
     /// # Errors
     /// [`SensitivityError::Parameter`] for one that the robot does not have.
     pub fn jacobian(&self, parameters: &[Parameter]) -> Result<DMatrix<f64>, SensitivityError> {
-        let mut jacobian = DMatrix::zeros(6 * self.robot.discs.len(), parameters.len());
+        let mut jacobian = DMatrix::zeros(6 * self.robot.discs().len(), parameters.len());
         for (column, &parameter) in parameters.iter().enumerate() {
-            let tangent = ModelTangent::new(self.robot, &self.loads, parameter)?;
+            let tangent = ModelTangent::new(&self.robot, &self.loads, parameter)?;
             for (disc, pose) in self.poses(&tangent).iter().enumerate() {
                 for axis in 0..3 {
                     jacobian[(6 * disc + axis, column)] = pose.position[axis];
@@ -290,12 +285,12 @@ impl<'a> Sensitivity<'a> {
 
     /// The Jacobian by the command, one column per tendon: rows as in [`Sensitivity::jacobian`].
     pub fn command_jacobian(&self) -> DMatrix<f64> {
-        let n = self.robot.discs.len();
-        let mut jacobian = DMatrix::zeros(6 * n, self.robot.tendons.len());
+        let n = self.robot.discs().len();
+        let mut jacobian = DMatrix::zeros(6 * n, self.robot.tendons().len());
         let mut pull = vec![Vector3::zeros(); n];
         let none = vec![Vector3::zeros(); n];
         let mut turns = vec![Vector3::zeros(); n];
-        for tendon in 0..self.robot.tendons.len() {
+        for tendon in 0..self.robot.tendons().len() {
             self.pull_by_command(tendon, &mut pull);
             match (&self.system, &self.held.compliance) {
                 (System::Chain(factor), None) => factor.solve(&pull, &none, &mut turns),
@@ -319,13 +314,13 @@ impl<'a> Sensitivity<'a> {
     /// tension. The rest length that stands for a commanded length is an unknown of the solve.
     fn pull_by_command(&self, tendon: usize, pull: &mut [Vector3<f64>]) {
         let columns = &self.expansion.columns;
-        let change = match self.robot.tendons[tendon].drive {
+        let change = match self.robot.tendons()[tendon].drive {
             Drive::Tension => 1.0,
-            _ if self.robot.tendons[tendon].holds_length() => 0.0,
+            _ if self.robot.tendons()[tendon].holds_length() => 0.0,
             _ => -self.expansion.weights[tendon],
         };
         pull.fill(Vector3::zeros());
-        for joint in joints_along(&self.robot.tendons[tendon].route) {
+        for joint in joints_along(&self.robot.tendons()[tendon].route) {
             let slope = self.expansion.slopes[joint * columns.slots + columns.slot[tendon]];
             pull[joint] = slope * change;
         }
@@ -340,7 +335,7 @@ impl<'a> Sensitivity<'a> {
     fn write_poses(&self, turns: &[Vector3<f64>], rows: &mut [f64]) {
         let chain = &self.posture.chain;
         let (mut rotation, mut centre) = (Vector3::zeros(), Vector3::zeros());
-        let mut below = self.robot.base;
+        let mut below = self.robot.base();
         for (i, row) in rows.chunks_exact_mut(6).enumerate() {
             centre += rotation.cross(&(chain.centres[i] - below));
             below = chain.centres[i];
@@ -359,9 +354,9 @@ impl<'a> Sensitivity<'a> {
         &self,
         direction: &[(Parameter, f64)],
     ) -> Result<Vec<PoseTangent>, SensitivityError> {
-        let mut total = vec![PoseTangent::default(); self.robot.discs.len()];
+        let mut total = vec![PoseTangent::default(); self.robot.discs().len()];
         for &(parameter, rate) in direction {
-            let tangent = ModelTangent::new(self.robot, &self.loads, parameter)?;
+            let tangent = ModelTangent::new(&self.robot, &self.loads, parameter)?;
             for (total, pose) in total.iter_mut().zip(self.poses(&tangent)) {
                 total.position += pose.position * rate;
                 total.rotation += pose.rotation * rate;
@@ -383,14 +378,14 @@ impl<'a> Sensitivity<'a> {
         cotangents: &[PoseTangent],
         parameters: &[Parameter],
     ) -> Result<Vec<f64>, SensitivityError> {
-        let n = self.robot.discs.len();
+        let n = self.robot.discs().len();
         assert_eq!(cotangents.len(), n, "one cotangent for each disc");
         let none = vec![Vector3::zeros(); n];
         let levers = self.levers(cotangents);
         let growth = vec![0.0; self.held.tendons.len()];
         let (adjoint, multipliers) = self.solve(&none, &levers, &growth, Side::Transpose);
         let cost = |&parameter: &Parameter| {
-            let tangent = ModelTangent::new(self.robot, &self.loads, parameter)?;
+            let tangent = ModelTangent::new(&self.robot, &self.loads, parameter)?;
             let change = self.gradient_tangent(&tangent);
             let held = self.held.tendons.iter().zip(&multipliers);
             let held: f64 = held

@@ -1,4 +1,7 @@
 //! How the compiled model changes with each parameter.
+//!
+//! Derivatives by what compiling changes (pitch, holes, densities) are differences of two compiled robots. They are exact, as
+//! compiling is affine in these parameters, but for the pitch of a rod's joints, for which the step is small.
 
 use nalgebra::Vector3;
 
@@ -34,13 +37,13 @@ pub(super) struct ModelTangent {
 
 impl ModelTangent {
     pub fn zero(robot: &Robot) -> Self {
-        let n = robot.discs.len();
+        let n = robot.discs().len();
         Self {
-            command: vec![0.0; robot.tendons.len()],
-            stiffness: vec![0.0; robot.tendons.len()],
-            fixed_lengths: vec![0.0; robot.tendons.len()],
-            segments: vec![[Vector3::zeros(); 2]; robot.segments.len()],
-            spans: vec![[Vector3::zeros(); 2]; robot.spans.len()],
+            command: vec![0.0; robot.tendons().len()],
+            stiffness: vec![0.0; robot.tendons().len()],
+            fixed_lengths: vec![0.0; robot.tendons().len()],
+            segments: vec![[Vector3::zeros(); 2]; robot.segments().len()],
+            spans: vec![[Vector3::zeros(); 2]; robot.spans().len()],
             joint_offsets: vec![Vector3::zeros(); n],
             backbone: vec![Vector3::zeros(); n],
             dead: DeadForces::new(robot),
@@ -55,7 +58,7 @@ impl ModelTangent {
         match parameter {
             Parameter::Command(tendon) => tangent.command[tendon] = 1.0,
             Parameter::Payload => {
-                tangent.dead.set_payload(robot, loads, robot.gravity);
+                tangent.dead.set_payload(robot, loads, robot.gravity());
             }
             Parameter::Force(disc, axis) => tangent.dead.at_origin[disc] = axis.unit(),
             Parameter::Moment(disc, axis) => tangent.moments[disc] = axis.unit(),
@@ -87,7 +90,7 @@ impl ModelTangent {
         };
         for (disc, stiffness) in self.backbone.iter_mut().enumerate() {
             if robot.spec().module_of(disc) == Some(module)
-                && let Some(backbone) = &robot.discs[disc].backbone
+                && let Some(backbone) = &robot.discs()[disc].backbone
             {
                 *stiffness = backbone.stiffness() / rod.youngs;
             }
@@ -118,14 +121,14 @@ impl ModelTangent {
             [from, to].map(|[low, high]| (high - low) * per_unit)
         };
         for (i, tangent) in self.segments.iter_mut().enumerate() {
-            let (a, b) = (&low.0.segments[i], &high.0.segments[i]);
+            let (a, b) = (&low.0.segments()[i], &high.0.segments()[i]);
             *tangent = ends([&a.from, &b.from], [&a.to, &b.to]);
         }
         for (i, tangent) in self.spans.iter_mut().enumerate() {
-            let (a, b) = (&low.0.spans[i], &high.0.spans[i]);
+            let (a, b) = (&low.0.spans()[i], &high.0.spans()[i]);
             *tangent = ends([&a.from, &b.from], [&a.to, &b.to]);
         }
-        for (length, tendon) in self.fixed_lengths.iter_mut().zip(&robot.tendons) {
+        for (length, tendon) in self.fixed_lengths.iter_mut().zip(robot.tendons()) {
             for pair in tendon
                 .route
                 .windows(2)
@@ -137,7 +140,7 @@ impl ModelTangent {
             }
         }
         for (i, tangent) in self.joint_offsets.iter_mut().enumerate() {
-            *tangent = (high.0.discs[i].joint_offset - low.0.discs[i].joint_offset) * per_unit;
+            *tangent = (high.0.discs()[i].joint_offset - low.0.discs()[i].joint_offset) * per_unit;
         }
         for (i, force) in self.dead.at_origin.iter_mut().enumerate() {
             *force = (high.1.at_origin[i] - low.1.at_origin[i]) * per_unit;
@@ -146,7 +149,7 @@ impl ModelTangent {
             *off_origin = (high.1.off_origin[i] - low.1.off_origin[i]) * per_unit;
         }
         for (i, stiffness) in self.backbone.iter_mut().enumerate() {
-            let joints = [&low.0, &high.0].map(|robot| robot.discs[i].backbone);
+            let joints = [&low.0, &high.0].map(|robot| robot.discs()[i].backbone);
             if let [Some(low), Some(high)] = joints {
                 *stiffness = (high.stiffness() - low.stiffness()) * per_unit;
             }

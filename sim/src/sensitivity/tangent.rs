@@ -37,18 +37,18 @@ struct PieceTangent {
     lower: Vector3<f64>,
 }
 
-impl Sensitivity<'_> {
+impl Sensitivity {
     /// Change of the gradient when the model changes and the configuration does not.
     pub(super) fn gradient_tangent(&self, tangent: &ModelTangent) -> GradientTangent {
-        let robot = self.robot;
-        let n = robot.discs.len();
+        let robot = &self.robot;
+        let n = robot.discs().len();
         let mut out = GradientTangent {
             joint: vec![Vector3::zeros(); n],
             disc: vec![Vector3::zeros(); n],
             lengths: tangent.fixed_lengths.clone(),
         };
         let centres = self.moved_centres(tangent);
-        let spans: Vec<_> = (0..robot.spans.len())
+        let spans: Vec<_> = (0..robot.spans().len())
             .map(|i| self.moved_span(tangent, &centres, i))
             .collect();
         self.lengthen(tangent, &spans, &mut out);
@@ -84,7 +84,7 @@ impl Sensitivity<'_> {
     }
 
     fn moved_segment(&self, tangent: &ModelTangent, index: usize) -> PieceTangent {
-        let joint = self.robot.segments[index].joint;
+        let joint = self.robot.segments()[index].joint;
         let orientations = &self.posture.chain.orientations;
         let [from, to] = &tangent.segments[index];
         PieceTangent {
@@ -99,7 +99,7 @@ impl Sensitivity<'_> {
         centres: &[Vector3<f64>],
         index: usize,
     ) -> PieceTangent {
-        let span = &self.robot.spans[index];
+        let span = &self.robot.spans()[index];
         let chain = &self.posture.chain;
         let [from, to] = &tangent.spans[index];
         PieceTangent {
@@ -112,13 +112,13 @@ impl Sensitivity<'_> {
     }
 
     fn lengthen(&self, tangent: &ModelTangent, spans: &[PieceTangent], out: &mut GradientTangent) {
-        for (i, segment) in self.robot.segments.iter().enumerate() {
+        for (i, segment) in self.robot.segments().iter().enumerate() {
             let moved = self.moved_segment(tangent, i);
             let direction = self.posture.stretches[i].direction;
             out.lengths[segment.tendon] += direction.dot(&(moved.upper - moved.lower));
         }
-        for (span, moved) in self.robot.spans.iter().zip(spans) {
-            let (_, _, stretch) = span.stretch(self.robot, &self.posture.chain);
+        for (span, moved) in self.robot.spans().iter().zip(spans) {
+            let (_, _, stretch) = span.stretch(&self.robot, &self.posture.chain);
             out.lengths[span.tendon] += stretch.direction.dot(&(moved.upper - moved.lower));
         }
     }
@@ -126,7 +126,7 @@ impl Sensitivity<'_> {
     /// Change of the tensions (N) in a fixed configuration.
     fn pull(&self, tangent: &ModelTangent, lengths: &[f64]) -> Vec<f64> {
         let change = |t: usize| {
-            let tendon = &self.robot.tendons[t];
+            let tendon = &self.robot.tendons()[t];
             let weight = self.expansion.weights[t];
             match tendon.drive {
                 Drive::Tension => tangent.command[t],
@@ -143,7 +143,7 @@ impl Sensitivity<'_> {
     }
 
     fn add_segments(&self, tangent: &ModelTangent, pull: &[f64], out: &mut GradientTangent) {
-        for (i, segment) in self.robot.segments.iter().enumerate() {
+        for (i, segment) in self.robot.segments().iter().enumerate() {
             let stretch = &self.posture.stretches[i];
             let moved = self.moved_segment(tangent, i);
             let turned = turned_direction(&stretch.direction, stretch.length, &moved);
@@ -161,8 +161,8 @@ impl Sensitivity<'_> {
         out: &mut GradientTangent,
     ) {
         let chain = &self.posture.chain;
-        for (span, moved) in self.robot.spans.iter().zip(spans) {
-            let (_, upper, stretch) = span.stretch(self.robot, chain);
+        for (span, moved) in self.robot.spans().iter().zip(spans) {
+            let (_, upper, stretch) = span.stretch(&self.robot, chain);
             let tension = self.expansion.tensions[span.tendon];
             let u = stretch.direction;
             let turned = turned_direction(&u, stretch.length, moved);
@@ -202,7 +202,7 @@ impl Sensitivity<'_> {
     }
 
     fn add_backbone(&self, tangent: &ModelTangent, out: &mut GradientTangent) {
-        for (i, disc) in self.robot.discs.iter().enumerate() {
+        for (i, disc) in self.robot.discs().iter().enumerate() {
             if let Some(backbone) = &disc.backbone {
                 let stiffer = &tangent.backbone[i];
                 let change = backbone.gradient_by_stiffness(&self.q.0[i], stiffer);
@@ -219,7 +219,7 @@ impl Sensitivity<'_> {
     ) -> Vec<PoseTangent> {
         let chain = &self.posture.chain;
         let (mut rotation, mut centre) = (Vector3::zeros(), Vector3::zeros());
-        let mut below = self.robot.base;
+        let mut below = self.robot.base();
         (0..turns.len())
             .map(|i| {
                 let explicit = chain.orientations[i] * tangent.joint_offsets[i];

@@ -1,4 +1,8 @@
 //! Newton's method on the potential, from one configuration down to an equilibrium.
+//!
+//! Where the Hessian is indefinite, all joints are stiffened in proportion to the residual moments until it is not (a
+//! multiple of the identity added to the Hessian: Nocedal and Wright, Numerical Optimization, section 3.4). That takes 5.5 to
+//! 6.6 steps on average, and reflecting the negative eigenvalues 9 to 10: bends then spread evenly over the joints.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -31,10 +35,10 @@ const ENERGY_ROUNDING: f64 = 1e-13;
 /// Energy (J) that terms of both signs may have before they cancel, for each N m of the tolerance.
 const CANCELLING: f64 = 1e7;
 
-/// A robot on its way down the potential, with the memory that takes.
+/// State and workspace of a Newton descent on the potential energy.
 #[derive(Clone, Debug)]
-pub(super) struct Descent<'a> {
-    robot: &'a Robot,
+pub(super) struct Descent {
+    robot: Robot,
     pub configuration: Configuration,
     pub posture: Posture,
     pub expansion: Expansion,
@@ -75,16 +79,16 @@ impl End {
     }
 }
 
-impl<'a> Descent<'a> {
-    pub fn new(robot: &'a Robot) -> Self {
+impl Descent {
+    pub fn new(robot: &Robot) -> Self {
         let configuration = Configuration::straight(robot);
         let mut posture = Posture::new(robot);
         posture.place(robot, &configuration);
         let expansion = Expansion::new(robot);
         let tolerance = moment_tolerance(robot, &posture.lengths);
-        let zero = vec![Vector3::zeros(); robot.discs.len()];
+        let zero = vec![Vector3::zeros(); robot.discs().len()];
         Self {
-            robot,
+            robot: robot.clone(),
             trial: configuration.clone(),
             configuration,
             trial_posture: posture.clone(),
@@ -96,7 +100,7 @@ impl<'a> Descent<'a> {
             none: zero.clone(),
             step: zero,
             prediction: Prediction {
-                change: vec![0.0; robot.tendons.len()],
+                change: vec![0.0; robot.tendons().len()],
                 configuration: Configuration::straight(robot),
             },
         }
@@ -106,14 +110,14 @@ impl<'a> Descent<'a> {
     pub fn start_straight(&mut self) {
         self.prediction.change.fill(0.0);
         self.configuration.0.fill(UnitQuaternion::identity());
-        self.posture.place(self.robot, &self.configuration);
+        self.posture.place(&self.robot, &self.configuration);
     }
 
     /// Starts from `q`.
     pub fn start_at(&mut self, q: &Configuration) {
         self.prediction.change.fill(0.0);
         self.configuration.0.copy_from_slice(&q.0);
-        self.posture.place(self.robot, &self.configuration);
+        self.posture.place(&self.robot, &self.configuration);
     }
 
     /// Moves from the equilibrium under the command `from`, where the last descent ended, to where that
@@ -122,7 +126,7 @@ impl<'a> Descent<'a> {
     pub fn predict(&mut self, from: &[f64], to: &[f64]) {
         let slots = self.expansion.columns.slots;
         self.gradient.fill(Vector3::zeros());
-        for (t, tendon) in self.robot.tendons.iter().enumerate() {
+        for (t, tendon) in self.robot.tendons().iter().enumerate() {
             let state = tendon.state(self.posture.lengths[t], to[t]);
             let change = state.tension - self.expansion.tensions[t];
             if change == 0.0 {
@@ -143,7 +147,7 @@ impl<'a> Descent<'a> {
             *predicted = turned(q, &self.posture.chain.disc(i).tr_mul(&self.step[i]));
             *q = turned(predicted, &missed);
         }
-        self.posture.place(self.robot, &self.configuration);
+        self.posture.place(&self.robot, &self.configuration);
     }
 
     /// Descends to an equilibrium that is not unstable; also returns the Newton steps taken. The
@@ -219,8 +223,8 @@ impl<'a> Descent<'a> {
         }
     }
 
-    /// A falling direction has no preferred sense; the one in which its largest component, in the
-    /// discs' axes, is positive is taken.
+    /// A direction of negative curvature has no preferred sense; the one in which its largest
+    /// component, in the discs' axes, is positive is taken.
     fn scale_saddle_step(&mut self) {
         let mut largest: f64 = 0.0;
         for (i, turn) in self.step.iter().enumerate() {
@@ -264,7 +268,7 @@ impl<'a> Descent<'a> {
                 let own_axes = self.posture.chain.disc(i).tr_mul(&self.step[i]);
                 *to = turned(from, &(own_axes * share));
             }
-            self.trial_posture.place(self.robot, &self.trial);
+            self.trial_posture.place(&self.robot, &self.trial);
             let lower = potential.energy(&self.trial, &self.trial_posture);
             if lower <= energy + 1e-4 * share * slope.min(0.0) + rounding {
                 std::mem::swap(&mut self.configuration, &mut self.trial);

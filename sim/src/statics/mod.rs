@@ -9,8 +9,12 @@
 //! there are several, it is the one that this descent from the straight pose finds.
 //! [`Settler::settle_from`] starts elsewhere.
 //!
-//! Moments, and forces that turn with their disc, have no potential: they are brought on from the
-//! equilibrium without them, by Newton's method on the moments left.
+//! Bends that keep the tendon lengths have almost no stiffness, so upright straight poses are unstable. Results say whether
+//! they converged, with which residual, and whether the equilibrium is stable, neutral or unstable.
+//!
+//! A commanded length is a spring whose rest length is corrected by Newton's method on the tensions, so that gains, lengths
+//! and tensions share one potential. Moments, and forces that turn with their disc, have none: they are applied by
+//! continuation from the equilibrium without them, by Newton's method on the residual moments with a dense Jacobian.
 
 mod descent;
 mod following;
@@ -76,13 +80,13 @@ impl Equilibrium {
 
     /// Room for an equilibrium of `robot`: the straight pose, not converged.
     pub(crate) fn unsettled(robot: &Robot) -> Self {
-        let n = robot.discs.len();
+        let n = robot.discs().len();
         Self {
             configuration: Configuration::straight(robot),
             positions: vec![Vector3::zeros(); n],
             orientations: vec![UnitQuaternion::identity(); n],
-            tendon_lengths: vec![0.0; robot.tendons.len()],
-            tendon_tensions: vec![0.0; robot.tendons.len()],
+            tendon_lengths: vec![0.0; robot.tendons().len()],
+            tendon_tensions: vec![0.0; robot.tendons().len()],
             residual: f64::INFINITY,
             iterations: 0,
             converged: false,

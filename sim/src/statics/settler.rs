@@ -32,9 +32,9 @@ const MAX_CORRECTIONS: usize = 60;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
-pub struct Settler<'a> {
-    robot: &'a Robot,
-    pub(super) descent: Descent<'a>,
+pub struct Settler {
+    robot: Robot,
+    pub(super) descent: Descent,
     pub(super) dead: DeadForces,
     /// The command, with the rest lengths of tendons whose length is commanded corrected.
     pub(super) command: Vec<f64>,
@@ -45,17 +45,17 @@ pub struct Settler<'a> {
     equilibrium: Equilibrium,
 }
 
-impl<'a> Settler<'a> {
+impl Settler {
     /// Prepares to settle `robot`.
-    pub fn new(robot: &'a Robot) -> Self {
+    pub fn new(robot: &Robot) -> Self {
         let descent = Descent::new(robot);
         Self {
-            robot,
+            robot: robot.clone(),
             moment_tolerance: descent.tolerance,
             length_tolerance: robot.length_tolerance(),
             descent,
             dead: DeadForces::new(robot),
-            command: vec![0.0; robot.tendons.len()],
+            command: vec![0.0; robot.tendons().len()],
             equilibrium: Equilibrium::unsettled(robot),
         }
     }
@@ -97,7 +97,7 @@ impl<'a> Settler<'a> {
         }
         // With moments, following forces or commanded lengths the factor is of another problem.
         let predictable = !loads.wrenches().iter().any(follows)
-            && !self.robot.tendons.iter().any(Tendon::holds_length);
+            && !self.robot.tendons().iter().any(Tendon::holds_length);
         if predictable {
             self.descent.predict(&self.command, command.as_slice());
         }
@@ -116,7 +116,7 @@ impl<'a> Settler<'a> {
 
     /// Settles `command` from wherever the descent stands.
     fn solve(&mut self, command: &Command, loads: &Loads) -> &Equilibrium {
-        self.dead.set(self.robot, loads);
+        self.dead.set(&self.robot, loads);
         self.command.copy_from_slice(command.as_slice());
         self.descent.tolerance = self.moment_tolerance.max(self.robot.load_rounding(loads));
         let (mut end, mut iterations) = self.descend();
@@ -130,7 +130,7 @@ impl<'a> Settler<'a> {
             (end, steps) = self.rest(loads);
             iterations += steps;
         }
-        if end.is_settled() && self.robot.tendons.iter().any(Tendon::holds_length) {
+        if end.is_settled() && self.robot.tendons().iter().any(Tendon::holds_length) {
             let steps;
             (end, steps) = self.hold_lengths(end, command, loads);
             iterations += steps;
@@ -140,7 +140,7 @@ impl<'a> Settler<'a> {
 
     fn descend(&mut self) -> (End, usize) {
         self.descent.run(&Potential {
-            robot: self.robot,
+            robot: &self.robot,
             command: &self.command,
             dead: &self.dead,
         })
@@ -151,9 +151,9 @@ impl<'a> Settler<'a> {
         if !loads.wrenches().iter().any(follows) {
             return self.descend();
         }
-        self.dead.set(self.robot, loads);
+        self.dead.set(&self.robot, loads);
         let (descent, dead) = (&mut self.descent, &mut self.dead);
-        bring_on(descent, self.robot, &self.command, dead, loads)
+        bring_on(descent, &self.robot, &self.command, dead, loads)
     }
 
     /// Moves the rest lengths of the tendons whose length is commanded until they have it: the method
@@ -165,7 +165,7 @@ impl<'a> Settler<'a> {
         let (mut end, mut iterations) = (end, 0);
         for _ in 0..MAX_CORRECTIONS {
             let mut taut = Vec::new();
-            for (t, tendon) in self.robot.tendons.iter().enumerate() {
+            for (t, tendon) in self.robot.tendons().iter().enumerate() {
                 if tendon.holds_length() {
                     let error = self.descent.posture.lengths[t] - goal[t];
                     if error < 0.0 && self.descent.expansion.weights[t] == 0.0 {
@@ -230,7 +230,7 @@ impl<'a> Settler<'a> {
 
     /// For each tendon the mean command of those that end at the same body and are driven alike.
     fn group_means(&self, goal: &[f64]) -> Vec<f64> {
-        let tendons = &self.robot.tendons;
+        let tendons = self.robot.tendons();
         let group = |t: usize| {
             let kind = std::mem::discriminant::<Drive>(&tendons[t].drive);
             (tendons[t].route.last().map(|waypoint| waypoint.0), kind)
@@ -248,7 +248,7 @@ impl<'a> Settler<'a> {
     /// The expansion at the current configuration, under the current command.
     fn expand(&mut self) {
         let potential = Potential {
-            robot: self.robot,
+            robot: &self.robot,
             command: &self.command,
             dead: &self.dead,
         };

@@ -87,10 +87,10 @@ impl Equilibrium {
         let tolerance = robot.moment_tolerance();
         let off = |t: &usize| {
             let error = self.tendon_lengths[*t] - command.as_slice()[*t];
-            let slack = self.is_slack(*t, &robot.tendons[*t]);
-            robot.tendons[*t].holds_length() && !slack && error.abs() > robot.length_tolerance()
+            let slack = self.is_slack(*t, &robot.tendons()[*t]);
+            robot.tendons()[*t].holds_length() && !slack && error.abs() > robot.length_tolerance()
         };
-        let missed = (0..robot.tendons.len()).find(off);
+        let missed = (0..robot.tendons().len()).find(off);
         Some(match missed.filter(|_| self.residual <= tolerance) {
             Some(tendon) => NotSettled::Length {
                 tendon,
@@ -110,13 +110,13 @@ impl Equilibrium {
     }
 }
 
-impl Descent<'_> {
+impl Descent {
     /// What kind of equilibrium the robot is in, given the curvature that the factorisation found.
     /// The stiffness of a joint whose moment the tolerance lets pass is not told from zero. If
     /// unstable, the factor has a direction of negative curvature.
     pub fn stability(&mut self, potential: &Potential, curvature: Curvature) -> Stability {
         let mut on_edge = false;
-        for (t, tendon) in potential.robot.tendons.iter().enumerate() {
+        for (t, tendon) in potential.robot.tendons().iter().enumerate() {
             on_edge |= self.is_on_edge(potential, t, tendon);
         }
         if on_edge {
@@ -145,7 +145,7 @@ impl Descent<'_> {
     /// lies between that with all of them slack and that with all of them taut.
     fn stability_on_edge(&mut self, potential: &Potential) -> Stability {
         let bounds = [false, true].map(|taut| {
-            for (t, tendon) in potential.robot.tendons.iter().enumerate() {
+            for (t, tendon) in potential.robot.tendons().iter().enumerate() {
                 if self.is_on_edge(potential, t, tendon) {
                     self.expansion.weights[t] = if taut { tendon.spring() } else { 0.0 };
                 }
@@ -153,7 +153,7 @@ impl Descent<'_> {
             let curvature = self.factor.factorise(&self.expansion, 0.0);
             self.definiteness(curvature)
         });
-        for (t, tendon) in potential.robot.tendons.iter().enumerate() {
+        for (t, tendon) in potential.robot.tendons().iter().enumerate() {
             let state = tendon.state(self.posture.lengths[t], potential.command[t]);
             self.expansion.weights[t] = state.stiffness;
         }
@@ -220,8 +220,8 @@ impl Robot {
             dead: &dead,
         };
         let mut expansion = Expansion::new(self);
-        let mut tensions = vec![0.0; self.tendons.len()];
-        for (t, tendon) in self.tendons.iter().enumerate() {
+        let mut tensions = vec![0.0; self.tendons().len()];
+        for (t, tendon) in self.tendons().iter().enumerate() {
             if tendon.holds_length() {
                 tensions[t] = equilibrium.tendon_tensions[t];
             } else {
@@ -238,9 +238,9 @@ impl Robot {
         );
         add_moments(loads, 1.0, &posture, &mut expansion);
         let held = |t: &usize| {
-            self.tendons[*t].holds_length() && !equilibrium.is_slack(*t, &self.tendons[*t])
+            self.tendons()[*t].holds_length() && !equilibrium.is_slack(*t, &self.tendons()[*t])
         };
-        let held: Vec<usize> = (0..self.tendons.len()).filter(held).collect();
+        let held: Vec<usize> = (0..self.tendons().len()).filter(held).collect();
         let stiffness = jacobian(loads, 1.0, &posture, &expansion);
         let Some(reduced) = reduce(stiffness, &expansion, &held) else {
             return f64::NAN;

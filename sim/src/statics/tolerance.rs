@@ -40,11 +40,11 @@ impl Robot {
     /// Length of the straight robot from its lowest joint to its last disc's origin (m).
     fn reach(&self) -> f64 {
         let above = self
-            .discs
+            .discs()
             .iter()
             .skip(1)
             .map(|disc| disc.joint_offset.norm());
-        above.sum::<f64>() + self.discs.last().map_or(0.0, |disc| disc.origin.norm())
+        above.sum::<f64>() + self.discs().last().map_or(0.0, |disc| disc.origin.norm())
     }
 
     /// What rounding leaves of the moments (N m) that loads put on the joints.
@@ -52,7 +52,7 @@ impl Robot {
         let reach = self.reach();
         let payload = loads.tip_payload();
         let arm = Vector3::from(payload.offset).norm();
-        let mut moment = payload.mass * self.gravity.norm() * (reach + arm);
+        let mut moment = payload.mass * self.gravity().norm() * (reach + arm);
         moment += loads.line_load().norm() * reach * reach;
         for wrench in loads.wrenches() {
             moment += Vector3::from(wrench.force).norm() * reach;
@@ -77,20 +77,20 @@ pub(super) fn moment_tolerance(robot: &Robot, straight: &[f64]) -> f64 {
 fn weight_moment(robot: &Robot) -> f64 {
     let mut arm = 0.0;
     let mut moment = 0.0;
-    for (index, disc) in robot.discs.iter().enumerate() {
+    for (index, disc) in robot.discs().iter().enumerate() {
         if index > 0 {
             arm += disc.joint_offset.norm();
         }
         moment += disc.mass * (arm + disc.origin.norm());
     }
-    moment * robot.gravity.norm()
+    moment * robot.gravity().norm()
 }
 
 /// Largest moment (N m) of a tendon about a joint, and of a backbone bent by a radian.
 fn strength(robot: &Robot, straight: &[f64]) -> f64 {
-    let pull = |tendon: usize| largest_tension(&robot.tendons[tendon], straight[tendon]);
-    let segments = robot.segments.iter();
-    let spans = robot.spans.iter();
+    let pull = |tendon: usize| largest_tension(&robot.tendons()[tendon], straight[tendon]);
+    let segments = robot.segments().iter();
+    let spans = robot.spans().iter();
     let levers =
         (segments.map(|s| (s.tendon, s.to.norm()))).chain(spans.map(|s| (s.tendon, s.to.norm())));
     let tendons = levers.map(|(tendon, lever)| pull(tendon) * lever);
@@ -98,7 +98,7 @@ fn strength(robot: &Robot, straight: &[f64]) -> f64 {
         disc.backbone
             .map_or(0.0, |backbone| backbone.stiffness().amax())
     };
-    let backbones = robot.discs.iter().map(backbone);
+    let backbones = robot.discs().iter().map(backbone);
     tendons.fold(0.0, f64::max) + backbones.fold(0.0, f64::max)
 }
 

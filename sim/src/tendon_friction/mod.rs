@@ -16,7 +16,8 @@
 //! last hole, it moves through hole `h` towards the servo by as much as `sum_(j >= h) l_j` shrinks. A
 //! contact deflects by `z_h` as the tendon moves, with `f_h = sigma z_h`, `sigma` the
 //! [contact stiffness](crate::robot::Friction); beyond the cone it slips, and `f_h` stays at the bound.
-//! That is elastoplasticity by return mapping (Simo and Hughes, Computational Inelasticity, ch. 1):
+//! The tension of a segment so depends on the slip at all holes before it, and there is no potential. The law is
+//! elastoplasticity by return mapping (Simo and Hughes, Computational Inelasticity, ch. 1):
 //! contacts store energy and dissipate it, and never create any. A tendon that does not pull has no
 //! friction.
 //!
@@ -129,18 +130,18 @@ pub struct FrictionState {
 
 /// Follows a robot along a sequence of commands, with friction in its tendons' holes.
 #[derive(Clone, Debug)]
-pub struct FrictionPath<'a> {
-    settler: Settler<'a>,
-    balance: Balance<'a>,
+pub struct FrictionPath {
+    settler: Settler,
+    balance: Balance,
     resolution: f64,
     /// The command (m or N) and the loads of the last equilibrium; none before the start.
     reached: Option<(Vec<f64>, Loads)>,
     state: FrictionState,
 }
 
-impl<'a> FrictionPath<'a> {
+impl FrictionPath {
     /// Prepares to follow `robot`.
-    pub fn new(robot: &'a Robot) -> Self {
+    pub fn new(robot: &Robot) -> Self {
         let balance = Balance::new(robot);
         Self {
             settler: Settler::new(robot),

@@ -51,7 +51,7 @@ impl Drag {
     }
 }
 
-impl FrictionPath<'_> {
+impl FrictionPath {
     /// Slides from the last equilibrium until the robot rests under this command (m or N) and these
     /// loads. Returns whether it comes to rest; where it does not, it is left where it was.
     pub(super) fn snap(&mut self, command: &[f64], loads: &Loads) -> bool {

@@ -8,7 +8,8 @@
 //! Hintermueller, Ito and Kunisch, SIAM J. Optim. 13, 2002). Steps are shortened until the next
 //! simplified correction is smaller (natural monotonicity test: Deuflhard, Newton Methods for
 //! Nonlinear Problems, ch. 3), which does not mind that the robot's bends differ in stiffness by many
-//! orders of magnitude, as a test of `|r|` would.
+//! orders of magnitude, as a test of `|r|` would. Plain semismooth Newton steps jump between the two senses of slip, as
+//! sticking is so much stiffer than slipping; the active set does not.
 
 #[cfg(test)]
 mod tests;
@@ -47,8 +48,8 @@ enum SlipRule {
 
 /// The balance of one robot under one command and load, in one configuration.
 #[derive(Clone, Debug)]
-pub(super) struct Balance<'a> {
-    robot: &'a Robot,
+pub(super) struct Balance {
+    robot: Robot,
     /// Largest moment left on a joint (N m); of the robot without loads, `own_tolerance`.
     pub tolerance: f64,
     own_tolerance: f64,
@@ -71,14 +72,14 @@ pub(super) struct Balance<'a> {
     assumed: Vec<Vec<SlipState>>,
 }
 
-impl<'a> Balance<'a> {
-    pub fn new(robot: &'a Robot) -> Self {
-        let lines: Vec<Line> = (robot.tendons.iter())
+impl Balance {
+    pub fn new(robot: &Robot) -> Self {
+        let lines: Vec<Line> = (robot.tendons().iter())
             .map(|tendon| Line::new(robot, tendon))
             .collect();
         let profiles: Vec<_> = lines.iter().map(TendonProfile::new).collect();
         Self {
-            robot,
+            robot: robot.clone(),
             tolerance: robot.moment_tolerance(),
             own_tolerance: robot.moment_tolerance(),
             length_tolerance: robot.length_tolerance(),
@@ -104,7 +105,7 @@ impl<'a> Balance<'a> {
 
     /// Sets the command (m or N) and the loads of the step from `before`.
     pub fn load(&mut self, command: &[f64], loads: &Loads, before: &[TendonProfile]) {
-        for (t, tendon) in self.robot.tendons.iter().enumerate() {
+        for (t, tendon) in self.robot.tendons().iter().enumerate() {
             // The tension that holds a length is best guessed to stay.
             let correction = if tendon.holds_length() {
                 before[t].tensions[0] / tendon.spring()
@@ -115,7 +116,7 @@ impl<'a> Balance<'a> {
         }
         self.tolerance = self.own_tolerance.max(self.robot.load_rounding(loads));
         self.loads.clone_from(loads);
-        self.weight.set(self.robot, loads);
+        self.weight.set(&self.robot, loads);
     }
 
     /// Largest moment that is left on a joint (N m).
@@ -153,7 +154,7 @@ impl<'a> Balance<'a> {
     /// error (m).
     fn correct_rest_lengths(&mut self, command: &[f64]) -> f64 {
         let mut largest: f64 = 0.0;
-        for (t, tendon) in self.robot.tendons.iter().enumerate() {
+        for (t, tendon) in self.robot.tendons().iter().enumerate() {
             if !tendon.holds_length() {
                 continue;
             }
@@ -226,15 +227,15 @@ impl<'a> Balance<'a> {
     }
 
     fn place(&mut self) {
-        self.posture.place(self.robot, &self.configuration);
+        self.posture.place(&self.robot, &self.configuration);
         for line in &mut self.lines {
-            line.lay(self.robot, &self.posture.chain);
+            line.lay(&self.robot, &self.posture.chain);
         }
     }
 
     fn evaluate(&mut self, before: &[TendonProfile], rule: SlipRule) {
         for (t, (line, profile)) in self.lines.iter().zip(&mut self.profiles).enumerate() {
-            let state = self.robot.tendons[t].state(line.length(), self.rest[t]);
+            let state = self.robot.tendons()[t].state(line.length(), self.rest[t]);
             match rule {
                 SlipRule::Capstan => profile.follow(line, &before[t], state.tension),
                 SlipRule::Assumed => {
@@ -245,7 +246,7 @@ impl<'a> Balance<'a> {
         self.dead.clone_from(&self.weight);
         following::add_forces(&self.loads, 1.0, &self.posture, &mut self.dead);
         let potential = Potential {
-            robot: self.robot,
+            robot: &self.robot,
             command: &self.rest,
             dead: &self.dead,
         };
@@ -299,7 +300,7 @@ impl<'a> Balance<'a> {
             let (here, above) = beyond.split_at_mut(segment + 1);
             add_scaled(&mut here[segment], 1.0, &above[0]);
         }
-        let state = self.robot.tendons[tendon].state(line.length(), self.rest[tendon]);
+        let state = self.robot.tendons()[tendon].state(line.length(), self.rest[tendon]);
         let mut tension: Vec<_> = beyond[0].iter().map(|b| b * state.stiffness).collect();
         for segment in 0..segments {
             if let Some(hole) = segment.checked_sub(1) {

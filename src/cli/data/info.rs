@@ -63,7 +63,7 @@ impl Info {
                 format!("simulation, {} design, seed {seed}", design.name())
             }
             Some(Origin::Imported { source, .. }) => format!("import of {source}"),
-            None => "another program".to_owned(),
+            _ => "another program".to_owned(),
         };
         let units = survey.normalisation();
         let ends = units.motor_min.iter().zip(&units.motor_max);

@@ -244,6 +244,7 @@ pub(in crate::cli) fn sampler_text(sampler: &Sampler) -> String {
         TimeGrid::Uniform => format!("{steps} equal steps"),
         TimeGrid::Power(power) => format!("{steps} steps, power {power}"),
         TimeGrid::Adaptive(tolerance) => format!("at most {steps} steps, tolerance {tolerance}"),
+        _ => format!("at most {steps} steps"),
     };
     format!("{}, {steps}", method.name())
 }

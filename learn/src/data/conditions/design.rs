@@ -11,6 +11,7 @@ use crate::data::DataError;
 /// How commands are spread over the box of the tendons' ranges, and payloads with them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Design {
     /// Independently and uniformly, as in the paper.
     Uniform,

@@ -22,6 +22,7 @@ const SAMPLES_PER_SHARD: usize = 250;
 
 /// The unit of clouds in files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum LengthUnit {
     /// Metres.
     #[default]
@@ -83,6 +84,7 @@ impl Default for ImportSettings {
 
 /// Format of exported clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ExportFormat {
     /// Binary little-endian PLY.
     Ply,

@@ -22,6 +22,7 @@ pub struct NpzArray<'a> {
 
 /// Values of an array.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum NpzValues<'a> {
     /// `float32`.
     Floats(&'a [f32]),

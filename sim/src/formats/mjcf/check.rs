@@ -173,16 +173,16 @@ fn refuse(field: &str, value: impl ToString, expected: &'static str) -> ExportEr
 
 /// A length (m) that a tendon never exceeds, however its joints turn.
 pub(super) fn longest(robot: &Robot, tendon: usize) -> f64 {
-    let segments = (robot.segments.iter())
+    let segments = (robot.segments().iter())
         .filter(|segment| segment.tendon == tendon)
         .map(|segment| segment.from.norm() + segment.to.norm());
-    let spans = (robot.spans.iter())
+    let spans = (robot.spans().iter())
         .filter(|span| span.tendon == tendon)
         .map(|span| {
             let first = span.lower.map_or(0, |disc| disc + 1);
-            let between = robot.discs[first..=span.upper].iter();
+            let between = robot.discs()[first..=span.upper].iter();
             let offsets: f64 = between.map(|disc| disc.joint_offset.norm()).sum();
             span.from.norm() + offsets + span.to.norm()
         });
-    segments.sum::<f64>() + spans.sum::<f64>() + robot.tendons[tendon].fixed_length
+    segments.sum::<f64>() + spans.sum::<f64>() + robot.tendons()[tendon].fixed_length
 }

@@ -227,8 +227,8 @@ fn write_chain(xml: &mut XmlWriter, robot: &Robot, joints: &[SeriesJoint], paylo
         ("name", "base".to_owned()),
         ("pos", numbers(&spec.base.position)),
     ];
-    if robot.base_orientation != UnitQuaternion::identity() {
-        base.push(("quat", quaternion(&robot.base_orientation)));
+    if robot.base_orientation() != UnitQuaternion::identity() {
+        base.push(("quat", quaternion(&robot.base_orientation())));
     }
     xml.open("body", &base);
     write_sites(xml, spec, Body::Base, spec.base.hole_height);

@@ -76,9 +76,9 @@ fn link(name: &str) -> Link {
 }
 
 fn base_joint(robot: &Robot) -> Joint {
-    let (roll, pitch, yaw) = robot.base_orientation.euler_angles();
+    let (roll, pitch, yaw) = robot.base_orientation().euler_angles();
     let origin = Pose {
-        xyz: Vec3(robot.base.into()),
+        xyz: Vec3(robot.base().into()),
         rpy: Vec3([roll, pitch, yaw]),
     };
     Joint {

@@ -95,8 +95,8 @@ impl Reader<'_> {
         if own.discs().len() != links.discs().len() {
             return differ("the number of discs");
         }
-        let turn = own.base_orientation.angle_to(&links.base_orientation);
-        if (own.base - links.base).norm() > SAME || turn > SAME {
+        let turn = own.base_orientation().angle_to(&links.base_orientation());
+        if (own.base() - links.base()).norm() > SAME || turn > SAME {
             return differ("the pose of link `base`");
         }
         let mut pairs = own.discs().iter().zip(links.discs());

@@ -25,6 +25,8 @@ mod target;
 pub use path::{Arrival, PathPoint, ShapePath};
 pub use target::{Goal, Target};
 
+use std::sync::Arc;
+
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use thiserror::Error;
@@ -62,13 +64,13 @@ impl Default for Search {
 }
 
 /// Finds commands for targets of one robot under given loads. Settles its samples once, for any
-/// number of targets.
+/// number of targets; clones share them.
 #[derive(Clone, Debug)]
-pub struct ShapeController<'a> {
-    robot: &'a Robot,
+pub struct ShapeController {
+    robot: Robot,
     loads: Loads,
     search: Search,
-    samples: Vec<(Command, Equilibrium)>,
+    samples: Arc<[(Command, Equilibrium)]>,
 }
 
 /// The best command found.
@@ -158,13 +160,13 @@ pub enum ShapeError {
     Unsettled(usize),
 }
 
-impl<'a> ShapeController<'a> {
+impl ShapeController {
     /// Prepares to control `robot` under `loads`: settles the sampled commands, on all cores.
     ///
     /// # Errors
     /// [`ShapeError`] for loads of another robot, a tolerance that is not above 0, and a robot that
     /// settles under no sampled command.
-    pub fn new(robot: &'a Robot, loads: &Loads, search: Search) -> Result<Self, ShapeError> {
+    pub fn new(robot: &Robot, loads: &Loads, search: Search) -> Result<Self, ShapeError> {
         loads.check(robot)?;
         if !(search.tolerance > 0.0 && search.tolerance.is_finite()) {
             return Err(ShapeError::Tolerance(search.tolerance));
@@ -174,14 +176,14 @@ impl<'a> ShapeController<'a> {
         commands.extend((0..search.samples).map(|_| robot.random_command(&mut rng)));
         let settled = robot.settle_batch(&commands, loads);
         let tried = commands.len();
-        let samples: Vec<_> = (commands.into_iter().zip(settled))
+        let samples: Arc<[_]> = (commands.into_iter().zip(settled))
             .filter(|(_, equilibrium)| equilibrium.converged)
             .collect();
         if samples.is_empty() {
             return Err(ShapeError::Unsettled(tried));
         }
         Ok(Self {
-            robot,
+            robot: robot.clone(),
             loads: loads.clone(),
             search,
             samples,
@@ -215,7 +217,7 @@ impl<'a> ShapeController<'a> {
 
     /// A path of targets that the robot is led along without jumps. Its first targets are sought as by
     /// [`ShapeController::reach`].
-    pub fn path(&self) -> ShapePath<'_, 'a> {
+    pub fn path(&self) -> ShapePath {
         ShapePath::new(self, None)
     }
 
@@ -223,13 +225,13 @@ impl<'a> ShapeController<'a> {
     ///
     /// # Errors
     /// [`ShapeError`] for a command of another robot, or under which it does not settle.
-    pub fn path_from(&self, start: &Command) -> Result<ShapePath<'_, 'a>, ShapeError> {
+    pub fn path_from(&self, start: &Command) -> Result<ShapePath, ShapeError> {
         let start = self.robot.command(start.as_slice())?;
         let settled = self.robot.settle(&start, &self.loads);
         if !settled.converged {
             return Err(ShapeError::Unsettled(1));
         }
-        let x = shares(self.robot, &start);
+        let x = shares(&self.robot, &start);
         Ok(ShapePath::new(self, Some(Place { x, settled })))
     }
 
@@ -254,7 +256,7 @@ impl<'a> ShapeController<'a> {
             return Err(ShapeError::NoTarget);
         }
         for (index, target) in targets.iter().enumerate() {
-            if let Some(reason) = target.fault(self.robot) {
+            if let Some(reason) = target.fault(&self.robot) {
                 return Err(ShapeError::Target {
                     index,
                     target: *target,
@@ -263,7 +265,7 @@ impl<'a> ShapeController<'a> {
             }
         }
         Ok(Problem {
-            robot: self.robot,
+            robot: &self.robot,
             loads: &self.loads,
             search: &self.search,
             targets,

@@ -49,9 +49,9 @@ const PARTS: [usize; 2] = [4, 64];
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
-pub struct ShapePath<'c, 'a> {
-    controller: &'c ShapeController<'a>,
-    settler: Settler<'a>,
+pub struct ShapePath {
+    controller: ShapeController,
+    settler: Settler,
     last: Option<Place>,
 }
 
@@ -86,11 +86,11 @@ pub enum Arrival {
     Switched,
 }
 
-impl<'c, 'a> ShapePath<'c, 'a> {
-    pub(super) fn new(controller: &'c ShapeController<'a>, last: Option<Place>) -> Self {
+impl ShapePath {
+    pub(super) fn new(controller: &ShapeController, last: Option<Place>) -> Self {
         Self {
-            controller,
-            settler: Settler::new(controller.robot),
+            controller: controller.clone(),
+            settler: Settler::new(&controller.robot),
             last,
         }
     }
@@ -104,12 +104,13 @@ impl<'c, 'a> ShapePath<'c, 'a> {
     /// # Errors
     /// As [`ShapeController::reach`]. The path then stays where it was.
     pub fn follow(&mut self, targets: &[Target]) -> Result<PathPoint, ShapeError> {
-        let problem = self.controller.problem(targets)?;
+        let controller = self.controller.clone();
+        let problem = controller.problem(targets)?;
         let Some(last) = &self.last else {
-            let first = self.controller.reach(targets)?;
+            let first = controller.reach(targets)?;
             return Ok(self.arrive(&problem, Arrival::First, first, Vec::new()));
         };
-        let length: f64 = (self.controller.robot.discs.iter())
+        let length: f64 = (self.controller.robot.discs().iter())
             .map(|disc| disc.offset.norm())
             .sum();
         let mut way = Way {
@@ -165,14 +166,14 @@ fn disc_change(from: &Equilibrium, to: &Equilibrium) -> f64 {
 }
 
 /// The way from one target to the next.
-struct Way<'w, 'a> {
+struct Way<'w> {
     problem: &'w Problem<'w>,
-    settler: &'w mut Settler<'a>,
+    settler: &'w mut Settler,
     /// Displacement of a disc (m) that is a jump.
     jump: f64,
 }
 
-impl Way<'_, '_> {
+impl Way<'_> {
     /// Goes as far towards the targets as the branch leads; also returns the commands on the way.
     /// `None` if the start is not stable.
     fn follow(&mut self, start: &Place) -> Option<(ShapeSolution, Vec<Command>)> {

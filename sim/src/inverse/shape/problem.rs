@@ -70,7 +70,7 @@ impl Problem<'_> {
         settler: &mut Settler,
         (command, settled): &(Command, Equilibrium),
     ) -> Option<(f64, ShapeSolution)> {
-        let limits = vec![Limit::SHARE; self.robot.tendons.len()];
+        let limits = vec![Limit::SHARE; self.robot.tendons().len()];
         let mut x = shares(self.robot, command);
         let mut at = self.evaluate(&x, settled.clone())?;
         let mut steps = 0;
@@ -108,7 +108,7 @@ impl Problem<'_> {
         let command = self.command(x);
         let sensitivity = self.robot.sensitivity(&command, self.loads, &settled);
         let poses = sensitivity.ok()?.command_jacobian();
-        let tendons = self.robot.tendons.len();
+        let tendons = self.robot.tendons().len();
         let mut residuals = DVector::zeros(3 * self.targets.len());
         let mut jacobian = DMatrix::zeros(3 * self.targets.len(), tendons);
         for (i, target) in self.targets.iter().enumerate() {
@@ -121,7 +121,7 @@ impl Problem<'_> {
             let slope = target.error_jacobian(&settled, [rows(0), rows(1)]) * scale;
             jacobian.fixed_rows_mut::<3>(3 * i).copy_from(&slope);
         }
-        for (mut column, tendon) in jacobian.column_iter_mut().zip(&self.robot.tendons) {
+        for (mut column, tendon) in jacobian.column_iter_mut().zip(self.robot.tendons()) {
             column *= tendon.range[1] - tendon.range[0];
         }
         let finite = jacobian.iter().all(|x| x.is_finite());
@@ -133,7 +133,7 @@ impl Problem<'_> {
     }
 
     pub fn command(&self, x: &DVector<f64>) -> Command {
-        let tendons = self.robot.tendons.iter().zip(x);
+        let tendons = self.robot.tendons().iter().zip(x);
         let value = |(tendon, share): (&crate::robot::Tendon, &f64)| {
             let [low, high] = tendon.range;
             (low + share * (high - low)).clamp(low, high)
@@ -184,12 +184,12 @@ impl Problem<'_> {
 
 /// A command as shares of the tendons' ranges.
 pub(super) fn shares(robot: &Robot, command: &Command) -> DVector<f64> {
-    let tendons = robot.tendons.iter().zip(command.as_slice());
+    let tendons = robot.tendons().iter().zip(command.as_slice());
     let share = |(tendon, value): (&crate::robot::Tendon, &f64)| {
         let [low, high] = tendon.range;
         (value - low) / (high - low)
     };
-    DVector::from_iterator(robot.tendons.len(), tendons.map(share))
+    DVector::from_iterator(robot.tendons().len(), tendons.map(share))
 }
 
 /// The most that the norm of the residuals would fall by within the unit box, were it linear.

@@ -51,7 +51,7 @@ impl Target {
 
     /// The origin of the robot's distal disc at `position` (m), with weight 1.
     pub fn tip(robot: &Robot, position: Vector3<f64>) -> Self {
-        Self::position(robot.discs.len() - 1, position)
+        Self::position(robot.discs().len() - 1, position)
     }
 
     /// Every disc's origin on a curve, at its distance from the base origin along the straight
@@ -62,7 +62,7 @@ impl Target {
             distance += laid.offset.norm();
             Self::position(disc, curve(distance))
         };
-        robot.discs.iter().enumerate().map(target).collect()
+        robot.discs().iter().enumerate().map(target).collect()
     }
 
     /// Why no such target can be met; `None` if it might.
@@ -76,7 +76,7 @@ impl Target {
                 lever > 0.0 && lever.is_finite() && orientation.coords.iter().all(|x| x.is_finite())
             }
         };
-        if self.disc >= robot.discs.len() {
+        if self.disc >= robot.discs().len() {
             Some("the robot has no such disc; discs are counted from 0")
         } else if !finite {
             Some("positions, directions and orientations are finite numbers, and levers above 0")

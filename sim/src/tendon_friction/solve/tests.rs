@@ -43,7 +43,7 @@ fn random_slip_state(rng: &mut impl Rng) -> SlipState {
 fn random_loads(robot: &Robot, rng: &mut impl Rng) -> Loads {
     let mut loads = Loads::payload(0.02).unwrap();
     for frame in [Frame::World, Frame::Disc] {
-        let disc = rng.random_range(0..robot.discs.len());
+        let disc = rng.random_range(0..robot.discs().len());
         let wrench = Wrench {
             force: std::array::from_fn(|_| within(-0.2, 0.2, rng)),
             moment: std::array::from_fn(|_| within(-0.01, 0.01, rng)),

@@ -1,0 +1,23 @@
+//! The Hybrid: an MLP whose points have a context, features of the cloud about them.
+//!
+//! Symbols as in the page of [`net`](crate::net): the context `C_pv` `(N, F)` of `N` points comes from three stages of
+//! point-voxel blocks (Liu et al., NeurIPS 2019) on ever coarser grids, and is blended with the embedding's by a gate of flow
+//! time.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `context_shape` | sizes of the context network, the time gate |
+//! | `context_stage` | blocks of one resolution |
+//! | `context` | the context network: stages, maximum over points, joining layer |
+//! | `shape` | sizes of the whole network, and its layers |
+//! | `velocity` | the network |
+
+mod context;
+mod context_shape;
+mod context_stage;
+mod shape;
+mod velocity;
+
+pub use context_shape::{ContextShape, Stage, TimeGate};
+pub use shape::HybridShape;
+pub use velocity::{Hybrid, HybridWorkspace};

@@ -1,0 +1,34 @@
+//! The MLP: every point alone, under FiLM by flow time and condition. The Hybrid's head is one too.
+//!
+//! Symbols as in the page of [`net`](crate::net): `e` `(E)` is the embedding of flow time and condition; a cloud's *modulation*
+//! vector holds all that is affine in `e`. `B` clouds of `N` points have `C` numbers each, `H` features inside.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `conditioner` | what is computed once per cloud: the modulation vector |
+//! | `trunk` | the layers that act on points, and the trait of a pass over a tile of them |
+//! | `trunk_f32`, `trunk_bf16` | that pass in either operand type |
+//! | `trunk_tiles` | the trunk on any number of points |
+//! | `shape` | sizes and their bounds |
+//! | `batch` | what a network is trained on, and the loss |
+//! | `shares` | a batch divided for parallel work |
+//! | `velocity` | the network |
+
+mod batch;
+mod conditioner;
+mod shape;
+mod shares;
+mod trunk;
+mod trunk_bf16;
+mod trunk_f32;
+mod trunk_tiles;
+mod velocity;
+
+pub use batch::{Batch, Loss};
+pub use conditioner::{Conditioner, ConditionerTape, Part};
+pub use shape::MlpShape;
+pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide, reset};
+pub use trunk::Trunk;
+pub use trunk_bf16::PackedTrunk;
+pub use trunk_tiles::TrunkTapes;
+pub use velocity::{Mlp, MlpWorkspace};

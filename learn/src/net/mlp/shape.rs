@@ -1,0 +1,111 @@
+//! Shape of the MLP: its sizes, its bounds, its tensors.
+
+use serde::{Deserialize, Serialize};
+
+use super::conditioner::{Conditioner, Part};
+use super::trunk::{Trunk, TrunkSizes};
+use crate::channels::Channels;
+use crate::net::parameters::{
+    NetworkShapeError, Table, TensorSpec, fan_in, require_parameters, require_size,
+};
+
+/// Shape of an MLP velocity network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MlpShape {
+    /// Hidden features per point `H`.
+    pub width: usize,
+    /// Layers as the paper counts them: the input layer and `depth - 1` residual blocks.
+    pub depth: usize,
+    /// Features of the time and condition embedding `E`; even, half cosines and half sines.
+    pub embedding: usize,
+    /// Condition dimension `D`.
+    pub condition_dim: usize,
+    /// What points consist of; positions alone in files that do not say.
+    #[serde(default)]
+    pub channels: Channels,
+}
+
+impl MlpShape {
+    /// Number of residual blocks `L`.
+    pub fn blocks(&self) -> usize {
+        self.depth - 1
+    }
+
+    /// Returns an error if the sizes do not describe a network.
+    ///
+    /// The upper bounds are far above any useful network; they keep a damaged file from asking for the machine's memory.
+    pub fn check(&self) -> Result<(), NetworkShapeError> {
+        let Self {
+            width,
+            depth,
+            embedding,
+            condition_dim,
+            channels: _,
+        } = *self;
+        require_size("width", width, (1..=8192).contains(&width), "1 to 8192")?;
+        require_size("depth", depth, (1..=64).contains(&depth), "1 to 64")?;
+        let even = embedding.is_multiple_of(2) && (2..=8192).contains(&embedding);
+        require_size("embedding", embedding, even, "an even number, 2 to 8192")?;
+        require_size(
+            "condition_dim",
+            condition_dim,
+            (1..=4096).contains(&condition_dim),
+            "1 to 4096",
+        )?;
+        require_parameters(self.parameter_count())
+    }
+
+    /// Length of the flat parameter vector.
+    pub fn parameter_count(&self) -> usize {
+        self.tensors().last().map_or(0, |tensor| tensor.range.end)
+    }
+
+    /// The tensors in the order in which the flat parameter vector holds them.
+    ///
+    /// The input layer of `[x | e]` is stored as its two shares, `input.weight` `(H, C)` of the point and `shift.weight`
+    /// `(H, E)` of the embedding, which also has the bias; `film` yields gamma (rows `0..H`) and beta (rows `H..2H`).
+    /// What is evaluated once per cloud comes first, what is evaluated at every point last.
+    pub fn tensors(&self) -> Vec<TensorSpec> {
+        let mut table = Table::default();
+        self.declare(&mut table);
+        table.tensors
+    }
+
+    /// Adds the network's tensors to `table`; returns its layers.
+    pub(in crate::net) fn declare(&self, table: &mut Table) -> (Conditioner, Trunk) {
+        let (embedding, inputs) = (self.embedding, self.channels.count());
+        let shift = Part::new("shift", self.width, fan_in(inputs + embedding));
+        let conditioner = Conditioner::declare(
+            table,
+            [embedding, self.condition_dim],
+            &[shift],
+            &self.films(""),
+        );
+        (conditioner, self.declare_trunk(table, "", inputs))
+    }
+
+    /// The blocks that FiLM modulates, their names after `prefix`, with their features.
+    pub(in crate::net) fn films(&self, prefix: &str) -> Vec<(String, usize)> {
+        (0..self.blocks())
+            .map(|l| (format!("{prefix}blocks.{l}"), self.width))
+            .collect()
+    }
+
+    /// Adds what acts on points of `inputs` numbers, the tensors' names after `prefix`.
+    pub(in crate::net) fn declare_trunk(
+        &self,
+        table: &mut Table,
+        prefix: &str,
+        inputs: usize,
+    ) -> Trunk {
+        let sizes = TrunkSizes {
+            inputs,
+            outputs: self.channels.count(),
+            width: self.width,
+            blocks: self.blocks(),
+            embedding: self.embedding,
+        };
+        Trunk::declare(table, prefix, sizes)
+    }
+}
