@@ -5,31 +5,17 @@
 //! stages that resume where they were interrupted; [`report`] shows the result.
 //!
 //! ```
-//! use tdcr::learn::data::Design;
-//! use tdcr::learn::net::Channels;
 //! use tdcr::learn::train::TrainSettings;
 //! use tdcr::pipeline::{CollectSettings, NetworkSize, Silent, TrainingData, collect, train};
-//! use tdcr::sim::render::BaseVisibility;
-//! use tdcr::sim::robot::RobotSpec;
 //!
 //! # let folder = tempfile::tempdir()?;
 //! # let folder = folder.path();
 //! let (data, run) = (folder.join("data"), folder.join("run"));
-//! let settings = CollectSettings {
-//!     robot: RobotSpec::load("2m")?,
-//!     base: BaseVisibility::Hidden,
-//!     payload: None,
-//!     design: Design::Uniform,
-//!     count: 20,
-//!     points: 1000,
-//!     voxel_size: 0.002,
-//!     sensor: None,
-//!     seed: 0,
-//! };
+//! let settings = CollectSettings { count: 20, points: 1000, ..CollectSettings::default() };
 //! collect(&settings, &data, &Silent)?;
 //!
 //! // A toy: good shapes take thousands of steps, and a few minutes.
-//! let size = NetworkSize { width: 32, depth: 3, embedding: 32, context: None, channels: Channels::Xyz };
+//! let size = NetworkSize { width: 32, depth: 3, embedding: 32, ..NetworkSize::default() };
 //! let settings = TrainSettings { steps: 50, warmup_steps: 5, validate_every: 25, ..TrainSettings::default() };
 //! let trained = train(&TrainingData::Set(data), &run, size, &settings, None, &Silent)?;
 //!

@@ -54,6 +54,7 @@
 //! - [`data`]: data sets on disk (HDF5) and in memory; splits and normalisation.
 //! - [`net`]: the velocity networks, explicit layers with hand-derived backward passes.
 //! - [`flow`]: path, prior and flow times; samplers.
+//! - [`predict`]: what turns a condition into a cloud: the trait, and the trivial predictors.
 //! - [`train`]: optimisers, schedule, weight average; models and resumable states on disk; distillation to few evaluations.
 //! - [`lock`]: folders that one process at a time writes to.
 //! - [`metrics`]: Chamfer and exact earth mover's distance; the spread of points about their surface.
@@ -71,6 +72,7 @@ pub mod lock;
 pub mod metrics;
 pub mod net;
 mod pool;
+pub mod predict;
 pub mod train;
 
 pub use limits::OverLimit;

@@ -1,4 +1,7 @@
 //! Kinematics of the chain on SO(3)^n.
+//!
+//! The coordinates of a joint are a rotation vector `xi_i` in its disc's own frame, `q_i exp(xi_i)`, as MuJoCo's ball joints
+//! have them. Inside, the same vectors are kept in world axes, so that nothing changes frames along the chain.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 

@@ -1,5 +1,8 @@
 //! Solving with the potential's Hessian in O(n).
 //!
+//! A tendon segment spans one joint and a dead force acts through the discs below it, so the Hessian ([`crate::energy`]) is one
+//! 3 x 3 block for each joint and each disc, and a column for each tendon.
+//!
 //! Going down the chain, the joints' turns are eliminated one by one, as in dynamic programming: what
 //! lies above joint `i` enters as a quadratic of the turn `Omega` of the disc and of the partial sums
 //! `s_c` of the columns (tendons) that pass the joint. That is a block Cholesky factorisation of the

@@ -20,13 +20,13 @@ pub(super) struct CollectArgs {
     #[arg(long, default_value = "2m", help = super::ROBOT)]
     robot: String,
     /// Number of commands, split 80/10/10 into train, val and test
-    #[arg(long, default_value_t = 1000, value_name = "N", value_parser = super::amount)]
+    #[arg(long, default_value_t = CollectSettings::default().count, value_name = "N", value_parser = super::amount)]
     samples: usize,
     /// Points per cloud
-    #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::amount)]
+    #[arg(long, default_value_t = CollectSettings::default().points, value_name = "N", value_parser = super::amount)]
     points: usize,
     /// Edge of the voxels that thin the fused clouds (m)
-    #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, allow_hyphen_values = true)]
+    #[arg(long, default_value_t = CollectSettings::default().voxel_size, value_name = "M", value_parser = super::positive, allow_hyphen_values = true)]
     voxel: f64,
     /// Show the robot's base to the cameras
     #[arg(long)]
@@ -38,7 +38,7 @@ pub(super) struct CollectArgs {
     #[arg(long, value_enum)]
     noise: Option<super::Noise>,
     /// How commands and payloads are chosen
-    #[arg(long, default_value = Design::Uniform.name(), value_parser = design())]
+    #[arg(long, default_value = CollectSettings::default().design.name(), value_parser = design())]
     design: Design,
     /// Seed of commands, samples, faults and splits
     #[arg(long, default_value_t = 0)]

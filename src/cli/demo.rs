@@ -2,26 +2,23 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, bail};
 use clap::Args;
 use serde::Serialize;
-use tdcr::learn::data::{DataSet, Design, Split, split_indices};
+use tdcr::learn::data::{DataSet, Split, split_indices};
 use tdcr::learn::flow::Sampler;
-use tdcr::learn::net::Channels;
-use tdcr::learn::train::TrainSettings;
+use tdcr::learn::train::{FlowPredictor, TrainSettings};
 use tdcr::pipeline::{
-    CollectSettings, EvalSettings, Evaluation, Evaluator, NetworkSize, PipelineError, Preset,
-    Trained, TrainingData, collect, lock_folder, train,
+    CollectSettings, EvalSettings, Evaluation, Evaluator, PipelineError, Preset, Trained,
+    TrainingData, collect, lock_folder, train,
 };
 use tdcr::report::{Example, MotorGroup, Report, Stage, Training, contact_sheet, scale_bar};
-use tdcr::sim::render::BaseVisibility;
-use tdcr::sim::robot::RobotSpec;
 
 use super::console::Console;
-use super::eval::{Metrics, table};
-use super::eval_page;
+use super::eval::{Metrics, page, table};
 use super::{PrecisionArgs, output};
 
 /// Simulate, see, learn, predict and evaluate the paper's 2m robot, and write a report
@@ -45,16 +42,7 @@ pub(super) struct DemoArgs {
     seed: u64,
 }
 
-const POINTS: usize = 10_000;
-const EMD_POINTS: usize = 2000;
 const PRESET: Preset = Preset::ALL[0];
-const NETWORK: NetworkSize = NetworkSize {
-    width: PRESET.width,
-    depth: PRESET.depth,
-    embedding: PRESET.embedding,
-    context: None,
-    channels: Channels::Xyz,
-};
 /// Test commands that the report shows, from the best prediction to the worst.
 const EXAMPLES: usize = 6;
 const SHEET_PANEL_WIDTH: usize = 260;
@@ -75,20 +63,15 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     let mut clock = StageClock::open(args.out.join("stages.json"));
 
     let settings = CollectSettings {
-        robot: RobotSpec::standard("2m").expect("2m is a standard robot"),
-        base: BaseVisibility::Hidden,
-        payload: None,
-        design: Design::Uniform,
         count: args.samples,
-        points: POINTS,
-        voxel_size: 0.002,
-        sensor: None,
         seed: args.seed,
+        ..CollectSettings::default()
     };
     require_as_many(&data, args.samples)?;
     clock.time("collect", || collect(&settings, &data, console).map(drop))?;
 
-    let precision = args.precision.of_width(NETWORK.width);
+    let size = PRESET.size();
+    let precision = args.precision.of_width(size.width);
     let training = TrainSettings {
         validate_every: (args.steps / 12).max(1),
         seed: args.seed,
@@ -99,7 +82,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         train(
             &TrainingData::Set(data.clone()),
             &run,
-            NETWORK,
+            size,
             &training,
             None,
             console,
@@ -107,22 +90,21 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     })?;
 
     let scoring = EvalSettings {
-        points: POINTS,
-        emd_points: EMD_POINTS,
-        sampler: Sampler::default(),
-        precision,
         seed: args.seed,
+        ..EvalSettings::default()
     };
+    let model = Arc::new(trained.model.clone().with_precision(precision)?);
+    let predictor = FlowPredictor::new(model.clone(), Sampler::default());
     let (evaluation, examples, per_test) = clock.time("evaluate", || {
-        let evaluator = Evaluator::new(&trained.model, &data, scoring)?;
+        let evaluator = Evaluator::new(Arc::new(predictor), &data, scoring)?;
         let evaluation = evaluator.run(Some(&args.out.join("evaluation.jsonl")), console)?;
         let examples = examples(&evaluator, &evaluation)?;
-        let per_test = eval_page::per_test(&evaluator, &evaluation)?;
+        let per_test = page::per_test(&evaluator, &evaluation)?;
         Ok((evaluation, examples, per_test))
     })?;
 
     let metrics = DemoMetrics {
-        metrics: Metrics::new(&evaluation, &scoring, Some(&trained.model.settings)),
+        metrics: Metrics::new(&evaluation, &scoring, Some(&model)),
         seconds: clock.seconds.values().sum(),
         stages: clock.seconds.clone(),
     };
@@ -148,10 +130,10 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     console.result(&metrics, |m| {
         format!(
             "{}\nmeans over {} test commands; {:.0} s in all\n{}\nsee {}",
-            table(&evaluation, "network"),
+            table(&evaluation),
             m.metrics.tests,
             m.seconds,
-            eval_page::headline(&m.metrics),
+            page::headline(&m.metrics),
             args.out.join("report.html").display()
         )
     })
@@ -215,7 +197,7 @@ fn examples(evaluator: &Evaluator, evaluation: &Evaluation) -> Result<Vec<Exampl
             rank if rank == last => format!("test {index}, the worst"),
             _ => format!("test {index}"),
         };
-        eval_page::example(evaluator, evaluation, index, label)
+        page::example(evaluator, evaluation, index, label)
     };
     shown.into_iter().enumerate().map(example).collect()
 }
@@ -241,7 +223,7 @@ fn report(
     Ok(Report {
         title: "The shape of a 2-module tendon-driven continuum robot, learned from its commands"
             .to_owned(),
-        headline: eval_page::headline(&metrics.metrics),
+        headline: page::headline(&metrics.metrics),
         summary: vec![
             (
                 "Robot".to_owned(),
@@ -257,14 +239,18 @@ fn report(
             ),
             (
                 "Points per cloud".to_owned(),
-                format!("{POINTS}, from {} mm voxels", settings.voxel_size * 1e3),
+                format!(
+                    "{}, from {} mm voxels",
+                    settings.points,
+                    settings.voxel_size * 1e3
+                ),
             ),
             (
                 "Network".to_owned(),
                 format!(
                     "MLP, width {}, depth {}, {} parameters",
-                    NETWORK.width,
-                    NETWORK.depth,
+                    PRESET.width,
+                    PRESET.depth,
                     model.network.params().len()
                 ),
             ),
@@ -277,18 +263,18 @@ fn report(
             ),
             (
                 "Sampler".to_owned(),
-                eval_page::sampler_text(&Sampler::default()),
+                page::sampler_text(&Sampler::default()),
             ),
             (
                 "Precision".to_owned(),
-                eval_page::precision_text(&metrics.metrics).unwrap_or_default(),
+                page::precision_text(&metrics.metrics).unwrap_or_default(),
             ),
             ("Seed".to_owned(), args.seed.to_string()),
             ("tdcr".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
         ],
-        scores: eval_page::scores(evaluation),
-        floor: eval_page::floor(evaluation),
-        score_notes: eval_page::score_notes(&metrics.metrics),
+        scores: page::scores(evaluation),
+        floor: page::floor(evaluation),
+        score_notes: page::score_notes(&metrics.metrics),
         training: Some(Training {
             loss_curve: (1u64..)
                 .zip(trained.losses.iter().map(|loss| f64::from(*loss)))

@@ -7,7 +7,6 @@ mod data;
 mod demo;
 mod distill;
 mod eval;
-mod eval_page;
 mod export;
 mod loads;
 mod output;
@@ -187,7 +186,9 @@ pub fn run() -> ExitCode {
         Err(error) => {
             say(&format!("error: {}", describe(&error)));
             match error.downcast_ref() {
-                Some(PipelineError::Interrupted) => ExitCode::from(INTERRUPTED),
+                Some(PipelineError::Interrupted | PipelineError::Abandoned) => {
+                    ExitCode::from(INTERRUPTED)
+                }
                 _ if error.is::<Interrupted>() => ExitCode::from(INTERRUPTED),
                 _ => ExitCode::FAILURE,
             }

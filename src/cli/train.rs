@@ -226,19 +226,19 @@ struct StreamArgs {
     #[arg(long, value_name = "MIN:MAX", value_parser = super::collect::payload_range, requires = "stream", allow_hyphen_values = true)]
     payload: Option<PayloadRange>,
     /// Points per cloud of the stream
-    #[arg(long, default_value_t = 2000, value_name = "N", value_parser = super::amount, requires = "stream")]
+    #[arg(long, default_value_t = StreamSpec::default().points, value_name = "N", value_parser = super::amount, requires = "stream")]
     stream_points: usize,
     /// Edge of the voxels that thin the stream's clouds (m)
-    #[arg(long, default_value_t = 0.002, value_name = "M", value_parser = super::positive, requires = "stream")]
+    #[arg(long, default_value_t = Recipe::default().voxel_size, value_name = "M", value_parser = super::positive, requires = "stream")]
     voxel: f64,
     /// See the stream's clouds with the faults of a real camera
     #[arg(long, value_enum, requires = "stream")]
     noise: Option<super::Noise>,
     /// Clouds of the stream that a step draws from
-    #[arg(long, default_value_t = 512, value_name = "N", value_parser = super::amount, requires = "stream")]
+    #[arg(long, default_value_t = StreamSettings::default().window, value_name = "N", value_parser = super::amount, requires = "stream")]
     window: usize,
     /// Clouds of the window that are replaced by fresh ones after each step
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = super::amount, requires = "stream")]
+    #[arg(long, default_value_t = StreamSettings::default().fresh, value_name = "N", value_parser = super::amount, requires = "stream")]
     fresh: usize,
     /// Folder of a data set whose val split validates; by default clouds of the stream that no step sees
     #[arg(long, value_name = "DIR", requires = "stream")]
@@ -355,14 +355,12 @@ fn plan(
         ..preset.settings(rates, preset.length.steps(rates.clouds, set))
     };
     let size = NetworkSize {
-        width: preset.width,
-        depth: preset.depth,
-        embedding: preset.embedding,
         context,
         channels: match args.colors {
             true => Channels::XyzRgb,
             false => Channels::Xyz,
         },
+        ..preset.size()
     };
     Ok((size, settings))
 }

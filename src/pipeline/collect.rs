@@ -41,6 +41,28 @@ pub struct CollectSettings {
     pub seed: u64,
 }
 
+/// 1,000 clouds of 10,000 points of the default recipe, under uniform commands: those of the command line.
+impl Default for CollectSettings {
+    fn default() -> Self {
+        let Recipe {
+            subject,
+            voxel_size,
+            sensor,
+        } = Recipe::default();
+        Self {
+            robot: subject.robot,
+            base: subject.base,
+            payload: subject.payload,
+            design: Design::Uniform,
+            count: 1000,
+            points: 10_000,
+            voxel_size,
+            sensor,
+            seed: 0,
+        }
+    }
+}
+
 /// Time that collecting took, added up over the threads but for the shards (s).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct CollectTimes {

@@ -1,50 +1,59 @@
-//! From a network to its scores, beside those of trivial predictors and the sampling floor.
+//! From predictors to their scores, beside those of trivial predictors and the sampling floor.
 
 use std::path::Path;
+use std::sync::Arc;
 
-use rand::seq::index;
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
-use tdcr_learn::data::{CloudSet, DataSet, Normalisation, PredictedClouds, Sample, Split, Subject};
-use tdcr_learn::flow::Sampler;
-use tdcr_learn::metrics::{
-    MetricError, chamfer, color_error, emd, emd_squared, nearest_distances, rank_correlation,
-};
-use tdcr_learn::net::{Channels, Precision};
-use tdcr_learn::train::{Model, Prediction, TrainError};
+use serde_json::{Value, json};
+use tdcr_learn::data::{DataSet, Normalisation, PredictedClouds, Sample, Split};
+use tdcr_learn::predict::{About, MeanCommand, NearestCommand, Prediction, Predictor};
 use tdcr_sim::robot::Robot;
 
 use super::journal::Journal;
-use super::scores::{Distances, Evaluation, Scores, TipError, UncertaintyScore};
+use super::measure::{Extent, Measure, subset};
+use super::scores::{Evaluation, Row, Scores};
 use super::simulation::Simulation;
-use super::tip::tip_error;
+use super::subject::require_same;
 use super::{Monitor, PipelineError};
 
-/// How a network is scored.
+/// How clouds are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EvalSettings {
     /// Points of each cloud that the Chamfer distance is computed on.
     pub points: usize,
     /// Points of each cloud that the earth mover's distances are computed on, no more than `points`.
     pub emd_points: usize,
-    /// Sampler of the predictions.
-    pub sampler: Sampler,
-    /// What numbers the network's products are of.
-    pub precision: Precision,
     /// Seed of noise and subsets.
     pub seed: u64,
 }
 
+/// Those of the command line.
+impl Default for EvalSettings {
+    fn default() -> Self {
+        Self {
+            points: 10_000,
+            emd_points: 2000,
+            seed: 0,
+        }
+    }
+}
+
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 9;
+const JOURNAL_FORMAT: u32 = 10;
 
 /// How far a command beside a predicted cloud may be from the test command, as a part of the motor's range: what is lost
 /// where commands are printed with a few digits, and far less than what tells commands apart.
 const COMMAND_TOLERANCE: f32 = 1e-3;
+
+/// Key and name of each reference, in the order of the rows.
+const REFERENCES: [(&str, &str); 2] = [
+    ("perfect", "perfect predictor"),
+    ("floor", "sampling floor"),
+];
 
 /// A finished piece of the evaluation.
 #[derive(Serialize, Deserialize)]
@@ -53,44 +62,80 @@ struct Entry {
     scores: Scores,
 }
 
-/// Clouds that are scored, and the data set that they are tested on.
+/// Predictors that are scored, and the data set that they are tested on.
+///
+/// Its rows are what is evaluated, the cloud of the nearest training command, that of the mean command, what
+/// [`compare`](Self::compare) added, and the references: second samples of the true surface, which no predictor can be
+/// expected to beat. The mean command and the references take a data set that names its robot.
 pub struct Evaluator {
-    predictor: Predictor,
+    /// In the order of their rows: what is evaluated, `standard - 1` trivial predictors, and those that were added.
+    contestants: Vec<Contestant>,
+    standard: usize,
+    nearest: Arc<NearestCommand>,
     settings: EvalSettings,
-    /// Training commands and clouds, in the units of the data set's `normalisation`, which is not the
-    /// model's where that was trained on another set.
-    training: CloudSet,
-    normalisation: Normalisation,
     test: Vec<Sample>,
     /// Whether the test clouds have several colours between them.
     colored: bool,
     simulation: Option<Simulation>,
 }
 
+/// What is scored.
+struct Contestant {
+    about: About,
+    clouds: Clouds,
+    extent: Extent,
+}
+
 /// Where the clouds come from.
-enum Predictor {
-    /// A network, which predicts them when they are scored.
-    Model(Box<Model>),
-    /// Any program: one cloud for each test command.
-    Clouds(PredictedClouds),
+enum Clouds {
+    /// From the conditions.
+    Predicted(Arc<dyn Predictor>),
+    /// Given, one for each test command in the order of the test split. A predictor could not find them: two test commands may
+    /// be the same.
+    Given(PredictedClouds),
+}
+
+impl Contestant {
+    fn predictor(predictor: Arc<dyn Predictor>, extent: Extent) -> Self {
+        Self {
+            about: predictor.about(),
+            clouds: Clouds::Predicted(predictor),
+            extent,
+        }
+    }
+
+    fn given(clouds: PredictedClouds) -> Self {
+        Self {
+            about: About {
+                key: "predictions".to_owned(),
+                name: "predictions".to_owned(),
+                method: "clouds of another program".to_owned(),
+                colors: clouds.colors.is_some(),
+                ..About::default()
+            },
+            clouds: Clouds::Given(clouds),
+            extent: Extent::All,
+        }
+    }
 }
 
 impl Evaluator {
-    /// Prepares to test `model` on the data set in the folder `data`.
+    /// Prepares to test `predictor` on the data set in the folder `data`.
     ///
     /// # Errors
-    /// [`PipelineError`] where the data set cannot be read, shows another subject than the model's (robot,
-    /// base, payloads), or has fewer points per cloud than are to be compared, and where the network's width
-    /// does not suit the precision.
-    pub fn new(model: &Model, data: &Path, settings: EvalSettings) -> Result<Self, PipelineError> {
-        let precise = (model.clone()).with_precision(settings.precision);
-        let predictor = Predictor::Model(Box::new(precise.map_err(TrainError::from)?));
-        let subject = model.provenance.subject.as_ref();
-        Self::of(predictor, subject, data, settings)
+    /// [`PipelineError`] where the data set cannot be read, shows another subject than the predictor's (robot,
+    /// base, payloads), or has fewer points per cloud than are to be compared.
+    pub fn new(
+        predictor: Arc<dyn Predictor>,
+        data: &Path,
+        settings: EvalSettings,
+    ) -> Result<Self, PipelineError> {
+        let contestant = Contestant::predictor(predictor, Extent::All);
+        Self::of(contestant, data, settings)
     }
 
     /// Prepares to score `clouds`, predicted by any program for the test commands of the data set in the folder `data`, in
-    /// their order. Of the settings, the sampler and the precision say nothing here.
+    /// their order.
     ///
     /// # Errors
     /// [`PipelineError`] where the data set cannot be read, has another number of test commands or other ones than the
@@ -102,81 +147,80 @@ impl Evaluator {
     ) -> Result<Self, PipelineError> {
         let available = clouds.points.first().map_or(0, Vec::len);
         require_points(settings.points, available)?;
-        let evaluator = Self::of(Predictor::Clouds(clouds), None, data, settings)?;
-        evaluator.require_commands()?;
-        Ok(evaluator)
+        Self::of(Contestant::given(clouds), data, settings)
     }
 
     fn of(
-        predictor: Predictor,
-        subject: Option<&Subject>,
+        contestant: Contestant,
         data: &Path,
         settings: EvalSettings,
     ) -> Result<Self, PipelineError> {
         let set = DataSet::open(data)?;
         let recipe = set.meta().and_then(|meta| meta.origin.recipe().cloned());
-        if let (Some(subject), Some(recipe)) = (subject, &recipe) {
+        if let (Some(subject), Some(recipe)) = (&contestant.about.subject, &recipe) {
             require_same(subject, &recipe.subject)?;
         }
         let (training, test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
         let available = test.iter().map(|sample| sample.cloud.len()).min();
         require_points(settings.points, available.unwrap_or(0))?;
         require_points(settings.emd_points, settings.points)?;
+        if let Clouds::Given(clouds) = &contestant.clouds {
+            require_commands(clouds, &test, set.normalisation())?;
+        }
         let mut colors = test.iter().flat_map(|sample| &sample.cloud.colors);
         let first = colors.next();
         let colored = colors.any(|color| Some(color) != first);
+        let points = training.points_per_cloud;
         let simulation = recipe
-            .map(|recipe| Simulation::new(recipe, &set, &training, settings.seed))
+            .map(|recipe| Simulation::new(recipe, points))
             .transpose()?;
+        let mean = simulation.as_ref().map(|Simulation { robot, recipe, .. }| {
+            MeanCommand::new(robot, recipe, set.normalisation(), &training, settings.seed)
+        });
+        let mean = mean.transpose()?;
+        let normalisation = set.normalisation().clone();
+        let nearest = Arc::new(NearestCommand::new(training, normalisation)?);
+        let mut contestants = vec![
+            contestant,
+            Contestant::predictor(nearest.clone(), Extent::Tip),
+        ];
+        contestants
+            .extend(mean.map(|mean| Contestant::predictor(Arc::new(mean), Extent::Distances)));
         Ok(Self {
-            predictor,
+            standard: contestants.len(),
+            contestants,
+            nearest,
             settings,
-            training,
-            normalisation: set.normalisation().clone(),
             test,
             colored,
             simulation,
         })
     }
 
-    /// Refuses clouds that are not of the test commands.
-    fn require_commands(&self) -> Result<(), PipelineError> {
-        let Predictor::Clouds(clouds) = &self.predictor else {
-            return Ok(());
-        };
-        if clouds.points.len() != self.test.len() {
-            return Err(PipelineError::OtherClouds {
-                clouds: clouds.points.len(),
-                tests: self.test.len(),
-            });
+    /// Adds a predictor that is scored beside what is evaluated. The scores of all other rows stay as they are without it.
+    ///
+    /// # Errors
+    /// [`PipelineError::SameKey`] where a row has its key already; as [`new`](Self::new) where it is of another subject.
+    pub fn compare(&mut self, predictor: Arc<dyn Predictor>) -> Result<(), PipelineError> {
+        let contestant = Contestant::predictor(predictor, Extent::All);
+        let key = &contestant.about.key;
+        let references = REFERENCES.iter().map(|(key, _)| *key);
+        let mut keys = (self
+            .contestants
+            .iter()
+            .map(|other| other.about.key.as_str()))
+        .chain(references);
+        if keys.any(|other| other == key) {
+            return Err(PipelineError::SameKey { key: key.clone() });
         }
-        let commands = clouds.commands.iter().flatten();
-        for (index, (command, sample)) in commands.zip(&self.test).enumerate() {
-            let truth = sample.condition.to_vec();
-            let expected = self.normalisation.condition(&truth)?;
-            let given: Vec<f64> = command.iter().map(|&value| value.into()).collect();
-            let found = self.normalisation.condition(&given)?;
-            let near = |(a, b): (&f32, &f32)| (a - b).abs() <= COMMAND_TOLERANCE;
-            if !found.iter().zip(&expected).all(near) {
-                return Err(PipelineError::OtherCommand {
-                    index,
-                    found: given,
-                    expected: truth,
-                });
-            }
+        if let (Some(subject), Some(simulation)) = (&contestant.about.subject, &self.simulation) {
+            require_same(subject, &simulation.recipe.subject)?;
         }
+        self.contestants.push(contestant);
         Ok(())
     }
 
-    /// The network that is scored; `None` where the clouds are another program's.
-    pub fn model(&self) -> Option<&Model> {
-        match &self.predictor {
-            Predictor::Model(model) => Some(model),
-            Predictor::Clouds(_) => None,
-        }
-    }
-
-    /// How it is scored.
+    /// How clouds are compared.
     pub fn settings(&self) -> &EvalSettings {
         &self.settings
     }
@@ -194,29 +238,46 @@ impl Evaluator {
     /// Whether colours are predicted that the data set cannot judge: all points of its test clouds have one
     /// colour, as those of clouds that were imported without colours do.
     pub fn lacks_colors(&self) -> bool {
-        let predicted = match &self.predictor {
-            Predictor::Model(model) => model.network.shape().channels() == Channels::XyzRgb,
-            Predictor::Clouds(clouds) => clouds.colors.is_some(),
-        };
-        predicted && !self.colored
+        self.contestants[0].about.colors && !self.colored
     }
 
-    /// The predicted cloud for test command `index`: of a network as many points as are compared.
+    /// The evaluated cloud for test command `index`: of a predictor that draws points, as many as are compared.
     ///
     /// # Errors
-    /// [`PipelineError::Predict`] where the command does not fit the model.
+    /// [`PipelineError::Predict`] where the command does not fit the predictor.
     pub fn predict(&self, index: usize) -> Result<Prediction, PipelineError> {
-        match &self.predictor {
-            Predictor::Model(model) => {
-                let command = self.test[index].condition.to_vec();
-                let seed = self.settings.seed.wrapping_add(index as u64);
-                let sampler = &self.settings.sampler;
-                Ok(model.predict(&command, self.settings.points, seed, sampler)?)
+        self.cloud(&self.contestants[0], index)
+    }
+
+    /// The cloud of a contestant for test command `index`.
+    fn cloud(&self, contestant: &Contestant, index: usize) -> Result<Prediction, PipelineError> {
+        let EvalSettings {
+            points,
+            emd_points,
+            seed,
+        } = self.settings;
+        let prediction = match &contestant.clouds {
+            Clouds::Predicted(predictor) => {
+                let condition = &self.test[index].condition;
+                predictor.predict(condition, points, seed.wrapping_add(index as u64))?
             }
-            Predictor::Clouds(clouds) => Ok(Prediction {
+            Clouds::Given(clouds) => Prediction {
                 points: clouds.points[index].clone(),
                 colors: clouds.colors.as_ref().map(|colors| colors[index].clone()),
                 evaluations: 0,
+            },
+        };
+        let expected = match contestant.extent {
+            Extent::All => points,
+            // Training clouds may have fewer points than test clouds.
+            Extent::Tip | Extent::Distances => emd_points,
+        };
+        match prediction.points.len() {
+            found if found >= expected => Ok(prediction),
+            found => Err(PipelineError::FewPredicted {
+                predictor: contestant.about.name.clone(),
+                found,
+                expected,
             }),
         }
     }
@@ -224,58 +285,72 @@ impl Evaluator {
     /// The cloud (m) of the training command nearest to test command `index`.
     ///
     /// # Errors
-    /// [`PipelineError::Data`] where the command does not fit the data set.
+    /// [`PipelineError::Predict`] where the command does not fit the data set.
     pub fn nearest(&self, index: usize) -> Result<Vec<[f32; 3]>, PipelineError> {
-        let command = self.test[index].condition.to_vec();
-        let condition = self.normalisation.condition(&command)?;
-        let nearest = self
-            .training
-            .nearest_condition(&condition)
-            .expect("a data set has training samples");
-        let mut points = self.training.cloud(nearest).to_vec();
-        self.normalisation.denormalise_points(&mut points);
-        Ok(points.as_chunks().0.to_vec())
+        let condition = &self.test[index].condition;
+        let EvalSettings { points, seed, .. } = self.settings;
+        Ok(self.nearest.predict(condition, points, seed)?.points)
     }
 
     /// Distance of the condition of test command `index` from the nearest training condition: Euclidean, each number in
     /// units of its range in the training data.
     ///
     /// # Errors
-    /// [`PipelineError::Data`] where the command does not fit the data set.
+    /// [`PipelineError::Predict`] where the command does not fit the data set.
     pub fn distance_to_training(&self, index: usize) -> Result<f64, PipelineError> {
-        let command = self.test[index].condition.to_vec();
-        let condition = self.normalisation.condition(&command)?;
-        let nearest = self
-            .training
-            .nearest_condition(&condition)
-            .expect("a data set has training samples");
-        let pairs = condition.iter().zip(self.training.condition(nearest));
-        let squared: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
-        Ok(squared.sqrt())
+        Ok(self.nearest.distance(&self.test[index].condition)?)
+    }
+
+    /// What is scored, in the order of the rows.
+    fn rows(&self) -> Vec<Row> {
+        let predicted = self.contestants.iter().map(|contestant| Row {
+            about: contestant.about.clone(),
+            is_reference: false,
+        });
+        let reference = |(key, name): (&str, &str)| Row {
+            about: About {
+                key: key.to_owned(),
+                name: name.to_owned(),
+                method: "another sample of the true surface".to_owned(),
+                ..About::default()
+            },
+            is_reference: true,
+        };
+        let references = self.simulation.iter().flat_map(|_| REFERENCES);
+        predicted.chain(references.map(reference)).collect()
+    }
+
+    /// What the entries of a journal are of; `None` where clouds are given, as those of another file might be others.
+    fn journal_key(&self) -> Option<Value> {
+        let of = |contestant: &Contestant| match contestant.clouds {
+            Clouds::Predicted(_) => Some(json!({
+                "key": contestant.about.key,
+                "made_from": contestant.about.made_from,
+            })),
+            Clouds::Given(_) => None,
+        };
+        let contestants: Vec<Value> = self.contestants.iter().map(of).collect::<Option<_>>()?;
+        Some(json!({
+            "format": JOURNAL_FORMAT,
+            "settings": self.settings,
+            "predictors": contestants,
+            "tests": self.test.len(),
+        }))
     }
 
     /// Scores every test command. Finished ones are kept in the file `journal`, from which an
-    /// interrupted evaluation of a network is taken up.
+    /// interrupted evaluation is resumed; not where clouds are given.
     ///
     /// # Errors
-    /// [`PipelineError`] for an interruption, or a journal that cannot be written.
+    /// [`PipelineError`] for an interruption, a journal that cannot be written, and a predictor that fails.
     pub fn run(
         &self,
         journal: Option<&Path>,
         monitor: &dyn Monitor,
     ) -> Result<Evaluation, PipelineError> {
         let count = self.test.len();
-        let key = json!({
-            "format": JOURNAL_FORMAT,
-            "settings": self.settings,
-            "model": self.model().map(|model| json!({
-                "step": model.step, "validation": model.validation_distance,
-            })),
-            "tests": count,
-        });
-        // What a journal holds of other programs' clouds could be of other clouds.
-        let (journal, entries) = match journal.filter(|_| self.model().is_some()) {
-            Some(path) => {
+        let (journal, entries) = match journal.zip(self.journal_key()) {
+            Some((path, key)) => {
                 let (journal, entries) = Journal::open::<Entry>(path, &key)?;
                 (Some(journal), entries)
             }
@@ -289,116 +364,79 @@ impl Evaluator {
         if !missing.is_empty() {
             monitor.begin("evaluate", count as u64, (count - missing.len()) as u64);
         }
-        let scored: Vec<(usize, Scores)> = missing
+        let scored: Vec<Entry> = missing
             .into_par_iter()
             .map(|index| {
                 if monitor.interrupted() {
-                    return Err(PipelineError::Interrupted);
+                    return Err(match journal {
+                        Some(_) => PipelineError::Interrupted,
+                        None => PipelineError::Abandoned,
+                    });
                 }
                 let scores = self.score(index)?;
+                let entry = Entry { index, scores };
                 if let Some(journal) = &journal {
-                    journal.add(&Entry { index, scores })?;
+                    journal.add(&entry)?;
                 }
                 monitor.advance(1);
-                Ok((index, scores))
+                Ok(entry)
             })
             .collect::<Result<_, _>>()?;
         monitor.end();
-        for (index, scores) in scored {
+        for Entry { index, scores } in scored {
             done[index] = Some(scores);
         }
         let per_test = done
             .into_iter()
             .map(|scores| scores.expect("scored, or kept"))
             .collect();
-        Ok(Evaluation { per_test })
-    }
-
-    fn score(&self, index: usize) -> Result<Scores, PipelineError> {
-        let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
-        rng.set_stream(index as u64);
-        let truth = self.subset(&self.test[index].cloud.points, &mut rng);
-        let nearest = self.nearest(index)?;
-        let mut against =
-            |points: &[[f32; 3]]| self.distances(&self.subset(points, &mut rng), &truth);
-        let again = match &self.simulation {
-            Some(simulation) => {
-                let condition = &self.test[index].condition;
-                Some(simulation.see_again(condition, self.settings.seed, index)?)
-            }
-            None => None,
-        };
-        let prediction = self.predict(index)?;
-        let cloud = &self.test[index].cloud;
-        let color = |colors: &Vec<[u8; 3]>| {
-            color_error((&prediction.points, colors), (&cloud.points, &cloud.colors))
-        };
-        let colors = prediction.colors.as_ref().filter(|_| self.colored);
-        let tip = match &self.simulation {
-            Some(simulation) => {
-                let settled = simulation.settle(&self.test[index].condition)?;
-                let of = |points: &[_]| tip_error(&simulation.robot, &settled, &truth, points);
-                let of_network = of(&prediction.points)?;
-                let of_nearest = of(&nearest)?;
-                of_network
-                    .zip(of_nearest)
-                    .map(|(network, nearest)| TipError { network, nearest })
-            }
-            None => None,
-        };
-        let network = against(&prediction.points)?;
-        let nearest = against(&nearest)?;
-        let mean = self.simulation.as_ref();
-        let mean = mean.map(|s| against(&s.mean.points)).transpose()?;
-        let (mut perfect, mut floor) = (None, None);
-        if let Some(again) = again {
-            let view = self.subset(&again.view.points, &mut rng);
-            let of_floor = self.floor(&view, &truth)?;
-            floor = Some(of_floor);
-            // The floor's points of the earth mover's distances are independent of each other already.
-            perfect = Some(Distances {
-                cd: chamfer(&self.subset(&again.independent.points, &mut rng), &truth)?,
-                ..of_floor
-            });
-        }
-        Ok(Scores {
-            network,
-            nearest,
-            mean,
-            perfect,
-            floor,
-            color: colors.map(color).transpose()?,
-            uncertainty: uncertainty(&prediction, &cloud.points)?,
-            tip,
-            evaluations: prediction.evaluations as f64,
+        Ok(Evaluation {
+            rows: self.rows(),
+            per_test,
         })
     }
 
-    /// As many points as are compared, drawn without replacement, in random order.
-    fn subset(&self, points: &[[f32; 3]], rng: &mut impl Rng) -> Vec<[f32; 3]> {
-        let count = self.settings.points.min(points.len());
-        index::sample(rng, points.len(), count)
-            .iter()
-            .map(|k| points[k])
-            .collect()
-    }
-
-    fn distances(
-        &self,
-        cloud: &[[f32; 3]],
-        truth: &[[f32; 3]],
-    ) -> Result<Distances, PipelineError> {
-        let few = self.settings.emd_points;
-        distances([cloud, truth], [&cloud[..few], &truth[..few]])
-    }
-
-    /// What two samples of the same surfaces score. For CD the second is a view in a random phase of pixels and voxels; but
-    /// that has some parts, like a base, in another density, which counts in the earth mover's distances: for them it is
-    /// other points of `truth`, where there are enough.
-    fn floor(&self, again: &[[f32; 3]], truth: &[[f32; 3]]) -> Result<Distances, PipelineError> {
-        let few = self.settings.emd_points;
-        let second = truth.get(few..2 * few).unwrap_or(&again[..few]);
-        distances([again, truth], [second, &truth[..few]])
+    fn score(&self, index: usize) -> Result<Scores, PipelineError> {
+        // One random stream, in this order: the true points, the standard rows, the references, what was added. So what is added
+        // moves no other row.
+        let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
+        rng.set_stream(index as u64);
+        let sample = &self.test[index];
+        let simulation = self.simulation.as_ref();
+        let settled = simulation.map(|simulation| {
+            let settled = simulation.settle(&sample.condition)?;
+            Ok::<_, PipelineError>((&simulation.robot, settled))
+        });
+        let measure = Measure {
+            settings: self.settings,
+            sample,
+            truth: subset(self.settings.points, &sample.cloud.points, &mut rng),
+            settled: settled.transpose()?,
+            colored: self.colored,
+        };
+        let score = |contestant: &Contestant, rng: &mut ChaCha8Rng| {
+            let prediction = self.cloud(contestant, index)?;
+            let key = &contestant.about.key;
+            Ok::<_, PipelineError>(measure.row(key, &prediction, contestant.extent, rng)?)
+        };
+        let (standard, added) = self.contestants.split_at(self.standard);
+        let mut rows = Vec::new();
+        for contestant in standard {
+            rows.push(score(contestant, &mut rng)?);
+        }
+        let references = match simulation {
+            Some(simulation) => {
+                let again = simulation.see_again(&sample.condition, self.settings.seed, index)?;
+                let keys = REFERENCES.map(|(key, _)| key);
+                Some(measure.references(keys, &again, &mut rng)?)
+            }
+            None => None,
+        };
+        for contestant in added {
+            rows.push(score(contestant, &mut rng)?);
+        }
+        rows.extend(references.into_iter().flatten());
+        Ok(Scores { rows })
     }
 }
 
@@ -410,61 +448,32 @@ fn require_points(wanted: usize, available: usize) -> Result<(), PipelineError> 
     }
 }
 
-/// CD of one pair of clouds, earth mover's distances of another.
-fn distances(
-    [cloud, truth]: [&[[f32; 3]]; 2],
-    [few_of_cloud, few_of_truth]: [&[[f32; 3]]; 2],
-) -> Result<Distances, PipelineError> {
-    let emd = emd(few_of_cloud, few_of_truth)?;
-    let emd_squared = emd_squared(few_of_cloud, few_of_truth)?;
-    Ok(Distances {
-        cd: chamfer(cloud, truth)?,
-        emd: emd.value,
-        emd_gap: emd.gap,
-        emd_squared: emd_squared.value,
-        emd_squared_gap: emd_squared.gap,
-    })
-}
-
-/// How uncertain a prediction is, and how well that tells its distance from the true cloud.
-fn uncertainty(
-    prediction: &Prediction,
-    truth: &[[f32; 3]],
-) -> Result<Option<UncertaintyScore>, MetricError> {
-    let Some(values) = prediction.uncertainty(&[]) else {
-        return Ok(None);
-    };
-    let values: Vec<f64> = values.into_iter().map(f64::from).collect();
-    let distances = nearest_distances(&prediction.points, truth)?;
-    Ok(Some(UncertaintyScore {
-        mean: values.iter().sum::<f64>() / values.len() as f64,
-        rank_correlation: rank_correlation(&values, &distances),
-    }))
-}
-
-/// Refuses to score a model of one subject on clouds of another.
-pub(super) fn require_same(model: &Subject, data: &Subject) -> Result<(), PipelineError> {
-    if model.robot != data.robot {
-        return Err(PipelineError::OtherRobot {
-            model: model.robot.name.clone(),
-            data: data.robot.name.clone(),
+/// Refuses clouds that are not of the test commands.
+fn require_commands(
+    clouds: &PredictedClouds,
+    test: &[Sample],
+    normalisation: &Normalisation,
+) -> Result<(), PipelineError> {
+    if clouds.points.len() != test.len() {
+        return Err(PipelineError::OtherClouds {
+            clouds: clouds.points.len(),
+            tests: test.len(),
         });
     }
-    if model.base != data.base {
-        return Err(PipelineError::OtherBase {
-            model: model.base,
-            data: data.base,
-        });
-    }
-    let covered = match (model.payload, data.payload) {
-        (Some(model), Some(data)) => model.covers(data),
-        (model, data) => model == data,
-    };
-    if !covered {
-        return Err(PipelineError::OtherPayload {
-            model: model.payload,
-            data: data.payload,
-        });
+    let commands = clouds.commands.iter().flatten();
+    for (index, (command, sample)) in commands.zip(test).enumerate() {
+        let truth = sample.condition.to_vec();
+        let expected = normalisation.condition(&truth)?;
+        let given: Vec<f64> = command.iter().map(|&value| value.into()).collect();
+        let found = normalisation.condition(&given)?;
+        let near = |(a, b): (&f32, &f32)| (a - b).abs() <= COMMAND_TOLERANCE;
+        if !found.iter().zip(&expected).all(near) {
+            return Err(PipelineError::OtherCommand {
+                index,
+                found: given,
+                expected: truth,
+            });
+        }
     }
     Ok(())
 }

@@ -1,8 +1,10 @@
 //! The log of a training run: a CSV file, and the same as TensorBoard's event file.
 //!
-//! The state holds all that the CSV says, so a run that is taken up writes it anew up to its state, and what was logged
-//! after the state, whose steps are taken again, is gone. The events have wall-clock times that no state knows: they are
-//! cut after the state's step.
+//! The state holds all that the CSV says (losses, norms, validations), so a run that is resumed writes it anew up to its
+//! state, and what was logged after the state, whose steps are taken again, is gone. The events have wall-clock times that no
+//! state knows: they are cut after the state's step. Neither is read back. A run that is given more steps continues from its
+//! state on the schedule of the new length, and its settings keep the earlier one. A state within a leap of the loss is not
+//! saved, so that the one on disk can be continued from.
 
 use std::fs::File;
 use std::io::{self, Write};

@@ -9,20 +9,21 @@ mod evaluate;
 mod events;
 mod journal;
 mod log;
+mod measure;
 mod monitor;
 mod preset;
 mod scores;
 mod simulation;
+mod subject;
 mod survey;
 mod tip;
 mod train;
 
 pub use collect::{CollectSettings, CollectTimes, collect};
-use evaluate::require_same;
 pub use evaluate::{EvalSettings, Evaluator};
 pub use monitor::{Monitor, Silent};
 pub use preset::{Length, Preset, Rates, distillation};
-pub use scores::{Distances, Evaluation, Quantiles, Scores, TipError, UncertaintyScore};
+pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
 pub use survey::{Survey, Tips};
 pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, model_path, train};
 
@@ -32,7 +33,8 @@ use std::path::{Path, PathBuf};
 use tdcr_learn::data::{DataError, PayloadRange, SimulateError};
 use tdcr_learn::lock::try_lock;
 use tdcr_learn::metrics::MetricError;
-use tdcr_learn::train::{FileError, PredictError, Target, TrainError};
+use tdcr_learn::predict::PredictError;
+use tdcr_learn::train::{FileError, Target, TrainError};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::SpecError;
 use thiserror::Error;
@@ -43,6 +45,9 @@ pub enum PipelineError {
     /// The monitor asked to stop. What was done is kept.
     #[error("interrupted; run the same command again to go on")]
     Interrupted,
+    /// The monitor asked to stop work that keeps nothing to resume from.
+    #[error("interrupted")]
+    Abandoned,
     /// The robot was refused.
     #[error(transparent)]
     Robot(#[from] SpecError),
@@ -97,7 +102,7 @@ pub enum PipelineError {
     /// A model or training state could not be read or written.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The model cannot predict for a command.
+    /// A predictor has no cloud for a command.
     #[error(transparent)]
     Predict(#[from] PredictError),
     /// Two clouds cannot be compared.
@@ -149,6 +154,24 @@ pub enum PipelineError {
         found: Vec<f64>,
         /// The test command.
         expected: Vec<f64>,
+    },
+    /// Two predictors that are compared have one key.
+    #[error(
+        "two predictors have the key `{key}`, expected keys that differ, and none that is `perfect` or `floor`"
+    )]
+    SameKey {
+        /// The key.
+        key: String,
+    },
+    /// A predictor gave fewer points than are to be compared.
+    #[error("{predictor}: {found} points in a predicted cloud, expected at least {expected}")]
+    FewPredicted {
+        /// Name of the predictor.
+        predictor: String,
+        /// Points of its cloud.
+        found: usize,
+        /// Points that are to be compared.
+        expected: usize,
     },
     /// More points are to be compared than there are.
     #[error("{wanted} points are to be compared; expected 1 to {available}, as many as there are")]

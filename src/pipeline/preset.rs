@@ -1,7 +1,10 @@
 //! Networks and settings of training that fit together.
 
 use tdcr_learn::flow::Sampler;
+use tdcr_learn::net::Channels;
 use tdcr_learn::train::{Optimizer, Target, TrainSettings};
+
+use super::NetworkSize;
 
 /// Sizes and settings that fit together; all else is as in [`TrainSettings::default`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,6 +158,17 @@ impl Default for Preset {
 }
 
 impl Preset {
+    /// Size of an MLP of positions.
+    pub fn size(&self) -> NetworkSize {
+        NetworkSize {
+            width: self.width,
+            depth: self.depth,
+            embedding: self.embedding,
+            context: None,
+            channels: Channels::Xyz,
+        }
+    }
+
     /// Settings of a run of `steps` steps with the rates of one of the networks.
     pub fn settings(&self, rates: Rates, steps: u64) -> TrainSettings {
         TrainSettings {

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use tdcr_learn::metrics::rank_correlation;
+use tdcr_learn::predict::About;
 
 /// Distances between two clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,44 +19,35 @@ pub struct Distances {
     pub emd_squared_gap: f64,
 }
 
-/// Distances of several predictors' clouds from the true one.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Scores {
-    /// Of the network's prediction.
-    pub network: Distances,
-    /// Of the training cloud whose command is nearest.
-    pub nearest: Distances,
-    /// Of the cloud of the mean training command; `None` where the data set names no robot.
-    pub mean: Option<Distances>,
-    /// Of a perfect predictor: of points that are independent of each other on the surface that the cameras see. Its
-    /// earth mover's distances are the floor's. `None` where the data set names no robot.
-    pub perfect: Option<Distances>,
-    /// Of a second sample of the true surface by the same cameras and voxels, in a random phase: more regular than
-    /// independent points, so a little nearer. `None` where the data set names no robot.
-    pub floor: Option<Distances>,
-    /// Mean absolute difference, in [0, 1], of the colours of the network's points from those of the nearest points
-    /// of the whole true cloud ([`color_error`](tdcr_learn::metrics::color_error)). `None` where the network predicts
-    /// no colours, or all points of the test clouds have one.
+/// Scores of one row for one test command, or their means.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RowScore {
+    /// Key of the row.
+    pub key: String,
+    /// Distances of its cloud from the true one.
+    pub distances: Distances,
+    /// Distance of the predicted tip from the true one (m): how far the last disc's origin moves when the points of the true
+    /// cloud on that disc are laid onto the predicted cloud as a rigid body. `None` where the data set names no robot or
+    /// shows too little of its last disc, and in rows of which it is not asked.
+    pub tip: Option<f64>,
+    /// Mean absolute difference, in [0, 1], of the colours of the predicted points from those of the nearest points
+    /// of the whole true cloud ([`color_error`](tdcr_learn::metrics::color_error)). `None` where no colours are predicted,
+    /// or all points of the test clouds have one.
     pub color: Option<f64>,
-    /// How uncertain the network is; `None` where too few points tell.
+    /// How uncertain the prediction is; `None` where too few points tell, and in rows of which it is not asked.
     pub uncertainty: Option<UncertaintyScore>,
-    /// How far tips are off; `None` where the data set names no robot, or shows too little of its last disc.
-    pub tip: Option<TipError>,
-    /// Evaluations of the network that the prediction took.
+    /// Evaluations of a network that the prediction took.
     pub evaluations: f64,
 }
 
-/// Distances of predicted tips from the true one (m): how far the last disc's origin moves when the points of the true cloud
-/// on that disc are laid onto the predicted cloud as a rigid body.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TipError {
-    /// In the network's cloud.
-    pub network: f64,
-    /// In the training cloud whose command is nearest.
-    pub nearest: f64,
+/// Scores of several clouds for one test command, or their means: a row for each, in the order of [`Evaluation::rows`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// The rows; the first is what is evaluated.
+    pub rows: Vec<RowScore>,
 }
 
-/// How uncertain a network is ([`Prediction::uncertainty`](tdcr_learn::train::Prediction::uncertainty)), and how well
+/// How uncertain a prediction is ([`Prediction::uncertainty`](tdcr_learn::predict::Prediction::uncertainty)), and how well
 /// that tells where its cloud is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UncertaintyScore {
@@ -66,9 +58,20 @@ pub struct UncertaintyScore {
     pub rank_correlation: Option<f64>,
 }
 
+/// What a row of scores is of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// What gave its clouds.
+    pub about: About,
+    /// Whether its clouds are other samples of the true surface: a bound on what a predictor can reach, and none itself.
+    pub is_reference: bool,
+}
+
 /// The scores of every test command.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
+    /// What is scored: first what is evaluated, then what it is compared with, references last.
+    pub rows: Vec<Row>,
     /// Scores by index in the test split; at least one.
     pub per_test: Vec<Scores>,
 }
@@ -106,87 +109,99 @@ impl Distances {
     }
 }
 
+impl RowScore {
+    /// A row of distances alone.
+    pub(super) fn new(key: &str, distances: Distances) -> Self {
+        Self {
+            key: key.to_owned(),
+            distances,
+            tip: None,
+            color: None,
+            uncertainty: None,
+            evaluations: 0.0,
+        }
+    }
+
+    /// Means over the test commands. The mean tip error is over the commands whose tips are seen; colours and uncertainties
+    /// are known where they are for all commands.
+    fn mean(all: &[&Self]) -> Self {
+        let count = all.len() as f64;
+        let distances: Vec<Distances> = all.iter().map(|row| row.distances).collect();
+        let tips: Vec<f64> = all.iter().filter_map(|row| row.tip).collect();
+        let uncertainties: Option<Vec<_>> = all.iter().map(|row| row.uncertainty).collect();
+        Self {
+            key: all[0].key.clone(),
+            distances: Distances::combined(&distances, |x| x.sum::<f64>() / count),
+            tip: (!tips.is_empty()).then(|| tips.iter().sum::<f64>() / tips.len() as f64),
+            color: {
+                let known = all.iter().map(|row| row.color);
+                known.sum::<Option<f64>>().map(|sum| sum / count)
+            },
+            uncertainty: uncertainties.map(|all| UncertaintyScore::mean(&all)),
+            evaluations: all.iter().map(|row| row.evaluations).sum::<f64>() / count,
+        }
+    }
+}
+
 impl Scores {
-    fn all(&self) -> impl Iterator<Item = Distances> {
-        [self.network, self.nearest]
-            .into_iter()
-            .chain(self.mean)
-            .chain(self.perfect)
-            .chain(self.floor)
+    /// Of what is evaluated.
+    pub fn evaluated(&self) -> &RowScore {
+        &self.rows[0]
+    }
+
+    /// The row of this key; `None` where there is none, as without a robot there are no `mean`, `perfect` and `floor`.
+    pub fn get(&self, key: &str) -> Option<&RowScore> {
+        self.rows.iter().find(|row| row.key == key)
     }
 }
 
 impl Evaluation {
     /// Mean scores over all test commands. A mean gap is a duality gap of the mean distance.
     pub fn mean(&self) -> Scores {
-        let count = self.per_test.len() as f64;
-        let mean = |all: &[Distances]| Distances::combined(all, |x| x.sum::<f64>() / count);
-        let over = |pick: fn(&Scores) -> Distances| {
-            mean(&self.per_test.iter().map(pick).collect::<Vec<_>>())
-        };
-        let over_known = |pick: fn(&Scores) -> Option<Distances>| {
-            let known = self.per_test.iter().map(pick).collect::<Option<Vec<_>>>();
-            known.map(|known| mean(&known))
+        let row = |k: usize| {
+            let all: Vec<&RowScore> = self.per_test.iter().map(|s| &s.rows[k]).collect();
+            RowScore::mean(&all)
         };
         Scores {
-            network: over(|s| s.network),
-            nearest: over(|s| s.nearest),
-            mean: over_known(|s| s.mean),
-            perfect: over_known(|s| s.perfect),
-            floor: over_known(|s| s.floor),
-            color: {
-                let known = self.per_test.iter().map(|s| s.color);
-                known.sum::<Option<f64>>().map(|sum| sum / count)
-            },
-            uncertainty: {
-                let known = self.per_test.iter().map(|s| s.uncertainty);
-                let known = known.collect::<Option<Vec<_>>>();
-                known.map(|known| UncertaintyScore::mean(&known))
-            },
-            tip: {
-                // Over the commands whose tips are seen.
-                let known: Vec<TipError> = self.per_test.iter().filter_map(|s| s.tip).collect();
-                let mean = |pick: fn(&TipError) -> f64| {
-                    known.iter().map(pick).sum::<f64>() / known.len() as f64
-                };
-                (!known.is_empty()).then(|| TipError {
-                    network: mean(|tip| tip.network),
-                    nearest: mean(|tip| tip.nearest),
-                })
-            },
-            evaluations: self.per_test.iter().map(|s| s.evaluations).sum::<f64>() / count,
+            rows: (0..self.rows.len()).map(row).collect(),
         }
     }
 
     /// Greatest value of each distance, and of each gap, over all predictors and test commands.
     pub fn greatest(&self) -> Distances {
-        let all: Vec<Distances> = self.per_test.iter().flat_map(Scores::all).collect();
+        let rows = self.per_test.iter().flat_map(|scores| &scores.rows);
+        let all: Vec<Distances> = rows.map(|row| row.distances).collect();
         Distances::combined(&all, |x| x.fold(0.0, f64::max))
     }
 
-    /// Spearman's rank correlation over the test commands, in [-1, 1], of the mean uncertainty of the network's cloud
+    /// What is evaluated, by test command.
+    fn evaluated(&self) -> impl Iterator<Item = &RowScore> {
+        self.per_test.iter().map(Scores::evaluated)
+    }
+
+    /// Spearman's rank correlation over the test commands, in [-1, 1], of the mean uncertainty of the evaluated cloud
     /// with its Chamfer distance; `None` where one is not known, or all are equal.
     pub fn uncertainty_rank_correlation(&self) -> Option<f64> {
-        let uncertainty = self.per_test.iter().map(|s| Some(s.uncertainty?.mean));
-        let distances: Vec<f64> = self.per_test.iter().map(|s| s.network.cd).collect();
+        let uncertainty = self.evaluated().map(|row| Some(row.uncertainty?.mean));
+        let distances: Vec<f64> = self.evaluated().map(|row| row.distances.cd).collect();
         rank_correlation(&uncertainty.collect::<Option<Vec<_>>>()?, &distances)
     }
 
-    /// Quantiles over the test commands of one distance of the network's predictions.
+    /// Quantiles over the test commands of one distance of the evaluated clouds.
     pub fn quantiles(&self, pick: fn(&Distances) -> f64) -> Quantiles {
-        let values = self.per_test.iter().map(|scores| pick(&scores.network));
+        let values = self.evaluated().map(|row| pick(&row.distances));
         Quantiles::of(values.collect())
     }
 
-    /// Indices of all test commands, from the network's worst prediction by Chamfer distance to its best.
+    /// Indices of all test commands, from the worst evaluated cloud by Chamfer distance to the best.
     pub fn worst_first(&self) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.per_test.len()).collect();
-        let cd = |index: &usize| self.per_test[*index].network.cd;
+        let cd = |index: &usize| self.per_test[*index].evaluated().distances.cd;
         order.sort_by(|a, b| cd(b).total_cmp(&cd(a)));
         order
     }
 
-    /// Indices of `count` test commands, from the network's best to its worst, evenly spread.
+    /// Indices of `count` test commands, from the best evaluated cloud to the worst, evenly spread.
     pub fn spread(&self, count: usize) -> Vec<usize> {
         let worst_first = self.worst_first();
         let last = worst_first.len() - 1;
@@ -266,23 +281,33 @@ mod tests {
             emd_squared_gap: 1e-8 * cd,
         };
         let scores = |&cd: &f64| Scores {
-            network: distances(cd),
-            nearest: distances(2.0 * cd),
-            mean: None,
-            perfect: Some(distances(0.6 * cd)),
-            floor: Some(distances(0.5 * cd)),
-            color: Some(0.1 * cd),
-            uncertainty: Some(UncertaintyScore {
-                mean: cd.sqrt(),
-                rank_correlation: (cd > 1.0).then_some(0.25 * cd),
-            }),
-            tip: (cd > 1.0).then_some(TipError {
-                network: cd,
-                nearest: 4.0 * cd,
-            }),
-            evaluations: 8.0 * cd,
+            rows: vec![
+                RowScore {
+                    color: Some(0.1 * cd),
+                    uncertainty: Some(UncertaintyScore {
+                        mean: cd.sqrt(),
+                        rank_correlation: (cd > 1.0).then_some(0.25 * cd),
+                    }),
+                    tip: (cd > 1.0).then_some(cd),
+                    evaluations: 8.0 * cd,
+                    ..RowScore::new("network", distances(cd))
+                },
+                RowScore {
+                    tip: (cd > 1.0).then_some(4.0 * cd),
+                    ..RowScore::new("nearest", distances(2.0 * cd))
+                },
+                RowScore::new("floor", distances(0.5 * cd)),
+            ],
+        };
+        let row = |key: &str| Row {
+            about: About {
+                key: key.to_owned(),
+                ..About::default()
+            },
+            is_reference: key == "floor",
         };
         Evaluation {
+            rows: ["network", "nearest", "floor"].map(row).into(),
             per_test: cds.iter().map(scores).collect(),
         }
     }
@@ -319,37 +344,37 @@ mod tests {
             mean: 0.0,
             rank_correlation: None,
         };
-        evaluation.per_test[0].uncertainty = Some(least);
+        evaluation.per_test[0].rows[0].uncertainty = Some(least);
         // 1 - 6 sum d^2 / (n (n^2 - 1)), ranks 0, 1, 3, 2 instead of 2, 0, 3, 1.
         let expected = 1.0 - 6.0 * 6.0 / 60.0;
         let found = evaluation.uncertainty_rank_correlation();
         assert!(found.is_some_and(|found| (found - expected).abs() < 1e-15));
-        evaluation.per_test[0].uncertainty = None;
+        evaluation.per_test[0].rows[0].uncertainty = None;
         assert_eq!(evaluation.uncertainty_rank_correlation(), None);
-        assert_eq!(evaluation.mean().uncertainty, None);
+        assert_eq!(evaluation.mean().evaluated().uncertainty, None);
     }
 
     #[test]
     fn means_and_greatest_values_are_taken_of_each_distance_alone() {
         let evaluation = evaluation(&[1.0, 3.0]);
         let mean = evaluation.mean();
-        assert_eq!((mean.network.cd, mean.network.emd), (2.0, 20.0));
-        assert_eq!(mean.nearest.emd_squared, 400.0);
-        assert_eq!(mean.mean, None);
-        assert_eq!(mean.perfect.map(|d| d.cd), Some(1.2));
-        assert_eq!(mean.floor.map(|d| d.cd), Some(1.0));
-        assert_eq!(mean.color, Some(0.2));
-        let tip = TipError {
-            network: 3.0,
-            nearest: 12.0,
-        };
-        assert_eq!(mean.tip, Some(tip));
-        assert_eq!(mean.evaluations, 16.0);
+        let keys: Vec<&str> = mean.rows.iter().map(|row| row.key.as_str()).collect();
+        assert_eq!(keys, ["network", "nearest", "floor"]);
+        let of = |key: &str| mean.get(key).map(|row| row.distances);
+        let network = mean.evaluated();
+        assert_eq!((network.distances.cd, network.distances.emd), (2.0, 20.0));
+        assert_eq!(of("nearest").map(|d| d.emd_squared), Some(400.0));
+        assert_eq!(of("mean"), None);
+        assert_eq!(of("floor").map(|d| d.cd), Some(1.0));
+        assert_eq!(network.color, Some(0.2));
+        let tips: Vec<Option<f64>> = mean.rows.iter().map(|row| row.tip).collect();
+        assert_eq!(tips, [Some(3.0), Some(12.0), None]);
+        assert_eq!(network.evaluations, 16.0);
         let uncertainty = UncertaintyScore {
             mean: 0.5 * (1.0 + 3.0_f64.sqrt()),
             rank_correlation: Some(0.75),
         };
-        assert_eq!(mean.uncertainty, Some(uncertainty));
+        assert_eq!(network.uncertainty, Some(uncertainty));
         let greatest = evaluation.greatest();
         assert_eq!((greatest.cd, greatest.emd_squared), (6.0, 600.0));
         assert!((greatest.emd_gap - 6e-9).abs() < 1e-20);

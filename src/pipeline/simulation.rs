@@ -2,7 +2,7 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tdcr_learn::data::{CloudSet, Condition, DataSet, Recipe, SimulateError, Simulator};
+use tdcr_learn::data::{Condition, Recipe, SimulateError, Simulator};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::robot::Robot;
 use tdcr_sim::statics::Equilibrium;
@@ -12,11 +12,9 @@ use super::PipelineError;
 /// The robot of a data set, and how it is seen.
 pub(super) struct Simulation {
     pub robot: Robot,
-    recipe: Recipe,
+    pub recipe: Recipe,
     /// Points of a cloud.
     points: usize,
-    /// Cloud of the mean training command.
-    pub mean: PointCloud,
 }
 
 /// Other samples of the surface that a test cloud is a sample of.
@@ -31,39 +29,12 @@ pub(super) struct Again {
 const STREAMS: u64 = 1 << 63;
 
 impl Simulation {
-    /// Of the data set `set`, with training clouds `training`; `seed` chooses the points of the mean command's cloud.
-    pub fn new(
-        recipe: Recipe,
-        set: &DataSet,
-        training: &CloudSet,
-        seed: u64,
-    ) -> Result<Self, PipelineError> {
-        let robot = Robot::new(recipe.subject.robot.clone())?;
-        let normalisation = set.normalisation();
-        let mean_of = |value: usize| -> f32 {
-            let sum: f64 = (0..training.len())
-                .map(|k| f64::from(training.condition(k)[value]))
-                .sum();
-            let (low, high) = (
-                normalisation.motor_min[value],
-                normalisation.motor_max[value],
-            );
-            (low + (high - low) * sum / training.len() as f64) as f32
-        };
-        let mut motors: Vec<f32> = (0..training.condition_dim).map(mean_of).collect();
-        let payload = match recipe.subject.payload {
-            Some(_) => motors.pop(),
-            None => None,
-        };
-        let condition = Condition { motors, payload };
-        let points = training.points_per_cloud;
-        let mut simulator = Simulator::new(&robot, &recipe);
-        let mean = simulator.cloud(&condition, points, &mut ChaCha8Rng::seed_from_u64(seed))?;
+    /// Of a data set made by `recipe`, with `points` points a cloud.
+    pub fn new(recipe: Recipe, points: usize) -> Result<Self, PipelineError> {
         Ok(Self {
-            robot,
+            robot: Robot::new(recipe.subject.robot.clone())?,
             recipe,
             points,
-            mean,
         })
     }
 

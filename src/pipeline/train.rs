@@ -11,7 +11,9 @@ use tdcr_learn::train::{
 };
 
 use super::log::RunLog;
-use super::{Divergence, Monitor, PipelineError, lock_folder, require_same};
+use super::preset::Preset;
+use super::subject::require_same;
+use super::{Divergence, Monitor, PipelineError, lock_folder};
 
 /// Steps between two words on the loss.
 const STEPS_PER_STATUS: u64 = 10;
@@ -31,6 +33,13 @@ pub struct NetworkSize {
     pub channels: Channels,
 }
 
+/// An MLP of positions, of the default preset's size.
+impl Default for NetworkSize {
+    fn default() -> Self {
+        Preset::default().size()
+    }
+}
+
 impl NetworkSize {
     /// The shape for conditions of dimension `condition_dim`.
     fn shape(&self, condition_dim: usize) -> NetworkShape {
@@ -44,6 +53,18 @@ impl NetworkSize {
         match self.context {
             None => head.into(),
             Some(context) => HybridShape { head, context }.into(),
+        }
+    }
+}
+
+/// Steps draw from the newest 512 clouds of the default stream, of which each replaces one: those of the command line.
+impl Default for StreamSettings {
+    fn default() -> Self {
+        Self {
+            spec: StreamSpec::default(),
+            window: 512,
+            fresh: 1,
+            validation: None,
         }
     }
 }

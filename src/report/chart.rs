@@ -1,5 +1,6 @@
 //! Line and bar charts as inline SVG, drawn in the page's own colours and font.
 
+use super::Role;
 use super::axis::{Axis, Spacing, tick_label};
 use super::html::{duration, escape};
 use std::fmt::Write;
@@ -23,21 +24,14 @@ const LETTER: f64 = 7.2;
 /// Longest bar label shown (letters); a longer one is cut, and whole in the tooltip.
 const LABEL_LETTERS: usize = 34;
 
-/// What a series shows, which decides its colour and stroke.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Role {
-    Network,
-    Nearest,
-    /// The sampling floor: a dashed reference line.
-    Floor,
-}
-
 impl Role {
     fn class(self) -> &'static str {
         match self {
-            Role::Network => "network",
-            Role::Nearest => "nearest",
-            Role::Floor => "floor",
+            Self::Network => "network",
+            Self::Nearest => "nearest",
+            // As many strokes as can be told apart.
+            Self::Other(place) => ["other solid", "other dashed", "other dotted"][place % 3],
+            Self::Floor => "floor",
         }
     }
 }

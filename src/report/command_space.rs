@@ -19,7 +19,10 @@ pub(crate) fn section(per_test: Option<&PerTest>, motors: &[MotorGroup]) -> Stri
     let Some(tests) = per_test.filter(|tests| !tests.commands.is_empty()) else {
         return String::new();
     };
-    let cds: Vec<f64> = tests.network.iter().map(|cd| cd / CD_UNIT).collect();
+    let evaluated = tests.methods.iter().take(1);
+    let cds: Vec<f64> = evaluated
+        .flat_map(|method| method.values.iter().map(|cd| cd / CD_UNIT))
+        .collect();
     let Some(colors) = Colors::of(&cds) else {
         return String::new();
     };

@@ -1,10 +1,10 @@
 //! The page's charts: all test commands, training, time.
 
 use super::axis::Spacing;
-use super::chart::{AxisStyle, Role, Series, duration_bars, line_chart};
+use super::chart::{AxisStyle, Series, duration_bars, line_chart};
 use super::html::{duration, escape};
 use super::sections::{CD_TITLE, CD_UNIT, figure, missing};
-use super::{PerTest, Stage, Training};
+use super::{MethodDistances, PerTest, Role, Stage, Training};
 
 /// Points of a drawn curve at most.
 const CURVE_POINTS: usize = 300;
@@ -19,18 +19,15 @@ pub(crate) fn distribution(per_test: Option<&PerTest>) -> String {
     let Some(per_test) = per_test else {
         return missing();
     };
-    let curve = |name, role, values: &[f64]| Series {
-        name,
-        role,
-        points: cumulative_share(values),
+    let series = |method| {
+        let MethodDistances { name, role, values }: &MethodDistances = method;
+        Series {
+            name,
+            role: *role,
+            points: cumulative_share(values),
+        }
     };
-    let mut series = vec![
-        curve("Network", Role::Network, &per_test.network),
-        curve("Nearest training command", Role::Nearest, &per_test.nearest),
-    ];
-    if !per_test.floor.is_empty() {
-        series.push(curve("Sampling floor", Role::Floor, &per_test.floor));
-    }
+    let series: Vec<Series> = per_test.methods.iter().map(series).collect();
     let chart = line_chart(
         "Share of test commands below each Chamfer distance",
         &AxisStyle {

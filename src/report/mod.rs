@@ -75,20 +75,41 @@ pub struct Score {
     pub emd_squared: f64,
 }
 
-/// The test commands and their Chamfer distances (m^2), one after another in the same order in each list.
+/// The test commands and their Chamfer distances, one after another in the same order in each list.
 #[derive(Clone, Debug, Default)]
 pub struct PerTest {
-    /// Of the network's predictions.
-    pub network: Vec<f64>,
-    /// Of the clouds of the nearest training commands.
-    pub nearest: Vec<f64>,
-    /// Of second samples of the true surfaces; empty where there are none.
-    pub floor: Vec<f64>,
+    /// Of each method; the first is the one that the page is on.
+    pub methods: Vec<MethodDistances>,
     /// The commands, as in [`Example::command`].
     pub commands: Vec<Vec<f64>>,
     /// Distance of each condition from the nearest training condition: Euclidean, each number in units of its range in the
     /// training data.
     pub apart: Vec<f64>,
+}
+
+/// A method's Chamfer distances.
+#[derive(Clone, Debug)]
+pub struct MethodDistances {
+    /// Name of the method.
+    pub name: String,
+    /// How its curve is drawn.
+    pub role: Role,
+    /// Chamfer distance of each test command (m^2).
+    pub values: Vec<f64>,
+}
+
+/// What a method is in a chart, which decides its colour and stroke.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Role {
+    /// The one that the page is on.
+    Network,
+    /// The nearest training command.
+    Nearest,
+    /// Another one that it is compared with: the number tells several apart.
+    Other(usize),
+    /// The sampling floor: a dashed reference line.
+    Floor,
 }
 
 /// The course of a training.

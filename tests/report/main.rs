@@ -3,9 +3,11 @@
 
 mod sample;
 
-use sample::{bent_tube, example, full_report};
+use sample::{bent_tube, example, full_report, method};
 use std::sync::LazyLock;
-use tdcr::report::{MotorGroup, PerTest, Report, Score, Stage, Training, contact_sheet, scale_bar};
+use tdcr::report::{
+    MotorGroup, PerTest, Report, Role, Score, Stage, Training, contact_sheet, scale_bar,
+};
 use tdcr::sim::robot::CommandUnit;
 
 static PAGE: LazyLock<String> = LazyLock::new(|| full_report().to_html());
@@ -126,6 +128,31 @@ fn the_floor_of_every_test_command_is_drawn_beside_the_predictors() {
     }
     assert!(distribution.contains("</i>Sampling floor</li>"));
     assert!(distribution.contains("CD (10⁻⁴\u{a0}m²)"));
+}
+
+#[test]
+fn any_method_has_a_row_in_the_table_and_a_curve_of_its_own() {
+    let mut report = full_report();
+    let others = ["Bend", "Spline", "Guess", "Memory"];
+    for (place, name) in others.into_iter().enumerate() {
+        let score = Score {
+            name: name.to_owned(),
+            ..report.scores[1].clone()
+        };
+        report.scores.push(score);
+        let values = vec![1e-5, 2e-5];
+        let methods = &mut report.per_test.as_mut().unwrap().methods;
+        methods.push(method(name, Role::Other(place), values));
+    }
+    let page = report.to_html();
+    assert_balanced(&page);
+    let distribution = between(&page, "Every test command</h2>", "</section>");
+    for (name, stroke) in others.iter().zip(["solid", "dashed", "dotted", "solid"]) {
+        assert!(page.contains(&format!("<tr><th scope=\"row\">{name}</th>")));
+        let legend = format!("<i class=\"stroke other {stroke}\"></i>{name}</li>");
+        assert!(distribution.contains(&legend), "{legend}");
+    }
+    assert_eq!(distribution.matches("<path class=\"line other ").count(), 4);
 }
 
 #[test]
@@ -267,9 +294,11 @@ fn numbers_that_are_not_finite_are_not_available() {
             validation_note: "On <few> points.".to_owned(),
         }),
         per_test: Some(PerTest {
-            network: vec![f64::NAN, 0.0],
-            nearest: vec![],
-            floor: vec![f64::NAN, f64::INFINITY],
+            methods: vec![
+                method("n", Role::Network, vec![f64::NAN, 0.0]),
+                method("n", Role::Nearest, vec![]),
+                method("n", Role::Floor, vec![f64::NAN, f64::INFINITY]),
+            ],
             commands: vec![vec![f64::NAN], vec![]],
             apart: vec![f64::INFINITY, 0.1],
         }),

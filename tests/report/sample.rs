@@ -1,6 +1,8 @@
 //! A report of made-up numbers about bent tubes.
 
-use tdcr::report::{Example, MotorGroup, PerTest, Report, Score, Stage, Training};
+use tdcr::report::{
+    Example, MethodDistances, MotorGroup, PerTest, Report, Role, Score, Stage, Training,
+};
 use tdcr::sim::cloud::PointCloud;
 use tdcr::sim::robot::RobotSpec;
 
@@ -79,6 +81,15 @@ pub fn example(label: &str, azimuth: f64, angle: f64, counter: f64) -> Example {
     }
 }
 
+/// A method's distances.
+pub fn method(name: &str, role: Role, values: Vec<f64>) -> MethodDistances {
+    MethodDistances {
+        name: name.to_owned(),
+        role,
+        values,
+    }
+}
+
 /// A report with everything in it.
 pub fn full_report() -> Report {
     let mut state = 9;
@@ -130,9 +141,11 @@ pub fn full_report() -> Report {
             "Means over 500 test commands; CD with 10,000 points a cloud, EMD with 2,000 points.".to_owned(),
         ],
         per_test: Some(PerTest {
-            network: log_normal(2.6e-5, 0.6),
-            nearest: log_normal(2.2e-4, 0.7),
-            floor: log_normal(2.7e-6, 0.1),
+            methods: vec![
+                method("Network", Role::Network, log_normal(2.6e-5, 0.6)),
+                method("Nearest training command", Role::Nearest, log_normal(2.2e-4, 0.7)),
+                method("Sampling floor", Role::Floor, log_normal(2.7e-6, 0.1)),
+            ],
             commands: (0..500)
                 .map(|k| (0..6).map(|m| 0.04 * (0.618 * f64::from(k * (m + 1))).fract()).collect())
                 .collect(),

@@ -38,6 +38,33 @@ pub struct Recipe {
     pub sensor: Option<Sensor>,
 }
 
+/// The paper's robot of two modules, without its base and without payloads.
+impl Default for Subject {
+    fn default() -> Self {
+        Self {
+            robot: RobotSpec::standard(Self::ROBOT).expect("a standard robot"),
+            base: BaseVisibility::Hidden,
+            payload: None,
+        }
+    }
+}
+
+impl Subject {
+    /// Name of the robot where none is asked for.
+    pub const ROBOT: &str = "2m";
+}
+
+/// The default subject, seen by perfect cameras, in voxels of 2 mm as in the paper.
+impl Default for Recipe {
+    fn default() -> Self {
+        Self {
+            subject: Subject::default(),
+            voxel_size: 0.002,
+            sensor: None,
+        }
+    }
+}
+
 impl Recipe {
     /// Refuses what no cloud can be made by.
     ///

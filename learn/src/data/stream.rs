@@ -1,4 +1,8 @@
 //! Samples made as they are needed, without files.
+//!
+//! A stream is a function of seed and index. Threads claim indices, a reorder buffer of fixed size hands the samples out in
+//! order, and training sees a window that moves along the stream by a fixed number of clouds a step: so neither threads nor
+//! interruptions show in the result. Its units are bounds, not statistics.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -23,6 +27,17 @@ pub struct StreamSpec {
     pub seed: u64,
 }
 
+/// 2,000 points a cloud of the default recipe.
+impl Default for StreamSpec {
+    fn default() -> Self {
+        Self {
+            recipe: Recipe::default(),
+            points: 2000,
+            seed: 0,
+        }
+    }
+}
+
 /// Fresh samples of a simulated robot under uniformly drawn conditions, made by threads of its own.
 ///
 /// Sample `i` is a function of the [`StreamSpec`] and `i` alone, whatever the number of threads, so a stream that is
@@ -31,16 +46,14 @@ pub struct StreamSpec {
 ///
 /// ```
 /// use tdcr_learn::data::{Recipe, SimStream, StreamSpec, Subject};
-/// use tdcr_sim::render::BaseVisibility;
 /// use tdcr_sim::robot::{Cameras, RobotSpec};
 ///
 /// let mut robot = RobotSpec::load("2m")?;
 /// if let Cameras::Ring(ring) = &mut robot.cameras {
 ///     ring.resolution = [320, 180];
 /// }
-/// let subject = Subject { robot, base: BaseVisibility::Hidden, payload: None };
-/// let recipe = Recipe { subject, voxel_size: 0.002, sensor: None };
-/// let spec = StreamSpec { recipe, points: 500, seed: 0 };
+/// let recipe = Recipe { subject: Subject { robot, ..Subject::default() }, ..Recipe::default() };
+/// let spec = StreamSpec { recipe, points: 500, ..StreamSpec::default() };
 /// let mut stream = SimStream::open(&spec, 7, 2, 4)?;
 /// let seventh = stream.next().expect("a stream has no end")?;
 /// assert_eq!((seventh.condition.motors.len(), seventh.cloud.len()), (6, 500));

@@ -1,4 +1,7 @@
 //! Earth mover's distance from groups of neighbours, with a bound.
+//!
+//! The exact method stopped at a coarser cloud: groups are matched by their centroids, points within matched groups, and the
+//! centroids' dual solution tells the bound.
 
 use std::num::NonZeroUsize;
 

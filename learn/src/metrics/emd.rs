@@ -1,4 +1,8 @@
 //! Exact earth mover's distance between clouds of equal size.
+//!
+//! A sparse assignment (`assignment`) by augmenting paths on arcs that a k-d tree gives as needed, started from the
+//! dual solution of coarser clouds, and certified by its own against all pairs. An auction that ends at a tolerance was built
+//! too, and was no faster than the exact solution for clouds that nearly agree.
 
 use std::ops::Range;
 

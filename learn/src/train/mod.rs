@@ -7,6 +7,7 @@ mod check;
 mod difference;
 mod error;
 mod feed;
+mod flow_predictor;
 mod format;
 mod model;
 mod optimizer;
@@ -22,7 +23,8 @@ mod trainer;
 
 pub use error::{FileError, FileProblem, SettingsError, TrainError};
 pub use feed::{Feed, StreamWindow};
-pub use model::{Model, PredictError, Prediction, Provenance};
+pub use flow_predictor::FlowPredictor;
+pub use model::{Model, Provenance};
 pub use optimizer::Optimizer;
 pub use settings::{Schedule, Target, TrainSettings};
 pub use start::Start;

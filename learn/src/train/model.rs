@@ -8,11 +8,10 @@ use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
 use super::settings::TrainSettings;
 use crate::channels::{Channels, DIM};
-use crate::data::{DataError, Normalisation, Subject};
+use crate::data::{Normalisation, Subject};
 use crate::flow::{Sampler, Stream, rng};
-use crate::metrics::surface_spread;
 use crate::net::{Network, NetworkShape, NetworkShapeError, Precision};
-use tdcr_sim::cloud::PointCloud;
+use crate::predict::{PredictError, Prediction};
 
 /// What a network was trained on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,82 +36,6 @@ pub struct Model {
     pub validation_distance: f64,
     /// The network, with averaged weights.
     pub network: Network,
-}
-
-/// A predicted cloud.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Prediction {
-    /// Positions, world frame (m).
-    pub points: Vec<[f32; DIM]>,
-    /// Colours of the points, 8-bit RGB; `None` from a network of positions alone.
-    pub colors: Option<Vec<[u8; 3]>>,
-    /// Number of evaluations of the network.
-    pub evaluations: usize,
-}
-
-impl Prediction {
-    /// Uncertainty of each point (m): the spread of the prediction normal to its surface, over the 16 points about it
-    /// ([`surface_spread`]).
-    ///
-    /// A robot's surface has no thickness: where the network is sure of it, all samples of the prior end on it; where it is
-    /// not, points end before and behind it. The points are those of this prediction and of `others`, predicted for the
-    /// same command with other seeds. In a network whose points move alone (the MLP), the points of one prediction are
-    /// independent samples, so `others` may be empty; clouds of the Hybrid may also differ as a whole.
-    ///
-    /// Larger where predictions are worse, but no bound on the error: a network may be sure and wrong. Edges of the
-    /// robot, and few points, make it larger. `None` where there are fewer than 16 points, or one is not finite.
-    pub fn uncertainty(&self, others: &[Self]) -> Option<Vec<f32>> {
-        let pool: Vec<_> = (std::iter::once(self).chain(others))
-            .flat_map(|prediction| &prediction.points)
-            .copied()
-            .collect();
-        surface_spread(&self.points, &pool).ok()
-    }
-
-    /// The cloud; points without colours of their own get `color`.
-    pub fn into_cloud(self, color: [u8; 3]) -> PointCloud {
-        let Self { points, colors, .. } = self;
-        let colors = colors.unwrap_or_else(|| vec![color; points.len()]);
-        PointCloud { points, colors }
-    }
-}
-
-/// Why no cloud can be predicted for a command.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum PredictError {
-    /// Another number of values than the model was trained with.
-    #[error(transparent)]
-    Length(#[from] DataError),
-    /// A value is NaN or infinite.
-    #[error("value {index} of the command is {found}, expected a finite number")]
-    NotFinite {
-        /// Where in the command.
-        index: usize,
-        /// What stands there.
-        found: f64,
-    },
-    /// The predicted cloud is not one.
-    #[error(
-        "the network's cloud for the command {command:?} is not finite: {channel} of point {point} is {found}; the \
-         model's largest weight is {weight:e}, in tensor `{tensor}`, and its scale is {scale:e} m"
-    )]
-    NoCloud {
-        /// The command (m).
-        command: Vec<f64>,
-        /// The first point that is not finite.
-        point: usize,
-        /// Which of its numbers.
-        channel: &'static str,
-        /// What it is.
-        found: f32,
-        /// The tensor that holds the largest weight.
-        tensor: String,
-        /// The magnitude of that weight.
-        weight: f32,
-        /// The data's scale (m), by which the network's positions are multiplied.
-        scale: f64,
-    },
 }
 
 /// A model's header on disk.

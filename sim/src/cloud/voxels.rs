@@ -1,4 +1,6 @@
 //! Which voxels of a grid hold a point.
+//!
+//! Occupied voxels are bits of sparse blocks: neighbouring pixels mostly share one block.
 
 use hashbrown::HashMap;
 

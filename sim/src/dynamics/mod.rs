@@ -28,6 +28,13 @@
 //! Friction of the tendons in their holes does not act in motion, only in statics: a state does not
 //! hold which way each contact last slipped. Nor do commanded lengths of inextensible tendons, which
 //! would be constraints: such robots are refused.
+//!
+//! # Steps
+//!
+//! [`Integrator::SemiImplicitEuler`] is MuJoCo's step with implicit joint damping, so trajectories agree to rounding. All
+//! vectors of a joint are in world axes about its own centre: armature and damping keep their form there, nothing changes
+//! frames along the chain, and no inertia is a difference of large numbers, although armatures are much larger than the
+//! discs' own inertias. Derivatives come from composite bodies about the base's origin.
 
 mod acceleration;
 mod adjoint;

@@ -1,4 +1,7 @@
 //! Files: written whole or not at all, read only where they are regular and of bounded size.
+//!
+//! A file is written under another name, flushed and renamed, so a stage may be killed at any time, and a full disk leaves what
+//! was there.
 
 mod atomic;
 mod reading;

@@ -4,6 +4,11 @@
 //! any of them, by the name of a standard robot or by a path, and refuse with a [`RobotFileError`]. What a
 //! file of another tool says besides becomes a [`Note`].
 //!
+//! Exchange keeps meanings: a file that says something that a robot cannot have is refused with its line. What changes neither
+//! motion nor equilibria becomes a note, as do contacts, mocap bodies and hinges that are read as a ball joint. An exported
+//! model's time step is stable about its keyframe, by the exact criterion for MuJoCo's Euler integrator. URDF has no tendons:
+//! an element `<tdcr>` holds the robot's own file, and is believed only where links and joints say the same.
+//!
 //! | | reads | writes |
 //! |---|---|---|
 //! | TOML, JSON | [`RobotSpec::load`](crate::robot::RobotSpec::load) | serde, as [`RobotSpec`](crate::robot::RobotSpec) is `Serialize` |

@@ -1,7 +1,9 @@
 //! Where rays meet shapes.
 //!
-//! The shapes in closed form are met by the rays of several pixels at once, without branches. Cylinders too: parry
-//! finds its cylinders by an iterative search (GJK), which is slower and less exact; a test compares the two.
+//! The shapes in closed form are met by the rays of several pixels at once, one in each lane of a vector register, without
+//! branches. Cylinders too: parry finds its cylinders by an iterative search (GJK), which is slower and less exact; a test
+//! compares the two. Triangle meshes alone are parry's. Lanes are `f64`: with `f32`, depth at an outline would be off by
+//! tenths of a millimetre.
 
 use nalgebra::Vector3;
 use parry3d_f64::math::Vec3;

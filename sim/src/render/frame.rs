@@ -1,4 +1,7 @@
 //! RGB-D frames.
+//!
+//! A frame knows a span of each row outside which all is background, so clearing it, back-projection and voxels pass over
+//! the rest.
 
 use std::ops::Range;
 

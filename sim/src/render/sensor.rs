@@ -1,4 +1,6 @@
 //! What real RGB-D cameras do to a picture: noise, quantisation, drop-outs, wrong extrinsics.
+//!
+//! Faults draw from a random stream for each row, and draw the same numbers whichever of the faults are on.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rand::distr::Distribution;

@@ -1,4 +1,7 @@
 //! A scene as one camera sees it, row by row.
+//!
+//! A row is cast solid by solid into a depth buffer that stays in cache, within the columns that the solid's outline bounds;
+//! then each pixel is shaded once.
 
 use std::ops::Range;
 

@@ -12,8 +12,8 @@ use super::{Backbone, Body, Holes, Limit, MassSpec, PerDisc, RodSpec, RouteSpec,
 /// body below. Lengths are in metres, in the frame of the body they belong to; every body's z axis
 /// points along the backbone, towards the tip, in the straight pose.
 ///
-/// Read from TOML or JSON with [`RobotSpec::load`]; the paper's robots are
-/// [`RobotSpec::standard`]. In Rust, change a standard robot, or build one field by field:
+/// Read from TOML or JSON with [`RobotSpec::load`] (`docs/robot-files.md` has every field with its
+/// default and accepted values); the paper's robots are [`RobotSpec::standard`]. In Rust, change a standard robot, or build one field by field:
 ///
 /// ```
 /// use tdcr_sim::robot::{Backbone, PerDisc, Robot, RobotSpec};

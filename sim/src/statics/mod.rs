@@ -9,8 +9,12 @@
 //! there are several, it is the one that this descent from the straight pose finds.
 //! [`Settler::settle_from`] starts elsewhere.
 //!
-//! Moments, and forces that turn with their disc, have no potential: they are brought on from the
-//! equilibrium without them, by Newton's method on the moments left.
+//! Bends that keep the tendon lengths have almost no stiffness, so upright straight poses are unstable. Results say whether
+//! they converged, with which residual, and whether the equilibrium is stable, neutral or unstable.
+//!
+//! A commanded length is a spring whose rest length is corrected by Newton's method on the tensions, so that gains, lengths
+//! and tensions share one potential. Moments, and forces that turn with their disc, have none: they are applied by
+//! continuation from the equilibrium without them, by Newton's method on the residual moments with a dense Jacobian.
 
 mod descent;
 mod following;

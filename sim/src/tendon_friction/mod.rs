@@ -16,7 +16,8 @@
 //! last hole, it moves through hole `h` towards the servo by as much as `sum_(j >= h) l_j` shrinks. A
 //! contact deflects by `z_h` as the tendon moves, with `f_h = sigma z_h`, `sigma` the
 //! [contact stiffness](crate::robot::Friction); beyond the cone it slips, and `f_h` stays at the bound.
-//! That is elastoplasticity by return mapping (Simo and Hughes, Computational Inelasticity, ch. 1):
+//! The tension of a segment so depends on the slip at all holes before it, and there is no potential. The law is
+//! elastoplasticity by return mapping (Simo and Hughes, Computational Inelasticity, ch. 1):
 //! contacts store energy and dissipate it, and never create any. A tendon that does not pull has no
 //! friction.
 //!

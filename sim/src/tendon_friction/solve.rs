@@ -8,7 +8,8 @@
 //! Hintermueller, Ito and Kunisch, SIAM J. Optim. 13, 2002). Steps are shortened until the next
 //! simplified correction is smaller (natural monotonicity test: Deuflhard, Newton Methods for
 //! Nonlinear Problems, ch. 3), which does not mind that the robot's bends differ in stiffness by many
-//! orders of magnitude, as a test of `|r|` would.
+//! orders of magnitude, as a test of `|r|` would. Plain semismooth Newton steps jump between the two senses of slip, as
+//! sticking is so much stiffer than slipping; the active set does not.
 
 #[cfg(test)]
 mod tests;

@@ -23,7 +23,7 @@ pub(in crate::cli) struct ImportArgs {
     #[arg(long, value_enum, default_value_t = Units::M)]
     units: Units,
     /// Points per cloud
-    #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::super::amount)]
+    #[arg(long, default_value_t = ImportSettings::default().points, value_name = "N", value_parser = super::super::amount)]
     points: usize,
     /// Edge of the voxels that thin the clouds (m); by default they are not thinned
     #[arg(long, value_name = "M", value_parser = super::super::positive, allow_hyphen_values = true)]

@@ -3,16 +3,17 @@
 use tdcr::learn::data::Sample;
 use tdcr::learn::flow::{Sampler, TimeGrid};
 use tdcr::learn::metrics::nearest_distances;
-use tdcr::pipeline::{Distances, Evaluation, Evaluator, PipelineError};
-use tdcr::report::{Example, MotorGroup, PerTest, Report, Score};
+use tdcr::pipeline::{Evaluation, Evaluator, PipelineError, Row, RowScore};
+use tdcr::report::{Example, MethodDistances, MotorGroup, PerTest, Report, Role, Score};
 use tdcr::sim::cloud::PointCloud;
 use tdcr::sim::robot::Robot;
 
-use super::eval::{EvalArgs, Metrics};
+use super::{EvalArgs, Evaluated, Metrics};
 
 /// The page on an evaluation that shows the `worst` test commands.
 pub(super) fn page(
     args: &EvalArgs,
+    evaluated: &Evaluated,
     evaluator: &Evaluator,
     evaluation: &Evaluation,
     metrics: &Metrics,
@@ -22,26 +23,24 @@ pub(super) fn page(
         0 => format!("test {test}, the worst"),
         rank => format!("test {test}, number {} of the worst", rank + 1),
     };
-    let (model, settings) = (evaluator.model(), evaluator.settings());
     let entry = |name: &str, value: String| (name.to_owned(), value);
-    let mut summary = match (&args.predictions, model) {
-        (Some(file), _) => vec![entry("Predictions", file.display().to_string())],
-        (None, Some(model)) => vec![
+    let mut summary = match evaluated {
+        Evaluated::Clouds(file) => vec![entry("Predictions", file.display().to_string())],
+        Evaluated::Model(model, sampler) => vec![
             entry("Model", args.model.display().to_string()),
             entry(
                 "Network",
                 format!("{} parameters", model.network.params().len()),
             ),
             entry("Training", format!("best at step {}", model.step)),
-            entry("Sampler", sampler_text(&settings.sampler)),
+            entry("Sampler", sampler_text(sampler)),
         ],
-        (None, None) => vec![],
     };
     summary.extend(precision_text(metrics).map(|text| entry("Precision", text)));
     summary.extend([
         entry("Data set", args.data.display().to_string()),
         entry("Test commands", metrics.tests.to_string()),
-        entry("Seed", settings.seed.to_string()),
+        entry("Seed", evaluator.settings().seed.to_string()),
         entry("tdcr", env!("CARGO_PKG_VERSION").to_owned()),
     ]);
     Ok(Report {
@@ -61,19 +60,10 @@ pub(super) fn page(
     })
 }
 
-fn score(name: &str, distances: Distances) -> Score {
-    Score {
-        name: name.to_owned(),
-        cd: distances.cd,
-        emd: distances.emd,
-        emd_squared: distances.emd_squared,
-    }
-}
-
 /// How far the network's clouds are from the true ones, beside those of the nearest training command: root mean square
 /// distances between nearest points, and their ratio. CD is the sum of the mean squares both ways, so a ratio of CDs is one
 /// of squared distances.
-pub(super) fn headline(metrics: &Metrics) -> String {
+pub(in crate::cli) fn headline(metrics: &Metrics) -> String {
     let [network, nearest] = [metrics.cd, metrics.cd_nearest].map(|cd| 1e3 * (cd / 2.0).sqrt());
     format!(
         "Over {} test commands, points of the network's clouds and of the true ones are {network:.2} mm from the nearest \
@@ -86,7 +76,7 @@ pub(super) fn headline(metrics: &Metrics) -> String {
 }
 
 /// Which numbers of the data set's commands belong together.
-pub(super) fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
+pub(in crate::cli) fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
     let count = evaluator
         .test()
         .first()
@@ -94,25 +84,37 @@ pub(super) fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
     MotorGroup::of(evaluator.robot().map(Robot::spec), count)
 }
 
-/// Mean scores of the predictors.
-pub(super) fn scores(evaluation: &Evaluation) -> Vec<Score> {
-    let mean = evaluation.mean();
-    [
-        Some(score("Network", mean.network)),
-        Some(score("Nearest training command", mean.nearest)),
-        mean.mean.map(|mean| score("Mean command", mean)),
-        mean.perfect
-            .map(|perfect| score("Perfect predictor", perfect)),
-    ]
-    .into_iter()
-    .flatten()
-    .collect()
+/// Key of the row that ratios are of.
+const FLOOR: &str = "floor";
+
+/// Mean scores of all rows but the floor.
+pub(in crate::cli) fn scores(evaluation: &Evaluation) -> Vec<Score> {
+    mean_scores(evaluation, |row| row.about.key != FLOOR)
 }
 
 /// Mean score of second samples of the true surfaces.
-pub(super) fn floor(evaluation: &Evaluation) -> Option<Score> {
-    let floor = evaluation.mean().floor;
-    floor.map(|floor| score("Sampling floor", floor))
+pub(in crate::cli) fn floor(evaluation: &Evaluation) -> Option<Score> {
+    mean_scores(evaluation, |row| row.about.key == FLOOR).pop()
+}
+
+fn mean_scores(evaluation: &Evaluation, which: impl Fn(&Row) -> bool) -> Vec<Score> {
+    let mean = evaluation.mean().rows;
+    let rows = evaluation.rows.iter().zip(mean);
+    rows.filter(|(row, _)| which(row))
+        .map(|(row, RowScore { distances, .. })| Score {
+            name: title(row),
+            cd: distances.cd,
+            emd: distances.emd,
+            emd_squared: distances.emd_squared,
+        })
+        .collect()
+}
+
+/// A row's name with a capital.
+fn title(row: &Row) -> String {
+    let mut letters = row.about.name.chars();
+    let first = letters.next().into_iter().flat_map(char::to_uppercase);
+    first.chain(letters).collect()
 }
 
 /// What is said of the tips.
@@ -126,7 +128,7 @@ fn tip_note(metrics: &Metrics) -> Option<String> {
 }
 
 /// How the scores were computed.
-pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
+pub(in crate::cli) fn score_notes(metrics: &Metrics) -> Vec<String> {
     let mut notes = vec![
         format!("Means over {} test commands.", metrics.tests),
         format!(
@@ -147,31 +149,55 @@ pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
 }
 
 /// Chamfer distances of each test command.
-pub(super) fn per_test(
+pub(in crate::cli) fn per_test(
     evaluator: &Evaluator,
     evaluation: &Evaluation,
 ) -> Result<PerTest, PipelineError> {
-    let all = &evaluation.per_test;
     let command = |sample: &Sample| sample.condition.motors.iter().map(|&x| x.into()).collect();
     Ok(PerTest {
-        network: all.iter().map(|s| s.network.cd).collect(),
-        nearest: all.iter().map(|s| s.nearest.cd).collect(),
-        floor: all.iter().filter_map(|s| Some(s.floor?.cd)).collect(),
+        methods: methods(evaluation),
         commands: evaluator.test().iter().map(command).collect(),
-        apart: (0..all.len())
+        apart: (0..evaluation.per_test.len())
             .map(|test| evaluator.distance_to_training(test))
             .collect::<Result<_, _>>()?,
     })
 }
 
+/// The rows whose distances are drawn: not the mean command, which is far off, nor the perfect predictor, which is where the
+/// floor is.
+fn methods(evaluation: &Evaluation) -> Vec<MethodDistances> {
+    let mut methods = Vec::new();
+    let mut others = 0;
+    for (place, row) in evaluation.rows.iter().enumerate() {
+        let role = match row.about.key.as_str() {
+            _ if place == 0 => Role::Network,
+            "nearest" => Role::Nearest,
+            FLOOR => Role::Floor,
+            "mean" | "perfect" => continue,
+            _ => {
+                others += 1;
+                Role::Other(others - 1)
+            }
+        };
+        let values = evaluation.per_test.iter();
+        methods.push(MethodDistances {
+            name: title(row),
+            role,
+            values: values.map(|s| s.rows[place].distances.cd).collect(),
+        });
+    }
+    methods
+}
+
 /// The clouds of one test command.
-pub(super) fn example(
+pub(in crate::cli) fn example(
     evaluator: &Evaluator,
     evaluation: &Evaluation,
     test: usize,
     label: String,
 ) -> Result<Example, PipelineError> {
     let scores = &evaluation.per_test[test];
+    let evaluated = scores.evaluated();
     let sample = &evaluator.test()[test];
     let condition = &sample.condition;
     let prediction = evaluator.predict(test)?;
@@ -183,12 +209,12 @@ pub(super) fn example(
         truth: sample.cloud.clone(),
         error: nearest_distances(&prediction.points, &sample.cloud.points)?,
         uncertainty: uncertainty.into_iter().map(f64::from).collect(),
-        tip: scores.tip.map(|tip| tip.network),
+        tip: evaluated.tip,
         prediction: colorless(prediction.points),
         nearest: colorless(evaluator.nearest(test)?),
-        cd: scores.network.cd,
-        emd: scores.network.emd,
-        cd_nearest: scores.nearest.cd,
+        cd: evaluated.distances.cd,
+        emd: evaluated.distances.emd,
+        cd_nearest: (scores.get("nearest")).map_or(f64::NAN, |row| row.distances.cd),
     })
 }
 
@@ -198,7 +224,7 @@ fn colorless(points: Vec<[f32; 3]>) -> PointCloud {
 }
 
 /// What numbers the network's products are of; `None` where there is no network.
-pub(super) fn precision_text(metrics: &Metrics) -> Option<String> {
+pub(in crate::cli) fn precision_text(metrics: &Metrics) -> Option<String> {
     let (prediction, training) = (metrics.precision?, metrics.training_precision?);
     Some(format!(
         "{} in prediction, {} in training",
@@ -208,7 +234,7 @@ pub(super) fn precision_text(metrics: &Metrics) -> Option<String> {
 }
 
 /// What the sampler is, in a few words.
-pub(super) fn sampler_text(sampler: &Sampler) -> String {
+pub(in crate::cli) fn sampler_text(sampler: &Sampler) -> String {
     let Sampler {
         method,
         steps,

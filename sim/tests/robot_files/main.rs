@@ -8,8 +8,11 @@ use std::time::{Duration, Instant};
 use tdcr_sim::formats::RobotFileError;
 use tdcr_sim::robot::{Body, Cameras, Holes, Robot, RobotSpec, SpecError, Waypoint};
 
-const EVERY_FIELD: &str = include_str!("../../examples/every-field.toml");
-const THREE_SEGMENTS: &str = include_str!("../../examples/three-segments.toml");
+mod documented;
+mod page;
+
+const EVERY_FIELD: &str = include_str!("../../../examples/every-field.toml");
+const THREE_SEGMENTS: &str = include_str!("../../../examples/three-segments.toml");
 
 /// Loads a robot from a file of this text.
 fn load(extension: &str, text: &str) -> Result<RobotSpec, RobotFileError> {

@@ -1,0 +1,63 @@
+//! A trained model with a sampler: the flow as a predictor.
+
+use std::sync::Arc;
+
+use super::Model;
+use crate::data::Condition;
+use crate::flow::Sampler;
+use crate::net::Channels;
+use crate::predict::{About, PredictError, Prediction, Predictor, TrainingCost};
+
+/// Predicts by a model's network, whose flow is followed by a sampler.
+#[derive(Clone)]
+pub struct FlowPredictor {
+    model: Arc<Model>,
+    sampler: Sampler,
+}
+
+impl FlowPredictor {
+    /// A predictor by `model`, in the precision that its network has, with `sampler`.
+    pub fn new(model: Arc<Model>, sampler: Sampler) -> Self {
+        Self { model, sampler }
+    }
+}
+
+impl Predictor for FlowPredictor {
+    fn about(&self) -> About {
+        let Model {
+            provenance,
+            settings,
+            step,
+            validation_distance,
+            network,
+        } = &*self.model;
+        let facts = [
+            ("step", step.to_string()),
+            ("validation distance", validation_distance.to_string()),
+            ("sampler", format!("{:?}", self.sampler)),
+            ("precision", network.precision().name().to_owned()),
+        ];
+        About {
+            key: "network".to_owned(),
+            name: "network".to_owned(),
+            method: "a network that carries noise to the robot's surface".to_owned(),
+            made_from: facts.map(|(name, value)| (name.to_owned(), value)).into(),
+            subject: provenance.subject.clone(),
+            colors: network.shape().channels() == Channels::XyzRgb,
+            training: TrainingCost {
+                points: step.saturating_mul((settings.clouds * settings.points) as u64),
+                seconds: None,
+            },
+        }
+    }
+
+    fn predict(
+        &self,
+        condition: &Condition,
+        points: usize,
+        seed: u64,
+    ) -> Result<Prediction, PredictError> {
+        let condition = condition.to_vec();
+        self.model.predict(&condition, points, seed, &self.sampler)
+    }
+}

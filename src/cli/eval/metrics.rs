@@ -1,0 +1,160 @@
+//! The mean scores of an evaluation, as files and `--json` name them.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use tdcr::learn::net::Precision;
+use tdcr::learn::train::Model;
+use tdcr::pipeline::{EvalSettings, Evaluation, RowScore, Scores};
+
+/// Keys of the rows that every evaluation of a simulated data set has, whose scores have names of their own.
+const OWN_KEYS: [&str; 4] = ["nearest", "mean", "perfect", "floor"];
+
+/// Mean scores, as `metrics.json` and `--json` name them: CD and squared EMD in m², EMD in m.
+#[derive(Clone, Debug, Serialize)]
+pub struct Metrics {
+    pub cd: f64,
+    pub cd_floor: Option<f64>,
+    /// Of a perfect predictor, whose points are independent of each other.
+    pub cd_perfect: Option<f64>,
+    pub cd_nearest: f64,
+    pub cd_mean: Option<f64>,
+    pub emd: f64,
+    pub emd_floor: Option<f64>,
+    pub emd_nearest: f64,
+    pub emd_mean: Option<f64>,
+    /// Largest duality gap of all EMDs found, of every predictor and test command (m).
+    pub emd_gap: f64,
+    pub emd_squared: f64,
+    pub emd_squared_floor: Option<f64>,
+    pub emd_squared_nearest: f64,
+    pub emd_squared_mean: Option<f64>,
+    /// Largest duality gap of all squared EMDs found (m²).
+    pub emd_squared_gap: f64,
+    /// Mean absolute colour difference of predicted points from the nearest true ones, in [0, 1]; `None` where the
+    /// network or the data set has no colours.
+    pub color: Option<f64>,
+    /// Mean distance of the tip in the network's clouds from the true one (m); `None` where the data set names no robot.
+    pub tip: Option<f64>,
+    /// The same in the clouds of the nearest training commands (m).
+    pub tip_nearest: Option<f64>,
+    /// Mean uncertainty of the network's points (m); `None` where too few points tell.
+    pub uncertainty: Option<f64>,
+    /// Spearman's rank correlation of a point's uncertainty with its distance from the true cloud, over the points of
+    /// a test command; mean over the commands.
+    pub uncertainty_rank_points: Option<f64>,
+    /// Spearman's rank correlation of a cloud's mean uncertainty with its Chamfer distance, over the test commands.
+    pub uncertainty_rank_commands: Option<f64>,
+    /// Evaluations of the network in a prediction; mean over the test commands. `None`, as what follows on the network, where
+    /// the clouds are another program's.
+    pub evaluations: Option<f64>,
+    pub tests: usize,
+    pub points: usize,
+    pub emd_points: usize,
+    /// Numbers of the network's products when it predicted, and when it was trained.
+    pub precision: Option<Precision>,
+    pub training_precision: Option<Precision>,
+    /// Scores of what else was compared, by key.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub others: BTreeMap<String, OtherMetrics>,
+}
+
+/// Mean scores of another predictor, in the units of [`Metrics`].
+#[derive(Clone, Debug, Serialize)]
+pub struct OtherMetrics {
+    pub name: String,
+    pub cd: f64,
+    pub emd: f64,
+    pub emd_squared: f64,
+    pub color: Option<f64>,
+    pub tip: Option<f64>,
+    pub evaluations: f64,
+    /// Training points that it saw, and the wall-clock time of its training (s) where that is known.
+    pub training_points: u64,
+    pub training_seconds: Option<f64>,
+}
+
+impl Metrics {
+    /// Of an evaluated model's network, in its present precision; of another program's clouds without a model.
+    pub fn new(evaluation: &Evaluation, settings: &EvalSettings, model: Option<&Model>) -> Self {
+        let mean = evaluation.mean();
+        let greatest = evaluation.greatest();
+        let RowScore {
+            distances,
+            tip,
+            color,
+            uncertainty,
+            evaluations,
+            ..
+        } = mean.evaluated();
+        let of = |key: &str| mean.get(key).map(|row| row.distances);
+        let [nearest, mean_command, perfect, floor] = OWN_KEYS.map(of);
+        // Every evaluation has the nearest training command.
+        let nearest = nearest.unwrap_or(*distances);
+        Self {
+            cd: distances.cd,
+            cd_floor: floor.map(|d| d.cd),
+            cd_perfect: perfect.map(|d| d.cd),
+            cd_nearest: nearest.cd,
+            cd_mean: mean_command.map(|d| d.cd),
+            emd: distances.emd,
+            emd_floor: floor.map(|d| d.emd),
+            emd_nearest: nearest.emd,
+            emd_mean: mean_command.map(|d| d.emd),
+            emd_gap: greatest.emd_gap,
+            emd_squared: distances.emd_squared,
+            emd_squared_floor: floor.map(|d| d.emd_squared),
+            emd_squared_nearest: nearest.emd_squared,
+            emd_squared_mean: mean_command.map(|d| d.emd_squared),
+            emd_squared_gap: greatest.emd_squared_gap,
+            color: *color,
+            tip: *tip,
+            tip_nearest: mean.get("nearest").and_then(|row| row.tip),
+            uncertainty: uncertainty.map(|u| u.mean),
+            uncertainty_rank_points: uncertainty.and_then(|u| u.rank_correlation),
+            uncertainty_rank_commands: evaluation.uncertainty_rank_correlation(),
+            evaluations: model.map(|_| *evaluations),
+            tests: evaluation.per_test.len(),
+            points: settings.points,
+            emd_points: settings.emd_points,
+            precision: model.map(|model| model.network.precision()),
+            training_precision: model.map(|model| model.settings.precision),
+            others: others(evaluation, &mean),
+        }
+    }
+
+    /// How uncertain the network is, and how well that tells its errors.
+    pub fn uncertainty_text(&self) -> Option<String> {
+        let number = |value: Option<f64>| value.map_or("unknown".to_owned(), |x| format!("{x:.2}"));
+        self.uncertainty.map(|mean| {
+            format!(
+                "Uncertainty of the network's points: {:.3} mm on average. Its rank correlation with the error is {} over \
+                 the points of a command, {} over the commands.",
+                1e3 * mean,
+                number(self.uncertainty_rank_points),
+                number(self.uncertainty_rank_commands)
+            )
+        })
+    }
+}
+
+/// Scores of what was added to the evaluation.
+fn others(evaluation: &Evaluation, mean: &Scores) -> BTreeMap<String, OtherMetrics> {
+    let rows = evaluation.rows.iter().zip(&mean.rows).skip(1);
+    rows.filter(|(row, _)| !OWN_KEYS.contains(&row.about.key.as_str()))
+        .map(|(row, score)| {
+            let metrics = OtherMetrics {
+                name: row.about.name.clone(),
+                cd: score.distances.cd,
+                emd: score.distances.emd,
+                emd_squared: score.distances.emd_squared,
+                color: score.color,
+                tip: score.tip,
+                evaluations: score.evaluations,
+                training_points: row.about.training.points,
+                training_seconds: row.about.training.seconds,
+            };
+            (row.about.key.clone(), metrics)
+        })
+        .collect()
+}

@@ -1,0 +1,226 @@
+//! `tdcr eval`.
+
+mod metrics;
+pub(super) mod page;
+mod tables;
+#[cfg(test)]
+mod tests;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::Context;
+use clap::Args;
+use serde::Serialize;
+use tdcr::learn::data::read_predictions;
+use tdcr::learn::flow::Sampler;
+use tdcr::learn::train::{FlowPredictor, Model};
+use tdcr::pipeline::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles};
+
+use super::console::Console;
+use super::{PrecisionArgs, SamplerArgs, output};
+
+pub(super) use metrics::Metrics;
+pub(super) use tables::scores as table;
+
+/// Score a trained model, or anyone's clouds, on the test commands of a data set, beside trivial predictors and the floor
+#[derive(Debug, Args)]
+pub(super) struct EvalArgs {
+    /// The trained model
+    #[arg(long, default_value = "run/model.safetensors", value_name = "FILE")]
+    pub model: PathBuf,
+    /// Score these clouds instead, of any program: an NPZ file of `points` (T, N, 3), floats (m), a cloud for each command of
+    /// the test split in its order; maybe of `rgb` (T, N, 3) and of `commands` (T, D), which are compared with the test
+    /// split's. `tdcr predict --commands FILE --out clouds.npz` writes such a file
+    #[arg(
+        long,
+        value_name = "FILE.npz",
+        conflicts_with_all = ["model", "sampler", "sampler_steps", "sampler_power", "sampler_tolerance", "precision"]
+    )]
+    pub predictions: Option<PathBuf>,
+    /// Folder of the data set
+    #[arg(long, default_value = "data", value_name = "DIR")]
+    pub data: PathBuf,
+    #[command(flatten)]
+    scoring: ScoringArgs,
+    /// Test commands to name, and to show in the report: those predicted worst, by Chamfer distance
+    #[arg(long, default_value_t = 5, value_name = "N")]
+    worst: usize,
+    /// Write a page on the scores: table, distribution, pictures of the worst predictions
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+/// How clouds are compared.
+#[derive(Debug, Args)]
+pub(super) struct ScoringArgs {
+    /// Points of each cloud that the Chamfer distance is computed on
+    #[arg(long, default_value_t = EvalSettings::default().points, value_name = "N")]
+    points: usize,
+    /// Points of each cloud that the exact earth mover's distances are computed on
+    #[arg(long, default_value_t = EvalSettings::default().emd_points, value_name = "N")]
+    emd_points: usize,
+    #[command(flatten)]
+    sampler: SamplerArgs,
+    #[command(flatten)]
+    precision: PrecisionArgs,
+    /// Seed of noise and subsets
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+impl ScoringArgs {
+    fn settings(&self) -> EvalSettings {
+        EvalSettings {
+            points: self.points,
+            emd_points: self.emd_points,
+            seed: self.seed,
+        }
+    }
+}
+
+/// What is evaluated.
+enum Evaluated {
+    /// A model, in the precision that it predicts in, and its sampler.
+    Model(Arc<Model>, Sampler),
+    /// The clouds in a file.
+    Clouds(PathBuf),
+}
+
+impl Evaluated {
+    fn model(&self) -> Option<&Model> {
+        match self {
+            Self::Model(model, _) => Some(model),
+            Self::Clouds(_) => None,
+        }
+    }
+}
+
+/// What is evaluated, and what scores it.
+fn prepare(args: &EvalArgs) -> anyhow::Result<(Evaluated, Evaluator)> {
+    let settings = args.scoring.settings();
+    if let Some(file) = &args.predictions {
+        let clouds = read_predictions(file)?;
+        let evaluator = Evaluator::of_clouds(clouds, &args.data, settings);
+        let evaluator = evaluator.with_context(|| file.display().to_string())?;
+        return Ok((Evaluated::Clouds(file.clone()), evaluator));
+    }
+    let model = super::load_model(&args.model)?;
+    let sampler = args.scoring.sampler.sampler(&model.settings)?;
+    let precision = (args.scoring.precision).of_width(model.network.shape().width());
+    let model = Arc::new(model.with_precision(precision)?);
+    let predictor = FlowPredictor::new(model.clone(), sampler);
+    let evaluator = Evaluator::new(Arc::new(predictor), &args.data, settings)?;
+    Ok((Evaluated::Model(model, sampler), evaluator))
+}
+
+/// What `tdcr eval` says.
+#[derive(Serialize)]
+struct Said {
+    #[serde(flatten)]
+    metrics: Metrics,
+    network_quantiles: NetworkQuantiles,
+    worst: Vec<WorstTest>,
+}
+
+/// Quantiles of the network's distances over the test commands.
+#[derive(Serialize)]
+struct NetworkQuantiles {
+    cd: Quantiles,
+    emd: Quantiles,
+    emd_squared: Quantiles,
+}
+
+/// A test command that the network predicts badly.
+#[derive(Serialize)]
+struct WorstTest {
+    /// Index in the test split.
+    test: usize,
+    command: Vec<f32>,
+    /// Mass hung from the tip (kg); `None` in a data set without payloads.
+    payload: Option<f32>,
+    cd: f64,
+    emd: f64,
+    emd_squared: f64,
+}
+
+impl WorstTest {
+    fn new(evaluator: &Evaluator, evaluation: &Evaluation, test: usize) -> Self {
+        let Distances {
+            cd,
+            emd,
+            emd_squared,
+            ..
+        } = evaluation.per_test[test].evaluated().distances;
+        let condition = &evaluator.test()[test].condition;
+        Self {
+            test,
+            command: condition.motors.clone(),
+            payload: condition.payload,
+            cd,
+            emd,
+            emd_squared,
+        }
+    }
+}
+
+pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
+    if let Some(path) = &args.report {
+        output::format("--report", path, &["html"])?;
+    }
+    let (evaluated, evaluator) = prepare(args)?;
+    if evaluator.lacks_colors() {
+        tracing::warn!(
+            "{}: all points of the test clouds have one colour, as those that were imported without colours do: the \
+             predicted colours are not scored",
+            args.data.display()
+        );
+    }
+    let evaluation = evaluator.run(None, console)?;
+    let mut worst = evaluation.worst_first();
+    worst.truncate(args.worst);
+    let said = Said {
+        metrics: Metrics::new(&evaluation, evaluator.settings(), evaluated.model()),
+        network_quantiles: NetworkQuantiles {
+            cd: evaluation.quantiles(|d| d.cd),
+            emd: evaluation.quantiles(|d| d.emd),
+            emd_squared: evaluation.quantiles(|d| d.emd_squared),
+        },
+        worst: (worst.iter())
+            .map(|&test| WorstTest::new(&evaluator, &evaluation, test))
+            .collect(),
+    };
+    console.result(&said, |said| {
+        let m = &said.metrics;
+        format!(
+            "{}{}\n{}\n{}\nmeans over {} test commands{}; CD on {} points, EMD and squared\n\
+             EMD (least mean squared distance) on {}, exact: their duality gaps are at most {:.1e} m and {:.1e} m²",
+            tables::scores(&evaluation),
+            (m.uncertainty_text()).map_or(String::new(), |text| text + "\n"),
+            tables::quantiles(&said.network_quantiles),
+            tables::worst(&said.worst),
+            m.tests,
+            m.evaluations.map_or(String::new(), |evaluations| format!(
+                ", of {} evaluations of the network each",
+                (10.0 * evaluations).round() / 10.0
+            )),
+            m.points,
+            m.emd_points,
+            m.emd_gap,
+            m.emd_squared_gap,
+        )
+    })?;
+    // After the result: a page that cannot be written costs nothing but the page.
+    if let Some(path) = &args.report {
+        let page = page::page(
+            args,
+            &evaluated,
+            &evaluator,
+            &evaluation,
+            &said.metrics,
+            &worst,
+        )?;
+        output::write(path, page.to_html())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,162 @@
+//! A predictor of one's own beside those that every evaluation has.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+use std::path::Path;
+use std::sync::Arc;
+
+use tdcr::learn::data::{Condition, DataSet, Split};
+use tdcr::learn::predict::{About, PredictError, Prediction, Predictor, TrainingCost};
+use tdcr::pipeline::{
+    CollectSettings, EvalSettings, Evaluation, Evaluator, PipelineError, Silent, collect,
+};
+use tdcr::report::Report;
+
+use super::{Metrics, page, table};
+
+/// Predicts a cloud that it was given, whatever the condition.
+struct Fixed {
+    key: &'static str,
+    points: Vec<[f32; 3]>,
+}
+
+impl Predictor for Fixed {
+    fn about(&self) -> About {
+        About {
+            key: self.key.to_owned(),
+            name: "fixed guess".to_owned(),
+            method: "one cloud for all conditions".to_owned(),
+            training: TrainingCost {
+                points: 7,
+                seconds: Some(0.5),
+            },
+            ..About::default()
+        }
+    }
+
+    fn predict(&self, _: &Condition, _: usize, _: u64) -> Result<Prediction, PredictError> {
+        Ok(Prediction {
+            points: self.points.clone(),
+            colors: None,
+            evaluations: 3,
+        })
+    }
+}
+
+const SETTINGS: EvalSettings = EvalSettings {
+    points: 300,
+    emd_points: 60,
+    seed: 5,
+};
+
+fn fixed(key: &'static str, data: &Path) -> Arc<Fixed> {
+    let validation = DataSet::open(data).unwrap().read_split(Split::Val).unwrap();
+    let points = validation[0].cloud.points.clone();
+    Arc::new(Fixed { key, points })
+}
+
+/// A small data set in `folder`.
+fn collected(folder: &Path) -> std::path::PathBuf {
+    let data = folder.join("data");
+    let settings = CollectSettings {
+        count: 20,
+        points: 300,
+        ..CollectSettings::default()
+    };
+    collect(&settings, &data, &Silent).unwrap();
+    data
+}
+
+fn keys(evaluation: &Evaluation) -> Vec<&str> {
+    let rows = evaluation.rows.iter();
+    rows.map(|row| row.about.key.as_str()).collect()
+}
+
+#[test]
+fn an_added_predictor_is_scored_in_json_in_the_table_and_in_the_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = collected(folder.path());
+    let alone = Evaluator::new(fixed("first", &data), &data, SETTINGS).unwrap();
+    let alone = alone.run(None, &Silent).unwrap();
+    assert_eq!(
+        keys(&alone),
+        ["first", "nearest", "mean", "perfect", "floor"]
+    );
+
+    let mut evaluator = Evaluator::new(fixed("first", &data), &data, SETTINGS).unwrap();
+    evaluator.compare(fixed("toy", &data)).unwrap();
+    for taken in ["first", "toy", "mean", "floor"] {
+        let refused = evaluator.compare(fixed(taken, &data));
+        assert!(matches!(refused, Err(PipelineError::SameKey { key }) if key == taken));
+    }
+    let journal = folder.path().join("journal");
+    let evaluation = evaluator.run(Some(&journal), &Silent).unwrap();
+    let expected = ["first", "nearest", "mean", "toy", "perfect", "floor"];
+    assert_eq!(keys(&evaluation), expected);
+    // What is added changes no other row, and is found again in the journal.
+    for (with, without) in evaluation.per_test.iter().zip(&alone.per_test) {
+        for row in &without.rows {
+            assert_eq!(with.get(&row.key), Some(row));
+        }
+        assert_eq!(
+            with.rows.iter().map(|row| &row.key).collect::<Vec<_>>(),
+            expected
+        );
+    }
+    let written = std::fs::read(&journal).unwrap();
+    let again = evaluator.run(Some(&journal), &Silent).unwrap();
+    assert_eq!(again.per_test, evaluation.per_test);
+    assert_eq!(std::fs::read(&journal).unwrap(), written);
+
+    let mean = evaluation.mean();
+    let toy = mean.get("toy").unwrap();
+    assert!(toy.distances.cd > 0.0 && toy.tip.is_some_and(|tip| tip > 0.0));
+    let json =
+        |evaluation| serde_json::to_value(Metrics::new(evaluation, &SETTINGS, None)).unwrap();
+    let (scores, scores_alone) = (json(&evaluation), json(&alone));
+    assert_eq!(scores["others"]["toy"]["cd"], toy.distances.cd);
+    assert_eq!(scores["others"]["toy"]["evaluations"], 3.0);
+    assert_eq!(scores["others"]["toy"]["training_points"], 7);
+    assert_eq!(scores_alone.get("others"), None);
+    for key in [
+        "cd",
+        "cd_nearest",
+        "cd_mean",
+        "cd_perfect",
+        "cd_floor",
+        "tip_nearest",
+    ] {
+        assert_eq!(scores[key], scores_alone[key], "{key}");
+    }
+    let text = table(&evaluation);
+    let row = text.lines().filter(|line| line.starts_with("fixed guess "));
+    assert_eq!(row.count(), 2, "{text}");
+
+    let report = Report {
+        scores: page::scores(&evaluation),
+        floor: page::floor(&evaluation),
+        per_test: Some(page::per_test(&evaluator, &evaluation).unwrap()),
+        ..Report::default()
+    };
+    let page = report.to_html();
+    assert_eq!(
+        page.matches("<th scope=\"row\">Fixed guess</th>").count(),
+        2
+    );
+    assert!(page.contains("<i class=\"stroke other solid\"></i>Fixed guess</li>"));
+}
+
+#[test]
+fn a_predictor_of_too_few_points_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = collected(folder.path());
+    let few = Fixed {
+        key: "few",
+        points: vec![[0.0; 3]; 299],
+    };
+    let evaluator = Evaluator::new(Arc::new(few), &data, SETTINGS).unwrap();
+    let refused = evaluator.run(None, &Silent).unwrap_err();
+    assert_eq!(
+        refused.to_string(),
+        "fixed guess: 299 points in a predicted cloud, expected at least 300"
+    );
+}

@@ -1,0 +1,32 @@
+//! Whether a predictor and a data set are of the same robot.
+
+use tdcr_learn::data::Subject;
+
+use super::PipelineError;
+
+/// Refuses to score a model of one subject on clouds of another.
+pub(super) fn require_same(model: &Subject, data: &Subject) -> Result<(), PipelineError> {
+    if model.robot != data.robot {
+        return Err(PipelineError::OtherRobot {
+            model: model.robot.name.clone(),
+            data: data.robot.name.clone(),
+        });
+    }
+    if model.base != data.base {
+        return Err(PipelineError::OtherBase {
+            model: model.base,
+            data: data.base,
+        });
+    }
+    let covered = match (model.payload, data.payload) {
+        (Some(model), Some(data)) => model.covers(data),
+        (model, data) => model == data,
+    };
+    if !covered {
+        return Err(PipelineError::OtherPayload {
+            model: model.payload,
+            data: data.payload,
+        });
+    }
+    Ok(())
+}
