@@ -8,11 +8,11 @@ use super::context_shape::ContextShape;
 use super::shape::{HybridShape, Layers};
 use crate::flow::VelocityField;
 use crate::net::kernels::Precision;
-use crate::net::kernels::float32::add;
+use crate::net::kernels::float32::{add, reset};
 use crate::net::layers::{Passes, Weights};
 use crate::net::mlp::{
     Batch, ConditionerTape, Loss, PackedTrunk, PointPass, STRIPE, Share, TrunkTapes,
-    add_trunk_gradients, divide, reset,
+    add_trunk_gradients, divide,
 };
 use crate::net::parameters::{NetworkShapeError, Table, require_precision};
 use crate::pool::Pool;
@@ -68,9 +68,6 @@ struct Split<T> {
 
 impl Hybrid {
     /// A network with fresh parameters drawn from `rng`.
-    ///
-    /// Layers start as PyTorch's do and norms as the identity; FiLM heads and the output layers of the context start at
-    /// zero, so that the network starts as its head alone.
     ///
     /// # Errors
     /// [`NetworkShapeError`] where `shape` is out of bounds.

@@ -31,7 +31,7 @@ mod velocity;
 pub use batch::{Batch, Loss};
 pub use conditioner::{Conditioner, ConditionerTape, Part};
 pub use shape::MlpShape;
-pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide, reset};
+pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide};
 pub use trunk::Trunk;
 pub use trunk_bf16::PackedTrunk;
 pub use trunk_tiles::TrunkTapes;
