@@ -57,16 +57,16 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod balance;
 mod capstan;
 mod line;
 mod snap;
-mod solve;
 
 use crate::chain::Configuration;
 use crate::robot::{Command, Loads, Robot};
 use crate::statics::{Equilibrium, Settler};
+use balance::Balance;
 use capstan::Work;
-use solve::Balance;
 
 /// Turn of a joint in one substep (rad) unless another is asked for.
 const RESOLUTION: f64 = 0.02;
