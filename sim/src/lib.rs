@@ -70,6 +70,7 @@ mod lens;
 pub mod render;
 pub mod robot;
 pub mod sensitivity;
+mod solve;
 pub mod statics;
 mod tendon;
 pub mod tendon_friction;
