@@ -46,7 +46,7 @@
 //! # Conventions
 //!
 //! Networks see normalised units: points divided by the data set's scale `s`, commands min-max scaled
-//! to `[0, 1]`. Everything outside is in metres. Learning is in `f32`, or with `bfloat16` products
+//! to `[0, 1]`. Everything outside is in metres. Learning is in `f32`, or with `bfloat16` operands
 //! ([`Precision`](net::Precision)), metrics in `f64`. Results are functions of the seed, whatever the number of threads.
 //!
 //! # Modules
@@ -62,7 +62,7 @@
 //! # What it is not for
 //!
 //! It is no framework: the layers serve these networks alone, on a CPU. A command outside the training
-//! range is extrapolated without warrant.
+//! range is extrapolated without any guarantee.
 
 mod channels;
 pub mod data;

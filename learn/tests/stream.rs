@@ -9,7 +9,6 @@ use std::time::Duration;
 use tdcr_learn::data::{PayloadRange, Recipe, Sample, SimStream, StreamSpec, Subject};
 use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{Feed, StreamWindow, TrainError, TrainSettings, Trainer};
-use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Cameras, RobotSpec};
 
 use toy::{provenance, run, settings};
@@ -21,13 +20,12 @@ fn spec(payload: Option<PayloadRange>) -> StreamSpec {
     }
     let subject = Subject {
         robot,
-        base: BaseVisibility::Hidden,
         payload,
+        ..Subject::default()
     };
     let recipe = Recipe {
         subject,
-        voxel_size: 0.002,
-        sensor: None,
+        ..Recipe::default()
     };
     StreamSpec {
         recipe,

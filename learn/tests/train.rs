@@ -13,7 +13,7 @@ use tdcr_learn::metrics::emd_squared;
 use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{Optimizer, TrainError, TrainSettings, Trainer, TrainingState};
 use tempfile::TempDir;
-use toy::{COLORED, SHAPE, bars, colored_bars, provenance, run, settings};
+use toy::{COLORED, LARGER, SHAPE, bars, colored_bars, learning, provenance, run, settings};
 
 /// The noise in the order of the points that it flows to.
 fn coupled<'a>(coupling: Coupling, noise: &[&'a [f32]], points: &[[f32; 3]]) -> Vec<&'a [f32]> {
@@ -139,23 +139,8 @@ fn one_step(shape: MlpShape, path: FlowPath, training: &CloudSet, validation: &C
 #[test]
 fn training_learns_where_the_command_puts_the_bar() {
     let (training, validation) = (bars(64, 1), bars(8, 2));
-    let settings = TrainSettings {
-        steps: 400,
-        clouds: 8,
-        learning_rate: 5e-3,
-        warmup_steps: 20,
-        validate_every: 100,
-        validation_clouds: 8,
-        ..settings()
-    };
-    let shape = MlpShape {
-        width: 32,
-        depth: 3,
-        embedding: 16,
-        ..SHAPE
-    };
     let trainer = run(
-        Trainer::new(shape, settings, &training, &validation).unwrap(),
+        Trainer::new(LARGER, learning(400), &training, &validation).unwrap(),
         400,
     );
     let (first, last) = (trainer.validations()[0].1, trainer.validations()[3].1);

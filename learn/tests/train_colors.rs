@@ -8,26 +8,19 @@ use tdcr_learn::flow::Sampler;
 use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{Model, TrainSettings, Trainer, TrainingState};
 use tempfile::TempDir;
-use toy::{COLORED, SHAPE, bars, colored_bars, provenance, run, settings};
+use toy::{COLORED, LARGER, SHAPE, bars, colored_bars, learning, provenance, run, settings};
 
 #[test]
 fn the_command_tells_the_colour() {
     let (training, validation) = (colored_bars(64, 1), colored_bars(8, 2));
     let settings = TrainSettings {
-        steps: 600,
-        clouds: 8,
-        learning_rate: 5e-3,
-        warmup_steps: 20,
         validate_every: 200,
-        validation_clouds: 8,
         color_weight: 1.0,
-        ..settings()
+        ..learning(600)
     };
     let shape = MlpShape {
-        width: 32,
-        depth: 3,
-        embedding: 16,
-        ..COLORED
+        channels: Channels::XyzRgb,
+        ..LARGER
     };
     let trainer = Trainer::new(shape, settings, &training, &validation).unwrap();
     let trainer = run(trainer, 600);

@@ -9,14 +9,7 @@ use tdcr_learn::net::MlpShape;
 use tdcr_learn::train::{
     Feed, Model, Optimizer, Target, Teacher, TrainError, TrainSettings, Trainer,
 };
-use toy::{SHAPE, bars, provenance, run, settings};
-
-const SHAPE_OF_BOTH: MlpShape = MlpShape {
-    width: 32,
-    depth: 3,
-    embedding: 16,
-    ..SHAPE
-};
+use toy::{LARGER, SHAPE, bars, learning, provenance, run};
 
 /// The student's two steps.
 const FEW: Sampler = Sampler {
@@ -28,30 +21,23 @@ const FEW: Sampler = Sampler {
 fn teacher(validation: &CloudSet) -> Model {
     let training = bars(64, 1);
     let settings = TrainSettings {
-        steps: 300,
-        clouds: 8,
-        learning_rate: 5e-3,
-        warmup_steps: 20,
-        validate_every: 100,
-        ..settings()
+        validation_clouds: 2,
+        ..learning(300)
     };
-    let trainer = Trainer::new(SHAPE_OF_BOTH, settings, &training, validation).unwrap();
+    let trainer = Trainer::new(LARGER, settings, &training, validation).unwrap();
     run(trainer, 300).model(provenance()).unwrap()
 }
 
 fn lessons() -> TrainSettings {
     TrainSettings {
-        steps: 300,
-        clouds: 8,
         learning_rate: 3e-3,
         optimizer: Optimizer::Muon {
             learning_rate: 5e-3,
         },
-        warmup_steps: 20,
-        validate_every: 100,
+        validation_clouds: 2,
         sampler: FEW,
         target: Target::Steps,
-        ..settings()
+        ..learning(300)
     }
 }
 
@@ -119,7 +105,7 @@ fn lessons_that_do_not_suit_the_teacher_are_refused_by_name() {
         },
         ..lessons()
     };
-    let error = refused(SHAPE_OF_BOTH, heun).to_string();
+    let error = refused(LARGER, heun).to_string();
     assert_eq!(error, "the student's sampler is heun, expected euler");
     let elsewhere = TrainSettings {
         path: FlowPath {
@@ -128,13 +114,13 @@ fn lessons_that_do_not_suit_the_teacher_are_refused_by_name() {
         },
         ..lessons()
     };
-    let error = refused(SHAPE_OF_BOTH, elsewhere).to_string();
+    let error = refused(LARGER, elsewhere).to_string();
     assert!(error.starts_with("the student's path is"), "{error}");
     let odd = TrainSettings {
         clouds: 7,
         ..lessons()
     };
-    let error = refused(SHAPE_OF_BOTH, odd).to_string();
+    let error = refused(LARGER, odd).to_string();
     assert_eq!(
         error,
         "clouds is 7, expected a multiple of the student's 2 steps"
@@ -145,9 +131,9 @@ fn lessons_that_do_not_suit_the_teacher_are_refused_by_name() {
         target: Target::Velocity,
         ..lessons()
     };
-    let error = refused(SHAPE_OF_BOTH, other).to_string();
+    let error = refused(LARGER, other).to_string();
     assert!(error.starts_with("target is velocity"), "{error}");
-    let clouds = Trainer::new(SHAPE_OF_BOTH, lessons(), &validation, &validation);
+    let clouds = Trainer::new(LARGER, lessons(), &validation, &validation);
     let error = clouds.unwrap_err().to_string();
     assert!(error.starts_with("target is steps"), "{error}");
     let student = Model {

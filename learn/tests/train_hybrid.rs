@@ -7,7 +7,9 @@ use tdcr_learn::flow::Sampler;
 use tdcr_learn::net::{ContextShape, HybridShape, Stage, TimeGate};
 use tdcr_learn::train::{Model, TrainSettings, Trainer, TrainingState};
 use tempfile::TempDir;
-use toy::{COLORED, SHAPE, bars, colored_bars, provenance, run, settings};
+use toy::{
+    COLORED, SHAPE, bars, colored_bars, first_and_last, learning, provenance, run, settings,
+};
 
 const fn hybrid() -> HybridShape {
     const fn stage(channels: usize, resolution: usize) -> Stage {
@@ -34,22 +36,9 @@ const fn hybrid() -> HybridShape {
 #[test]
 fn training_lowers_the_loss_and_the_validation_distance() {
     let (training, validation) = (bars(32, 1), bars(8, 2));
-    let settings = TrainSettings {
-        steps: 300,
-        clouds: 8,
-        learning_rate: 5e-3,
-        warmup_steps: 20,
-        validate_every: 100,
-        validation_clouds: 8,
-        ..settings()
-    };
-    let trainer = Trainer::new(hybrid(), settings, &training, &validation).unwrap();
+    let trainer = Trainer::new(hybrid(), learning(300), &training, &validation).unwrap();
     let trainer = run(trainer, 300);
-    let mean = |losses: &[f32]| losses.iter().sum::<f32>() / losses.len() as f32;
-    let (first, last) = (
-        mean(&trainer.losses()[..20]),
-        mean(&trainer.losses()[280..]),
-    );
+    let (first, last) = first_and_last(trainer.losses());
     assert!(last < 0.7 * first, "loss {first} to {last}");
     let (first, last) = (trainer.validations()[0].1, trainer.validations()[2].1);
     assert!(last < 0.05 && last < first, "distance {first} to {last}");
@@ -63,20 +52,14 @@ fn colours_are_learned_beside_the_context() {
         ..hybrid()
     };
     let settings = TrainSettings {
-        steps: 200,
-        clouds: 8,
-        learning_rate: 5e-3,
-        warmup_steps: 20,
+        validate_every: 3,
+        validation_clouds: 2,
         color_weight: 1.0,
-        ..settings()
+        ..learning(200)
     };
     let trainer = Trainer::new(shape, settings, &training, &validation).unwrap();
     let trainer = run(trainer, 200);
-    let mean = |losses: &[f32]| losses.iter().sum::<f32>() / losses.len() as f32;
-    let (first, last) = (
-        mean(&trainer.losses()[..20]),
-        mean(&trainer.losses()[180..]),
-    );
+    let (first, last) = first_and_last(trainer.losses());
     assert!(last < 0.7 * first, "loss {first} to {last}");
     let model = trainer.model(provenance()).unwrap();
     let cloud = model

@@ -3,7 +3,7 @@
 //! The coordinates of a joint are a rotation vector `xi_i` in its disc's own frame, `q_i exp(xi_i)`, as MuJoCo's ball joints
 //! have them. Inside, the same vectors are kept in world axes, so that nothing changes frames along the chain.
 
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use crate::robot::Robot;
 
@@ -89,6 +89,22 @@ impl Chain {
         }
     }
 
+    /// Writes the orientation of each disc as a quaternion: of the two the one nearer to that of the body below, counted
+    /// from the base's with `w >= 0`.
+    pub fn quaternions(&self, out: &mut [UnitQuaternion<f64>]) {
+        let mut below = quaternion(&self.orientations[0]);
+        if below.w < 0.0 {
+            below = opposite(&below);
+        }
+        for (to, orientation) in out.iter_mut().zip(&self.orientations[1..]) {
+            *to = quaternion(orientation);
+            if to.coords.dot(&below.coords) < 0.0 {
+                *to = opposite(to);
+            }
+            below = *to;
+        }
+    }
+
     /// Orientation of disc `index`.
     pub fn disc(&self, index: usize) -> &Matrix3<f64> {
         &self.orientations[index + 1]
@@ -102,4 +118,13 @@ impl Chain {
             Some(index) => self.centres[index] + self.disc(index) * local,
         }
     }
+}
+
+fn quaternion(orientation: &Matrix3<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*orientation))
+}
+
+/// The other quaternion of the same rotation.
+fn opposite(q: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::new_unchecked(-q.into_inner())
 }

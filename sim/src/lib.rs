@@ -39,6 +39,7 @@
 //! - [`tendon_friction`]: paths of equilibria with friction between tendons and holes.
 //! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
 //! - [`dynamics`]: motion in time: steps, rollouts, and their derivatives.
+//! - [`simulation`]: one way to drive a robot, at rest, with friction or in motion; [`pose`]: where it is.
 //! - [`inverse`]: from a target shape to the command, from measured positions to the robot.
 //! - [`camera`]: pinholes and distorted lenses, in rings or placed freely.
 //! - [`render`]: RGB-D images and masks by ray casting.
@@ -67,9 +68,11 @@ pub mod formats;
 pub mod geometry;
 pub mod inverse;
 mod lens;
+pub mod pose;
 pub mod render;
 pub mod robot;
 pub mod sensitivity;
+pub mod simulation;
 mod solve;
 pub mod statics;
 mod tendon;

@@ -5,7 +5,8 @@ use nalgebra::{Unit, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::inverse::shape::{
-    ActiveBound, Bound, Goal, Outcome, Search, ShapeController, ShapeError, ShapeSolution, Target,
+    ActiveBound, Bound, Goal, Outcome, Search, ShapeControlError, ShapeController, ShapeSolution,
+    Target,
 };
 use tdcr_sim::robot::{Backbone, Frame, Loads, LoadsError, PerDisc, Robot, RobotSpec, Wrench};
 use tdcr_sim::statics::Equilibrium;
@@ -269,7 +270,10 @@ fn what_makes_no_sense_is_refused_with_what_would() {
     let robot = Robot::load("2m").unwrap();
     let none = Loads::default();
     let controller = ShapeController::new(&robot, &none, Search::default()).unwrap();
-    assert_eq!(controller.reach(&[]).unwrap_err(), ShapeError::NoTarget);
+    assert_eq!(
+        controller.reach(&[]).unwrap_err(),
+        ShapeControlError::NoTarget
+    );
     let fine = Target::tip(&robot, Vector3::zeros());
     for (wrong, says) in [
         (Target { disc: 10, ..fine }, "no such disc"),
@@ -296,12 +300,12 @@ fn what_makes_no_sense_is_refused_with_what_would() {
         ..Search::default()
     };
     let refused = ShapeController::new(&robot, &none, search).unwrap_err();
-    assert_eq!(refused, ShapeError::Tolerance(0.0));
+    assert_eq!(refused, ShapeControlError::Tolerance(0.0));
     let push = none.with_wrench(Wrench::none(12, Frame::World)).unwrap();
     let refused = ShapeController::new(&robot, &push, Search::default()).unwrap_err();
     assert!(matches!(
         refused,
-        ShapeError::Loads(LoadsError::Disc {
+        ShapeControlError::Loads(LoadsError::Disc {
             disc: 12,
             discs: 10
         })
@@ -309,6 +313,6 @@ fn what_makes_no_sense_is_refused_with_what_would() {
     let other = Robot::load("3m").unwrap().mean_command();
     assert!(matches!(
         controller.reach_from(&[fine], &other),
-        Err(ShapeError::Command(_))
+        Err(ShapeControlError::Command(_))
     ));
 }

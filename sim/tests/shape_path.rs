@@ -7,7 +7,7 @@ use nalgebra::{Unit, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::inverse::shape::{
-    Arrival, Outcome, PathPoint, Search, ShapeController, ShapeError, Target,
+    Arrival, Outcome, PathPoint, Search, ShapeControlError, ShapeController, Target,
 };
 use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::statics::{Equilibrium, Settler};
@@ -207,9 +207,9 @@ fn a_path_starts_at_a_command() {
     let other = Robot::load("2m").unwrap().mean_command();
     assert!(matches!(
         controller.path_from(&other),
-        Err(ShapeError::Command(_))
+        Err(ShapeControlError::Command(_))
     ));
-    assert_eq!(path.follow(&[]).unwrap_err(), ShapeError::NoTarget);
+    assert_eq!(path.follow(&[]).unwrap_err(), ShapeControlError::NoTarget);
     // A refusal leaves the path where it was.
     let again = path
         .follow(&target(settled.positions[14] + Vector3::x() * 1e-3))

@@ -17,8 +17,8 @@ use super::console::Console;
 /// drawn anew.
 #[derive(Debug, Args)]
 pub(super) struct CollectArgs {
-    #[arg(long, default_value = "2m", help = super::ROBOT)]
-    robot: String,
+    #[command(flatten)]
+    robot: super::RobotArg,
     /// Number of commands, split 80/10/10 into train, val and test
     #[arg(long, default_value_t = CollectSettings::default().count, value_name = "N", value_parser = super::amount)]
     samples: usize,
@@ -34,7 +34,7 @@ pub(super) struct CollectArgs {
     /// Hang payloads from the tip (kg): a tenth exactly 0, the others uniform from MIN to MAX
     #[arg(long, value_name = "MIN:MAX", value_parser = payload_range, allow_hyphen_values = true)]
     payload: Option<PayloadRange>,
-    /// See with the faults of a real camera
+    /// Simulate the noise of a real depth camera
     #[arg(long, value_enum)]
     noise: Option<super::Noise>,
     /// How commands and payloads are chosen
@@ -66,7 +66,7 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for the data set")?;
     let splits = split_indices(args.samples, args.seed)?;
     let settings = CollectSettings {
-        robot: super::load_robot(&args.robot)?,
+        robot: args.robot.load()?,
         base: super::visibility(args.base),
         payload: args.payload,
         design: args.design,
@@ -109,7 +109,7 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
     })
 }
 
-/// Parses the ends of a payload range (kg); what range makes sense, the data set says.
+/// Parses the ends of a payload range (kg). The data set checks that they make a range.
 pub(super) fn payload_range(text: &str) -> Result<PayloadRange, String> {
     let ends = text.split_once(':');
     let ends = ends.and_then(|(min, max)| Some((min.parse().ok()?, max.parse().ok()?)));

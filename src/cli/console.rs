@@ -33,7 +33,7 @@ struct Signals {
     awaited: AtomicBool,
 }
 
-/// Work that leaves nothing to go on from was interrupted.
+/// Interruption of work that keeps nothing to resume from.
 #[derive(Debug, thiserror::Error)]
 #[error("interrupted")]
 pub(super) struct Interrupted;

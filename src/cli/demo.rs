@@ -1,4 +1,4 @@
-//! `tdcr demo`: the whole road once, ending in a report.
+//! `tdcr demo`: from simulation to scores once, ending in a report.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -139,7 +139,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
     })
 }
 
-/// Refuses to let a data set grow that a network was, or is being, trained on.
+/// Refuses to let a data set grow on which a network was, or is being, trained.
 fn require_as_many(data: &Path, samples: usize) -> anyhow::Result<()> {
     let held = DataSet::open(data)
         .ok()

@@ -12,7 +12,7 @@ use tdcr::pipeline::{distill, distillation, model_path};
 use super::PrecisionArgs;
 use super::console::Console;
 
-/// Train a trained network to predict in a few evaluations what it predicts in many
+/// Distil a trained network into one that predicts with a few evaluations instead of many
 ///
 /// The result is a model like any other, for predict and eval. Interrupted, the same command goes on where it stopped.
 #[derive(Debug, Args)]
@@ -52,7 +52,7 @@ struct Run {
     validation_cd: f64,
     /// The same of the teacher, as it was trained.
     teacher_validation_cd: f64,
-    /// Numbers of the networks' products.
+    /// Operand type of the networks' matrix products.
     precision: Precision,
 }
 

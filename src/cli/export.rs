@@ -15,8 +15,8 @@ use super::output;
 /// Write a robot as a file of another tool, or as a robot file
 #[derive(Debug, Args)]
 pub(super) struct ExportArgs {
-    #[arg(long, default_value = "2m", help = super::ROBOT)]
-    robot: String,
+    #[command(flatten)]
+    robot: super::RobotArg,
     /// The format to write
     #[arg(long, value_enum, default_value_t = Format::Mjcf)]
     format: Format,
@@ -108,7 +108,7 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
             bail!("{} is there already; --force replaces it", out.display());
         }
     }
-    let spec = super::load_robot(&args.robot)?;
+    let spec = args.robot.load()?;
     let text = text_of(&spec, args)?;
     let Some(out) = &args.out else {
         return console.result(&Printed { text }, |printed| printed.text.clone());

@@ -27,6 +27,7 @@ use std::process::ExitCode;
 use anyhow::{Context, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Model, Target, TrainSettings};
@@ -77,11 +78,21 @@ enum Command {
     Render(render::RenderArgs),
 }
 
-/// Help of every `--robot`.
-const ROBOT: &str =
-    "2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml for MuJoCo's MJCF, or .urdf)";
+/// Which robot.
+#[derive(Debug, Args)]
+struct RobotArg {
+    /// 2m, 3m, 5m, or the path of a robot file (.toml, .json, .xml for MuJoCo's MJCF, or .urdf)
+    #[arg(long = "robot", default_value = Subject::ROBOT, value_name = "ROBOT")]
+    name_or_path: String,
+}
 
-/// What the tendons are asked for.
+impl RobotArg {
+    fn load(&self) -> anyhow::Result<RobotSpec> {
+        load_robot(&self.name_or_path)
+    }
+}
+
+/// Command of the tendons.
 #[derive(Debug, Args)]
 struct CommandArg {
     /// Command of every tendon (m, or N for a tension drive), separated by commas
@@ -94,23 +105,23 @@ struct CommandArg {
     lengths: Box<[f64]>,
 }
 
-/// Steps that a sampler takes at the most, where a tolerance lays them.
+/// Largest number of adaptive steps of a sampler.
 const MOST_STEPS: usize = 200;
 
 /// How the network's flow is integrated.
 #[derive(Debug, Args)]
 struct SamplerArgs {
-    /// How steps are taken: heun evaluates the network twice in each, the others once [default: the model's own]
+    /// Integration method: heun evaluates the network twice per step, the others once [default: the model's own]
     #[arg(long, value_parser = method())]
     sampler: Option<Method>,
-    /// Steps of the sampler; with a tolerance, the most that it takes [default: the model's own; 200 with a tolerance]
+    /// Number of steps; with a tolerance, the largest number of steps [default: the model's own; 200 with a tolerance]
     #[arg(long, value_name = "N")]
     sampler_steps: Option<usize>,
     /// Exponent p of the time grid 1 - (1 - k/n)^p; 1 is uniform, as in the paper [default: the model's own]
     #[arg(long, value_name = "P")]
     sampler_power: Option<f32>,
-    /// Steps as long as this allows: what the flow's change over a step moves the points by, as a part of the data's reach
-    /// (with adams-bashforth, exponential and exponential3)
+    /// Adaptive steps with this local error tolerance, relative to the data's extent (for adams-bashforth, exponential and
+    /// exponential3)
     #[arg(long, value_name = "TOL", conflicts_with = "sampler_power")]
     sampler_tolerance: Option<f32>,
 }
@@ -142,12 +153,12 @@ impl SamplerArgs {
     }
 }
 
-/// What numbers a network computes with.
+/// Operand type of a network's matrix products.
 #[derive(Debug, Args)]
 struct PrecisionArgs {
-    /// Numbers of the network's products: bfloat16 rounds to 8 bits, and is many times faster on a processor with a matrix
-    /// unit (AMX), faster on AMD's with AVX-512 BF16; sums are float32 in either [default: bfloat16 on such a processor
-    /// and with a width that is a multiple of 32, else float32]
+    /// Operand type of the network's matrix products: bfloat16 has 8 significant bits. It is many times faster on a processor
+    /// with a matrix unit (AMX), and faster on AMD's with AVX-512 BF16. Sums are float32 in either [default: bfloat16 on
+    /// such a processor if the width is a multiple of 32, else float32]
     #[arg(long, value_parser = precision())]
     precision: Option<Precision>,
 }
@@ -249,7 +260,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
     }
 }
 
-/// Refuses names that JSON, which is Unicode, cannot tell. Asked before the work is done, so that none is lost.
+/// Refuses names that are not Unicode, which JSON cannot hold; called before the work, so that no result is lost.
 fn refuse_unwritable_names(arguments: impl Iterator<Item = OsString>) -> anyhow::Result<()> {
     for argument in arguments {
         ensure!(
@@ -261,7 +272,7 @@ fn refuse_unwritable_names(arguments: impl Iterator<Item = OsString>) -> anyhow:
     Ok(())
 }
 
-/// A robot by name or file; says what of a file of another tool was passed over.
+/// Loads a robot by name or file; warns of what was ignored in a file of another tool.
 fn load_robot(name_or_path: &str) -> anyhow::Result<RobotSpec> {
     let (spec, notes) = RobotSpec::load_with_notes(name_or_path)?;
     for note in notes {
@@ -280,7 +291,7 @@ fn load_model(file: &Path) -> anyhow::Result<Model> {
     Ok(Model::load(file)?)
 }
 
-/// Cameras whose faults are known.
+/// Cameras whose noise can be simulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Noise {
     /// Intel RealSense D435
@@ -303,10 +314,10 @@ fn visibility(base: bool) -> BaseVisibility {
     }
 }
 
-/// Threads for each processor at the most: more wait for one another, and each needs memory of its own.
+/// Largest number of threads per processor: more would only wait, and each needs its own memory.
 const THREADS_PER_PROCESSOR: usize = 4;
 
-/// Threads that any machine may be asked for, so that commands with a few move from one to another.
+/// Number of threads that every machine accepts, so that a command line works on another machine.
 const FEW_THREADS: usize = 32;
 
 /// Parses a number of threads.
@@ -333,7 +344,7 @@ fn numbers(text: &str) -> Result<Box<[f64]>, String> {
     text.split(',').map(number).collect()
 }
 
-/// Parses a number of things that are held in memory or counted on disk.
+/// Parses a number of samples, points or the like.
 fn amount(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(number) if (1..=10_000_000).contains(&number) => Ok(number),

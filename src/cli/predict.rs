@@ -37,8 +37,8 @@ pub(super) struct PredictArgs {
     /// Mass hung from the tip (kg), for a model of data with payloads
     #[arg(long, allow_hyphen_values = true, value_name = "KG")]
     payload: Option<f64>,
-    /// Commands instead: CSV, a line each, with a first line of names if need be, or JSON, a list of lists. For a model of
-    /// data with payloads, the payload (kg) is the column `payload`, or without names the last number of each
+    /// Predict for every command in this file: CSV, one per line, optionally with a header, or JSON, a list of lists. For a
+    /// model of data with payloads, the payload (kg) is the column `payload`, or without a header the last number
     #[arg(long, value_name = "FILE", conflicts_with_all = ["command", "payload"])]
     commands: Option<PathBuf>,
     /// Points of a cloud
@@ -51,8 +51,8 @@ pub(super) struct PredictArgs {
     /// Seed of the noise that every cloud starts from
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Clouds, from noise of their own, whose points tell the uncertainty of the first, which is written. One is enough
-    /// for a network whose points move alone (the MLP)
+    /// Number of clouds, each from its own noise, that the uncertainty of the first is estimated from; only the first is
+    /// written. One is enough for a network that moves each point on its own (the MLP)
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = super::amount)]
     prior_samples: usize,
     /// What to write: a .ply or .npz file; for --commands a .npz file, or a folder for a PLY file each
@@ -120,7 +120,7 @@ fn out(args: &PredictArgs) -> PathBuf {
     args.out.clone().unwrap_or(usual.into())
 }
 
-/// Refuses a path whose extension asks for something else than what is written.
+/// Refuses a path whose extension does not fit what is written.
 fn check_out(args: &PredictArgs) -> anyhow::Result<()> {
     let out = out(args);
     match args.commands {
@@ -206,7 +206,7 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
     })
 }
 
-/// Refuses a folder with clouds of earlier predictions that `count` new ones would leave among themselves.
+/// Refuses a folder with clouds of an earlier prediction that `count` new ones would not all overwrite.
 fn refuse_stale(folder: &Path, count: usize) -> anyhow::Result<()> {
     let context = || format!("cannot read the folder {}", folder.display());
     for entry in std::fs::read_dir(folder).with_context(context)? {

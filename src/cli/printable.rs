@@ -1,4 +1,4 @@
-//! Text that a terminal shows and does not obey.
+//! Text without control characters, safe to show on a terminal.
 
 /// The text with control characters as escapes (`\u001b`, as JSON has them), all but line breaks and tabs; also those
 /// that turn the direction of writing. Names, notes and paths come from files, and may hold such.

@@ -25,9 +25,9 @@ use super::settle::command_columns;
 /// Find the command that brings the tip to a point, or along a path of points
 #[derive(Debug, Args)]
 pub(super) struct ReachArgs {
-    #[arg(long, default_value = "2m", help = super::ROBOT)]
-    robot: String,
-    /// Where the tip disc's origin should be, world frame (m)
+    #[command(flatten)]
+    robot: super::RobotArg,
+    /// Target of the tip disc's origin, world frame (m)
     #[arg(
         long,
         value_name = "X,Y,Z",
@@ -37,8 +37,8 @@ pub(super) struct ReachArgs {
         conflicts_with = "path"
     )]
     tip: Option<[f64; 3]>,
-    /// Points to bring it to one after another: CSV, a line each, with a first line of names if need be (x, y and z among
-    /// others), or JSON, a list of lists. The robot is led along without jumps, as far as it can be
+    /// Targets to reach one after another: CSV, one per line, optionally with a header (x, y and z among others), or JSON, a
+    /// list of lists. The robot follows them without jumps where it can
     #[arg(long, value_name = "FILE")]
     path: Option<PathBuf>,
     #[command(flatten)]
@@ -156,7 +156,7 @@ fn reason(outcome: &Outcome) -> Option<String> {
 pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
     let format = |out: &PathBuf| output::format("--out", out, &["csv", "json"]);
     let format = args.out.as_ref().map(format).transpose()?;
-    let robot = Robot::new(super::load_robot(&args.robot)?)?;
+    let robot = Robot::new(args.robot.load()?)?;
     let loads = args.loads.on(&robot)?;
     let targets = match (&args.path, args.tip) {
         (Some(file), _) => read_points(file)?,

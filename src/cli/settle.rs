@@ -23,8 +23,8 @@ use super::settle_many;
 /// Settle a robot under a command: where its discs come to rest
 #[derive(Debug, Args)]
 pub(super) struct SettleArgs {
-    #[arg(long, default_value = "2m", help = super::ROBOT)]
-    robot: String,
+    #[command(flatten)]
+    robot: super::RobotArg,
     /// Command of every tendon (m, or N for a tension drive), separated by commas; empty for a robot without tendons
     #[arg(
         long = "command",
@@ -35,14 +35,14 @@ pub(super) struct SettleArgs {
         value_name = "C,C,..."
     )]
     command: Option<Box<[f64]>>,
-    /// Settle all commands of a file: CSV, a line each, with a first line of names if need be, or JSON, a list of lists. A
-    /// column `payload` (kg) stands for --payload
+    /// Settle every command in this file: CSV, one per line, optionally with a header, or JSON, a list of lists. A column
+    /// `payload` (kg) replaces --payload
     #[arg(long, value_name = "FILE", conflicts_with = "random")]
     commands: Option<PathBuf>,
     /// With --commands, the table to write (.csv or .json): tip, tendons, stiffness, residual of each command
     #[arg(long, value_name = "FILE", requires = "commands")]
     out: Option<PathBuf>,
-    /// Settle N random commands instead, on one thread, and say how well and how fast
+    /// Settle N random commands instead, on one thread, and report how many settle, how well and how fast
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     random: Option<u64>,
     /// Seed of the random commands
@@ -50,7 +50,7 @@ pub(super) struct SettleArgs {
     seed: u64,
     #[command(flatten)]
     loads: LoadArgs,
-    /// Also say how the tip gives way to forces and moments on it
+    /// Also print the compliance of the tip: its motion per force and moment on it
     #[arg(long, conflicts_with_all = ["random", "commands"])]
     compliance: bool,
 }
@@ -75,7 +75,7 @@ struct Settled {
     iterations: usize,
     smallest_stiffness: f64,
     converged: bool,
-    /// `stable`, `neutral` or `unstable`; null where moments are left.
+    /// `stable`, `neutral` or `unstable`; null if the robot did not settle.
     stability: Option<Stability>,
     /// Where asked for, and the robot has settled.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -91,7 +91,7 @@ type Compliance = [[f64; 6]; 6];
 struct Survey {
     count: u64,
     converged: u64,
-    /// Largest moment left on a joint (N m).
+    /// Largest residual moment on a joint (N m).
     max_residual: f64,
     /// Time of one solve from the straight pose.
     median_us: f64,
@@ -99,7 +99,7 @@ struct Survey {
 }
 
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
-    let robot = Robot::new(super::load_robot(&args.robot)?)?;
+    let robot = Robot::new(args.robot.load()?)?;
     if let Some(file) = &args.commands {
         return settle_many::run(&robot, file, &args.loads, args.out.as_deref(), console);
     }

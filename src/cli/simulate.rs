@@ -21,10 +21,10 @@ use super::output;
 /// Move a robot through a sequence of commands, from the straight pose at rest
 #[derive(Debug, Args)]
 pub(super) struct SimulateArgs {
-    #[arg(long, default_value = "2m", help = super::ROBOT)]
-    robot: String,
-    /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), with a first line of
-    /// names if need be, or as JSON, a list of lists
+    #[command(flatten)]
+    robot: super::RobotArg,
+    /// Commands as CSV, a line per time step with an entry per tendon (m, or N for a tension drive), optionally with a
+    /// header, or as JSON, a list of lists
     #[arg(long, value_name = "FILE")]
     commands: PathBuf,
     /// Time step (s)
@@ -90,7 +90,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     if let Some(file) = &args.linearise {
         output::format("--linearise", file, &["json"])?;
     }
-    let robot = Robot::new(super::load_robot(&args.robot)?)?;
+    let robot = Robot::new(args.robot.load()?)?;
     let commands = read_commands(&args.commands, |row| Ok(robot.command(&row.unloaded()?)?))?;
     let loads = Loads::payload(args.payload)?;
     let mut stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;

@@ -31,10 +31,10 @@ pub(super) struct TrainArgs {
     /// Folder of the run: model, state, and the log as log.csv and for TensorBoard
     #[arg(long, default_value = "run", value_name = "DIR")]
     out: PathBuf,
-    /// Network: every point alone, or with a context from the cloud about it
+    /// Network: each point on its own, or with features of the cloud around it
     #[arg(long, value_enum, default_value_t = Net::Mlp)]
     net: Net,
-    /// Defaults of the options that say so
+    /// Set of defaults, for the options that list one per preset
     #[arg(long, default_value = Preset::default().name, value_parser = preset())]
     preset: Preset,
     #[arg(long, value_name = "N", help = by_preset("Features per layer", |p| p.width))]
@@ -77,12 +77,12 @@ pub(super) struct TrainArgs {
     /// Flow times are Beta(ALPHA, 1): 1 is uniform, above it they are mostly near the data
     #[arg(long, default_value_t = FlowPath::default().time_exponent, value_name = "ALPHA", allow_hyphen_values = true)]
     time_exponent: f32,
-    /// Start at the weights of this model, of the same shape, robot and normalisation, to go on from a run with other
-    /// settings [default: random weights]
+    /// Start from the weights of this model, which has the same shape, robot and normalisation: to continue a run with
+    /// other settings [default: random weights]
     #[arg(long, value_name = "FILE")]
     init: Option<PathBuf>,
-    /// Use the ranges of commands and the scale of points of this model instead of the data set's own: to train on, with
-    /// --init, from simulated to recorded clouds, or on a set that has grown. Commands must be in the model's units
+    /// Normalise commands and points as this model does, not by the data set's own ranges. Needed with --init to continue
+    /// from simulated to recorded clouds, or on a set that has grown. Commands must be in the model's units
     #[arg(long, value_name = "FILE", conflicts_with = "stream")]
     normalisation_from: Option<PathBuf>,
     /// Seed of weights, noise and subsets
@@ -136,9 +136,9 @@ fn by_network<T: Display + PartialEq>(about: &str, value: fn(&Rates) -> T) -> St
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Net {
-    /// Every point alone
+    /// Each point on its own
     Mlp,
-    /// Point-voxel convolutions give points a context; far slower
+    /// Point-voxel convolutions add features of the cloud around each point; far slower
     Hybrid,
 }
 
@@ -231,7 +231,7 @@ struct StreamArgs {
     /// Edge of the voxels that thin the stream's clouds (m)
     #[arg(long, default_value_t = Recipe::default().voxel_size, value_name = "M", value_parser = super::positive, requires = "stream")]
     voxel: f64,
-    /// See the stream's clouds with the faults of a real camera
+    /// Simulate the noise of a real depth camera in the stream's clouds
     #[arg(long, value_enum, requires = "stream")]
     noise: Option<super::Noise>,
     /// Clouds of the stream that a step draws from
@@ -389,9 +389,9 @@ struct Run {
     best_step: u64,
     /// Validation Chamfer distance of the best step (m²).
     validation_cd: f64,
-    /// Numbers of the network's products.
+    /// Operand type of the network's matrix products.
     precision: Precision,
-    /// Numbers in a vector of the kernels that it ran on.
+    /// Vector width of the kernels that it ran on (numbers).
     vector_lanes: usize,
 }
 

@@ -444,7 +444,10 @@ impl Evaluator {
 fn require_points(wanted: usize, available: usize) -> Result<(), PipelineError> {
     match (1..=available).contains(&wanted) {
         true => Ok(()),
-        false => Err(PipelineError::EvalPoints { wanted, available }),
+        false => Err(PipelineError::ComparedPoints {
+            found: wanted,
+            most: available,
+        }),
     }
 }
 
@@ -456,8 +459,8 @@ fn require_commands(
 ) -> Result<(), PipelineError> {
     if clouds.points.len() != test.len() {
         return Err(PipelineError::OtherClouds {
-            clouds: clouds.points.len(),
-            tests: test.len(),
+            found: clouds.points.len(),
+            expected: test.len(),
         });
     }
     let commands = clouds.commands.iter().flatten();

@@ -69,7 +69,7 @@ impl EventFile {
         self.file.write_all(&record(&event))
     }
 
-    /// Brings all to the disk.
+    /// Flushes all to the disk.
     pub fn sync(&self) -> io::Result<()> {
         self.file.sync_data()
     }

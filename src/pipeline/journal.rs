@@ -1,4 +1,4 @@
-//! A file of finished pieces of work, from which an interrupted stage is taken up.
+//! A file of finished pieces of work, from which an interrupted stage resumes.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Seek, SeekFrom, Write};
@@ -14,7 +14,7 @@ use super::PipelineError;
 /// A growing file of JSON lines: the first says whose work it is, each other is a finished piece with its checksum.
 ///
 /// A line that a killed process left unfinished is dropped, and so are all lines of other work. So are a line that was
-/// edited or damaged, by its checksum, and those behind it. The checksum is no signature: who knows it can forge it.
+/// edited or damaged, by its checksum, and those behind it. The checksum guards against damage, not against forgery.
 pub(super) struct Journal {
     path: PathBuf,
     /// The first line, which all checksums begin with.
@@ -22,7 +22,7 @@ pub(super) struct Journal {
     file: Mutex<File>,
 }
 
-/// What stands about a piece in its line: before the checksum, between the two, and behind the piece.
+/// Text of a line around its checksum and its piece: before the checksum, between the two, after the piece.
 const FRAME: [&str; 3] = ["{\"checksum\":\"", "\",\"entry\":", "}\n"];
 
 impl Journal {
@@ -31,7 +31,7 @@ impl Journal {
         path: &Path,
         key: &Value,
     ) -> Result<(Self, Vec<T>), PipelineError> {
-        let fail = |source| PipelineError::Folder {
+        let fail = |source| PipelineError::Write {
             path: path.to_owned(),
             source,
         };
@@ -85,7 +85,7 @@ impl Journal {
             .lock()
             .unwrap_or_else(std::sync::PoisonError::into_inner);
         file.write_all(line.as_bytes())
-            .map_err(|source| PipelineError::Folder {
+            .map_err(|source| PipelineError::Write {
                 path: self.path.clone(),
                 source,
             })

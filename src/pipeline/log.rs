@@ -78,7 +78,7 @@ impl RunLog {
         Ok(())
     }
 
-    /// Brings the log to the disk.
+    /// Flushes the log to the disk.
     pub fn sync(&self) -> Result<(), PipelineError> {
         self.csv.sync_data().map_err(fail(&self.paths[0]))?;
         self.events.sync().map_err(fail(&self.paths[1]))
@@ -86,7 +86,7 @@ impl RunLog {
 }
 
 fn fail(path: &Path) -> impl FnOnce(io::Error) -> PipelineError {
-    move |source| PipelineError::Folder {
+    move |source| PipelineError::Write {
         path: path.to_owned(),
         source,
     }

@@ -2,7 +2,7 @@
 //!
 //! [`collect`] makes a data set, [`train`] a network, an [`Evaluator`] scores it. Each tells a
 //! [`Monitor`] how far it is and stops when the monitor says so, leaving files from which the same
-//! call takes up the work.
+//! call resumes.
 
 mod collect;
 mod evaluate;
@@ -41,6 +41,7 @@ use thiserror::Error;
 
 /// Why a stage ended before it was done.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum PipelineError {
     /// The monitor asked to stop. What was done is kept.
     #[error("interrupted; run the same command again to go on")]
@@ -59,7 +60,7 @@ pub enum PipelineError {
     Simulate(#[from] SimulateError),
     /// A folder or file of the stage's own could not be written.
     #[error("cannot write {}: {source}", path.display())]
-    Folder {
+    Write {
         /// The folder or file.
         path: PathBuf,
         /// What the operating system said.
@@ -73,7 +74,7 @@ pub enum PipelineError {
     Diverged(Box<Divergence>),
     /// The folder holds a run with other settings or data.
     #[error(
-        "{} cannot be taken up: {source}; choose another folder (--out), where --init MODEL starts at the network of this \
+        "{} cannot be resumed: {source}; choose another folder (--out), where --init MODEL starts at the network of this \
          run, or remove this one",
         path.display()
     )]
@@ -134,13 +135,13 @@ pub enum PipelineError {
     },
     /// There is not one predicted cloud for each test command.
     #[error(
-        "{clouds} predicted clouds, expected {tests}, one for each test command in the order of the test split"
+        "{found} predicted clouds, expected {expected}, one for each test command in the order of the test split"
     )]
     OtherClouds {
         /// Clouds.
-        clouds: usize,
+        found: usize,
         /// Test commands.
-        tests: usize,
+        expected: usize,
     },
     /// A predicted cloud is of another command than the test command of its place.
     #[error(
@@ -174,23 +175,23 @@ pub enum PipelineError {
         expected: usize,
     },
     /// More points are to be compared than there are.
-    #[error("{wanted} points are to be compared; expected 1 to {available}, as many as there are")]
-    EvalPoints {
+    #[error("{found} points are to be compared; expected 1 to {most}, as many as there are")]
+    ComparedPoints {
         /// Points asked for.
-        wanted: usize,
+        found: usize,
         /// Points there are.
-        available: usize,
+        most: usize,
     },
 }
 
-/// Makes the folder `path` if it is not there, and keeps other processes that lock it out of it for as long as the returned
-/// file is open.
+/// Locks the folder `path`, which is made if need be, against other processes that lock it, for as long as the returned file
+/// is open.
 ///
 /// # Errors
-/// [`PipelineError::InUse`] while another process holds the lock, [`PipelineError::Folder`] where it cannot be taken.
+/// [`PipelineError::InUse`] while another process holds the lock, [`PipelineError::Write`] where it cannot be taken.
 pub fn lock_folder(path: &Path) -> Result<File, PipelineError> {
     let locked = std::fs::create_dir_all(path).and_then(|()| try_lock(&path.join(".lock")));
-    let lock = locked.map_err(|source| PipelineError::Folder {
+    let lock = locked.map_err(|source| PipelineError::Write {
         path: path.to_owned(),
         source,
     })?;

@@ -11,7 +11,7 @@ pub trait Monitor: Sync {
     /// Something worth showing beside the progress, e.g. the latest score.
     fn note(&self, text: &str);
 
-    /// How it stands now, to be shown until the next of these or of [`Self::note`]s: too much for a log.
+    /// The present state, shown until the next status or [`Self::note`]; too frequent for a log.
     fn status(&self, text: &str);
 
     /// The stage is over.

@@ -1,4 +1,4 @@
-//! The simulated robot of a data set, which shows true shapes again.
+//! The simulated robot of a data set, which samples true shapes again.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -25,7 +25,7 @@ pub(super) struct Again {
     pub independent: PointCloud,
 }
 
-/// The random streams of what is seen again, away from those of the subsets of points.
+/// First random stream of the second samples, apart from the streams of the subsets of points.
 const STREAMS: u64 = 1 << 63;
 
 impl Simulation {

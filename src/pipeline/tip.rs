@@ -16,8 +16,8 @@ const LAID: usize = 400;
 /// lays the points of the true cloud on that disc onto the predicted cloud ([`lay_onto`]). The motion starts where an
 /// optimal matching of both clouds puts these points.
 ///
-/// A tip that is off by more than the disc's radius is told as too near, by a third in the worst case of the test: where the
-/// disc has turned far, its points come to rest on the wall of the discs below.
+/// An error above the disc's radius is underestimated, by a third in the worst case of the test: where the disc has turned
+/// far, its points settle on the walls of the discs below.
 ///
 /// A point is on the disc whose solid it is nearest to. Both clouds have their points in random order. `None` where the
 /// true cloud shows too little of the last disc.

@@ -116,7 +116,7 @@ fn state_path(run: &Path) -> PathBuf {
 /// Trains a network on `data`, keeping model, state and log in the folder `run`. Its weights start at those of `initial`, at
 /// random ones without it.
 ///
-/// The state is saved at every validation and at an interruption; a run that is taken up ends with
+/// The state is saved at every validation and at an interruption; a run that is resumed ends with
 /// the network and the `log.csv` of an uninterrupted one, bit for bit. A state whose loss is above its running level is
 /// not saved: when training diverges, the last good one is still there.
 ///

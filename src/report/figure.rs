@@ -67,6 +67,7 @@ pub struct Mark {
 
 /// How points are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Shape {
     /// Joined by a line.
     Line,
@@ -80,6 +81,7 @@ pub enum Shape {
 
 /// Colours that the colour-blind tell apart (Okabe and Ito).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Ink {
     /// Black.
     Black,

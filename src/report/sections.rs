@@ -211,7 +211,7 @@ fn picture_row(
 
 /// What a tip's error is.
 const TIP_NOTE: &str = "The tip is off by how far the last disc moves when the points of the true cloud on it are laid onto \
-     the predicted cloud; one that is off by more than the disc's radius is told as too near.";
+     the predicted cloud; an error above the disc's radius is underestimated.";
 
 /// A scale of colours in a legend, from zero to its end.
 fn color_legend(name: &str, scale: ColorScale) -> String {

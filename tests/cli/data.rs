@@ -1,8 +1,15 @@
 //! Data sets looked at, checked, and moved.
 
 use std::fs;
+use std::path::Path;
 
 use crate::{collect_small, refuse, succeed, succeed_json, text};
+
+/// Arguments that import clouds of four points from a folder, with more options.
+fn import_small<'a>(clouds: &'a Path, out: &'a Path, options: &[&'a str]) -> Vec<&'a str> {
+    let what = ["data", "import", text(clouds), "--points", "4"];
+    [&what[..], &["--out", text(out)], options].concat()
+}
 
 #[test]
 fn a_data_set_is_described_drawn_and_found_good() {
@@ -89,16 +96,8 @@ fn clouds_in_millimetres_are_warned_of_and_imported_with_their_unit() {
     }
     let import = |out: &str, units: &[&str]| {
         let out = path(out);
-        let arguments = [
-            "data",
-            "import",
-            text(&clouds),
-            "--points",
-            "4",
-            "--out",
-            text(&out),
-        ];
-        let output = crate::tdcr(&[&arguments, units].concat()).output().unwrap();
+        let output = crate::tdcr(&import_small(&clouds, &out, units)).output();
+        let output = output.unwrap();
         assert!(output.status.success());
         (out, crate::stderr(&output))
     };
@@ -125,17 +124,8 @@ fn clouds_in_millimetres_are_warned_of_and_imported_with_their_unit() {
             .contains("10 clouds in millimetres from")
     );
     // A data set that was begun in one unit is not gone on with in another.
-    let arguments = [
-        "data",
-        "import",
-        text(&clouds),
-        "--points",
-        "4",
-        "--out",
-        text(&metres),
-    ];
     refuse(
-        &[&arguments[..], &["--units", "mm"]].concat(),
+        &import_small(&clouds, &metres, &["--units", "mm"]),
         1,
         "origin.imported.source",
     );

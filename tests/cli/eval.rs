@@ -2,10 +2,7 @@
 
 use serde_json::Value;
 
-use crate::{collect_small, stderr, succeed, succeed_json, tdcr, text, train_tiny};
-
-/// Points that the clouds of a small set are compared on.
-const POINTS: [&str; 4] = ["--points", "400", "--emd-points", "100"];
+use crate::{collect_small, eval_small, stderr, succeed, succeed_json, tdcr, text, train_tiny};
 
 const QUANTILES: [&str; 7] = ["min", "p5", "p25", "median", "p75", "p95", "max"];
 
@@ -17,12 +14,8 @@ fn trained(options: &[&str]) -> (tempfile::TempDir, Vec<String>) {
     succeed_json(&[&size[..], &["--out", text(&data)], options].concat());
     let trained = train_tiny(&data, &run, &[]);
     let model = trained["model"].as_str().unwrap();
-    let arguments = [
-        &["eval", "--model", model, "--data", text(&data)],
-        &POINTS[..],
-    ]
-    .concat();
-    (folder, arguments.into_iter().map(str::to_owned).collect())
+    let arguments = eval_small(model, &data).map(str::to_owned).into();
+    (folder, arguments)
 }
 
 fn with<'a>(arguments: &'a [String], more: &[&'a str]) -> Vec<&'a str> {
@@ -222,8 +215,7 @@ fn scores_say_what_precision_they_were_reached_in() {
     let trained = succeed_json(&[&size[..], &length, &places].concat());
     assert_eq!(trained["precision"], "bfloat16");
     let model = trained["model"].as_str().unwrap();
-    let eval = ["eval", "--model", model, "--data", text(&data)];
-    let eval = [&eval[..], &POINTS].concat();
+    let eval = eval_small(model, &data);
     let options = ["--report", text(&file), "--precision", "float32"];
     let scores = succeed_json(&[&eval[..], &options].concat());
     assert_eq!(

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::{COMMAND, collect_small, stderr, succeed, tdcr, text, train_tiny};
+use crate::{COMMAND, collect_small, eval_small, stderr, succeed, tdcr, text, train_tiny};
 
 /// Runs a command that writes `file`, with another result there and no room for a new one beside it.
 fn keeps(file: &Path, arguments: &[&str]) {
@@ -64,19 +64,8 @@ fn a_result_that_cannot_be_written_leaves_the_one_before() {
         keeps(&file, &[&predict[..], &["--out", text(&file)]].concat());
     }
     let file = path("scores.html");
-    let eval = [
-        "eval",
-        "--model",
-        model,
-        "--data",
-        text(&data),
-        "--points",
-        "400",
-    ];
-    keeps(
-        &file,
-        &[&eval[..], &["--emd-points", "100", "--report", text(&file)]].concat(),
-    );
+    let report = ["--report", text(&file)];
+    keeps(&file, &[&eval_small(model, &data)[..], &report].concat());
 }
 
 #[test]

@@ -175,7 +175,7 @@ fn a_model_without_its_run_is_not_overwritten() {
     let places = ["--data", text(&data), "--out", text(&run)];
     let teacher = run.join("model.safetensors");
     let distill = ["distill", "--steps", "50", "--model", text(&teacher)];
-    refuse(&[&distill[..], &places].concat(), 1, "cannot be taken up");
+    refuse(&[&distill[..], &places].concat(), 1, "cannot be resumed");
     assert!(fs::read(&teacher).unwrap() == bytes);
 }
 

@@ -1,4 +1,4 @@
-//! The `tdcr` binary as a user meets it: what it prints, what it says to wrong input, how it takes up
+//! The `tdcr` binary as a user meets it: what it prints, what it says to wrong input, how it resumes
 //! interrupted work.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
@@ -122,6 +122,22 @@ const SCORES: [&str; 12] = [
 /// Collects a small data set of robot 2m into `folder`, with more options.
 fn collect_small(folder: &Path, options: &[&str]) -> Value {
     succeed_json(&[&SMALL_SET[..], &["--out", text(folder)], options].concat())
+}
+
+/// Arguments that score `model` on a small data set, with as many points as its clouds have.
+fn eval_small<'a>(model: &'a str, data: &'a Path) -> [&'a str; 9] {
+    let (points, few) = ("--points", "--emd-points");
+    [
+        "eval",
+        "--model",
+        model,
+        "--data",
+        text(data),
+        points,
+        "400",
+        few,
+        "100",
+    ]
 }
 
 /// Trains a tiny network on `data` in the folder `run`, with more options.

@@ -242,7 +242,7 @@ fn a_run_goes_on_from_a_model_on_other_data_in_the_models_units() {
     refuse(
         &[&TINY_NETWORK[..], &places].concat(),
         1,
-        "cannot be taken up",
+        "cannot be resumed",
     );
     let stream = [&TINY_NETWORK[..], &["--stream", "2m"], &units].concat();
     refuse(&stream, 2, "cannot be used with");

@@ -245,7 +245,7 @@ fn a_broken_or_foreign_model_is_named() {
         "--steps",
         "41",
     ];
-    refuse(&run_again, 1, "cannot be taken up");
+    refuse(&run_again, 1, "cannot be resumed");
     let bytes = fs::read(&model).unwrap();
     fs::write(&model, &bytes[..bytes.len() - 7]).unwrap();
     predict(COMMAND, "model.safetensors: not a whole safetensors file");

@@ -8,17 +8,14 @@ use crate::{refuse, succeed, succeed_json, text};
 const ROBOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/every-field.toml");
 const COMMAND: &str = "0.02,0.02,0.02,0.115,1.0";
 
+/// Arguments that render the robot into `folder`, with more options.
+fn arguments<'a>(folder: &'a Path, options: &[&'a str]) -> Vec<&'a str> {
+    let what = ["render", "--robot", ROBOT, "--command", COMMAND];
+    [&what[..], &["--out", text(folder)], options].concat()
+}
+
 fn render(folder: &Path, options: &[&str]) -> serde_json::Value {
-    let arguments = [
-        "render",
-        "--robot",
-        ROBOT,
-        "--command",
-        COMMAND,
-        "--out",
-        text(folder),
-    ];
-    succeed_json(&[&arguments, options].concat())
+    succeed_json(&arguments(folder, options))
 }
 
 /// Pixels of an instance in all images.
@@ -139,20 +136,8 @@ fn a_base_of_ones_own_is_read_from_text_and_binary() {
     );
     let refused = |mesh: &Path, expected: &str| {
         let out = folder.path().join("never");
-        let arguments = [
-            "render",
-            "--robot",
-            ROBOT,
-            "--command",
-            COMMAND,
-            "--out",
-            text(&out),
-        ];
-        refuse(
-            &[&arguments[..], &["--base-mesh", text(mesh)]].concat(),
-            1,
-            expected,
-        );
+        let options = ["--base-mesh", text(mesh)];
+        refuse(&arguments(&out, &options), 1, expected);
         assert!(!out.exists());
     };
     refused(&folder.path().join("none.stl"), "cannot read mesh");

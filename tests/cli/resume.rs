@@ -1,4 +1,4 @@
-//! Interrupted work is taken up, and ends as if it had never stopped.
+//! Interrupted work is resumed, and ends as if it had never stopped.
 
 use std::fs;
 use std::path::{Path, PathBuf};

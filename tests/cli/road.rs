@@ -3,7 +3,9 @@
 use std::path::Path;
 use std::process::Stdio;
 
-use crate::{COMMAND, SCORES, collect_small, succeed, succeed_json, tdcr, text, train_tiny};
+use crate::{
+    COMMAND, SCORES, collect_small, eval_small, succeed, succeed_json, tdcr, text, train_tiny,
+};
 
 #[test]
 fn every_command_explains_itself() {
@@ -184,17 +186,7 @@ fn data_set_network_prediction_and_scores_follow_one_from_another() {
     assert!(ply.starts_with(b"ply\nformat binary_little_endian 1.0\n"));
     assert!(String::from_utf8_lossy(&ply).contains("element vertex 300\n"));
 
-    let scores = succeed_json(&[
-        "eval",
-        "--model",
-        model,
-        "--data",
-        text(&data),
-        "--points",
-        "400",
-        "--emd-points",
-        "100",
-    ]);
+    let scores = succeed_json(&eval_small(model, &data));
     for key in SCORES {
         assert!(scores[key].as_f64().unwrap() > 0.0, "{key}");
     }

@@ -40,7 +40,7 @@ fn a_run_that_starts_at_a_model_is_taken_up_with_the_same_model_alone() {
     let another = second.join("model.safetensors");
     other(
         &[],
-        "cannot be taken up: the training state is of another run: the start of the weights was \"network ",
+        "cannot be resumed: the training state is of another run: the start of the weights was \"network ",
     );
     other(
         &["--init", text(&another)],

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::{collect_small, succeed, succeed_json, text, train_tiny};
+use crate::{collect_small, eval_small, succeed, succeed_json, text, train_tiny};
 
 /// A robot with a module of four tendons that are driven by tension, and one of four driven by rest length.
 fn four_tendons(folder: &std::path::Path) -> std::path::PathBuf {
@@ -44,22 +44,8 @@ fn pages_say_commands_in_the_units_and_groups_of_the_robot() {
     let trained = train_tiny(&data, &path("run"), &[]);
     let report = path("scores.html");
     let model = trained["model"].as_str().unwrap();
-    let eval = [
-        "eval",
-        "--model",
-        model,
-        "--data",
-        text(&data),
-        "--points",
-        "400",
-    ];
-    let scores = succeed_json(
-        &[
-            &eval[..],
-            &["--emd-points", "100", "--report", text(&report)],
-        ]
-        .concat(),
-    );
+    let arguments = ["--report", text(&report)];
+    let scores = succeed_json(&[&eval_small(model, &data)[..], &arguments].concat());
     let said = fs::read_to_string(&report).unwrap();
     let command: Vec<f64> = (scores["worst"][0]["command"].as_array().unwrap().iter())
         .map(|x| x.as_f64().unwrap())

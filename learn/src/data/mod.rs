@@ -44,7 +44,7 @@ pub use dataset::DataSet;
 pub use error::DataError;
 pub use exchange::{
     CloudFileError, ExportFormat, ImportSettings, LengthUnit, NpzArray, NpzRows, NpzValues,
-    PredictedClouds, export, import, read_cloud, read_predictions, write_npz,
+    PredictedClouds, export, import, read_cloud, read_predictions, write_npy, write_npz,
 };
 pub use meta::{Meta, Origin};
 pub use normalisation::{Normalisation, OutOfRange};

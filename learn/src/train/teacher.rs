@@ -1,4 +1,8 @@
 //! Distillation of a trained network: its many small steps, learned as a few large ones.
+//!
+//! A prediction in few evaluations is learned from a network, not from data. In an MLP a point moves alone, so its trajectory is a
+//! map from three numbers to three, which a second network of the same size makes in a few steps. The Hybrid's points see one
+//! another, and this does not hold for it.
 
 use rand::RngExt;
 use rayon::prelude::*;

@@ -10,12 +10,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use tdcr_learn::data::{
-    Collector, Condition, Design, Meta, Origin, PayloadRange, Recipe, Sample, Subject,
-};
+use tdcr_learn::data::{Collector, Condition, Design, Meta, Origin, PayloadRange, Recipe, Sample};
 use tdcr_sim::cloud::PointCloud;
-use tdcr_sim::render::BaseVisibility;
-use tdcr_sim::robot::RobotSpec;
 use tempfile::{TempDir, tempdir};
 
 pub const MOTORS: usize = 2;
@@ -41,15 +37,7 @@ pub fn meta() -> Meta {
         points_per_cloud: POINTS,
         samples_per_shard: 10,
         origin: Origin::Simulated {
-            recipe: Recipe {
-                subject: Subject {
-                    robot: RobotSpec::standard("2m").unwrap(),
-                    base: BaseVisibility::Hidden,
-                    payload: None,
-                },
-                voxel_size: 0.002,
-                sensor: None,
-            },
+            recipe: Recipe::default(),
             design: Design::Uniform,
         },
     }

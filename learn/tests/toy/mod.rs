@@ -7,8 +7,6 @@ use tdcr_learn::data::{CloudSet, Normalisation, Subject};
 use tdcr_learn::flow::{Method, Sampler, Stream, TimeGrid, rng};
 use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
-use tdcr_sim::render::BaseVisibility;
-use tdcr_sim::robot::RobotSpec;
 
 pub const SHAPE: MlpShape = MlpShape {
     width: 16,
@@ -16,6 +14,14 @@ pub const SHAPE: MlpShape = MlpShape {
     embedding: 8,
     condition_dim: 2,
     channels: Channels::Xyz,
+};
+
+/// A shape that learns more.
+pub const LARGER: MlpShape = MlpShape {
+    width: 32,
+    depth: 3,
+    embedding: 16,
+    ..SHAPE
 };
 
 /// [`SHAPE`] for points with colours.
@@ -40,6 +46,25 @@ pub fn settings() -> TrainSettings {
         },
         ..TrainSettings::default()
     }
+}
+
+/// [`settings`] of a run that learns something.
+pub fn learning(steps: u64) -> TrainSettings {
+    TrainSettings {
+        steps,
+        clouds: 8,
+        learning_rate: 5e-3,
+        warmup_steps: 20,
+        validate_every: 100,
+        validation_clouds: 8,
+        ..settings()
+    }
+}
+
+/// Mean of the first twenty losses of a run, and of the last twenty.
+pub fn first_and_last(losses: &[f32]) -> (f32, f32) {
+    let mean = |losses: &[f32]| losses.iter().sum::<f32>() / 20.0;
+    (mean(&losses[..20]), mean(&losses[losses.len() - 20..]))
 }
 
 /// Clouds of a short bar whose centre the condition moves.
@@ -89,11 +114,7 @@ fn chamfer(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
 
 pub fn provenance() -> Provenance {
     Provenance {
-        subject: RobotSpec::standard("2m").map(|robot| Subject {
-            robot,
-            base: BaseVisibility::Hidden,
-            payload: None,
-        }),
+        subject: Some(Subject::default()),
         normalisation: Normalisation {
             motor_min: vec![0.0, 0.01],
             motor_max: vec![0.04, 0.03],

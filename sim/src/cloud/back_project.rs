@@ -17,9 +17,10 @@ pub(super) struct RowPoints {
 }
 
 impl RowPoints {
-    /// Takes the points of row `v`; where a pixel has no depth, the camera's place.
+    /// Computes the points of row `v`; where a pixel has no depth, the camera's place.
     pub fn take(&mut self, frame: &RgbdFrame, v: u32) {
         let (k, span) = (&frame.camera.intrinsics, frame.span(v));
+        // Normalised coordinates of the row's pixels.
         let [x, y] = &mut self.rays;
         x.clear();
         y.clear();
@@ -36,6 +37,7 @@ impl RowPoints {
                 }
             }
         }
+        // p + z R (x, y, 1), axis by axis of the world.
         let first = frame.index(span.start, v);
         let depth = &frame.depth[first..first + span.len()];
         let rotation = frame.camera.pose.rotation.to_rotation_matrix();

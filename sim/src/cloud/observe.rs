@@ -1,4 +1,4 @@
-//! From an equilibrium to the cloud that a ring of cameras sees.
+//! From a robot's pose to the cloud that a ring of cameras sees.
 
 use rand::{Rng, RngExt};
 
@@ -6,11 +6,11 @@ use super::back_project::RowPoints;
 use super::voxels::CellSet;
 use super::{PointCloud, VoxelGrid};
 use crate::camera::Camera;
+use crate::pose::Pose;
 use crate::render::{BaseVisibility, RgbdFrame, Scene, Sensor};
 use crate::robot::Robot;
-use crate::statics::Equilibrium;
 
-/// Sees settled robots with several cameras and fuses the frames into one cloud, reusing memory.
+/// Sees a robot with several cameras and fuses the frames into one cloud, reusing memory.
 pub struct Observer {
     robot: Robot,
     cameras: Vec<Camera>,
@@ -51,33 +51,29 @@ impl Observer {
         }
     }
 
-    /// The fused cloud of the robot at rest: of the pixels of all cameras, in their order, the first
+    /// The fused cloud of the robot in a pose, for example of an equilibrium: of the pixels of all cameras, in their order, the first
     /// in each voxel.
-    pub fn observe(&mut self, equilibrium: &Equilibrium) -> PointCloud {
-        self.fuse(equilibrium, |_, frame| frame)
+    pub fn observe<'a>(&mut self, pose: impl Into<Pose<'a>>) -> PointCloud {
+        self.fuse(pose.into(), |_, frame| frame)
     }
 
     /// The same as cameras with the faults of `sensor` see it, in their `index`-th pictures: see
     /// [`Sensor::take`].
-    pub fn measure(
+    pub fn measure<'a>(
         &mut self,
-        equilibrium: &Equilibrium,
+        pose: impl Into<Pose<'a>>,
         sensor: &Sensor,
         seed: u64,
         index: u64,
     ) -> PointCloud {
-        self.fuse(equilibrium, |camera, truth| {
+        self.fuse(pose.into(), |camera, truth| {
             sensor.take(&truth, seed, camera as u64, index)
         })
     }
 
     /// Fuses what `take` makes of each camera's picture.
-    fn fuse(
-        &mut self,
-        equilibrium: &Equilibrium,
-        take: impl Fn(usize, RgbdFrame) -> RgbdFrame,
-    ) -> PointCloud {
-        let scene = Scene::of_robot(&self.robot, equilibrium, self.base);
+    fn fuse(&mut self, pose: Pose, take: impl Fn(usize, RgbdFrame) -> RgbdFrame) -> PointCloud {
+        let scene = Scene::of_robot(&self.robot, pose, self.base);
         self.occupied.clear();
         let mut cloud = PointCloud::default();
         for (index, camera) in self.cameras.iter().enumerate() {

@@ -96,7 +96,7 @@ impl EquationsOfMotion {
         &self.posture.chain.orientations[1..]
     }
 
-    /// Takes a state: postures, motions, and the torques, those of damping included.
+    /// Computes postures, motions, and the torques of a state, those of damping included.
     fn enter(&mut self, q: &Configuration, velocity: &[f64], command: &[f64]) {
         self.posture.place(&self.robot, q);
         set_in_motion(
@@ -155,6 +155,7 @@ impl EquationsOfMotion {
         let mut kinetic = 0.0;
         let (mut spin_below, mut velocity) = (Vector3::zeros(), Vector3::zeros());
         let last = self.links.len() - 1;
+        // 1/2 m v² + m v . (w x c) + 1/2 w' I w of each disc about its joint's centre, and the armature's energy.
         for (i, (link, motion)) in self.links.iter().zip(&self.motions).enumerate() {
             velocity += spin_below.cross(&motion.arm);
             let mut body = link.body(&self.orientations()[i]);

@@ -7,7 +7,7 @@
 //! damping: `k + h d`) has the same form in every frame, so with `alpha = alpha_below + c + u`
 //! its equation of motion `n + k u = tau` gives `u = G (tau - n0 - J (alpha_below + c) - H a)`,
 //! `G = (J + k I)^-1`, and without it the chain above has the inertia `k G J`, `k G H`,
-//! `M - H' G H`. No inertia is a difference of large numbers, however small `J` is beside `k`.
+//! `M - H' G H`. `c` and the linear bias acceleration are those of [`Motion`]. No inertia is a difference of large numbers, however small `J` is beside `k`.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -17,21 +17,21 @@ use super::symmetric::{
     twice_symmetric_part,
 };
 
-/// How one joint answers the acceleration of what is below it.
+/// Acceleration of one joint as an affine function of the accelerations below it.
 #[derive(Clone, Copy, Debug)]
-struct Answer {
+struct Response {
     /// `G (tau - n0)`.
     own: Vector3<f64>,
     /// `G J`.
-    to_turning: Symmetric,
+    to_angular: Symmetric,
     /// `G H`.
-    to_shifting: Matrix3<f64>,
+    to_linear: Matrix3<f64>,
 }
 
 /// The forward dynamics of a chain; reuses its memory.
 #[derive(Clone, Debug)]
 pub(super) struct ArticulatedBodies {
-    answers: Vec<Answer>,
+    responses: Vec<Response>,
 }
 
 /// The chain above a joint.
@@ -45,13 +45,13 @@ struct Above {
 
 impl ArticulatedBodies {
     pub fn new(joints: usize) -> Self {
-        let none = Answer {
+        let none = Response {
             own: Vector3::zeros(),
-            to_turning: Symmetric::default(),
-            to_shifting: Matrix3::zeros(),
+            to_angular: Symmetric::default(),
+            to_linear: Matrix3::zeros(),
         };
         Self {
-            answers: vec![none; joints],
+            responses: vec![none; joints],
         }
     }
 
@@ -68,7 +68,7 @@ impl ArticulatedBodies {
         self.spread(chain.motions, out);
     }
 
-    /// From the tip to the base: how each joint answers.
+    /// From the tip to the base: articulated inertias, and the response of each joint.
     fn gather(&mut self, chain: &MovingChain, armatures: &[f64], torques: &[Vector3<f64>]) {
         let (Some(tip), Some(motion)) = (chain.orientations.last(), chain.motions.last()) else {
             return;
@@ -76,23 +76,26 @@ impl ArticulatedBodies {
         let mut above = Above::payload(chain.payload, tip, motion);
         let poses = chain.orientations.iter().zip(chain.motions);
         let joints = (chain.links.iter().zip(armatures)).zip(poses);
-        let answers = self.answers.iter_mut().zip(torques);
-        for (((link, armature), (orientation, motion)), (answer, torque)) in
-            joints.zip(answers).rev()
+        let responses = self.responses.iter_mut().zip(torques);
+        for (((link, armature), (orientation, motion)), (response, torque)) in
+            joints.zip(responses).rev()
         {
             above.add_disc(link, orientation, motion);
-            *answer = above.pass_joint(*armature, torque, motion);
+            *response = above.pass_joint(*armature, torque, motion);
         }
     }
 
     /// From the base to the tip: the accelerations.
     fn spread(&self, motions: &[Motion], out: &mut [Vector3<f64>]) {
         let (mut alpha, mut shift) = (Vector3::zeros(), Vector3::zeros());
-        for ((answer, motion), out) in self.answers.iter().zip(motions).zip(out) {
-            shift += alpha.cross(&motion.arm) + motion.swinging;
-            alpha += motion.turning;
-            *out =
-                answer.own - answer.to_turning.times(&alpha) - times(&answer.to_shifting, &shift);
+        for ((response, motion), out) in self.responses.iter().zip(motions).zip(out) {
+            // Acceleration of the joint's centre, and the disc's angular acceleration but for the joint's.
+            shift += alpha.cross(&motion.arm) + motion.linear_bias;
+            alpha += motion.angular_bias;
+            // u = G (tau - n0) - G J (alpha_below + c) - G H a.
+            *out = response.own
+                - response.to_angular.times(&alpha)
+                - times(&response.to_linear, &shift);
             alpha += *out;
         }
     }
@@ -126,41 +129,45 @@ impl Above {
 
     /// Goes below the joint, to the centre of the next.
     #[inline(always)]
-    fn pass_joint(&mut self, armature: f64, torque: &Vector3<f64>, motion: &Motion) -> Answer {
+    fn pass_joint(&mut self, armature: f64, torque: &Vector3<f64>, motion: &Motion) -> Response {
+        // G = (J + k I)^-1, and the joint's response with it.
         let mut joint = self.inertia;
         joint.xx += armature;
         joint.yy += armature;
         joint.zz += armature;
         let inverse = joint.inverse();
-        let to_turning = inverse.times_commuting(&self.inertia);
-        let to_shifting = inverse.times_matrix(&self.coupling);
+        let to_angular = inverse.times_commuting(&self.inertia);
+        let to_linear = inverse.times_matrix(&self.coupling);
         let own = inverse.times(&(torque - self.moment));
 
-        let inertia = to_turning.scaled(armature);
-        let coupling = to_shifting * armature;
+        // What the chain above does to the body below through the joint: k G J, k G H, M - H' G H.
+        let inertia = to_angular.scaled(armature);
+        let coupling = to_linear * armature;
         let mass = self
             .mass
-            .sub(&Symmetric::product(&self.coupling, &to_shifting));
+            .sub(&Symmetric::product(&self.coupling, &to_linear));
+        // The force and the moment at no acceleration of the body below, about the centre of the next joint.
         let r = &motion.arm;
         let force = self.force
             + transpose_times(&self.coupling, &own)
-            + transpose_times(&coupling, &motion.turning)
-            + mass.times(&motion.swinging);
+            + transpose_times(&coupling, &motion.angular_bias)
+            + mass.times(&motion.linear_bias);
         self.moment = torque - own * armature
-            + inertia.times(&motion.turning)
-            + times(&coupling, &motion.swinging)
+            + inertia.times(&motion.angular_bias)
+            + times(&coupling, &motion.linear_bias)
             + r.cross(&force);
         self.force = force;
+        // The inertias about that centre (parallel axes).
         let lever = cross_symmetric(r, &mass);
         self.inertia = inertia
             .sub(&twice_symmetric_part(&times_cross(&coupling, r)))
             .sub(&symmetric(&times_cross(&lever, r)));
         self.coupling = coupling + lever;
         self.mass = mass;
-        Answer {
+        Response {
             own,
-            to_turning,
-            to_shifting,
+            to_angular,
+            to_linear,
         }
     }
 }

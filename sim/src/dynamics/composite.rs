@@ -62,6 +62,7 @@ pub(super) fn compose_on(
         .zip(acceleration.as_chunks::<3>().0);
     let last = equations.links.len() - 1;
     for (i, (velocity, acceleration)) in rates.enumerate() {
+        // Axes of the joint, and the motion of its disc: v_i = v_(i-1) + S_i u_i, and its derivative.
         let orientation = chain.disc(i);
         let centre = chain.centres[i] - equations.robot.base();
         let axes = stack(orientation, &(centre.cross_matrix() * orientation));
@@ -69,6 +70,7 @@ pub(super) fn compose_on(
         let rate = axes * Vector3::from(*velocity);
         v += rate;
         a += axes * Vector3::from(*acceleration) + cross_motion(&v) * rate;
+        // Inertia, B and force of the body alone (Newton and Euler).
         let mut body = equations.links[i].body(orientation);
         if i == last {
             body = body.with(&equations.payload.body(orientation));
@@ -86,6 +88,7 @@ pub(super) fn compose_on(
             force: inertia * a + cross_force(&v) * momentum,
         });
     }
+    // Sums over the bodies above.
     for i in (0..last).rev() {
         let above = out[i + 1];
         out[i].inertia += above.inertia;

@@ -1,4 +1,5 @@
-//! Linearly implicit Euler steps.
+//! Linearly implicit Euler steps: one Newton step on the implicit Euler equations (as of Baraff and Witkin, Large Steps in
+//! Cloth Simulation, SIGGRAPH 1998).
 
 use faer::Mat;
 use faer::Side;
@@ -11,7 +12,7 @@ use super::composite::{Composite, compose};
 use crate::energy::Expansion;
 use crate::robot::Robot;
 
-/// Memory of the method.
+/// Workspace of the method.
 #[derive(Clone, Debug)]
 pub(super) struct ImplicitEuler {
     expansion: Expansion,
@@ -42,6 +43,7 @@ impl ImplicitEuler {
         h: f64,
         out: &mut [f64],
     ) -> bool {
+        // tau - D v, and the composite bodies for M and the bias torques.
         equations.torques(
             &state.configuration,
             &state.velocity,
@@ -54,6 +56,7 @@ impl ImplicitEuler {
             &self.still,
             &mut self.composites,
         );
+        // K: the Hessian of the potential, in the discs' frames.
         let potential = equations.forces.potential(command);
         potential.expand(
             &state.configuration,
@@ -65,6 +68,7 @@ impl ImplicitEuler {
         let Ok(factor) = Llt::new(matrix.as_ref(), Side::Lower) else {
             return false;
         };
+        // tau - D v - bias - h K v.
         let dof = self.torques.len();
         let velocity = Mat::from_fn(dof, 1, |i, _| state.velocity[i]);
         let mut forces = stiffness * velocity * faer::Scale(-h);

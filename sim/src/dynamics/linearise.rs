@@ -76,15 +76,18 @@ impl Lineariser {
         let command = command.as_slice();
         let (q, v) = (&state.configuration, &state.velocity);
         let accelerations = &mut self.accelerations;
+        // Accelerations of the step, at which the inverse dynamics are differentiated.
         self.equations
             .accelerate(q, v, command, &self.armatures, accelerations);
         // Implicit damping acts on the change of the rates, as an armature would.
         compose(&self.equations, v, accelerations, &mut self.composites);
+        // Derivatives of the forces by turns, rates and commands, at these accelerations.
         let dof = self.equations.robot.dof();
         let mut forces = Mat::zeros(dof, 2 * dof + command.len());
         self.add_loads(q, command, loads, &mut forces);
         self.add_commands(&mut forces);
         self.subtract_inertia(&mut forces);
+        // Derivatives of the accelerations: M da = df.
         let mass = mass_matrix(&self.composites, &self.armatures);
         let Ok(factor) = Llt::new(mass.as_ref(), Side::Lower) else {
             return Err(DynamicsError::NotDifferentiable);
@@ -99,7 +102,7 @@ impl Lineariser {
         }
     }
 
-    /// Minus the derivative of the moments left on the joints, `g`, in the discs' frames: along
+    /// Minus the derivative of the residual moments on the joints, `g`, in the discs' frames: along
     /// `q exp(dq)` that is their Jacobian by turns and, since turns do not commute, `1/2 [g]x`.
     fn add_loads(
         &mut self,
@@ -181,6 +184,7 @@ impl Lineariser {
     fn through_step(&self, velocity: &[f64], accelerations: &Mat<f64>) -> Linearisation {
         let (h, dof) = (self.timestep, velocity.len());
         let columns = accelerations.ncols();
+        // v+ = v + h a.
         let mut step = DMatrix::zeros(2 * dof, columns);
         for column in 0..columns {
             for row in 0..dof {
@@ -190,6 +194,7 @@ impl Lineariser {
         for row in 0..dof {
             step[(dof + row, dof + row)] += 1.0;
         }
+        // q+ = q exp(h v+): a change of q is turned back by the step, one of v+ goes through its Jacobian.
         for joint in 0..dof / 3 {
             let rows = 3 * joint;
             let next = Vector3::from_fn(|axis, _| {

@@ -115,11 +115,12 @@ pub(super) struct Motion {
     pub rate: Vector3<f64>,
     /// Angular velocity of the disc (rad/s).
     pub spin: Vector3<f64>,
-    /// Angular acceleration that the joint adds at constant rates (rad/s²): its axes turn with the
-    /// disc, so that is the spin below, crossed with the joint's rate.
-    pub turning: Vector3<f64>,
-    /// Acceleration of the joint's centre from that of the joint below due to the spin (m/s²).
-    pub swinging: Vector3<f64>,
+    /// Angular bias acceleration: what the joint adds at constant rates (rad/s²). Its axes turn with
+    /// the disc, so this is the spin below, crossed with the joint's rate.
+    pub angular_bias: Vector3<f64>,
+    /// Linear bias acceleration: of the joint's centre from that of the joint below at constant rates,
+    /// centrifugal (m/s²).
+    pub linear_bias: Vector3<f64>,
 }
 
 /// A chain of links in motion.
@@ -150,8 +151,8 @@ pub(super) fn set_in_motion(
             arm,
             rate,
             spin: spin + rate,
-            turning: spin.cross(&rate),
-            swinging: spin.cross(&spin.cross(&arm)),
+            angular_bias: spin.cross(&rate),
+            linear_bias: spin.cross(&spin.cross(&arm)),
         };
         spin += rate;
     }

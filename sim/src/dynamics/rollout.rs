@@ -12,7 +12,7 @@ pub struct Rollout {
     pub start: State,
     /// One command per step.
     pub commands: Vec<Command>,
-    /// Loads all the way.
+    /// Loads, the same at every step.
     pub loads: Loads,
 }
 

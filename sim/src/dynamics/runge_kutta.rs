@@ -1,4 +1,7 @@
-//! The classical Runge-Kutta method on the rotation group.
+//! The classical Runge-Kutta method on the rotation group (Munthe-Kaas, Applied Numerical Mathematics 29, 1999).
+//!
+//! A joint's rotation over a step is `q exp(theta)`; `theta` follows `dtheta/dt = J^-1(theta) v` with the rates `v` and the right
+//! Jacobian `J` of the exponential map, and the method integrates `theta` and `v`.
 
 use nalgebra::Vector3;
 
@@ -7,7 +10,7 @@ use super::acceleration::EquationsOfMotion;
 use crate::chain::{Configuration, turned};
 use crate::robot::Robot;
 
-/// Memory of the method.
+/// Workspace of the method.
 #[derive(Clone, Debug)]
 pub(super) struct RungeKutta {
     q: Configuration,
@@ -59,6 +62,7 @@ impl RungeKutta {
                 &self.acceleration,
             );
         }
+        // q+ = q exp(theta), v+ = v plus the weighted accelerations.
         let turns = self.turn_sum.as_chunks::<3>().0;
         for (q, turn) in state.configuration.0.iter_mut().zip(turns) {
             *q = turned(q, &Vector3::from(*turn));
@@ -75,6 +79,7 @@ impl RungeKutta {
         armatures: &[f64],
         ahead: f64,
     ) {
+        // v and q of the stage, and dtheta/dt there.
         self.v.copy_from_slice(&start.velocity);
         add(&mut self.v, ahead, &self.acceleration);
         let stage = self.q.0.iter_mut().zip(self.v.as_chunks::<3>().0);

@@ -42,7 +42,7 @@ pub struct Stepper {
     accelerations: Vec<f64>,
 }
 
-/// An integrator and its memory.
+/// An integrator and its workspace.
 #[derive(Clone, Debug)]
 enum Scheme {
     SemiImplicitEuler,
@@ -143,6 +143,7 @@ impl Stepper {
                 advance(state, accelerations, h);
             }
         }
+        // A step that turns a joint too far does not resolve the motion.
         let rates = largest_turn(&state.velocity, h);
         let turn = match &self.scheme {
             // Its turns are of rates at all stages.

@@ -90,6 +90,7 @@ impl Cast for Cylinder {
     #[inline(always)]
     fn cast<S: Simd>(&self, simd: S, o: &Vector3<f64>, [x, y, z]: [Lanes<S>; 3]) -> Hits<S> {
         let c = o.x * o.x + o.y * o.y - self.radius * self.radius;
+        // Where the ray enters and leaves the tube, and the slab between the flat ends.
         let [tube_in, tube_out, root] = quadric(simd, x * x + y * y, x * o.x + y * o.y, c);
         let [slab_in, slab_out] = slab(simd, o.z, z, self.half_height);
         let depth = tube_in.max(slab_in);
@@ -116,6 +117,7 @@ impl Cylinder {
 impl Cast for Cuboid {
     #[inline(always)]
     fn cast<S: Simd>(&self, simd: S, o: &Vector3<f64>, [x, y, z]: [Lanes<S>; 3]) -> Hits<S> {
+        // Inside the box is inside three slabs: the last to enter is the face that is seen.
         let [x_in, x_out] = slab(simd, o.x, x, self.half.x);
         let [y_in, y_out] = slab(simd, o.y, y, self.half.y);
         let [z_in, z_out] = slab(simd, o.z, z, self.half.z);
@@ -157,11 +159,13 @@ impl Cast for Capsule {
         let zero = Lanes::splat(simd, 0.0);
         let (a, b) = (x * x + y * y, x * o.x + y * o.y);
         let c = o.x * o.x + o.y * o.y - self.radius * self.radius;
+        // The side, where it is hit between the ends.
         let [side, _, root] = quadric(simd, a, b, c);
         let height = (side * z + o.z).abs();
         let between = height.at_most(Lanes::splat(simd, self.half_length));
         let ahead = zero.at_most(side);
         let mut nearest = hits_where(simd, ahead.and(between), side, root / self.radius);
+        // The balls at the ends, where they are nearer.
         for end in [-self.half_length, self.half_length] {
             let up = o.z - end;
             let [depth, _, root] = quadric(simd, a + z * z, b + z * up, c + up * up);

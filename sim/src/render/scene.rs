@@ -9,8 +9,8 @@ use crate::geometry::{
     BASE_COLOR, Instance, Kind, Shape, Solid, Sphere, base_pose, base_solids, between, disc_solids,
     rod_solids,
 };
+use crate::pose::Pose;
 use crate::robot::{Body, Payload, Robot, Waypoint};
-use crate::statics::Equilibrium;
 
 const TENDON_COLOR: [u8; 3] = [60, 60, 60];
 const PAYLOAD_COLOR: [u8; 3] = [150, 155, 165];
@@ -38,15 +38,16 @@ pub enum BaseVisibility {
 }
 
 impl Scene {
-    /// A settled robot: its discs, and the rods through them.
-    pub fn of_robot(robot: &Robot, equilibrium: &Equilibrium, base: BaseVisibility) -> Self {
+    /// A robot in a pose, for example of an equilibrium: its discs, and the rods through them.
+    pub fn of_robot<'a>(robot: &Robot, pose: impl Into<Pose<'a>>, base: BaseVisibility) -> Self {
+        let pose = pose.into();
         let mut solids = match base {
             BaseVisibility::Shown => base_solids(robot),
             BaseVisibility::Hidden => Vec::new(),
         };
-        let poses = |disc| equilibrium.disc_pose(disc);
-        solids.extend(disc_solids(robot, poses));
-        solids.extend(rod_solids(robot, poses));
+        let disc_pose = |disc| pose.disc(disc);
+        solids.extend(disc_solids(robot, disc_pose));
+        solids.extend(rod_solids(robot, disc_pose));
         Self { solids }
     }
 }
@@ -63,14 +64,15 @@ impl Scene {
     }
 
     /// Adds the robot's tendons, as thin lines from hole to hole.
-    pub fn add_tendons(&mut self, robot: &Robot, equilibrium: &Equilibrium) {
+    pub fn add_tendons<'a>(&mut self, robot: &Robot, pose: impl Into<Pose<'a>>) {
+        let robot_pose = pose.into();
         let spec = robot.spec();
         let base = base_pose(robot);
         let hole = |waypoint: &Waypoint| {
             let [x, y] = spec.hole_position(waypoint.0, waypoint.1)?;
             Some(match waypoint.0 {
                 Body::Base => base * Point3::new(x, y, spec.base.hole_height),
-                Body::Disc(disc) => equilibrium.disc_pose(disc) * Point3::new(x, y, 0.0),
+                Body::Disc(disc) => robot_pose.disc(disc) * Point3::new(x, y, 0.0),
             })
         };
         for (index, tendon) in robot.tendons().iter().enumerate() {
@@ -89,7 +91,7 @@ impl Scene {
 
     /// Adds a payload, as a steel ball of its mass that lies on the distal disc above the payload's
     /// offset; nothing for one without mass.
-    pub fn add_payload(&mut self, robot: &Robot, equilibrium: &Equilibrium, payload: &Payload) {
+    pub fn add_payload<'a>(&mut self, robot: &Robot, pose: impl Into<Pose<'a>>, payload: &Payload) {
         let tip = robot.discs().len() - 1;
         let radius = (payload.mass / STEEL * 3.0 / (4.0 * PI)).cbrt();
         if radius > 0.0 {
@@ -97,7 +99,7 @@ impl Scene {
             let center = Translation3::new(x, y, robot.discs()[tip].half_height + radius);
             self.solids.push(Solid {
                 shape: Shape(Kind::Sphere(Sphere { radius })),
-                pose: equilibrium.disc_pose(tip) * center,
+                pose: pose.into().disc(tip) * center,
                 color: PAYLOAD_COLOR,
                 instance: Instance::Payload,
             });

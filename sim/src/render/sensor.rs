@@ -110,8 +110,8 @@ impl Sensor {
         }
     }
 
-    /// What camera number `camera` makes of a true picture, its `index`-th: a function of the picture
-    /// and these three numbers. The mask stays the true one; lost pixels have depth 0.
+    /// The `index`-th picture of camera number `camera`, given the true one: a function of that picture
+    /// and of these three numbers. The mask stays the true one; lost pixels have depth 0.
     pub fn take(&self, truth: &RgbdFrame, seed: u64, camera: u64, index: u64) -> RgbdFrame {
         let mut frame = truth.clone();
         if let Some(error) = &self.extrinsics {
@@ -144,12 +144,14 @@ impl Sensor {
     /// Measured depth (m) at a pixel that shows something; 0 where it is lost.
     fn depth(&self, truth: &RgbdFrame, u: u32, v: u32, draws: &Draws) -> f64 {
         let mut z = f64::from(truth.depth[truth.index(u, v)]);
+        // Lost on a surface that is seen at a slant.
         if let Some(grazing) = &self.grazing
             && let Some(facing) = facing(truth, u, v)
             && draws.grazing * grazing.limit > facing
         {
             return 0.0;
         }
+        // Lost at an edge, or between its two depths.
         if let Some(edges) = &self.edges
             && let Some(other) = edges.beyond(truth, u, v)
         {
@@ -160,6 +162,7 @@ impl Sensor {
                 z += draws.flight * (other - z);
             }
         }
+        // Noise and rounding of the disparity d = f B / z.
         let scale = truth.camera.intrinsics.fx * self.baseline;
         let mut disparity = scale / z + self.disparity_noise.unwrap_or(0.0) * draws.disparity;
         if let Some(step) = self.disparity_step {

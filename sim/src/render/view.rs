@@ -100,6 +100,7 @@ impl<'a> View<'a> {
             let mask = &mut band.mask[pixels];
             let [from, to] = span.map(|u| u as usize);
             let [old_from, old_to] = band.spans[index].map(|u| u as usize);
+            // What the frame showed outside the new span is background now.
             for stale in [old_from..old_to.min(from), old_from.max(to)..old_to] {
                 if !stale.is_empty() {
                     color[stale.clone()].fill([0; 3]);
@@ -183,6 +184,7 @@ impl<'a> View<'a> {
         depth: &mut [f32],
         mask: &mut [Instance],
     ) {
+        // Light of each pixel: ambient, and the cosine between ray and normal.
         row.light.resize(color.len(), 0);
         let rays = row.x.iter().zip(&row.y).zip(&row.facing);
         Arch::new().dispatch(
@@ -195,6 +197,7 @@ impl<'a> View<'a> {
                 }
             },
         );
+        // Runs of pixels of one solid.
         let mut from = 0;
         for run in row.solid[..color.len()].chunk_by(|a, b| a == b) {
             let pixels = from..from + run.len();
@@ -222,7 +225,7 @@ impl<'a> View<'a> {
 }
 
 impl Row {
-    /// Makes room for rays that have met nothing.
+    /// Resets the buffers for this many rays, which have met nothing.
     fn clear(&mut self, rays: usize) {
         let rays = rays.next_multiple_of(LANES);
         self.x.clear();
@@ -346,6 +349,7 @@ fn pixel_bounds(solid: &Solid, camera: &Camera) -> (Range<u32>, Range<u32>) {
     if near <= 0.0 {
         return (0..k.width, 0..k.height);
     }
+    // Normalised coordinates between which a box of these extents lies.
     let slopes = |middle: f64, extent: f64| {
         let (low, high) = (middle - extent, middle + extent);
         [

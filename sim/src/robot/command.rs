@@ -53,6 +53,12 @@ impl Robot {
     /// [`CommandError`] for a wrong number of entries, or an entry that is not within its tendon's
     /// range.
     pub fn command(&self, values: &[f64]) -> Result<Command, CommandError> {
+        self.check_command(values)?;
+        Ok(Command(values.to_vec()))
+    }
+
+    /// Whether values are a command for this robot.
+    pub(crate) fn check_command(&self, values: &[f64]) -> Result<(), CommandError> {
         if values.len() != self.tendons().len() {
             return Err(CommandError::Length {
                 robot: self.spec().name.clone(),
@@ -72,7 +78,7 @@ impl Robot {
                 });
             }
         }
-        Ok(Command(values.to_vec()))
+        Ok(())
     }
 
     /// A command drawn uniformly from the box of the tendons' ranges.

@@ -61,7 +61,7 @@ pub struct PoseTangent {
     pub rotation: Vector3<f64>,
 }
 
-/// An equilibrium made ready to be differentiated: [`Robot::sensitivity`].
+/// The factorised system of an equilibrium, with which it is differentiated: [`Robot::sensitivity`].
 #[derive(Clone, Debug)]
 pub struct Sensitivity {
     robot: Robot,
@@ -136,6 +136,7 @@ impl Sensitivity {
         let mut dead = DeadForces::new(robot);
         dead.set(robot, loads);
         following::add_forces(loads, 1.0, &posture, &mut dead);
+        // A commanded length is the spring that gives its tension.
         let mut effective = command.as_slice().to_vec();
         for (t, tendon) in robot.tendons().iter().enumerate() {
             if tendon.holds_length() {
@@ -191,6 +192,7 @@ impl Sensitivity {
         if tendons.is_empty() {
             return;
         }
+        // Gradients A of the held lengths, J⁻¹ A, and A' J⁻¹ A, of which the multipliers follow (Schur complement).
         let columns = self.expansion.dense_columns();
         let slopes: Vec<_> = tendons.iter().map(|&t| columns[t].1.clone()).collect();
         let none = vec![Vector3::zeros(); self.robot.discs().len()];
@@ -225,6 +227,7 @@ impl Sensitivity {
                 solution
             }
             System::Dense(factors) => {
+                // What acts on a disc turns all joints below it.
                 let mut total = joint.to_vec();
                 let mut above = Vector3::zeros();
                 for (total, disc) in total.iter_mut().zip(disc).rev() {
@@ -252,6 +255,7 @@ impl Sensitivity {
         let Some(compliance) = &self.held.compliance else {
             return (solution, Vec::new());
         };
+        // Multipliers of the constraints, and the solution that keeps them.
         let excess = |i: usize| dot(&self.held.slopes[i], &solution) - growth[i];
         let excess = Mat::from_fn(growth.len(), 1, |i, _| excess(i));
         let multipliers = compliance[side as usize].solve(&excess);

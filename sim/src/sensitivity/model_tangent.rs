@@ -109,6 +109,7 @@ impl ModelTangent {
             _ => [0.0, 1.0],
         };
         let per_unit = 1.0 / (steps[1] - steps[0]);
+        // The robot on either side of the parameter's value, laid out.
         let [low, high] = steps.map(|by| {
             let mut spec = robot.spec().clone();
             shift(&mut spec, parameter, by);
@@ -117,6 +118,7 @@ impl ModelTangent {
             dead.set(&robot, loads);
             (robot, dead)
         });
+        // Differences of what the layout has: ends of pieces, lengths, places, forces, stiffnesses.
         let ends = |from: [&Vector3<f64>; 2], to: [&Vector3<f64>; 2]| {
             [from, to].map(|[low, high]| (high - low) * per_unit)
         };

@@ -1,4 +1,9 @@
 //! How the potential's gradient, and the discs' poses, change with the model.
+//!
+//! A tendon of length `L` and tension `T` adds `T dL` to the gradient. When the model changes and the configuration does not,
+//! that changes by `T' dL + T (dL)'`, a dash for a change with the model; [`pull`](Sensitivity::pull) is `T'`. Of a straight piece
+//! from hole `s` to hole `p`, with direction `u = (p - s) / |p - s|`, the slope along a turn about a joint's centre `c` is
+//! `dL = a x u`, `a = p - c`.
 
 use nalgebra::Vector3;
 
@@ -147,6 +152,7 @@ impl Sensitivity {
             let stretch = &self.posture.stretches[i];
             let moved = self.moved_segment(tangent, i);
             let turned = turned_direction(&stretch.direction, stretch.length, &moved);
+            // a' x u + a x u' of the arm a from the joint to the upper hole.
             let slope = moved.upper.cross(&stretch.direction) + stretch.hole.cross(&turned);
             out.joint[segment.joint] += stretch.gradient() * pull[segment.tendon]
                 + slope * self.expansion.tensions[segment.tendon];
@@ -170,6 +176,7 @@ impl Sensitivity {
             for (joint, centre) in centres.iter().enumerate().take(span.upper + 1).skip(first) {
                 let arm = upper - chain.centres[joint];
                 let moved_arm = moved.upper - centre;
+                // T' (a x u) + T (a' x u + a x u') of the arm a from the joint to the upper hole.
                 out.joint[joint] += arm.cross(&u) * pull[span.tendon]
                     + (moved_arm.cross(&u) + arm.cross(&turned)) * tension;
             }
@@ -181,10 +188,12 @@ impl Sensitivity {
         let n = chain.positions.len();
         let (mut above, mut more_above) = (Vector3::zeros(), Vector3::zeros());
         for k in (0..n).rev() {
+            // Change of the moment of the disc's own loads about its joint.
             let arm = chain.positions[k] - chain.centres[k];
             let more = tangent.dead.at_origin[k];
             let mut change = more.cross(&arm) - tangent.moments[k];
             change += (self.dead.gravity).cross(&(chain.disc(k) * tangent.dead.off_origin[k]));
+            // And of the forces from above: the payload's at the tip, elsewhere those at the next joint.
             if k + 1 == n {
                 let hung = chain.disc(k) * self.dead.payload_arm;
                 change += tangent.dead.payload.cross(&hung);
@@ -243,6 +252,7 @@ impl Sensitivity {
         let mut above = Vector3::zeros();
         for k in (0..n).rev() {
             let arm = chain.positions[k] - chain.centres[k];
+            // A turn of disc k moves its own origin, and the centre of the next joint with all above.
             levers[k] = arm.cross(&cotangents[k].position) + cotangents[k].rotation;
             if k + 1 < n {
                 levers[k] += (chain.centres[k + 1] - chain.centres[k]).cross(&above);

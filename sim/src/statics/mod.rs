@@ -27,10 +27,11 @@ pub use settler::Settler;
 pub use stability::{NotSettled, Stability};
 pub use sweep::Sweep;
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use crate::chain::Configuration;
+use crate::pose::Pose;
 use crate::robot::{Command, Loads, Robot};
 use crate::tendon::Posture;
 
@@ -75,7 +76,18 @@ impl Equilibrium {
     /// # Panics
     /// For a disc that the robot does not have.
     pub fn disc_pose(&self, index: usize) -> Isometry3<f64> {
-        Isometry3::from_parts(self.positions[index].into(), self.orientations[index])
+        self.pose().disc(index)
+    }
+
+    /// Where everything is.
+    pub fn pose(&self) -> Pose<'_> {
+        Pose {
+            configuration: &self.configuration,
+            positions: &self.positions,
+            orientations: &self.orientations,
+            tendon_lengths: &self.tendon_lengths,
+            tendon_tensions: &self.tendon_tensions,
+        }
     }
 
     /// Room for an equilibrium of `robot`: the straight pose, not converged.
@@ -101,22 +113,18 @@ impl Equilibrium {
     }
 
     /// Takes over a configuration, and the poses and lengths of its posture.
-    pub(crate) fn pose(&mut self, q: &Configuration, posture: &Posture) {
+    pub(crate) fn take_over(&mut self, q: &Configuration, posture: &Posture) {
         let chain = &posture.chain;
         self.configuration.0.copy_from_slice(&q.0);
         self.positions.copy_from_slice(&chain.positions);
-        let mut below = quaternion(&chain.orientations[0]);
-        if below.w < 0.0 {
-            below = opposite(&below);
-        }
-        for (to, orientation) in self.orientations.iter_mut().zip(&chain.orientations[1..]) {
-            *to = quaternion(orientation);
-            if to.coords.dot(&below.coords) < 0.0 {
-                *to = opposite(to);
-            }
-            below = *to;
-        }
+        chain.quaternions(&mut self.orientations);
         self.tendon_lengths.copy_from_slice(&posture.lengths);
+    }
+}
+
+impl<'a> From<&'a Equilibrium> for Pose<'a> {
+    fn from(equilibrium: &'a Equilibrium) -> Self {
+        equilibrium.pose()
     }
 }
 
@@ -143,13 +151,4 @@ impl Robot {
             .map_init(|| Settler::new(self), settle)
             .collect()
     }
-}
-
-fn quaternion(orientation: &Matrix3<f64>) -> UnitQuaternion<f64> {
-    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*orientation))
-}
-
-/// The other quaternion of the same rotation.
-fn opposite(q: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-    UnitQuaternion::new_unchecked(-q.into_inner())
 }

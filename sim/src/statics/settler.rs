@@ -104,6 +104,11 @@ impl Settler {
         self.solve(command, loads)
     }
 
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
     /// Where the robot last settled; before that, no equilibrium of anything.
     pub fn equilibrium(&self) -> &Equilibrium {
         &self.equilibrium
@@ -247,7 +252,7 @@ impl Settler {
 
     fn report(&mut self, end: End, iterations: usize) -> &Equilibrium {
         let (descent, out) = (&self.descent, &mut self.equilibrium);
-        out.pose(&descent.iterate.configuration, &descent.iterate.posture);
+        out.take_over(&descent.iterate.configuration, &descent.iterate.posture);
         out.tendon_tensions
             .copy_from_slice(&descent.expansion.tensions);
         out.residual = descent.expansion.residual();

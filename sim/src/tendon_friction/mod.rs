@@ -220,6 +220,11 @@ impl FrictionPath {
         }
     }
 
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        self.settler.robot()
+    }
+
     /// Where the path has come to.
     pub fn state(&self) -> &FrictionState {
         &self.state
@@ -305,7 +310,7 @@ impl FrictionPath {
     fn accept(&mut self) {
         let balance = &self.balance;
         let out = &mut self.state.equilibrium;
-        out.pose(&balance.iterate.configuration, &balance.iterate.posture);
+        out.take_over(&balance.iterate.configuration, &balance.iterate.posture);
         for (tension, profile) in out.tendon_tensions.iter_mut().zip(&balance.profiles) {
             *tension = profile.tensions[0];
         }

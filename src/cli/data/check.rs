@@ -8,7 +8,7 @@ use tdcr::report::counted;
 
 use super::{Console, Dirs};
 
-/// Read all of data sets: shapes, finite numbers, normalisation, disjoint splits, no condition twice
+/// Check data sets: array shapes, finite numbers, normalisation, disjoint splits, no condition twice
 #[derive(Debug, Args)]
 pub(in crate::cli) struct CheckArgs {
     #[command(flatten)]

@@ -10,7 +10,7 @@ use tdcr::report::counted;
 use super::Console;
 use crate::cli::output;
 
-/// Make a data set of clouds (.ply, .pcd, .npy, .npz) with motor files {"ctrl": [...]} of the same names
+/// Make a data set from clouds (.ply, .pcd, .npy, .npz) and the motor files {"ctrl": [...]} of the same names
 #[derive(Debug, Args)]
 pub(in crate::cli) struct ImportArgs {
     /// Folder of clouds and motor files

@@ -12,7 +12,7 @@ use tdcr::sim::robot::CommandUnit;
 
 use super::{Console, Dirs};
 
-/// Say what is in data sets: robot, splits, ranges
+/// Summarise data sets: robot, splits, ranges
 #[derive(Debug, Args)]
 pub(in crate::cli) struct InfoArgs {
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `tdcr data`: what is in data sets, and the ways in and out of them.
+//! `tdcr data`: inspects, checks, imports and exports data sets.
 
 mod check;
 mod exchange;
@@ -11,7 +11,7 @@ use clap::{Args, Subcommand};
 
 use super::console::Console;
 
-/// Look at data sets, check them, make them of other programs' clouds and the reverse
+/// Inspect, check, import and export data sets
 #[derive(Debug, Args)]
 pub(super) struct DataArgs {
     #[command(subcommand)]

@@ -51,7 +51,7 @@ pub struct Metrics {
     pub tests: usize,
     pub points: usize,
     pub emd_points: usize,
-    /// Numbers of the network's products when it predicted, and when it was trained.
+    /// Operand type of the network's matrix products when it predicted, and when it was trained.
     pub precision: Option<Precision>,
     pub training_precision: Option<Precision>,
     /// Scores of what else was compared, by key.

@@ -23,15 +23,16 @@ use super::{PrecisionArgs, SamplerArgs, output};
 pub(super) use metrics::Metrics;
 pub(super) use tables::scores as table;
 
-/// Score a trained model, or anyone's clouds, on the test commands of a data set, beside trivial predictors and the floor
+/// Score a trained model, or the clouds of any program, on the test commands of a data set, beside trivial predictors and
+/// the sampling floor
 #[derive(Debug, Args)]
 pub(super) struct EvalArgs {
     /// The trained model
     #[arg(long, default_value = "run/model.safetensors", value_name = "FILE")]
     pub model: PathBuf,
-    /// Score these clouds instead, of any program: an NPZ file of `points` (T, N, 3), floats (m), a cloud for each command of
-    /// the test split in its order; maybe of `rgb` (T, N, 3) and of `commands` (T, D), which are compared with the test
-    /// split's. `tdcr predict --commands FILE --out clouds.npz` writes such a file
+    /// Score the clouds in this file instead of a model's: an NPZ file of `points` (T, N, 3), floats (m), one cloud for each
+    /// command of the test split, in its order. It may also hold `rgb` (T, N, 3), and `commands` (T, D), which are checked
+    /// against the test split. `tdcr predict --commands FILE --out clouds.npz` writes such a file
     #[arg(
         long,
         value_name = "FILE.npz",
@@ -43,10 +44,10 @@ pub(super) struct EvalArgs {
     pub data: PathBuf,
     #[command(flatten)]
     scoring: ScoringArgs,
-    /// Test commands to name, and to show in the report: those predicted worst, by Chamfer distance
+    /// How many of the worst test commands, by Chamfer distance, to list and to show in the report
     #[arg(long, default_value_t = 5, value_name = "N")]
     worst: usize,
-    /// Write a page on the scores: table, distribution, pictures of the worst predictions
+    /// Write an HTML page of the scores: table, distribution, pictures of the worst predictions
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 }
@@ -114,7 +115,7 @@ fn prepare(args: &EvalArgs) -> anyhow::Result<(Evaluated, Evaluator)> {
     Ok((Evaluated::Model(model, sampler), evaluator))
 }
 
-/// What `tdcr eval` says.
+/// The JSON result of `tdcr eval`.
 #[derive(Serialize)]
 struct Said {
     #[serde(flatten)]

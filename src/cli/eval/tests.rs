@@ -4,10 +4,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use tdcr::learn::data::{Condition, DataSet, Split};
+use tdcr::learn::data::{Condition, DataSet, PredictedClouds, Split};
 use tdcr::learn::predict::{About, PredictError, Prediction, Predictor, TrainingCost};
 use tdcr::pipeline::{
-    CollectSettings, EvalSettings, Evaluation, Evaluator, PipelineError, Silent, collect,
+    CollectSettings, EvalSettings, Evaluation, Evaluator, Monitor, PipelineError, Silent, collect,
 };
 use tdcr::report::Report;
 
@@ -159,4 +159,45 @@ fn a_predictor_of_too_few_points_is_refused() {
         refused.to_string(),
         "fixed guess: 299 points in a predicted cloud, expected at least 300"
     );
+}
+
+/// Asks to stop at once.
+struct Stop;
+
+impl Monitor for Stop {
+    fn begin(&self, _: &str, _: u64, _: u64) {}
+    fn advance(&self, _: u64) {}
+    fn note(&self, _: &str) {}
+    fn status(&self, _: &str) {}
+    fn end(&self) {}
+    fn interrupted(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn an_interruption_says_that_the_command_goes_on_only_where_a_journal_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = collected(folder.path());
+    let journal = folder.path().join("journal");
+    let said = |evaluator: &Evaluator, journal| {
+        let stopped = evaluator.run(journal, &Stop).unwrap_err();
+        stopped.to_string()
+    };
+    let evaluator = Evaluator::new(fixed("first", &data), &data, SETTINGS).unwrap();
+    assert_eq!(said(&evaluator, None), "interrupted");
+    let resumes = "interrupted; run the same command again to go on";
+    assert_eq!(said(&evaluator, Some(&journal)), resumes);
+    // Given clouds are kept in no journal.
+    let clouds = PredictedClouds {
+        points: evaluator
+            .test()
+            .iter()
+            .map(|test| test.cloud.points.clone())
+            .collect(),
+        colors: None,
+        commands: None,
+    };
+    let given = Evaluator::of_clouds(clouds, &data, SETTINGS).unwrap();
+    assert_eq!(said(&given, Some(&journal)), "interrupted");
 }

@@ -36,19 +36,3 @@ fn png(
         .context("cannot encode a PNG")?;
     Ok(bytes)
 }
-
-/// NumPy's array file, format 1.0: `height` rows of `width` 32-bit floats.
-pub(super) fn npy([width, height]: [u32; 2], values: &[f32]) -> Vec<u8> {
-    const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";
-    let mut header =
-        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
-    // Data begin at a multiple of 64 bytes, after a newline.
-    let length = (MAGIC.len() + 2 + header.len() + 1).next_multiple_of(64) - MAGIC.len() - 2;
-    header.extend(std::iter::repeat_n(' ', length - header.len() - 1));
-    header.push('\n');
-    let mut bytes = MAGIC.to_vec();
-    bytes.extend((length as u16).to_le_bytes());
-    bytes.extend(header.bytes());
-    bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-    bytes
-}

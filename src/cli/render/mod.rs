@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use tdcr::learn::data::{NpzArray, NpzValues, write_npy};
 use tdcr::report::counted;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
@@ -18,11 +19,11 @@ use super::console::Console;
 use super::loads::{LoadArgs, LoadsSaid};
 use super::{CommandArg, output};
 
-/// See a settled robot with its cameras: colour, depth and mask images, and the fused cloud
+/// Render a settled robot with its cameras: colour, depth and mask images, and the fused cloud
 #[derive(Debug, Args)]
 pub(super) struct RenderArgs {
-    #[arg(long, default_value = "2m", help = super::ROBOT)]
-    robot: String,
+    #[command(flatten)]
+    robot: super::RobotArg,
     #[command(flatten)]
     command: CommandArg,
     #[command(flatten)]
@@ -33,10 +34,10 @@ pub(super) struct RenderArgs {
     /// Show a base of your own: an STL mesh in the frame of the robot's base (m)
     #[arg(long, value_name = "FILE", conflicts_with = "base")]
     base_mesh: Option<PathBuf>,
-    /// Show what else there is; may be given several times
+    /// Show more than the discs; may be given several times
     #[arg(long, value_enum, value_name = "WHAT")]
     show: Vec<Extra>,
-    /// Take the pictures with the faults of a real camera
+    /// Simulate the noise of a real depth camera
     #[arg(long, value_enum)]
     noise: Option<super::Noise>,
     /// Seed of the faults
@@ -105,7 +106,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         &args.out,
         "a folder for the pictures of all cameras",
     )?;
-    let robot = Robot::new(super::load_robot(&args.robot)?)?;
+    let robot = Robot::new(args.robot.load()?)?;
     let command = robot.command(&args.command.lengths)?;
     let loads = args.loads.on(&robot)?;
     let equilibrium = robot.settle(&command, &loads);
@@ -210,10 +211,12 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
         &folder.join(&view.depth_png),
         &files::grey_png(size, millimetres)?,
     )?;
-    output::write(
-        &folder.join(&view.depth_npy),
-        files::npy(size, &frame.depth),
-    )?;
+    let depth = NpzArray {
+        name: "depth",
+        shape: &[size[1] as usize, size[0] as usize],
+        values: NpzValues::Floats(&frame.depth),
+    };
+    write_npy(&folder.join(&view.depth_npy), &depth)?;
     output::write(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
     Ok(view)
 }

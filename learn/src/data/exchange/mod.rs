@@ -10,7 +10,7 @@ mod split_file;
 mod table;
 
 pub use import::{ExportFormat, ImportSettings, LengthUnit, export, import};
-pub use npz::{NpzArray, NpzRows, NpzValues, write_npz};
+pub use npz::{NpzArray, NpzRows, NpzValues, write_npy, write_npz};
 pub use predictions::{PredictedClouds, read_predictions};
 
 use std::path::{Path, PathBuf};

@@ -39,6 +39,11 @@ impl NpzArray<'_> {
         }
     }
 
+    /// A file of it alone.
+    fn npy(&self) -> Result<Vec<u8>, Fault> {
+        Ok([header(self.shape, self.descr()), self.data()?].concat())
+    }
+
     /// Its values as a file holds them, of which there must be as many as its shape says.
     fn data(&self) -> Result<Vec<u8>, Fault> {
         let (count, data) = match self.values {
@@ -64,15 +69,26 @@ impl NpzArray<'_> {
     }
 }
 
+/// Writes an array to an NPY file, whole or not at all; such a file has no place for its name.
+///
+/// # Errors
+/// As [`write_npz`].
+pub fn write_npy(path: &Path, array: &NpzArray) -> Result<(), CloudFileError> {
+    let written = array.npy().and_then(|npy| {
+        write_atomically(path, |file| file.write_all(&npy))
+            .map_err(|error| Fault::new("file", error))
+    });
+    written.map_err(|fault| fault.at(path))
+}
+
 /// Writes arrays to an NPZ file, whole or not at all.
 ///
 /// # Errors
 /// [`CloudFileError`] where the file cannot be written, or an array has not as many values as its shape says.
 pub fn write_npz(path: &Path, arrays: &[NpzArray]) -> Result<(), CloudFileError> {
-    let files = arrays.iter().map(|array| {
-        let npy = [header(array.shape, array.descr()), array.data()?].concat();
-        Ok((array.name.to_owned(), npy))
-    });
+    let files = arrays
+        .iter()
+        .map(|array| Ok((array.name.to_owned(), array.npy()?)));
     let written = files.collect::<Result<Vec<_>, Fault>>().and_then(|files| {
         let files = (files.iter()).map(|(name, npy)| (name.clone(), npy.len() as u64, &npy[..]));
         write_atomically(path, |file| write_archive(file, files))

@@ -11,6 +11,9 @@
 //! | `context` | the context network: stages, maximum over points, joining layer |
 //! | `shape` | sizes of the whole network, and its layers |
 //! | `velocity` | the network |
+//!
+//! Points and voxels of one cloud run in parallel, clouds one after another: one cloud's features are kept, one gradient is
+//! summed, and a single prediction uses all cores. Blocks of rows are fixed, and so are the sums over them.
 
 mod context;
 mod context_shape;

@@ -8,11 +8,11 @@ use super::context_shape::ContextShape;
 use super::shape::{HybridShape, Layers};
 use crate::flow::VelocityField;
 use crate::net::kernels::Precision;
-use crate::net::kernels::float32::add;
+use crate::net::kernels::float32::{add, reset};
 use crate::net::layers::{Passes, Weights};
 use crate::net::mlp::{
     Batch, ConditionerTape, Loss, PackedTrunk, PointPass, STRIPE, Share, TrunkTapes,
-    add_trunk_gradients, divide, reset,
+    add_trunk_gradients, divide,
 };
 use crate::net::parameters::{NetworkShapeError, Table, require_precision};
 use crate::pool::Pool;
@@ -68,9 +68,6 @@ struct Split<T> {
 
 impl Hybrid {
     /// A network with fresh parameters drawn from `rng`.
-    ///
-    /// Layers start as PyTorch's do and norms as the identity; FiLM heads and the output layers of the context start at
-    /// zero, so that the network starts as its head alone.
     ///
     /// # Errors
     /// [`NetworkShapeError`] where `shape` is out of bounds.
@@ -207,7 +204,7 @@ impl Hybrid {
         d_modulation: Split<&mut [f32]>,
     ) -> f64 {
         let Layers { trunk, context, .. } = &self.layers;
-        self.see(sample.time, &sample.modulation, sample.points, tape);
+        self.fill_inputs(sample.time, &sample.modulation, sample.points, tape);
         let pass = PointPass {
             trunk,
             weights: self.trunk_weights(&tape.packed),
@@ -283,7 +280,13 @@ impl Hybrid {
 
     /// Fills `tape.inputs` with `[x | C]`, `C = a(t) C_pv + (1 - a(t)) (W_g e + b_g)`: the cloud's context, blended with the
     /// embedding's by the time gate.
-    fn see(&self, time: f32, modulation: &Split<&[f32]>, points: &[f32], tape: &mut CloudTape) {
+    fn fill_inputs(
+        &self,
+        time: f32,
+        modulation: &Split<&[f32]>,
+        points: &[f32],
+        tape: &mut CloudTape,
+    ) {
         let input = self.context_input(modulation, points, &tape.packed);
         self.layers.context.forward(input, &mut tape.context);
         let (global, channels) = (modulation.global, self.shape.head.channels.count());
@@ -382,7 +385,7 @@ impl VelocityField for Hybrid {
             conditioner.forward(&self.params, &[t], condition, tape);
             let modulation = self.split(&tape.modulation);
             self.pack(Passes::Forward, &mut cloud.packed);
-            self.see(t, &modulation, points, cloud);
+            self.fill_inputs(t, &modulation, points, cloud);
             trunk.velocities(
                 self.trunk_weights(&cloud.packed),
                 modulation.head,

@@ -29,7 +29,7 @@ impl Dense {
             return (rows.zip(y.par_chunks_mut(ROWS * self.outputs)))
                 .for_each(|(x, y)| self.forward(params, x, y));
         };
-        operands.enter(x, self.inputs);
+        operands.set_left(x, self.inputs);
         operands.multiply(&alone(&packed.forward), y, self.outputs, |y| {
             fill_rows(y, &params[self.bias.clone()]);
             Accum::Add
@@ -49,7 +49,7 @@ impl Dense {
             return (rows.zip(y.par_chunks_mut(ROWS * self.outputs)))
                 .for_each(|(x, y)| self.add_product(weights.params, x, y));
         };
-        operands.enter(x, self.inputs);
+        operands.set_left(x, self.inputs);
         operands.multiply(&alone(&packed.forward), y, self.outputs, |_| Accum::Add);
     }
 
@@ -67,7 +67,7 @@ impl Dense {
             return (rows.zip(dy.par_chunks(ROWS * self.outputs)))
                 .for_each(|(dx, dy)| self.input_gradient(weights.params, accum, dy, dx));
         };
-        operands.enter(dy, self.outputs);
+        operands.set_left(dy, self.outputs);
         operands.multiply(&alone(&packed.backward), dx, self.inputs, |_| accum);
     }
 

@@ -1,6 +1,7 @@
 //! Squeeze and excitation: a gain per channel from the channels' means.
 
 use super::dense::Dense;
+use crate::net::kernels::float32::reset;
 use crate::net::parameters::{Table, fan_in};
 
 /// Channels per hidden feature.
@@ -46,11 +47,11 @@ impl Squeeze {
 
     /// Gains from `tape.means`.
     pub fn forward(&self, params: &[f32], tape: &mut SqueezeTape) {
-        zeros(&mut tape.hidden, self.reduce.outputs);
+        reset(&mut tape.hidden, self.reduce.outputs);
         self.reduce
             .add_product(params, &tape.means, &mut tape.hidden);
         tape.hidden.iter_mut().for_each(|z| *z = z.max(0.0));
-        zeros(&mut tape.gains, self.expand.outputs);
+        reset(&mut tape.gains, self.expand.outputs);
         self.expand
             .add_product(params, &tape.hidden, &mut tape.gains);
         tape.gains
@@ -64,7 +65,7 @@ impl Squeeze {
             *d *= a * (1.0 - a);
         }
         self.expand.backward_weight(gradient, &tape.hidden, &tape.d);
-        zeros(&mut tape.d_hidden, self.reduce.outputs);
+        reset(&mut tape.d_hidden, self.reduce.outputs);
         self.expand
             .backward_input(params, &tape.d, &mut tape.d_hidden);
         for (d, z) in tape.d_hidden.iter_mut().zip(&tape.hidden) {
@@ -77,11 +78,6 @@ impl Squeeze {
         self.reduce
             .backward_input(params, &tape.d_hidden, &mut tape.d);
     }
-}
-
-fn zeros(values: &mut Vec<f32>, len: usize) {
-    values.clear();
-    values.resize(len, 0.0);
 }
 
 #[cfg(test)]

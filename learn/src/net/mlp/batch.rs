@@ -54,12 +54,13 @@ impl Batch<'_> {
     }
 }
 
-/// Mean squared velocity error, colours weighted.
+/// Mean squared velocity error over all `B N 3` components of the positions (paper, Eq. fm_loss_tdcr, divided by their
+/// number), plus the weighted one of the colours (Eq. rgb_loss_tdcr), divided by the same number.
 #[derive(Clone, Copy, Debug)]
 pub struct Loss {
     /// Numbers per velocity.
     pub channels: usize,
-    /// Number of the positions' components, by which the squared error is divided.
+    /// Components `B N 3` of the positions.
     pub components: usize,
     color_weight: f32,
 }

@@ -13,6 +13,10 @@
 //! | `batch` | what a network is trained on, and the loss |
 //! | `shares` | a batch divided for parallel work |
 //! | `velocity` | the network |
+//!
+//! The FiLM gains and the command's part of the input layer are computed once per cloud, only the trunk per point. Points go
+//! through in tiles that stay in cache; products of floats are faer's, element-wise loops are vectorised by pulp. Both choose
+//! their kernels at run time; `tests/python/test_kernels.py` runs them under QEMU as processors without AVX-512 and AVX2 would.
 
 mod batch;
 mod conditioner;
@@ -27,7 +31,7 @@ mod velocity;
 pub use batch::{Batch, Loss};
 pub use conditioner::{Conditioner, ConditionerTape, Part};
 pub use shape::MlpShape;
-pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide, reset};
+pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide};
 pub use trunk::Trunk;
 pub use trunk_bf16::PackedTrunk;
 pub use trunk_tiles::TrunkTapes;

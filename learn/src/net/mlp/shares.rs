@@ -9,7 +9,7 @@ use super::trunk::{TilePass, Trunk, TrunkGradient};
 use super::trunk_bf16::PackedTrunk;
 use super::trunk_tiles::{LARGEST_TILE, TrunkTapes};
 use crate::channels::Channels;
-use crate::net::kernels::float32::add;
+use crate::net::kernels::float32::{add, reset};
 use crate::net::layers::{Keep, Weights};
 
 /// Parameters per task that clears a gradient or sums it over the shares.
@@ -94,10 +94,4 @@ pub fn add_trunk_gradients(shares: &[Share], total: &mut [f32]) {
                 );
             }
         });
-}
-
-/// `len` zeros.
-pub fn reset(buffer: &mut Vec<f32>, len: usize) {
-    buffer.clear();
-    buffer.resize(len, 0.0);
 }

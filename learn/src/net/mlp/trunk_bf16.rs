@@ -97,7 +97,7 @@ pub struct TrunkTape {
     d: Tiles,
     d_transposed: Tiles,
     /// A layer's input, a right matrix.
-    entered: Tiles,
+    inputs: Tiles,
     /// The gradient by the input layer's weight, transposed.
     d_input: Vec<f32>,
 }
@@ -131,7 +131,7 @@ pub struct Bf16Pass<'a> {
 
 impl Bf16Pass<'_> {
     /// Forward pass of the input layer: `h = W_x x + shift`.
-    fn enter(&mut self, shift: &[f32], points: &[f32]) {
+    fn input_forward(&mut self, shift: &[f32], points: &[f32]) {
         let features = &mut self.tape.features[..];
         match &self.packed.input {
             PackedInput::Few(weight) => InputLayer {
@@ -154,7 +154,7 @@ impl Bf16Pass<'_> {
     }
 
     /// Backward pass of the input layer, from the gradient by its output in the tape.
-    fn enter_backward(
+    fn input_backward(
         &mut self,
         points: &[f32],
         gradient: &mut [f32],
@@ -190,8 +190,8 @@ impl Bf16Pass<'_> {
             PackedInput::Many(packed) => {
                 tape.d_transposed
                     .set_left_transposed_from(&tape.d, [rows, width]);
-                tape.entered.set_right(Floats::dense(points, layer.inputs));
-                add_weight_gradient(layer, gradient, &tape.d_transposed, &tape.entered);
+                tape.inputs.set_right(Floats::dense(points, layer.inputs));
+                add_weight_gradient(layer, gradient, &tape.d_transposed, &tape.inputs);
                 if let Some(d_points) = d_points {
                     let start = d_points.len();
                     d_points.resize(start + points.len(), 0.0);
@@ -213,7 +213,7 @@ impl TilePass for Bf16Pass<'_> {
         };
         self.tape.resize(rows, width, blocks);
         let (shift, modulations) = modulation.split_at(width);
-        self.enter(shift, points);
+        self.input_forward(shift, points);
 
         // Residual blocks: m = FiLM(LN(h)) and h' = m + b, then h' += W SiLU(m).
         let tape = &mut *self.tape;
@@ -296,8 +296,8 @@ impl TilePass for Bf16Pass<'_> {
             multiply(output, Accum::Replace, &tape.d, &packed.backward);
             tape.d_transposed
                 .set_left_transposed_from(&tape.d, [rows, width]);
-            tape.entered.set_right_from(&block.activated, [rows, width]);
-            add_weight_gradient(layer, gradient, &tape.d_transposed, &tape.entered);
+            tape.inputs.set_right_from(&block.activated, [rows, width]);
+            add_weight_gradient(layer, gradient, &tape.d_transposed, &tape.inputs);
             let (d_scale, d_offset) = d_modulation.split_at_mut(width);
             ModulateBackward {
                 features: &mut tape.features,
@@ -314,7 +314,7 @@ impl TilePass for Bf16Pass<'_> {
             }
             .run();
         }
-        self.enter_backward(points, gradient, d_points.as_mut());
+        self.input_backward(points, gradient, d_points.as_mut());
     }
 }
 

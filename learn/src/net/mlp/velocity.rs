@@ -6,13 +6,13 @@ use rayon::prelude::*;
 use super::batch::Batch;
 use super::conditioner::{Conditioner, ConditionerTape};
 use super::shape::MlpShape;
-use super::shares::{PointPass, Share, add_trunk_gradients, divide, reset};
+use super::shares::{PointPass, Share, add_trunk_gradients, divide};
 use super::trunk::Trunk;
 use super::trunk_bf16::PackedTrunk;
 use super::trunk_tiles::TrunkTapes;
 use crate::flow::VelocityField;
 use crate::net::kernels::Precision;
-use crate::net::kernels::float32::add;
+use crate::net::kernels::float32::{add, reset};
 use crate::net::layers::{Passes, Weights};
 use crate::net::parameters::{NetworkShapeError, Table, require_precision};
 use crate::pool::Pool;
@@ -43,10 +43,6 @@ pub struct MlpWorkspace {
 
 impl Mlp {
     /// A network with fresh parameters drawn from `rng`.
-    ///
-    /// Dense layers start as PyTorch's do, weight and bias uniform in `+-1/sqrt(inputs)`; LayerNorms start as the
-    /// identity. The FiLM heads start at zero (gamma = beta = 0): every block starts as a plain residual block and
-    /// `e` enters by the input layer alone, so no command or time starts with an accidental gain.
     ///
     /// # Errors
     /// [`NetworkShapeError::Size`] where `shape` is out of bounds.
@@ -135,9 +131,8 @@ impl Mlp {
         &mut self.params
     }
 
-    /// Mean squared velocity error over all `B N 3` components of the positions (paper, Eq. fm_loss_tdcr, divided by
-    /// their number), plus [`Batch::color_weight`] times that of the colours (Eq. rgb_loss_tdcr); and its gradient by the
-    /// parameters, written over `gradient`.
+    /// Loss of `batch`, and its gradient by the parameters, written over `gradient`: the mean squared velocity error of all
+    /// positions' components, plus the weighted one of the colours' ([`Loss`](super::batch::Loss)).
     ///
     /// Points run in parallel; the result does not depend on the number of threads.
     ///

@@ -107,7 +107,7 @@ impl Conv3d {
         y: &mut [f32],
     ) {
         let bias = &params[self.bias.clone()];
-        operands.enter(x, self.inputs);
+        operands.set_left(x, self.inputs);
         packed
             .forward
             .convolve(self.grid, operands, y, self.outputs, |y| {
@@ -124,7 +124,7 @@ impl Conv3d {
         dy: &[f32],
         dx: &mut [f32],
     ) {
-        operands.enter(dy, self.outputs);
+        operands.set_left(dy, self.outputs);
         packed
             .backward
             .convolve(self.grid, operands, dx, self.inputs, |_| Accum::Replace);

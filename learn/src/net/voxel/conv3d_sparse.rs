@@ -1,5 +1,9 @@
 //! Convolution of a grid in which few voxels are occupied: products for those alone (Graham, Engelcke and van der Maaten,
 //! CVPR 2018). Outputs are as dense as any convolution's.
+//!
+//! The first convolution of a block sees points: 2,048 of them fill a tenth of 24^3 voxels, a sixth of 16^3. Products for those
+//! alone, whose outputs are scattered and whose gradients' neighbours are gathered, take a sixth of the time, and a training
+//! step half. After the first convolution all voxels have features.
 
 use std::ops::Range;
 
@@ -19,11 +23,11 @@ const PLANE: usize = 9;
 const ROWS: usize = 128;
 
 /// Buffers for features gathered or to be scattered, kept from call to call.
-pub type Rooms = Pool<Vec<f32>>;
+pub type Buffers = Pool<Vec<f32>>;
 
 impl Conv3d {
     /// [`Conv3d::forward`] of a few voxels' features.
-    pub fn forward_sparse(&self, params: &[f32], x: Sparse, rooms: &Rooms, y: &mut [f32]) {
+    pub fn forward_sparse(&self, params: &[f32], x: Sparse, buffers: &Buffers, y: &mut [f32]) {
         let Sparse {
             voxels, features, ..
         } = x;
@@ -48,7 +52,7 @@ impl Conv3d {
                     let rows = &voxels.rows()[block.clone()];
                     let x = &features[block.start * inputs..block.end * inputs];
                     let x = MatRef::from_row_major_slice(x, rows.len(), inputs);
-                    self.with_room(rooms, [rows.len(), PLANE], |products| {
+                    self.with_buffer(buffers, [rows.len(), PLANE], |products| {
                         let all =
                             MatMut::from_row_major_slice_mut(products, rows.len(), PLANE * outputs);
                         matmul(all, Accum::Replace, x, weight.transpose(), 1.0, Par::Seq);
@@ -66,7 +70,7 @@ impl Conv3d {
         params: &[f32],
         voxels: &Occupied,
         dy: &[f32],
-        rooms: &Rooms,
+        buffers: &Buffers,
         dx: &mut [f32],
     ) {
         let (inputs, outputs) = (self.inputs, self.outputs);
@@ -75,14 +79,14 @@ impl Conv3d {
         dx.par_chunks_mut(ROWS * inputs)
             .zip(voxels.rows().par_chunks(ROWS))
             .for_each(|(dx, rows)| {
-                self.with_room(rooms, [rows.len(), NEIGHBOURS], |gathered| {
+                self.with_buffer(buffers, [rows.len(), NEIGHBOURS], |gathered| {
                     // A row per voxel: dy at all of its neighbours. One product with all weights sums over them.
                     for (row, gathered) in rows
                         .iter()
                         .zip(gathered.chunks_exact_mut(NEIGHBOURS * outputs))
                     {
                         for (neighbour, to) in gathered.chunks_exact_mut(outputs).enumerate() {
-                            to.copy_from_slice(self.met_by(dy, *row, neighbour));
+                            to.copy_from_slice(self.at_inverse_neighbour(dy, *row, neighbour));
                         }
                     }
                     let dy =
@@ -99,7 +103,7 @@ impl Conv3d {
         gradient: &mut [f32],
         x: Sparse,
         dy: &[f32],
-        rooms: &Rooms,
+        buffers: &Buffers,
         sums: &mut Sums,
     ) {
         let Sparse {
@@ -112,9 +116,9 @@ impl Conv3d {
             .for_each(|(neighbour, dw)| {
                 for block in blocks(0..voxels.rows().len()) {
                     let rows = &voxels.rows()[block.clone()];
-                    self.with_room(rooms, [rows.len(), 1], |gathered| {
+                    self.with_buffer(buffers, [rows.len(), 1], |gathered| {
                         for (row, to) in rows.iter().zip(gathered.chunks_exact_mut(outputs)) {
-                            to.copy_from_slice(self.met_by(dy, *row, neighbour));
+                            to.copy_from_slice(self.at_inverse_neighbour(dy, *row, neighbour));
                         }
                         let dy = MatRef::from_row_major_slice(gathered, rows.len(), outputs);
                         let x = &features[block.start * inputs..block.end * inputs];
@@ -129,22 +133,22 @@ impl Conv3d {
     }
 
     /// The features in the grid `dy` of the voxel whose neighbour number `neighbour` is the voxel at `row`.
-    fn met_by<'a>(&self, dy: &'a [f32], row: usize, neighbour: usize) -> &'a [f32] {
+    fn at_inverse_neighbour<'a>(&self, dy: &'a [f32], row: usize, neighbour: usize) -> &'a [f32] {
         let row = row + 2 * self.grid.margin() - shift(self.grid, neighbour);
         &dy[row * self.outputs..][..self.outputs]
     }
 
     /// Runs `work` with a buffer for the outputs of `neighbours` neighbours of `rows` voxels.
-    fn with_room(
+    fn with_buffer(
         &self,
-        rooms: &Rooms,
+        buffers: &Buffers,
         [rows, neighbours]: [usize; 2],
         work: impl FnOnce(&mut [f32]),
     ) {
         let most = ROWS * NEIGHBOURS * self.outputs;
-        rooms.with(
+        buffers.with(
             || vec![0.0; most],
-            |room| work(&mut room[..rows * neighbours * self.outputs]),
+            |buffer| work(&mut buffer[..rows * neighbours * self.outputs]),
         );
     }
 }
@@ -236,9 +240,9 @@ mod tests {
                 channels: inputs,
             };
             sparse.spread(grid, &mut dense_x);
-            let (rooms, sums) = (Rooms::default(), &mut Sums::default());
+            let (buffers, sums) = (Buffers::default(), &mut Sums::default());
 
-            conv.forward_sparse(&params, sparse, &rooms, &mut y);
+            conv.forward_sparse(&params, sparse, &buffers, &mut y);
             conv.forward(&params, &dense_x, &mut dense_y);
             assert_close(&y, &dense_y);
 
@@ -248,14 +252,14 @@ mod tests {
             body.chunks_exact_mut(grid.plane() * outputs)
                 .for_each(|plane| grid.clear_padding(plane, outputs));
             let mut dx = vec![0.0; x.len()];
-            conv.backward_input_sparse(&params, &occupied, &dy, &rooms, &mut dx);
+            conv.backward_input_sparse(&params, &occupied, &dy, &buffers, &mut dx);
             conv.backward_input(&params, &dy, &mut dense_dx);
             let mut expected = vec![0.0; x.len()];
             occupied.collect(grid, &dense_dx, inputs, &mut expected);
             assert_close(&dx, &expected);
 
             let [mut gradient, mut expected] = [(); 2].map(|()| vec![1.0; table.len()]);
-            conv.backward_sparse(&mut gradient, sparse, &dy, &rooms, sums);
+            conv.backward_sparse(&mut gradient, sparse, &dy, &buffers, sums);
             conv.backward(&mut expected, &dense_x, &dy, sums);
             assert_close(&gradient, &expected);
         }

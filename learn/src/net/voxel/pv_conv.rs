@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::conv3d_bf16::PackedConv;
 use super::grid::Grid;
-use super::voxel_layer::{VoxelLayer, VoxelRoom};
+use super::voxel_layer::{VoxelLayer, VoxelWorkspace};
 use super::voxels::Voxels;
 use crate::net::kernels::bfloat16::Operands;
 use crate::net::kernels::float32::{Rows, Sums, add, vectorised};
@@ -66,7 +66,7 @@ pub struct PvScratch {
     points: [Vec<f32>; 2],
     /// Gradient by the averages.
     d_averages: Vec<f32>,
-    voxel_room: VoxelRoom,
+    voxel_workspace: VoxelWorkspace,
     /// For products of points.
     operands: Operands,
 }
@@ -140,7 +140,7 @@ impl PvBlock {
         let (grid, c) = (self.grid, self.channels);
         let PvScratch {
             voxels: [spare, left],
-            voxel_room: room,
+            voxel_workspace: workspace,
             operands,
             ..
         } = scratch;
@@ -152,13 +152,13 @@ impl PvBlock {
         let [layer1, layer2] = &self.layers;
         let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
         let sparse = voxels.sparse(&tape.averages, c);
-        layer1.convolve_sparse(convs[0], room, sparse, spare, first);
+        layer1.convolve_sparse(convs[0], workspace, sparse, spare, first);
         layer1.activate(params, first, &mut tape.activated);
-        layer2.convolve(convs[1], room, &tape.activated, second);
+        layer2.convolve(convs[1], workspace, &tape.activated, second);
         layer2.activate(params, second, left);
 
         // Gains a(mean g) and features of g at the points.
-        let means = room.sums.columns(grid.body(left, c), grid.rows(), c);
+        let means = workspace.sums.columns(grid.body(left, c), grid.rows(), c);
         tape.squeeze.means.clear();
         let mean = means.iter().map(|sum| (sum / grid.voxels() as f64) as f32);
         tape.squeeze.means.extend(mean);
@@ -212,10 +212,10 @@ impl PvBlock {
             voxels: [d_activated, d_voxels],
             points: [d_mixed, d_joined],
             d_averages,
-            voxel_room: room,
+            voxel_workspace: workspace,
             operands,
         } = scratch;
-        let sums = &mut room.sums;
+        let sums = &mut workspace.sums;
         // Through FiLM and W_m to the gradient by v; d itself stays, as h' contains h.
         copy(d, d_mixed);
         let Normed {
@@ -262,7 +262,7 @@ impl PvBlock {
         let convs = [0, 1].map(|k| weights.of(|packed| &packed.convs[k]));
         layer2.activate_backward(params, second, d_voxels, gradient);
         let matrices: [&[f32]; 2] = [&tape.activated, d_voxels];
-        layer2.convolve_backward(convs[1], room, matrices, gradient, d_activated);
+        layer2.convolve_backward(convs[1], workspace, matrices, gradient, d_activated);
         layer1.activate_backward(params, first, d_activated, gradient);
         d_averages.clear();
         d_averages.reserve(h.len());
@@ -270,7 +270,7 @@ impl PvBlock {
         let sparse = (voxels.sparse(&tape.averages, c), &d_activated[..]);
         // The features between the layers are no longer needed: their buffers are free.
         let spare = [&mut tape.activated[..], d_voxels];
-        layer1.convolve_backward_sparse(convs[0], room, sparse, spare, gradient, d_averages);
+        layer1.convolve_backward_sparse(convs[0], workspace, sparse, spare, gradient, d_averages);
         voxels.average_backward(d_averages, c, d);
     }
 

@@ -2,7 +2,7 @@
 
 use super::conv3d::Conv3d;
 use super::conv3d_bf16::PackedConv;
-use super::conv3d_sparse::Rooms;
+use super::conv3d_sparse::Buffers;
 use super::grid::Grid;
 use super::occupied::Sparse;
 use crate::net::kernels::bfloat16::{Operands, has_matrix_unit};
@@ -19,8 +19,8 @@ pub struct VoxelLayer {
 
 /// Workspace of the products, kept from call to call.
 #[derive(Debug, Default)]
-pub struct VoxelRoom {
-    float32: Rooms,
+pub struct VoxelWorkspace {
+    float32: Buffers,
     bfloat16: Operands,
     pub sums: Sums,
 }
@@ -45,14 +45,14 @@ impl VoxelLayer {
     pub fn convolve(
         &self,
         weights: Weights<PackedConv>,
-        room: &mut VoxelRoom,
+        workspace: &mut VoxelWorkspace,
         x: &[f32],
         normed: &mut Normed,
     ) {
         let (params, y) = (weights.params, &mut normed.features);
         match weights.packed {
             None => self.conv.forward(params, x, y),
-            Some(packed) => (self.conv).forward_bf16(params, packed, &mut room.bfloat16, x, y),
+            Some(packed) => (self.conv).forward_bf16(params, packed, &mut workspace.bfloat16, x, y),
         }
     }
 
@@ -60,21 +60,21 @@ impl VoxelLayer {
     pub fn convolve_sparse(
         &self,
         weights: Weights<PackedConv>,
-        room: &mut VoxelRoom,
+        workspace: &mut VoxelWorkspace,
         x: Sparse,
         spare: &mut [f32],
         normed: &mut Normed,
     ) {
-        if Self::takes_all(weights) {
+        if Self::all_are_faster(weights) {
             x.spread(self.conv.grid, spare);
-            return self.convolve(weights, room, spare, normed);
+            return self.convolve(weights, workspace, spare, normed);
         }
-        (self.conv).forward_sparse(weights.params, x, &room.float32, &mut normed.features);
+        (self.conv).forward_sparse(weights.params, x, &workspace.float32, &mut normed.features);
     }
 
     /// Whether products for all voxels, on a matrix unit, take less time than to gather and scatter those of the occupied
     /// ones, which are of floats in either precision.
-    fn takes_all(weights: Weights<PackedConv>) -> bool {
+    fn all_are_faster(weights: Weights<PackedConv>) -> bool {
         weights.packed.is_some() && has_matrix_unit()
     }
 
@@ -107,12 +107,12 @@ impl VoxelLayer {
     pub fn convolve_backward(
         &self,
         weights: Weights<PackedConv>,
-        room: &mut VoxelRoom,
+        workspace: &mut VoxelWorkspace,
         [x, d]: [&[f32]; 2],
         gradient: &mut [f32],
         dx: &mut [f32],
     ) {
-        let VoxelRoom { bfloat16, sums, .. } = room;
+        let VoxelWorkspace { bfloat16, sums, .. } = workspace;
         match weights.packed {
             None => {
                 self.conv.backward(gradient, x, d, sums);
@@ -130,19 +130,19 @@ impl VoxelLayer {
     pub fn convolve_backward_sparse(
         &self,
         weights: Weights<PackedConv>,
-        room: &mut VoxelRoom,
+        workspace: &mut VoxelWorkspace,
         (x, d): (Sparse, &[f32]),
         spare: [&mut [f32]; 2],
         gradient: &mut [f32],
         dx: &mut [f32],
     ) {
-        if Self::takes_all(weights) {
+        if Self::all_are_faster(weights) {
             let [all, d_all] = spare;
             x.spread(self.conv.grid, all);
-            self.convolve_backward(weights, room, [all, d], gradient, d_all);
+            self.convolve_backward(weights, workspace, [all, d], gradient, d_all);
             return (x.voxels).collect(self.conv.grid, d_all, x.channels, dx);
         }
-        let VoxelRoom { float32, sums, .. } = room;
+        let VoxelWorkspace { float32, sums, .. } = workspace;
         self.conv.backward_sparse(gradient, x, d, float32, sums);
         (self.conv).backward_input_sparse(weights.params, x.voxels, d, float32, dx);
     }

@@ -1,6 +1,6 @@
 //! Calibration: the stiffnesses, densities and dimensions that explain measured disc positions.
 //!
-//! Least squares over any of the robot's [`Parameter`](crate::sensitivity::Parameter)s, with standard errors and 95 % intervals of
+//! Least squares over any of the robot's [`Parameter`](crate::robot::Parameter)s, with standard errors and 95 % intervals of
 //! the linearised model (Seber and Wild, Nonlinear Regression, ch. 5). What the data cannot tell is
 //! said, not estimated: see [`Finding`].
 //!

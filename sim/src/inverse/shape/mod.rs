@@ -132,7 +132,7 @@ pub enum Bound {
 
 /// Why there is nothing to search for, or nothing to start from.
 #[derive(Clone, Debug, Error, PartialEq)]
-pub enum ShapeError {
+pub enum ShapeControlError {
     /// An empty list of targets.
     #[error("no target is given; expected at least one")]
     NoTarget,
@@ -164,12 +164,12 @@ impl ShapeController {
     /// Prepares to control `robot` under `loads`: settles the sampled commands, on all cores.
     ///
     /// # Errors
-    /// [`ShapeError`] for loads of another robot, a tolerance that is not above 0, and a robot that
+    /// [`ShapeControlError`] for loads of another robot, a tolerance that is not above 0, and a robot that
     /// settles under no sampled command.
-    pub fn new(robot: &Robot, loads: &Loads, search: Search) -> Result<Self, ShapeError> {
+    pub fn new(robot: &Robot, loads: &Loads, search: Search) -> Result<Self, ShapeControlError> {
         loads.check(robot)?;
         if !(search.tolerance > 0.0 && search.tolerance.is_finite()) {
-            return Err(ShapeError::Tolerance(search.tolerance));
+            return Err(ShapeControlError::Tolerance(search.tolerance));
         }
         let mut rng = ChaCha8Rng::seed_from_u64(search.seed);
         let mut commands = vec![robot.mean_command()];
@@ -180,7 +180,7 @@ impl ShapeController {
             .filter(|(_, equilibrium)| equilibrium.converged)
             .collect();
         if samples.is_empty() {
-            return Err(ShapeError::Unsettled(tried));
+            return Err(ShapeControlError::Unsettled(tried));
         }
         Ok(Self {
             robot: robot.clone(),
@@ -194,9 +194,9 @@ impl ShapeController {
     /// the first that meets them, or the best from all starts.
     ///
     /// # Errors
-    /// [`ShapeError`] for no targets, or one that makes no sense; [`ShapeError::Unsettled`] if no
+    /// [`ShapeControlError`] for no targets, or one that makes no sense; [`ShapeControlError::Unsettled`] if no
     /// start leads to a stable equilibrium.
-    pub fn reach(&self, targets: &[Target]) -> Result<ShapeSolution, ShapeError> {
+    pub fn reach(&self, targets: &[Target]) -> Result<ShapeSolution, ShapeControlError> {
         let problem = self.problem(targets)?;
         problem.best_of(self.starts(targets))
     }
@@ -224,12 +224,12 @@ impl ShapeController {
     /// A path that starts where the robot settles under `start`, from the straight pose.
     ///
     /// # Errors
-    /// [`ShapeError`] for a command of another robot, or under which it does not settle.
-    pub fn path_from(&self, start: &Command) -> Result<ShapePath, ShapeError> {
+    /// [`ShapeControlError`] for a command of another robot, or under which it does not settle.
+    pub fn path_from(&self, start: &Command) -> Result<ShapePath, ShapeControlError> {
         let start = self.robot.command(start.as_slice())?;
         let settled = self.robot.settle(&start, &self.loads);
         if !settled.converged {
-            return Err(ShapeError::Unsettled(1));
+            return Err(ShapeControlError::Unsettled(1));
         }
         let x = shares(&self.robot, &start);
         Ok(ShapePath::new(self, Some(Place { x, settled })))
@@ -244,20 +244,20 @@ impl ShapeController {
         &self,
         targets: &[Target],
         start: &Command,
-    ) -> Result<ShapeSolution, ShapeError> {
+    ) -> Result<ShapeSolution, ShapeControlError> {
         let problem = self.problem(targets)?;
         let start = self.robot.command(start.as_slice())?;
         let settled = self.robot.settle(&start, &self.loads);
         problem.best_of(std::iter::once(&(start, settled)))
     }
 
-    fn problem<'p>(&'p self, targets: &'p [Target]) -> Result<Problem<'p>, ShapeError> {
+    fn problem<'p>(&'p self, targets: &'p [Target]) -> Result<Problem<'p>, ShapeControlError> {
         if targets.is_empty() {
-            return Err(ShapeError::NoTarget);
+            return Err(ShapeControlError::NoTarget);
         }
         for (index, target) in targets.iter().enumerate() {
             if let Some(reason) = target.fault(&self.robot) {
-                return Err(ShapeError::Target {
+                return Err(ShapeControlError::Target {
                     index,
                     target: *target,
                     reason,

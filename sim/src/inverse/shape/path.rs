@@ -11,7 +11,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::problem::{Place, Problem, gap, shares};
-use super::{Outcome, ShapeController, ShapeError, ShapeSolution, Target};
+use super::{Outcome, ShapeControlError, ShapeController, ShapeSolution, Target};
 use crate::inverse::least_squares::{Evaluation, Limit, minimise};
 use crate::robot::Command;
 use crate::solve::Continuation;
@@ -104,7 +104,7 @@ impl ShapePath {
     ///
     /// # Errors
     /// As [`ShapeController::reach`]. The path then stays where it was.
-    pub fn follow(&mut self, targets: &[Target]) -> Result<PathPoint, ShapeError> {
+    pub fn follow(&mut self, targets: &[Target]) -> Result<PathPoint, ShapeControlError> {
         let controller = self.controller.clone();
         let problem = controller.problem(targets)?;
         let Some(last) = &self.last else {
@@ -130,7 +130,7 @@ impl ShapePath {
                 return Ok(self.arrive(&problem, Arrival::Switched, other, Vec::new()));
             }
         }
-        let (solution, via) = followed.ok_or(ShapeError::Unsettled(1))?;
+        let (solution, via) = followed.ok_or(ShapeControlError::Unsettled(1))?;
         Ok(self.arrive(&problem, Arrival::Followed, solution, via))
     }
 

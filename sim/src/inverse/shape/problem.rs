@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3xX};
 
-use super::{ActiveBound, Bound, Outcome, Search, ShapeError, ShapeSolution, Target};
+use super::{ActiveBound, Bound, Outcome, Search, ShapeControlError, ShapeSolution, Target};
 use crate::chain::Configuration;
 use crate::inverse::least_squares::{Evaluation, Limit, minimise};
 use crate::robot::{Command, Loads, Robot};
@@ -31,7 +31,7 @@ impl Problem<'_> {
     pub fn best_of<'s>(
         &self,
         starts: impl Iterator<Item = &'s (Command, Equilibrium)>,
-    ) -> Result<ShapeSolution, ShapeError> {
+    ) -> Result<ShapeSolution, ShapeControlError> {
         let mut settler = Settler::new(self.robot);
         let mut best: Option<(f64, ShapeSolution)> = None;
         let (mut steps, mut tried) = (0, 0);
@@ -49,7 +49,7 @@ impl Problem<'_> {
                 best = Some((cost, found));
             }
         }
-        let (_, mut found) = best.ok_or(ShapeError::Unsettled(tried))?;
+        let (_, mut found) = best.ok_or(ShapeControlError::Unsettled(tried))?;
         found.steps = steps;
         Ok(found)
     }

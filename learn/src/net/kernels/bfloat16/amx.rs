@@ -180,7 +180,7 @@ impl Amx {
     fn add_square(&self, Term { left, right }: &Term, first: [usize; 2]) {
         assert_eq!(left.depth(), right.depth(), "one inner dimension");
         // SAFETY: the tile registers are set up, as `self` shows. Of each operand tiles of 16 lines of 64 bytes are read at
-        // its steps, as many as it has.
+        // its strides, as many as it has.
         unsafe {
             asm!(
                 "2:",
@@ -202,10 +202,10 @@ impl Amx {
                 left1 = inout(reg) left.pointer(first[0] + 1) => _,
                 right0 = inout(reg) right.pointer(first[1]) => _,
                 right1 = inout(reg) right.pointer(first[1] + 1) => _,
-                left_line = in(reg) left.steps().line * size_of::<u16>(),
-                right_line = in(reg) right.steps().line * size_of::<u16>(),
-                left_step = in(reg) left.steps().inner * size_of::<u16>(),
-                right_step = in(reg) right.steps().inner * size_of::<u16>(),
+                left_line = in(reg) left.strides().line * size_of::<u16>(),
+                right_line = in(reg) right.strides().line * size_of::<u16>(),
+                left_step = in(reg) left.strides().inner * size_of::<u16>(),
+                right_step = in(reg) right.strides().inner * size_of::<u16>(),
                 depth = inout(reg) left.depth() => _,
                 out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
                 out("tmm4") _, out("tmm5") _, out("tmm6") _, out("tmm7") _,
@@ -253,10 +253,10 @@ impl Amx {
                 left1 = inout(reg) left.pointer(first[0] + 1) => _,
                 right0 = inout(reg) right.pointer(first[1]) => _,
                 right1 = inout(reg) right.pointer(first[1] + 1) => _,
-                left_line = in(reg) left.steps().line * size_of::<u16>(),
-                right_line = in(reg) right.steps().line * size_of::<u16>(),
-                left_step = in(reg) left.steps().inner * size_of::<u16>(),
-                right_step = in(reg) right.steps().inner * size_of::<u16>(),
+                left_line = in(reg) left.strides().line * size_of::<u16>(),
+                right_line = in(reg) right.strides().line * size_of::<u16>(),
+                left_step = in(reg) left.strides().inner * size_of::<u16>(),
+                right_step = in(reg) right.strides().inner * size_of::<u16>(),
                 depth = inout(reg) left.depth() => _,
                 out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
                 out("tmm4") _, out("tmm5") _, out("tmm6") _, out("tmm7") _,
@@ -272,7 +272,7 @@ impl Amx {
         macro_rules! strip {
             ($($register:literal $product:literal),*) => {
                 // SAFETY: the tile registers are set up, as `self` shows. Of each operand tiles of 16 lines of 64 bytes are
-                // read at its steps, as many as it has.
+                // read at its strides, as many as it has.
                 unsafe {
                     asm!(
                         "2:",
@@ -290,10 +290,10 @@ impl Amx {
                         four2 = inout(reg) four.pointer(first[0] + 2) => _,
                         four3 = inout(reg) four.pointer(first[0] + 3) => _,
                         one = inout(reg) one.pointer(first[1]) => _,
-                        four_line = in(reg) four.steps().line * size_of::<u16>(),
-                        line = in(reg) one.steps().line * size_of::<u16>(),
-                        four_step = in(reg) four.steps().inner * size_of::<u16>(),
-                        step = in(reg) one.steps().inner * size_of::<u16>(),
+                        four_line = in(reg) four.strides().line * size_of::<u16>(),
+                        line = in(reg) one.strides().line * size_of::<u16>(),
+                        four_step = in(reg) four.strides().inner * size_of::<u16>(),
+                        step = in(reg) one.strides().inner * size_of::<u16>(),
                         depth = inout(reg) four.depth() => _,
                         out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
                         out("tmm4") _, out("tmm5") _,

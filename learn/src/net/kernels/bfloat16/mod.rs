@@ -13,6 +13,12 @@
 //! | `product` | the loop over tiles on the fastest unit there is |
 //! | `operands` | products over the rows of large matrices, in parallel |
 //! | `lanes`, `kernel` | element-wise loops on 32 numbers at a time, for the layers between the products |
+//!
+//! Operands alone are bfloat16: sums, norms, the residual stream, weights and gradients stay floats. What a block keeps for its
+//! backward pass is rounded too, which halves the memory traffic. Weights are packed into tiles once a step; activations are
+//! written as tiles by the loop that computes them. With AMX the products then take half of a step, so the remaining time
+//! decides the speed: LayerNorm's sums in one pass, SiLU by the processor's estimate of a reciprocal, gradients rounded and
+//! summed in the pass that makes them.
 
 #[cfg(target_arch = "x86_64")]
 mod amx;

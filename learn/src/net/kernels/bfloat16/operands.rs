@@ -43,12 +43,12 @@ pub struct Operands {
 }
 
 impl Operands {
-    /// Rounds the matrix `x`, of `columns` columns, for the next product.
-    pub fn enter(&mut self, x: &[f32], columns: usize) {
+    /// Rounds the matrix `x`, of `columns` columns, as the left operand of the next products.
+    pub fn set_left(&mut self, x: &[f32], columns: usize) {
         self.rows.set(x, columns);
     }
 
-    /// `Y += X W`, or `Y = X W`, with the matrix `X` of [`Operands::enter`]. `prepare` may write to a part of `y` first, and
+    /// `Y += X W`, or `Y = X W`, with the matrix `X` of [`Operands::set_left`]. `prepare` may write to a part of `y` first, and
     /// says which.
     pub fn multiply<const N: usize>(
         &self,

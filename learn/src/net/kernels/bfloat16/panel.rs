@@ -23,7 +23,7 @@ impl Numbers<'_> {
 /// Strides (in numbers): from one line of a tile to the next, and from a tile to the next along the inner and along the outer
 /// dimension.
 #[derive(Clone, Copy, Debug)]
-pub struct Steps {
+pub struct Strides {
     pub line: usize,
     pub inner: usize,
     pub outer: usize,
@@ -34,7 +34,7 @@ pub struct Steps {
 pub struct Panel<'a> {
     numbers: Numbers<'a>,
     first: usize,
-    steps: Steps,
+    strides: Strides,
     blocks: usize,
     depth: usize,
 }
@@ -48,27 +48,38 @@ impl Tiles {
     /// The tiles `part` along the inner dimension, of all blocks.
     pub fn panel(&self, part: Range<usize>) -> Panel<'_> {
         let tile = SIDE * DEPTH;
-        let steps = Steps {
+        let strides = Strides {
             line: DEPTH,
             inner: tile,
             outer: self.depth() * tile,
         };
         let size = [self.tiles().len() / self.depth(), part.len()];
-        Panel::new(Numbers::Tiles(self.tiles()), part.start * tile, steps, size)
+        Panel::new(
+            Numbers::Tiles(self.tiles()),
+            part.start * tile,
+            strides,
+            size,
+        )
     }
 }
 
 impl<'a> Panel<'a> {
     /// `blocks` by `depth` tiles from number `first` on.
-    pub fn of_rows(numbers: &'a [u16], first: usize, steps: Steps, size: [usize; 2]) -> Self {
-        Self::new(Numbers::Rows(numbers), first, steps, size)
+    pub fn of_rows(numbers: &'a [u16], first: usize, strides: Strides, size: [usize; 2]) -> Self {
+        Self::new(Numbers::Rows(numbers), first, strides, size)
     }
 
     /// # Panics
     /// Where a tile's line lies outside of the numbers: what multiplies them reads unchecked.
-    fn new(numbers: Numbers<'a>, first: usize, steps: Steps, [blocks, depth]: [usize; 2]) -> Self {
+    fn new(
+        numbers: Numbers<'a>,
+        first: usize,
+        strides: Strides,
+        [blocks, depth]: [usize; 2],
+    ) -> Self {
         assert!(blocks > 0 && depth > 0, "an empty operand");
-        let last = (blocks - 1) * steps.outer + (depth - 1) * steps.inner + (SIDE - 1) * steps.line;
+        let last =
+            (blocks - 1) * strides.outer + (depth - 1) * strides.inner + (SIDE - 1) * strides.line;
         assert!(
             first + last + DEPTH <= numbers.len(),
             "an operand within its numbers"
@@ -76,7 +87,7 @@ impl<'a> Panel<'a> {
         Self {
             numbers,
             first,
-            steps,
+            strides,
             blocks,
             depth,
         }
@@ -93,8 +104,8 @@ impl<'a> Panel<'a> {
     }
 
     /// Strides of lines and tiles.
-    pub fn steps(&self) -> Steps {
-        self.steps
+    pub fn strides(&self) -> Strides {
+        self.strides
     }
 
     /// The first line of block `block`, or of the last one if there are fewer: of it and its following tiles, all lines may
@@ -110,7 +121,7 @@ impl<'a> Panel<'a> {
     /// A line of a tile of block `block`, or of the last one if there are fewer.
     #[inline(always)]
     pub fn line(&self, block: usize, tile: usize, line: usize) -> &'a [u16; DEPTH] {
-        let at = self.start(block) + tile * self.steps.inner + line * self.steps.line;
+        let at = self.start(block) + tile * self.strides.inner + line * self.strides.line;
         match self.numbers {
             Numbers::Tiles(tiles) => tiles[at / (SIDE * DEPTH)].line(at / DEPTH % SIDE),
             Numbers::Rows(numbers) => numbers[at..]
@@ -120,6 +131,6 @@ impl<'a> Panel<'a> {
     }
 
     fn start(&self, block: usize) -> usize {
-        self.first + block.min(self.blocks - 1) * self.steps.outer
+        self.first + block.min(self.blocks - 1) * self.strides.outer
     }
 }

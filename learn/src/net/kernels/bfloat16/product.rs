@@ -1,4 +1,7 @@
 //! Products of tiled matrices.
+//!
+//! The right operand stays in the first cache, the left one streams by it, and the output's next rows are fetched meanwhile.
+//! Rows that products read and write again are padded, as rows at a power of two of bytes share a few cache lines.
 
 use faer::Accum;
 

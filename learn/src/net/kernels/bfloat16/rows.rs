@@ -3,7 +3,7 @@
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::panel::{Panel, Steps};
+use super::panel::{Panel, Strides};
 use super::tile::{DEPTH, SIDE, round};
 
 /// Rows of zeros after the last: products take rows by tiles.
@@ -79,13 +79,13 @@ impl Rows {
     /// inner dimension.
     pub fn panel(&self, first: usize, count: usize, following: usize) -> Panel<'_> {
         let stride = padded(self.columns);
-        let steps = Steps {
+        let strides = Strides {
             line: stride,
             inner: DEPTH,
             outer: SIDE * stride,
         };
         let size = [count.div_ceil(SIDE), (following * stride).div_ceil(DEPTH)];
-        Panel::of_rows(self.numbers.numbers(), first * stride, steps, size)
+        Panel::of_rows(self.numbers.numbers(), first * stride, strides, size)
     }
 }
 
@@ -127,14 +127,19 @@ impl Paired {
     /// The right matrix of `count` rows, and up to 31 further ones, from row `first` on.
     pub fn panel(&self, first: usize, count: usize) -> Panel<'_> {
         let stride = padded(self.columns);
-        let steps = Steps {
+        let strides = Strides {
             line: 2 * stride,
             inner: DEPTH * stride,
             outer: DEPTH,
         };
         let size = [stride / SIDE, count.div_ceil(DEPTH)];
         let (pair, odd) = (first / 2, first % 2);
-        Panel::of_rows(self.numbers[odd].numbers(), pair * 2 * stride, steps, size)
+        Panel::of_rows(
+            self.numbers[odd].numbers(),
+            pair * 2 * stride,
+            strides,
+            size,
+        )
     }
 }
 

@@ -86,6 +86,12 @@ pub fn activate(x: &[f32], value: &mut [f32], slope: &mut [f32]) {
     });
 }
 
+/// Makes `buffer` `len` zeros.
+pub fn reset(buffer: &mut Vec<f32>, len: usize) {
+    buffer.clear();
+    buffer.resize(len, 0.0);
+}
+
 /// Sets every row of `rows` to `row`.
 pub fn fill_rows(rows: &mut [f32], row: &[f32]) {
     rows.chunks_exact_mut(row.len())

@@ -7,5 +7,5 @@ mod loops;
 mod rows;
 
 pub(in crate::net) use loops::vectorised;
-pub use loops::{activate, add, dot, fill_rows, multiply, silu, sum, sum_rows};
+pub use loops::{activate, add, dot, fill_rows, multiply, reset, silu, sum, sum_rows};
 pub use rows::{Rows, Sums};

@@ -11,7 +11,7 @@ use super::loops::sum_rows;
 const POINTS: usize = 256;
 
 /// A row-major matrix in blocks of rows, the unit of parallel work. A block holds lines of real rows with padding
-/// between them: for points one line without padding, for a [`Grid`](super::grid::Grid) a plane's lines.
+/// between them: for points one line without padding, for a grid of voxels a plane's lines.
 ///
 /// Blocks do not depend on the number of threads, so neither do sums over them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,0 +1,122 @@
+//! A robot in motion, driven by commands that it holds for some steps.
+
+use nalgebra::UnitQuaternion;
+
+use super::{Simulation, SimulationError, check, settled};
+use crate::dynamics::{DynamicsError, Integrator, State, Stepper};
+use crate::pose::Pose;
+use crate::robot::{Command, Loads, Robot};
+use crate::statics::Settler;
+use crate::tendon::Posture;
+
+/// A robot in motion: a [`Stepper`] with the state that it moves.
+#[derive(Clone, Debug)]
+pub struct MovingRobot {
+    stepper: Stepper,
+    settler: Settler,
+    /// Time steps of one advance.
+    steps: usize,
+    state: State,
+    /// Time since the last reset (s), in steps.
+    taken: u64,
+    /// Whether there was a reset.
+    started: bool,
+    posture: Posture,
+    orientations: Vec<UnitQuaternion<f64>>,
+    tensions: Vec<f64>,
+}
+
+impl MovingRobot {
+    /// A robot that moves by `steps` (at least 1) time steps of `timestep` (s) at each advance.
+    ///
+    /// # Errors
+    /// As [`Stepper::new`].
+    pub fn new(
+        robot: &Robot,
+        timestep: f64,
+        integrator: Integrator,
+        steps: usize,
+    ) -> Result<Self, DynamicsError> {
+        let mut moving = Self {
+            stepper: Stepper::new(robot, timestep, integrator)?,
+            settler: Settler::new(robot),
+            steps: steps.max(1),
+            state: State::straight(robot),
+            taken: 0,
+            started: false,
+            posture: Posture::new(robot),
+            orientations: vec![UnitQuaternion::identity(); robot.discs().len()],
+            tensions: vec![0.0; robot.tendons().len()],
+        };
+        moving.place(&robot.mean_command());
+        Ok(moving)
+    }
+
+    /// Configuration and velocities.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Time since the last reset (s).
+    pub fn time(&self) -> f64 {
+        self.taken as f64 * self.stepper.timestep()
+    }
+
+    /// Computes the pose of the state under `command`.
+    fn place(&mut self, command: &Command) {
+        let robot = self.stepper.robot();
+        self.posture.place(robot, &self.state.configuration);
+        self.posture.chain.quaternions(&mut self.orientations);
+        let lengths = self.posture.lengths.iter().zip(command.as_slice());
+        for ((tension, tendon), (&length, &command)) in
+            self.tensions.iter_mut().zip(robot.tendons()).zip(lengths)
+        {
+            *tension = tendon.state(length, command).tension;
+        }
+    }
+}
+
+impl Simulation for MovingRobot {
+    fn robot(&self) -> &Robot {
+        self.stepper.robot()
+    }
+
+    /// At rest in the equilibrium.
+    fn reset(&mut self, command: &Command, loads: &Loads) -> Result<(), SimulationError> {
+        check(self.robot(), command, loads)?;
+        let equilibrium = self.settler.settle(command, loads);
+        let configuration = &equilibrium.configuration;
+        self.state.configuration.0.copy_from_slice(&configuration.0);
+        self.state.velocity.fill(0.0);
+        (self.taken, self.started) = (0, true);
+        self.place(command);
+        settled(self.robot(), command, self.settler.equilibrium())
+    }
+
+    fn advance(&mut self, command: &Command, loads: &Loads) -> Result<(), SimulationError> {
+        if !self.started {
+            return self.reset(command, loads);
+        }
+        check(self.robot(), command, loads)?;
+        let mut moved = Ok(());
+        for _ in 0..self.steps {
+            moved = self.stepper.step(&mut self.state, command, loads);
+            if moved.is_err() {
+                break;
+            }
+            self.taken += 1;
+        }
+        self.place(command);
+        Ok(moved?)
+    }
+
+    fn pose(&self) -> Pose<'_> {
+        Pose {
+            configuration: &self.state.configuration,
+            positions: &self.posture.chain.positions,
+            orientations: &self.orientations,
+            tendon_lengths: &self.posture.lengths,
+            tendon_tensions: &self.tensions,
+        }
+    }
+}

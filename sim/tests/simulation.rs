@@ -1,0 +1,155 @@
+//! Whoever drives a simulated robot need not know by which physics it moves.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+use tdcr_sim::cloud::{Observer, VoxelGrid};
+use tdcr_sim::dynamics::Integrator;
+use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::robot::{Command, Friction, Loads, Robot, RobotSpec};
+use tdcr_sim::simulation::{MovingRobot, Simulation, SimulationError};
+use tdcr_sim::statics::Settler;
+use tdcr_sim::tendon_friction::FrictionPath;
+
+const TIMESTEP: f64 = 0.002;
+
+fn simulations(robot: &Robot) -> Vec<Box<dyn Simulation>> {
+    vec![
+        Box::new(Settler::new(robot)),
+        Box::new(FrictionPath::new(robot)),
+        Box::new(MovingRobot::new(robot, TIMESTEP, Integrator::default(), 50).unwrap()),
+    ]
+}
+
+/// A command that bends both modules, part of the way from the mean.
+fn bent(robot: &Robot, part: f64) -> Command {
+    let pulls = [-0.012, 0.004, 0.006, 0.01, -0.008, 0.0];
+    let mean = robot.mean_command();
+    let values = mean.as_slice().iter().zip(pulls);
+    let values: Vec<f64> = values.map(|(mean, pull)| mean + part * pull).collect();
+    robot.command(&values).unwrap()
+}
+
+/// The same program drives all three; without friction, and given time to come to rest, they end in the same pose.
+#[test]
+fn every_simulation_ends_in_the_equilibrium_of_its_command() {
+    let robot = Robot::load("2m").unwrap();
+    let loads = Loads::payload(0.01).unwrap();
+    for (kind, mut simulation) in simulations(&robot).into_iter().enumerate() {
+        simulation.reset(&bent(&robot, 0.0), &loads).unwrap();
+        for step in 1..=10 {
+            simulation
+                .advance(&bent(&robot, f64::from(step) / 10.0), &loads)
+                .unwrap();
+        }
+        // Bends that keep the tendon lengths have little stiffness: at rest takes minutes of motion.
+        for _ in 0..3000 {
+            simulation.advance(&bent(&robot, 1.0), &loads).unwrap();
+        }
+        let pose = simulation.pose();
+        let settled = robot.settle(&bent(&robot, 1.0), &loads);
+        for disc in 0..10 {
+            let apart = (pose.positions[disc] - settled.positions[disc]).norm();
+            assert!(apart < 1e-4, "{kind}: disc {disc} is {apart} m off");
+            assert!(pose.orientations[disc].angle_to(&settled.orientations[disc]) < 1e-2);
+        }
+        for tendon in 0..6 {
+            let apart = pose.tendon_lengths[tendon] - settled.tendon_lengths[tendon];
+            assert!(apart.abs() < 1e-5, "{kind}: tendon {tendon}");
+            let apart = pose.tendon_tensions[tendon] - settled.tendon_tensions[tendon];
+            assert!(apart.abs() < 1e-2, "{kind}: {apart} N");
+        }
+    }
+}
+
+#[test]
+fn a_reset_forgets_what_was_before() {
+    let mut spec = RobotSpec::standard("2m").unwrap();
+    for tendon in spec
+        .modules
+        .iter_mut()
+        .filter_map(|module| module.tendons.as_mut())
+    {
+        tendon.friction = Some(Friction {
+            coefficient: 0.2,
+            contact_stiffness: 1e5,
+        });
+    }
+    let robot = Robot::new(spec).unwrap();
+    for mut simulation in simulations(&robot) {
+        let ends = [bent(&robot, 0.0), bent(&robot, 1.0)];
+        simulation.reset(&ends[0], &Loads::default()).unwrap();
+        let fresh = simulation.pose().positions.to_vec();
+        simulation.advance(&ends[1], &Loads::default()).unwrap();
+        assert_ne!(simulation.pose().positions, fresh);
+        simulation.reset(&ends[0], &Loads::default()).unwrap();
+        assert_eq!(simulation.pose().positions, fresh);
+    }
+}
+
+#[test]
+fn a_first_advance_is_a_reset() {
+    let robot = Robot::load("2m").unwrap();
+    for (mut fresh, mut reset) in simulations(&robot).into_iter().zip(simulations(&robot)) {
+        fresh
+            .advance(&bent(&robot, 1.0), &Loads::default())
+            .unwrap();
+        reset.reset(&bent(&robot, 1.0), &Loads::default()).unwrap();
+        assert_eq!(fresh.pose(), reset.pose());
+    }
+}
+
+#[test]
+fn commands_of_another_robot_are_refused() {
+    let [robot, other] = ["2m", "3m"].map(|name| Robot::load(name).unwrap());
+    for mut simulation in simulations(&robot) {
+        let refused = simulation.reset(&other.mean_command(), &Loads::default());
+        assert!(matches!(refused, Err(SimulationError::Command(_))));
+        simulation
+            .reset(&robot.mean_command(), &Loads::default())
+            .unwrap();
+        let refused = simulation.advance(&other.mean_command(), &Loads::default());
+        assert!(matches!(refused, Err(SimulationError::Command(_))));
+    }
+}
+
+#[test]
+fn cameras_see_a_robot_in_motion() {
+    let robot = Robot::load("2m").unwrap();
+    let mut moving = MovingRobot::new(&robot, TIMESTEP, Integrator::default(), 5).unwrap();
+    moving.reset(&bent(&robot, 0.0), &Loads::default()).unwrap();
+    let mut observer = Observer::new(&robot, BaseVisibility::Hidden, VoxelGrid::new(0.002));
+    let still = observer.observe(moving.pose());
+    assert_eq!(
+        still,
+        observer.observe(&robot.settle(&bent(&robot, 0.0), &Loads::default()))
+    );
+    moving
+        .advance(&bent(&robot, 1.0), &Loads::default())
+        .unwrap();
+    assert_ne!(still, observer.observe(moving.pose()));
+    assert_eq!(moving.time(), 5.0 * TIMESTEP);
+}
+
+/// The pose is a view, and settling and stepping reuse their memory.
+#[test]
+fn after_the_first_advance_nothing_is_allocated() {
+    let robot = Robot::load("2m").unwrap();
+    let commands: Vec<Command> = (0..20)
+        .map(|step| bent(&robot, f64::from(step) / 20.0))
+        .collect();
+    let loads = Loads::default();
+    let settler: Box<dyn Simulation> = Box::new(Settler::new(&robot));
+    let moving = MovingRobot::new(&robot, TIMESTEP, Integrator::default(), 5).unwrap();
+    for mut simulation in [settler, Box::new(moving)] {
+        simulation.reset(&commands[0], &loads).unwrap();
+        simulation.advance(&commands[1], &loads).unwrap();
+        let mut height = 0.0;
+        let counts = allocation_counter::measure(|| {
+            for command in &commands {
+                simulation.advance(command, &loads).unwrap();
+                height += simulation.pose().tip().translation.z;
+            }
+        });
+        assert_eq!(counts.count_total, 0);
+        assert!(height > 0.0);
+    }
+}
