@@ -175,6 +175,11 @@ impl Factor {
             self.below[joint] = below;
             self.partial[joint * slots..][..slots].copy_from_slice(&partial[..slots]);
         }
+        self.curvature()
+    }
+
+    /// What [`Factor::factorise`] last found.
+    pub fn curvature(&self) -> Curvature {
         match self.negative {
             None => Curvature::Positive,
             Some(_) => Curvature::Modified,
@@ -187,12 +192,8 @@ impl Factor {
     ///
     /// The factor is then that of the Hessian; where it is not positive definite, of the Hessian with
     /// all eigenvalues raised by the margin.
-    pub fn definiteness(
-        &mut self,
-        expansion: &Expansion,
-        curvature: Curvature,
-        resolution: f64,
-    ) -> Definiteness {
+    pub fn definiteness(&mut self, expansion: &Expansion, resolution: f64) -> Definiteness {
+        let curvature = self.curvature();
         if curvature == Curvature::Positive && self.smallest > resolution.max(MARGIN * self.largest)
         {
             return Definiteness::Positive;

@@ -73,6 +73,7 @@ pub mod render;
 pub mod robot;
 pub mod sensitivity;
 pub mod simulation;
+mod solve;
 pub mod statics;
 mod tendon;
 pub mod tendon_friction;

@@ -6,7 +6,7 @@
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
 use super::Stability;
 use super::tolerance::moment_tolerance;
@@ -14,22 +14,20 @@ use crate::chain::{Configuration, turned};
 use crate::energy::{Expansion, Potential};
 use crate::factor::{Curvature, Factor};
 use crate::robot::{Robot, joints_along};
-use crate::tendon::Posture;
+use crate::solve::{Iterate, System, newton};
 
-/// Newton steps before a descent counts as stalled.
-const MAX_ITERATIONS: usize = 100;
 /// Largest turn of a joint in one step (rad).
 const MAX_TURN: f64 = 0.5;
 /// Turn of the joint that turns most when a saddle is left (rad).
 const SADDLE_TURN: f64 = 0.1;
-/// Stiffness first given to the joints where the Hessian is indefinite, for each N m left (1/rad).
+/// Stiffness first given to the joints where the Hessian is indefinite, for each N m of the residual (1/rad).
 const STIFFENING: f64 = 0.1;
 /// Attempts at making the Hessian positive definite, each four times as stiff as the one before.
 const MAX_STIFFENINGS: usize = 10;
 /// Cosine of the angle between changes of the command that count as of one direction.
 const PARALLEL: f64 = 0.99;
-/// Halvings of a step before it counts as failed.
-const MAX_HALVINGS: usize = 30;
+/// Share of the decrease by the linear model that a step must bring (Armijo's condition).
+const ENOUGH: f64 = 1e-4;
 /// Share of the energy that is rounding.
 const ENERGY_ROUNDING: f64 = 1e-13;
 /// Energy (J) that terms of both signs may have before they cancel, for each N m of the tolerance.
@@ -39,18 +37,14 @@ const CANCELLING: f64 = 1e7;
 #[derive(Clone, Debug)]
 pub(super) struct Descent {
     robot: Robot,
-    pub configuration: Configuration,
-    pub posture: Posture,
+    pub iterate: Iterate,
     pub expansion: Expansion,
     pub factor: Factor,
-    /// Largest moment left on a joint (N m) at which the robot counts as at rest.
+    /// Largest residual moment of a joint (N m) at which the robot counts as at rest.
     pub tolerance: f64,
-    trial: Configuration,
-    trial_posture: Posture,
     gradient: Vec<Vector3<f64>>,
     /// No terms of discs.
     none: Vec<Vector3<f64>>,
-    step: Vec<Vector3<f64>>,
     /// What the last prediction was made for, and came to.
     prediction: Prediction,
 }
@@ -68,7 +62,7 @@ struct Prediction {
 pub(super) enum End {
     /// In an equilibrium of this kind.
     AtRest(Stability),
-    /// Where moments are left.
+    /// Where a residual is left.
     Stalled,
 }
 
@@ -81,43 +75,34 @@ impl End {
 
 impl Descent {
     pub fn new(robot: &Robot) -> Self {
-        let configuration = Configuration::straight(robot);
-        let mut posture = Posture::new(robot);
-        posture.place(robot, &configuration);
+        let iterate = Iterate::new(robot);
         let expansion = Expansion::new(robot);
-        let tolerance = moment_tolerance(robot, &posture.lengths);
         let zero = vec![Vector3::zeros(); robot.discs().len()];
         Self {
             robot: robot.clone(),
-            trial: configuration.clone(),
-            configuration,
-            trial_posture: posture.clone(),
-            posture,
+            tolerance: moment_tolerance(robot, &iterate.posture.lengths),
             factor: Factor::new(&expansion),
             expansion,
-            tolerance,
             gradient: zero.clone(),
-            none: zero.clone(),
-            step: zero,
+            none: zero,
             prediction: Prediction {
                 change: vec![0.0; robot.tendons().len()],
-                configuration: Configuration::straight(robot),
+                configuration: iterate.configuration.clone(),
             },
+            iterate,
         }
     }
 
     /// Starts from the straight pose.
     pub fn start_straight(&mut self) {
         self.prediction.change.fill(0.0);
-        self.configuration.0.fill(UnitQuaternion::identity());
-        self.posture.place(&self.robot, &self.configuration);
+        self.iterate.set_straight();
     }
 
     /// Starts from `q`.
     pub fn start_at(&mut self, q: &Configuration) {
         self.prediction.change.fill(0.0);
-        self.configuration.0.copy_from_slice(&q.0);
-        self.posture.place(&self.robot, &self.configuration);
+        self.iterate.set(q);
     }
 
     /// Moves from the equilibrium under the command `from`, where the last descent ended, to where that
@@ -127,7 +112,7 @@ impl Descent {
         let slots = self.expansion.columns.slots;
         self.gradient.fill(Vector3::zeros());
         for (t, tendon) in self.robot.tendons().iter().enumerate() {
-            let state = tendon.state(self.posture.lengths[t], to[t]);
+            let state = tendon.state(self.iterate.posture.lengths[t], to[t]);
             let change = state.tension - self.expansion.tensions[t];
             if change == 0.0 {
                 continue;
@@ -137,54 +122,31 @@ impl Descent {
                 self.gradient[joint] += self.expansion.slopes[joint * slots + slot] * change;
             }
         }
+        let iterate = &mut self.iterate;
         self.factor
-            .descend(&self.gradient, &self.none, &mut self.step);
-        self.limit_step();
+            .descend(&self.gradient, &self.none, &mut iterate.step);
+        iterate.limit_step(MAX_TURN);
         let again = self.prediction.again(from, to);
-        let joints = self.configuration.0.iter_mut().enumerate();
+        let joints = iterate.configuration.0.iter_mut().enumerate();
         for ((i, q), predicted) in joints.zip(&mut self.prediction.configuration.0) {
             let missed = (predicted.inverse() * *q).imag() * (2.0 * again);
-            *predicted = turned(q, &self.posture.chain.disc(i).tr_mul(&self.step[i]));
+            *predicted = turned(q, &iterate.posture.chain.disc(i).tr_mul(&iterate.step[i]));
             *q = turned(predicted, &missed);
         }
-        self.posture.place(&self.robot, &self.configuration);
+        iterate.place();
     }
 
     /// Descends to an equilibrium that is not unstable; also returns the Newton steps taken. The
     /// expansion is that of the last configuration.
     pub fn run(&mut self, potential: &Potential) -> (End, usize) {
-        let mut energy = potential.energy(&self.configuration, &self.posture);
-        let mut iteration = 0;
-        loop {
-            potential.expand(&self.configuration, &self.posture, &mut self.expansion);
-            let curvature = self.factor.factorise(&self.expansion, 0.0);
-            let end = if self.expansion.residual() <= self.tolerance {
-                let stability = self.stability(potential, curvature);
-                if stability != Stability::Unstable {
-                    return (End::AtRest(stability), iteration);
-                }
-                self.factor.negative_curvature(&mut self.step);
-                self.scale_saddle_step();
-                End::AtRest(Stability::Unstable)
-            } else {
-                self.stiffen(curvature);
-                let (joint, disc) = (
-                    &self.expansion.joint_gradient,
-                    &self.expansion.disc_gradient,
-                );
-                self.factor.descend(joint, disc, &mut self.step);
-                self.limit_step();
-                End::Stalled
-            };
-            if iteration == MAX_ITERATIONS {
-                return (end, iteration);
-            }
-            match self.advance(potential, energy) {
-                Some(lower) => energy = lower,
-                None => return (end, iteration),
-            }
-            iteration += 1;
-        }
+        let mut minimisation = Minimisation {
+            energy: potential.energy(&self.iterate.configuration, &self.iterate.posture),
+            potential,
+            descent: self,
+            end: End::Stalled,
+        };
+        let (_, steps) = newton(&mut minimisation);
+        (minimisation.end, steps)
     }
 
     /// Moves the rest lengths of tendons that are longer than they should be by `errors` (tendon, m),
@@ -195,10 +157,10 @@ impl Descent {
         // How much each length grows for each tendon's pull (m/N).
         let mut compliance = Mat::zeros(errors.len(), errors.len());
         for (j, (pulled, _)) in errors.iter().enumerate() {
-            self.factor
-                .descend(&columns[*pulled].1, &self.none, &mut self.step);
+            let turns = &mut self.iterate.step;
+            self.factor.descend(&columns[*pulled].1, &self.none, turns);
             for (i, (tendon, _)) in errors.iter().enumerate() {
-                let growth = columns[*tendon].1.iter().zip(&self.step);
+                let growth = columns[*tendon].1.iter().zip(&*turns);
                 compliance[(i, j)] = growth.map(|(a, w)| -a.dot(w)).sum::<f64>();
             }
         }
@@ -210,74 +172,111 @@ impl Descent {
     }
 
     /// Where the Hessian is not positive definite, factorises it with the joints stiffened alike, in
-    /// proportion to the moments left (Levenberg and Marquardt): the step then spreads bends evenly
+    /// proportion to the residual (Levenberg and Marquardt): the step then spreads bends evenly
     /// over the joints, as constant curvature would.
-    fn stiffen(&mut self, mut curvature: Curvature) {
+    fn stiffen(&mut self) {
         let mut stiffness = STIFFENING * self.expansion.residual();
         for _ in 0..MAX_STIFFENINGS {
-            if curvature == Curvature::Positive {
+            if self.factor.curvature() == Curvature::Positive {
                 break;
             }
-            curvature = self.factor.factorise(&self.expansion, stiffness);
+            self.factor.factorise(&self.expansion, stiffness);
             stiffness *= 4.0;
         }
     }
 
-    /// A direction of negative curvature has no preferred sense; the one in which its largest
-    /// component, in the discs' axes, is positive is taken.
-    fn scale_saddle_step(&mut self) {
+    /// Writes the step that leaves a saddle, along the direction of negative curvature. That has no
+    /// preferred sense; the one in which its largest component, in the discs' axes, is positive is taken.
+    fn saddle_step(&mut self) {
+        let Iterate { posture, step, .. } = &mut self.iterate;
+        self.factor.negative_curvature(step);
         let mut largest: f64 = 0.0;
-        for (i, turn) in self.step.iter().enumerate() {
-            for component in self.posture.chain.disc(i).tr_mul(turn).iter() {
+        for (i, turn) in step.iter().enumerate() {
+            for component in posture.chain.disc(i).tr_mul(turn).iter() {
                 if component.abs() > largest.abs() {
                     largest = *component;
                 }
             }
         }
         let scale = SADDLE_TURN / largest;
-        self.step.iter_mut().for_each(|turn| *turn *= scale);
+        step.iter_mut().for_each(|turn| *turn *= scale);
+    }
+}
+
+/// A descent under one potential.
+struct Minimisation<'a> {
+    descent: &'a mut Descent,
+    potential: &'a Potential<'a>,
+    /// Energy (J) at the start of the step.
+    energy: f64,
+    /// How the descent ends if it does not go on.
+    end: End,
+}
+
+/// The energy to first order along a step.
+struct Slope {
+    /// Derivative of the energy (J) by the share of the step.
+    slope: f64,
+    /// Differences of the energy (J) below this are rounding; there a Newton step is right as it is.
+    rounding: f64,
+}
+
+impl System for Minimisation<'_> {
+    type Model = Slope;
+    const MAX_STEPS: usize = 100;
+    const MAX_TRIALS: usize = 30;
+
+    fn iterate(&mut self) -> &mut Iterate {
+        &mut self.descent.iterate
     }
 
-    fn limit_step(&mut self) {
-        let squared = self.step.iter().map(Vector3::norm_squared);
-        let largest = squared.fold(0.0, f64::max).sqrt();
-        if largest > MAX_TURN {
-            let scale = MAX_TURN / largest;
-            self.step.iter_mut().for_each(|turn| *turn *= scale);
+    fn is_solved(&mut self) -> bool {
+        let descent = &mut *self.descent;
+        let Iterate {
+            configuration,
+            posture,
+            ..
+        } = &descent.iterate;
+        (self.potential).expand(configuration, posture, &mut descent.expansion);
+        descent.factor.factorise(&descent.expansion, 0.0);
+        self.end = if descent.expansion.residual() <= descent.tolerance {
+            End::AtRest(descent.stability(self.potential))
+        } else {
+            End::Stalled
+        };
+        self.end.is_settled()
+    }
+
+    fn newton_step(&mut self) -> Slope {
+        let descent = &mut *self.descent;
+        match self.end {
+            End::AtRest(_) => descent.saddle_step(),
+            End::Stalled => {
+                descent.stiffen();
+                let (expansion, step) = (&descent.expansion, &mut descent.iterate.step);
+                let (joint, disc) = (&expansion.joint_gradient, &expansion.disc_gradient);
+                descent.factor.descend(joint, disc, step);
+                descent.iterate.limit_step(MAX_TURN);
+            }
+        }
+        descent.expansion.gradient(&mut descent.gradient);
+        let turns = descent.iterate.step.iter().zip(&descent.gradient);
+        let cancelling = CANCELLING * descent.tolerance;
+        Slope {
+            slope: turns.map(|(step, gradient)| step.dot(gradient)).sum(),
+            rounding: ENERGY_ROUNDING * self.energy.abs().max(cancelling),
         }
     }
 
-    /// Takes the step, halved until the energy falls enough (Armijo); returns the energy there, or
-    /// `None` if it never falls.
-    fn advance(&mut self, potential: &Potential, energy: f64) -> Option<f64> {
-        self.expansion.gradient(&mut self.gradient);
-        let slope: f64 = (self.step.iter().zip(&self.gradient))
-            .map(|(step, gradient)| step.dot(gradient))
-            .sum();
-        // Energy differences below this are rounding; there a Newton step is right as it is.
-        let rounding = ENERGY_ROUNDING * energy.abs().max(CANCELLING * self.tolerance);
-        let mut share = 1.0;
-        for _ in 0..MAX_HALVINGS {
-            for (i, (to, from)) in self
-                .trial
-                .0
-                .iter_mut()
-                .zip(&self.configuration.0)
-                .enumerate()
-            {
-                let own_axes = self.posture.chain.disc(i).tr_mul(&self.step[i]);
-                *to = turned(from, &(own_axes * share));
-            }
-            self.trial_posture.place(&self.robot, &self.trial);
-            let lower = potential.energy(&self.trial, &self.trial_posture);
-            if lower <= energy + 1e-4 * share * slope.min(0.0) + rounding {
-                std::mem::swap(&mut self.configuration, &mut self.trial);
-                std::mem::swap(&mut self.posture, &mut self.trial_posture);
-                return Some(lower);
-            }
-            share *= 0.5;
+    fn accepts(&mut self, model: &Slope, share: f64) -> bool {
+        let iterate = &self.descent.iterate;
+        let energy = (self.potential).energy(&iterate.configuration, &iterate.posture);
+        let most = self.energy + ENOUGH * share * model.slope.min(0.0) + model.rounding;
+        let accepted = energy <= most;
+        if accepted {
+            self.energy = energy;
         }
-        None
+        accepted
     }
 }
 

@@ -3,26 +3,25 @@
 //! The Jacobian of the moments on the joints is not symmetric, so these solves are dense: Newton's method with a line
 //! search on the residual, the loads applied by continuation from the equilibrium without them.
 
-use faer::Mat;
-use faer::linalg::solvers::Solve;
 use nalgebra::Vector3;
 
 use super::descent::{Descent, End};
-use super::stability::{Stability, of_jacobian};
+use super::stability::of_jacobian;
 use crate::energy::following::{add_forces, add_moments, jacobian};
 use crate::energy::{DeadForces, Expansion, Potential};
 use crate::robot::{Loads, Robot};
+use crate::solve::{Continuation, Iterate, System, dense_step, newton};
 
-/// Newton steps before a share of the loads counts as too large a step.
-const MAX_ITERATIONS: usize = 40;
 /// Smallest share of the loads added at once.
 const MIN_SHARE: f64 = 1e-4;
 /// Largest turn of a joint in one step (rad).
 const MAX_TURN: f64 = 0.3;
+/// Share of the decrease by the linear model that a step must bring.
+const ENOUGH: f64 = 1e-4;
 
-/// Brings the loads without a potential on, from the equilibrium without them where `descent` stands.
-/// `dead` holds the dead forces, and on return also the following ones.
-pub(super) fn bring_on(
+/// Applies the loads without a potential by continuation, from the equilibrium without them where
+/// `descent` stands. `dead` holds the dead forces, and on return also the following ones.
+pub(super) fn apply_following(
     descent: &mut Descent,
     robot: &Robot,
     command: &[f64],
@@ -30,46 +29,42 @@ pub(super) fn bring_on(
     loads: &Loads,
 ) -> (End, usize) {
     let weight = dead.clone();
-    let mut settled = descent.configuration.clone();
-    let (mut done, mut stride, mut iterations) = (0.0, 1.0, 0);
-    while done < 1.0 {
-        let share = f64::min(done + stride, 1.0);
-        let mut balance = Balance {
+    let mut settled = descent.iterate.configuration.clone();
+    let mut continuation = Continuation::new(1.0, MIN_SHARE);
+    let mut iterations = 0;
+    while let Some(share) = continuation.target() {
+        let mut balance = FollowingLoads {
             robot,
             command,
             weight: &weight,
             dead: &mut *dead,
             loads,
             share,
+            merit: 0.0,
+            descent: &mut *descent,
         };
-        let (end, steps) = balance.solve(descent);
+        let (rests, steps) = balance.solve();
         iterations += steps;
-        match end {
-            End::AtRest(_) => {
-                done = share;
-                stride *= 2.0;
-                settled.clone_from(&descent.configuration);
-            }
-            End::Stalled if stride < MIN_SHARE => {
-                // What is left is reported of the loads asked for, where the robot last rested.
-                balance.share = 1.0;
-                descent.start_at(&settled);
-                balance.expand(descent);
-                return (End::Stalled, iterations);
-            }
-            End::Stalled => {
-                stride /= 4.0;
-                descent.start_at(&settled);
-            }
+        if rests {
+            continuation.succeed(2.0);
+            settled.clone_from(&descent.iterate.configuration);
+        } else if continuation.fail(0.25) {
+            descent.start_at(&settled);
+        } else {
+            // The residual reported is that of the loads asked for, where the robot last rested.
+            balance.share = 1.0;
+            balance.descent.start_at(&settled);
+            balance.expand();
+            return (End::Stalled, iterations);
         }
     }
-    let jacobian = jacobian(loads, 1.0, &descent.posture, &descent.expansion);
+    let jacobian = jacobian(loads, 1.0, &descent.iterate.posture, &descent.expansion);
     let stability = of_jacobian(&jacobian, descent.tolerance);
     (End::AtRest(stability), iterations)
 }
 
-/// The balance of moments under a share of the loads.
-struct Balance<'a> {
+/// The moments on the joints under a share of the loads.
+struct FollowingLoads<'a> {
     robot: &'a Robot,
     command: &'a [f64],
     /// The dead forces alone.
@@ -77,79 +72,72 @@ struct Balance<'a> {
     dead: &'a mut DeadForces,
     loads: &'a Loads,
     share: f64,
+    /// Squared residual (N² m²) at the start of the step.
+    merit: f64,
+    descent: &'a mut Descent,
 }
 
-impl Balance<'_> {
-    fn solve(&mut self, descent: &mut Descent) -> (End, usize) {
-        self.expand(descent);
-        let mut left = squared_norm(&descent.expansion);
-        for iteration in 0..MAX_ITERATIONS {
-            if descent.expansion.residual() <= descent.tolerance {
-                // What kind of equilibrium matters under all of the loads.
-                return (End::AtRest(Stability::Neutral), iteration);
-            }
-            let step = self.newton_step(descent);
-            let from = descent.configuration.clone();
-            let axes: Vec<_> = (0..step.len())
-                .map(|i| *descent.posture.chain.disc(i))
-                .collect();
-            let mut share = 1.0;
-            loop {
-                for (i, turn) in step.iter().enumerate() {
-                    let own_axes = axes[i].tr_mul(turn) * share;
-                    descent.configuration.0[i] = crate::chain::turned(&from.0[i], &own_axes);
-                }
-                descent.posture.place(self.robot, &descent.configuration);
-                self.expand(descent);
-                let now = squared_norm(&descent.expansion);
-                if now < left * (1.0 - 1e-4 * share) || now.sqrt() <= descent.tolerance {
-                    left = now;
-                    break;
-                }
-                share *= 0.5;
-                if share < 1e-6 {
-                    return (End::Stalled, iteration);
-                }
-            }
-        }
-        (End::Stalled, MAX_ITERATIONS)
+impl FollowingLoads<'_> {
+    /// Settles under the share of the loads, from where the descent stands. A share that takes all of the
+    /// steps counts as too large.
+    fn solve(&mut self) -> (bool, usize) {
+        self.expand();
+        self.merit = squared_norm(&self.descent.expansion);
+        let (rests, steps) = newton(self);
+        (rests && steps < Self::MAX_STEPS, steps)
     }
 
-    fn expand(&mut self, descent: &mut Descent) {
+    fn expand(&mut self) {
+        let Iterate {
+            configuration,
+            posture,
+            ..
+        } = &self.descent.iterate;
+        let expansion = &mut self.descent.expansion;
         self.dead.clone_from(self.weight);
-        add_forces(self.loads, self.share, &descent.posture, self.dead);
+        add_forces(self.loads, self.share, posture, self.dead);
         let potential = Potential {
             robot: self.robot,
             command: self.command,
             dead: self.dead,
         };
-        potential.expand(
-            &descent.configuration,
-            &descent.posture,
-            &mut descent.expansion,
-        );
-        add_moments(
-            self.loads,
-            self.share,
-            &descent.posture,
-            &mut descent.expansion,
-        );
+        potential.expand(configuration, posture, expansion);
+        add_moments(self.loads, self.share, posture, expansion);
+    }
+}
+
+impl System for FollowingLoads<'_> {
+    type Model = ();
+    const MAX_STEPS: usize = 40;
+    const MAX_TRIALS: usize = 20;
+
+    fn iterate(&mut self) -> &mut Iterate {
+        &mut self.descent.iterate
     }
 
-    fn newton_step(&self, descent: &Descent) -> Vec<Vector3<f64>> {
-        let n = descent.expansion.joint_blocks.len();
-        let mut gradient = vec![Vector3::zeros(); n];
-        descent.expansion.gradient(&mut gradient);
-        let jacobian = jacobian(self.loads, self.share, &descent.posture, &descent.expansion);
-        let rhs = Mat::from_fn(3 * n, 1, |i, _| -gradient[i / 3][i % 3]);
-        let solution = jacobian.partial_piv_lu().solve(&rhs);
-        let step = |i: usize| Vector3::from_fn(|axis, _| solution[(3 * i + axis, 0)]);
-        let mut step: Vec<_> = (0..n).map(step).collect();
-        let largest = step.iter().map(Vector3::norm).fold(0.0, f64::max);
-        if largest > MAX_TURN {
-            step.iter_mut().for_each(|turn| *turn *= MAX_TURN / largest);
+    /// Of the expansion, which is already that at the iterate.
+    fn is_solved(&mut self) -> bool {
+        self.descent.expansion.residual() <= self.descent.tolerance
+    }
+
+    fn newton_step(&mut self) {
+        let Descent {
+            iterate, expansion, ..
+        } = &mut *self.descent;
+        let jacobian = jacobian(self.loads, self.share, &iterate.posture, expansion);
+        iterate.step = dense_step(&jacobian.partial_piv_lu(), expansion);
+        iterate.limit_step(MAX_TURN);
+    }
+
+    fn accepts(&mut self, (): &(), share: f64) -> bool {
+        self.expand();
+        let merit = squared_norm(&self.descent.expansion);
+        let accepted =
+            merit < self.merit * (1.0 - ENOUGH * share) || merit.sqrt() <= self.descent.tolerance;
+        if accepted {
+            self.merit = merit;
         }
-        step
+        accepted
     }
 }
 

@@ -2,16 +2,16 @@
 
 use super::Equilibrium;
 use super::descent::{Descent, End};
-use super::following::bring_on;
+use super::following::apply_following;
 use crate::chain::Configuration;
 use crate::energy::following::follows;
 use crate::energy::{DeadForces, Potential};
 use crate::robot::{Command, Drive, Loads, Robot, Tendon};
+use crate::solve::{Continuation, MAX_CORRECTIONS, length_errors};
 
-/// Smallest part of the way that continuation goes in one solve.
-const MIN_CONTINUATION_STEP: f64 = 1e-4;
-/// Corrections of the rest lengths of tendons whose length is commanded.
-const MAX_CORRECTIONS: usize = 60;
+/// Share of the way that continuation first goes in one solve, and the smallest one.
+const FIRST_STRIDE: f64 = 0.25;
+const MIN_STRIDE: f64 = 1e-4;
 
 /// Settles commands of one robot one after another. Reuses its memory: after the first, a solve
 /// allocates nothing.
@@ -158,36 +158,26 @@ impl Settler {
         }
         self.dead.set(&self.robot, loads);
         let (descent, dead) = (&mut self.descent, &mut self.dead);
-        bring_on(descent, &self.robot, &self.command, dead, loads)
+        apply_following(descent, &self.robot, &self.command, dead, loads)
     }
 
-    /// Moves the rest lengths of the tendons whose length is commanded until they have it: the method
-    /// of multipliers, the multiplier being the tension, with Newton's step on the dual problem
-    /// (Nocedal and Wright, Numerical Optimization, ch. 17).
-    /// `end` is how the last descent ended.
-    fn hold_lengths(&mut self, end: End, command: &Command, loads: &Loads) -> (End, usize) {
+    /// Corrects the rest lengths of the tendons whose length is commanded until they have it, by Newton's
+    /// steps on the dual problem. `end` is how the last descent ended.
+    fn hold_lengths(&mut self, mut end: End, command: &Command, loads: &Loads) -> (End, usize) {
         let goal = command.as_slice();
-        let (mut end, mut iterations) = (end, 0);
+        let mut iterations = 0;
         for _ in 0..MAX_CORRECTIONS {
-            let mut taut = Vec::new();
-            for (t, tendon) in self.robot.tendons().iter().enumerate() {
-                if tendon.holds_length() {
-                    let error = self.descent.posture.lengths[t] - goal[t];
-                    if error < 0.0 && self.descent.expansion.weights[t] == 0.0 {
-                        self.command[t] = goal[t];
-                    } else {
-                        taut.push((t, error));
-                    }
-                }
-            }
-            let largest = taut
-                .iter()
-                .map(|(_, error)| error.abs())
-                .fold(0.0, f64::max);
-            if !end.is_settled() || largest <= self.length_tolerance {
+            if !end.is_settled() {
                 return (end, iterations);
             }
-            self.descent.correct_rest_lengths(&taut, &mut self.command);
+            let (descent, rest) = (&mut self.descent, &mut self.command);
+            let lengths = &descent.iterate.posture.lengths;
+            let state = |t: usize| (lengths[t], descent.expansion.tensions[t]);
+            let errors = length_errors(&self.robot, goal, self.length_tolerance, rest, state);
+            let Some(errors) = errors else {
+                return (end, iterations);
+            };
+            descent.correct_rest_lengths(&errors, rest);
             let steps;
             (end, steps) = self.rest(loads);
             iterations += steps;
@@ -200,11 +190,10 @@ impl Settler {
         let goal = command.as_slice();
         let start = self.group_means(goal);
         self.descent.start_straight();
-        let (mut done, mut stride, mut iterations) = (0.0, 0.25, 0);
-        let mut end = End::Stalled;
-        let mut settled = self.descent.configuration.clone();
-        while done < 1.0 {
-            let part = f64::min(done + stride, 1.0);
+        let mut settled = self.descent.iterate.configuration.clone();
+        let mut continuation = Continuation::new(FIRST_STRIDE, MIN_STRIDE);
+        let (mut end, mut iterations) = (End::Stalled, 0);
+        while let Some(part) = continuation.target() {
             for (between, (from, to)) in self.command.iter_mut().zip(start.iter().zip(goal)) {
                 *between = from + part * (to - from);
             }
@@ -215,19 +204,17 @@ impl Settler {
             (end, steps) = self.descend();
             iterations += steps;
             if end.is_settled() {
-                done = part;
-                stride *= 2.0;
-                settled.clone_from(&self.descent.configuration);
-            } else if stride < MIN_CONTINUATION_STEP {
+                continuation.succeed(2.0);
+                settled.clone_from(&self.descent.iterate.configuration);
+            } else if continuation.fail(0.25) {
+                self.descent.start_at(&settled);
+            } else {
                 if part < 1.0 {
                     self.command.copy_from_slice(goal);
                     self.expand();
                     end = End::Stalled;
                 }
-                return (end, iterations);
-            } else {
-                stride /= 4.0;
-                self.descent.start_at(&settled);
+                break;
             }
         }
         (end, iterations)
@@ -258,17 +245,14 @@ impl Settler {
             dead: &self.dead,
         };
         let Descent {
-            configuration,
-            posture,
-            expansion,
-            ..
+            iterate, expansion, ..
         } = &mut self.descent;
-        potential.expand(configuration, posture, expansion);
+        potential.expand(&iterate.configuration, &iterate.posture, expansion);
     }
 
     fn report(&mut self, end: End, iterations: usize) -> &Equilibrium {
         let (descent, out) = (&self.descent, &mut self.equilibrium);
-        out.take_over(&descent.configuration, &descent.posture);
+        out.take_over(&descent.iterate.configuration, &descent.iterate.posture);
         out.tendon_tensions
             .copy_from_slice(&descent.expansion.tensions);
         out.residual = descent.expansion.residual();
@@ -302,7 +286,7 @@ mod tests {
             let (end, _) = settler.continue_from_mean(&command);
             assert_eq!(end, End::AtRest(Stability::Stable));
             assert!(settler.descent.expansion.residual() <= TOLERANCE);
-            let apart = (settler.descent.posture.chain.positions[14] - direct).norm();
+            let apart = (settler.descent.iterate.posture.chain.positions[14] - direct).norm();
             elsewhere += usize::from(apart > 1e-7);
         }
         // Some commands have two equilibria, and another way may lead to the other one.

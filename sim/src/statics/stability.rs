@@ -16,7 +16,7 @@ use super::Equilibrium;
 use super::descent::Descent;
 use crate::energy::following::{add_forces, add_moments, follows, jacobian};
 use crate::energy::{DeadForces, Expansion, Potential};
-use crate::factor::{Curvature, Definiteness, MARGIN};
+use crate::factor::{Definiteness, MARGIN};
 use crate::robot::{Command, Drive, Loads, Pull, Robot, Tendon};
 use crate::tendon::Posture;
 
@@ -111,10 +111,9 @@ impl Equilibrium {
 }
 
 impl Descent {
-    /// What kind of equilibrium the robot is in, given the curvature that the factorisation found.
-    /// The stiffness of a joint whose moment the tolerance lets pass is not told from zero. If
+    /// What kind of equilibrium the robot is in, given the factor of its Hessian. The stiffness of a joint whose moment the tolerance lets pass is not told from zero. If
     /// unstable, the factor has a direction of negative curvature.
-    pub fn stability(&mut self, potential: &Potential, curvature: Curvature) -> Stability {
+    pub fn stability(&mut self, potential: &Potential) -> Stability {
         let mut on_edge = false;
         for (t, tendon) in potential.robot.tendons().iter().enumerate() {
             on_edge |= self.is_on_edge(potential, t, tendon);
@@ -122,20 +121,20 @@ impl Descent {
         if on_edge {
             return self.stability_on_edge(potential);
         }
-        match self.definiteness(curvature) {
+        match self.definiteness() {
             Definiteness::Positive => Stability::Stable,
             Definiteness::Semidefinite => Stability::Neutral,
             Definiteness::Indefinite => Stability::Unstable,
         }
     }
 
-    fn definiteness(&mut self, curvature: Curvature) -> Definiteness {
-        (self.factor).definiteness(&self.expansion, curvature, self.tolerance)
+    fn definiteness(&mut self) -> Definiteness {
+        self.factor.definiteness(&self.expansion, self.tolerance)
     }
 
     /// Whether a tendon is just about to go slack: it has stiffness on one side only.
     fn is_on_edge(&self, potential: &Potential, t: usize, tendon: &Tendon) -> bool {
-        let length = self.posture.lengths[t];
+        let length = self.iterate.posture.lengths[t];
         tendon.pull == Pull::TensionOnly
             && tendon.drive != Drive::Tension
             && (length - potential.command[t]).abs() <= SLACK_ROUNDING * length
@@ -150,11 +149,11 @@ impl Descent {
                     self.expansion.weights[t] = if taut { tendon.spring() } else { 0.0 };
                 }
             }
-            let curvature = self.factor.factorise(&self.expansion, 0.0);
-            self.definiteness(curvature)
+            self.factor.factorise(&self.expansion, 0.0);
+            self.definiteness()
         });
         for (t, tendon) in potential.robot.tendons().iter().enumerate() {
-            let state = tendon.state(self.posture.lengths[t], potential.command[t]);
+            let state = tendon.state(self.iterate.posture.lengths[t], potential.command[t]);
             self.expansion.weights[t] = state.stiffness;
         }
         match bounds {

@@ -57,16 +57,17 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod balance;
 mod capstan;
 mod line;
 mod snap;
-mod solve;
 
 use crate::chain::Configuration;
 use crate::robot::{Command, Loads, Robot};
+use crate::solve::Continuation;
 use crate::statics::{Equilibrium, Settler};
+use balance::Balance;
 use capstan::Work;
-use solve::Balance;
 
 /// Turn of a joint in one substep (rad) unless another is asked for.
 const RESOLUTION: f64 = 0.02;
@@ -250,13 +251,14 @@ impl FrictionPath {
         loads: &Loads,
     ) -> &FrictionState {
         let goal = command.as_slice();
-        let (mut done, mut stride) = (0.0, 1.0);
+        // The turn at which strides aim.
+        let aim = 0.8 * self.resolution;
+        let mut continuation = Continuation::new(1.0, MIN_SUBSTEP);
         let mut reached = from.clone();
         (self.state.substeps, self.state.equilibrium.iterations) = (0, 0);
         self.state.equilibrium.converged = true;
         self.state.equilibrium.stability = None;
-        while done < 1.0 {
-            let part = f64::min(done + stride, 1.0);
+        while let Some(part) = continuation.target() {
             let between = if part == 1.0 {
                 goal.to_vec()
             } else {
@@ -266,29 +268,24 @@ impl FrictionPath {
             let loaded = from.1.towards(loads, part);
             match self.substep(&between, &loaded) {
                 Some(turn) if turn <= self.resolution => {
-                    done = part;
-                    stride *= f64::clamp(0.8 * self.resolution / turn, 1.0, 2.0);
-                    reached = (between, loaded);
+                    continuation.succeed(f64::clamp(aim / turn, 1.0, 2.0));
                     self.accept();
                 }
-                _ if stride <= MIN_SUBSTEP && self.snap(&between, &loaded) => {
-                    done = part;
-                    reached = (between, loaded);
+                _ if continuation.is_least() => {
+                    if !self.snap(&between, &loaded) {
+                        self.give_up(goal, loads);
+                        break;
+                    }
+                    continuation.succeed(1.0);
                 }
-                _ if stride <= MIN_SUBSTEP => {
-                    self.give_up(goal, loads);
-                    break;
-                }
-                Some(turn) => {
+                turn => {
                     self.retreat();
-                    stride *= f64::clamp(0.8 * self.resolution / turn, 0.1, 0.8);
-                }
-                None => {
-                    self.retreat();
-                    stride *= 0.25;
+                    continuation.fail(turn.map_or(0.25, |turn| f64::clamp(aim / turn, 0.1, 0.8)));
+                    continuation.stride = continuation.stride.max(MIN_SUBSTEP);
+                    continue;
                 }
             }
-            stride = stride.max(MIN_SUBSTEP);
+            reached = (between, loaded);
         }
         self.reached = Some(reached);
         &self.state
@@ -303,7 +300,7 @@ impl FrictionPath {
         let turn = || {
             turn_between(
                 &self.state.equilibrium.configuration,
-                &self.balance.configuration,
+                &self.balance.iterate.configuration,
             )
         };
         solved.then(turn)
@@ -313,7 +310,7 @@ impl FrictionPath {
     fn accept(&mut self) {
         let balance = &self.balance;
         let out = &mut self.state.equilibrium;
-        out.take_over(&balance.configuration, &balance.posture);
+        out.take_over(&balance.iterate.configuration, &balance.iterate.posture);
         for (tension, profile) in out.tendon_tensions.iter_mut().zip(&balance.profiles) {
             *tension = profile.tensions[0];
         }

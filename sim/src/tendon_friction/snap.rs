@@ -96,7 +96,7 @@ impl FrictionPath {
             self.balance.drag = Some(held.clone());
             match self.substep(command, loads) {
                 Some(turn) if turn <= self.resolution => {
-                    return Some((turn, held.taken(&self.balance.configuration)));
+                    return Some((turn, held.taken(&self.balance.iterate.configuration)));
                 }
                 _ => *drag *= 4.0,
             }

@@ -14,6 +14,7 @@ use super::problem::{Place, Problem, gap, shares};
 use super::{Outcome, ShapeControlError, ShapeController, ShapeSolution, Target};
 use crate::inverse::least_squares::{Evaluation, Limit, minimise};
 use crate::robot::Command;
+use crate::solve::Continuation;
 use crate::statics::{Equilibrium, Settler};
 
 /// `c` (m): small enough to choose among the commands that meet the targets, not between them and
@@ -181,16 +182,17 @@ impl Way<'_> {
         let mut at = self.problem.evaluate(&place.x, place.settled.clone())?;
         // The errors at the start. A share of the way on, that share of them is gone.
         let errors = at.residuals.clone();
-        let (mut done, mut part, mut steps, mut via) = (0.0, 1.0, 0, Vec::new());
-        while done < 1.0 && part >= LEAST_PART {
-            let share = f64::min(done + part, 1.0);
+        let mut continuation = Continuation::new(1.0, LEAST_PART);
+        let (mut steps, mut via) = (0, Vec::new());
+        while let Some(share) = continuation.target() {
             match self.nearest(&place, &at, &(&errors * (1.0 - share)), &mut steps) {
                 Some((next, there)) if self.leads(&place, &next) => {
-                    (place, at, done) = (next, there, share);
+                    (place, at) = (next, there);
                     via.push(self.problem.command(&place.x));
-                    part *= 2.0;
+                    continuation.succeed(2.0);
                 }
-                _ => part /= 2.0,
+                _ if continuation.fail(0.5) => {}
+                _ => break,
             }
         }
         via.pop();

@@ -15,27 +15,23 @@
 mod tests;
 
 use faer::Mat;
-use faer::linalg::solvers::{PartialPivLu, Solve};
+use faer::linalg::solvers::PartialPivLu;
 use nalgebra::Vector3;
 
 use super::line::Line;
 use super::snap::Drag;
 use super::{SlipState, TendonProfile};
-use crate::chain::{Configuration, turned};
+use crate::chain::Configuration;
 use crate::energy::{DeadForces, Expansion, Potential, following};
 use crate::robot::{Loads, Robot};
-use crate::tendon::Posture;
+use crate::solve::{
+    Iterate, MAX_CORRECTIONS, System, dense_step, largest_turn, length_errors, newton,
+};
 
-/// Newton steps before a solve counts as failed.
-const MAX_ITERATIONS: usize = 40;
 /// Largest turn of a joint in one Newton step (rad).
 const MAX_TURN: f64 = 0.2;
-/// Halvings of a Newton step before it counts as failed.
-const MAX_HALVINGS: usize = 12;
 /// A Newton step that turns no joint by more than this (rad) is taken as it is.
 const ROUNDING: f64 = 1e-9;
-/// Corrections of the rest lengths of tendons whose length is commanded.
-const MAX_CORRECTIONS: usize = 60;
 
 /// How the slip states are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,8 +60,7 @@ pub(super) struct Balance {
     rest: Vec<f64>,
     /// What holds the joints back while the robot snaps.
     pub drag: Option<Drag>,
-    pub configuration: Configuration,
-    pub posture: Posture,
+    pub iterate: Iterate,
     pub lines: Vec<Line>,
     pub profiles: Vec<TendonProfile>,
     expansion: Expansion,
@@ -88,8 +83,7 @@ impl Balance {
             dead: DeadForces::new(robot),
             rest: vec![0.0; lines.len()],
             drag: None,
-            configuration: Configuration::straight(robot),
-            posture: Posture::new(robot),
+            iterate: Iterate::new(robot),
             expansion: Expansion::new(robot),
             assumed: profiles.iter().map(|p| p.slip_states.clone()).collect(),
             lines,
@@ -99,8 +93,8 @@ impl Balance {
 
     /// Moves to `q`.
     pub fn start_at(&mut self, q: &Configuration) {
-        self.configuration.0.copy_from_slice(&q.0);
-        self.place();
+        self.iterate.set(q);
+        self.lay();
     }
 
     /// Sets the command (m or N) and the loads of the step from `before`.
@@ -137,99 +131,37 @@ impl Balance {
         }
         let mut iterations = 0;
         for _ in 0..MAX_CORRECTIONS {
-            let (solved, steps) = self.newton(before);
+            let balance = &mut *self;
+            let (solved, steps) = newton(&mut Substep { balance, before });
             iterations += steps;
-            if !solved {
-                return (false, iterations);
-            }
-            if self.correct_rest_lengths(command) <= self.length_tolerance {
-                return (true, iterations);
+            if !solved || self.correct_rest_lengths(command) {
+                return (solved, iterations);
             }
         }
         (false, iterations)
     }
 
-    /// Moves the rest lengths of the tendons whose length is commanded towards those that give it: the
-    /// method of multipliers (Nocedal and Wright, Numerical Optimization, ch. 17). Returns the largest
-    /// error (m).
-    fn correct_rest_lengths(&mut self, command: &[f64]) -> f64 {
-        let mut largest: f64 = 0.0;
-        for (t, tendon) in self.robot.tendons().iter().enumerate() {
-            if !tendon.holds_length() {
-                continue;
+    /// Corrects the rest lengths of the tendons whose length is commanded by first-order steps of the
+    /// multipliers: the tension grows by the penalty's stiffness times the error. Returns whether they
+    /// have the lengths commanded already.
+    fn correct_rest_lengths(&mut self, command: &[f64]) -> bool {
+        let state = |t: usize| (self.lines[t].length(), self.profiles[t].tensions[0]);
+        let (tolerance, rest) = (self.length_tolerance, &mut self.rest);
+        let Some(errors) = length_errors(&self.robot, command, tolerance, rest, state) else {
+            return true;
+        };
+        for (tendon, error) in errors {
+            if error.abs() > tolerance {
+                rest[tendon] -= error;
             }
-            let error = self.lines[t].length() - command[t];
-            if error < 0.0 && self.profiles[t].tensions[0] == 0.0 {
-                self.rest[t] = command[t];
-            } else if error.abs() > self.length_tolerance {
-                self.rest[t] -= error;
-                largest = largest.max(error.abs());
-            }
-        }
-        largest
-    }
-
-    fn newton(&mut self, before: &[TendonProfile]) -> (bool, usize) {
-        for iteration in 0..MAX_ITERATIONS {
-            self.follow(before);
-            if self.residual() <= self.tolerance {
-                return (true, iteration);
-            }
-            self.evaluate(before, SlipRule::Assumed);
-            let jacobian = self.jacobian().partial_piv_lu();
-            let mut step = self.correction(&jacobian);
-            let size = largest_turn(&step);
-            if !size.is_finite() {
-                return (false, iteration);
-            }
-            let limit = f64::min(1.0, MAX_TURN / size);
-            step.iter_mut().for_each(|turn| *turn *= limit);
-            if !self.advance(&jacobian, &step, size, limit, before) {
-                return (false, iteration);
-            }
-            for (assumed, profile) in self.assumed.iter_mut().zip(&self.profiles) {
-                assumed.copy_from_slice(&profile.slip_states);
-            }
-        }
-        self.follow(before);
-        (self.residual() <= self.tolerance, MAX_ITERATIONS)
-    }
-
-    /// Takes the step, halved until the next simplified correction is smaller than `size`, that of
-    /// the whole step, of which `step` is `part`. Returns whether it ever is.
-    fn advance(
-        &mut self,
-        jacobian: &PartialPivLu<f64>,
-        step: &[Vector3<f64>],
-        size: f64,
-        part: f64,
-        before: &[TendonProfile],
-    ) -> bool {
-        let from = self.configuration.clone();
-        let own_axes: Vec<_> = (step.iter().enumerate())
-            .map(|(joint, turn)| self.posture.chain.disc(joint).tr_mul(turn))
-            .collect();
-        let mut share = 1.0;
-        for _ in 0..MAX_HALVINGS {
-            let joints = from.0.iter().zip(&own_axes);
-            for (to, (from, turn)) in self.configuration.0.iter_mut().zip(joints) {
-                *to = turned(from, &(turn * share));
-            }
-            self.place();
-            self.evaluate(before, SlipRule::Assumed);
-            let next = largest_turn(&self.correction(jacobian));
-            if next <= (1.0 - 0.25 * share * part) * size || size * share < ROUNDING {
-                return true;
-            }
-            share *= 0.5;
         }
         false
     }
 
-    fn place(&mut self) {
-        self.posture.place(&self.robot, &self.configuration);
+    /// Lays the tendons through their holes.
+    fn lay(&mut self) {
         for line in &mut self.lines {
-            line.lay(&self.robot, &self.posture.chain);
+            line.lay(&self.robot, &self.iterate.posture.chain);
         }
     }
 
@@ -244,14 +176,14 @@ impl Balance {
             }
         }
         self.dead.clone_from(&self.weight);
-        following::add_forces(&self.loads, 1.0, &self.posture, &mut self.dead);
+        let (q, posture) = (&self.iterate.configuration, &self.iterate.posture);
+        following::add_forces(&self.loads, 1.0, posture, &mut self.dead);
         let potential = Potential {
             robot: &self.robot,
             command: &self.rest,
             dead: &self.dead,
         };
         let tension = |tendon: usize, place: usize| self.profiles[tendon].tensions[place];
-        let (q, posture) = (&self.configuration, &self.posture);
         potential.expand_pulled(q, posture, tension, &mut self.expansion);
         following::add_moments(&self.loads, 1.0, posture, &mut self.expansion);
         if let Some(drag) = &self.drag {
@@ -259,22 +191,11 @@ impl Balance {
         }
     }
 
-    /// `-J^-1 r`: the turn of each joint, world axes (rad).
-    fn correction(&self, jacobian: &PartialPivLu<f64>) -> Vec<Vector3<f64>> {
-        let n = self.posture.chain.centres.len();
-        let mut gradient = vec![Vector3::zeros(); n];
-        self.expansion.gradient(&mut gradient);
-        let rhs = Mat::from_fn(3 * n, 1, |i, _| -gradient[i / 3][i % 3]);
-        let solution = jacobian.solve(&rhs);
-        (0..n)
-            .map(|joint| Vector3::from_fn(|axis, _| solution[(3 * joint + axis, 0)]))
-            .collect()
-    }
-
     /// The Jacobian of the balance with the assumed contacts, where it was last evaluated with them.
     fn jacobian(&self) -> Mat<f64> {
         // The expansion's weights of the tendons are zero: it holds the second derivatives alone.
-        let mut jacobian = following::jacobian(&self.loads, 1.0, &self.posture, &self.expansion);
+        let mut jacobian =
+            following::jacobian(&self.loads, 1.0, &self.iterate.posture, &self.expansion);
         for tendon in 0..self.lines.len() {
             self.add_tension_slopes(tendon, &mut jacobian);
         }
@@ -284,7 +205,7 @@ impl Balance {
     /// Adds `sum_j dl_j dT_j'` of one tendon.
     fn add_tension_slopes(&self, tendon: usize, jacobian: &mut Mat<f64>) {
         let (line, profile) = (&self.lines[tendon], &self.profiles[tendon]);
-        let chain = &self.posture.chain;
+        let chain = &self.iterate.posture.chain;
         let n = chain.centres.len();
         let segments = line.lengths.len();
         let by_length: Vec<Vec<Vector3<f64>>> = (0..segments)
@@ -326,16 +247,70 @@ impl Balance {
     }
 }
 
+/// The solve of one substep of a path.
+struct Substep<'a> {
+    balance: &'a mut Balance,
+    before: &'a [TendonProfile],
+}
+
+/// The balance to first order, and Newton's step by it.
+struct Linear {
+    jacobian: PartialPivLu<f64>,
+    /// Largest turn of a joint in the whole step (rad).
+    size: f64,
+    /// Share of the whole step that is taken at most.
+    limit: f64,
+}
+
+impl System for Substep<'_> {
+    type Model = Linear;
+    const MAX_STEPS: usize = 40;
+    const MAX_TRIALS: usize = 12;
+
+    fn iterate(&mut self) -> &mut Iterate {
+        &mut self.balance.iterate
+    }
+
+    fn is_solved(&mut self) -> bool {
+        self.balance.follow(self.before);
+        self.balance.residual() <= self.balance.tolerance
+    }
+
+    fn newton_step(&mut self) -> Linear {
+        let balance = &mut *self.balance;
+        balance.evaluate(self.before, SlipRule::Assumed);
+        let jacobian = balance.jacobian().partial_piv_lu();
+        balance.iterate.step = dense_step(&jacobian, &balance.expansion);
+        Linear {
+            jacobian,
+            size: largest_turn(&balance.iterate.step),
+            limit: balance.iterate.limit_step(MAX_TURN),
+        }
+    }
+
+    /// Where the simplified correction, by the Jacobian at the start of the step, is smaller than the step.
+    /// Then revises the assumptions on the contacts.
+    fn accepts(&mut self, model: &Linear, share: f64) -> bool {
+        let balance = &mut *self.balance;
+        if !model.size.is_finite() {
+            return false;
+        }
+        balance.lay();
+        balance.evaluate(self.before, SlipRule::Assumed);
+        let next = largest_turn(&dense_step(&model.jacobian, &balance.expansion));
+        let accepted = next <= (1.0 - 0.25 * share * model.limit) * model.size
+            || model.size * share < ROUNDING;
+        if accepted {
+            for (assumed, profile) in balance.assumed.iter_mut().zip(&balance.profiles) {
+                assumed.copy_from_slice(&profile.slip_states);
+            }
+        }
+        accepted
+    }
+}
+
 fn add_scaled(to: &mut [Vector3<f64>], factor: f64, from: &[Vector3<f64>]) {
     for (to, from) in to.iter_mut().zip(from) {
         *to += from * factor;
     }
-}
-
-fn largest_turn(step: &[Vector3<f64>]) -> f64 {
-    step.iter().fold(0.0, |largest, turn| {
-        let size = turn.norm();
-        // Not `max`: a NaN must not get lost.
-        if size <= largest { largest } else { size }
-    })
 }

@@ -68,7 +68,7 @@ fn moments(
     let mut gradient = vec![Vector3::zeros(); moved.0.len()];
     balance.expansion.gradient(&mut gradient);
     for (joint, moment) in gradient.iter_mut().enumerate() {
-        *moment = balance.posture.chain.disc(joint).tr_mul(moment);
+        *moment = balance.iterate.posture.chain.disc(joint).tr_mul(moment);
     }
     gradient
 }
@@ -95,7 +95,7 @@ fn jacobian_is_the_central_difference_of_the_balance() {
         let dof = robot.dof();
         let still = moments(&mut balance, &q, &vec![0.0; dof], &before);
         let jacobian = balance.jacobian();
-        let turned = |joint: usize| *balance.posture.chain.disc(joint);
+        let turned = |joint: usize| *balance.iterate.posture.chain.disc(joint);
         let blocks: Vec<Matrix3<f64>> = (0..dof / 3)
             .flat_map(|k| (0..dof / 3).map(move |i| (k, i)))
             .map(|(k, i)| {
@@ -148,7 +148,7 @@ fn a_load_on_the_way_to_another_is_a_superposition() {
     let (from, to) = (hung(0.01, 0.02, 0.0), hung(0.03, -0.01, 0.4));
     let mut energy = |loads: &Loads| {
         balance.dead.set(&robot, loads);
-        balance.dead.energy(&balance.posture.chain)
+        balance.dead.energy(&balance.iterate.posture.chain)
     };
     let mixed = 0.75 * energy(&from) + 0.25 * energy(&to);
     assert!((energy(&from.towards(&to, 0.25)) - mixed).abs() < 1e-15);

@@ -1,0 +1,88 @@
+//! Newton's method with a line search, continuation, and commanded lengths: what the solves for an equilibrium share.
+//!
+//! A solve says what its equations are as a [`System`]: their residual, the linear solve for Newton's step, and the merit by
+//! which the line search accepts a share of it. [`newton`] is the rest.
+//!
+//! | solve | residual | linear solve | merit |
+//! |---|---|---|---|
+//! | `statics::descent` | gradient of the energy | factor in O(n), the Hessian made positive definite | energy |
+//! | `statics::following` | the same, and loads without a potential | dense LU | squared residual |
+//! | `tendon_friction::balance` | moments with friction of the tendons | dense LU | next simplified step |
+
+mod continuation;
+mod iterate;
+mod lengths;
+
+pub(crate) use continuation::Continuation;
+pub(crate) use iterate::{Iterate, largest_turn};
+pub(crate) use lengths::{MAX_CORRECTIONS, length_errors};
+
+use faer::Mat;
+use faer::linalg::solvers::{PartialPivLu, Solve};
+use nalgebra::Vector3;
+
+use crate::energy::Expansion;
+
+/// Equations for the configuration of a robot.
+pub(crate) trait System {
+    /// What the merit needs to know of the linear model that gave a step.
+    type Model;
+    /// Newton steps at most.
+    const MAX_STEPS: usize;
+    /// Shares of a step that are tried at most.
+    const MAX_TRIALS: usize;
+
+    /// Where the solve stands.
+    fn iterate(&mut self) -> &mut Iterate;
+
+    /// Evaluates the equations at the iterate. Whether it solves them within the tolerance.
+    fn is_solved(&mut self) -> bool;
+
+    /// Writes the step to [`Iterate::step`]: Newton's, limited in angle ([`Iterate::limit_step`]).
+    fn newton_step(&mut self) -> Self::Model;
+
+    /// Evaluates the merit at the iterate, which was moved by `share` of the step. Whether it is low
+    /// enough there to go on; not if it is no number.
+    fn accepts(&mut self, model: &Self::Model, share: f64) -> bool;
+}
+
+/// Newton's method with a line search (Nocedal and Wright, Numerical Optimization, ch. 3 and 11.2), from the
+/// iterate on. Returns whether the equations are solved, and the number of steps. If not, it stands where
+/// no share of the step was accepted, or where the last step led.
+pub(crate) fn newton<S: System>(system: &mut S) -> (bool, usize) {
+    let mut steps = 0;
+    while !system.is_solved() {
+        if steps == S::MAX_STEPS || !line_search(system) {
+            return (false, steps);
+        }
+        steps += 1;
+    }
+    (true, steps)
+}
+
+/// Takes the step, halved until the merit accepts it (backtracking). If it never does, the iterate stays.
+fn line_search<S: System>(system: &mut S) -> bool {
+    let model = system.newton_step();
+    system.iterate().start_step();
+    let mut shares = std::iter::successors(Some(1.0), |share| Some(0.5 * share));
+    let accepted = shares.by_ref().take(S::MAX_TRIALS).any(|share| {
+        system.iterate().move_by(share);
+        system.accepts(&model, share)
+    });
+    if !accepted {
+        system.iterate().move_back();
+    }
+    accepted
+}
+
+/// Newton's step `-J⁻¹ r` by the factors of a dense Jacobian `3 n x 3 n`, for the residual `r` that is the
+/// gradient of `expansion`: the turn of each joint, world axes (rad).
+pub(crate) fn dense_step(jacobian: &PartialPivLu<f64>, expansion: &Expansion) -> Vec<Vector3<f64>> {
+    let n = expansion.joint_blocks.len();
+    let mut residual = vec![Vector3::zeros(); n];
+    expansion.gradient(&mut residual);
+    let rhs = Mat::from_fn(3 * n, 1, |i, _| -residual[i / 3][i % 3]);
+    let solution = jacobian.solve(&rhs);
+    let turn = |joint| Vector3::from_fn(|axis, _| solution[(3 * joint + axis, 0)]);
+    (0..n).map(turn).collect()
+}
