@@ -8,10 +8,12 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use tdcr_learn::data::{DataSet, Normalisation, PredictedClouds, Sample, Split};
+use tdcr_learn::data::{DataSet, PredictedClouds, Sample, Split};
 use tdcr_learn::predict::{About, MeanCommand, NearestCommand, Prediction, Predictor};
 use tdcr_sim::robot::Robot;
 
+use super::contestant::{Clouds, Contestant, require_commands};
+use super::eval_settings::{EvalSettings, require_points};
 use super::journal::Journal;
 use super::measure::{Extent, Measure, subset};
 use super::scores::{Evaluation, Row, Scores};
@@ -19,35 +21,9 @@ use super::simulation::Simulation;
 use super::subject::require_same;
 use super::{Monitor, PipelineError};
 
-/// How clouds are compared.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct EvalSettings {
-    /// Points of each cloud that the Chamfer distance is computed on.
-    pub points: usize,
-    /// Points of each cloud that the earth mover's distances are computed on, no more than `points`.
-    pub emd_points: usize,
-    /// Seed of noise and subsets.
-    pub seed: u64,
-}
-
-/// Those of the command line.
-impl Default for EvalSettings {
-    fn default() -> Self {
-        Self {
-            points: 10_000,
-            emd_points: 2000,
-            seed: 0,
-        }
-    }
-}
-
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
 const JOURNAL_FORMAT: u32 = 11;
-
-/// How far a command beside a predicted cloud may be from the test command, as a part of the motor's range: what is lost
-/// where commands are printed with a few digits, and far less than what tells commands apart.
-const COMMAND_TOLERANCE: f32 = 1e-3;
 
 /// Key and name of each reference, in the order of the rows.
 const REFERENCES: [(&str, &str); 2] = [
@@ -77,46 +53,6 @@ pub struct Evaluator {
     /// Whether the test clouds have several colours between them.
     colored: bool,
     simulation: Option<Simulation>,
-}
-
-/// What is scored.
-struct Contestant {
-    about: About,
-    clouds: Clouds,
-    extent: Extent,
-}
-
-/// Where the clouds come from.
-enum Clouds {
-    /// From the conditions.
-    Predicted(Arc<dyn Predictor>),
-    /// Given, one for each test command in the order of the test split. A predictor could not find them: two test commands may
-    /// be the same.
-    Given(PredictedClouds),
-}
-
-impl Contestant {
-    fn predictor(predictor: Arc<dyn Predictor>, extent: Extent) -> Self {
-        Self {
-            about: predictor.about(),
-            clouds: Clouds::Predicted(predictor),
-            extent,
-        }
-    }
-
-    fn given(clouds: PredictedClouds) -> Self {
-        Self {
-            about: About {
-                key: "predictions".to_owned(),
-                name: "predictions".to_owned(),
-                method: "clouds of another program".to_owned(),
-                colors: clouds.colors.is_some(),
-                ..About::default()
-            },
-            clouds: Clouds::Given(clouds),
-            extent: Extent::All,
-        }
-    }
 }
 
 impl Evaluator {
@@ -438,45 +374,4 @@ impl Evaluator {
         rows.extend(references.into_iter().flatten());
         Ok(Scores { rows })
     }
-}
-
-/// Refuses to compare more points than there are.
-fn require_points(wanted: usize, available: usize) -> Result<(), PipelineError> {
-    match (1..=available).contains(&wanted) {
-        true => Ok(()),
-        false => Err(PipelineError::ComparedPoints {
-            found: wanted,
-            most: available,
-        }),
-    }
-}
-
-/// Refuses clouds that are not of the test commands.
-fn require_commands(
-    clouds: &PredictedClouds,
-    test: &[Sample],
-    normalisation: &Normalisation,
-) -> Result<(), PipelineError> {
-    if clouds.points.len() != test.len() {
-        return Err(PipelineError::OtherClouds {
-            found: clouds.points.len(),
-            expected: test.len(),
-        });
-    }
-    let commands = clouds.commands.iter().flatten();
-    for (index, (command, sample)) in commands.zip(test).enumerate() {
-        let truth = sample.condition.to_vec();
-        let expected = normalisation.condition(&truth)?;
-        let given: Vec<f64> = command.iter().map(|&value| value.into()).collect();
-        let found = normalisation.condition(&given)?;
-        let near = |(a, b): (&f32, &f32)| (a - b).abs() <= COMMAND_TOLERANCE;
-        if !found.iter().zip(&expected).all(near) {
-            return Err(PipelineError::OtherCommand {
-                index,
-                found: given,
-                expected: truth,
-            });
-        }
-    }
-    Ok(())
 }

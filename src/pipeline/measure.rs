@@ -10,7 +10,7 @@ use tdcr_learn::predict::Prediction;
 use tdcr_sim::robot::Robot;
 use tdcr_sim::statics::Equilibrium;
 
-use super::evaluate::EvalSettings;
+use super::eval_settings::EvalSettings;
 use super::scores::{Distances, RowScore, UncertaintyScore};
 use super::simulation::Again;
 use super::tip::tip_error;

@@ -5,6 +5,8 @@
 //! call resumes.
 
 mod collect;
+mod contestant;
+mod eval_settings;
 mod evaluate;
 mod events;
 mod journal;
@@ -20,7 +22,8 @@ mod tip;
 mod train;
 
 pub use collect::{CollectSettings, CollectTimes, collect};
-pub use evaluate::{EvalSettings, Evaluator};
+pub use eval_settings::EvalSettings;
+pub use evaluate::Evaluator;
 pub use monitor::{Monitor, Silent};
 pub use preset::{Length, Preset, Rates, distillation};
 pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
