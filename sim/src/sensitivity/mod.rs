@@ -42,10 +42,14 @@ use model_tangent::ModelTangent;
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SensitivityError {
     /// Not settled: there is no equilibrium to differentiate.
-    #[error("the robot has not settled (residual {0:e} N m): there is nothing to differentiate")]
+    #[error(
+        "the robot has not settled: residual {0:e} N m; expected an equilibrium to differentiate"
+    )]
     NotSettled(f64),
     /// The equilibrium is on the brink of instability, where derivatives are infinite.
-    #[error("the equilibrium is not stable: its Hessian is not positive definite")]
+    #[error(
+        "the equilibrium has no derivatives: its Hessian is not positive definite; expected a stable one"
+    )]
     Unstable,
     /// The robot has no such parameter.
     #[error(transparent)]
@@ -243,7 +247,8 @@ impl Sensitivity {
     }
 
     /// Solves with the Jacobian, the held tendons' lengths growing by `growth`; also returns the
-    /// multipliers of those constraints.
+    /// multipliers of those constraints: the KKT system by its Schur complement (Nocedal and Wright, Numerical
+    /// Optimization, ch. 16.2).
     fn solve(
         &self,
         joint: &[Vector3<f64>],

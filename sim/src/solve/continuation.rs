@@ -1,4 +1,5 @@
-//! Continuation: a problem is led to the one to be solved in steps, each solve starting from the last solution.
+//! Continuation: the problem to be solved is reached in steps from one whose solution is known, each solve starting
+//! from the last solution.
 
 /// Where a continuation stands on its way from 0 to 1, with strides that grow where steps succeed and
 /// shrink where they fail (Allgower and Georg, Introduction to Numerical Continuation Methods, 2003, ch. 6).
@@ -13,9 +14,8 @@ pub(crate) struct Continuation {
 impl Continuation {
     /// Starts at 0 with steps of `stride`. A step as short as `least` that fails is the last.
     pub fn new(stride: f64, least: f64) -> Self {
-        let done = 0.0;
         Self {
-            done,
+            done: 0.0,
             stride,
             least,
         }
@@ -32,7 +32,7 @@ impl Continuation {
         self.stride *= growth;
     }
 
-    /// Stays, and makes the next step `factor` times as long. Returns whether one is worth trying.
+    /// Stays, and makes the next step `factor` times as long. Returns whether to try it.
     pub fn fail(&mut self, factor: f64) -> bool {
         let goes_on = !self.is_least();
         self.stride *= factor;
