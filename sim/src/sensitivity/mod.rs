@@ -1,9 +1,9 @@
 //! Derivatives of an equilibrium by anything that it depends on.
 //!
-//! At an equilibrium the gradient `g(q, p)` of the potential vanishes, so `dq/dp = -H⁻¹ dg/dp` with
-//! the Hessian `H` (implicit function theorem). The factor of `H` takes O(n) to build and to solve
-//! with, so a Jacobian by the command costs less than settling, and a vector-Jacobian product by any
-//! number of parameters one solve.
+//! At an equilibrium the gradient `g(q, p)` of the potential vanishes, so `dq/dp = -H⁻¹ dg/dp` with the Hessian `H`
+//! (implicit function theorem; Griewank and Walther, Evaluating Derivatives, 2008, ch. 15). The factor of `H` takes O(n)
+//! to build and to solve with, so a Jacobian by the command costs less than settling, and a vector-Jacobian product by
+//! any number of parameters one solve.
 //!
 //! ```
 //! use tdcr_sim::robot::{Loads, Parameter, Robot};
@@ -56,7 +56,7 @@ pub enum SensitivityError {
     Parameter(#[from] ParameterError),
 }
 
-/// A change of a disc's pose, or what a cost changes by for one: world frame.
+/// Tangent or cotangent of a disc's pose, world frame: a change of the pose, or the derivative of a cost by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseTangent {
     /// Of the origin (m).

@@ -44,3 +44,34 @@ impl Continuation {
         self.stride <= self.least
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Goes on in steps that succeed up to `longest`; returns where they led.
+    fn targets(longest: f64, least: f64) -> Vec<f64> {
+        let mut continuation = Continuation::new(1.0, least);
+        let mut reached = vec![0.0];
+        while let Some(target) = continuation.target() {
+            if target - reached[reached.len() - 1] <= longest {
+                reached.push(target);
+                continuation.succeed(2.0);
+            } else if !continuation.fail(0.5) {
+                break;
+            }
+        }
+        reached
+    }
+
+    #[test]
+    fn steps_shrink_until_they_succeed_and_end_at_the_goal() {
+        assert_eq!(targets(0.3, 1e-3), [0.0, 0.25, 0.5, 0.75, 1.0]);
+    }
+
+    #[test]
+    fn the_way_ends_where_a_step_of_the_least_stride_fails() {
+        assert_eq!(targets(0.1, 0.125), [0.0]);
+        assert_eq!(targets(0.1, 0.0625).last(), Some(&1.0));
+    }
+}

@@ -42,7 +42,7 @@ pub const TOLERANCE: f64 = 1e-10;
 /// [`Robot::length_tolerance`].
 pub const LENGTH_TOLERANCE: f64 = 1e-11;
 
-/// Where a robot comes to rest.
+/// An equilibrium of a robot under a command and loads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Equilibrium {
     /// Rotation of each disc relative to the body below.
