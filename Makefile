@@ -5,14 +5,20 @@ TDCR := $(CURDIR)/target/release/tdcr
 
 # All but the crate that calls MuJoCo's C library: `make test-mujoco` alone needs MuJoCo and libclang.
 WORKSPACE := --workspace --exclude tdcr-mujoco
+# Cargo gives the dependencies the features that all chosen targets need. Where examples are among them, these are the
+# features that tests need too, so tests, documentation and the binary share one build of the dependencies.
+WITH_EXAMPLES := $(WORKSPACE) --examples
 
-.PHONY: demo build test setup format lint docs supply-chain fuzz test-rust test-mujoco test-python bench clean
+.PHONY: demo build check test setup format lint docs supply-chain fuzz test-fast test-rust test-mujoco test-python bench clean
 
 demo: build
 	$(TDCR) demo --out demo_out
 
 build:
 	cargo build --release --locked
+
+# The inner loop: minutes in a built checkout.
+check: format lint test-fast
 
 # Everything that must hold at every commit.
 test: setup format lint docs supply-chain test-rust test-mujoco test-python
@@ -27,7 +33,7 @@ lint:
 	cargo clippy $(WORKSPACE) --all-targets --release --locked -- -D warnings
 
 docs:
-	RUSTDOCFLAGS="-D warnings" cargo doc $(WORKSPACE) --no-deps --release --locked
+	RUSTDOCFLAGS="-D warnings" cargo doc $(WITH_EXAMPLES) --lib --no-deps --release --locked
 
 # That NOTICES names what Cargo.lock has, and that deny.toml allows it.
 supply-chain:
@@ -40,6 +46,10 @@ MINUTES ?= 60
 fuzz:
 	scripts/fuzz.sh $(MINUTES)
 
+# Tests within the libraries, and those from outside that take seconds.
+test-fast:
+	cargo test $(WORKSPACE) --release --locked --lib --test house --test robot_files --test statics
+
 # In release mode: the tests settle tens of thousands of robots and train small networks.
 test-rust:
 	cargo test $(WORKSPACE) --release --locked
@@ -49,12 +59,13 @@ test-rust:
 WITH_MUJOCO := -p tdcr -p tdcr-mujoco --features tdcr/mujoco --release --locked
 TEST_MUJOCO := cargo test $(WITH_MUJOCO) --test mujoco --test closed_forms
 test-mujoco:
-	cargo clippy $(WITH_MUJOCO) --all-targets -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc $(WITH_MUJOCO) --no-deps
+	cargo clippy $(WITH_MUJOCO) --lib --test mujoco --test closed_forms --bench peers -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc -p tdcr-mujoco --no-deps --release --locked
 	$(TEST_MUJOCO)
 	MUJOCO_DIR="$$($(PYTHON) -c 'import mujoco; print(mujoco.__path__[0])')" $(TEST_MUJOCO)
 
-test-python: build
+test-python:
+	cargo build $(WITH_EXAMPLES) --bins --release --locked
 	TDCR=$(TDCR) $(PYTHON) -m pytest -q -rs tests/python
 
 # Ours alone, then the tables of ours beside MuJoCo's and, where it is installed, PyTorch's.

@@ -103,6 +103,37 @@ fn more_unknowns_never_end_in_a_worse_fit_than_fewer() {
     }
 }
 
+/// Sets in each other, each in an order of its own. That these fits end no worse is measured, not guaranteed.
+#[test]
+fn supersets_in_any_order_explain_no_less() {
+    for (trial, stiffness) in [(5, 0.05), (6, 0.0), (10, 0.02)] {
+        let nominal = nominal(stiffness);
+        let mut rng = ChaCha8Rng::seed_from_u64(trial + 100);
+        let mut all = unknowns(&nominal);
+        let spread = if trial % 2 == 0 { 0.3 } else { 0.5 };
+        let real = altered(&nominal, &all, spread, &mut rng);
+        let mut shuffle = |list: &mut Vec<Unknown>| {
+            for last in (1..list.len()).rev() {
+                list.swap(last, rng.random_range(0..=last));
+            }
+        };
+        shuffle(&mut all);
+        let observations = observe(&real, trial, &[9], 5e-4);
+        let mut fewer = f64::INFINITY;
+        for count in [3, 5, 8, all.len()] {
+            let mut set = all[..count].to_vec();
+            shuffle(&mut set);
+            let found = calibrate(&nominal, &set, &observations).unwrap();
+            assert!(
+                found.residual_rms <= fewer * (1.0 + 1e-3),
+                "trial {trial}, {count} unknowns: {} m, {fewer} m with fewer",
+                found.residual_rms
+            );
+            fewer = found.residual_rms;
+        }
+    }
+}
+
 /// Torsion alone does not explain a robot of other dimensions: the fit runs to joints that do not twist
 /// at all, which took more steps than there were, one small share of the way after another.
 #[test]

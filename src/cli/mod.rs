@@ -18,6 +18,7 @@ mod settle;
 mod settle_many;
 mod simulate;
 mod train;
+mod units;
 
 use std::ffi::OsString;
 use std::num::NonZero;

@@ -20,7 +20,7 @@ use super::commands::read_points;
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsSaid, vector};
 use super::output;
-use super::settle::command_columns;
+use super::units::command_columns;
 
 /// Find the command that brings the tip to a point, or along a path of points
 #[derive(Debug, Args)]

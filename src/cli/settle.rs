@@ -9,7 +9,7 @@ use clap::Args;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::Value;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Axis, Command, Loads, Parameter, Robot};
@@ -19,6 +19,7 @@ use tdcr::sim::statics::{Equilibrium, Settler, Stability};
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsSaid};
 use super::settle_many;
+use super::units::units;
 
 /// Settle a robot under a command: where its discs come to rest
 #[derive(Debug, Args)]
@@ -144,33 +145,6 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         return Err(failure.into());
     }
     Ok(())
-}
-
-/// Units of what results say of settled robots, by field.
-pub(super) fn units(robot: &Robot) -> Value {
-    let tendons = robot.tendons().iter();
-    let command: Vec<&str> = tendons.map(|t| t.unit().symbol()).collect();
-    json!({
-        "command": command,
-        "payload": "kg",
-        "force": "N",
-        "moment": "N m",
-        "line_load": "N/m",
-        "positions": "m",
-        "orientations": "unit quaternions (w, x, y, z)",
-        "tendon_lengths": "m",
-        "tendon_tensions": "N",
-        "residual": "N m",
-        "smallest_stiffness": "N m/rad",
-        "tip_compliance": "rows m, m, m, rad, rad, rad by columns N, N, N, N m, N m, N m",
-    })
-}
-
-/// Names of a table's columns for a command's entries, by which files of commands are read again.
-pub(super) fn command_columns(robot: &Robot) -> Vec<String> {
-    (robot.tendons().iter().enumerate())
-        .map(|(t, tendon)| format!("c{t} ({})", tendon.unit()))
-        .collect()
 }
 
 fn tip_compliance(

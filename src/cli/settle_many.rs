@@ -16,7 +16,7 @@ use super::commands::{Row, read_commands};
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsSaid};
 use super::output;
-use super::settle::{command_columns, units};
+use super::units::{command_columns, units};
 
 /// Commands settled between two safe points.
 const BATCH: usize = 1024;

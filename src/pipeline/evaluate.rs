@@ -43,7 +43,7 @@ impl Default for EvalSettings {
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 10;
+const JOURNAL_FORMAT: u32 = 11;
 
 /// How far a command beside a predicted cloud may be from the test command, as a part of the motor's range: what is lost
 /// where commands are printed with a few digits, and far less than what tells commands apart.

@@ -1,23 +1,28 @@
 //! How far a predicted tip is from the true one.
 
-use nalgebra::Point3;
-use tdcr_learn::metrics::{MetricError, emd_squared, lay_onto, rigid_motion};
+use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector3};
+use tdcr_learn::metrics::{Link, MetricError, lay_chain_onto, lay_onto};
 use tdcr_sim::robot::Robot;
 use tdcr_sim::statics::Equilibrium;
 
-/// Points of both clouds that are matched for a first guess.
-const MATCHED: usize = 500;
-/// Matched points on the last disc, at the least.
+/// Points of each disc, on average, that the chain of discs is laid with, at the most.
+const PER_DISC: usize = 100;
+/// Points of the predicted cloud that it is laid onto, for each disc, at the most.
+const PREDICTED_PER_DISC: usize = 300;
+/// Points on the last disc, at the least.
 const FEWEST: usize = 4;
 /// Points of the last disc that are laid onto the predicted cloud, at the most.
 const LAID: usize = 400;
 
 /// Distance (m) of the predicted tip from the true one: how far the origin of the last disc moves with the rigid motion that
-/// lays the points of the true cloud on that disc onto the predicted cloud ([`lay_onto`]). The motion starts where an
-/// optimal matching of both clouds puts these points.
+/// lays the points of the true cloud on that disc onto the predicted cloud ([`lay_onto`]). The motion starts where the
+/// chain of all discs, laid onto the predicted cloud with its joints held together ([`lay_chain_onto`]), has its last disc.
 ///
-/// An error above the disc's radius is underestimated, by a third in the worst case of the test: where the disc has turned
-/// far, its points settle on the walls of the discs below.
+/// Measured on 2m, between 1,000 points under a random command and 4,000 points under another one, with tips up to half the
+/// robot's length apart: 28 of 30 errors are told within 0.7 mm and 10 %, the worst 14 % off; where the clouds show the base
+/// too, which leaves half of the points to the robot, 21 of 26, the worst 30 % off. With 3,000 points it is 25 of 26, and 25 of 27 with
+/// the base (16 %). Nearer shapes are told better. Errors beyond half the length may be told far too small, where no fit
+/// of the chain finds the shape.
 ///
 /// A point is on the disc whose solid it is nearest to. Both clouds have their points in random order. `None` where the
 /// true cloud shows too little of the last disc.
@@ -30,45 +35,87 @@ pub(super) fn tip_error(
     truth: &[[f32; 3]],
     predicted: &[[f32; 3]],
 ) -> Result<Option<f64>, MetricError> {
-    let mut on_tip = truth.to_vec();
-    on_tip.retain(|&point| is_on_tip(robot, settled, point));
-    on_tip.truncate(LAID);
-    let count = MATCHED.min(truth.len()).min(predicted.len());
-    let matching = emd_squared(&truth[..count], &predicted[..count])?.matching;
-    let place = |point: [f32; 3]| Point3::from(point.map(f64::from));
-    let (from, to): (Vec<_>, Vec<_>) = (truth[..count].iter().zip(matching))
-        .filter(|(point, _)| is_on_tip(robot, settled, **point))
-        .map(|(&point, partner)| (place(point), place(predicted[partner])))
-        .unzip();
-    if from.len() < FEWEST {
+    let bodies = Bodies { robot, settled };
+    let discs = robot.discs().len();
+    let (mut base, mut on_tip) = (Vec::new(), Vec::new());
+    let mut chain: Vec<Link> = (0..discs).map(|disc| bodies.link(disc)).collect();
+    let mut chained = 0;
+    for &point in truth {
+        let nearest = bodies.nearest(point);
+        if nearest == Some(discs - 1) && on_tip.len() < LAID {
+            on_tip.push(point);
+        }
+        if chained < PER_DISC * discs {
+            match nearest {
+                Some(disc) => chain[disc].points.push(point),
+                None => base.push(point),
+            }
+            chained += usize::from(nearest.is_some());
+        }
+    }
+    if on_tip.len() < FEWEST {
         return Ok(None);
     }
-    let motion = lay_onto(&on_tip, predicted, rigid_motion(&from, &to))?;
-    let tip = Point3::from(settled.positions[robot.discs().len() - 1]);
+    let count = predicted.len().min(PREDICTED_PER_DISC * discs);
+    let motions = lay_chain_onto(&base, &chain, &predicted[..count])?;
+    let last = discs - 1;
+    let motion = lay_onto(&on_tip, predicted, motions[last])?;
+    let tip = Point3::from(settled.positions[last]);
     Ok(Some((motion * tip - tip).norm()))
 }
 
-/// Whether a point (m) is nearer to the last disc than to all others.
-fn is_on_tip(robot: &Robot, settled: &Equilibrium, point: [f32; 3]) -> bool {
-    let distance = |disc: usize| {
-        let offset = nalgebra::Vector3::from(point.map(f64::from)) - settled.positions[disc];
-        let local = settled.orientations[disc].inverse_transform_vector(&offset);
-        let disc = &robot.discs()[disc];
-        // Signed distance from a solid cylinder, negative inside.
+/// The base and the discs of a robot at rest.
+struct Bodies<'a> {
+    robot: &'a Robot,
+    settled: &'a Equilibrium,
+}
+
+impl Bodies<'_> {
+    /// A disc without points.
+    fn link(&self, disc: usize) -> Link {
+        let up = self.settled.orientations[disc] * self.robot.discs()[disc].origin;
+        Link {
+            joint: (self.settled.positions[disc] - up).into(),
+            points: Vec::new(),
+        }
+    }
+
+    /// The disc that a point (m) is nearest to; `None` where that is the first one, and the point is below the base's top.
+    fn nearest(&self, point: [f32; 3]) -> Option<usize> {
+        let point = Vector3::from(point.map(f64::from));
+        let discs = 0..self.robot.discs().len();
+        let nearest = discs.min_by(|&a, &b| {
+            self.distance(a, &point)
+                .total_cmp(&self.distance(b, &point))
+        })?;
+        (nearest > 0 || self.height(&point) > 0.0).then_some(nearest)
+    }
+
+    /// Signed distance (m) of a point from the solid cylinder of a disc, negative inside.
+    fn distance(&self, disc: usize, point: &Vector3<f64>) -> f64 {
+        let offset = point - self.settled.positions[disc];
+        let local = self.settled.orientations[disc].inverse_transform_vector(&offset);
+        let disc = &self.robot.discs()[disc];
         let out = local.xy().norm() - disc.radius;
         let beyond = local.z.abs() - disc.half_height;
         out.max(0.0).hypot(beyond.max(0.0)) + out.max(beyond).min(0.0)
-    };
-    let last = robot.discs().len() - 1;
-    let tip = distance(last);
-    (0..last).all(|disc| distance(disc) > tip)
+    }
+
+    /// Height (m) of a point above the base's top.
+    fn height(&self, point: &Vector3<f64>) -> f64 {
+        let base = &self.robot.spec().base;
+        let [w, x, y, z] = base.orientation;
+        let upright = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let local = upright.inverse_transform_vector(&(point - Vector3::from(base.position)));
+        local.z - base.hole_height
+    }
 }
 
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
-    use rand::SeedableRng;
+    use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use tdcr_sim::cloud::{Observer, VoxelGrid};
     use tdcr_sim::render::BaseVisibility;
@@ -99,11 +146,11 @@ mod tests {
             .unwrap();
         assert!(error < 5e-4, "{error} m");
         // Other shapes, the last with tips off by two disc radii.
-        for (other, share) in [
-            ([0.034, 0.007, 0.001, 0.024, 0.015, 0.019], 0.1),
-            ([0.034, 0.007, 0.001, 0.022, 0.017, 0.019], 0.1),
-            ([0.033, 0.008, 0.001, 0.026, 0.015, 0.019], 0.1),
-            ([0.034, 0.007, 0.001, 0.010, 0.025, 0.019], 0.35),
+        for other in [
+            [0.034, 0.007, 0.001, 0.024, 0.015, 0.019],
+            [0.034, 0.007, 0.001, 0.022, 0.017, 0.019],
+            [0.033, 0.008, 0.001, 0.026, 0.015, 0.019],
+            [0.034, 0.007, 0.001, 0.010, 0.025, 0.019],
         ] {
             let (moved, predicted) = seen(&robot, &other, 3);
             let expected = (moved.positions.last().unwrap() - tip).norm();
@@ -111,9 +158,66 @@ mod tests {
                 .unwrap()
                 .unwrap();
             assert!(
-                (error - expected).abs() < 3e-4 + share * expected,
+                (error - expected).abs() < 5e-4 + 0.05 * expected,
                 "{error} m, expected {expected} m"
             );
         }
+    }
+
+    /// Errors (m) that are told and true, up to half the robot's length, between the clouds of random commands and of those
+    /// that are a random part, by `nearness` small, of the way to others.
+    fn told(base: BaseVisibility, pairs: usize, nearness: i32) -> Vec<(f64, f64)> {
+        let robot = Robot::load("2m").unwrap();
+        let length: f64 = robot.discs().iter().map(|disc| disc.offset.norm()).sum();
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        let mut observer = Observer::new(&robot, base, VoxelGrid::new(0.002));
+        let mut cloud = |command: &[f64], points: usize, rng: &mut ChaCha8Rng| {
+            let settled = robot.settle(&robot.command(command).unwrap(), &Loads::default());
+            let cloud = observer.observe(&settled).sample_or_pad(points, rng);
+            (settled, cloud.points)
+        };
+        let mut told = Vec::new();
+        for _ in 0..pairs {
+            let [from, other] = [0; 2].map(|_| robot.random_command(&mut rng));
+            let share = rng.random::<f64>().powi(nearness);
+            let ways = from.as_slice().iter().zip(other.as_slice());
+            let to: Vec<f64> = ways.map(|(a, b)| a + share * (b - a)).collect();
+            let (settled, truth) = cloud(from.as_slice(), 1000, &mut rng);
+            let (moved, predicted) = cloud(&to, 4000, &mut rng);
+            let [from, to] = [&settled, &moved].map(|s| s.positions.last().unwrap());
+            let expected = (to - from).norm();
+            if expected < 0.5 * length {
+                let error = tip_error(&robot, &settled, &truth, &predicted);
+                told.push((error.unwrap().unwrap(), expected));
+            }
+        }
+        told
+    }
+
+    /// How many are told with an error of more than `floor` (m) and this share.
+    fn beyond(told: &[(f64, f64)], floor: f64, share: f64) -> usize {
+        let beyond =
+            |(error, expected): &&(f64, f64)| (error - expected).abs() > floor + share * expected;
+        told.iter().filter(beyond).count()
+    }
+
+    /// Of 1,000 points that show the base too, about half are on the robot.
+    #[test]
+    fn errors_of_up_to_half_the_length_are_told() {
+        for (base, floor) in [
+            (BaseVisibility::Hidden, 7e-4),
+            (BaseVisibility::Shown, 1.5e-3),
+        ] {
+            let told = told(base, 20, 2);
+            assert!(told.len() >= 10);
+            assert_eq!(beyond(&told, floor, 0.1), 0, "{told:?}");
+        }
+    }
+
+    #[test]
+    fn most_errors_between_any_shapes_are_told() {
+        let told = told(BaseVisibility::Hidden, 60, 0);
+        assert!(5 * beyond(&told, 7e-4, 0.1) <= told.len(), "{told:?}");
+        assert_eq!(beyond(&told, 7e-4, 0.2), 0, "{told:?}");
     }
 }

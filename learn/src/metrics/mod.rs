@@ -6,6 +6,7 @@
 
 mod approximate;
 mod assignment;
+mod chain;
 mod chamfer;
 mod color;
 mod emd;
@@ -20,6 +21,7 @@ mod register;
 mod spread;
 
 pub use approximate::emd_approximate;
+pub use chain::{Link, lay_chain_onto};
 pub use chamfer::chamfer;
 pub use color::{Colored, color_error};
 pub use emd::{Emd, emd, emd_squared, emd_with};

@@ -2,12 +2,12 @@
 
 use std::collections::HashSet;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::attributes::{Attributes, Classes};
 use super::document::Document;
 use super::frame::{Compiler, InertiaFromGeom, POSE};
-use super::joint::JointElement;
+use super::joint_element::JointElement;
 use super::mass::{Geom, PartMass};
 use crate::formats::{ImportError, Note};
 
@@ -59,6 +59,13 @@ pub(super) struct Site<'a> {
     pub position: Vector3<f64>,
     /// Pose of its body in the group's frame.
     pub body_pose: Isometry3<f64>,
+}
+
+impl Site<'_> {
+    /// Position in the frame of its group (m).
+    pub fn in_group(&self) -> Vector3<f64> {
+        (self.body_pose * Point3::from(self.position)).coords
+    }
 }
 
 /// A body on a joint, and what carries it.

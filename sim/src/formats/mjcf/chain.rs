@@ -5,7 +5,8 @@ use std::collections::HashMap;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::body::{BodyReader, Carried, RigidGroup, Site};
-use super::disc::{DiscBody, SAME_PLACE, is_turned, off_axis};
+use super::disc::{DiscBody, is_turned, off_axis};
+use super::frame::SAME_PLACE;
 use crate::formats::{DiscLayout, ImportError};
 use crate::robot::{BaseSpec, Body, Holes, Payload, Waypoint};
 
@@ -52,7 +53,7 @@ impl<'a> BodyReader<'a> {
             let sites = group
                 .sites
                 .iter()
-                .map(|site| (site, in_group(site) - center));
+                .map(|site| (site, site.in_group() - center));
             let row = self.hole_row(&mut holes, Body::Disc(index), sites, Some(0.0))?;
             layouts.push(self.layout(disc, &pose, below, row.holes)?);
         }
@@ -126,7 +127,7 @@ impl<'a> BodyReader<'a> {
             }
             // Elsewhere in the world, only what a tendon goes through is the base's.
             let used = site.name.is_some_and(|name| self.used_sites.contains(name));
-            let position = pose.inverse_transform_point(&Point3::from(in_group(site)));
+            let position = pose.inverse_transform_point(&Point3::from(site.in_group()));
             used.then_some((site, position.coords))
         });
         let seen: Vec<_> = seen.collect();
@@ -255,9 +256,4 @@ fn base_frame(first: &DiscBody) -> Isometry3<f64> {
         shift.z - first.half_height
     };
     turned * Isometry3::from_parts(shift.into(), UnitQuaternion::identity())
-}
-
-/// A site's position in the frame of its group (m).
-pub(super) fn in_group(site: &Site<'_>) -> Vector3<f64> {
-    (site.body_pose * Point3::from(site.position)).coords
 }

@@ -3,14 +3,12 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::body::{BodyReader, Carried, RigidGroup, Site};
-use super::chain::in_group;
-use super::joint::BallJoint;
+use super::frame::SAME_PLACE;
+use super::joint_element::BallJoint;
 use super::mass::{Geom, GeomMass, PartMass, Shape};
 use crate::formats::{DiscMass, ImportError};
 use crate::robot::{Backbone, RigidMass};
 
-/// What lies closer than this lies together (m).
-pub(super) const SAME_PLACE: f64 = 1e-9;
 /// Angles (rad), and shares of the largest moment of inertia, that count as none.
 const NEGLIGIBLE: f64 = 1e-9;
 
@@ -102,7 +100,7 @@ impl BodyReader<'_> {
         let is_disc = matches!(geom.shape, Shape::Cylinder { .. }) && is_upright(geom);
         let used = |site: &&Site<'_>| site.name.is_some_and(|n| self.used_sites.contains(n));
         let mut holes = group.sites.iter().filter(used);
-        let level = holes.all(|site| (in_group(site).z - place.z).abs() < SAME_PLACE);
+        let level = holes.all(|site| (site.in_group().z - place.z).abs() < SAME_PLACE);
         (is_disc && !off_axis(place) && level).then_some(place.z)
     }
 }

@@ -6,6 +6,12 @@ use super::attributes::Attributes;
 use super::document::Document;
 use crate::formats::ImportError;
 
+/// What lies closer than this lies together (m).
+pub(super) const SAME_PLACE: f64 = 1e-9;
+/// Deviation of a direction from an axis, and of stiffnesses from one another (relative), that counts
+/// as none.
+pub(super) const SAME: f64 = 1e-9;
+
 /// Attributes that give a pose.
 pub(super) const POSE: [&str; 6] = ["pos", "quat", "axisangle", "euler", "xyaxes", "zaxis"];
 

@@ -3,8 +3,8 @@
 use faer::Mat;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::export::{ExportOptions, Integrator};
 use super::joint::{Freedom, SeriesJoint};
+use super::options::{ExportOptions, Integrator};
 use crate::chain::Configuration;
 use crate::dynamics::{self, SmallMotions, State};
 use crate::formats::ExportError;

@@ -28,6 +28,7 @@
 
 mod actuator;
 mod attributes;
+mod ball_joint;
 mod body;
 mod chain;
 mod check;
@@ -37,12 +38,15 @@ mod export;
 mod frame;
 mod import;
 mod joint;
+mod joint_element;
 mod keyframe;
 mod mass;
+mod options;
 mod view;
 mod write;
 
-pub use export::{ExportOptions, Integrator, export};
+pub use export::export;
 pub use import::{import, import_text};
+pub use options::{ExportOptions, Integrator};
 
 pub(crate) use write::{escape, is_xml_char};

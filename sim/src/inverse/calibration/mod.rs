@@ -49,8 +49,10 @@ use problem::{Problem, Start};
 
 /// Steps of the minimisation at most.
 const MAX_STEPS: usize = 200;
-/// Times that a fit goes on from the other equilibria of commands that have two.
+/// Times that a fit goes on from nearer equilibria of commands that have several.
 const MAX_RETURNS: usize = 5;
+/// Length of the steps of the fit with short steps, relative to how far the unknowns' effects are about linear.
+const SHORT: f64 = 0.2;
 /// How far the fit may be from the minimum, as a share of the confidence region's radius: the relative
 /// offset of Bates and Watts (A relative offset orthogonality convergence criterion, 1981).
 const OFFSET: f64 = 1e-3;
@@ -105,9 +107,18 @@ pub struct Calibration {
 
 /// Finds the values of `unknowns` that explain `observations` best, starting from those of `first`.
 ///
-/// Where a command has two equilibria, the one nearer to its observation counts. The first unknown is
-/// fitted by itself, then the first two, and so on: unknowns added at the end of the list never end in
-/// a worse fit. List those that matter most first.
+/// Where a command has several equilibria, the nearest to its observation counts, of those that the fits have met.
+///
+/// A fit ends in a local minimum, and which one depends on its way: after long steps an observation may follow another
+/// equilibrium. Therefore four ways are gone from the first values, and the best end is the result: all unknowns at once
+/// with long steps, and with short ones; one unknown freed after another, the one with the largest decrease by the linear
+/// model first; and in the order of the list. For `n` unknowns these are `2 n + 2` fits, most of which start
+/// near their end.
+///
+/// The result is never worse than any of the four. That unknowns added to a list never end in a worse fit is not
+/// guaranteed, as the search for the best minimum is not exhaustive. Measured on ten altered 2m robots, half of which have
+/// holes out of place that no unknown explains: of 150 pairs of sets of 3 to 9 unknowns in random orders, one in the other, one
+/// ended worse with more unknowns by more than 0.1 %, by 15 % (62 mm instead of 54 mm, with 4 unknowns and with 3).
 ///
 /// # Errors
 /// [`CalibrationError`] for input that makes no sense, and a robot that does not settle with the first
@@ -150,53 +161,128 @@ struct Fitted {
     steps: usize,
 }
 
-/// The fit of the first unknown, then of the first two, and so on to all. Each starts at the first values;
-/// where that ends worse than the fit with one unknown less, at the latter: so no fit is worse than
-/// that of the unknowns at the head of its list.
+/// The best of four ways from the first values, gone on with over all equilibria that they met.
 fn best(
     problem: &Problem,
     start: &DVector<f64>,
     limits: &[Limit],
 ) -> Result<Fitted, CalibrationError> {
-    let mut last: Option<Fitted> = None;
-    for count in 1..=start.len() {
-        let (problem, limits) = (problem.head(count), &limits[..count]);
-        let first = start.rows(0, count).into_owned();
-        let at = problem.evaluate(&first, Start::Straight)?;
-        let mut found = descend(&problem, first, at, limits);
-        if let Some(fewer) = last {
-            found.steps += fewer.steps;
-            if found.at.cost() > fewer.at.cost() {
-                let x = fewer.x.push(start[count - 1]);
-                if let Ok(at) = problem.evaluate(&x, Start::Last(&fewer.at.memory)) {
-                    let more = descend(&problem, x, at, limits);
-                    found.steps += more.steps;
-                    if more.at.cost() < found.at.cost() {
-                        (found.x, found.at) = (more.x, more.at);
-                    }
-                }
-            }
-        }
-        last = Some(found);
+    let all: Vec<usize> = (0..start.len()).collect();
+    let shorten = |limit: &Limit| Limit {
+        reach: SHORT * limit.reach,
+        ..*limit
+    };
+    let short: Vec<Limit> = limits.iter().map(shorten).collect();
+    let mut fits = Vec::new();
+    for limits in [limits, &short] {
+        let at = problem.evaluate(start, &all, Start::Straight)?;
+        fits.push(descend(problem, &all, start.clone(), at, limits, &[]));
     }
-    last.ok_or(CalibrationError::NoUnknown)
+    if start.len() > 1 {
+        for order in [Order::Gain, Order::Given] {
+            let at = problem.evaluate(start, &all, Start::Straight)?;
+            fits.extend(staged(problem, start.clone(), at, limits, order));
+        }
+    }
+    let steps: usize = fits.iter().map(|fit| fit.steps).sum();
+    fits.sort_by(|a, b| a.at.cost().total_cmp(&b.at.cost()));
+    let best = fits.remove(0);
+    let others: Vec<&[Equilibrium]> = fits.iter().map(|fit| &fit.at.memory[..]).collect();
+    let mut best = descend(problem, &all, best.x, best.at, limits, &others);
+    best.steps += steps;
+    Ok(best)
 }
 
-/// Descends from `x`; goes on where a command's other equilibrium is nearer to what was observed.
-fn descend(problem: &Problem, mut x: DVector<f64>, mut at: Evaluated, limits: &[Limit]) -> Fitted {
+/// Which unknown is freed next.
+#[derive(Clone, Copy)]
+enum Order {
+    /// The one with which the linear model promises the largest decrease.
+    Gain,
+    /// The next of the list.
+    Given,
+}
+
+/// Frees one unknown after another, each where the fit of those before has ended. `None` where the robot does not settle
+/// there.
+fn staged(
+    problem: &Problem,
+    mut x: DVector<f64>,
+    mut at: Evaluated,
+    limits: &[Limit],
+    order: Order,
+) -> Option<Fitted> {
+    let all: Vec<usize> = (0..x.len()).collect();
+    let (mut free, mut held) = (Vec::new(), all.clone());
     let mut steps = 0;
-    for _ in 0..MAX_RETURNS {
-        let evaluate =
-            |x: &DVector<f64>, last: &Vec<Equilibrium>| problem.evaluate(x, Start::Last(last)).ok();
-        let done = |_: &DVector<f64>, at: &Evaluation<_>| at.cost() == 0.0;
-        let found = minimise(x, at, limits, MAX_STEPS, evaluate, done);
+    while !held.is_empty() {
+        let gain = |&unknown: &usize| {
+            let with = [&free[..], &[unknown]].concat();
+            let limits: Vec<Limit> = with.iter().map(|&i| limits[i]).collect();
+            left_to_gain(&x.select_rows(&with), &columns(&at, &with), &limits)
+        };
+        let place = match order {
+            Order::Given => 0,
+            Order::Gain => {
+                let gains: Vec<f64> = held.iter().map(gain).collect();
+                // The first of equal ones.
+                (0..held.len())
+                    .rev()
+                    .max_by(|&a, &b| gains[a].total_cmp(&gains[b]))?
+            }
+        };
+        free.push(held.remove(place));
+        let found = descend(problem, &free, x, columns(&at, &free), limits, &[]);
         steps += found.steps;
-        (x, at) = (found.x, found.at);
-        match problem.evaluate(&x, Start::Nearer(&at.memory)) {
+        let last = Start::Last(&found.at.memory);
+        at = problem.evaluate(&found.x, &all, last).ok()?;
+        x = found.x;
+    }
+    Some(Fitted { x, at, steps })
+}
+
+/// The part of an evaluation that these unknowns have.
+fn columns(at: &Evaluated, unknowns: &[usize]) -> Evaluated {
+    Evaluation {
+        residuals: at.residuals.clone(),
+        jacobian: at.jacobian.select_columns(unknowns),
+        memory: at.memory.clone(),
+    }
+}
+
+/// Descends over the unknowns in `free` from `x`; goes on where another equilibrium of a command is nearer to what was
+/// observed.
+fn descend(
+    problem: &Problem,
+    free: &[usize],
+    x: DVector<f64>,
+    at: Evaluated,
+    limits: &[Limit],
+    others: &[&[Equilibrium]],
+) -> Fitted {
+    let limits: Vec<Limit> = free.iter().map(|&i| limits[i]).collect();
+    let whole = |part: &DVector<f64>| {
+        let mut whole = x.clone();
+        free.iter()
+            .zip(part)
+            .for_each(|(&i, &value)| whole[i] = value);
+        whole
+    };
+    let mut part = DVector::from_fn(free.len(), |k, _| x[free[k]]);
+    let (mut at, mut steps) = (at, 0);
+    for _ in 0..MAX_RETURNS {
+        let evaluate = |part: &DVector<f64>, last: &Vec<Equilibrium>| {
+            problem.evaluate(&whole(part), free, Start::Last(last)).ok()
+        };
+        let done = |_: &DVector<f64>, at: &Evaluation<_>| at.cost() == 0.0;
+        let found = minimise(part, at, &limits, MAX_STEPS, evaluate, done);
+        steps += found.steps;
+        (part, at) = (found.x, found.at);
+        match problem.evaluate(&whole(&part), free, Start::Nearest(&at.memory, others)) {
             Ok(nearer) if nearer.cost() < at.cost() * (1.0 - 1e-6) => at = nearer,
             _ => break,
         }
     }
+    let x = whole(&part);
     Fitted { x, at, steps }
 }
 

@@ -41,16 +41,6 @@ impl<'a> Problem<'a> {
         Ok((problem, DVector::from_vec(start)))
     }
 
-    /// The same for the first unknowns alone.
-    pub fn head(&self, count: usize) -> Self {
-        Self {
-            first: self.first,
-            unknowns: &self.unknowns[..count],
-            observations: self.observations,
-            coordinates: self.coordinates[..count].to_vec(),
-        }
-    }
-
     /// The unknowns' values at `x`.
     pub fn values(&self, x: &DVector<f64>) -> Vec<f64> {
         let pairs = self.coordinates.iter().zip(x);
@@ -163,13 +153,14 @@ impl<'a> Problem<'a> {
         self.first.with(&values)
     }
 
-    /// Residuals and their Jacobian by the unknowns, with every observation's equilibrium.
+    /// Residuals and their Jacobian by the coordinates of the unknowns in `free`, with every observation's equilibrium.
     ///
     /// # Errors
     /// If there is no such robot, or it does not settle stably under an observation.
     pub fn evaluate(
         &self,
         x: &DVector<f64>,
+        free: &[usize],
         start: Start,
     ) -> Result<Evaluation<Vec<Equilibrium>>, CalibrationError> {
         let robot = Robot::new(self.spec(x)?)?;
@@ -177,11 +168,11 @@ impl<'a> Problem<'a> {
             .into_par_iter()
             .map_init(
                 || Settler::new(&robot),
-                |settler, index| self.observe(&robot, settler, index, start),
+                |settler, index| self.observe(&robot, settler, index, free, start),
             )
             .collect();
         let mut residuals = DVector::zeros(self.coordinates());
-        let mut jacobian = DMatrix::zeros(self.coordinates(), x.len());
+        let mut jacobian = DMatrix::zeros(self.coordinates(), free.len());
         let mut memory = Vec::with_capacity(parts.len());
         let mut row = 0;
         for (index, part) in parts.into_iter().enumerate() {
@@ -192,9 +183,8 @@ impl<'a> Problem<'a> {
             memory.push(part.settled);
             row += rows;
         }
-        let coordinates = self.coordinates.iter().zip(x);
-        for (mut column, (coordinate, &u)) in jacobian.column_iter_mut().zip(coordinates) {
-            column *= coordinate.slope(u);
+        for (mut column, &i) in jacobian.column_iter_mut().zip(free) {
+            column *= self.coordinates[i].slope(x[i]);
         }
         Ok(Evaluation {
             residuals,
@@ -209,6 +199,7 @@ impl<'a> Problem<'a> {
         robot: &Robot,
         settler: &mut Settler,
         index: usize,
+        free: &[usize],
         start: Start,
     ) -> Option<Part> {
         let observation = &self.observations[index];
@@ -221,25 +212,44 @@ impl<'a> Problem<'a> {
             }
             misses
         };
-        let settled = match start {
-            Start::Straight => settler.settle(command, loads).clone(),
+        let linearise = |settled: Equilibrium| {
+            let sensitivity = robot.sensitivity(command, loads, &settled).ok()?;
+            Some((settled, sensitivity))
+        };
+        let (settled, sensitivity) = match start {
+            Start::Straight => linearise(settler.settle(command, loads).clone())?,
             Start::Last(last) => {
                 let near = &last[index].configuration;
-                settler.settle_from(near, command, loads).clone()
-            }
-            Start::Nearer(last) => {
-                let straight = settler.settle(command, loads);
-                if straight.converged && misses(straight).norm() < misses(&last[index]).norm() {
-                    straight.clone()
-                } else {
-                    last[index].clone()
+                let found = linearise(settler.settle_from(near, command, loads).clone());
+                match found {
+                    Some(found) => found,
+                    None => linearise(settler.settle(command, loads).clone())?,
                 }
             }
+            Start::Nearest(last, others) => {
+                let mut best = linearise(last[index].clone())?;
+                let mut miss = misses(&best.0).norm();
+                let mut consider = |settled: &Equilibrium| {
+                    if settled.converged
+                        && misses(settled).norm() < miss
+                        && let Some(found) = linearise(settled.clone())
+                    {
+                        miss = misses(&found.0).norm();
+                        best = found;
+                    }
+                };
+                consider(settler.settle(command, loads));
+                for other in others {
+                    let near = &other[index].configuration;
+                    consider(settler.settle_from(near, command, loads));
+                }
+                best
+            }
         };
-        let sensitivity = robot.sensitivity(command, loads, &settled).ok()?;
         let residuals = misses(&settled);
-        let mut jacobian = DMatrix::zeros(residuals.len(), self.unknowns.len());
-        for (mut column, unknown) in jacobian.column_iter_mut().zip(self.unknowns) {
+        let mut jacobian = DMatrix::zeros(residuals.len(), free.len());
+        for (mut column, &i) in jacobian.column_iter_mut().zip(free) {
+            let unknown = &self.unknowns[i];
             let direction: Vec<_> = unknown.parameters().iter().map(|&p| (p, 1.0)).collect();
             let poses = sensitivity.jvp(&direction).ok()?;
             for (k, (disc, _)) in observation.positions.iter().enumerate() {
@@ -262,11 +272,11 @@ impl<'a> Problem<'a> {
 pub(super) enum Start<'a> {
     /// The straight pose.
     Straight,
-    /// Each observation's last equilibrium.
+    /// Each observation's last equilibrium; the straight pose where that leads to none.
     Last(&'a [Equilibrium]),
-    /// Each observation's last equilibrium, or that which the straight pose leads to: the one nearer
-    /// to what was observed.
-    Nearer(&'a [Equilibrium]),
+    /// Of each observation's last equilibrium, that which the straight pose leads to, and those that other
+    /// equilibria of it lead to, the one nearest to what was observed.
+    Nearest(&'a [Equilibrium], &'a [&'a [Equilibrium]]),
 }
 
 /// One observation's part of the problem.
