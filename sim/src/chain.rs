@@ -61,7 +61,7 @@ pub(crate) struct Chain {
 }
 
 impl Chain {
-    /// Room for the poses of a robot's discs.
+    /// Storage for the poses of a robot's discs.
     pub fn new(robot: &Robot) -> Self {
         let n = robot.discs().len();
         let base = *robot.base_orientation().to_rotation_matrix().matrix();

@@ -3,11 +3,12 @@
 //! A tendon segment spans one joint and a dead force acts through the discs below it, so the Hessian ([`crate::energy`]) is one
 //! 3 x 3 block for each joint and each disc, and a column for each tendon.
 //!
-//! Going down the chain, the joints' turns are eliminated one by one, as in dynamic programming: what
-//! lies above joint `i` enters as a quadratic of the turn `Omega` of the disc and of the partial sums
-//! `s_c` of the columns (tendons) that pass the joint. That is a block Cholesky factorisation of the
-//! Hessian from the tip to the base, so its pivots are positive exactly where the Hessian is positive
-//! definite (Sylvester's law of inertia).
+//! From the tip to the base, the joints' turns are eliminated one by one, as in dynamic programming: what
+//! lies above joint `i` enters as a quadratic of the turn `Omega` of the disc below the joint and of the partial
+//! sums `s_c` of the columns (tendons) that pass the joint. The articulated-body algorithm (Featherstone, Rigid
+//! Body Dynamics Algorithms, 2008, ch. 7) and the Riccati recursion of optimal control are eliminations of this
+//! kind. It is a block Cholesky factorisation of the Hessian, so its pivots are positive exactly where the
+//! Hessian is positive definite (Sylvester's law of inertia: Golub and Van Loan, Matrix Computations, ch. 8.1).
 //!
 //! A pivot that is zero but for rounding says nothing by itself: where the eliminated turn couples to
 //! those below, the Hessian is indefinite, otherwise it may be semidefinite. [`Factor::definiteness`]
@@ -82,7 +83,7 @@ macro_rules! with_slots {
 }
 
 impl Factor {
-    /// Room for the factor of a Hessian like that of `expansion`.
+    /// Storage for the factor of a Hessian like that of `expansion`.
     pub fn new(expansion: &Expansion) -> Self {
         let n = expansion.joint_blocks.len();
         let columns = expansion.columns.clone();
@@ -100,7 +101,8 @@ impl Factor {
 
     /// Factorises the Hessian of `expansion`, with `stiffness` (N m/rad) added to every joint, which
     /// shifts its eigenvalues by as much. Where it is not positive definite, the pivots' negative
-    /// eigenvalues change their sign, so that solving still gives a direction of descent.
+    /// eigenvalues change their sign (eigenvalue modification: Nocedal and Wright, Numerical Optimization,
+    /// ch. 3.4), so that solving still gives a direction of descent.
     pub fn factorise(&mut self, expansion: &Expansion, stiffness: f64) -> Curvature {
         self.slopes.copy_from_slice(&expansion.slopes);
         with_slots!(self.eliminate(expansion, stiffness))
@@ -116,6 +118,7 @@ impl Factor {
         let mut mixed = [Vector3::zeros(); A];
         let mut sums = [[0.0; A]; A];
         for joint in (0..self.pivots.len()).rev() {
+            // This disc's own terms, and the columns that start here.
             turns += expansion.disc_blocks[joint];
             moment += expansion.disc_gradient[joint];
             for &column in &self.columns.top[joint] {
@@ -124,7 +127,8 @@ impl Factor {
             }
             let mut slopes = [Vector3::zeros(); A];
             slopes[..slots].copy_from_slice(&self.slopes[joint * slots..][..slots]);
-            // How a turn of this joint couples to the turn below and to the partial sums.
+            // How a turn of this joint couples to the turn below and to the partial sums: it adds itself to
+            // `Omega`, and its slopes to the sums.
             let mut below = turns;
             let mut partial = mixed;
             for s in 0..A {
@@ -133,6 +137,7 @@ impl Factor {
                     partial[s] += slopes[r] * sums[s][r];
                 }
             }
+            // The pivot: the joint's own block, and the quadratic along its turn.
             let mut pivot = expansion.joint_blocks[joint] + below;
             for axis in 0..3 {
                 pivot[(axis, axis)] += stiffness;
@@ -140,6 +145,7 @@ impl Factor {
             for s in 0..A {
                 pivot += slopes[s] * partial[s].transpose();
             }
+            // Its inverse, of a positive definite matrix near it where it is not one itself.
             self.largest = self.largest.max(pivot.trace().abs());
             let inverse = match invert_positive(&pivot) {
                 Some((inverse, smallest)) => {
@@ -152,6 +158,7 @@ impl Factor {
                     inverse
                 }
             };
+            // The quadratic with this turn at its minimiser (Schur complement).
             below += noncommuting(&moment);
             let reduced = inverse * below.transpose();
             turns -= below * reduced;
@@ -163,6 +170,7 @@ impl Factor {
                     sums[r][s] = sums[s][r];
                 }
             }
+            // Columns that end here: their slots are free.
             for &column in &self.columns.bottom[joint] {
                 let slot = self.columns.slot[column];
                 mixed[slot] = Vector3::zeros();
@@ -186,8 +194,8 @@ impl Factor {
         }
     }
 
-    /// Whether the Hessian of `expansion` is positive definite beyond rounding, given what
-    /// [`Factor::factorise`] without stiffness has just said of it. `resolution` (N m/rad) is a
+    /// Whether the Hessian of `expansion` is positive definite beyond rounding, where
+    /// [`Factor::factorise`] without stiffness has just been called for it. `resolution` (N m/rad) is a
     /// curvature that is not told from zero whatever the rounding.
     ///
     /// The factor is then that of the Hessian; where it is not positive definite, of the Hessian with
@@ -212,10 +220,10 @@ impl Factor {
     }
 
     /// Writes turns of the joints to `step` (world axes) along which the quadratic form of the
-    /// factorised matrix is negative, the direction of negative curvature: the eigenvector of the
-    /// first pivot that is not positive, with the distal joints at their minimisers. These have
-    /// positive pivots, so the form's value is that of the pivot alone. Writes zeros if there is no
-    /// such pivot.
+    /// factorised matrix is negative, a direction of negative curvature (Nocedal and Wright, Numerical
+    /// Optimization, ch. 3.4): the eigenvector of the first pivot that is not positive, with the distal
+    /// joints at their minimisers. These have positive pivots, so the form's value is that of the pivot
+    /// alone. Writes zeros if there is no such pivot.
     pub fn negative_curvature(&self, step: &mut [Vector3<f64>]) {
         match self.negative {
             Some((joint, eigenvector)) => with_slots!(self.follow(joint, &eigenvector, step)),
@@ -235,6 +243,7 @@ impl Factor {
         let mut sums = [0.0; A];
         for joint in start..self.pivots.len() {
             let slopes = &self.slopes[joint * slots..][..slots];
+            // The turn given, or the minimiser for what lies below.
             let own = if joint == start {
                 *first
             } else {
@@ -246,6 +255,7 @@ impl Factor {
                 -(self.pivots[joint]
                     * (self.below[joint].tr_mul(&turn) + terms.sum::<Vector3<f64>>()))
             };
+            // What the joints above see of it.
             turn += own;
             for (slope, sum) in slopes.iter().zip(&mut sums) {
                 *sum += slope.dot(&own);
@@ -288,6 +298,7 @@ impl Factor {
     ) {
         let slots = self.columns.slots;
         let n = self.pivots.len();
+        // From the tip to the base: the right-hand side with the joints above eliminated.
         let mut by_turn = Vector3::zeros();
         let mut by_sum = [0.0; A];
         for joint in (0..n).rev() {
@@ -308,6 +319,7 @@ impl Factor {
             }
             solution[joint] = moment;
         }
+        // From the base to the tip: each turn, given those below.
         let mut turn = Vector3::zeros();
         let mut sums = [0.0; A];
         for joint in 0..n {
@@ -330,12 +342,14 @@ impl Factor {
     }
 }
 
-/// Inverse of a symmetric matrix, by its factors `L D L'`, if it is positive definite beyond rounding;
-/// also the smallest entry of `D`.
+/// Inverse of a symmetric matrix, by its factors `L D L'` (Golub and Van Loan, Matrix Computations, ch. 4.1), if it
+/// is positive definite beyond rounding; also the smallest entry of `D`.
 fn invert_positive(m: &Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
     let (a, b, c) = (m[(0, 0)], m[(0, 1)], m[(0, 2)]);
     let (d, e, f) = (m[(1, 1)], m[(1, 2)], m[(2, 2)]);
+    // Pivots below this are rounding.
     let floor = f64::EPSILON * (a.abs() + d.abs() + f.abs());
+    // Entries of `L`, and `D`.
     let first = 1.0 / a;
     let (l10, l20) = (b * first, c * first);
     let second_pivot = d - l10 * b;

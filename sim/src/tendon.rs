@@ -98,7 +98,7 @@ pub(crate) struct Posture {
 }
 
 impl Posture {
-    /// Room for the postures of a robot.
+    /// Storage for the postures of a robot.
     pub fn new(robot: &Robot) -> Self {
         let none = Stretch::new(Vector3::zeros(), Vector3::zeros());
         Self {

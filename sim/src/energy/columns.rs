@@ -38,7 +38,8 @@ impl Columns {
             top: vec![Vec::new(); joints],
             bottom: vec![Vec::new(); joints],
         };
-        // Interval colouring: by lowest joint, the first slot that is free there.
+        // Interval colouring: by lowest joint, the first slot that is free there. No colouring takes fewer
+        // slots (Kleinberg and Tardos, Algorithm Design, 2005, ch. 4.1).
         let mut order: Vec<usize> = (0..reaches.len())
             .filter(|&c| !reaches[c].is_empty())
             .collect();

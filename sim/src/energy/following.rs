@@ -1,4 +1,5 @@
-//! Loads without a potential: moments, and forces that turn with their disc.
+//! Loads without a potential: moments, and forces that turn with their disc (Ziegler, Principles of Structural
+//! Stability, 1968).
 //!
 //! They enter as the dead forces and moments that they are in the current configuration. The Jacobian of the
 //! moments on the joints needs two terms more: loads turn with their disc, and turns do not commute. It is not
@@ -46,7 +47,7 @@ pub(crate) fn add_forces(loads: &Loads, share: f64, posture: &Posture, dead: &mu
     }
 }
 
-/// The Jacobian `3 n x 3 n` of the moments left by the joints' turns, world axes (N m/rad): the
+/// The Jacobian `3 n x 3 n` of the residual moments by the joints' turns, world axes (N m/rad): the
 /// expansion's Hessian, and what `share` of the loads without a potential add to it.
 ///
 /// With `M` a moment and `F` a force on disc `m`, `d_k` its origin from joint `k`, blocks `k, i <= m`

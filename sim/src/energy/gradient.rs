@@ -16,7 +16,9 @@ impl Potential<'_> {
         tensions: &mut [f64],
         out: &mut [Vector3<f64>],
     ) {
+        // Dead forces.
         self.dead_gradient(posture, out);
+        // Tensions, on segments and spans.
         let pulled = self
             .robot
             .tendons()
@@ -38,6 +40,7 @@ impl Potential<'_> {
                 *out += (upper - centre).cross(&pull);
             }
         }
+        // Elastic joints.
         for ((out, disc), (q, orientation)) in (out.iter_mut().zip(self.robot.discs()))
             .zip(q.0.iter().zip(&posture.chain.orientations[1..]))
         {

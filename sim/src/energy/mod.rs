@@ -4,14 +4,18 @@
 //! backbones and limits of the joints, forces that keep their direction. Derivatives are taken along
 //! turns `w_i` of each joint, and of everything above it, in world axes: rotated into its disc's
 //! frame, `w_i` is the `xi_i` of `q_i exp(xi_i)`, the coordinate of MuJoCo's ball joints. Second
-//! derivatives are symmetric: those along `q exp(s xi)`.
+//! derivatives are those along `q exp(s xi)`, the geodesics of SO(3)^n, and so symmetric: the Riemannian
+//! Hessian (Absil, Mahony and Sepulchre, Optimization Algorithms on Matrix Manifolds, 2008, ch. 5.5).
 //!
 //! With `Omega_k = sum_(i <= k) w_i`, to first order the turn of disc `k` in the world, the Hessian is
 //! `sum_i w_i' B_i w_i + sum_k (Omega_k' S_k Omega_k + G_k . (Omega_(k-1) x w_k)) +
 //! sum_c weight_c (a_c . w)^2`: tendon segments and backbones depend on one joint, dead forces on the
-//! disc that carries them up (with the moment `G_k` on joint `k`, for turns do not commute), and a
-//! tendon's stiffness acts along one column. That takes O(n) to build, to store and
-//! ([`crate::factor`]) to solve.
+//! disc that carries them up (with the moment `G_k` on joint `k`, for turns do not commute:
+//! [`noncommuting`]), and a tendon's stiffness acts along one column. That takes O(n) to build, to store
+//! and ([`crate::factor`]) to solve.
+//!
+//! The gradient is what the principle of virtual work gives: at an equilibrium it is zero, elsewhere it is
+//! the residual.
 
 mod columns;
 mod dead;
@@ -60,7 +64,7 @@ pub(crate) struct Expansion {
 }
 
 impl Expansion {
-    /// Room for the derivatives of a robot's potential.
+    /// Storage for the derivatives of a robot's potential.
     pub fn new(robot: &Robot) -> Self {
         let n = robot.discs().len();
         let columns = Columns::new(robot);
@@ -76,7 +80,7 @@ impl Expansion {
         }
     }
 
-    /// Largest moment that is left on a joint (N m): the gradient's largest Euclidean norm.
+    /// The residual (N m): largest Euclidean norm of the gradient by a joint's turn.
     pub fn residual(&self) -> f64 {
         let mut above = Vector3::zeros();
         let mut largest: f64 = 0.0;
@@ -120,6 +124,7 @@ impl Expansion {
     pub fn dense(&self) -> Mat<f64> {
         let n = self.joint_blocks.len();
         let mut hessian = Mat::zeros(3 * n, 3 * n);
+        // Lower triangle. The discs from `k` on turn with both joints `i <= k`, whose turns do not commute.
         let (mut above, mut moment) = (Matrix3::zeros(), Vector3::zeros());
         for k in (0..n).rev() {
             above += self.disc_blocks[k];
@@ -130,6 +135,7 @@ impl Expansion {
                 add_block(&mut hessian, k, i, &twisted);
             }
         }
+        // The columns' rank-one terms.
         for column in self.dense_columns() {
             for k in 0..n {
                 for i in 0..=k {
@@ -138,6 +144,7 @@ impl Expansion {
                 }
             }
         }
+        // Upper triangle.
         for column in 0..3 * n {
             for row in column + 1..3 * n {
                 hessian[(column, row)] = hessian[(row, column)];
@@ -168,7 +175,8 @@ impl Expansion {
 }
 
 /// The matrix `C` of `Omega' C w = 1/2 G . (Omega x w)`: what a moment `G` (N m) on a joint adds to the
-/// Hessian because the joint's turn `w` comes after the turn `Omega` of the disc below.
+/// Hessian because the joint's turn `w` comes after the turn `Omega` of the disc below (to second order, turns
+/// compose by the formula of Baker, Campbell and Hausdorff).
 pub(crate) fn noncommuting(moment: &Vector3<f64>) -> Matrix3<f64> {
     let g = moment * 0.5;
     Matrix3::new(0.0, g.z, -g.y, -g.z, 0.0, g.x, g.y, -g.x, 0.0)
@@ -228,7 +236,8 @@ impl Potential<'_> {
     }
 
     /// A dead force `f` on a point at `d` from a joint's centre: gradient `-d x f`, second derivative
-    /// `(d . f) I - sym(d f')` of each disc that carries the point up.
+    /// `(d . f) I - sym(d f')` of each disc that carries the point up. They are the terms of `-f . exp(w) d` by
+    /// Rodrigues' formula, `exp(w) = I + [w]x + [w]x² / 2 + ...`.
     fn expand_dead(&self, chain: &Chain, out: &mut Expansion) {
         let n = chain.positions.len();
         let mut above = Vector3::zeros();
@@ -297,11 +306,13 @@ fn expand_span(
     let (lower, upper, stretch) = span.stretch(robot, chain);
     let slots = out.columns.slots;
     let u = stretch.direction;
+    // The length's gradient, at the joints between the holes.
     let first = span.lower.map_or(0, |disc| disc + 1);
     let own = out.columns.slot[span.tendon];
     for joint in first..=span.upper {
         out.slopes[joint * slots + own] += (upper - chain.centres[joint]).cross(&u);
     }
+    // The pull on the two holes, carried by the discs from one to the other.
     for disc in span.lower.unwrap_or(0)..=span.upper {
         let from = if span.lower == Some(disc) {
             lower
@@ -317,6 +328,7 @@ fn expand_span(
         out.disc_gradient[disc] += lever.gradient;
         out.disc_blocks[disc] += lever.hessian;
     }
+    // The change of the pull's direction: columns across the piece.
     let weight = if stretch.length > 0.0 {
         tension / stretch.length
     } else {
@@ -343,7 +355,7 @@ fn across(u: &Vector3<f64>) -> [Vector3<f64>; 2] {
     [first, u.cross(&first)]
 }
 
-/// What a dead force does to a disc's turn.
+/// Gradient and Hessian of a dead force's potential by a disc's turn.
 struct Lever {
     gradient: Vector3<f64>,
     hessian: Matrix3<f64>,

@@ -1,9 +1,9 @@
 //! Derivatives of an equilibrium by anything that it depends on.
 //!
-//! At an equilibrium the gradient `g(q, p)` of the potential vanishes, so `dq/dp = -H⁻¹ dg/dp` with
-//! the Hessian `H` (implicit function theorem). The factor of `H` takes O(n) to build and to solve
-//! with, so a Jacobian by the command costs less than settling, and a vector-Jacobian product by any
-//! number of parameters one solve.
+//! At an equilibrium the gradient `g(q, p)` of the potential vanishes, so `dq/dp = -H⁻¹ dg/dp` with the Hessian `H`
+//! (implicit function theorem; Griewank and Walther, Evaluating Derivatives, 2008, ch. 15). The factor of `H` takes O(n)
+//! to build and to solve with, so a Jacobian by the command costs less than settling, and a vector-Jacobian product by
+//! any number of parameters one solve.
 //!
 //! ```
 //! use tdcr_sim::robot::{Loads, Parameter, Robot};
@@ -42,17 +42,21 @@ use model_tangent::ModelTangent;
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SensitivityError {
     /// Not settled: there is no equilibrium to differentiate.
-    #[error("the robot has not settled (residual {0:e} N m): there is nothing to differentiate")]
+    #[error(
+        "the robot has not settled: residual {0:e} N m; expected an equilibrium to differentiate"
+    )]
     NotSettled(f64),
     /// The equilibrium is on the brink of instability, where derivatives are infinite.
-    #[error("the equilibrium is not stable: its Hessian is not positive definite")]
+    #[error(
+        "the equilibrium has no derivatives: its Hessian is not positive definite; expected a stable one"
+    )]
     Unstable,
     /// The robot has no such parameter.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
 }
 
-/// A change of a disc's pose, or what a cost changes by for one: world frame.
+/// Tangent or cotangent of a disc's pose, world frame: a change of the pose, or the derivative of a cost by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseTangent {
     /// Of the origin (m).
@@ -243,7 +247,8 @@ impl Sensitivity {
     }
 
     /// Solves with the Jacobian, the held tendons' lengths growing by `growth`; also returns the
-    /// multipliers of those constraints.
+    /// multipliers of those constraints: the KKT system by its Schur complement (Nocedal and Wright, Numerical
+    /// Optimization, ch. 16.2).
     fn solve(
         &self,
         joint: &[Vector3<f64>],

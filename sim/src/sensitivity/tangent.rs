@@ -244,7 +244,7 @@ impl Sensitivity {
             .collect()
     }
 
-    /// What a cost changes by for each disc's turn in the world, given its change by the poses.
+    /// Derivative of a cost by each disc's turn in the world, given those by the poses.
     pub(super) fn levers(&self, cotangents: &[PoseTangent]) -> Vec<Vector3<f64>> {
         let chain = &self.posture.chain;
         let n = cotangents.len();

@@ -1,4 +1,5 @@
-//! Continuation: a problem is led to the one to be solved in steps, each solve starting from the last solution.
+//! Continuation: the problem to be solved is reached in steps from one whose solution is known, each solve starting
+//! from the last solution.
 
 /// Where a continuation stands on its way from 0 to 1, with strides that grow where steps succeed and
 /// shrink where they fail (Allgower and Georg, Introduction to Numerical Continuation Methods, 2003, ch. 6).
@@ -13,9 +14,8 @@ pub(crate) struct Continuation {
 impl Continuation {
     /// Starts at 0 with steps of `stride`. A step as short as `least` that fails is the last.
     pub fn new(stride: f64, least: f64) -> Self {
-        let done = 0.0;
         Self {
-            done,
+            done: 0.0,
             stride,
             least,
         }
@@ -32,7 +32,7 @@ impl Continuation {
         self.stride *= growth;
     }
 
-    /// Stays, and makes the next step `factor` times as long. Returns whether one is worth trying.
+    /// Stays, and makes the next step `factor` times as long. Returns whether to try it.
     pub fn fail(&mut self, factor: f64) -> bool {
         let goes_on = !self.is_least();
         self.stride *= factor;
@@ -42,5 +42,36 @@ impl Continuation {
     /// Whether the next step is the last if it fails.
     pub fn is_least(&self) -> bool {
         self.stride <= self.least
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Goes on in steps that succeed up to `longest`; returns where they led.
+    fn targets(longest: f64, least: f64) -> Vec<f64> {
+        let mut continuation = Continuation::new(1.0, least);
+        let mut reached = vec![0.0];
+        while let Some(target) = continuation.target() {
+            if target - reached[reached.len() - 1] <= longest {
+                reached.push(target);
+                continuation.succeed(2.0);
+            } else if !continuation.fail(0.5) {
+                break;
+            }
+        }
+        reached
+    }
+
+    #[test]
+    fn steps_shrink_until_they_succeed_and_end_at_the_goal() {
+        assert_eq!(targets(0.3, 1e-3), [0.0, 0.25, 0.5, 0.75, 1.0]);
+    }
+
+    #[test]
+    fn the_way_ends_where_a_step_of_the_least_stride_fails() {
+        assert_eq!(targets(0.1, 0.125), [0.0]);
+        assert_eq!(targets(0.1, 0.0625).last(), Some(&1.0));
     }
 }

@@ -17,6 +17,8 @@ pub(crate) use continuation::Continuation;
 pub(crate) use iterate::{Iterate, largest_turn};
 pub(crate) use lengths::{MAX_CORRECTIONS, length_errors};
 
+use std::iter::successors;
+
 use faer::Mat;
 use faer::linalg::solvers::{PartialPivLu, Solve};
 use nalgebra::Vector3;
@@ -38,7 +40,7 @@ pub(crate) trait System {
     /// Evaluates the equations at the iterate. Whether it solves them within the tolerance.
     fn is_solved(&mut self) -> bool;
 
-    /// Writes the step to [`Iterate::step`]: Newton's, limited in angle ([`Iterate::limit_step`]).
+    /// Writes Newton's step to [`Iterate::step`], limited in angle by [`Iterate::limit_step`].
     fn newton_step(&mut self) -> Self::Model;
 
     /// Evaluates the merit at the iterate, which was moved by `share` of the step. Whether it is low
@@ -47,8 +49,8 @@ pub(crate) trait System {
 }
 
 /// Newton's method with a line search (Nocedal and Wright, Numerical Optimization, ch. 3 and 11.2), from the
-/// iterate on. Returns whether the equations are solved, and the number of steps. If not, it stands where
-/// no share of the step was accepted, or where the last step led.
+/// iterate on. Returns whether the equations are solved, and the number of steps. If they are not, the iterate
+/// is where no share of a step was accepted, or where the last of the steps led.
 pub(crate) fn newton<S: System>(system: &mut S) -> (bool, usize) {
     let mut steps = 0;
     while !system.is_solved() {
@@ -64,8 +66,8 @@ pub(crate) fn newton<S: System>(system: &mut S) -> (bool, usize) {
 fn line_search<S: System>(system: &mut S) -> bool {
     let model = system.newton_step();
     system.iterate().start_step();
-    let mut shares = std::iter::successors(Some(1.0), |share| Some(0.5 * share));
-    let accepted = shares.by_ref().take(S::MAX_TRIALS).any(|share| {
+    let mut shares = successors(Some(1.0), |share| Some(0.5 * share)).take(S::MAX_TRIALS);
+    let accepted = shares.any(|share| {
         system.iterate().move_by(share);
         system.accepts(&model, share)
     });

@@ -40,7 +40,7 @@ pub(super) struct Descent {
     pub iterate: Iterate,
     pub expansion: Expansion,
     pub factor: Factor,
-    /// Largest residual moment of a joint (N m) at which the robot counts as at rest.
+    /// Largest residual (N m) at which the robot counts as at rest.
     pub tolerance: f64,
     gradient: Vec<Vector3<f64>>,
     /// No terms of discs.
@@ -62,7 +62,7 @@ struct Prediction {
 pub(super) enum End {
     /// In an equilibrium of this kind.
     AtRest(Stability),
-    /// Where a residual is left.
+    /// At a residual above the tolerance.
     Stalled,
 }
 
@@ -109,6 +109,7 @@ impl Descent {
     /// under `to` is to first order: a step with the factor that is there already. Where the command
     /// goes on as it last did, what the last prediction missed is added, so the error is of third order.
     pub fn predict(&mut self, from: &[f64], to: &[f64]) {
+        // Change of the gradient by that of the tensions.
         let slots = self.expansion.columns.slots;
         self.gradient.fill(Vector3::zeros());
         for (t, tendon) in self.robot.tendons().iter().enumerate() {
@@ -122,10 +123,12 @@ impl Descent {
                 self.gradient[joint] += self.expansion.slopes[joint * slots + slot] * change;
             }
         }
+        // Newton's step for it.
         let iterate = &mut self.iterate;
         self.factor
             .descend(&self.gradient, &self.none, &mut iterate.step);
         iterate.limit_step(MAX_TURN);
+        // What the last prediction missed, where the command goes on as it last did.
         let again = self.prediction.again(from, to);
         let joints = iterate.configuration.0.iter_mut().enumerate();
         for ((i, q), predicted) in joints.zip(&mut self.prediction.configuration.0) {
@@ -150,7 +153,8 @@ impl Descent {
     }
 
     /// Moves the rest lengths of tendons that are longer than they should be by `errors` (tendon, m),
-    /// such that to first order the errors vanish at the equilibrium that follows.
+    /// such that to first order the errors vanish at the equilibrium that follows: Newton's step on the dual
+    /// problem, whose unknowns are the tensions (Nocedal and Wright, Numerical Optimization, ch. 17).
     pub fn correct_rest_lengths(&mut self, errors: &[(usize, f64)], rest: &mut [f64]) {
         self.factor.factorise(&self.expansion, 0.0);
         let columns = self.expansion.dense_columns();

@@ -20,7 +20,8 @@ const MAX_TURN: f64 = 0.3;
 const ENOUGH: f64 = 1e-4;
 
 /// Applies the loads without a potential by continuation, from the equilibrium without them where
-/// `descent` stands. `dead` holds the dead forces, and on return also the following ones.
+/// `descent` stands. `dead` holds the dead forces, and on return also the following ones. Returns how that
+/// ended, and the Newton steps taken.
 pub(super) fn apply_following(
     descent: &mut Descent,
     robot: &Robot,

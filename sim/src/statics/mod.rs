@@ -35,14 +35,14 @@ use crate::pose::Pose;
 use crate::robot::{Command, Loads, Robot};
 use crate::tendon::Posture;
 
-/// Largest moment left on a joint (N m) at which a configuration of a robot of usual size counts as
-/// settled; of small robots [`Robot::moment_tolerance`].
+/// Largest residual (N m) at which a configuration of a robot of usual size counts as settled; of small
+/// robots [`Robot::moment_tolerance`].
 pub const TOLERANCE: f64 = 1e-10;
 /// Largest error (m) of a tendon whose length is commanded; of small robots
 /// [`Robot::length_tolerance`].
 pub const LENGTH_TOLERANCE: f64 = 1e-11;
 
-/// Where a robot comes to rest.
+/// An equilibrium of a robot under a command and loads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Equilibrium {
     /// Rotation of each disc relative to the body below.
@@ -57,7 +57,7 @@ pub struct Equilibrium {
     pub tendon_lengths: Vec<f64>,
     /// Tension of each tendon (N), positive when it pulls.
     pub tendon_tensions: Vec<f64>,
-    /// Largest moment that is left on a joint (N m): the energy gradient's largest Euclidean norm.
+    /// The residual (N m): largest Euclidean norm of the energy's gradient by a joint's turn.
     pub residual: f64,
     /// Newton steps taken, those of continuation included.
     pub iterations: usize,
@@ -66,7 +66,8 @@ pub struct Equilibrium {
     /// eigenvalue of the Hessian (with moments and following forces: no real part of one of the
     /// Jacobian) below zero.
     pub converged: bool,
-    /// What kind of equilibrium this is; `None` where moments are left, and on paths with friction.
+    /// What kind of equilibrium this is; `None` where the residual is above the tolerance, and on paths with
+    /// friction.
     pub stability: Option<Stability>,
 }
 
@@ -90,7 +91,7 @@ impl Equilibrium {
         }
     }
 
-    /// Room for an equilibrium of `robot`: the straight pose, not converged.
+    /// Storage for an equilibrium of `robot`: the straight pose, not converged.
     pub(crate) fn unsettled(robot: &Robot) -> Self {
         let n = robot.discs().len();
         Self {

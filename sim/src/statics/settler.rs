@@ -38,7 +38,7 @@ pub struct Settler {
     pub(super) dead: DeadForces,
     /// The command, with the rest lengths of tendons whose length is commanded corrected.
     pub(super) command: Vec<f64>,
-    /// Largest moment left on a joint (N m), and largest error of a commanded length (m), of a robot
+    /// Largest residual (N m), and largest error of a commanded length (m), of a robot
     /// without loads.
     moment_tolerance: f64,
     length_tolerance: f64,
@@ -109,7 +109,7 @@ impl Settler {
         &self.robot
     }
 
-    /// Where the robot last settled; before that, no equilibrium of anything.
+    /// Where the robot last settled; before that, the straight pose, not converged.
     pub fn equilibrium(&self) -> &Equilibrium {
         &self.equilibrium
     }

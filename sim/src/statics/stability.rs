@@ -41,6 +41,7 @@ pub enum Stability {
 }
 
 /// Why an equilibrium counts as not converged.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum NotSettled {
     /// An equilibrium, but one that no robot stays in.
@@ -60,12 +61,12 @@ pub enum NotSettled {
         /// The length commanded (m).
         commanded: f64,
     },
-    /// Moments are left on the joints.
+    /// The residual is above the tolerance.
     #[error(
         "the robot did not settle: residual {residual:e} N m; expected {tolerance:e} N m at most"
     )]
     Moments {
-        /// Largest moment left on a joint (N m).
+        /// [`Equilibrium::residual`] (N m).
         residual: f64,
         /// [`Robot::moment_tolerance`] (N m).
         tolerance: f64,
@@ -111,8 +112,9 @@ impl Equilibrium {
 }
 
 impl Descent {
-    /// What kind of equilibrium the robot is in, given the factor of its Hessian. The stiffness of a joint whose moment the tolerance lets pass is not told from zero. If
-    /// unstable, the factor has a direction of negative curvature.
+    /// What kind of equilibrium the robot is in, given the factor of its Hessian. The stiffness of a joint
+    /// whose moment the tolerance lets pass is not told from zero. If unstable, the factor has a direction
+    /// of negative curvature.
     pub fn stability(&mut self, potential: &Potential) -> Stability {
         let mut on_edge = false;
         for (t, tendon) in potential.robot.tendons().iter().enumerate() {

@@ -1,7 +1,7 @@
 //! How exactly a robot of some size is settled.
 //!
 //! A moment of 1e-10 N m turns the joints of a robot a hand high by less than 1e-7 rad, and bends one
-//! a tenth of a millimetre high out of shape. So what a joint may be left with scales with the moments
+//! a tenth of a millimetre high out of shape. So the residual allowed scales with the moments
 //! that the robot has of its own: those of its weight, which alone holds some bends of a robot without
 //! a backbone, but not below what is resolved beside the moments of its tendons and backbone.
 
@@ -22,7 +22,7 @@ const ROUNDING: f64 = 16.0 * f64::EPSILON;
 const USUAL_LENGTH: f64 = 0.05;
 
 impl Robot {
-    /// Largest moment left on a joint (N m) at which the robot counts as settled: [`TOLERANCE`], and
+    /// Largest residual (N m) at which the robot counts as settled: [`TOLERANCE`], and
     /// less for a robot whose own moments are small, in proportion to them. More only where rounding of
     /// its moments is more, or of its loads'.
     pub fn moment_tolerance(&self) -> f64 {

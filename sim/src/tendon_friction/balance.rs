@@ -1,4 +1,4 @@
-//! One step: Newton's method on the balance of moments with contacts that stick or slip.
+//! One substep: Newton's method on the balance of moments with contacts that stick or slip.
 //!
 //! The balance is `r(q) = sum_j T_j dl_j + dV_rest = 0`, with the tensions `T_j` of the segments of
 //! all tendons following the capstan law. In the coordinates `q exp(xi)` its Jacobian is
@@ -46,7 +46,7 @@ enum SlipRule {
 #[derive(Clone, Debug)]
 pub(super) struct Balance {
     robot: Robot,
-    /// Largest moment left on a joint (N m); of the robot without loads, `own_tolerance`.
+    /// Largest residual (N m); of the robot without loads, `own_tolerance`.
     pub tolerance: f64,
     own_tolerance: f64,
     /// Largest error of a commanded length (m).
@@ -113,7 +113,7 @@ impl Balance {
         self.weight.set(&self.robot, loads);
     }
 
-    /// Largest moment that is left on a joint (N m).
+    /// The residual (N m): [`Expansion::residual`].
     pub fn residual(&self) -> f64 {
         self.expansion.residual()
     }
@@ -166,6 +166,7 @@ impl Balance {
     }
 
     fn evaluate(&mut self, before: &[TendonProfile], rule: SlipRule) {
+        // Tensions along each tendon.
         for (t, (line, profile)) in self.lines.iter().zip(&mut self.profiles).enumerate() {
             let state = self.robot.tendons()[t].state(line.length(), self.rest[t]);
             match rule {
@@ -175,9 +176,11 @@ impl Balance {
                 }
             }
         }
+        // Following forces as they are here.
         self.dead.clone_from(&self.weight);
         let (q, posture) = (&self.iterate.configuration, &self.iterate.posture);
         following::add_forces(&self.loads, 1.0, posture, &mut self.dead);
+        // Residual and second derivatives.
         let potential = Potential {
             robot: &self.robot,
             command: &self.rest,
@@ -208,6 +211,7 @@ impl Balance {
         let chain = &self.iterate.posture.chain;
         let n = chain.centres.len();
         let segments = line.lengths.len();
+        // `dl_j` of each segment.
         let by_length: Vec<Vec<Vector3<f64>>> = (0..segments)
             .map(|segment| {
                 let mut slope = vec![Vector3::zeros(); n];
@@ -215,12 +219,13 @@ impl Balance {
                 slope
             })
             .collect();
-        // Of the tendon beyond each segment's first hole.
+        // The same of the tendon beyond each segment's first hole.
         let mut beyond = by_length.clone();
         for segment in (0..segments - 1).rev() {
             let (here, above) = beyond.split_at_mut(segment + 1);
             add_scaled(&mut here[segment], 1.0, &above[0]);
         }
+        // `dT_0`, by the drive; then from hole to hole, by the capstan law, `dT_j`.
         let state = self.robot.tendons()[tendon].state(line.length(), self.rest[tendon]);
         let mut tension: Vec<_> = beyond[0].iter().map(|b| b * state.stiffness).collect();
         for segment in 0..segments {

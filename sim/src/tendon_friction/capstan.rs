@@ -34,7 +34,7 @@ pub(super) struct Work {
 }
 
 impl TendonProfile {
-    /// Room for the profile of a tendon.
+    /// Storage for the profile of a tendon.
     pub(super) fn new(line: &Line) -> Self {
         let (segments, holes) = (line.lengths.len(), line.wrap_angles.len());
         Self {
@@ -158,8 +158,9 @@ impl TendonProfile {
         }
     }
 
-    /// How the friction force at `hole` moves when its contact is as `contact`: by the tension on
-    /// the servo's side, by the wrap angle (N/rad), and by the length of the tendon beyond (N/m).
+    /// Derivatives of the friction force at `hole` when its contact is as `contact`: by the tension on
+    /// the servo's side, by the wrap angle (N/rad), and by the length of the tendon beyond (N/m). They are those of
+    /// the cone's bounds and of the return mapping (consistent tangent: Simo and Hughes, ch. 3).
     pub(super) fn slopes(&self, line: &Line, hole: usize, contact: SlipState) -> [f64; 3] {
         let mu = line.friction.coefficient;
         let mu_theta = mu * self.wrap_angles[hole];
