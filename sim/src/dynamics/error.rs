@@ -6,6 +6,7 @@ use super::Integrator;
 use crate::robot::LoadsError;
 
 /// Why a motion cannot be computed.
+#[non_exhaustive]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum DynamicsError {
     /// A time step that is not a finite number above 0.

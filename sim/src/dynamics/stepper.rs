@@ -14,6 +14,7 @@ use crate::robot::{Command, Loads, Robot};
 pub const LARGEST_TURN: f64 = 1.0;
 
 /// How a step is taken.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Integrator {
     /// First order: `v+ = v + h (M + h D)^-1 (tau - D v - bias)`, then `q+ = q exp(h v+)`; the joint

@@ -23,6 +23,7 @@ pub(crate) enum Kind {
 }
 
 /// Why there is no such shape.
+#[non_exhaustive]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ShapeError {
     /// A length that is not above 0.

@@ -8,6 +8,7 @@ use super::{Shape, ShapeError};
 use crate::files::{LARGEST_MESH, read};
 
 /// Why a mesh could not be read.
+#[non_exhaustive]
 #[derive(Debug, Error)]
 pub enum StlError {
     /// The file could not be read.

@@ -11,6 +11,7 @@ use super::{CommandUnit, Robot, Tendon};
 pub struct Command(Vec<f64>);
 
 /// Why a command was refused.
+#[non_exhaustive]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CommandError {
     /// The wrong number of entries.

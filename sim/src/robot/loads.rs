@@ -57,6 +57,7 @@ pub enum Frame {
 }
 
 /// Why a load was refused.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum LoadsError {
     /// A mass that is negative or not a number.

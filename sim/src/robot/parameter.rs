@@ -9,6 +9,7 @@ use super::{Body, Drive, MassSpec, RobotSpec};
 
 /// A number that an equilibrium depends on. Derivatives are per unit given here. Those of the robot,
 /// not of its command and loads, have a value in its specification: [`RobotSpec::value`].
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parameter {
     /// The command of a tendon (m, or N for a tension drive).

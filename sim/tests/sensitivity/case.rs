@@ -131,6 +131,7 @@ impl Case {
                 }
                 place
             }),
+            other => panic!("no change by {other:?} is written here"),
         }
         moved
     }

@@ -22,6 +22,7 @@ pub struct ExportOptions {
 }
 
 /// MuJoCo's integrators.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Integrator {
     /// First order, joint damping implicit.

@@ -5,6 +5,7 @@ use thiserror::Error;
 use crate::robot::{CommandError, LoadsError, ParameterError, SpecError};
 
 /// Why there is no calibration.
+#[non_exhaustive]
 #[derive(Debug, Error)]
 pub enum CalibrationError {
     /// Not as many measured coordinates as unknowns and one.

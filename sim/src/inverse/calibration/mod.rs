@@ -71,6 +71,7 @@ pub struct Observation {
 }
 
 /// How a fit ended. Whatever it is, the values are the best that were found.
+#[non_exhaustive]
 #[derive(Clone, Debug, PartialEq)]
 pub enum FitState {
     /// At a minimum, to a thousandth of the errors of measurement; all unknowns within their bounds.

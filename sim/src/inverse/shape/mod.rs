@@ -131,6 +131,7 @@ pub enum Bound {
 }
 
 /// Why there is nothing to search for, or nothing to start from.
+#[non_exhaustive]
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ShapeControlError {
     /// An empty list of targets.

@@ -19,6 +19,7 @@ pub struct Target {
 
 /// Where or how a disc should be, in the world frame. Turns count as lengths, by a lever: an error of
 /// one radian is one of `lever` metres.
+#[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Goal {
     /// Its origin there (m).
