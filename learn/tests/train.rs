@@ -268,7 +268,7 @@ fn divergence_stops_the_run_by_name() {
 }
 
 #[test]
-fn a_run_out_of_patience_ends_and_stays_ended_when_taken_up() {
+fn a_run_out_of_patience_ends_and_stays_ended_when_resumed() {
     let (training, validation) = (bars(5, 1), bars(3, 2));
     let settings = TrainSettings {
         steps: 30,
@@ -285,7 +285,7 @@ fn a_run_out_of_patience_ends_and_stays_ended_when_taken_up() {
             trainer.step().unwrap();
         }
         trainer.validate(&|_, _| distance).unwrap();
-        // Taken up after each validation, the run is as patient as one that went on.
+        // Resumed after each validation, the run is as patient as one that went on.
         let state = trainer.state(provenance());
         trainer = Trainer::resume(state, SHAPE, settings.clone(), &training, &validation).unwrap();
     }

@@ -28,7 +28,7 @@ fn teacher(validation: &CloudSet) -> Model {
     run(trainer, 300).model(provenance()).unwrap()
 }
 
-fn lessons() -> TrainSettings {
+fn distillation() -> TrainSettings {
     TrainSettings {
         learning_rate: 3e-3,
         optimizer: Optimizer::Muon {
@@ -65,7 +65,13 @@ fn apart(a: (&Model, Sampler), b: (&Model, Sampler)) -> f64 {
 fn a_student_comes_in_two_steps_where_its_teacher_comes_in_many() {
     let validation = bars(3, 2);
     let teacher = teacher(&validation);
-    let trainer = Trainer::new(&teacher.network, lessons(), feed(&teacher), &validation).unwrap();
+    let trainer = Trainer::new(
+        &teacher.network,
+        distillation(),
+        feed(&teacher),
+        &validation,
+    )
+    .unwrap();
     let student = run(trainer, 300).model(provenance()).unwrap();
     let many = Sampler {
         method: Method::Heun,
@@ -78,14 +84,15 @@ fn a_student_comes_in_two_steps_where_its_teacher_comes_in_many() {
 }
 
 #[test]
-fn lessons_that_are_taken_up_end_as_if_they_had_not_been_left() {
+fn a_resumed_distillation_ends_as_if_it_had_not_been_left() {
     let validation = bars(3, 2);
     let teacher = teacher(&validation);
     let network = &teacher.network;
-    let begin = || Trainer::new(network, lessons(), feed(&teacher), &validation).unwrap();
+    let begin = || Trainer::new(network, distillation(), feed(&teacher), &validation).unwrap();
     let whole = run(begin(), 12).state(provenance());
     let half = run(begin(), 5).state(provenance());
-    let again = Trainer::resume(half, network, lessons(), feed(&teacher), &validation).unwrap();
+    let again =
+        Trainer::resume(half, network, distillation(), feed(&teacher), &validation).unwrap();
     let again = run(again, 12).state(provenance());
     assert_eq!(again.losses, whole.losses);
     assert!(again.params == whole.params && again.average == whole.average);
@@ -103,7 +110,7 @@ fn lessons_that_do_not_suit_the_teacher_are_refused_by_name() {
             method: Method::Heun,
             ..FEW
         },
-        ..lessons()
+        ..distillation()
     };
     let error = refused(LARGER, heun).to_string();
     assert_eq!(error, "the student's sampler is heun, expected euler");
@@ -112,32 +119,32 @@ fn lessons_that_do_not_suit_the_teacher_are_refused_by_name() {
             prior_deviation: 0.25,
             ..FlowPath::default()
         },
-        ..lessons()
+        ..distillation()
     };
     let error = refused(LARGER, elsewhere).to_string();
     assert!(error.starts_with("the student's path is"), "{error}");
     let odd = TrainSettings {
         clouds: 7,
-        ..lessons()
+        ..distillation()
     };
     let error = refused(LARGER, odd).to_string();
     assert_eq!(
         error,
         "clouds is 7, expected a multiple of the student's 2 steps"
     );
-    let error = refused(SHAPE, lessons()).to_string();
+    let error = refused(SHAPE, distillation()).to_string();
     assert!(error.starts_with("the student's shape is"), "{error}");
     let other = TrainSettings {
         target: Target::Velocity,
-        ..lessons()
+        ..distillation()
     };
     let error = refused(LARGER, other).to_string();
     assert!(error.starts_with("target is velocity"), "{error}");
-    let clouds = Trainer::new(LARGER, lessons(), &validation, &validation);
+    let clouds = Trainer::new(LARGER, distillation(), &validation, &validation);
     let error = clouds.unwrap_err().to_string();
     assert!(error.starts_with("target is steps"), "{error}");
     let student = Model {
-        settings: lessons(),
+        settings: distillation(),
         ..teacher.clone()
     };
     let error = Teacher::new(&student).unwrap_err().to_string();

@@ -45,7 +45,7 @@ fn a_run_starts_at_the_weights_of_the_network_that_it_is_given() {
 }
 
 #[test]
-fn a_run_from_a_network_that_is_taken_up_ends_as_if_it_had_not_been_left() {
+fn a_resumed_run_from_a_network_ends_as_if_it_had_not_been_left() {
     let (training, validation) = (bars(5, 1), bars(3, 2));
     let network = &model(0).network;
     let start = || Trainer::new(network, lower_rate(), &training, &validation).unwrap();
@@ -59,7 +59,7 @@ fn a_run_from_a_network_that_is_taken_up_ends_as_if_it_had_not_been_left() {
 }
 
 #[test]
-fn a_run_is_not_taken_up_from_another_start() {
+fn a_run_is_not_resumed_from_another_start() {
     let (training, validation) = (bars(5, 1), bars(3, 2));
     let [network, other] = [0, 1].map(|seed| model(seed).network);
     let state = |start: Start| {
@@ -148,17 +148,17 @@ fn make_old(file: &Path) {
 }
 
 #[test]
-fn runs_and_models_of_before_couplings_and_starts_are_taken_up() {
+fn runs_and_models_older_than_couplings_and_starts_are_resumed() {
     let (training, validation) = (bars(5, 1), bars(3, 2));
     let folder = TempDir::new().unwrap();
     let file = folder.path().join("state");
-    let taken_up = |trainer: Trainer| {
+    let resumed = |trainer: Trainer| {
         let trainer = run(trainer, 3);
         trainer.state(provenance()).save(&file).unwrap();
         make_old(&file);
         TrainingState::load(&file).unwrap()
     };
-    let random = taken_up(Trainer::new(SHAPE, settings(), &training, &validation).unwrap());
+    let random = resumed(Trainer::new(SHAPE, settings(), &training, &validation).unwrap());
     assert!(Trainer::resume(random, SHAPE, settings(), &training, &validation).is_ok());
 
     let few = Sampler {
@@ -166,7 +166,7 @@ fn runs_and_models_of_before_couplings_and_starts_are_taken_up() {
         steps: 3,
         grid: TimeGrid::Uniform,
     };
-    let lessons = TrainSettings {
+    let distillation = TrainSettings {
         sampler: few,
         target: Target::Steps,
         ..settings()
@@ -174,8 +174,9 @@ fn runs_and_models_of_before_couplings_and_starts_are_taken_up() {
     let teacher = model(0);
     let feed = || Feed::Teacher(Box::new(Teacher::new(&teacher).unwrap()));
     let start = || Start::from(&teacher.network);
-    let student = taken_up(Trainer::new(start(), lessons.clone(), feed(), &validation).unwrap());
-    assert!(Trainer::resume(student, start(), lessons, feed(), &validation).is_ok());
+    let student =
+        resumed(Trainer::new(start(), distillation.clone(), feed(), &validation).unwrap());
+    assert!(Trainer::resume(student, start(), distillation, feed(), &validation).is_ok());
 
     let file = folder.path().join("model");
     teacher.save(&file).unwrap();

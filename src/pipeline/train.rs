@@ -168,8 +168,9 @@ pub fn distill(
     let channels = teacher.network.shape().channels();
     let validation = set.cloud_set_in(Split::Val, &provenance.normalisation, channels)?;
     let precise = teacher.clone().with_precision(settings.precision);
-    let lessons = Teacher::new(&precise.map_err(TrainError::from)?).map_err(TrainError::from)?;
-    let training = Feed::Teacher(Box::new(lessons));
+    let precise = precise.map_err(TrainError::from)?;
+    let training = Teacher::new(&precise).map_err(TrainError::from)?;
+    let training = Feed::Teacher(Box::new(training));
     let start = Start::from(&teacher.network);
     let run = Run {
         folder: run,

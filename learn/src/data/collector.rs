@@ -57,7 +57,7 @@ pub(super) enum State {
 }
 
 impl Collector {
-    /// Opens the data set `meta` in the folder `dir`, which is made if it is not there, or taken up where collecting
+    /// Opens the data set `meta` in the folder `dir`, which is made if it is not there, or resumed where collecting
     /// was interrupted, or where the set was smaller.
     ///
     /// # Errors

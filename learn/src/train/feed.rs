@@ -79,7 +79,7 @@ impl Feed<'_> {
         match self {
             Self::Set(set) => samples.draw(settings, set, channels, step),
             Self::Stream(window) => samples.draw(settings, window.at_step(step)?, channels, step),
-            Self::Teacher(teacher) => teacher.lesson(settings, step, samples),
+            Self::Teacher(teacher) => teacher.draw_batch(settings, step, samples),
         }
         Ok(())
     }

@@ -90,16 +90,16 @@ impl Teacher {
     }
 
     /// Draws the batch of step `step`: `settings.clouds / n` trajectories, each divided into the student's `n` steps.
-    pub(super) fn lesson(&self, settings: &TrainSettings, step: u64, samples: &mut Samples) {
+    pub(super) fn draw_batch(&self, settings: &TrainSettings, step: u64, samples: &mut Samples) {
         let Sampler { steps, grid, .. } = settings.sampler;
         let shape = self.network.shape();
         let (channels, dim) = (shape.channels(), shape.condition_dim());
         let cloud = settings.points * channels.count();
-        let ways = settings.clouds / steps;
+        let trajectories = settings.clouds / steps;
         let times = grid
             .times(steps)
             .expect("a checked sampler of Euler's method has a fixed grid");
-        samples.times = times[..steps].repeat(ways);
+        samples.times = times[..steps].repeat(trajectories);
         samples.conditions.clear();
         samples.points.resize(settings.clouds * cloud, 0.0);
         samples.targets.resize(settings.clouds * cloud, 0.0);
@@ -112,9 +112,10 @@ impl Teacher {
         }
         let fine = fine(settings.sampler);
         let conditions = samples.conditions.par_chunks_exact(steps * dim);
-        let ways = samples.points.par_chunks_exact_mut(steps * cloud);
-        let ways = ways.zip(samples.targets.par_chunks_exact_mut(steps * cloud));
-        ways.zip(conditions)
+        let trajectories = samples.points.par_chunks_exact_mut(steps * cloud);
+        let trajectories = trajectories.zip(samples.targets.par_chunks_exact_mut(steps * cloud));
+        trajectories
+            .zip(conditions)
             .for_each(|((points, targets), condition)| {
                 self.walk(&fine, &condition[..dim], &times, points, targets);
             });
@@ -195,7 +196,7 @@ mod tests {
         };
         let times = grid.times(3).expect("a fixed grid");
         let mut samples = Samples::default();
-        teacher.lesson(&settings, 1, &mut samples);
+        teacher.draw_batch(&settings, 1, &mut samples);
         let cloud = 5 * 3;
         for way in 0..2 {
             let first = 3 * way;
