@@ -36,7 +36,7 @@ impl Robot {
     ///     Sweep::Continue
     /// });
     /// assert!(visited == 5_000 && highest > 0.3);
-    /// # Ok::<(), tdcr_sim::robot::SpecError>(())
+    /// # Ok::<(), tdcr_sim::formats::RobotFileError>(())
     /// ```
     ///
     /// # Panics
