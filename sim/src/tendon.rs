@@ -32,12 +32,16 @@ impl Stretch {
         }
     }
 
+    // Inlined whatever units the crate is compiled in: the Hessian of every segment is a tenth of a solve.
+
     /// Gradient of the length (m/rad).
+    #[inline]
     pub fn gradient(&self) -> Vector3<f64> {
         self.hole.cross(&self.direction)
     }
 
     /// Hessian of the length (m/rad²), symmetric: that of the norm of a vector that turns.
+    #[inline]
     pub fn hessian(&self, gradient: &Vector3<f64>) -> Matrix3<f64> {
         let (h, u) = (&self.hole, &self.direction);
         let inverse = if self.length > 0.0 {
@@ -69,6 +73,7 @@ impl Stretch {
 
 impl Segment {
     /// The segment in the poses of `chain`.
+    #[inline]
     pub fn stretch(&self, chain: &Chain) -> Stretch {
         let hole = chain.orientations[self.joint + 1] * self.to;
         let span = hole - chain.orientations[self.joint] * self.from;
