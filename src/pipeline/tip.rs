@@ -5,10 +5,13 @@ use tdcr_learn::metrics::{Link, MetricError, lay_chain_onto, lay_onto};
 use tdcr_sim::robot::Robot;
 use tdcr_sim::statics::Equilibrium;
 
-/// Points of each disc, on average, that the chain of discs is laid with, at the most.
-const PER_DISC: usize = 100;
-/// Points of the predicted cloud that it is laid onto, for each disc, at the most.
-const PREDICTED_PER_DISC: usize = 300;
+/// Links of the chain at the most. A longer robot has several neighbouring discs to a link: a step of the fit takes time in
+/// proportion to the third power of the links.
+const LINKS: usize = 32;
+/// Points of each link, on average, that the chain is laid with, at the most.
+const PER_LINK: usize = 100;
+/// Points of the predicted cloud that it is laid onto, for each link, at the most.
+const PREDICTED_PER_LINK: usize = 300;
 /// Points on the last disc, at the least.
 const FEWEST: usize = 4;
 /// Points of the last disc that are laid onto the predicted cloud, at the most.
@@ -20,9 +23,9 @@ const LAID: usize = 400;
 ///
 /// Measured on 2m, between 1,000 points under a random command and 4,000 points under another one, with tips up to half the
 /// robot's length apart: 28 of 30 errors are told within 0.7 mm and 10 %, the worst 14 % off; where the clouds show the base
-/// too, which leaves half of the points to the robot, 21 of 26, the worst 30 % off. With 3,000 points it is 25 of 26, and 25 of 27 with
-/// the base (16 %). Nearer shapes are told better. Errors beyond half the length may be told far too small, where no fit
-/// of the chain finds the shape.
+/// too, which leaves half of the points to the robot, 21 of 26, the worst 30 % off. With 3,000 points it is 25 of 26, and 25 of
+/// 27 with the base (16 %). Nearer shapes are told better. Errors beyond half the length may be told far too small or too
+/// large, where no fit of the chain finds the shape.
 ///
 /// A point is on the disc whose solid it is nearest to. Both clouds have their points in random order. `None` where the
 /// true cloud shows too little of the last disc.
@@ -38,16 +41,18 @@ pub(super) fn tip_error(
     let bodies = Bodies { robot, settled };
     let discs = robot.discs().len();
     let (mut base, mut on_tip) = (Vec::new(), Vec::new());
-    let mut chain: Vec<Link> = (0..discs).map(|disc| bodies.link(disc)).collect();
+    let discs_per_link = discs.div_ceil(LINKS);
+    let lowest = (0..discs).step_by(discs_per_link);
+    let mut chain: Vec<Link> = lowest.map(|disc| bodies.link(disc)).collect();
     let mut chained = 0;
     for &point in truth {
         let nearest = bodies.nearest(point);
         if nearest == Some(discs - 1) && on_tip.len() < LAID {
             on_tip.push(point);
         }
-        if chained < PER_DISC * discs {
+        if chained < PER_LINK * chain.len() {
             match nearest {
-                Some(disc) => chain[disc].points.push(point),
+                Some(disc) => chain[disc / discs_per_link].points.push(point),
                 None => base.push(point),
             }
             chained += usize::from(nearest.is_some());
@@ -56,11 +61,10 @@ pub(super) fn tip_error(
     if on_tip.len() < FEWEST {
         return Ok(None);
     }
-    let count = predicted.len().min(PREDICTED_PER_DISC * discs);
+    let count = predicted.len().min(PREDICTED_PER_LINK * chain.len());
     let motions = lay_chain_onto(&base, &chain, &predicted[..count])?;
-    let last = discs - 1;
-    let motion = lay_onto(&on_tip, predicted, motions[last])?;
-    let tip = Point3::from(settled.positions[last]);
+    let motion = lay_onto(&on_tip, predicted, motions[chain.len() - 1])?;
+    let tip = Point3::from(settled.positions[discs - 1]);
     Ok(Some((motion * tip - tip).norm()))
 }
 
@@ -71,7 +75,7 @@ struct Bodies<'a> {
 }
 
 impl Bodies<'_> {
-    /// A disc without points.
+    /// A link without points, whose lowest disc this is.
     fn link(&self, disc: usize) -> Link {
         let up = self.settled.orientations[disc] * self.robot.discs()[disc].origin;
         Link {
@@ -119,7 +123,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use tdcr_sim::cloud::{Observer, VoxelGrid};
     use tdcr_sim::render::BaseVisibility;
-    use tdcr_sim::robot::Loads;
+    use tdcr_sim::robot::{Loads, RobotSpec};
 
     use super::*;
 
@@ -164,6 +168,33 @@ mod tests {
         }
     }
 
+    /// A robot of more discs than a chain has links is laid with several discs to a link.
+    #[test]
+    fn the_tip_error_of_a_robot_of_many_discs_is_told_too() {
+        let mut spec = RobotSpec::standard("2m").unwrap();
+        for module in &mut spec.modules {
+            let finer = (module.discs - 1) as f64 / 19.0;
+            module.discs = 20;
+            module.pitch *= finer;
+            module.joint_below *= finer;
+            module.half_height *= finer;
+        }
+        let robot = Robot::new(spec).unwrap();
+        assert!(robot.discs().len() > LINKS);
+        let (settled, truth) = seen(&robot, &[0.034, 0.007, 0.001, 0.026, 0.015, 0.019], 1);
+        let (moved, predicted) = seen(&robot, &[0.034, 0.007, 0.001, 0.010, 0.025, 0.019], 2);
+        assert!(settled.converged && moved.converged);
+        let [from, to] = [&settled, &moved].map(|s| s.positions.last().unwrap());
+        let expected = (to - from).norm();
+        assert!(expected > 0.01, "{expected}");
+        let error = tip_error(&robot, &settled, &truth, &predicted).unwrap();
+        let error = error.unwrap();
+        assert!(
+            (error - expected).abs() < 1e-3 + 0.1 * expected,
+            "{error} {expected}"
+        );
+    }
+
     /// Errors (m) that are told and true, up to half the robot's length, between the clouds of random commands and of those
     /// that are a random part, by `nearness` small, of the way to others.
     fn told(base: BaseVisibility, pairs: usize, nearness: i32) -> Vec<(f64, f64)> {
@@ -180,8 +211,8 @@ mod tests {
         for _ in 0..pairs {
             let [from, other] = [0; 2].map(|_| robot.random_command(&mut rng));
             let share = rng.random::<f64>().powi(nearness);
-            let ways = from.as_slice().iter().zip(other.as_slice());
-            let to: Vec<f64> = ways.map(|(a, b)| a + share * (b - a)).collect();
+            let ends = from.as_slice().iter().zip(other.as_slice());
+            let to: Vec<f64> = ends.map(|(a, b)| a + share * (b - a)).collect();
             let (settled, truth) = cloud(from.as_slice(), 1000, &mut rng);
             let (moved, predicted) = cloud(&to, 4000, &mut rng);
             let [from, to] = [&settled, &moved].map(|s| s.positions.last().unwrap());

@@ -85,7 +85,7 @@ struct Pair {
     y: Vector3<f64>,
 }
 
-/// A chain on its way into a cloud.
+/// State of a fit of a chain to a cloud.
 struct ChainFit<'a> {
     base: Vec<[f64; 3]>,
     joints: Vec<Point3<f64>>,
@@ -124,8 +124,8 @@ impl<'a> ChainFit<'a> {
         self.motions.push(motion);
     }
 
-    /// Steps until the whole chain is still. Returns the mean square distance (m²) of points of the bodies from the cloud, plus that
-    /// of points of the cloud from the bodies.
+    /// Steps until the whole chain is still. Returns the mean square distance (m²) of points of the bodies from the cloud,
+    /// plus that of points of the cloud from the bodies.
     fn settle(&mut self) -> f64 {
         let mut distance = f64::INFINITY;
         for _ in 0..STEPS {

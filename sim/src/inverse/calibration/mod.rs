@@ -111,10 +111,10 @@ pub struct Calibration {
 /// Where a command has several equilibria, the nearest to its observation counts, of those that the fits have met.
 ///
 /// A fit ends in a local minimum, and which one depends on its way: after long steps an observation may follow another
-/// equilibrium. Therefore four ways are gone from the first values, and the best end is the result: all unknowns at once
-/// with long steps, and with short ones; one unknown freed after another, the one with the largest decrease by the linear
-/// model first; and in the order of the list. For `n` unknowns these are `2 n + 2` fits, most of which start
-/// near their end.
+/// equilibrium. Therefore four fits start from the first values, and the best one is the result: of all unknowns at once with
+/// long steps; with short steps; of one unknown after another, the one with the largest decrease by the linear model first;
+/// and of one after another in the order of the list. For `n` unknowns these are `2 n + 2` minimisations, most of which
+/// start near their end.
 ///
 /// The result is never worse than any of the four. That unknowns added to a list never end in a worse fit is not
 /// guaranteed, as the search for the best minimum is not exhaustive. Measured on ten altered 2m robots, half of which have
@@ -123,7 +123,7 @@ pub struct Calibration {
 ///
 /// # Errors
 /// [`CalibrationError`] for input that makes no sense, and a robot that does not settle with the first
-/// values. A fit that does not come to a minimum is none: see [`Calibration::state`].
+/// values. A fit that stops before a minimum is not an error: see [`Calibration::state`].
 pub fn calibrate(
     first: &RobotSpec,
     unknowns: &[Unknown],
@@ -162,7 +162,7 @@ struct Fitted {
     steps: usize,
 }
 
-/// The best of four ways from the first values, gone on with over all equilibria that they met.
+/// The best of four fits from the first values, continued with the equilibria that the others found.
 fn best(
     problem: &Problem,
     start: &DVector<f64>,
