@@ -6,6 +6,8 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::PyModule;
 use tdcr::sim::dynamics::DynamicsError;
 use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
+use tdcr::sim::inverse::calibration::CalibrationError;
+use tdcr::sim::inverse::shape::ShapeControlError;
 use tdcr::sim::robot::{CommandError, LoadsError, ParameterError, SpecError};
 use tdcr::sim::sensitivity::SensitivityError;
 use tdcr::sim::simulation::SimulationError;
@@ -84,6 +86,7 @@ classes! {
     LoadsError => "LoadsError",
     NotSettled => "NotSettledError",
     DynamicsError => "DynamicsError",
+    ShapeControlError => "InputError",
 }
 
 impl From<SensitivityError> for Failure {
@@ -91,6 +94,16 @@ impl From<SensitivityError> for Failure {
         match error {
             SensitivityError::Parameter(error) => error.into(),
             other => Self::Of("SensitivityError", other.to_string()),
+        }
+    }
+}
+
+impl From<CalibrationError> for Failure {
+    fn from(error: CalibrationError) -> Self {
+        match error {
+            CalibrationError::Parameter(error) => error.into(),
+            CalibrationError::Spec(error) => error.into(),
+            other => Self::Of("InputError", other.to_string()),
         }
     }
 }

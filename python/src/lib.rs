@@ -9,16 +9,22 @@
 //! | [`loads`] | `Loads`, and loads by rows |
 //! | [`statics`] | equilibria, one or by rows |
 //! | [`sensitivity`] | their derivatives by rows |
+//! | [`tendon_friction`] | paths with friction in the holes |
+//! | [`inverse`] | commands for shapes, parameters from measurements |
+//! | [`vision`] | images and clouds |
 //!
 //! What they use: [`run`] (threads, the interpreter's lock, Ctrl-C), [`arrays`] and [`errors`].
 
 mod arrays;
 mod errors;
+mod inverse;
 mod loads;
 mod robot;
 mod run;
 mod sensitivity;
 mod statics;
+mod tendon_friction;
+mod vision;
 
 /// The native part of the package `tdcr`.
 // No interpreter without the lock has tested it yet.
@@ -26,6 +32,8 @@ mod statics;
 mod _tdcr {
     use pyo3::prelude::*;
 
+    #[pymodule_export]
+    use crate::inverse::{Calibration, ShapeController, ShapePath, calibrate};
     #[pymodule_export]
     use crate::loads::Loads;
     #[pymodule_export]
@@ -36,6 +44,10 @@ mod _tdcr {
     use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
     #[pymodule_export]
     use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_rows};
+    #[pymodule_export]
+    use crate::tendon_friction::FrictionPath;
+    #[pymodule_export]
+    use crate::vision::{View, clouds, render, save_ply};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -5,6 +5,7 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use tdcr::sim::chain::Configuration;
 use tdcr::sim::formats::{mjcf, urdf};
 use tdcr::sim::robot::{Parameter, RobotSpec};
 
@@ -122,7 +123,7 @@ impl Robot {
 
     /// Origins of the discs in the straight pose, shape (discs, 3) (m).
     fn straight_positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let straight = tdcr::sim::dynamics::State::straight(&self.0).positions(&self.0);
+        let straight = Configuration::straight(&self.0).place(&self.0).0;
         let places = straight.iter().flat_map(|p: &Vector3<f64>| [p.x, p.y, p.z]);
         array(py, places.collect(), [self.0.discs().len(), 3])
     }

@@ -10,27 +10,38 @@ SI units throughout: metres, kilograms, seconds, newtons, radians; quaternions a
 Arrays may be of any library that NumPy understands. Errors are of the tree in :mod:`tdcr.errors`.
 """
 
-from tdcr import errors
+from tdcr import errors, inverse
 from tdcr._tdcr import __version__, set_threads, threads
 from tdcr.errors import TdcrError
+from tdcr.inverse import calibrate
 from tdcr.loads import Loads, Wrench
 from tdcr.robot import Robot
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
+from tdcr.tendon_friction import FrictionPath
+from tdcr.vision import Cloud, View, cloud, clouds, render
 
 __all__ = [
+    "Cloud",
     "Equilibria",
     "Equilibrium",
+    "FrictionPath",
     "Loads",
     "Robot",
     "Settler",
     "TdcrError",
+    "View",
     "Wrench",
     "__version__",
+    "calibrate",
+    "cloud",
+    "clouds",
     "errors",
     "follow",
+    "inverse",
     "jacobian",
     "jvp",
+    "render",
     "set_threads",
     "settle",
     "settle_batch",

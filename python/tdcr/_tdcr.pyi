@@ -1,5 +1,6 @@
 """The native module: takes clean arrays; `tdcr` itself is what to use."""
 
+import os
 from collections.abc import Callable
 from typing import final
 
@@ -7,14 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "Calibration",
     "EquilibriumRows",
+    "FrictionPath",
     "Loads",
     "Robot",
     "Settler",
+    "ShapeController",
+    "ShapePath",
+    "View",
     "__version__",
+    "calibrate",
+    "clouds",
     "follow_rows",
     "jacobian_rows",
     "jvp_rows",
+    "render",
+    "save_ply",
     "set_threads",
     "settle_rows",
     "threads",
@@ -26,6 +36,11 @@ __version__: str
 _Floats = NDArray[np.float64]
 _Vector = tuple[float, float, float]
 _Progress = Callable[[int], object] | None
+_Profile = tuple[_Floats, _Floats, _Floats, _Floats, list[str]]
+_Account = tuple[float, float, float, float, int, int]
+_Target = tuple[int, str, list[float], float, float]
+_Finding = tuple[str, float, float, tuple[float, float], list[int]]
+_Cloud = tuple[NDArray[np.float32], NDArray[np.uint8]]
 
 def set_threads(count: int) -> None:
     """Sets the number of threads that this process computes with, from 1 to 1024."""
@@ -143,3 +158,103 @@ def vjp_rows(
     cotangents: _Floats,
     raises: bool,
 ) -> _Floats: ...
+
+@final
+class FrictionPath:
+    def __new__(cls, robot: Robot, resolution: float) -> FrictionPath: ...
+    def start(self, command: _Floats, loads: Loads) -> tuple[EquilibriumRows, list[_Profile], _Account]: ...
+    def advance(self, command: _Floats, loads: Loads) -> tuple[EquilibriumRows, list[_Profile], _Account]: ...
+
+_Solution = tuple[_Floats, EquilibriumRows, _Floats, str, list[tuple[int, str]], float, int]
+
+@final
+class ShapeController:
+    def __new__(
+        cls,
+        robot: Robot,
+        loads: Loads,
+        tolerance: float,
+        samples: int,
+        seed: int,
+        starts: int,
+        max_steps: int,
+    ) -> ShapeController: ...
+    def reach(self, targets: list[_Target]) -> _Solution: ...
+    def path(self, start: _Floats | None = None) -> ShapePath: ...
+
+@final
+class ShapePath:
+    def follow(self, targets: list[_Target]) -> tuple[_Solution, str, _Floats, float, float]: ...
+
+@final
+class Calibration:
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def findings(self) -> list[_Finding]: ...
+    @property
+    def correlations(self) -> _Floats: ...
+    @property
+    def noise(self) -> float: ...
+    @property
+    def degrees_of_freedom(self) -> int: ...
+    @property
+    def condition(self) -> float: ...
+    @property
+    def state(self) -> str: ...
+    @property
+    def residual_rms(self) -> float: ...
+    @property
+    def steps(self) -> int: ...
+
+def calibrate(
+    robot: Robot,
+    unknowns: list[tuple[str, list[str]]],
+    commands: _Floats,
+    loads: list[Loads],
+    payload: _Floats | None,
+    wrench: _Floats | None,
+    discs: list[int],
+    positions: _Floats,
+) -> Calibration: ...
+
+@final
+class View:
+    @property
+    def color(self) -> NDArray[np.uint8]: ...
+    @property
+    def depth(self) -> NDArray[np.float32]: ...
+    @property
+    def mask(self) -> NDArray[np.uint16]: ...
+    @property
+    def intrinsics(self) -> list[float]: ...
+    @property
+    def distortion(self) -> list[float]: ...
+    @property
+    def position(self) -> _Floats: ...
+    @property
+    def quaternion(self) -> _Floats: ...
+
+def render(
+    robot: Robot,
+    configuration: _Floats,
+    loads: Loads,
+    base: bool,
+    base_mesh: str | os.PathLike[str] | None,
+    payload: bool,
+    tendons: bool,
+    noise: str | None,
+    seed: int,
+    index: int,
+) -> list[View]: ...
+def clouds(
+    robot: Robot,
+    configurations: list[_Floats],
+    base: bool,
+    voxel: float,
+    noise: str | None,
+    seed: int,
+    first: int,
+    progress: _Progress = None,
+) -> list[_Cloud]: ...
+def save_ply(path: str | os.PathLike[str], points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None: ...
