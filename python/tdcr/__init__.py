@@ -18,6 +18,7 @@ from tdcr.loads import Loads, Wrench
 from tdcr.robot import Robot
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
+from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
 from tdcr.vision import Cloud, View, cloud, clouds, render
 
@@ -45,6 +46,7 @@ __all__ = [
     "set_threads",
     "settle",
     "settle_batch",
+    "sweep",
     "threads",
     "vjp",
 ]
