@@ -9,12 +9,18 @@
 //! | [`loads`] | `Loads`, and loads by rows |
 //! | [`statics`] | equilibria, one or by rows |
 //! | [`sensitivity`] | their derivatives by rows |
+//! | [`dynamics`] | motions by rows |
+//! | [`dynamics_gradient`] | gradients of motions by rows; linearised steps |
+//! | [`moving_robot`] | one robot in motion, step by step |
 //!
 //! What they use: [`run`] (threads, the interpreter's lock, Ctrl-C), [`arrays`] and [`errors`].
 
 mod arrays;
+mod dynamics;
+mod dynamics_gradient;
 mod errors;
 mod loads;
+mod moving_robot;
 mod robot;
 mod run;
 mod sensitivity;
@@ -27,7 +33,13 @@ mod _tdcr {
     use pyo3::prelude::*;
 
     #[pymodule_export]
+    use crate::dynamics::{MotionRows, Steps, rollout_rows};
+    #[pymodule_export]
+    use crate::dynamics_gradient::{RolloutGradientRows, linearise, rollout_vjp_rows};
+    #[pymodule_export]
     use crate::loads::Loads;
+    #[pymodule_export]
+    use crate::moving_robot::MovingRobot;
     #[pymodule_export]
     use crate::robot::Robot;
     #[pymodule_export]

@@ -12,8 +12,11 @@ Arrays may be of any library that NumPy understands. Errors are of the tree in :
 
 from tdcr import errors
 from tdcr._tdcr import __version__, set_threads, threads
+from tdcr.dynamics import Motion, Motions, State, rollout, simulate
+from tdcr.dynamics_gradient import Linearisation, RolloutGradients, linearise, rollout_vjp
 from tdcr.errors import TdcrError
 from tdcr.loads import Loads, Wrench
+from tdcr.moving_robot import MovingRobot
 from tdcr.robot import Robot
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
@@ -21,9 +24,15 @@ from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settl
 __all__ = [
     "Equilibria",
     "Equilibrium",
+    "Linearisation",
     "Loads",
+    "Motion",
+    "Motions",
+    "MovingRobot",
     "Robot",
+    "RolloutGradients",
     "Settler",
+    "State",
     "TdcrError",
     "Wrench",
     "__version__",
@@ -31,9 +40,13 @@ __all__ = [
     "follow",
     "jacobian",
     "jvp",
+    "linearise",
+    "rollout",
+    "rollout_vjp",
     "set_threads",
     "settle",
     "settle_batch",
+    "simulate",
     "threads",
     "vjp",
 ]

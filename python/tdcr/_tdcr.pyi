@@ -9,12 +9,19 @@ from numpy.typing import NDArray
 __all__ = [
     "EquilibriumRows",
     "Loads",
+    "MotionRows",
+    "MovingRobot",
     "Robot",
+    "RolloutGradientRows",
     "Settler",
+    "Steps",
     "__version__",
     "follow_rows",
     "jacobian_rows",
     "jvp_rows",
+    "linearise",
+    "rollout_rows",
+    "rollout_vjp_rows",
     "set_threads",
     "settle_rows",
     "threads",
@@ -143,3 +150,99 @@ def vjp_rows(
     cotangents: _Floats,
     raises: bool,
 ) -> _Floats: ...
+
+_Start = tuple[_Floats | None, _Floats | None, bool]
+_ByStates = tuple[_Floats | None, _Floats | None, _Floats | None]
+
+@final
+class Steps:
+    def __new__(cls, timestep: float, integrator: str, skip: int) -> Steps: ...
+
+@final
+class MotionRows:
+    @property
+    def positions(self) -> _Floats: ...
+    @property
+    def quaternions(self) -> _Floats: ...
+    @property
+    def configuration(self) -> _Floats: ...
+    @property
+    def velocity(self) -> _Floats: ...
+    @property
+    def lengths(self) -> _Floats: ...
+    @property
+    def tensions(self) -> _Floats: ...
+    @property
+    def steps(self) -> NDArray[np.uint32]: ...
+    @property
+    def failures(self) -> list[tuple[int, str, str]]: ...
+
+@final
+class RolloutGradientRows:
+    @property
+    def commands(self) -> _Floats: ...
+    @property
+    def configuration(self) -> _Floats: ...
+    @property
+    def velocity(self) -> _Floats: ...
+    @property
+    def payload(self) -> _Floats: ...
+    @property
+    def wrench(self) -> _Floats: ...
+    @property
+    def parameters(self) -> _Floats: ...
+    @property
+    def failures(self) -> list[tuple[int, str, str]]: ...
+
+@final
+class MovingRobot:
+    def __new__(cls, robot: Robot, steps: Steps) -> MovingRobot: ...
+    def reset(self, command: _Floats, loads: Loads) -> None: ...
+    def start_at(self, configuration: _Floats, velocity: _Floats, command: _Floats) -> None: ...
+    def step(self, command: _Floats, loads: Loads, skip: int) -> None: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def positions(self) -> _Floats: ...
+    @property
+    def quaternions(self) -> _Floats: ...
+    @property
+    def configuration(self) -> _Floats: ...
+    @property
+    def velocity(self) -> _Floats: ...
+    @property
+    def lengths(self) -> _Floats: ...
+    @property
+    def tensions(self) -> _Floats: ...
+
+def rollout_rows(
+    robots: list[Robot],
+    commands: _Floats,
+    loads: list[Loads],
+    payload: _Floats | None,
+    wrench: _Floats | None,
+    start: _Start,
+    steps: Steps,
+    checks: bool = False,
+    progress: _Progress = None,
+) -> MotionRows: ...
+def rollout_vjp_rows(
+    robots: list[Robot],
+    commands: _Floats,
+    loads: list[Loads],
+    payload: _Floats | None,
+    wrench: _Floats | None,
+    start: _Start,
+    steps: Steps,
+    by_states: _ByStates,
+    names: list[str],
+    progress: _Progress = None,
+) -> RolloutGradientRows: ...
+def linearise(
+    robot: Robot,
+    configuration: _Floats,
+    velocity: _Floats,
+    command: _Floats,
+    loads: Loads,
+    timestep: float,
+) -> tuple[_Floats, _Floats]: ...
