@@ -1,6 +1,6 @@
 //! The stages of a study, from commands to scores, as library calls that the command line wraps.
 //!
-//! [`collect`] makes a data set, [`train`] a network, an [`Evaluator`] scores it. Each tells a
+//! [`collect`] makes a data set (or parts of one, for [`merge`]), [`train`] a network, an [`Evaluator`] scores it. Each tells a
 //! [`Monitor`] how far it is and stops when the monitor says so, leaving files from which the same
 //! call resumes.
 
@@ -21,7 +21,7 @@ mod survey;
 mod tip;
 mod train;
 
-pub use collect::{CollectSettings, CollectTimes, collect};
+pub use collect::{CollectSettings, CollectTimes, collect, merge};
 pub use eval_settings::EvalSettings;
 pub use evaluate::Evaluator;
 pub use monitor::{Monitor, Silent};
@@ -57,7 +57,7 @@ pub enum PipelineError {
     Robot(#[from] SpecError),
     /// The data set could not be read or written.
     #[error(transparent)]
-    Data(#[from] DataError),
+    Data(DataError),
     /// A sample could not be simulated.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
@@ -185,6 +185,15 @@ pub enum PipelineError {
         /// Points there are.
         most: usize,
     },
+}
+
+impl From<DataError> for PipelineError {
+    fn from(error: DataError) -> Self {
+        match error {
+            DataError::Interrupted => Self::Interrupted,
+            error => Self::Data(error),
+        }
+    }
 }
 
 /// Locks the folder `path`, which is made if need be, against other processes that lock it, for as long as the returned file

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::collector::STAGING;
 use super::meta::{META_FILE, Meta};
+use super::part::PartFolder;
 use super::shard::{Array, Sizes};
 use super::shard_file::ShardFile;
 use crate::channels::Channels;
@@ -27,10 +28,19 @@ impl DataSet {
     /// Opens the data set in the folder `dir`.
     ///
     /// # Errors
-    /// [`DataError::Incomplete`] if collecting was interrupted, [`DataError::NoDataSet`] if none was begun; else as [`Normalisation::load`], and the same for a
-    /// `meta.json` that is there.
+    /// [`DataError::Incomplete`] if collecting was interrupted, [`DataError::Unmerged`] for a part of a set,
+    /// [`DataError::NoDataSet`] if none was begun; else as [`Normalisation::load`], and the same for a `meta.json` that is
+    /// there.
     pub fn open(dir: &Path) -> Result<Self, DataError> {
         let meta = Meta::load(&dir.join(META_FILE))?;
+        if meta.is_none()
+            && let Some(found) = PartFolder::load(dir)?
+        {
+            return Err(DataError::Unmerged {
+                path: dir.to_owned(),
+                part: found.part,
+            });
+        }
         if meta.is_none() && dir.join(STAGING).exists() {
             return Err(DataError::Incomplete {
                 path: dir.to_owned(),
