@@ -66,9 +66,13 @@ fn any_number_of_parts_gives_the_files_of_one_run() {
             collect(&whole, &meta);
         }
         // 43 samples in 50 parts: some parts have none.
-        for of in [1, 2, 3, 7, 43, 50] {
+        for of in if loaded {
+            &[1, 3][..]
+        } else {
+            &[1, 2, 3, 7, 50]
+        } {
             let parts = folder.path().join(format!("of-{of}"));
-            let mut parts = collect_parts(&parts, &meta, of);
+            let mut parts = collect_parts(&parts, &meta, *of);
             let before: Vec<_> = parts.iter().map(|part| files(part)).collect();
             parts.reverse();
             let out = folder.path().join(format!("merged-{of}"));
