@@ -14,6 +14,7 @@ mod log;
 mod measure;
 mod metrics;
 mod monitor;
+mod plan;
 mod preset;
 mod scores;
 mod simulation;
@@ -27,6 +28,7 @@ pub use eval_settings::EvalSettings;
 pub use evaluate::Evaluator;
 pub use metrics::{DistanceQuantiles, Metrics, OtherMetrics, Results, WorstTest};
 pub use monitor::{Monitor, Silent};
+pub use plan::{SamplerPlan, TrainPlan};
 pub use preset::{Length, Preset, Rates, distillation};
 pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
 pub use survey::{Survey, Tips};
@@ -36,6 +38,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use tdcr_learn::data::{DataError, PayloadRange, SimulateError};
+use tdcr_learn::flow::FlowError;
 use tdcr_learn::lock::try_lock;
 use tdcr_learn::metrics::MetricError;
 use tdcr_learn::predict::PredictError;
@@ -74,6 +77,28 @@ pub enum PipelineError {
     /// Training cannot start.
     #[error(transparent)]
     Train(#[from] TrainError),
+    /// A preset's epochs, of a stream.
+    #[error(
+        "preset {preset} takes {epochs} epochs of a data set, and a stream has no end: say --steps N"
+    )]
+    Endless {
+        /// Name of the preset.
+        preset: &'static str,
+        /// Its epochs.
+        epochs: u64,
+    },
+    /// The values of a sampler describe none.
+    #[error(transparent)]
+    Sampler(#[from] FlowError),
+    /// Another sampler than the one that a network was distilled for.
+    #[error(
+        "the network was distilled for {steps} steps of its own sampler: leave out --sampler, --sampler-steps, \
+         --sampler-power and --sampler-tolerance"
+    )]
+    OwnSampler {
+        /// Steps of its own sampler.
+        steps: usize,
+    },
     /// Training diverged, and left its last good state.
     #[error(transparent)]
     Diverged(Box<Divergence>),

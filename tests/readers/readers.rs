@@ -144,6 +144,8 @@ fn data_set(name: &str, bytes: &[u8]) {
         fs::write(dir.join(name), bytes).expect("a file can be written");
         if let Ok(set) = DataSet::open(dir) {
             drop(set.read_split(Split::Val));
+            let samples = set.samples(Split::Val);
+            drop(samples.map(|samples| samples.read(0..1)));
             drop(set.cloud_set(Split::Val));
         }
     });

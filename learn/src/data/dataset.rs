@@ -170,7 +170,7 @@ impl DataSet {
         let mut points = self.meta.as_ref().map(|meta| meta.points_per_cloud);
         let values = self.normalisation.motor_min.len();
         let mut payload = self.meta.as_ref().map(Meta::has_payload);
-        let mut samples = 0;
+        let mut counts = vec![];
         for path in &paths {
             let found = ShardFile::open(path, &Array::SHARD)?.sizes();
             let expected = Sizes {
@@ -198,8 +198,9 @@ impl DataSet {
                     });
                 }
             }
-            samples += found.samples;
+            counts.push(found.samples);
         }
+        let samples = counts.iter().sum();
         let Some(points) = points.filter(|_| samples > 0) else {
             return Err(DataError::NoShards { path: dir });
         };
@@ -215,6 +216,7 @@ impl DataSet {
         }
         Ok(Shards {
             paths,
+            counts,
             sizes: Sizes {
                 samples,
                 points,
@@ -228,8 +230,10 @@ impl DataSet {
 /// The shards of one split.
 pub(super) struct Shards {
     pub(super) paths: Vec<PathBuf>,
+    /// Samples in each of them.
+    pub(super) counts: Vec<usize>,
     /// Samples in all of them.
-    sizes: Sizes,
+    pub(super) sizes: Sizes,
 }
 
 /// Paths of `shard-*.h5` in `dir`, in name order.

@@ -267,6 +267,14 @@ pub enum DataError {
         /// The folder.
         path: PathBuf,
     },
+    /// A split has no sample of an index.
+    #[error("there is no sample {index}, expected 0 to {}", .count - 1)]
+    NoSample {
+        /// The index.
+        index: usize,
+        /// Samples of the split, at least 1.
+        count: usize,
+    },
     /// Samples were handed over that do not form a block.
     #[error("samples {first}..{end} are not one block, expected a range of `missing_blocks`")]
     NotABlock {

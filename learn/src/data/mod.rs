@@ -41,9 +41,10 @@ mod shard;
 mod shard_file;
 mod simulator;
 mod split;
+mod split_samples;
 mod stream;
 
-pub use check::{Finding, check};
+pub use check::{Finding, check, check_with};
 pub use collector::Collector;
 pub use conditions::{Condition, Design, PayloadRange, conditions};
 pub use dataset::DataSet;
@@ -59,6 +60,7 @@ pub use part::Part;
 pub use sample::Sample;
 pub use simulator::{Recipe, SimulateError, SimulationTimes, Simulator, Subject};
 pub use split::{Split, SplitIndices, split_indices};
+pub use split_samples::SplitSamples;
 pub use stream::{SimStream, StreamSpec};
 
 use crate::channels::Channels;
