@@ -47,12 +47,12 @@ type Units<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, f64);
 impl Dataset {
     #[new]
     fn new(py: Python<'_>, path: PathBuf) -> Outcome<Self> {
-        run::short(py, || {
+        py.detach(|| {
             let set = DataSet::open(&path)?;
             let [train, val, test] = Split::ALL.map(|split| set.samples(split));
             let splits = [train?, val?, test?];
             Ok(Self { set, splits })
-        })?
+        })
     }
 
     /// `meta.json`; none in data sets of other programs.
@@ -88,13 +88,9 @@ impl Dataset {
     }
 
     /// Conditions of split `split`, shape (B, D).
-    fn conditions<'py>(
-        &self,
-        py: Python<'py>,
-        split: usize,
-    ) -> Outcome<Bound<'py, PyArray2<f32>>> {
+    fn conditions<'py>(&self, py: Python<'py>, split: usize) -> Outcome<Bound<'py, PyArray2<f32>>> {
         let dim = self.split(split)?.condition_dim();
-        let conditions = run::short(py, || self.set.conditions(Split::ALL[split]))??;
+        let conditions = py.detach(|| self.set.conditions(Split::ALL[split]))?;
         let rows: Vec<f32> = conditions.iter().flat_map(|c| c.values()).collect();
         Ok(array(py, rows, [conditions.len(), dim])?)
     }

@@ -42,7 +42,10 @@ fn by_rows<T: Send>(
 ) -> Outcome<Vec<T>> {
     let rows = p.shape()[0];
     if q.shape()[0] != rows {
-        let message = format!("{rows} clouds p and {} clouds q; expected pairs", q.shape()[0]);
+        let message = format!(
+            "{rows} clouds p and {} clouds q; expected pairs",
+            q.shape()[0]
+        );
         return Err(Failure::input(message));
     }
     let (first, second) = (Clouds::new("p", p)?, Clouds::new("q", q)?);
@@ -52,13 +55,20 @@ fn by_rows<T: Send>(
         }
         let found = metric(first.row(row), second.row(row)).map_err(|error| {
             let failure = Failure::input(error.to_string());
-            if rows == 1 { failure } else { failure.of_row(row) }
+            if rows == 1 {
+                failure
+            } else {
+                failure.of_row(row)
+            }
         })?;
         watch.advance(1);
         Ok(Some(found))
     };
     let found: Vec<Outcome<Option<T>>> = run::long(py, progress, |watch| {
-        (0..rows).into_par_iter().map(|row| of_row(watch, row)).collect()
+        (0..rows)
+            .into_par_iter()
+            .map(|row| of_row(watch, row))
+            .collect()
     })?;
     // None is left out: a call that is stopped has ended above.
     found.into_iter().filter_map(Result::transpose).collect()

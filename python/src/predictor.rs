@@ -54,7 +54,7 @@ impl Predictor {
     #[pyo3(signature = (path, precision = None))]
     fn load(py: Python<'_>, path: PathBuf, precision: Option<&str>) -> Outcome<Self> {
         let asked = precision.map(named_precision).transpose()?;
-        run::short(py, || {
+        run::long(py, None, |_| {
             let model = Model::load(&path)?;
             let width = model.network.shape().width();
             let precision = asked.unwrap_or_else(|| Precision::fastest(width));
@@ -67,7 +67,7 @@ impl Predictor {
 
     /// Writes the model to a file.
     fn save(&self, py: Python<'_>, path: PathBuf) -> Outcome<()> {
-        Ok(run::short(py, || self.model.save(&path))??)
+        Ok(py.detach(|| self.model.save(&path))?)
     }
 
     /// What is known of the model but for its weights.
@@ -125,11 +125,20 @@ impl Predictor {
         progress: Option<&Bound<'py, PyAny>>,
     ) -> Outcome<Clouds<'py>> {
         let sampler = sampler.settle(&self.model)?;
-        let (rows, dim) = (conditions.shape()[0], self.model.network.shape().condition_dim());
+        let (rows, dim) = (
+            conditions.shape()[0],
+            self.model.network.shape().condition_dim(),
+        );
         let values = contiguous(&conditions, "conditions", &[rows, dim])?;
         for (row, condition) in values.chunks_exact(dim).enumerate() {
             let checked = self.check(condition);
-            checked.map_err(|failure| if rows == 1 { failure } else { failure.of_row(row) })?;
+            checked.map_err(|failure| {
+                if rows == 1 {
+                    failure
+                } else {
+                    failure.of_row(row)
+                }
+            })?;
         }
         let sample = |condition: &[f64], k: u64| {
             (self.model).predict(condition, points, seed.wrapping_add(k), &sampler)
@@ -139,7 +148,8 @@ impl Predictor {
                 return Ok(None);
             }
             let first = sample(condition, 0)?;
-            let others: Result<Vec<_>, _> = (1..prior_samples).map(|k| sample(condition, k)).collect();
+            let others: Result<Vec<_>, _> =
+                (1..prior_samples).map(|k| sample(condition, k)).collect();
             let uncertainty = match prior_samples {
                 0 => None,
                 _ => first.uncertainty(&others?),
@@ -176,7 +186,9 @@ impl Predictor {
 
 fn arrays<'py>(py: Python<'py>, found: &[Cloud], points: usize) -> Outcome<Clouds<'py>> {
     let shape = [found.len(), points, 3];
-    let coordinates = found.iter().flat_map(|(cloud, _)| cloud.points.as_flattened());
+    let coordinates = found
+        .iter()
+        .flat_map(|(cloud, _)| cloud.points.as_flattened());
     let coordinates = array(py, coordinates.copied().collect(), shape)?;
     let colors: Option<Vec<u8>> = (found.iter())
         .map(|(cloud, _)| cloud.colors.as_deref())

@@ -66,7 +66,7 @@ pub fn evaluate(
             (None, Some(clouds))
         }
         Scored::File(path) => {
-            let read = run::short(py, || read_predictions(&path))?;
+            let read = py.detach(|| read_predictions(&path));
             let clouds = read.map_err(|error| Failure::Of("DataError", error.to_string()))?;
             (None, Some(clouds))
         }
@@ -77,9 +77,7 @@ pub fn evaluate(
                 let predictor = FlowPredictor::new(model.clone(), *sampler);
                 Evaluator::new(Arc::new(predictor), &data, settings)
             }
-            (None, clouds) => {
-                Evaluator::of_clouds(clouds.unwrap_or_default(), &data, settings)
-            }
+            (None, clouds) => Evaluator::of_clouds(clouds.unwrap_or_default(), &data, settings),
         }?;
         let evaluation = evaluator.run(None, &Stage::new("evaluate", watch))?;
         let model = model.as_ref().map(|(model, _)| &**model);

@@ -33,7 +33,8 @@ impl Monitor for Stage<'_> {
 
     fn advance(&self, steps: u64) {
         if self.running.load(Ordering::Relaxed) {
-            self.watch.advance(usize::try_from(steps).unwrap_or(usize::MAX));
+            self.watch
+                .advance(usize::try_from(steps).unwrap_or(usize::MAX));
         }
     }
 

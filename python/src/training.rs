@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use numpy::{PyArray1, PyArrayMethods};
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use tdcr::learn::data::{Recipe, StreamSpec, Subject};
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::{Channels, ContextShape, Precision};
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
-use tdcr::pipeline::{self, Preset, StreamSettings, Trained, TrainPlan, TrainingData};
+use tdcr::pipeline::{self, Preset, StreamSettings, TrainPlan, Trained, TrainingData};
 
 use crate::data::{choice, payload_range, sensor, visibility};
 use crate::errors::Outcome;
@@ -87,8 +87,12 @@ impl Context {
     fn shape(&self) -> ContextShape {
         let mut shape = ContextShape::default();
         for (stage, size) in shape.stages.iter_mut().enumerate() {
-            size.channels = self.channels.map_or(size.channels, |channels| channels[stage]);
-            size.resolution = self.resolutions.map_or(size.resolution, |edges| edges[stage]);
+            size.channels = self
+                .channels
+                .map_or(size.channels, |channels| channels[stage]);
+            size.resolution = self
+                .resolutions
+                .map_or(size.resolution, |edges| edges[stage]);
         }
         shape.blocks = self.blocks.unwrap_or(shape.blocks);
         shape.features = self.context.unwrap_or(shape.features);
@@ -192,7 +196,10 @@ pub fn train<'py>(
 /// Distils the model in the file `model` in the folder `out`.
 #[pyfunction]
 #[pyo3(signature = (model, data, out, evaluations, power, steps, seed, precision = None, progress = None))]
-#[allow(clippy::too_many_arguments, reason = "they are those of the command line")]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "they are those of the command line"
+)]
 pub fn distill<'py>(
     py: Python<'py>,
     model: PathBuf,
@@ -219,7 +226,13 @@ pub fn distill<'py>(
         ..pipeline::distillation(&teacher.settings, sampler, steps)
     };
     let trained = run::long(py, progress, |watch| {
-        pipeline::distill(&teacher, &data, &out, &settings, &Stage::new("train", watch))
+        pipeline::distill(
+            &teacher,
+            &data,
+            &out,
+            &settings,
+            &Stage::new("train", watch),
+        )
     })??;
     Ok(told(py, &trained, settings.precision))
 }

@@ -10,30 +10,49 @@ SI units throughout: metres, kilograms, seconds, newtons, radians; quaternions a
 Arrays may be of any library that NumPy understands. Errors are of the tree in :mod:`tdcr.errors`.
 """
 
-from tdcr import errors
+from tdcr import errors, metrics
 from tdcr._tdcr import __version__, set_threads, threads
+from tdcr.collecting import collect, merge
+from tdcr.data import Dataset, Normalisation, Sample, Split
 from tdcr.errors import TdcrError
+from tdcr.learning import Run, distill, train
 from tdcr.loads import Loads, Wrench
+from tdcr.predictor import Clouds, ExtrapolationWarning, Predictor
 from tdcr.robot import Robot
+from tdcr.scoring import evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
 
 __all__ = [
+    "Clouds",
+    "Dataset",
     "Equilibria",
     "Equilibrium",
+    "ExtrapolationWarning",
     "Loads",
+    "Normalisation",
+    "Predictor",
     "Robot",
+    "Run",
+    "Sample",
     "Settler",
+    "Split",
     "TdcrError",
     "Wrench",
     "__version__",
+    "collect",
+    "distill",
     "errors",
+    "evaluate",
     "follow",
     "jacobian",
     "jvp",
+    "merge",
+    "metrics",
     "set_threads",
     "settle",
     "settle_batch",
     "threads",
+    "train",
     "vjp",
 ]

@@ -1,29 +1,42 @@
 """The native module: takes clean arrays; `tdcr` itself is what to use."""
 
 from collections.abc import Callable
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "Dataset",
     "EquilibriumRows",
     "Loads",
+    "Predictor",
     "Robot",
     "Settler",
     "__version__",
+    "chamfer_rows",
+    "check_data",
+    "collect",
+    "distill",
+    "emd_rows",
+    "evaluate",
     "follow_rows",
     "jacobian_rows",
     "jvp_rows",
+    "merge",
     "set_threads",
     "settle_rows",
     "threads",
+    "train",
     "vjp_rows",
 ]
 
 __version__: str
 
 _Floats = NDArray[np.float64]
+_Floats32 = NDArray[np.float32]
+_Bytes = NDArray[np.uint8]
+_Run = tuple[_Floats32, NDArray[np.uint64], _Floats, str]
 _Vector = tuple[float, float, float]
 _Progress = Callable[[int], object] | None
 
@@ -143,3 +156,63 @@ def vjp_rows(
     cotangents: _Floats,
     raises: bool,
 ) -> _Floats: ...
+
+@final
+class Dataset:
+    def __new__(cls, path: str) -> Dataset: ...
+    def meta(self) -> str | None: ...
+    def robot(self) -> Robot | None: ...
+    def units(self) -> tuple[_Floats, _Floats, float]: ...
+    def sizes(self, split: int) -> tuple[int, int, int]: ...
+    def conditions(self, split: int) -> _Floats32: ...
+    def read(
+        self, split: int, start: int, stop: int, progress: _Progress = None
+    ) -> tuple[_Floats32, _Floats32, _Bytes]: ...
+
+def check_data(path: str, progress: _Progress = None) -> list[str]: ...
+def collect(robot: Robot, out: str, options: dict[str, Any], progress: _Progress = None) -> None: ...
+def merge(parts: list[str], out: str, progress: _Progress = None) -> None: ...
+@final
+class Predictor:
+    def __new__(cls, path: str, precision: str | None = None) -> Predictor: ...
+    def save(self, path: str) -> None: ...
+    def about(self) -> str: ...
+    def robot(self) -> Robot | None: ...
+    def units(self) -> tuple[_Floats, _Floats, float]: ...
+    def predict(
+        self,
+        conditions: _Floats,
+        points: int,
+        seed: int,
+        sampler: dict[str, Any],
+        prior_samples: int,
+        progress: _Progress = None,
+    ) -> tuple[_Floats32, _Bytes | None, _Floats32 | None, NDArray[np.uint32]]: ...
+
+def train(
+    source: tuple[Any, ...],
+    out: str,
+    options: dict[str, Any],
+    init: str | None = None,
+    progress: _Progress = None,
+) -> _Run: ...
+def distill(
+    model: str,
+    data: str,
+    out: str,
+    evaluations: int,
+    power: float,
+    steps: int,
+    seed: int,
+    precision: str | None = None,
+    progress: _Progress = None,
+) -> _Run: ...
+def evaluate(scored: Any, data: str, options: dict[str, Any], progress: _Progress = None) -> str: ...
+def chamfer_rows(p: _Floats32, q: _Floats32, progress: _Progress = None) -> _Floats: ...
+def emd_rows(
+    p: _Floats32,
+    q: _Floats32,
+    squared: bool,
+    group: int | None = None,
+    progress: _Progress = None,
+) -> tuple[_Floats, _Floats, NDArray[np.int64]]: ...

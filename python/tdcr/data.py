@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_array, as_count, as_float, as_number
+from tdcr._arrays import Floats, Progress, as_array, as_count, as_float
 from tdcr.errors import InputError, MissingPackageError
 from tdcr.robot import Robot
 
@@ -35,6 +35,9 @@ Bytes = NDArray[np.uint8]
 
 SplitName = Literal["train", "val", "test"]
 """Name of a split."""
+
+_ROUNDING = 1e-6
+"""What a condition may be outside its range, relative to that."""
 
 SPLITS: tuple[SplitName, ...] = ("train", "val", "test")
 """Names of the splits, in their order."""
@@ -71,12 +74,7 @@ class Normalisation:
 
     def conditions(self, conditions: Any) -> Floats32:
         """Conditions, shape (..., D), in the units of a network, float32."""
-        width = self.condition_max - self.condition_min
-        divisor = np.where(width > 0.0, width, 1.0)
-        values = as_array(conditions, "conditions").astype(np.float64)
-        if values.shape[-1:] != self.condition_min.shape:
-            raise InputError(f"conditions has shape {values.shape}; expected (..., {len(self.condition_min)})")
-        return ((values - self.condition_min) / divisor).astype(np.float32)
+        return ((self._rows(conditions) - self.condition_min) / self._widths).astype(np.float32)
 
     def points(self, points: Any) -> Floats32:
         """Points (m) in the units of a network, float32, of the same shape."""
@@ -85,6 +83,24 @@ class Normalisation:
     def metres(self, points: Any) -> Floats32:
         """Points in the units of a network in metres, float32, of the same shape: the way back of :meth:`points`."""
         return (as_array(points, "points").astype(np.float64) * self.scale).astype(np.float32)
+
+    def outside(self, conditions: Any) -> NDArray[np.bool_]:
+        """Which numbers of conditions, shape (..., D), are outside their range, up to the rounding of float32."""
+        values, margin = self._rows(conditions), _ROUNDING * self._widths
+        outside: NDArray[np.bool_] = (values < self.condition_min - margin) | (values > self.condition_max + margin)
+        return outside
+
+    @property
+    def _widths(self) -> Floats:
+        """What conditions are divided by: their range, or 1 where they have none."""
+        widths = self.condition_max - self.condition_min
+        return np.where(widths > 0.0, widths, 1.0)
+
+    def _rows(self, conditions: Any) -> Floats:
+        values: Floats = as_array(conditions, "conditions").astype(np.float64)
+        if values.shape[-1:] != self.condition_min.shape:
+            raise InputError(f"conditions has shape {values.shape}; expected (..., {len(self.condition_min)})")
+        return values
 
 
 class Dataset(Sequence[Sample]):
@@ -305,14 +321,43 @@ class Split(Sequence[Sample]):
         """
         kept = self.dataset.points if points is None else as_count(points, "points", 1, self.dataset.points)
         try:
-            import torch
-            import torch.utils.data
+            from tdcr._torch_data import SplitView
         except ImportError as error:
             raise MissingPackageError("a view for PyTorch needs the package torch: pip install torch") from error
-        return _torch_dataset()(self, normalised, colors, kept, as_count(seed, "seed", 0, 2**63 - 1))
+        return SplitView(self, normalised, colors, kept, as_seed(seed))
 
     def _read(self, start: int, stop: int, progress: Progress | None = None) -> tuple[Floats32, Floats32, Bytes]:
         return self.dataset._native.read(self._index, start, stop, progress=progress)
 
     def __repr__(self) -> str:
         return f"Split({self.dataset.path!r}, {self.name!r}: {len(self)} samples)"
+
+
+MOST = 10_000_000
+"""Most points of a cloud, samples of a data set and so on."""
+
+
+def as_payload(payload: Any) -> tuple[float, float] | None:
+    """A range of payloads (kg), if there is one."""
+    if payload is None:
+        return None
+    low, high = as_float(payload, "payload", (2,))
+    return float(low), float(high)
+
+
+def as_seed(seed: Any) -> int:
+    """A seed."""
+    return as_count(seed, "seed", 0, 2**64 - 1)
+
+
+def folder_of(data: Dataset | PathLike) -> str:
+    """The folder of a data set."""
+    return data.path if isinstance(data, Dataset) else os.fspath(data)
+
+
+def _place(index: int, length: int) -> int:
+    """A place from the start, of one that may count from the end."""
+    place = int(index.__index__())
+    if not -length <= place < length:
+        raise IndexError(f"sample {place}; expected {-length} to {length - 1}")
+    return place % length
