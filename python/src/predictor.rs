@@ -36,6 +36,17 @@ pub struct SamplerOptions {
     sampler_tolerance: Option<f32>,
 }
 
+/// What is predicted of each condition, as `tdcr predict` asks for it.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct PredictOptions {
+    points: usize,
+    seed: u64,
+    sampler: SamplerOptions,
+    /// Clouds that an uncertainty is estimated from; 0 for none.
+    prior_samples: u64,
+}
+
 /// Points (B, N, 3) (m), colours (B, N, 3) where there are any, uncertainties (B, N) (m) where they are asked for and can be
 /// told, evaluations (B,).
 type Clouds<'py> = (
@@ -111,19 +122,21 @@ impl Predictor {
         (min, max, units.scale)
     }
 
-    /// Clouds of `points` points under conditions (B, D), each from the noise of `seed`; their uncertainty from as many clouds
-    /// as `prior_samples` says, none for 0.
-    #[pyo3(signature = (conditions, points, seed, sampler, prior_samples, progress = None))]
+    /// Clouds under conditions (B, D), each from the noise of the same seed.
+    #[pyo3(signature = (conditions, options, progress = None))]
     fn predict<'py>(
         &self,
         py: Python<'py>,
         conditions: PyReadonlyArray2<'py, f64>,
-        points: usize,
-        seed: u64,
-        sampler: SamplerOptions,
-        prior_samples: u64,
+        options: PredictOptions,
         progress: Option<&Bound<'py, PyAny>>,
     ) -> Outcome<Clouds<'py>> {
+        let PredictOptions {
+            points,
+            seed,
+            ref sampler,
+            prior_samples,
+        } = options;
         let sampler = sampler.settle(&self.model)?;
         let (rows, dim) = (
             conditions.shape()[0],

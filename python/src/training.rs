@@ -11,7 +11,7 @@ use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{self, Preset, StreamSettings, TrainPlan, Trained, TrainingData};
 
 use crate::data::{choice, payload_range, sensor, visibility};
-use crate::errors::Outcome;
+use crate::errors::{Failure, Outcome};
 use crate::predictor::named_precision;
 use crate::robot::Robot;
 use crate::run;
@@ -184,57 +184,59 @@ pub fn train<'py>(
     progress: Option<&Bound<'py, PyAny>>,
 ) -> Outcome<Run<'py>> {
     let data = source.data(options.seed)?;
-    let (size, settings) = options.plan()?.settle(&data)?;
-    let initial = init.map(|file| Model::load(&file)).transpose()?;
-    let trained = run::long(py, progress, |watch| {
+    let plan = options.plan()?;
+    let (trained, precision) = run::long(py, progress, |watch| {
+        let (size, settings) = plan.settle(&data)?;
+        let initial = init.map(|file| Model::load(&file)).transpose()?;
         let stage = Stage::new("train", watch);
-        pipeline::train(&data, &out, size, &settings, initial.as_ref(), &stage)
+        let trained = pipeline::train(&data, &out, size, &settings, initial.as_ref(), &stage)?;
+        Ok::<_, Failure>((trained, settings.precision))
     })??;
-    Ok(told(py, &trained, settings.precision))
+    Ok(told(py, &trained, precision))
+}
+
+/// What a distillation is asked for, as `tdcr distill` takes it.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct DistillOptions {
+    evaluations: usize,
+    power: f32,
+    steps: u64,
+    precision: Option<String>,
+    seed: u64,
 }
 
 /// Distils the model in the file `model` in the folder `out`.
 #[pyfunction]
-#[pyo3(signature = (model, data, out, evaluations, power, steps, seed, precision = None, progress = None))]
-#[allow(
-    clippy::too_many_arguments,
-    reason = "they are those of the command line"
-)]
+#[pyo3(signature = (model, data, out, options, progress = None))]
 pub fn distill<'py>(
     py: Python<'py>,
     model: PathBuf,
     data: PathBuf,
     out: PathBuf,
-    evaluations: usize,
-    power: f32,
-    steps: u64,
-    seed: u64,
-    precision: Option<&str>,
+    options: DistillOptions,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> Outcome<Run<'py>> {
-    let teacher = Model::load(&model)?;
-    let sampler = Sampler {
-        method: Method::Euler,
-        steps: evaluations,
-        grid: TimeGrid::Power(power),
-    };
-    let width = teacher.network.shape().width();
-    let precision = precision.map(named_precision).transpose()?;
-    let settings = TrainSettings {
-        seed,
-        precision: precision.unwrap_or_else(|| Precision::fastest(width)),
-        ..pipeline::distillation(&teacher.settings, sampler, steps)
-    };
-    let trained = run::long(py, progress, |watch| {
-        pipeline::distill(
-            &teacher,
-            &data,
-            &out,
-            &settings,
-            &Stage::new("train", watch),
-        )
+    let precision = options.precision.as_deref().map(named_precision);
+    let precision = precision.transpose()?;
+    let (trained, precision) = run::long(py, progress, |watch| {
+        let teacher = Model::load(&model)?;
+        let sampler = Sampler {
+            method: Method::Euler,
+            steps: options.evaluations,
+            grid: TimeGrid::Power(options.power),
+        };
+        let width = teacher.network.shape().width();
+        let settings = TrainSettings {
+            seed: options.seed,
+            precision: precision.unwrap_or_else(|| Precision::fastest(width)),
+            ..pipeline::distillation(&teacher.settings, sampler, options.steps)
+        };
+        let stage = Stage::new("train", watch);
+        let trained = pipeline::distill(&teacher, &data, &out, &settings, &stage)?;
+        Ok::<_, Failure>((trained, settings.precision))
     })??;
-    Ok(told(py, &trained, settings.precision))
+    Ok(told(py, &trained, precision))
 }
 
 fn told<'py>(py: Python<'py>, trained: &Trained, precision: Precision) -> Run<'py> {

@@ -182,10 +182,7 @@ class Predictor:
     def predict(
         self,
         conditions: _Floats,
-        points: int,
-        seed: int,
-        sampler: dict[str, Any],
-        prior_samples: int,
+        options: dict[str, Any],
         progress: _Progress = None,
     ) -> tuple[_Floats32, _Bytes | None, _Floats32 | None, NDArray[np.uint32]]: ...
 
@@ -200,11 +197,7 @@ def distill(
     model: str,
     data: str,
     out: str,
-    evaluations: int,
-    power: float,
-    steps: int,
-    seed: int,
-    precision: str | None = None,
+    options: dict[str, Any],
     progress: _Progress = None,
 ) -> _Run: ...
 def evaluate(scored: Any, data: str, options: dict[str, Any], progress: _Progress = None) -> str: ...

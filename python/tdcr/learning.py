@@ -238,17 +238,15 @@ def distill(
     Raises:
         TrainError: As :func:`train`, and where the data set shows another robot.
     """
-    told = _tdcr.distill(
-        model.path if isinstance(model, Predictor) else model_file(model),
-        folder_of(data),
-        os.fspath(out),
-        as_count(evaluations, "evaluations", 1, MOST),
-        as_number(power, "power"),
-        as_count(steps, "steps"),
-        as_seed(seed),
-        precision,
-        progress=progress,
-    )
+    options = {
+        "evaluations": as_count(evaluations, "evaluations", 1, MOST),
+        "power": as_number(power, "power"),
+        "steps": as_count(steps, "steps"),
+        "precision": precision,
+        "seed": as_seed(seed),
+    }
+    teacher = model.path if isinstance(model, Predictor) else model_file(model)
+    told = _tdcr.distill(teacher, folder_of(data), os.fspath(out), options, progress=progress)
     return Run(Path(out), *told)
 
 

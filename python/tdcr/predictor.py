@@ -145,10 +145,13 @@ class Predictor:
         """
         rows = as_rows(conditions, "conditions", self.condition_width, self._condition_words())
         self._warn_outside(rows)
-        options = sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance)
-        count = as_count(points, "points", 1, MOST)
-        priors = as_count(prior_samples, "prior_samples", 1, MOST) if uncertainty else 0
-        return Clouds(*self._native.predict(rows, count, as_seed(seed), options, priors, progress=progress))
+        options = {
+            "points": as_count(points, "points", 1, MOST),
+            "seed": as_seed(seed),
+            "sampler": sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance),
+            "prior_samples": as_count(prior_samples, "prior_samples", 1, MOST) if uncertainty else 0,
+        }
+        return Clouds(*self._native.predict(rows, options, progress=progress))
 
     def uncertainty(
         self, conditions: Any, points: int = 10_000, *, prior_samples: int = 1, seed: int = 0, **options: Any

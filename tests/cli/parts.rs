@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::slice::from_ref;
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -122,7 +123,7 @@ fn a_part_that_is_stopped_at_any_moment_ends_as_one_that_is_not() {
         }
         interruptions += 1;
         // A part that is not finished is not merged.
-        let merged = tdcr(&merge_arguments(&[stopped.clone()], &out)).output();
+        let merged = tdcr(&merge_arguments(from_ref(&stopped), &out)).output();
         let merged = merged.unwrap();
         if merged.status.success() {
             break;

@@ -229,7 +229,7 @@ pub enum DataError {
     },
     /// Folders cannot be merged to a data set.
     #[error(transparent)]
-    Merge(#[from] MergeError),
+    Merge(Box<MergeError>),
     /// The caller asked to stop. What was done is kept.
     #[error("interrupted; the same call goes on")]
     Interrupted,
@@ -321,6 +321,12 @@ pub enum DataError {
         /// Dimension given.
         found: usize,
     },
+}
+
+impl From<MergeError> for DataError {
+    fn from(error: MergeError) -> Self {
+        Self::Merge(Box::new(error))
+    }
 }
 
 impl DataError {

@@ -16,7 +16,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-import torch
 from conftest import command_line, files
 
 import tdcr
@@ -113,6 +112,7 @@ def test_other_processes_read_a_data_set(dataset: tdcr.Dataset, method: str) -> 
 
 
 def test_torch_loads_batches_in_workers(dataset: tdcr.Dataset) -> None:
+    torch = pytest.importorskip("torch")
     view = dataset.train.torch(normalised=True, colors=True, points=100, seed=5)
     loader = torch.utils.data.DataLoader(view, batch_size=8, shuffle=True, num_workers=2)
     batches = list(loader)
@@ -172,7 +172,7 @@ def test_arguments_that_make_no_data_set_are_named(dataset: tdcr.Dataset, folder
     refused(InputError, "`4/3` is no part, expected I/N", part="4/3")
     refused(InputError, "seed is -1; expected 0 to", seed=-1)
     refused(RobotError, "4m", robot="4m")
-    refused(DataError, "holds another data set: its `seed` is 3, not 0", out=dataset.path)
+    refused(DataError, "holds another data set: its `origin", out=dataset.path)
     assert not (folder / "never").exists()
     with pytest.raises(DataError, match="there is no data set in"):
         tdcr.Dataset(folder / "nowhere")

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import TINY, command_line, files
+from conftest import TINY, command_line
 
 import tdcr
 from tdcr.errors import CommandError, DataError, InputError, LoadsError, TdcrError, TrainError
@@ -65,8 +65,8 @@ def test_other_options_are_those_of_the_command_line(dataset: tdcr.Dataset, run:
     start = {"init": run.folder, "normalisation_from": run.model, "colors": True, "color_weight": 0.2}
     flags = ["--init", run.model, "--normalisation-from", run.model, "--colors", "--color-weight", 0.2]
     same("start", {"data": dataset, **start}, *data, *flags)
-    stream = {"stream": "2m", "stream_points": 200, "window": 8, "fresh": 1, "payload": (0.0, 0.02), "clouds": 4}
-    flags = ["--stream", "2m", "--stream-points", 200, "--window", 8, "--fresh", 1, "--payload", "0:0.02", "--clouds", 4]
+    stream = {"stream": "2m", "stream_points": 200, "window": 8, "fresh": 1, "payload": (0.0, 0.03), "clouds": 4}
+    flags = ["--stream", "2m", "--stream-points", 200, "--window", 8, "--fresh", 1, "--payload", "0:0.03", "--clouds", 4]
     same("stream", {**stream, "validation": dataset.path}, *flags, "--validation", dataset.path)
 
 
@@ -271,7 +271,7 @@ def test_arguments_that_make_no_run_are_named(dataset: tdcr.Dataset, run: tdcr.R
     refused(InputError, "data is of a run on a data set; this one is on a stream", stream="2m")
     refused(InputError, "preset paper takes 500 epochs", data=None, stream="2m", preset="paper", steps=None)
     refused(TrainError, "cannot be resumed", out=run.folder)
-    assert not (folder / "never").exists()
+    assert not (folder / "never/model.safetensors").exists()
     broken = folder / "broken.safetensors"
     broken.write_bytes(run.model.read_bytes()[:-9])
     with pytest.raises(TrainError, match="broken.safetensors"):
