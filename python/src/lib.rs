@@ -5,18 +5,18 @@
 //!
 //! | module | what it gives to Python |
 //! |---|---|
-//! | [`robot`] | `Robot`, from files or text |
-//! | [`loads`] | `Loads`, and loads by rows |
-//! | [`statics`] | equilibria, one or by rows |
-//! | [`sensitivity`] | their derivatives by rows |
-//! | [`data`] | data sets: read, made, put together |
-//! | [`training`] | training runs |
-//! | [`predictor`] | `Predictor`: clouds by a trained model |
-//! | [`scoring`] | scores of predicted clouds |
-//! | [`metrics`] | distances between clouds by rows |
+//! | `robot` | `Robot`, from files or text |
+//! | `loads` | `Loads`, and loads by rows |
+//! | `statics` | equilibria, one or by rows |
+//! | `sensitivity` | their derivatives by rows |
+//! | `data` | data sets: read, made, put together |
+//! | `training` | training runs |
+//! | `predictor` | `Predictor`: clouds by a trained model |
+//! | `scoring` | scores of predicted clouds |
+//! | `metrics` | distances between clouds by rows |
 //!
-//! What they use: [`run`] (threads, the interpreter's lock, Ctrl-C), [`stage`] (the libraries' long stages),
-//! [`arrays`] and [`errors`].
+//! What they use: `run` (threads, the interpreter's lock, Ctrl-C), `stage` (the libraries' long stages),
+//! `arrays` and `errors`.
 
 mod arrays;
 mod data;
