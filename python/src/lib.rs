@@ -9,10 +9,12 @@
 //! | [`loads`] | `Loads`, and loads by rows |
 //! | [`statics`] | equilibria, one or by rows |
 //! | [`sensitivity`] | their derivatives by rows |
+//! | [`env`] | many simulated robots, advanced by one call |
 //!
 //! What they use: [`run`] (threads, the interpreter's lock, Ctrl-C), [`arrays`] and [`errors`].
 
 mod arrays;
+mod env;
 mod errors;
 mod loads;
 mod robot;
@@ -26,6 +28,8 @@ mod statics;
 mod _tdcr {
     use pyo3::prelude::*;
 
+    #[pymodule_export]
+    use crate::env::{BatchSimulation, chamfer_rows};
     #[pymodule_export]
     use crate::loads::Loads;
     #[pymodule_export]
