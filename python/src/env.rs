@@ -30,6 +30,9 @@ pub struct BatchSimulation {
     scale: Scale,
 }
 
+/// Colours and depth of a picture.
+type Picture<'py> = (Bound<'py, PyArray3<u8>>, Bound<'py, PyArray2<f32>>);
+
 /// Does `work` for each of `rows`: on all threads where there are many.
 fn each<T: Send>(
     py: Python<'_>,
@@ -272,7 +275,7 @@ impl BatchSimulation {
         camera: usize,
         targets: PyReadonlyArray2<'_, f64>,
         radius: f64,
-    ) -> Outcome<(Bound<'py, PyArray3<u8>>, Bound<'py, PyArray2<f32>>)> {
+    ) -> Outcome<Picture<'py>> {
         let count = numpy::PyUntypedArrayMethods::shape(&*targets)[0];
         let targets = contiguous(&targets, "targets", &[count, 3])?.as_chunks::<3>();
         let Some(row) = self.rows.get(row) else {
