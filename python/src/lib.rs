@@ -20,6 +20,7 @@
 //! | `predictor` | `Predictor`: clouds by a trained model |
 //! | `scoring` | scores of predicted clouds |
 //! | `training` | training runs |
+//! | `env` | many simulated robots, advanced by one call |
 //!
 //! What they use: `run` (threads, the interpreter's lock, Ctrl-C), `stage` (the libraries' long stages),
 //! `arrays` and `errors`.
@@ -28,6 +29,7 @@ mod arrays;
 mod data;
 mod dynamics;
 mod dynamics_gradient;
+mod env;
 mod errors;
 mod inverse;
 mod loads;
@@ -56,6 +58,8 @@ mod _tdcr {
     use crate::dynamics::{MotionRows, Steps, rollout_rows};
     #[pymodule_export]
     use crate::dynamics_gradient::{RolloutGradientRows, linearise, rollout_vjp_rows};
+    #[pymodule_export]
+    use crate::env::BatchSimulation;
     #[pymodule_export]
     use crate::inverse::{Calibration, ShapeController, ShapePath, calibrate};
     #[pymodule_export]
