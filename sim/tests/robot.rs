@@ -1,8 +1,10 @@
 //! What a robot's specification accepts, and what it says to what it does not.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+use proptest::prelude::*;
 use tdcr_sim::robot::{
-    Body, CommandError, Holes, Loads, MassSpec, PerDisc, Robot, RobotSpec, RouteSpec, Waypoint,
+    Axis, Body, CommandError, Holes, Loads, MassSpec, Parameter, PerDisc, Robot, RobotSpec,
+    RouteSpec, Waypoint,
 };
 
 #[test]
@@ -192,4 +194,88 @@ fn a_command_must_fit_the_tendons() {
         )));
     }
     assert!(Loads::payload(-0.01).is_err() && Loads::payload(f64::NAN).is_err());
+}
+
+/// Any parameter, of any robot.
+fn parameter() -> impl Strategy<Value = Parameter> {
+    let axis = || prop::sample::select(&Axis::ALL[..]);
+    let body = || prop_oneof![Just(Body::Base), any::<usize>().prop_map(Body::Disc)];
+    let numbered = [
+        Parameter::Command,
+        Parameter::Gain,
+        Parameter::AxialStiffness,
+        Parameter::Torsion,
+        Parameter::Density,
+        Parameter::Youngs,
+        Parameter::Pitch,
+        Parameter::Damping,
+        Parameter::Armature,
+    ];
+    let along = [Parameter::Force, Parameter::Moment, Parameter::Bending];
+    prop_oneof![
+        Just(Parameter::Payload),
+        (prop::sample::select(numbered.to_vec()), any::<usize>()).prop_map(|(of, i)| of(i)),
+        (prop::sample::select(along.to_vec()), 0..100_usize, axis())
+            .prop_map(|(of, i, axis)| of(i, axis)),
+        body().prop_map(Parameter::HoleRadius),
+        (body(), any::<usize>(), axis()).prop_map(|(b, h, axis)| Parameter::Hole(b, h, axis)),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn a_parameter_is_read_from_its_key(parameter in parameter()) {
+        prop_assert_eq!(parameter.key().parse(), Ok(parameter));
+    }
+
+    /// One spelling each: whatever is read as a parameter is that parameter's key.
+    #[test]
+    fn a_text_is_the_key_of_what_is_read_from_it(
+        parameter in parameter(),
+        at in any::<prop::sample::Index>(),
+        with in prop::option::of(any::<char>()),
+        digit in prop::option::of("[0-9+ xyz.\\[\\]]"),
+    ) {
+        let mut text: Vec<char> = parameter.key().chars().collect();
+        let at = at.index(text.len());
+        match (with, digit) {
+            (_, Some(digit)) => text.insert(at, digit.chars().next().unwrap()),
+            (Some(with), None) => text[at] = with,
+            (None, None) => { text.remove(at); }
+        }
+        let text: String = text.into_iter().collect();
+        if let Ok(read) = text.parse::<Parameter>() {
+            prop_assert_eq!(read.key(), text);
+        }
+    }
+}
+
+#[test]
+fn what_is_no_key_of_a_parameter_is_refused_with_what_would_be() {
+    for (key, says) in [
+        (
+            "stiffness[0]",
+            "there is no parameter \"stiffness\"; expected a key like one of command[0], payload,",
+        ),
+        ("", "there is no parameter \"\""),
+        (
+            "gain",
+            "the tendon in brackets is missing at \"\"; expected a key like gain[2]",
+        ),
+        ("gain[02]", "\"02\" is not the number of a tendon"),
+        ("gain[2].x", "\".x\" is too much"),
+        (
+            "force[9]",
+            "\"\" is not an axis: .x, .y or .z; expected a key like force[9].x",
+        ),
+        (
+            "hole[tip][0].x",
+            "\"tip\" is not the number of a disc, nor base",
+        ),
+        ("hole[base].x", "the hole in brackets is missing at \".x\""),
+    ] {
+        let error = key.parse::<Parameter>().unwrap_err().to_string();
+        let start = format!("{key:?} is not the key of a parameter: {says}");
+        assert!(error.starts_with(&start), "{error}");
+    }
 }

@@ -7,8 +7,9 @@ use thiserror::Error;
 
 use super::{Body, Drive, MassSpec, RobotSpec};
 
-/// A number that an equilibrium depends on. Derivatives are per unit given here. Those of the robot,
-/// not of its command and loads, have a value in its specification: [`RobotSpec::value`].
+/// A number that an equilibrium or a motion depends on. Derivatives are per unit given here. Those of
+/// the robot, not of its command and loads, have a value in its specification: [`RobotSpec::value`].
+/// Each has a name as text: [`Parameter::key`].
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parameter {
@@ -39,6 +40,10 @@ pub enum Parameter {
     Hole(Body, usize, Axis),
     /// Distance between the discs of a module (m).
     Pitch(usize),
+    /// Viscous damping of all joints of a module (N m s/rad). Equilibria do not depend on it.
+    Damping(usize),
+    /// Armature inertia of all joints of a module (kg m²). Equilibria do not depend on it.
+    Armature(usize),
 }
 
 /// An axis of a frame.
@@ -92,6 +97,8 @@ impl Parameter {
             Self::Density(_) => "kg/m\u{b3}",
             Self::Youngs(_) => "Pa",
             Self::HoleRadius(_) | Self::Hole(..) | Self::Pitch(_) => "m",
+            Self::Damping(_) => "N m s/rad",
+            Self::Armature(_) => "kg m\u{b2}",
         }
     }
 }
@@ -122,6 +129,8 @@ impl fmt::Display for Parameter {
             Self::HoleRadius(at) => write!(f, "hole radius of {}", body(at)),
             Self::Hole(at, hole, axis) => write!(f, "{axis} of hole {hole} of {}", body(at)),
             Self::Pitch(m) => write!(f, "pitch of module {m}"),
+            Self::Damping(m) => write!(f, "joint damping of module {m}"),
+            Self::Armature(m) => write!(f, "joint armature of module {m}"),
         }
     }
 }
@@ -170,7 +179,11 @@ pub(crate) fn check(spec: &RobotSpec, parameter: Parameter) -> Result<(), Parame
             Some(MassSpec::Rigid(_)) => "the module's masses are not given by a density",
             Some(MassSpec::Density(_) | MassSpec::Solid(_)) => return Ok(()),
         },
-        Parameter::Pitch(module) if module >= spec.modules.len() => "no such module",
+        Parameter::Pitch(module) | Parameter::Damping(module) | Parameter::Armature(module)
+            if module >= spec.modules.len() =>
+        {
+            "no such module"
+        }
         Parameter::HoleRadius(body) => match holes(body) {
             None => "no such body",
             Some(holes) if holes.iter().any(|[x, y]| x.hypot(*y) == 0.0) => {

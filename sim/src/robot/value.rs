@@ -52,6 +52,10 @@ impl RobotSpec {
             }
             Parameter::Hole(body, hole, axis) => holes(body)[hole][axis.index()],
             Parameter::Pitch(module) => self.modules[module].pitch,
+            Parameter::Damping(module) => mean(&self.modules[module].damping, &|damping| *damping),
+            Parameter::Armature(module) => {
+                mean(&self.modules[module].armature, &|armature| *armature)
+            }
             Parameter::Youngs(module) => {
                 self.modules[module].rod.expect("checked: has a rod").youngs
             }
@@ -91,7 +95,7 @@ impl RobotSpec {
     }
 }
 
-/// Changes a specification's parameter, of places, masses or backbones, by `by`.
+/// Changes a specification's parameter, of places, masses, joints or backbones, by `by`.
 pub(crate) fn shift(spec: &mut RobotSpec, parameter: Parameter, by: f64) {
     let module_of = |body: Body| match body {
         Body::Base => None,
@@ -108,6 +112,8 @@ pub(crate) fn shift(spec: &mut RobotSpec, parameter: Parameter, by: f64) {
             MassSpec::Rigid(_) => {}
         },
         Parameter::Pitch(module) => spec.modules[module].pitch += by,
+        Parameter::Damping(module) => change(&mut spec.modules[module].damping, |d| *d += by),
+        Parameter::Armature(module) => change(&mut spec.modules[module].armature, |a| *a += by),
         Parameter::Youngs(module) => {
             if let Some(rod) = &mut spec.modules[module].rod {
                 rod.youngs += by;
@@ -133,7 +139,9 @@ pub(crate) fn shift(spec: &mut RobotSpec, parameter: Parameter, by: f64) {
         | Parameter::Force(..)
         | Parameter::Moment(..)
         | Parameter::Gain(_)
-        | Parameter::AxialStiffness(_) => unreachable!("not of places, masses or backbones"),
+        | Parameter::AxialStiffness(_) => {
+            unreachable!("not of places, masses, joints or backbones")
+        }
     }
 }
 

@@ -71,6 +71,8 @@ impl ModelTangent {
             | Parameter::HoleRadius(_)
             | Parameter::Hole(..)
             | Parameter::Pitch(_) => tangent.move_spec(robot, loads, parameter),
+            // They resist motion alone.
+            Parameter::Damping(_) | Parameter::Armature(_) => {}
         }
         Ok(tangent)
     }
