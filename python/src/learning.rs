@@ -35,7 +35,9 @@ pub fn presets() -> Outcome<String> {
         };
         // Warm-up is bounded by the length, which is not known yet.
         let settings = |rates| {
-            let mut settings = serde_json::to_value(preset.settings(rates, u64::MAX))?;
+            // Through text, in which an f32 has as many digits as distinguish it from others.
+            let settings = serde_json::to_string(&preset.settings(rates, u64::MAX))?;
+            let mut settings: Value = serde_json::from_str(&settings)?;
             settings.as_object_mut().map(|fields| fields.remove("steps"));
             Ok::<_, serde_json::Error>(settings)
         };

@@ -88,14 +88,14 @@ impl Stream {
         text(serde_json::to_string(&self.units))
     }
 
-    /// The next sample, in physical units and then in those of the normalisation: condition, points, colours.
+    /// The next sample, in physical units and then in those of the normalisation: condition, points, colours. After one that
+    /// cannot be made, the stream goes on with the next.
     #[expect(clippy::should_implement_trait, reason = "Python's iterator is the class of the package")]
     fn next<'py>(&mut self, py: Python<'py>) -> Outcome<(Arrays<'py>, Arrays<'py>)> {
         let (spec, simulator, index) = (&self.spec, &mut self.simulator, self.index);
-        let sample = run::short(py, || spec.sample(simulator, index))??;
         // Past the end of 64 bits it starts over, which no run reaches.
         self.index = self.index.wrapping_add(self.stride);
-        let Sample { condition, cloud } = sample;
+        let Sample { condition, cloud } = run::short(py, || spec.sample(simulator, index))??;
         let dimensionless = self.units.condition(&condition.to_vec())?;
         let metres = cloud.points.into_flattened();
         let mut normalised = metres.clone();

@@ -8,13 +8,13 @@ try:
 except ImportError as error:
     raise ImportError("tdcr.torch needs PyTorch, which is not installed: pip install tdcr[torch]") from error
 
-from .data import CloudSet, SetSamples, StreamSamples
-from .flow import FlowPath, Sampler, integrate, loss
-from .model import Model, write_predictions
-from .networks import Hybrid, Mlp, network
-from .ranks import distributed
-from .settings import Preset, Settings, preset
-from .trainer import Trainer
+from tdcr.torch.data import CloudSet, SetSamples, StreamSamples
+from tdcr.torch.flow import FlowPath, Sampler, integrate, loss
+from tdcr.torch.model import Model, write_predictions
+from tdcr.torch.networks import Hybrid, Mlp, network
+from tdcr.torch.ranks import distributed
+from tdcr.torch.settings import Preset, Settings, preset
+from tdcr.torch.trainer import Trainer
 
 __all__ = [
     "CloudSet",

@@ -4,9 +4,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .data import CloudSet
-from .flow import FlowPath
-from .settings import Settings
+from tdcr.torch.data import CloudSet
+from tdcr.torch.flow import FlowPath
+from tdcr.torch.settings import Settings
 
 #: Purposes of random numbers.
 STEP, VALIDATION = 1, 2

@@ -22,9 +22,10 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset, get_worker_info
 
-from .. import _tdcr
-from ..stream import Stream
-from .ranks import group
+from tdcr import _tdcr
+from tdcr.errors import InputError
+from tdcr.stream import Stream, StreamSample
+from tdcr.torch.ranks import group
 
 #: A condition (D,) and the rows (N, C) of its cloud.
 Sample = tuple[Tensor, Tensor]
@@ -96,11 +97,20 @@ def to_rows(points: npt.NDArray[np.float32], rgb: npt.NDArray[np.uint8] | None) 
     return positions if rgb is None else torch.cat([positions, torch.from_numpy(rgb).float() / 255], dim=-1)
 
 
-class Shared(IterableDataset[Sample]):
-    """A dataset of which every rank and worker has a share; the rank is that of where it is made."""
+def tensors(sample: StreamSample, colors: bool) -> Sample:
+    """A sample of a stream, as tensors."""
+    return torch.from_numpy(sample.condition), to_rows(sample.points, sample.colors if colors else None)
 
-    def __init__(self) -> None:
-        self.rank, self.ranks = group()
+
+class Shared(IterableDataset[Sample]):
+    """A dataset of which every rank and worker has a share: of `rank` of `ranks`, by default those of the process group."""
+
+    def __init__(self, rank: int | None, ranks: int | None) -> None:
+        own, all_ranks = group()
+        self.rank = own if rank is None else rank
+        self.ranks = all_ranks if ranks is None else ranks
+        if not 0 <= self.rank < self.ranks:
+            raise InputError(f"rank is {self.rank}; expected 0 to {self.ranks - 1}")
 
     def share(self) -> tuple[int, int]:
         """First sample and stride of this process."""
@@ -115,8 +125,10 @@ class SetSamples(Shared):
     With a `seed` the order is that of a random permutation, which is another one after `set_epoch`.
     """
 
-    def __init__(self, clouds: CloudSet, seed: int | None = None) -> None:
-        super().__init__()
+    def __init__(
+        self, clouds: CloudSet, seed: int | None = None, *, rank: int | None = None, ranks: int | None = None
+    ) -> None:
+        super().__init__(rank, ranks)
         self.clouds, self.seed, self.epoch = clouds, seed, 0
 
     def set_epoch(self, epoch: int) -> None:
@@ -138,15 +150,17 @@ class StreamSamples(Shared):
     `stream` says what the samples are and at which one they start; it is not read from itself.
     """
 
-    def __init__(self, stream: Stream, *, colors: bool = False) -> None:
-        super().__init__()
+    def __init__(
+        self, stream: Stream, *, colors: bool = False, rank: int | None = None, ranks: int | None = None
+    ) -> None:
+        super().__init__(rank, ranks)
         self.stream, self.colors = stream, colors
 
     def __iter__(self) -> Iterator[Sample]:
         first, stride = self.share()
-        for sample in self.stream.share(first, stride):
-            condition, points = self.stream.normalise(sample)
-            yield torch.from_numpy(condition), to_rows(points, sample.colors if self.colors else None)
+        stream = self.stream.at(self.stream.index + self.stream.stride * first, self.stream.stride * stride)
+        while True:
+            yield tensors(stream.next_normalised(), self.colors)
 
 
 class StreamWindow:
@@ -158,20 +172,30 @@ class StreamWindow:
     """
 
     def __init__(
-        self, stream: Stream, *, clouds: int = 512, fresh: float = 1.0, workers: int = 0, colors: bool = False
+        self,
+        stream: Stream,
+        *,
+        clouds: int = 512,
+        fresh: float = 1.0,
+        workers: int = 0,
+        colors: bool = False,
+        rank: int | None = None,
+        ranks: int | None = None,
     ) -> None:
         """`workers` are processes that simulate; without any, the process itself does, in between its steps.
 
         Raises:
-            ValueError: for a window that is empty or not a multiple of the ranks, and where no cloud is fresh.
+            tdcr.errors.InputError: for a window that is empty or not a multiple of the ranks, and where no cloud is fresh.
         """
-        self.rank, self.ranks = group()
+        shared = StreamSamples(stream, rank=rank, ranks=ranks)
+        self.rank, self.ranks = shared.rank, shared.ranks
         if clouds < 1 or clouds % self.ranks:
-            raise ValueError(f"the window is of {clouds} clouds, expected a multiple of the {self.ranks} ranks")
+            raise InputError(f"the window is of {clouds} clouds; expected a multiple of the {self.ranks} ranks")
         if not 0 < fresh < math.inf:
-            raise ValueError(f"{fresh} fresh clouds a step, expected a number above 0")
+            raise InputError(f"{fresh} fresh clouds a step; expected a number above 0")
         self.stream, self.colors, self.fresh, self.workers = stream, colors, fresh, workers
-        self.provenance = {"subject": stream.subject, "normalisation": stream.normalisation}
+        subject = stream.spec["recipe"]["subject"]
+        self.provenance = {"subject": subject, "normalisation": stream.normalisation}
         self.clouds, self.own = clouds, clouds // self.ranks
         self.device = torch.device("cpu")
         self.condition_dim = len(stream.normalisation["motor_min"])
@@ -193,12 +217,8 @@ class StreamWindow:
     def validation(self, clouds: int) -> CloudSet:
         """Clouds for validation, which no step sees."""
         held_out = self.stream.at(VALIDATION)
-        conditions, rows = [], []
-        for _ in range(clouds):
-            sample = next(held_out)
-            condition, points = held_out.normalise(sample)
-            conditions.append(torch.from_numpy(condition))
-            rows.append(to_rows(points, sample.colors if self.colors else None))
+        samples = [tensors(held_out.next_normalised(), self.colors) for _ in range(clouds)]
+        conditions, rows = zip(*samples, strict=True)
         return CloudSet(torch.stack(conditions), torch.stack(rows), self.provenance)
 
     def at_step(self, step: int) -> CloudSet:
@@ -222,7 +242,8 @@ class StreamWindow:
 
     def read(self, first: int) -> Iterator[Sample]:
         """The rank's samples from its sample `first` on."""
-        dataset = StreamSamples(self.stream.at(self.stream.index + self.ranks * first), colors=self.colors)
+        stream = self.stream.at(self.stream.index + self.stream.stride * self.ranks * first, self.stream.stride)
+        dataset = StreamSamples(stream, colors=self.colors, rank=self.rank, ranks=self.ranks)
         loader = DataLoader(
             dataset,
             batch_size=None,

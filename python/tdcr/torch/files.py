@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..errors import TdcrError
+from tdcr.errors import TrainError
 
 try:
     import fcntl
@@ -33,7 +33,7 @@ def locked(folder: Path) -> Iterator[None]:
     """Keeps other processes out of a folder, `tdcr train` among them.
 
     Raises:
-        tdcr.errors.TdcrError: while another process works in it.
+        tdcr.errors.TrainError: while another process works in it.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("w") as file:
@@ -41,7 +41,7 @@ def locked(folder: Path) -> Iterator[None]:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
-                raise TdcrError(
+                raise TrainError(
                     f"{folder} is being written by another process: wait for its end, or choose another folder (--out)"
                 ) from error
             except OSError:

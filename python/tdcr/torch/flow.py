@@ -14,6 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from tdcr.errors import InputError
+
 #: A velocity field: points (B, N, C), flow times (B,), conditions (B, D) to velocities (B, N, C).
 Field = Callable[[Tensor, Tensor, Tensor], Tensor]
 
@@ -79,25 +81,25 @@ class Sampler:
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
-            raise ValueError(f"the sampler's method is {self.method!r}, expected one of {', '.join(METHODS)}")
+            raise InputError(f"the sampler's method is {self.method!r}; expected one of {', '.join(METHODS)}")
         if not 1 <= self.steps <= 100_000:
-            raise ValueError(f"the sampler's steps are {self.steps}, expected 1 to 100000")
+            raise InputError(f"the sampler's steps are {self.steps}; expected 1 to 100000")
         if not 1 <= self.power <= 10:
-            raise ValueError(f"the sampler's power is {self.power}, expected 1 to 10")
+            raise InputError(f"the sampler's power is {self.power}; expected 1 to 10")
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Self:
         """The sampler of a run's settings.
 
         Raises:
-            ValueError: where its steps are adaptive, which those of one cloud are.
+            tdcr.errors.InputError: where its steps are adaptive, which those of one cloud are.
         """
         sampler = settings["sampler"]
         grid = sampler["grid"]
         if grid == "uniform":
             grid = {"power": 1.0}
         if "power" not in grid:
-            raise ValueError(f"the model's sampler has the grid {grid}, expected fixed steps: say which Sampler to take")
+            raise InputError(f"the model's sampler has the grid {grid}; expected fixed steps: say which Sampler to take")
         return cls(sampler.get("method", "heun"), sampler["steps"], grid["power"])
 
     def to_settings(self) -> dict[str, Any]:

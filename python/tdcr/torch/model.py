@@ -13,12 +13,12 @@ import safetensors.torch
 import torch
 from torch import Tensor, nn
 
-from .. import _tdcr
-from ..errors import TdcrError
-from .files import write_whole
-from .flow import FlowPath, Sampler, integrate
-from .networks import CHANNELS, Shape, channels_of, from_file, network, to_file
-from .settings import Settings
+from tdcr import _tdcr
+from tdcr.errors import InputError, TrainError
+from tdcr.torch.files import write_whole
+from tdcr.torch.flow import FlowPath, Sampler, integrate
+from tdcr.torch.networks import CHANNELS, Shape, channels_of, from_file, network, to_file
+from tdcr.torch.settings import Settings
 
 #: Version of the format that this package reads and writes.
 FORMAT = 2
@@ -62,28 +62,28 @@ class Model:
         `own` is the module whose weights the file holds, for a network of one's own; its weights are replaced.
 
         Raises:
-            tdcr.errors.TdcrError: where the file is no model, of another version, or needs (or does not take) `own`.
+            tdcr.errors.TrainError: where the file is no model, of another version, or needs (or does not take) `own`.
         """
         try:
             with safetensors.safe_open(path, "pt") as file:
                 header = json.loads((file.metadata() or {}).get("tdcr", "null"))
                 tensors = {name: file.get_tensor(name) for name in file.keys()}
         except safetensors.SafetensorError as error:
-            raise TdcrError(f"{path}: not a safetensors file: {error}") from error
+            raise TrainError(f"{path}: not a safetensors file: {error}") from error
         if not isinstance(header, dict) or header.get("kind") not in (KIND, OWN_KIND):
-            raise TdcrError(f"{path}: no model file of tdcr")
+            raise TrainError(f"{path}: no model file of tdcr")
         if header["format"] != FORMAT:
-            raise TdcrError(f"{path}: format {header['format']}, expected {FORMAT}")
+            raise TrainError(f"{path}: format {header['format']}, expected {FORMAT}")
         content = header["content"]
         if (header["kind"] == OWN_KIND) != (own is not None):
             needed = "the module that its weights are of" if own is None else "no module: it holds one of tdcr's networks"
-            raise TdcrError(f"{path}: a file of kind {header['kind']!r}, expected {needed}")
+            raise TrainError(f"{path}: a file of kind {header['kind']!r}, expected {needed}")
         shape = content.pop("shape", None)
         module = network(shape) if own is None else own
         try:
             module.load_state_dict(from_file(tensors) if own is None else tensors)
         except RuntimeError as error:
-            raise TdcrError(f"{path}: {error}") from error
+            raise TrainError(f"{path}: {error}") from error
         colors = content.pop("colors", False) if shape is None else channels_of(shape) == CHANNELS["xyz-rgb"]
         return cls(network=module.eval(), shape=shape, colors=colors, **content)
 
@@ -112,9 +112,9 @@ class Model:
         low, high = np.float64(units["motor_min"]), np.float64(units["motor_max"])
         values = np.asarray(commands, dtype=np.float64)
         if values.ndim != 2 or values.shape[1] != len(low):
-            raise TdcrError(f"commands have the shape {values.shape}, expected (B, {len(low)})")
+            raise InputError(f"commands have the shape {values.shape}, expected (B, {len(low)})")
         if not np.isfinite(values).all():
-            raise TdcrError("commands hold a NaN or an infinity, expected finite numbers")
+            raise InputError("commands hold a NaN or an infinity, expected finite numbers")
         span = np.where(high > low, high - low, 1.0)
         return torch.from_numpy(((values - low) / span).astype(np.float32))
 
@@ -133,12 +133,13 @@ class Model:
         validated with.
 
         Raises:
-            tdcr.errors.TdcrError: for commands of another length, and where the cloud is not finite.
+            tdcr.errors.InputError: for commands of another length.
+            tdcr.errors.TrainError: where the cloud is not finite.
         """
         conditions = self.conditions(commands)
         seeds = [seed] * len(conditions) if isinstance(seed, int) else list(seed)
         if len(seeds) != len(conditions):
-            raise TdcrError(f"{len(seeds)} seeds, expected one for each of the {len(conditions)} commands")
+            raise InputError(f"{len(seeds)} seeds, expected one for each of the {len(conditions)} commands")
         path = FlowPath.of(self.settings)
         place = next(self.network.parameters(), torch.empty(0)).device
         sampler = sampler or Sampler.of(self.settings)
@@ -150,7 +151,7 @@ class Model:
             clouds.append(rows[0].float().cpu().numpy())
         rows_of_all = np.stack(clouds)
         if not np.isfinite(rows_of_all).all():
-            raise TdcrError("the network's cloud is not finite")
+            raise TrainError("the network's cloud is not finite")
         metres = rows_of_all[..., :3].astype(np.float64) * self.provenance["normalisation"]["scale"]
         colors = np.clip(np.rint(255 * rows_of_all[..., 3:]), 0, 255).astype(np.uint8) if self.colors else None
         return Clouds(metres.astype(np.float32), colors)

@@ -27,7 +27,8 @@ def distributed(device: str | None = None) -> Iterator[torch.device]:
     place = torch.device(f"cuda:{local}" if kind == "cuda" else kind)
     if place.type == "cuda":
         torch.cuda.set_device(place)
-    if int(os.environ.get("WORLD_SIZE", "1")) == 1:
+    # Within a group that stands, as that of a script which trains several networks, it is that one.
+    if int(os.environ.get("WORLD_SIZE", "1")) == 1 or dist.is_initialized():
         yield place
         return
     # Ranks wait while rank 0 validates.

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import torch
 from torch import nn
 
-from .settings import Settings, matrix_learning_rate
+from tdcr.torch.settings import Settings, matrix_learning_rate
 
 #: Shortest side of a hidden layer's matrix, which Muon moves; those with a shorter one are input and output layers.
 HIDDEN = 16

@@ -8,8 +8,9 @@ import json
 from dataclasses import dataclass
 from typing import Any, TypedDict, cast
 
-from .. import _tdcr
-from .networks import Shape
+from tdcr import _tdcr
+from tdcr.errors import InputError
+from tdcr.torch.networks import Shape
 
 #: The authors' context network.
 CONTEXT: dict[str, Any] = {
@@ -103,7 +104,7 @@ class Preset:
         preset `paper` takes epochs, so it needs `clouds_in_set`, the size of the training set, or `steps`.
 
         Raises:
-            ValueError: where the length is not known.
+            tdcr.errors.InputError: where the length is not known.
             tdcr.errors.TdcrError: for names that are none and for values out of bounds.
         """
         usual = self.networks[net]
@@ -114,7 +115,7 @@ class Preset:
             elif clouds_in_set is not None and self.epochs is not None:
                 settings["steps"] = self.epochs * -(-clouds_in_set // max(1, settings["clouds"]))
             else:
-                raise ValueError(f"preset {self.name} takes {self.epochs} epochs of a data set: say how many steps")
+                raise InputError(f"preset {self.name} takes {self.epochs} epochs of a data set: say how many steps")
         settings["warmup_steps"] = min(settings["warmup_steps"], settings["steps"] // 10)
         if "learning_rate" in changes and isinstance(settings["optimizer"], dict):
             factor = changes["learning_rate"] / usual["learning_rate"]
@@ -132,9 +133,9 @@ def preset(name: str = "quick") -> Preset:
     """The preset `quick`, `laptop` or `paper`.
 
     Raises:
-        ValueError: for other names.
+        tdcr.errors.InputError: for other names.
     """
     known = presets()
     if name not in known:
-        raise ValueError(f"there is no preset {name!r}, expected one of {', '.join(known)}")
+        raise InputError(f"there is no preset {name!r}; expected one of {', '.join(known)}")
     return known[name]

@@ -8,10 +8,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..errors import TdcrError
-from .files import write_whole
-from .schedule import learning_rate_at
-from .settings import Settings
+from tdcr.errors import TrainError
+from tdcr.torch.files import write_whole
+from tdcr.torch.schedule import learning_rate_at
+from tdcr.torch.settings import Settings
 
 #: Version of the state's layout.
 FORMAT = 1
@@ -81,22 +81,22 @@ class RunState:
         """Reads the state of the run `identity`, on the CPU.
 
         Raises:
-            tdcr.errors.TdcrError: where the file is no state, or that of another run; it says which value differs.
+            tdcr.errors.TrainError: where the file is no state, or that of another run; it says which value differs.
         """
         try:
             content = torch.load(path, map_location="cpu", weights_only=True)
             if content.pop("format") != FORMAT:
-                raise TdcrError(f"{path}: a state of another version of tdcr")
+                raise TrainError(f"{path}: a state of another version of tdcr")
             best = content.pop("best")
             history = History(**content.pop("history"))
             state = cls(best=None if best is None else Best(**best), history=history, **content)
-        except TdcrError:
+        except TrainError:
             raise
         except Exception as error:  # torch raises what its unpickler raises
-            raise TdcrError(f"{path}: not the state of a run: {error}") from error
+            raise TrainError(f"{path}: not the state of a run: {error}") from error
         difference = first_difference("", state.identity, identity)
         if difference:
-            raise TdcrError(
+            raise TrainError(
                 f"{path} cannot be resumed: {difference}; choose another folder (--out), or remove this one"
             )
         return state

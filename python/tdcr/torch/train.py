@@ -12,20 +12,22 @@ import json
 import signal
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from ..errors import TdcrError
-from ..stream import Stream
-from .data import CloudSet, StreamWindow
-from .model import Model
-from .networks import Shape, network
-from .ranks import distributed, group
-from .settings import CONTEXT, Preset, Settings, presets
-from .trainer import Interrupted, Trainer
+from tdcr.errors import InputError, TdcrError
+from tdcr.stream import Stream
+from tdcr.torch.data import CloudSet, StreamWindow
+from tdcr.torch.model import Model
+from tdcr.torch.networks import Shape, network
+from tdcr.torch.ranks import distributed, group
+from tdcr.torch.settings import CONTEXT, Preset, Settings, presets
+from tdcr.torch.trainer import Interrupted, Trainer
 
 #: Exit status after an interruption, as shells report SIGINT.
 INTERRUPTED = 130
@@ -119,11 +121,11 @@ def context(args: argparse.Namespace) -> dict[str, Any]:
     """What is asked of the context network.
 
     Raises:
-        TdcrError: where the network is an MLP, which has none.
+        InputError: where the network is an MLP, which has none.
     """
     given = [name for name in ("channels", "resolutions", "blocks", "context") if getattr(args, name) is not None]
     if given and args.net == "mlp":
-        raise TdcrError(f"--{given[0]} is of --net hybrid, the network is an mlp")
+        raise InputError(f"--{given[0]} is of --net hybrid, the network is an mlp")
     stages = [dict(stage) for stage in CONTEXT["stages"]]
     for field, values in (("channels", args.channels), ("resolution", args.resolutions)):
         for stage, value in zip(stages, values or [], strict=False):
@@ -186,9 +188,9 @@ def initial(path: Path, shape: Shape, provenance: dict[str, Any]) -> torch.nn.Mo
     """The network of the model `path`, which must have this shape and these units."""
     model = Model.load(path)
     if model.shape != shape:
-        raise TdcrError(f"{path} has the shape {model.shape}, expected {shape}")
+        raise InputError(f"{path} has the shape {model.shape}, expected {shape}")
     if model.provenance["normalisation"] != provenance["normalisation"]:
-        raise TdcrError(f"{path} is of other units: give it to --normalisation-from too")
+        raise InputError(f"{path} is of other units: give it to --normalisation-from too")
     return model.network
 
 
@@ -202,7 +204,7 @@ class Progress:
     def begin(self, steps: int, taken: int) -> None:
         """The run starts, with `taken` of its steps taken."""
         self.steps, self.first, self.began = steps, taken, time.monotonic()
-        if taken:
+        if 0 < taken < steps:
             self.tell(f"train: goes on after step {taken} of {steps}", end="\n")
 
     def advance(self, step: int, loss: float) -> None:
@@ -226,12 +228,22 @@ class Progress:
             print(f"\r\x1b[K{text}" if self.terminal else text, end=end, file=sys.stderr, flush=True)
 
 
+@contextmanager
+def stopped_by_signals() -> Iterator[list[int]]:
+    """Collects SIGINT and SIGTERM instead of dying of them."""
+    received: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda number, _: received.append(number)) for number in numbers]
+    try:
+        yield received
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
 def train(args: argparse.Namespace) -> None:
     """Runs the command."""
-    asked_to_stop = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: asked_to_stop.append(number))
-    with distributed(args.device) as device:
+    with stopped_by_signals() as asked_to_stop, distributed(args.device) as device:
         training, validation = clouds(args)
         size = len(training) if isinstance(training, CloudSet) else None
         preset, settings = plan(args, size, device)
@@ -278,7 +290,7 @@ def main(arguments: list[str] | None = None) -> int:
     except Interrupted:
         print("error: interrupted; run the same command again to go on", file=sys.stderr)
         return INTERRUPTED
-    except (TdcrError, ValueError, OSError) as error:
+    except (TdcrError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     return 0

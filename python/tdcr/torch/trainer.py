@@ -18,17 +18,17 @@ from torch import Tensor, nn
 from torch import distributed as dist
 from torch.nn.parallel import DistributedDataParallel
 
-from ..errors import TdcrError
-from .batch import VALIDATION, chamfer, draw, generator
-from .data import CloudSet, StreamWindow
-from .files import locked
-from .flow import FlowPath, Sampler, integrate, loss
-from .model import Model
-from .networks import Shape
-from .ranks import group
-from .schedule import SPIKE_STEPS, Optimizers, average_decay_at, spike_length
-from .settings import Settings, complete
-from .state import STEPS_PER_ROW, Best, History, RunState
+from tdcr.errors import InputError, TrainError
+from tdcr.torch.batch import VALIDATION, chamfer, draw, generator
+from tdcr.torch.data import CloudSet, StreamWindow
+from tdcr.torch.files import locked
+from tdcr.torch.flow import FlowPath, Sampler, integrate, loss
+from tdcr.torch.model import Model
+from tdcr.torch.networks import Shape
+from tdcr.torch.ranks import group
+from tdcr.torch.schedule import SPIKE_STEPS, Optimizers, average_decay_at, spike_length
+from tdcr.torch.settings import Settings, complete
+from tdcr.torch.state import STEPS_PER_ROW, Best, History, RunState
 
 class Monitor(Protocol):
     """Who watches a run; rank 0 tells it."""
@@ -47,7 +47,7 @@ class Interrupted(Exception):
     """The run was asked to stop. It is resumed by starting it again."""
 
 
-class Diverged(TdcrError):
+class Diverged(TrainError):
     """The loss is not finite, or leapt and stayed high; the last good state is on disk."""
 
 
@@ -75,7 +75,7 @@ class Trainer:
         own has none. `interrupted` is asked every ten steps.
 
         Raises:
-            tdcr.errors.TdcrError: where settings, clouds and ranks do not fit together.
+            tdcr.errors.InputError: where settings, clouds and ranks do not fit together.
         """
         self.rank, self.ranks = group()
         self.device = torch.device(device)
@@ -90,9 +90,9 @@ class Trainer:
             }
         )
         if self.settings["clouds"] % self.ranks:
-            raise TdcrError(f"clouds is {self.settings['clouds']}, expected a multiple of the {self.ranks} ranks")
+            raise InputError(f"clouds is {self.settings['clouds']}, expected a multiple of the {self.ranks} ranks")
         if training.condition_dim != validation.condition_dim:
-            raise TdcrError(
+            raise InputError(
                 f"conditions of dimension {validation.condition_dim} in validation, {training.condition_dim} in training"
             )
         self.provenance = training.provenance
@@ -118,7 +118,7 @@ class Trainer:
         Raises:
             Interrupted: as asked; the state is saved.
             Diverged: where the loss leaps or is not finite.
-            tdcr.errors.TdcrError: where the folder holds another run, or another process works in it.
+            tdcr.errors.TrainError: where the folder holds another run, or another process works in it.
         """
         with ExitStack() as stack:
             if self.rank == 0:
@@ -274,7 +274,7 @@ class Trainer:
         path, model = self.out / "state.pt", self.out / "model.safetensors"
         if not path.exists():
             if model.exists():
-                raise TdcrError(
+                raise TrainError(
                     f"{model} is a model without the state.pt of its run, and would be overwritten: choose another folder "
                     "(--out), or move it away"
                 )
