@@ -59,7 +59,7 @@ pub enum Axis {
 
 /// Why a robot does not have a parameter, or a value of it.
 #[derive(Clone, Debug, Error, PartialEq)]
-#[error("robot `{robot}` has no parameter {parameter:?}: {reason}")]
+#[error("robot `{robot}` has no parameter `{}`: {reason}", .parameter.key())]
 pub struct ParameterError {
     /// Name of the robot.
     pub robot: String,

@@ -1,0 +1,52 @@
+//! Rows of arrays in and out.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use numpy::ndarray::{Dimension, IntoDimension};
+use numpy::{Element, IntoPyArray, PyArray, PyArrayMethods, PyReadonlyArray};
+use pyo3::prelude::*;
+
+use crate::errors::{Failure, Outcome};
+
+/// Numbers of an array in C order, if its shape is `shape`.
+pub fn contiguous<'a, T: Element, D: Dimension>(
+    array: &'a PyReadonlyArray<'_, T, D>,
+    name: &str,
+    shape: &[usize],
+) -> Outcome<&'a [T]> {
+    if numpy::PyUntypedArrayMethods::shape(&**array) != shape {
+        let found = numpy::PyUntypedArrayMethods::shape(&**array);
+        let message = format!("{name} has shape {found:?}, expected {shape:?}");
+        return Err(Failure::input(message));
+    }
+    (array.as_slice()).map_err(|_| Failure::input(format!("{name} is not contiguous in C order")))
+}
+
+/// A new array of `shape`, which has as many entries as there are `values`.
+pub fn array<'py, T: Element, I: IntoDimension>(
+    py: Python<'py>,
+    values: Vec<T>,
+    shape: I,
+) -> PyResult<Bound<'py, PyArray<T, I::Dim>>> {
+    values.into_pyarray(py).reshape(shape)
+}
+
+/// Writes points one after another.
+pub fn write_points(points: &[Vector3<f64>], out: &mut [f64]) {
+    for (out, point) in out.as_chunks_mut::<3>().0.iter_mut().zip(points) {
+        *out = (*point).into();
+    }
+}
+
+/// Writes quaternions (w, x, y, z) one after another.
+pub fn write_quaternions(quaternions: &[UnitQuaternion<f64>], out: &mut [f64]) {
+    for (out, q) in out.as_chunks_mut::<4>().0.iter_mut().zip(quaternions) {
+        *out = [q.w, q.i, q.j, q.k];
+    }
+}
+
+/// Quaternions (w, x, y, z) one after another, made unit ones.
+pub fn quaternions(flat: &[f64]) -> Vec<UnitQuaternion<f64>> {
+    let unit =
+        |&[w, i, j, k]: &[f64; 4]| UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+    flat.as_chunks::<4>().0.iter().map(unit).collect()
+}

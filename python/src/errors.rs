@@ -1,0 +1,108 @@
+//! Errors of the libraries as exceptions of the package: `tdcr.errors` has the classes.
+
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyModule;
+use tdcr::sim::dynamics::DynamicsError;
+use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
+use tdcr::sim::robot::{CommandError, LoadsError, ParameterError, SpecError};
+use tdcr::sim::sensitivity::SensitivityError;
+use tdcr::sim::simulation::SimulationError;
+use tdcr::sim::statics::NotSettled;
+
+/// Why a call failed: an exception, or what to make one of.
+#[derive(Debug)]
+pub enum Failure {
+    /// Name of a class of `tdcr.errors`, and the message.
+    Of(&'static str, String),
+    /// An exception that Python raised.
+    Python(PyErr),
+}
+
+/// What a native function returns.
+pub type Outcome<T> = Result<T, Failure>;
+
+impl Failure {
+    /// An input that has the wrong shape or value.
+    pub fn input(message: impl Into<String>) -> Self {
+        Self::Of("InputError", message.into())
+    }
+
+    /// This failure, of row `row` of a batch.
+    pub fn of_row(self, row: usize) -> Self {
+        match self {
+            Self::Of(class, message) => Self::Of(class, format!("row {row}: {message}")),
+            python => python,
+        }
+    }
+}
+
+impl From<PyErr> for Failure {
+    fn from(error: PyErr) -> Self {
+        Self::Python(error)
+    }
+}
+
+impl From<Failure> for PyErr {
+    fn from(failure: Failure) -> Self {
+        match failure {
+            Failure::Python(error) => error,
+            Failure::Of(class, message) => Python::attach(|py| match exception(py, class) {
+                Ok(class) => PyErr::from_type(class, message),
+                Err(_) => PyRuntimeError::new_err(message),
+            }),
+        }
+    }
+}
+
+/// A class of `tdcr.errors`.
+fn exception<'py>(py: Python<'py>, class: &str) -> PyResult<Bound<'py, pyo3::types::PyType>> {
+    static ERRORS: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
+    let module = ERRORS.get_or_try_init(py, || py.import("tdcr.errors").map(Bound::unbind))?;
+    Ok(module.bind(py).getattr(class)?.cast_into()?)
+}
+
+/// Says of which class the errors of each type are.
+macro_rules! classes {
+    ($($error:ty => $class:literal,)*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                Self::Of($class, error.to_string())
+            }
+        })*
+    };
+}
+
+classes! {
+    SpecError => "RobotError",
+    RobotFileError => "RobotError",
+    ImportError => "RobotError",
+    ExportError => "RobotError",
+    ParameterError => "ParameterError",
+    CommandError => "CommandError",
+    LoadsError => "LoadsError",
+    NotSettled => "NotSettledError",
+    DynamicsError => "DynamicsError",
+}
+
+impl From<SensitivityError> for Failure {
+    fn from(error: SensitivityError) -> Self {
+        match error {
+            SensitivityError::Parameter(error) => error.into(),
+            other => Self::Of("SensitivityError", other.to_string()),
+        }
+    }
+}
+
+impl From<SimulationError> for Failure {
+    fn from(error: SimulationError) -> Self {
+        match error {
+            SimulationError::Command(error) => error.into(),
+            SimulationError::Loads(error) => error.into(),
+            SimulationError::NotSettled(error) => error.into(),
+            SimulationError::Dynamics(error) => error.into(),
+            other => Self::Of("TdcrError", other.to_string()),
+        }
+    }
+}

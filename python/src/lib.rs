@@ -1,0 +1,44 @@
+//! The native module `tdcr._tdcr` of the Python package: the libraries on NumPy arrays.
+//!
+//! It is thin. The Python package beside it (`python/tdcr/`) converts and names what users hand over, and documents what they
+//! get; here arrays have their right types, and shapes are checked once more, as nothing may panic.
+//!
+//! | module | what it gives to Python |
+//! |---|---|
+//! | [`robot`] | `Robot`, from files or text |
+//! | [`loads`] | `Loads`, and loads by rows |
+//! | [`statics`] | equilibria, one or by rows |
+//! | [`sensitivity`] | their derivatives by rows |
+//!
+//! What they use: [`run`] (threads, the interpreter's lock, Ctrl-C), [`arrays`] and [`errors`].
+
+mod arrays;
+mod errors;
+mod loads;
+mod robot;
+mod run;
+mod sensitivity;
+mod statics;
+
+/// The native part of the package `tdcr`.
+// No interpreter without the lock has tested it yet.
+#[pyo3::pymodule(gil_used = true)]
+mod _tdcr {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use crate::loads::Loads;
+    #[pymodule_export]
+    use crate::robot::Robot;
+    #[pymodule_export]
+    use crate::run::{set_threads, threads};
+    #[pymodule_export]
+    use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
+    #[pymodule_export]
+    use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_rows};
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

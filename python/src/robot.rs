@@ -1,0 +1,160 @@
+//! Robots from files, text and other tools' formats.
+
+use nalgebra::Vector3;
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use tdcr::sim::formats::{mjcf, urdf};
+use tdcr::sim::robot::{Parameter, RobotSpec};
+
+use crate::arrays::array;
+use crate::errors::{Failure, Outcome};
+
+/// A validated robot. Immutable, and cheap to hand around.
+#[pyclass(frozen, module = "tdcr._tdcr")]
+pub struct Robot(pub tdcr::sim::robot::Robot);
+
+impl Robot {
+    fn new(spec: RobotSpec) -> Outcome<Self> {
+        Ok(Self(tdcr::sim::robot::Robot::new(spec)?))
+    }
+}
+
+#[pymethods]
+impl Robot {
+    /// A standard robot by name, or a robot file; with notes on what was passed over in a file of another tool.
+    #[staticmethod]
+    fn load(name_or_path: &str) -> Outcome<(Self, Vec<String>)> {
+        let (spec, notes) = RobotSpec::load_with_notes(name_or_path)?;
+        let notes = notes.iter().map(ToString::to_string).collect();
+        Ok((Self::new(spec)?, notes))
+    }
+
+    /// A robot from the JSON text of a robot file.
+    #[staticmethod]
+    fn from_json(text: &str) -> Outcome<Self> {
+        let spec: RobotSpec = serde_json::from_str(text)
+            .map_err(|error| Failure::Of("RobotError", format!("not a robot: {error}")))?;
+        spec.validate()?;
+        Self::new(spec)
+    }
+
+    /// The robot file as JSON text, from which the same robot is made.
+    fn to_json(&self) -> Outcome<String> {
+        serde_json::to_string(self.0.spec())
+            .map_err(|error| Failure::Of("RobotError", error.to_string()))
+    }
+
+    /// The robot file as TOML text.
+    fn to_toml(&self) -> Outcome<String> {
+        toml::to_string(self.0.spec()).map_err(|error| Failure::Of("RobotError", error.to_string()))
+    }
+
+    /// The robot as a model in MuJoCo's format.
+    fn to_mjcf(&self) -> Outcome<String> {
+        Ok(mjcf::export(
+            self.0.spec(),
+            &mjcf::ExportOptions::default(),
+        )?)
+    }
+
+    /// The robot as URDF.
+    fn to_urdf(&self) -> Outcome<String> {
+        Ok(urdf::export(self.0.spec())?)
+    }
+
+    /// Name.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.0.spec().name
+    }
+
+    /// Number of discs.
+    #[getter]
+    fn discs(&self) -> usize {
+        self.0.discs().len()
+    }
+
+    /// Number of tendons.
+    #[getter]
+    fn tendons(&self) -> usize {
+        self.0.tendons().len()
+    }
+
+    /// Unit of each tendon's command.
+    #[getter]
+    fn units(&self) -> Vec<String> {
+        self.0
+            .tendons()
+            .iter()
+            .map(|tendon| tendon.unit().to_string())
+            .collect()
+    }
+
+    /// Smallest and largest command of each tendon, shape (tendons, 2).
+    fn ranges<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let ranges = self
+            .0
+            .tendons()
+            .iter()
+            .flat_map(|tendon| tendon.range)
+            .collect();
+        array(py, ranges, [self.0.tendons().len(), 2])
+    }
+
+    /// The command in the middle of every tendon's range.
+    fn mean_command<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.mean_command().as_slice())
+    }
+
+    /// Commands drawn uniformly from the box of the tendons' ranges, shape (count, tendons).
+    fn random_commands<'py>(
+        &self,
+        py: Python<'py>,
+        count: usize,
+        seed: u64,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let commands = (0..count).flat_map(|_| self.0.random_command(&mut rng).as_slice().to_vec());
+        array(py, commands.collect(), [count, self.0.tendons().len()])
+    }
+
+    /// Origins of the discs in the straight pose, shape (discs, 3) (m).
+    fn straight_positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let straight = tdcr::sim::dynamics::State::straight(&self.0).positions(&self.0);
+        let places = straight.iter().flat_map(|p: &Vector3<f64>| [p.x, p.y, p.z]);
+        array(py, places.collect(), [self.0.discs().len(), 3])
+    }
+
+    /// Value of a parameter, by its name.
+    fn value(&self, parameter: &str) -> Outcome<f64> {
+        Ok(self.0.spec().value(named(parameter)?)?)
+    }
+
+    /// Unit of a parameter, by its name.
+    #[staticmethod]
+    fn unit_of(parameter: &str) -> Outcome<&'static str> {
+        Ok(named(parameter)?.unit())
+    }
+
+    /// This robot with other values of some parameters.
+    fn with_values(&self, names: Vec<String>, values: Vec<f64>) -> Outcome<Self> {
+        let names = parameters(&names)?;
+        let values: Vec<_> = names.into_iter().zip(values).collect();
+        Self::new(self.0.spec().with(&values)?)
+    }
+}
+
+/// A parameter by its name.
+pub fn named(name: &str) -> Outcome<Parameter> {
+    name.parse()
+        .map_err(|error: tdcr::sim::robot::ParameterKeyError| {
+            Failure::Of("ParameterError", error.to_string())
+        })
+}
+
+/// Parameters by their names.
+pub fn parameters(names: &[String]) -> Outcome<Vec<Parameter>> {
+    names.iter().map(|name| named(name)).collect()
+}

@@ -1,0 +1,215 @@
+//! Derivatives of equilibria, by rows.
+//!
+//! Quaternions (w, x, y, z) are of unit length, and so is every neighbour that a derivative speaks of: a change of a pose is a
+//! rotation vector `omega` in the world frame, with `dq = 1/2 (0, omega) q`.
+
+use nalgebra::{UnitQuaternion, Vector3};
+use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use rayon::prelude::*;
+use tdcr::sim::robot::Parameter;
+use tdcr::sim::sensitivity::{PoseTangent, Sensitivity};
+
+use crate::arrays::{array, contiguous};
+use crate::errors::{Failure, Outcome};
+use crate::loads::Loads;
+use crate::robot::{Robot, parameters};
+use crate::run;
+use crate::statics::Questions;
+
+/// What becomes of rows without derivatives: not settled, or on the brink of instability.
+#[derive(Clone, Copy, PartialEq)]
+enum OnFailure {
+    /// The call fails, and names the first of them.
+    Raise,
+    /// Their derivatives are not numbers.
+    Nan,
+}
+
+impl OnFailure {
+    fn of(raises: bool) -> Self {
+        if raises { Self::Raise } else { Self::Nan }
+    }
+}
+
+/// Change (w, x, y, z) of a quaternion under a rotation vector.
+pub fn quaternion_change(q: &UnitQuaternion<f64>, rotation: &Vector3<f64>) -> [f64; 4] {
+    let v = q.imag();
+    let change = (rotation * q.w + rotation.cross(&v)) * 0.5;
+    [-0.5 * rotation.dot(&v), change.x, change.y, change.z]
+}
+
+/// Derivative of a cost by a rotation vector, from that by a quaternion (w, x, y, z): the adjoint of [`quaternion_change`].
+pub fn rotation_cotangent(q: &UnitQuaternion<f64>, [w, x, y, z]: [f64; 4]) -> Vector3<f64> {
+    let (v, g) = (q.imag(), Vector3::new(x, y, z));
+    (g * q.w - v * w + v.cross(&g)) * 0.5
+}
+
+/// Computes each row's numbers from its sensitivity, in parallel.
+fn by_rows(
+    py: Python<'_>,
+    rows: &Questions,
+    width: usize,
+    failures: OnFailure,
+    write: impl Fn(usize, &Sensitivity, &[UnitQuaternion<f64>], &mut [f64]) -> Outcome<()> + Sync,
+) -> Outcome<Vec<f64>> {
+    let mut numbers = vec![0.0; width * rows.rows()];
+    if width == 0 {
+        return Ok(numbers);
+    }
+    let failed = run::long(py, None, |watch| {
+        let differentiate = |settler: &mut Option<_>, row: usize, out: &mut [f64]| -> Outcome<()> {
+            let (command, loads) = (&rows.commands[row], &rows.loads[row]);
+            let settled = rows.settler(settler, row).settle(command, loads);
+            let sensitivity = rows.robot(row).sensitivity(command, loads, settled)?;
+            write(row, &sensitivity, &settled.orientations, out)
+        };
+        let outcomes = numbers.par_chunks_exact_mut(width).enumerate().map_init(
+            || None,
+            |settler, (row, out)| {
+                if watch.stopped() {
+                    return None;
+                }
+                let failure = differentiate(settler, row, out).err()?;
+                out.fill(f64::NAN);
+                // What is wrong with the question is told in any case.
+                let told = failures == OnFailure::Raise
+                    || !matches!(failure, Failure::Of("SensitivityError", _));
+                told.then_some((row, failure))
+            },
+        );
+        outcomes.flatten().min_by_key(|(row, _)| *row)
+    })?;
+    match failed {
+        Some((row, failure)) if rows.rows() > 1 => Err(failure.of_row(row)),
+        Some((_, failure)) => Err(failure),
+        None => Ok(numbers),
+    }
+}
+
+/// Jacobian of the disc poses by parameters for each row, shape (rows, 6 discs, parameters): for each disc the change of its
+/// origin (m) and its rotation vector (rad), world frame.
+#[pyfunction]
+#[pyo3(signature = (robots, commands, loads, payload, wrench, names, raises))]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
+pub fn jacobian_rows<'py>(
+    py: Python<'py>,
+    robots: Vec<PyRef<'_, Robot>>,
+    commands: PyReadonlyArray2<'_, f64>,
+    loads: Vec<PyRef<'_, Loads>>,
+    payload: Option<PyReadonlyArray1<'_, f64>>,
+    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    names: Vec<String>,
+    raises: bool,
+) -> Outcome<Bound<'py, PyArray3<f64>>> {
+    let rows = Questions::new(
+        &robots,
+        &commands,
+        &loads,
+        payload.as_ref(),
+        wrench.as_ref(),
+    )?;
+    let names = parameters(&names)?;
+    let (poses, width) = (6 * rows.discs, names.len());
+    let jacobian = |_, sensitivity: &Sensitivity, _: &[_], out: &mut [f64]| -> Outcome<()> {
+        let jacobian = sensitivity.jacobian(&names)?;
+        for (out, row) in out.chunks_exact_mut(width).zip(jacobian.row_iter()) {
+            out.iter_mut()
+                .zip(row.iter())
+                .for_each(|(out, entry)| *out = *entry);
+        }
+        Ok(())
+    };
+    let numbers = by_rows(py, &rows, poses * width, OnFailure::of(raises), jacobian)?;
+    Ok(array(py, numbers, [rows.rows(), poses, width])?)
+}
+
+/// Change of the disc poses of each row, shape (rows, discs, 7), when its parameters change at `rates`, shape (rows,
+/// parameters): origins (m), then quaternions.
+#[pyfunction]
+#[pyo3(signature = (robots, commands, loads, payload, wrench, names, rates, raises))]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
+pub fn jvp_rows<'py>(
+    py: Python<'py>,
+    robots: Vec<PyRef<'_, Robot>>,
+    commands: PyReadonlyArray2<'_, f64>,
+    loads: Vec<PyRef<'_, Loads>>,
+    payload: Option<PyReadonlyArray1<'_, f64>>,
+    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    names: Vec<String>,
+    rates: PyReadonlyArray2<'_, f64>,
+    raises: bool,
+) -> Outcome<Bound<'py, PyArray3<f64>>> {
+    let rows = Questions::new(
+        &robots,
+        &commands,
+        &loads,
+        payload.as_ref(),
+        wrench.as_ref(),
+    )?;
+    let names = parameters(&names)?;
+    let rates = contiguous(&rates, "rates", &[rows.rows(), names.len()])?.to_vec();
+    let jvp =
+        |row: usize, sensitivity: &Sensitivity, turned: &[_], out: &mut [f64]| -> Outcome<()> {
+            let rates = &rates[row * names.len()..(row + 1) * names.len()];
+            let direction: Vec<(Parameter, f64)> =
+                names.iter().copied().zip(rates.iter().copied()).collect();
+            let changes = sensitivity.jvp(&direction)?;
+            for ((out, change), q) in out
+                .as_chunks_mut::<7>()
+                .0
+                .iter_mut()
+                .zip(changes)
+                .zip(turned)
+            {
+                let [w, x, y, z] = quaternion_change(q, &change.rotation);
+                let p = change.position;
+                *out = [p.x, p.y, p.z, w, x, y, z];
+            }
+            Ok(())
+        };
+    let numbers = by_rows(py, &rows, 7 * rows.discs, OnFailure::of(raises), jvp)?;
+    Ok(array(py, numbers, [rows.rows(), rows.discs, 7])?)
+}
+
+/// Derivative of a cost of each row by its parameters, shape (rows, parameters), from that by its disc poses, shape (rows,
+/// discs, 7): origins (1/m), then quaternions.
+#[pyfunction]
+#[pyo3(signature = (robots, commands, loads, payload, wrench, names, cotangents, raises))]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
+pub fn vjp_rows<'py>(
+    py: Python<'py>,
+    robots: Vec<PyRef<'_, Robot>>,
+    commands: PyReadonlyArray2<'_, f64>,
+    loads: Vec<PyRef<'_, Loads>>,
+    payload: Option<PyReadonlyArray1<'_, f64>>,
+    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    names: Vec<String>,
+    cotangents: PyReadonlyArray3<'_, f64>,
+    raises: bool,
+) -> Outcome<Bound<'py, PyArray2<f64>>> {
+    let rows = Questions::new(
+        &robots,
+        &commands,
+        &loads,
+        payload.as_ref(),
+        wrench.as_ref(),
+    )?;
+    let names = parameters(&names)?;
+    let cotangents = contiguous(&cotangents, "cotangents", &[rows.rows(), rows.discs, 7])?;
+    let cotangents = cotangents.as_chunks::<7>().0.to_vec();
+    let vjp =
+        |row: usize, sensitivity: &Sensitivity, turned: &[_], out: &mut [f64]| -> Outcome<()> {
+            let of_row = &cotangents[row * rows.discs..(row + 1) * rows.discs];
+            let of_pose =
+                |(&[px, py, pz, w, x, y, z], q): (&[f64; 7], &UnitQuaternion<f64>)| PoseTangent {
+                    position: Vector3::new(px, py, pz),
+                    rotation: rotation_cotangent(q, [w, x, y, z]),
+                };
+            let poses: Vec<PoseTangent> = of_row.iter().zip(turned).map(of_pose).collect();
+            out.copy_from_slice(&sensitivity.vjp(&poses, &names)?);
+            Ok(())
+        };
+    let numbers = by_rows(py, &rows, names.len(), OnFailure::of(raises), vjp)?;
+    Ok(array(py, numbers, [rows.rows(), names.len()])?)
+}

@@ -1,0 +1,386 @@
+//! Equilibria, one or by rows.
+
+use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use rayon::prelude::*;
+use tdcr::sim::chain::Configuration;
+use tdcr::sim::robot::Command;
+use tdcr::sim::statics::{Equilibrium, Stability};
+
+use crate::arrays::{array, contiguous, quaternions, write_points, write_quaternions};
+use crate::errors::{Failure, Outcome};
+use crate::loads::{LoadRows, Loads};
+use crate::robot::Robot;
+use crate::run;
+
+/// What each row is asked for: a robot, a command and loads.
+pub struct Questions {
+    /// One for all rows, or one a row; all of as many discs and tendons.
+    robots: Vec<tdcr::sim::robot::Robot>,
+    pub commands: Vec<Command>,
+    pub loads: Vec<tdcr::sim::robot::Loads>,
+    pub discs: usize,
+    pub tendons: usize,
+}
+
+impl Questions {
+    /// Checks the rows of a batch.
+    pub fn new(
+        robots: &[PyRef<'_, Robot>],
+        commands: &PyReadonlyArray2<'_, f64>,
+        loads: &[PyRef<'_, Loads>],
+        payload: Option<&PyReadonlyArray1<'_, f64>>,
+        wrench: Option<&PyReadonlyArray3<'_, f64>>,
+    ) -> Outcome<Self> {
+        let rows = numpy::PyUntypedArrayMethods::shape(&**commands)[0];
+        let robots: Vec<_> = robots.iter().map(|robot| robot.0.clone()).collect();
+        let Some(first) = robots
+            .first()
+            .filter(|_| robots.len() == 1 || robots.len() == rows)
+        else {
+            let message = format!("{} robots, expected 1 or {rows}, one a row", robots.len());
+            return Err(Failure::input(message));
+        };
+        let (discs, tendons) = (first.discs().len(), first.tendons().len());
+        let alike = |robot: &tdcr::sim::robot::Robot| {
+            (robot.discs().len(), robot.tendons().len()) == (discs, tendons)
+        };
+        if let Some(other) = robots.iter().position(|robot| !alike(robot)) {
+            let message = format!(
+                "robot {other} has {} discs and {} tendons, robot 0 has {discs} and {tendons}: expected robots of one size",
+                robots[other].discs().len(),
+                robots[other].tendons().len()
+            );
+            return Err(Failure::input(message));
+        }
+        let values = contiguous(commands, "commands", &[rows, tendons])?;
+        let rows_of_loads = LoadRows::new(loads, payload, wrench, rows, discs)?;
+        let mut questions = Self {
+            commands: Vec::with_capacity(rows),
+            loads: Vec::with_capacity(rows),
+            robots,
+            discs,
+            tendons,
+        };
+        for row in 0..rows {
+            let values = &values[row * tendons..(row + 1) * tendons];
+            let of_row = |failure: Failure| {
+                if rows == 1 {
+                    failure
+                } else {
+                    failure.of_row(row)
+                }
+            };
+            let command = questions.robot(row).command(values);
+            questions
+                .commands
+                .push(command.map_err(|error| of_row(error.into()))?);
+            let loads = rows_of_loads.row(row).map_err(of_row)?;
+            loads
+                .check(questions.robot(row))
+                .map_err(|error| of_row(error.into()))?;
+            questions.loads.push(loads);
+        }
+        Ok(questions)
+    }
+
+    pub fn rows(&self) -> usize {
+        self.commands.len()
+    }
+
+    pub fn robot(&self, row: usize) -> &tdcr::sim::robot::Robot {
+        &self.robots[if self.robots.len() == 1 { 0 } else { row }]
+    }
+
+    /// A settler for a row, the one at hand where it is of the same robot.
+    pub fn settler<'a>(
+        &self,
+        at_hand: &'a mut Option<tdcr::sim::statics::Settler>,
+        row: usize,
+    ) -> &'a mut tdcr::sim::statics::Settler {
+        if self.robots.len() > 1 {
+            *at_hand = None;
+        }
+        at_hand.get_or_insert_with(|| tdcr::sim::statics::Settler::new(self.robot(row)))
+    }
+}
+
+/// Equilibria by rows: the first axis of each array.
+#[pyclass(frozen, get_all, module = "tdcr._tdcr")]
+pub struct EquilibriumRows {
+    positions: Py<PyArray3<f64>>,
+    quaternions: Py<PyArray3<f64>>,
+    configuration: Py<PyArray3<f64>>,
+    lengths: Py<PyArray2<f64>>,
+    tensions: Py<PyArray2<f64>>,
+    residual: Py<PyArray1<f64>>,
+    iterations: Py<PyArray1<u32>>,
+    converged: Py<PyArray1<bool>>,
+    stability: Py<PyArray1<u8>>,
+}
+
+/// The numbers of [`EquilibriumRows`], before they are arrays.
+pub struct Numbers {
+    discs: usize,
+    tendons: usize,
+    positions: Vec<f64>,
+    quaternions: Vec<f64>,
+    configuration: Vec<f64>,
+    lengths: Vec<f64>,
+    tensions: Vec<f64>,
+    residual: Vec<f64>,
+    iterations: Vec<u32>,
+    converged: Vec<bool>,
+    stability: Vec<u8>,
+}
+
+/// Where the numbers of one row go.
+pub struct Row<'a> {
+    positions: &'a mut [f64],
+    quaternions: &'a mut [f64],
+    configuration: &'a mut [f64],
+    lengths: &'a mut [f64],
+    tensions: &'a mut [f64],
+    residual: &'a mut f64,
+    iterations: &'a mut u32,
+    converged: &'a mut bool,
+    stability: &'a mut u8,
+}
+
+impl Numbers {
+    pub fn new(rows: usize, discs: usize, tendons: usize) -> Self {
+        Self {
+            discs,
+            tendons,
+            positions: vec![0.0; 3 * discs * rows],
+            quaternions: vec![0.0; 4 * discs * rows],
+            configuration: vec![0.0; 4 * discs * rows],
+            lengths: vec![0.0; tendons * rows],
+            tensions: vec![0.0; tendons * rows],
+            residual: vec![0.0; rows],
+            iterations: vec![0; rows],
+            converged: vec![false; rows],
+            stability: vec![0; rows],
+        }
+    }
+
+    /// Where each row goes.
+    pub fn rows(&mut self) -> Vec<Row<'_>> {
+        let (n, t) = (self.discs, self.tendons);
+        let mut lengths = self.lengths.as_mut_slice();
+        let mut tensions = self.tensions.as_mut_slice();
+        let places = self.positions.chunks_exact_mut(3 * n);
+        let turns = self.quaternions.chunks_exact_mut(4 * n);
+        let joints = self.configuration.chunks_exact_mut(4 * n);
+        let solved = self.residual.iter_mut().zip(&mut self.iterations);
+        let state = self.converged.iter_mut().zip(&mut self.stability);
+        (places.zip(turns).zip(joints))
+            .zip(solved.zip(state))
+            .map(
+                |(
+                    ((positions, quaternions), configuration),
+                    ((residual, iterations), (converged, stability)),
+                )| {
+                    let (length, rest) = std::mem::take(&mut lengths).split_at_mut(t);
+                    lengths = rest;
+                    let (tension, rest) = std::mem::take(&mut tensions).split_at_mut(t);
+                    tensions = rest;
+                    Row {
+                        positions,
+                        quaternions,
+                        configuration,
+                        lengths: length,
+                        tensions: tension,
+                        residual,
+                        iterations,
+                        converged,
+                        stability,
+                    }
+                },
+            )
+            .collect()
+    }
+
+    pub fn into_arrays(self, py: Python<'_>) -> PyResult<EquilibriumRows> {
+        let (rows, n, t) = (self.residual.len(), self.discs, self.tendons);
+        Ok(EquilibriumRows {
+            positions: array(py, self.positions, [rows, n, 3])?.unbind(),
+            quaternions: array(py, self.quaternions, [rows, n, 4])?.unbind(),
+            configuration: array(py, self.configuration, [rows, n, 4])?.unbind(),
+            lengths: array(py, self.lengths, [rows, t])?.unbind(),
+            tensions: array(py, self.tensions, [rows, t])?.unbind(),
+            residual: array(py, self.residual, [rows])?.unbind(),
+            iterations: array(py, self.iterations, [rows])?.unbind(),
+            converged: array(py, self.converged, [rows])?.unbind(),
+            stability: array(py, self.stability, [rows])?.unbind(),
+        })
+    }
+}
+
+impl Row<'_> {
+    pub fn write(&mut self, equilibrium: &Equilibrium) {
+        write_points(&equilibrium.positions, self.positions);
+        write_quaternions(&equilibrium.orientations, self.quaternions);
+        write_quaternions(&equilibrium.configuration.0, self.configuration);
+        self.lengths.copy_from_slice(&equilibrium.tendon_lengths);
+        self.tensions.copy_from_slice(&equilibrium.tendon_tensions);
+        *self.residual = equilibrium.residual;
+        *self.iterations = u32::try_from(equilibrium.iterations).unwrap_or(u32::MAX);
+        *self.converged = equilibrium.converged;
+        *self.stability = match equilibrium.stability {
+            Some(Stability::Stable) => 1,
+            Some(Stability::Neutral) => 2,
+            Some(Stability::Unstable) => 3,
+            None => 0,
+        };
+    }
+}
+
+/// Settles each row from the straight pose, on all threads. `progress` is told how many more rows are done.
+#[pyfunction]
+#[pyo3(signature = (robots, commands, loads, payload=None, wrench=None, progress=None))]
+pub fn settle_rows(
+    py: Python<'_>,
+    robots: Vec<PyRef<'_, Robot>>,
+    commands: PyReadonlyArray2<'_, f64>,
+    loads: Vec<PyRef<'_, Loads>>,
+    payload: Option<PyReadonlyArray1<'_, f64>>,
+    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> Outcome<EquilibriumRows> {
+    let rows = Questions::new(
+        &robots,
+        &commands,
+        &loads,
+        payload.as_ref(),
+        wrench.as_ref(),
+    )?;
+    let mut numbers = Numbers::new(rows.rows(), rows.discs, rows.tendons);
+    run::long(py, progress.as_ref(), |watch| {
+        numbers.rows().par_iter_mut().enumerate().for_each_init(
+            || None,
+            |settler, (row, out)| {
+                if !watch.stopped() {
+                    let settler = rows.settler(settler, row);
+                    out.write(settler.settle(&rows.commands[row], &rows.loads[row]));
+                    watch.advance(1);
+                }
+            },
+        );
+    })?;
+    Ok(numbers.into_arrays(py)?)
+}
+
+/// Follows the branch of equilibria along rows of commands, each from the last one.
+#[pyfunction]
+#[pyo3(signature = (robot, commands, loads, payload=None, wrench=None, progress=None))]
+pub fn follow_rows(
+    py: Python<'_>,
+    robot: PyRef<'_, Robot>,
+    commands: PyReadonlyArray2<'_, f64>,
+    loads: Vec<PyRef<'_, Loads>>,
+    payload: Option<PyReadonlyArray1<'_, f64>>,
+    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> Outcome<EquilibriumRows> {
+    let rows = Questions::new(
+        &[robot],
+        &commands,
+        &loads,
+        payload.as_ref(),
+        wrench.as_ref(),
+    )?;
+    let mut numbers = Numbers::new(rows.rows(), rows.discs, rows.tendons);
+    run::long(py, progress.as_ref(), |watch| {
+        let mut settler = None;
+        for (row, out) in numbers.rows().iter_mut().enumerate() {
+            if watch.stopped() {
+                break;
+            }
+            let settler = rows.settler(&mut settler, row);
+            out.write(settler.follow(&rows.commands[row], &rows.loads[row]));
+            watch.advance(1);
+        }
+    })?;
+    Ok(numbers.into_arrays(py)?)
+}
+
+/// Finds equilibria of one robot, and remembers the last one.
+#[pyclass(module = "tdcr._tdcr")]
+pub struct Settler(tdcr::sim::statics::Settler);
+
+impl Settler {
+    fn question(&self, command: &PyReadonlyArray1<'_, f64>, loads: &Loads) -> Outcome<Command> {
+        let tendons = self.0.robot().tendons().len();
+        let command = self
+            .0
+            .robot()
+            .command(contiguous(command, "command", &[tendons])?)?;
+        loads.0.check(self.0.robot())?;
+        Ok(command)
+    }
+
+    fn rows(&self, py: Python<'_>) -> Outcome<EquilibriumRows> {
+        let robot = self.0.robot();
+        let mut numbers = Numbers::new(1, robot.discs().len(), robot.tendons().len());
+        numbers.rows()[0].write(self.0.equilibrium());
+        Ok(numbers.into_arrays(py)?)
+    }
+}
+
+#[pymethods]
+impl Settler {
+    #[new]
+    fn new(robot: PyRef<'_, Robot>) -> Self {
+        Self(tdcr::sim::statics::Settler::new(&robot.0))
+    }
+
+    /// Settles from the straight pose.
+    fn settle(
+        &mut self,
+        py: Python<'_>,
+        command: PyReadonlyArray1<'_, f64>,
+        loads: PyRef<'_, Loads>,
+    ) -> Outcome<EquilibriumRows> {
+        let command = self.question(&command, &loads)?;
+        let (settler, loads) = (&mut self.0, &loads.0);
+        py.detach(|| {
+            settler.settle(&command, loads);
+        });
+        self.rows(py)
+    }
+
+    /// Follows the branch of equilibria from the last one.
+    fn follow(
+        &mut self,
+        py: Python<'_>,
+        command: PyReadonlyArray1<'_, f64>,
+        loads: PyRef<'_, Loads>,
+    ) -> Outcome<EquilibriumRows> {
+        let command = self.question(&command, &loads)?;
+        let (settler, loads) = (&mut self.0, &loads.0);
+        py.detach(|| {
+            settler.follow(&command, loads);
+        });
+        self.rows(py)
+    }
+
+    /// Settles from a configuration, shape (discs, 4).
+    fn settle_from(
+        &mut self,
+        py: Python<'_>,
+        command: PyReadonlyArray1<'_, f64>,
+        loads: PyRef<'_, Loads>,
+        configuration: PyReadonlyArray2<'_, f64>,
+    ) -> Outcome<EquilibriumRows> {
+        let command = self.question(&command, &loads)?;
+        let discs = self.0.robot().discs().len();
+        let start = contiguous(&configuration, "configuration", &[discs, 4])?;
+        let start = Configuration(quaternions(start));
+        let (settler, loads) = (&mut self.0, &loads.0);
+        py.detach(|| {
+            settler.settle_from(&start, &command, loads);
+        });
+        self.rows(py)
+    }
+}

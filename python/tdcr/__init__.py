@@ -1,0 +1,39 @@
+"""Tendon-driven continuum robots: simulate, differentiate, see, learn.
+
+>>> import tdcr
+>>> robot = tdcr.Robot("2m")
+>>> settled = tdcr.settle(robot, [0.034, 0.007, 0.001, 0.026, 0.015, 0.019], payload=0.02)
+>>> settled.converged
+True
+
+SI units throughout: metres, kilograms, seconds, newtons, radians; quaternions are (w, x, y, z); the world's z axis points up.
+Arrays may be of any library that NumPy understands. Errors are of the tree in :mod:`tdcr.errors`.
+"""
+
+from tdcr import errors
+from tdcr._tdcr import __version__, set_threads, threads
+from tdcr.errors import TdcrError
+from tdcr.loads import Loads, Wrench
+from tdcr.robot import Robot
+from tdcr.sensitivity import jacobian, jvp, vjp
+from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
+
+__all__ = [
+    "Equilibria",
+    "Equilibrium",
+    "Loads",
+    "Robot",
+    "Settler",
+    "TdcrError",
+    "Wrench",
+    "__version__",
+    "errors",
+    "follow",
+    "jacobian",
+    "jvp",
+    "set_threads",
+    "settle",
+    "settle_batch",
+    "threads",
+    "vjp",
+]

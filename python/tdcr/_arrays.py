@@ -1,0 +1,118 @@
+"""Arrays of any library in, NumPy arrays of float64 in C order out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr.errors import InputError
+
+Floats = NDArray[np.float64]
+"""An array of float64."""
+
+Progress = Callable[[int], object]
+"""Is called with how many rows, samples or steps were done since its last call: ``tqdm(total=...).update`` is one."""
+
+_ON_THE_CPU = (1, 3)
+"""DLPack's device types of memory that the processor reads: its own, and CUDA's page-locked one."""
+
+
+def as_float(value: Any, name: str, shape: Sequence[int | str]) -> Floats:
+    """Returns ``value`` as a float64 array of this shape in C order.
+
+    Args:
+        value: Anything that ``numpy.from_dlpack`` or ``numpy.asarray`` takes, of real numbers.
+        name: What it is called in errors.
+        shape: A length for each axis, or the name of an axis of any length.
+
+    Raises:
+        InputError: For another shape or type, numbers that are not finite, and tensors that are on a GPU.
+    """
+    array = as_array(value, name)
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{name} has entries of type {array.dtype}; expected real numbers")
+    fits = array.ndim == len(shape) and all(
+        isinstance(wanted, str) or found == wanted for found, wanted in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        raise InputError(f"{name} has shape {_shape(array.shape)}; expected {_shape(shape)}")
+    floats = np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
+    # A sum is finite where all entries are, short of an overflow: the usual case at a fraction of the cost.
+    if not np.isfinite(floats.sum()) and not np.isfinite(floats).all():
+        where = tuple(int(k) for k in np.argwhere(~np.isfinite(floats))[0])
+        index = "".join(f"[{k}]" for k in where)
+        raise InputError(f"{name}{index} is {floats[where]}; expected finite numbers")
+    return floats
+
+
+def as_rows(value: Any, name: str, width: int, what: str) -> Floats:
+    """Returns ``value`` as rows of ``width`` numbers, a single row as one row; ``what`` names the width in errors."""
+    array = as_array(value, name)
+    if array.ndim == 1:
+        array = array[np.newaxis]
+    if array.ndim == 2 and array.shape[1] != width:
+        raise InputError(f"{name} has {array.shape[1]} entries a row; expected {width}, {what}")
+    return as_float(array, name, ("rows", width))
+
+
+def as_quaternions(value: Any, name: str, shape: Sequence[int | str]) -> Floats:
+    """Returns quaternions (w, x, y, z) as an array of this shape, of unit length; refuses those that are 0."""
+    quaternions = as_float(value, name, shape)
+    norms: Floats = np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    if not (norms > 0.0).all():
+        raise InputError(f"{name} has a quaternion that is 0; expected rotations (w, x, y, z)")
+    return quaternions / norms
+
+
+def as_count(value: Any, name: str, smallest: int = 0, largest: int = 2**53) -> int:
+    """Returns ``value`` as a whole number within bounds."""
+    try:
+        count = int(value.__index__())
+    except (AttributeError, TypeError):
+        raise InputError(f"{name} is {value!r}; expected a whole number") from None
+    if not smallest <= count <= largest:
+        raise InputError(f"{name} is {count}; expected {smallest} to {largest}")
+    return count
+
+
+def as_number(value: Any, name: str) -> float:
+    """Returns ``value`` as a finite number."""
+    return float(as_float(value, name, ()))
+
+
+def as_array(value: Any, name: str) -> NDArray[Any]:
+    """``value`` as an array of whatever type, without a copy where that is possible."""
+    if isinstance(value, np.ndarray):
+        return value
+    device = getattr(value, "__dlpack_device__", None)
+    if device is not None:
+        kind, number = device()
+        if kind not in _ON_THE_CPU:
+            raise InputError(
+                f"{name} is on another device (DLPack device type {int(kind)}, number {int(number)}); expected an array in "
+                "the processor's memory: copy it there first, in PyTorch with `.cpu()`, in JAX with `jax.device_get`"
+            )
+        if getattr(value, "requires_grad", False):
+            raise InputError(
+                f"{name} is a tensor that requires gradients, which this function does not give; expected "
+                f"`{name}.detach()`, or a function of `tdcr.torch`"
+            )
+        try:
+            shared: NDArray[Any] = np.from_dlpack(value)
+            return shared
+        except (BufferError, RuntimeError, TypeError):
+            # Types that DLPack lacks, such as booleans of some versions.
+            pass
+    try:
+        return np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is not an array of numbers: {error}") from None
+
+
+def _shape(shape: Sequence[int | str]) -> str:
+    """A shape as Python writes it."""
+    inner = ", ".join(str(length) for length in shape)
+    return f"({inner},)" if len(shape) == 1 else f"({inner})"

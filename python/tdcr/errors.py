@@ -1,0 +1,55 @@
+"""What can go wrong: one tree of exceptions, under :class:`TdcrError`.
+
+Messages say what was found, where, and what would be right. An input that is refused is a ``ValueError`` too, a computation
+without a result a ``RuntimeError``.
+"""
+
+from __future__ import annotations
+
+
+class TdcrError(Exception):
+    """Base of all errors of this package."""
+
+
+class InputError(TdcrError, ValueError):
+    """An argument has the wrong shape, type or value."""
+
+
+class RobotError(InputError):
+    """A robot is unknown, or its file or dictionary does not describe one."""
+
+
+class CommandError(InputError):
+    """A command has the wrong number of entries, or one out of its tendon's range."""
+
+
+class LoadsError(InputError):
+    """A load is not finite, or acts on a disc that the robot does not have."""
+
+
+class ParameterError(InputError):
+    """A parameter is unknown, or the robot does not have it."""
+
+
+class NotSettledError(TdcrError, RuntimeError):
+    """There is no equilibrium where one was sought."""
+
+
+class SensitivityError(TdcrError, RuntimeError):
+    """An equilibrium has no derivatives: the robot has not settled, or is on the brink of instability."""
+
+
+class DynamicsError(TdcrError, RuntimeError):
+    """A motion cannot be computed, or it diverged."""
+
+
+class DataError(TdcrError, RuntimeError):
+    """A data set cannot be read, written, or used."""
+
+
+class TrainError(TdcrError, RuntimeError):
+    """Training cannot start, or diverged; or a model does not fit its use."""
+
+
+class MissingPackageError(TdcrError, ImportError):
+    """An optional package is not installed."""

@@ -1,0 +1,113 @@
+"""Loads on a robot besides its own weight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, as_count, as_float
+from tdcr.errors import InputError, LoadsError
+
+Vector = tuple[float, float, float]
+
+
+def _three(vector: Sequence[float], name: str) -> Vector:
+    try:
+        x, y, z = (float(component) for component in vector)
+    except (TypeError, ValueError):
+        raise LoadsError(f"the {name} is {vector!r}; expected three numbers") from None
+    return x, y, z
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """A force and a moment on a disc.
+
+    Attributes:
+        disc: The disc, from 0 at the base.
+        force: Force on the disc's origin (N).
+        moment: Moment (N m).
+        frame: The frame that both are given in and keep their direction in: ``"world"``, or ``"disc"`` for a wrench that turns
+            with its disc.
+    """
+
+    disc: int
+    force: Vector = (0.0, 0.0, 0.0)
+    moment: Vector = (0.0, 0.0, 0.0)
+    frame: Literal["world", "disc"] = "world"
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Loads on a robot besides its own weight.
+
+    Attributes:
+        payload: Mass hung from the last disc (kg).
+        payload_offset: Where it hangs, in the last disc's frame (m).
+        wrenches: Forces and moments on discs.
+        line: Force for each length of the backbone, world frame (N/m).
+
+    Raises:
+        LoadsError: For a negative mass, or numbers that are not finite.
+    """
+
+    payload: float = 0.0
+    payload_offset: Vector = (0.0, 0.0, 0.0)
+    wrenches: tuple[Wrench, ...] = ()
+    line: Vector = (0.0, 0.0, 0.0)
+    _native: _tdcr.Loads = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        wrenches = []
+        for wrench in self.wrenches:
+            if wrench.frame not in ("world", "disc"):
+                raise LoadsError(f"a wrench is given in the frame {wrench.frame!r}; expected 'world' or 'disc'")
+            disc = as_count(wrench.disc, "disc of a wrench")
+            force, moment = _three(wrench.force, "force"), _three(wrench.moment, "moment")
+            wrenches.append((disc, force, moment, wrench.frame == "disc"))
+        offset, line = _three(self.payload_offset, "payload_offset"), _three(self.line, "line")
+        native = _tdcr.Loads(float(self.payload), offset, wrenches, line)
+        object.__setattr__(self, "_native", native)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Loads, (self.payload, self.payload_offset, self.wrenches, self.line)
+
+
+NO_LOADS = Loads()
+"""No loads but the robot's own weight."""
+
+
+@dataclass(frozen=True)
+class LoadRows:
+    """Loads of each row of a batch, as the native module takes them."""
+
+    base: list[_tdcr.Loads]
+    payload: Floats | None
+    wrench: Floats | None
+
+    @classmethod
+    def of(cls, loads: Loads | Sequence[Loads] | None, payload: Any, wrench: Any, rows: int, discs: int) -> LoadRows:
+        """Reads the arguments that describe loads: see :func:`tdcr.settle_batch`."""
+        if loads is None:
+            base = [NO_LOADS]
+        else:
+            base = [loads] if isinstance(loads, Loads) else list(loads)
+        if any(not isinstance(one, Loads) for one in base):
+            raise InputError("loads are not tdcr.Loads; expected one for all rows, or one for each row")
+        if payload is not None and any(one.payload for one in base):
+            raise InputError("the payload is given twice, by `payload` and by `loads`; expected one of them")
+        masses, wrenches = _rows(payload, "payload", (rows,)), _rows(wrench, "wrench", (rows, discs, 6))
+        return cls([one._native for one in base], masses, wrenches)
+
+
+def _rows(value: Any, name: str, shape: tuple[int, ...]) -> Floats | None:
+    """Rows of numbers, or one row that is for all."""
+    if value is None:
+        return None
+    one_for_all = np.ndim(value) == len(shape) - 1
+    numbers = as_float(value, name, shape[1:] if one_for_all else shape)
+    return np.ascontiguousarray(np.broadcast_to(numbers, shape))

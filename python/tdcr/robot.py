@@ -1,0 +1,169 @@
+"""Robots: those that the paper calls 2m, 3m and 5m, and any of your own."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, as_count, as_number
+from tdcr.errors import InputError, RobotError
+
+
+class Robot:
+    """A tendon-driven continuum robot: discs on ball joints, pulled by tendons.
+
+    Robots never change; :meth:`with_values` makes others. They compare by what they consist of, and can be pickled.
+
+    Args:
+        source: ``"2m"``, ``"3m"`` or ``"5m"`` of the paper; the path of a robot file (``.toml``, ``.json``, MJCF as ``.xml``,
+            ``.urdf``); a dictionary with the fields of a robot file; or a robot.
+
+    Raises:
+        RobotError: If there is no such robot, or it cannot be read or built. The message names the field.
+    """
+
+    # Plain attributes, not the native object's: `torch.compile` looks through these.
+    __slots__ = ("_discs", "_native", "_tendons", "_text", "notes")
+
+    _native: _tdcr.Robot
+    _text: str
+    notes: tuple[str, ...]
+    """What was passed over in a file of another tool."""
+
+    def __init__(self, source: str | os.PathLike[str] | Mapping[str, Any] | Robot = "2m") -> None:
+        if isinstance(source, Robot):
+            self._keep(source._native, source.notes)
+        elif isinstance(source, Mapping):
+            self._keep(_tdcr.Robot.from_json(_to_json(source)))
+        elif isinstance(source, str | os.PathLike):
+            native, notes = _tdcr.Robot.load(os.fspath(source))
+            self._keep(native, tuple(notes))
+        else:
+            raise RobotError(f"a robot from {source!r}; expected a name, a path, a dictionary or a robot")
+
+    def _keep(self, native: _tdcr.Robot, notes: tuple[str, ...] = ()) -> None:
+        self._native, self.notes, self._text = native, notes, native.to_json()
+        self._discs, self._tendons = native.discs, native.tendons
+
+    @classmethod
+    def _of(cls, native: _tdcr.Robot, notes: tuple[str, ...] = ()) -> Robot:
+        robot = cls.__new__(cls)
+        robot._keep(native, notes)
+        return robot
+
+    @property
+    def name(self) -> str:
+        """Name."""
+        return self._native.name
+
+    @property
+    def discs(self) -> int:
+        """Number of discs ``n``."""
+        return self._discs
+
+    @property
+    def tendons(self) -> int:
+        """Number of tendons: a command has one entry for each."""
+        return self._tendons
+
+    @property
+    def command_units(self) -> tuple[str, ...]:
+        """Unit of each entry of a command: ``"m"`` or ``"N"``."""
+        return tuple(self._native.units)
+
+    @property
+    def command_ranges(self) -> Floats:
+        """Smallest and largest command of each tendon, shape (tendons, 2) (m or N)."""
+        return self._native.ranges()
+
+    @property
+    def mean_command(self) -> Floats:
+        """The command in the middle of every tendon's range, shape (tendons,) (m or N)."""
+        return self._native.mean_command()
+
+    @property
+    def straight_positions(self) -> Floats:
+        """Origins of the discs in the straight pose, shape (n, 3), world frame (m)."""
+        return self._native.straight_positions()
+
+    def random_commands(self, count: int, seed: int = 0) -> Floats:
+        """Commands drawn uniformly from the box of the tendons' ranges, shape (count, tendons) (m or N)."""
+        return self._native.random_commands(as_count(count, "count", 0, 10**9), as_count(seed, "seed", 0, 2**64 - 1))
+
+    def value(self, parameter: str) -> float:
+        """Value of a physical parameter by its name, such as ``"gain[2]"`` or ``"bending[0].x"``, in its SI unit."""
+        return self._native.value(parameter)
+
+    def with_values(self, values: Mapping[str, float]) -> Robot:
+        """This robot with other values of some physical parameters, by name, in SI units."""
+        return Robot._of(self._native.with_values(list(values), [as_number(v, name) for name, v in values.items()]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields of the robot's file: ``Robot(robot.to_dict()) == robot``."""
+        fields: dict[str, Any] = json.loads(self.to_json())
+        return fields
+
+    def to_json(self) -> str:
+        """The robot file as JSON text: ``Robot.from_json(robot.to_json()) == robot``."""
+        return self._text
+
+    @classmethod
+    def from_json(cls, text: str) -> Robot:
+        """A robot from the JSON text of a robot file."""
+        return cls._of(_tdcr.Robot.from_json(text))
+
+    def to_toml(self) -> str:
+        """The robot file."""
+        return self._native.to_toml()
+
+    def to_mjcf(self) -> str:
+        """The robot as a model for MuJoCo."""
+        return self._native.to_mjcf()
+
+    def to_urdf(self) -> str:
+        """The robot as URDF, with its own file in an element ``<tdcr>``, as URDF has no tendons."""
+        return self._native.to_urdf()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the robot to a file, in the format of its extension: ``.toml``, ``.json``, ``.xml`` (MJCF) or ``.urdf``."""
+        path = Path(path)
+        writers = {".toml": self.to_toml, ".json": self.to_json, ".xml": self.to_mjcf, ".urdf": self.to_urdf}
+        writer = writers.get(path.suffix)
+        if writer is None:
+            raise InputError(f"cannot write a robot to {path}; expected a name that ends in {', '.join(writers)}")
+        path.write_text(writer(), encoding="utf-8")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Robot):
+            return NotImplemented
+        return self._native is other._native or self.to_json() == other.to_json()
+
+    def __hash__(self) -> int:
+        return hash(self.to_json())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickle, (self.to_json(), self.notes)
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}: {self.discs} discs, {self.tendons} tendons)"
+
+
+def _unpickle(text: str, notes: tuple[str, ...]) -> Robot:
+    return Robot._of(_tdcr.Robot.from_json(text), notes)
+
+
+def _to_json(fields: Mapping[str, Any]) -> str:
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray | np.generic):
+            return value.tolist()
+        if isinstance(value, Mapping):
+            return dict(value)
+        raise RobotError(f"a robot's dictionary has {value!r}; expected numbers, texts, lists and dictionaries")
+
+    return json.dumps(dict(fields), default=plain)

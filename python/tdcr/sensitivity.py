@@ -1,0 +1,130 @@
+"""Derivatives of equilibria by commands, loads and physical parameters, exact by the implicit function theorem.
+
+Parameters have names: ``"command[0]"`` (m or N), ``"payload"`` (kg), ``"force[9].x"`` (N, on disc 9, world frame),
+``"moment[9].z"`` (N m), ``"gain[0]"``, ``"axial_stiffness[0]"`` (N/m), ``"bending[0].x"``, ``"torsion[0]"`` (N m/rad, of
+module 0), ``"density[0]"`` (kg/m³), ``"youngs[0]"`` (Pa), ``"hole_radius[base]"``, ``"hole[3][0].x"``, ``"pitch[0]"`` (m).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, as_float
+from tdcr.errors import InputError
+from tdcr.loads import Loads
+from tdcr.robot import Robot
+from tdcr.statics import Rows
+
+OnFailure = Literal["raise", "nan"]
+"""What becomes of a row that has not settled: an exception, or derivatives that are not numbers."""
+
+
+def jacobian(
+    robot: Robot | Sequence[Robot],
+    commands: Any,
+    parameters: Sequence[str] | None = None,
+    payload: Any = None,
+    *,
+    wrench: Any = None,
+    loads: Loads | Sequence[Loads] | None = None,
+    on_failure: OnFailure = "raise",
+) -> Floats:
+    """Jacobian of all disc poses by parameters; by the command where none are given.
+
+    Args:
+        robot: One robot, or one for each row.
+        commands: Shape (rows, tendons) (m or N), or (tendons,).
+        parameters: Names of ``p`` parameters.
+        payload, wrench, loads: As of :func:`tdcr.settle_batch`.
+        on_failure: What becomes of a row without derivatives.
+
+    Returns:
+        Shape (rows, n, 6, p), without the first axis for a single command: of each disc the change of its origin (m) and its
+        rotation vector (rad), world frame, for each unit of a parameter.
+
+    Raises:
+        SensitivityError: For a row that has not settled, or whose equilibrium is on the brink of instability.
+        ParameterError: For a parameter that the robot does not have.
+    """
+    rows = Rows.of(robot, commands, payload, wrench, loads)
+    names = command_names(rows.commands.shape[1]) if parameters is None else list(parameters)
+    flat = _tdcr.jacobian_rows(*rows.arguments(), names, _raises(on_failure))
+    by_disc = flat.reshape(len(flat), -1, 6, len(names))
+    return by_disc[0] if np.ndim(commands) == 1 else by_disc
+
+
+def jvp(
+    robot: Robot | Sequence[Robot],
+    commands: Any,
+    parameters: Sequence[str],
+    rates: Any,
+    payload: Any = None,
+    *,
+    wrench: Any = None,
+    loads: Loads | Sequence[Loads] | None = None,
+    on_failure: OnFailure = "raise",
+) -> tuple[Floats, Floats]:
+    """Change of the disc poses when parameters change together.
+
+    Args:
+        robot, commands, payload, wrench, loads, on_failure: As of :func:`jacobian`, with rows of commands.
+        parameters: Names of ``p`` parameters.
+        rates: How fast each changes, shape (rows, p), or (p,) for all rows.
+
+    Returns:
+        Change of the positions, shape (rows, n, 3) (m), and of the quaternions (w, x, y, z), shape (rows, n, 4).
+    """
+    rows = Rows.of(robot, commands, payload, wrench, loads)
+    names = list(parameters)
+    shape = (len(rows.commands), len(names))
+    rates = as_float(rates, "rates", shape[1:] if np.ndim(rates) == 1 else shape)
+    rates = np.ascontiguousarray(np.broadcast_to(rates, shape))
+    change = _tdcr.jvp_rows(*rows.arguments(), names, rates, _raises(on_failure))
+    return change[..., :3], change[..., 3:]
+
+
+def vjp(
+    robot: Robot | Sequence[Robot],
+    commands: Any,
+    parameters: Sequence[str],
+    by_positions: Any,
+    by_quaternions: Any = None,
+    payload: Any = None,
+    *,
+    wrench: Any = None,
+    loads: Loads | Sequence[Loads] | None = None,
+    on_failure: OnFailure = "raise",
+) -> Floats:
+    """Derivative of a cost by parameters, from its derivative by the disc poses: one linear solve a row for all parameters.
+
+    Args:
+        robot, commands, payload, wrench, loads, on_failure: As of :func:`jacobian`, with rows of commands.
+        parameters: Names of ``p`` parameters.
+        by_positions: Derivative of the cost by the positions, shape (rows, n, 3).
+        by_quaternions: Derivative by the quaternions (w, x, y, z), shape (rows, n, 4); zero where it is not given.
+
+    Returns:
+        Shape (rows, p).
+    """
+    rows = Rows.of(robot, commands, payload, wrench, loads)
+    shape = (len(rows.commands), rows.robots[0].discs)
+    cotangents = np.zeros((*shape, 7))
+    cotangents[..., :3] = as_float(by_positions, "by_positions", (*shape, 3))
+    if by_quaternions is not None:
+        cotangents[..., 3:] = as_float(by_quaternions, "by_quaternions", (*shape, 4))
+    return _tdcr.vjp_rows(*rows.arguments(), list(parameters), cotangents, _raises(on_failure))
+
+
+def command_names(tendons: int) -> list[str]:
+    """Names of the entries of a command as parameters."""
+    return [f"command[{tendon}]" for tendon in range(tendons)]
+
+
+def _raises(on_failure: OnFailure) -> bool:
+    if on_failure not in ("raise", "nan"):
+        raise InputError(f"on_failure is {on_failure!r}; expected 'raise' or 'nan'")
+    return on_failure == "raise"

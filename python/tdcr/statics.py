@@ -1,0 +1,248 @@
+"""Equilibria: where a robot settles under a command and loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, Progress, as_float, as_quaternions, as_rows
+from tdcr.errors import NotSettledError
+from tdcr.loads import NO_LOADS, LoadRows, Loads
+from tdcr.robot import Robot
+
+STABILITY = ("unknown", "stable", "neutral", "unstable")
+"""Names of the codes of :attr:`Equilibria.stability`."""
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """Where a robot of ``n`` discs and ``t`` tendons settled.
+
+    Attributes:
+        positions: Origin of each disc, shape (n, 3), world frame (m).
+        quaternions: Orientation (w, x, y, z) of each disc, shape (n, 4), world frame.
+        configuration: Rotation (w, x, y, z) of each disc relative to the body below, shape (n, 4): the configuration ``q``.
+        lengths: Length of each tendon, shape (t,) (m).
+        tensions: Tension of each tendon, shape (t,), positive when it pulls (N).
+        residual: Largest moment that is not balanced at a joint (N m).
+        iterations: Newton steps taken.
+        converged: Whether this is an equilibrium that is not unstable. Look at it before you use the rest.
+        stability: ``"stable"``, ``"neutral"``, ``"unstable"``, or ``"unknown"`` where there is no equilibrium.
+    """
+
+    positions: Floats
+    quaternions: Floats
+    configuration: Floats
+    lengths: Floats
+    tensions: Floats
+    residual: float
+    iterations: int
+    converged: bool
+    stability: str
+
+    @property
+    def tip(self) -> Floats:
+        """Origin of the last disc, shape (3,), world frame (m)."""
+        tip: Floats = self.positions[-1]
+        return tip
+
+    def check(self) -> Equilibrium:
+        """Returns this equilibrium.
+
+        Raises:
+            NotSettledError: If it has not converged.
+        """
+        if not self.converged:
+            raise NotSettledError(
+                f"the robot has not settled: residual {self.residual:.1e} N m after {self.iterations} steps, stability "
+                f"{self.stability}"
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class Equilibria:
+    """Equilibria of a batch of ``rows``: the arrays of :class:`Equilibrium` with rows as their first axis.
+
+    Attributes:
+        positions: Shape (rows, n, 3) (m).
+        quaternions: Shape (rows, n, 4).
+        configuration: Shape (rows, n, 4).
+        lengths: Shape (rows, t) (m).
+        tensions: Shape (rows, t) (N).
+        residual: Shape (rows,) (N m).
+        iterations: Shape (rows,).
+        converged: Shape (rows,). Rows that have not converged are here too: look before you use them.
+        stability: Shape (rows,): index into :data:`STABILITY`.
+    """
+
+    positions: Floats
+    quaternions: Floats
+    configuration: Floats
+    lengths: Floats
+    tensions: Floats
+    residual: Floats
+    iterations: NDArray[np.uint32]
+    converged: NDArray[np.bool_]
+    stability: NDArray[np.uint8]
+
+    @classmethod
+    def _of(cls, rows: _tdcr.EquilibriumRows) -> Equilibria:
+        return cls(**{name: getattr(rows, name) for name in cls.__dataclass_fields__})
+
+    @property
+    def tips(self) -> Floats:
+        """Origin of the last disc of each row, shape (rows, 3), world frame (m)."""
+        return self.positions[:, -1]
+
+    def __len__(self) -> int:
+        return len(self.residual)
+
+    def __getitem__(self, row: int) -> Equilibrium:
+        return Equilibrium(
+            self.positions[row],
+            self.quaternions[row],
+            self.configuration[row],
+            self.lengths[row],
+            self.tensions[row],
+            float(self.residual[row]),
+            int(self.iterations[row]),
+            bool(self.converged[row]),
+            STABILITY[self.stability[row]],
+        )
+
+
+def settle(
+    robot: Robot, command: Any, payload: Any = None, *, wrench: Any = None, loads: Loads | None = None
+) -> Equilibrium:
+    """Settles a robot under a command, from the straight pose.
+
+    Args:
+        robot: The robot, of ``n`` discs.
+        command: One entry for each tendon, shape (tendons,): a rest length or a length (m), or a tension (N).
+        payload: Mass hung from the last disc (kg).
+        wrench: Force (N) and moment (N m) on each disc, world frame, shape (n, 6).
+        loads: Other loads.
+
+    Returns:
+        The equilibrium; look at its ``converged``, or call its ``check()``.
+
+    Raises:
+        CommandError: For a command that the robot cannot take.
+        LoadsError: For loads that it cannot take.
+    """
+    command = as_float(command, "command", (robot.tendons,))
+    return settle_batch(robot, command[np.newaxis], payload, wrench=wrench, loads=loads)[0]
+
+
+def settle_batch(
+    robot: Robot | Sequence[Robot],
+    commands: Any,
+    payload: Any = None,
+    *,
+    wrench: Any = None,
+    loads: Loads | Sequence[Loads] | None = None,
+    progress: Progress | None = None,
+) -> Equilibria:
+    """Settles rows of commands on all threads, each from the straight pose.
+
+    Results are the same for any number of threads.
+
+    Args:
+        robot: One robot for all rows, or one for each row, all of as many discs ``n`` and tendons.
+        commands: Shape (rows, tendons) (m or N).
+        payload: Mass hung from the last disc (kg): one for all rows, or shape (rows,).
+        wrench: Force (N) and moment (N m) on each disc, world frame: shape (n, 6) for all rows, or (rows, n, 6).
+        loads: Other loads: for all rows, or one for each row.
+        progress: Is called with the number of rows done since its last call, as ``tqdm(total=rows).update``.
+
+    Raises:
+        CommandError, LoadsError: For a row that the robot cannot take; the message names it.
+        InputError: For shapes that do not fit.
+    """
+    rows = Rows.of(robot, commands, payload, wrench, loads)
+    return Equilibria._of(_tdcr.settle_rows(*rows.arguments(), progress=progress))
+
+
+def follow(
+    robot: Robot,
+    commands: Any,
+    payload: Any = None,
+    *,
+    wrench: Any = None,
+    loads: Loads | Sequence[Loads] | None = None,
+    progress: Progress | None = None,
+) -> Equilibria:
+    """Follows one branch of equilibria along a path of commands: each row starts from the equilibrium of the row before it.
+
+    Arguments as of :func:`settle_batch`, with one robot.
+    """
+    rows = Rows.of(robot, commands, payload, wrench, loads)
+    (native,), commands, base, payload, wrench = rows.arguments()
+    return Equilibria._of(_tdcr.follow_rows(native, commands, base, payload, wrench, progress))
+
+
+class Settler:
+    """Finds equilibria one after another, and remembers the last one.
+
+    Args:
+        robot: The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._native = _tdcr.Settler(robot._native)
+
+    def settle(self, command: Any, loads: Loads = NO_LOADS) -> Equilibrium:
+        """Settles from the straight pose under a command, shape (tendons,) (m or N)."""
+        return Equilibria._of(self._native.settle(self._command(command), loads._native))[0]
+
+    def follow(self, command: Any, loads: Loads = NO_LOADS) -> Equilibrium:
+        """Settles from the last equilibrium; the first time, from the straight pose."""
+        return Equilibria._of(self._native.follow(self._command(command), loads._native))[0]
+
+    def settle_from(self, configuration: Any, command: Any, loads: Loads = NO_LOADS) -> Equilibrium:
+        """Settles from a configuration: rotations (w, x, y, z) of the joints, shape (n, 4)."""
+        start = as_quaternions(configuration, "configuration", (self.robot.discs, 4))
+        return Equilibria._of(self._native.settle_from(self._command(command), loads._native, start))[0]
+
+    def _command(self, command: Any) -> Floats:
+        return as_float(command, "command", (self.robot.tendons,))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Settler, (self.robot,)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of robots, commands and loads, as the native module takes them."""
+
+    robots: list[Robot]
+    commands: Floats
+    loads: LoadRows
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot | Sequence[Robot],
+        commands: Any,
+        payload: Any,
+        wrench: Any,
+        loads: Loads | Sequence[Loads] | None,
+    ) -> Rows:
+        """Reads the arguments of :func:`settle_batch`."""
+        robots = [robot] if isinstance(robot, Robot) else list(robot)
+        first = robots[0] if robots else Robot()
+        commands = as_rows(commands, "commands", first.tendons, f"one for each tendon of robot {first.name!r}")
+        rows = LoadRows.of(loads, payload, wrench, len(commands), first.discs)
+        return cls(robots, commands, rows)
+
+    def arguments(self) -> tuple[list[_tdcr.Robot], Floats, list[_tdcr.Loads], Floats | None, Floats | None]:
+        """The first arguments of the native functions."""
+        loads = self.loads
+        return [robot._native for robot in self.robots], self.commands, loads.base, loads.payload, loads.wrench
