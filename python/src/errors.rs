@@ -4,6 +4,8 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyModule;
+use tdcr::learn::data::{DataError, SimulateError};
+use tdcr::learn::train::{FileError, SettingsError};
 use tdcr::sim::dynamics::DynamicsError;
 use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
 use tdcr::sim::robot::{CommandError, LoadsError, ParameterError, SpecError};
@@ -84,6 +86,10 @@ classes! {
     LoadsError => "LoadsError",
     NotSettled => "NotSettledError",
     DynamicsError => "DynamicsError",
+    DataError => "DataError",
+    SimulateError => "DataError",
+    FileError => "TrainError",
+    SettingsError => "InputError",
 }
 
 impl From<SensitivityError> for Failure {

@@ -83,7 +83,7 @@ pub fn read_cloud_set<'py>(
         true => Channels::XyzRgb,
         false => Channels::Xyz,
     };
-    let (provenance, set) = run::short(py, || {
+    let (provenance, set) = py.detach(|| {
         let set = DataSet::open(&folder)?;
         let units = units.unwrap_or_else(|| set.normalisation().clone());
         let clouds = set.cloud_set_in(split, &units, channels)?;
@@ -93,7 +93,7 @@ pub fn read_cloud_set<'py>(
             normalisation: units,
         };
         Ok::<_, Failure>((provenance, clouds))
-    })??;
+    })?;
     let shape = [set.len(), set.points_per_cloud, 3];
     let CloudSet {
         condition_dim,
@@ -118,7 +118,7 @@ pub fn read_commands<'py>(
     split: &str,
 ) -> Outcome<Bound<'py, PyArray2<f64>>> {
     let split = split_named(split)?;
-    let conditions = run::short(py, || DataSet::open(&folder)?.conditions(split))??;
+    let conditions = py.detach(|| DataSet::open(&folder)?.conditions(split))?;
     let values: Vec<f64> = conditions.iter().flat_map(|c| c.to_vec()).collect();
     let rows = conditions.len();
     Ok(array(py, values, [rows, conditions[0].values().count()])?)
@@ -156,7 +156,7 @@ pub fn velocities<'py>(
     times: PyReadonlyArray1<'py, f32>,
     conditions: PyReadonlyArray2<'py, f32>,
 ) -> Outcome<Bound<'py, PyArray3<f32>>> {
-    let network = run::short(py, || Model::load(&model))??.network;
+    let network = py.detach(|| Model::load(&model))?.network;
     let shape = network.shape();
     let [clouds, count, _] = *numpy::PyUntypedArrayMethods::shape(&*points) else {
         return Err(Failure::input("points have no three axes"));
@@ -167,7 +167,7 @@ pub fn velocities<'py>(
     let conditions = contiguous(&conditions, "conditions", &[clouds, dimension])?;
     let mut found = vec![0.0; points.len()];
     let cloud = (count * channels).max(1);
-    run::short(py, || {
+    run::long(py, None, |_| {
         let rows = points.chunks(cloud).zip(found.chunks_mut(cloud));
         let rows = rows.zip(times).zip(conditions.chunks(dimension));
         for (((points, found), &time), condition) in rows {

@@ -9,16 +9,20 @@
 //! | [`loads`] | `Loads`, and loads by rows |
 //! | [`statics`] | equilibria, one or by rows |
 //! | [`sensitivity`] | their derivatives by rows |
+//! | [`stream`] | fresh samples of a simulated robot |
+//! | [`learning`] | what training in PyTorch shares with `tdcr train` |
 //!
 //! What they use: [`run`] (threads, the interpreter's lock, Ctrl-C), [`arrays`] and [`errors`].
 
 mod arrays;
 mod errors;
+mod learning;
 mod loads;
 mod robot;
 mod run;
 mod sensitivity;
 mod statics;
+mod stream;
 
 /// The native part of the package `tdcr`.
 // No interpreter without the lock has tested it yet.
@@ -26,6 +30,10 @@ mod statics;
 mod _tdcr {
     use pyo3::prelude::*;
 
+    #[pymodule_export]
+    use crate::learning::{
+        presets, read_cloud_set, read_commands, start_noise, train_settings, velocities,
+    };
     #[pymodule_export]
     use crate::loads::Loads;
     #[pymodule_export]
@@ -36,6 +44,8 @@ mod _tdcr {
     use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
     #[pymodule_export]
     use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_rows};
+    #[pymodule_export]
+    use crate::stream::Stream;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

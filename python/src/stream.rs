@@ -95,7 +95,7 @@ impl Stream {
         let (spec, simulator, index) = (&self.spec, &mut self.simulator, self.index);
         // Past the end of 64 bits it starts over, which no run reaches.
         self.index = self.index.wrapping_add(self.stride);
-        let Sample { condition, cloud } = run::short(py, || spec.sample(simulator, index))??;
+        let Sample { condition, cloud } = run::long(py, None, |_| spec.sample(simulator, index))??;
         let dimensionless = self.units.condition(&condition.to_vec())?;
         let metres = cloud.points.into_flattened();
         let mut normalised = metres.clone();

@@ -17,6 +17,7 @@ from tdcr.loads import Loads, Wrench
 from tdcr.robot import Robot
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
+from tdcr.stream import Stream, StreamSample
 
 __all__ = [
     "Equilibria",
@@ -24,6 +25,8 @@ __all__ = [
     "Loads",
     "Robot",
     "Settler",
+    "Stream",
+    "StreamSample",
     "TdcrError",
     "Wrench",
     "__version__",

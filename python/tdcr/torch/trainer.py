@@ -251,41 +251,51 @@ class Trainer:
         return total / count
 
     def save(self) -> None:
-        """Writes model, log and state, on rank 0."""
-        if self.average is None:
-            return
-        model = self.model()
-        if model is not None:
-            model.save(self.out / "model.safetensors")
-        self.history.write_log(self.out / "log.csv", self.settings, self.area)
-        state = RunState(
-            identity=self.identity,
-            step=self.step,
-            network=to_cpu(self.network.state_dict()),
-            average=to_cpu(self.average.state_dict()),
-            optimizers=self.optimizers.state(),
-            best=self.best,
-            history=self.history,
-        )
-        state.save(self.out / "state.pt")
+        """Writes model, log and state, on rank 0; the others wait for it."""
+        if self.average is not None:
+            model = self.model()
+            if model is not None:
+                model.save(self.out / "model.safetensors")
+            self.history.write_log(self.out / "log.csv", self.settings, self.area)
+            state = RunState(
+                identity=self.identity,
+                step=self.step,
+                network=to_cpu(self.network.state_dict()),
+                average=to_cpu(self.average.state_dict()),
+                optimizers=self.optimizers.state(),
+                best=self.best,
+                history=self.history,
+            )
+            state.save(self.out / "state.pt")
+        if self.ranks > 1:
+            dist.barrier()
 
     def resume(self) -> None:
-        """Goes on from the state in the folder, if there is one; every rank reads it."""
-        path, model = self.out / "state.pt", self.out / "model.safetensors"
-        if not path.exists():
-            if model.exists():
-                raise TrainError(
-                    f"{model} is a model without the state.pt of its run, and would be overwritten: choose another folder "
-                    "(--out), or move it away"
-                )
+        """Goes on from the state in the folder, if there is one: rank 0 reads it and hands it to the others."""
+        found = [self.read_state() if self.rank == 0 else None]
+        if self.ranks > 1:
+            dist.broadcast_object_list(found)
+        state = found[0]
+        if state is None:
             return
-        state = RunState.load(path, self.identity)
         self.network.load_state_dict(state.network)
         self.optimizers.load(state.optimizers)
         self.step, self.history = state.step, state.history
         if self.average is not None:
             self.average.load_state_dict(state.average)
             self.best = state.best
+
+    def read_state(self) -> RunState | None:
+        """The state in the folder, of this run."""
+        path, model = self.out / "state.pt", self.out / "model.safetensors"
+        if path.exists():
+            return RunState.load(path, self.identity)
+        if model.exists():
+            raise TrainError(
+                f"{model} is a model without the state.pt of its run, and would be overwritten: choose another folder "
+                "(--out), or move it away"
+            )
+        return None
 
     def model(self) -> Model | None:
         """The best averaged weights so far; None before the first validation, and on other ranks than 0."""

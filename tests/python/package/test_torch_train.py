@@ -16,6 +16,9 @@ from tdcr.torch import CloudSet, Model, Trainer, preset, write_predictions  # no
 from tdcr.torch.train import main  # noqa: E402
 from tdcr.torch.trainer import Diverged, Interrupted  # noqa: E402
 
+# Tiny networks, beside other processes: more threads than one would wait for each other.
+torch.set_num_threads(1)
+
 HERE = pathlib.Path(__file__).parent
 ROOT = HERE.parents[2]
 sys.path.insert(0, str(HERE))
@@ -212,8 +215,8 @@ def test_wrong_arguments_are_refused_in_words(data, tmp_path, capsys, arguments,
 def test_the_example_scores_a_network_of_ones_own_beside_tdcrs(data, tmp_path):
     binary = os.environ.get("TDCR") or str(ROOT / "target/release/tdcr")
     command = [sys.executable, ROOT / "examples/python/own_network.py", "--data", data, "--out", tmp_path]
-    short = ["--steps", "40", "--points", "200", "--width", "16"]
-    environment = os.environ | {"TDCR": binary}
+    short = ["--steps", "20", "--points", "200", "--width", "16"]
+    environment = os.environ | {"TDCR": binary, "OMP_NUM_THREADS": "1"}
     done = subprocess.run([*command, *short], capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["CD", "own", "tdcr's"]

@@ -23,9 +23,9 @@ STREAM = ["--stream", "2m", "--stream-points", "80", "--window", "8", "--fresh",
 STOPPED = 25
 
 
-def on_set(data: str, out: pathlib.Path) -> list[str]:
+def on_set(data: str | pathlib.Path, out: pathlib.Path) -> list[str]:
     """Arguments of a run on the data set."""
-    return ["--data", data, "--out", str(out), "--optimizer", "adamw", *SIZE, *STEPS]
+    return ["--data", str(data), "--out", str(out), "--optimizer", "adamw", *SIZE, *STEPS]
 
 
 def on_stream(out: pathlib.Path) -> list[str]:
