@@ -11,6 +11,8 @@ use tdcr::learn::train::FileError;
 use tdcr::pipeline::PipelineError;
 use tdcr::sim::dynamics::DynamicsError;
 use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
+use tdcr::sim::inverse::calibration::CalibrationError;
+use tdcr::sim::inverse::shape::ShapeControlError;
 use tdcr::sim::robot::{CommandError, LoadsError, ParameterError, SpecError};
 use tdcr::sim::sensitivity::SensitivityError;
 use tdcr::sim::simulation::SimulationError;
@@ -88,10 +90,20 @@ classes! {
     CommandError => "CommandError",
     LoadsError => "LoadsError",
     NotSettled => "NotSettledError",
-    DynamicsError => "DynamicsError",
     FlowError => "InputError",
     FileError => "TrainError",
+    ShapeControlError => "InputError",
     SimulateError => "DataError",
+}
+
+impl From<DynamicsError> for Failure {
+    fn from(error: DynamicsError) -> Self {
+        match error {
+            DynamicsError::Load(error) => error.into(),
+            DynamicsError::Parameter(error) => error.into(),
+            other => Self::Of("DynamicsError", other.to_string()),
+        }
+    }
 }
 
 impl From<DataError> for Failure {
@@ -143,6 +155,16 @@ impl From<SensitivityError> for Failure {
         match error {
             SensitivityError::Parameter(error) => error.into(),
             other => Self::Of("SensitivityError", other.to_string()),
+        }
+    }
+}
+
+impl From<CalibrationError> for Failure {
+    fn from(error: CalibrationError) -> Self {
+        match error {
+            CalibrationError::Parameter(error) => error.into(),
+            CalibrationError::Spec(error) => error.into(),
+            other => Self::Of("InputError", other.to_string()),
         }
     }
 }
