@@ -27,12 +27,11 @@ from tdcr.moving_robot import MovingRobot
 from tdcr.collecting import collect, merge
 from tdcr.data import Dataset, Normalisation, Sample, Split
 from tdcr.learning import Run, distill, train
-from tdcr.predictor import Clouds, ExtrapolationWarning, Predictor
+from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
 from tdcr.scoring import evaluate
 
 __all__ = [
     "Cloud",
-    "Clouds",
     "Dataset",
     "Equilibria",
     "Equilibrium",
@@ -44,6 +43,7 @@ __all__ = [
     "Motions",
     "MovingRobot",
     "Normalisation",
+    "Prediction",
     "Predictor",
     "Robot",
     "RolloutGradients",
