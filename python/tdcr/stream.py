@@ -71,8 +71,9 @@ class Stream(Iterator[StreamSample]):
         if payload is not None:
             low, high = payload
             payload = (as_number(low, "payload[0]"), as_number(high, "payload[1]"))
-        self._settings = {
-            "robot": Robot(robot),
+        own = Robot(robot)
+        self._settings: dict[str, Any] = {
+            "robot": own,
             "base": bool(base),
             "payload": payload,
             "points": as_count(points, "points", 1, 10_000_000),
@@ -82,7 +83,7 @@ class Stream(Iterator[StreamSample]):
         }
         self._stride = as_count(stride, "stride", 1, LARGEST_INDEX)
         self._native = _tdcr.Stream(
-            self._settings["robot"]._native,
+            own._native,
             self._settings["base"],
             payload,
             self._settings["points"],

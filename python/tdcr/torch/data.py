@@ -232,8 +232,11 @@ class StreamWindow:
         while self.next < end:
             condition, rows = next(self.samples)
             if self.window is None:
-                blank = [torch.zeros(self.own, *part.shape, device=self.device) for part in (condition, rows)]
-                self.window = CloudSet(*blank, self.provenance)
+                self.window = CloudSet(
+                    torch.zeros(self.own, *condition.shape, device=self.device),
+                    torch.zeros(self.own, *rows.shape, device=self.device),
+                    self.provenance,
+                )
             place = self.next % self.own
             self.window.conditions[place], self.window.rows[place] = condition, rows
             self.next += 1

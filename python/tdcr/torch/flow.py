@@ -115,7 +115,8 @@ class Sampler:
     def times(self) -> list[float]:
         """The times of the steps' ends, from 0 to 1, as float32 has them."""
         share = 1 - np.arange(self.steps + 1) / self.steps
-        return [float(t) for t in np.float32(1 - share**self.power)]
+        times: list[float] = (1 - share**self.power).astype(np.float32).tolist()
+        return times
 
 
 def integrate(field: Field, points: Tensor, conditions: Tensor, sampler: Sampler | None = None) -> Tensor:

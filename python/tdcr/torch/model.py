@@ -109,7 +109,7 @@ class Model:
     def conditions(self, commands: npt.ArrayLike) -> Tensor:
         """Conditions (B, D) of commands (B, D) in physical units (m or N; a payload, kg, is the last value)."""
         units = self.provenance["normalisation"]
-        low, high = np.float64(units["motor_min"]), np.float64(units["motor_max"])
+        low, high = (np.array(units[end], dtype=np.float64) for end in ("motor_min", "motor_max"))
         values = np.asarray(commands, dtype=np.float64)
         if values.ndim != 2 or values.shape[1] != len(low):
             raise InputError(f"commands have the shape {values.shape}, expected (B, {len(low)})")

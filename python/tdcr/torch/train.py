@@ -264,22 +264,21 @@ def train(args: argparse.Namespace) -> None:
         model = trainer.run()
         if model is None or group()[0] != 0:
             return
+        count = sum(value.numel() for value in model.network.parameters())
+        cd = model.validation_distance * trainer.area
+    path = args.out / "model.safetensors"
+    if args.json:
         result = {
-            "model": str(args.out / "model.safetensors"),
-            "parameters": sum(value.numel() for value in model.network.parameters()),
+            "model": str(path),
+            "parameters": count,
             "steps": trainer.step,
             "best_step": model.step,
-            "validation_cd": model.validation_distance * trainer.area,
+            "validation_cd": cd,
             "precision": settings["precision"],
         }
-    if args.json:
         print(json.dumps(result))
     else:
-        print(
-            "{model}: {parameters} parameters, best at step {best_step} of {steps}, validation CD {validation_cd:.3e} m²".format(
-                **result
-            )
-        )
+        print(f"{path}: {count} parameters, best at step {model.step} of {trainer.step}, validation CD {cd:.3e} m²")
 
 
 def main(arguments: list[str] | None = None) -> int:
