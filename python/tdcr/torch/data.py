@@ -22,9 +22,9 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset, get_worker_info
 
-from tdcr import _tdcr
+from tdcr import _tdcr, data
 from tdcr.errors import InputError
-from tdcr.stream import Stream, StreamSample
+from tdcr.stream import Stream
 from tdcr.torch.ranks import group
 
 #: A condition (D,) and the rows (N, C) of its cloud.
@@ -97,7 +97,7 @@ def to_rows(points: npt.NDArray[np.float32], rgb: npt.NDArray[np.uint8] | None) 
     return positions if rgb is None else torch.cat([positions, torch.from_numpy(rgb).float() / 255], dim=-1)
 
 
-def tensors(sample: StreamSample, colors: bool) -> Sample:
+def tensors(sample: data.Sample, colors: bool) -> Sample:
     """A sample of a stream, as tensors."""
     return torch.from_numpy(sample.condition), to_rows(sample.points, sample.colors if colors else None)
 
@@ -194,11 +194,10 @@ class StreamWindow:
         if not 0 < fresh < math.inf:
             raise InputError(f"{fresh} fresh clouds a step; expected a number above 0")
         self.stream, self.colors, self.fresh, self.workers = stream, colors, fresh, workers
-        subject = stream.spec["recipe"]["subject"]
-        self.provenance = {"subject": subject, "normalisation": stream.normalisation}
+        self.provenance = stream.provenance
         self.clouds, self.own = clouds, clouds // self.ranks
         self.device = torch.device("cpu")
-        self.condition_dim = len(stream.normalisation["motor_min"])
+        self.condition_dim = len(stream.normalisation.condition_min)
         self.points_per_cloud = stream.points
         self.window: CloudSet | None = None
         self.samples: Iterator[Sample] | None = None

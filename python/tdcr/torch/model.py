@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from tdcr import _tdcr
+from tdcr.data import Dataset
 from tdcr.errors import InputError, TrainError
 from tdcr.torch.files import write_whole
 from tdcr.torch.flow import FlowPath, Sampler, integrate
@@ -164,7 +165,7 @@ def write_predictions(
 
     Test command k has the noise of `seed` + k, as in `tdcr eval --model`.
     """
-    commands = _tdcr.read_commands(str(folder), "test")
+    commands = Dataset(folder).test.conditions
     clouds = model.predict(commands, points, range(seed, seed + len(commands)), sampler)
     arrays: dict[str, npt.NDArray[Any]] = {"points": clouds.points, "commands": commands}
     if clouds.colors is not None:

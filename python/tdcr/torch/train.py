@@ -181,7 +181,7 @@ def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]
     window = StreamWindow(stream, clouds=args.window, fresh=args.fresh, workers=args.workers, colors=args.colors)
     if args.validation is None:
         return window, window.validation(16)
-    return window, CloudSet.read(args.validation, "val", colors=args.colors, units=stream.normalisation)
+    return window, CloudSet.read(args.validation, "val", colors=args.colors, units=stream.provenance["normalisation"])
 
 
 def initial(path: Path, shape: Shape, provenance: dict[str, Any]) -> torch.nn.Module:
