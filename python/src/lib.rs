@@ -85,15 +85,15 @@ mod _tdcr {
     #[pymodule_export]
     use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_rows};
     #[pymodule_export]
+    use crate::stream::Stream;
+    #[pymodule_export]
     use crate::tendon_friction::FrictionPath;
+    #[pymodule_export]
+    use crate::torch::{presets, read_cloud_set, start_noise, train_settings, velocities};
     #[pymodule_export]
     use crate::training::{distill, train};
     #[pymodule_export]
     use crate::vision::{View, clouds, render, save_ply};
-    #[pymodule_export]
-    use crate::stream::Stream;
-    #[pymodule_export]
-    use crate::torch::{presets, read_cloud_set, start_noise, train_settings, velocities};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

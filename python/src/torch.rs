@@ -39,7 +39,9 @@ pub fn presets() -> Outcome<String> {
             // Through text, in which an f32 has as many digits as distinguish it from others.
             let settings = serde_json::to_string(&preset.settings(rates, u64::MAX))?;
             let mut settings: Value = serde_json::from_str(&settings)?;
-            settings.as_object_mut().map(|fields| fields.remove("steps"));
+            settings
+                .as_object_mut()
+                .map(|fields| fields.remove("steps"));
             Ok::<_, serde_json::Error>(settings)
         };
         let [mlp, hybrid] = preset.rates;

@@ -46,9 +46,7 @@ class CloudSet:
     provenance: dict[str, Any]
 
     @classmethod
-    def read(
-        cls, folder: str | Path, split: str = "train", *, colors: bool = False, units: dict[str, Any] | None = None
-    ) -> Self:
+    def read(cls, folder: str | Path, split: str = "train", *, colors: bool = False, units: dict[str, Any] | None = None) -> Self:
         """Reads the split `train`, `val` or `test` of a data set of `tdcr collect` or `tdcr data import`.
 
         `units` is the normalisation of a model, to train on in its units, as `--normalisation-from` does; by default it is
@@ -125,9 +123,7 @@ class SetSamples(Shared):
     With a `seed` the order is that of a random permutation, which is another one after `set_epoch`.
     """
 
-    def __init__(
-        self, clouds: CloudSet, seed: int | None = None, *, rank: int | None = None, ranks: int | None = None
-    ) -> None:
+    def __init__(self, clouds: CloudSet, seed: int | None = None, *, rank: int | None = None, ranks: int | None = None) -> None:
         super().__init__(rank, ranks)
         self.clouds, self.seed, self.epoch = clouds, seed, 0
 
@@ -150,9 +146,7 @@ class StreamSamples(Shared):
     `stream` says what the samples are and at which one they start; it is not read from itself.
     """
 
-    def __init__(
-        self, stream: Stream, *, colors: bool = False, rank: int | None = None, ranks: int | None = None
-    ) -> None:
+    def __init__(self, stream: Stream, *, colors: bool = False, rank: int | None = None, ranks: int | None = None) -> None:
         super().__init__(rank, ranks)
         self.stream, self.colors = stream, colors
 

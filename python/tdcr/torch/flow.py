@@ -141,9 +141,7 @@ def heun(velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[flo
     return x
 
 
-def multistep(
-    velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float], of_data: bool, order: int
-) -> Tensor:
+def multistep(velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float], of_data: bool, order: int) -> Tensor:
     """A linear multistep method: one evaluation a step.
 
     What is extrapolated is the polynomial through its last values, in Newton's divided differences f_0, f_1, f_2; the

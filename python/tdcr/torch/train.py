@@ -92,7 +92,11 @@ def parser() -> argparse.ArgumentParser:
     stream.add_argument("--noise", choices=["d435"], help="simulate the noise of a real depth camera")
     stream.add_argument("--window", type=int, default=512, metavar="N", help="clouds that a step draws from [default: 512]")
     stream.add_argument(
-        "--fresh", type=float, default=1.0, metavar="N", help="fresh clouds of the window after each step, also below 1 [default: 1]"
+        "--fresh",
+        type=float,
+        default=1.0,
+        metavar="N",
+        help="fresh clouds of the window after each step, also below 1 [default: 1]",
     )
     stream.add_argument("--validation", type=Path, metavar="DIR", help="data set whose val split validates")
     stream.add_argument("--workers", type=int, default=2, metavar="N", help="processes of a rank that simulate [default: 2]")
@@ -165,9 +169,7 @@ def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]
         units = None
         if args.normalisation_from is not None:
             units = Model.load(args.normalisation_from).provenance["normalisation"]
-        training, validation = (
-            CloudSet.read(args.data, split, colors=args.colors, units=units) for split in ("train", "val")
-        )
+        training, validation = (CloudSet.read(args.data, split, colors=args.colors, units=units) for split in ("train", "val"))
         return training, validation
     stream = Stream(
         args.stream,

@@ -30,6 +30,7 @@ from tdcr.torch.schedule import SPIKE_STEPS, Optimizers, average_decay_at, spike
 from tdcr.torch.settings import Settings, complete
 from tdcr.torch.state import STEPS_PER_ROW, Best, History, RunState
 
+
 class Monitor(Protocol):
     """Who watches a run; rank 0 tells it."""
 

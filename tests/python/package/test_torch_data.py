@@ -85,9 +85,7 @@ def test_workers_of_every_rank_make_disjoint_shares_of_a_stream(method):
     ranks, workers = (2, 2) if method == "fork" else (2, 1)
     for rank in range(ranks if method == "fork" else 1):
         dataset = StreamSamples(stream(), rank=rank, ranks=ranks)
-        loader = DataLoader(
-            dataset, batch_size=None, num_workers=workers, timeout=LIMIT, multiprocessing_context=method
-        )
+        loader = DataLoader(dataset, batch_size=None, num_workers=workers, timeout=LIMIT, multiprocessing_context=method)
         for found, sample in zip(first(loader, 4), expected[rank::ranks], strict=True):
             np.testing.assert_array_equal(found[0], sample.condition)
             np.testing.assert_array_equal(found[1], sample.points)
