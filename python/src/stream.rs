@@ -90,10 +90,6 @@ impl Stream {
 
     /// The next sample, in physical units and then in those of the normalisation: condition, points, colours. After one that
     /// cannot be made, the stream goes on with the next.
-    #[expect(
-        clippy::should_implement_trait,
-        reason = "Python's iterator is the class of the package"
-    )]
     fn next<'py>(&mut self, py: Python<'py>) -> Outcome<(Arrays<'py>, Arrays<'py>)> {
         let (spec, simulator, index) = (&self.spec, &mut self.simulator, self.index);
         // Past the end of 64 bits it starts over, which no run reaches.

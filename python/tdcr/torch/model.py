@@ -68,7 +68,7 @@ class Model:
         try:
             with safetensors.safe_open(path, "pt") as file:
                 header = json.loads((file.metadata() or {}).get("tdcr", "null"))
-                tensors = {name: file.get_tensor(name) for name in file.keys()}
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         except safetensors.SafetensorError as error:
             raise TrainError(f"{path}: not a safetensors file: {error}") from error
         if not isinstance(header, dict) or header.get("kind") not in (KIND, OWN_KIND):
