@@ -17,11 +17,11 @@
 //! | `vision` | images and clouds |
 //! | `metrics` | distances between clouds by rows |
 //! | `data` | data sets: read, made, put together |
+//! | `stream` | fresh samples, simulated as they are needed |
 //! | `predictor` | `Predictor`: clouds by a trained model |
 //! | `scoring` | scores of predicted clouds |
 //! | `training` | training runs |
-//! | `stream` | fresh samples of a simulated robot |
-//! | `torch` | what training in PyTorch shares with `tdcr train` |
+//! | `torch` | what training in PyTorch shares with training here |
 //! | `env` | many simulated robots, advanced by one call |
 //!
 //! What they use: `run` (threads, the interpreter's lock, Ctrl-C), `stage` (the libraries' long stages),

@@ -30,6 +30,7 @@ from tdcr.data import Dataset, Normalisation, Sample, Split
 from tdcr.learning import Run, distill, train
 from tdcr.predictor import Clouds, ExtrapolationWarning, Predictor
 from tdcr.scoring import evaluate
+from tdcr.stream import Stream, StreamSample
 
 __all__ = [
     "Cloud",
@@ -54,6 +55,7 @@ __all__ = [
     "Split",
     "State",
     "Stream",
+    "StreamSample",
     "TdcrError",
     "View",
     "Wrench",

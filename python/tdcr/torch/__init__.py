@@ -12,6 +12,7 @@ except ImportError as error:
 
 from tdcr.torch.data import CloudSet, SetSamples, StreamSamples
 from tdcr.torch.flow import FlowPath, Sampler, integrate, loss
+from tdcr.torch.functions import rollout, settle
 from tdcr.torch.model import Model, write_predictions
 from tdcr.torch.networks import Hybrid, Mlp, network
 from tdcr.torch.ranks import distributed
@@ -35,5 +36,7 @@ __all__ = [
     "loss",
     "network",
     "preset",
+    "rollout",
+    "settle",
     "write_predictions",
 ]
