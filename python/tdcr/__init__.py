@@ -27,12 +27,13 @@ from tdcr.moving_robot import MovingRobot
 from tdcr.collecting import collect, merge
 from tdcr.data import Dataset, Normalisation, Sample, Split
 from tdcr.learning import Run, distill, train
-from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
+from tdcr.predictor import Clouds, ExtrapolationWarning, Prediction, Predictor
 from tdcr.scoring import evaluate
 from tdcr.stream import Stream, StreamSample
 
 __all__ = [
     "Cloud",
+    "Clouds",
     "Dataset",
     "Equilibria",
     "Equilibrium",
