@@ -68,11 +68,12 @@ test-python:
 	cargo build $(WITH_EXAMPLES) --bins --release --locked
 	TDCR=$(TDCR) $(PYTHON) -m pytest -q -rs tests/python
 
-# Ours alone, then the tables of ours beside MuJoCo's and, where it is installed, PyTorch's.
+# Ours alone, then the tables of ours beside MuJoCo's and, where they are installed, PyTorch's and Gymnasium's.
 bench: setup
 	cargo bench --locked --bench sim --bench metrics
 	$(PYTHON) benches/peers.py
 	$(PYTHON) benches/networks.py
+	$(PYTHON) benches/envs.py
 
 clean:
 	cargo clean
