@@ -4,13 +4,9 @@ mod row;
 mod sight;
 
 use nalgebra::Vector3;
-use numpy::{
-    PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
-    PyReadwriteArray2,
-};
+use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use tdcr::learn::metrics::chamfer;
 
 use crate::arrays::{array, contiguous, write_points, write_quaternions};
 use crate::errors::{Failure, Outcome};
@@ -290,30 +286,4 @@ impl BatchSimulation {
             array(py, seen.depth, [height, width])?,
         ))
     }
-}
-
-/// Chamfer distance (m²) between clouds of `p` and `q`, shapes (rows, points, 3) (m), row by row.
-#[pyfunction]
-pub fn chamfer_rows<'py>(
-    py: Python<'py>,
-    p: PyReadonlyArray3<'_, f32>,
-    q: PyReadonlyArray3<'_, f32>,
-) -> Outcome<Bound<'py, PyArray1<f64>>> {
-    let shape = |array: &PyReadonlyArray3<'_, f32>| -> [usize; 3] {
-        let shape = numpy::PyUntypedArrayMethods::shape(&**array);
-        [shape[0], shape[1], shape[2]]
-    };
-    let ([rows, ps, _], [_, qs, _]) = (shape(&p), shape(&q));
-    let p = contiguous(&p, "p", &[rows, ps, 3])?.as_chunks::<3>().0;
-    let q = contiguous(&q, "q", &[rows, qs, 3])?.as_chunks::<3>().0;
-    if ps == 0 || qs == 0 {
-        return Err(Failure::input("a cloud without points"));
-    }
-    let mut distances: Vec<_> = vec![Ok(0.0); rows];
-    let pairs = p.chunks_exact(ps).zip(q.chunks_exact(qs));
-    let work = pairs.zip(&mut distances).collect();
-    each(py, work, |((p, q), distance)| **distance = chamfer(p, q))?;
-    let distances: Result<Vec<f64>, _> = distances.into_iter().collect();
-    let distances = distances.map_err(|error| Failure::input(error.to_string()))?;
-    Ok(PyArray1::from_vec(py, distances))
 }

@@ -5,6 +5,7 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use tdcr::sim::chain::Configuration;
 use tdcr::sim::formats::{mjcf, urdf};
 use tdcr::sim::robot::{Parameter, RobotSpec};
 
@@ -16,7 +17,8 @@ use crate::errors::{Failure, Outcome};
 pub struct Robot(pub tdcr::sim::robot::Robot);
 
 impl Robot {
-    fn new(spec: RobotSpec) -> Outcome<Self> {
+    /// A robot from what its file says.
+    pub fn new(spec: RobotSpec) -> Outcome<Self> {
         Ok(Self(tdcr::sim::robot::Robot::new(spec)?))
     }
 }
@@ -122,7 +124,7 @@ impl Robot {
 
     /// Origins of the discs in the straight pose, shape (discs, 3) (m).
     fn straight_positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let straight = tdcr::sim::dynamics::State::straight(&self.0).positions(&self.0);
+        let straight = Configuration::straight(&self.0).place(&self.0).0;
         let places = straight.iter().flat_map(|p: &Vector3<f64>| [p.x, p.y, p.z]);
         array(py, places.collect(), [self.0.discs().len(), 3])
     }
@@ -157,4 +159,26 @@ pub fn named(name: &str) -> Outcome<Parameter> {
 /// Parameters by their names.
 pub fn parameters(names: &[String]) -> Outcome<Vec<Parameter>> {
     names.iter().map(|name| named(name)).collect()
+}
+
+/// The robots of the rows of a batch, one for all or one a row, all of as many discs and tendons; at least one.
+pub fn of_rows(robots: &[PyRef<'_, Robot>], rows: usize) -> Outcome<Vec<tdcr::sim::robot::Robot>> {
+    let robots: Vec<_> = robots.iter().map(|robot| robot.0.clone()).collect();
+    let Some(first) = (robots.first()).filter(|_| robots.len() == 1 || robots.len() == rows) else {
+        let message = format!("{} robots, expected 1 or {rows}, one a row", robots.len());
+        return Err(Failure::input(message));
+    };
+    let size = |robot: &tdcr::sim::robot::Robot| (robot.discs().len(), robot.tendons().len());
+    let (discs, tendons) = size(first);
+    if let Some(other) = robots
+        .iter()
+        .position(|robot| size(robot) != (discs, tendons))
+    {
+        let found = size(&robots[other]);
+        return Err(Failure::input(format!(
+            "robot {other} has {} discs and {} tendons, robot 0 has {discs} and {tendons}: expected robots of one size",
+            found.0, found.1
+        )));
+    }
+    Ok(robots)
 }

@@ -10,30 +10,75 @@ SI units throughout: metres, kilograms, seconds, newtons, radians; quaternions a
 Arrays may be of any library that NumPy understands. Errors are of the tree in :mod:`tdcr.errors`.
 """
 
-from tdcr import errors
+from tdcr import errors, inverse, metrics
 from tdcr._tdcr import __version__, set_threads, threads
 from tdcr.errors import TdcrError
+from tdcr.inverse import calibrate
 from tdcr.loads import Loads, Wrench
 from tdcr.robot import Robot
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
+from tdcr.sweeps import sweep
+from tdcr.tendon_friction import FrictionPath
+from tdcr.vision import Cloud, View, cloud, clouds, render
+from tdcr.dynamics import Motion, Motions, State, rollout, simulate
+from tdcr.dynamics_gradient import Linearisation, RolloutGradients, linearise, rollout_vjp
+from tdcr.moving_robot import MovingRobot
+from tdcr.collecting import collect, merge
+from tdcr.data import Dataset, Normalisation, Sample, Split
+from tdcr.learning import Run, distill, train
+from tdcr.predictor import Clouds, ExtrapolationWarning, Predictor
+from tdcr.scoring import evaluate
 
 __all__ = [
+    "Cloud",
+    "Clouds",
+    "Dataset",
     "Equilibria",
     "Equilibrium",
+    "ExtrapolationWarning",
+    "FrictionPath",
+    "Linearisation",
     "Loads",
+    "Motion",
+    "Motions",
+    "MovingRobot",
+    "Normalisation",
+    "Predictor",
     "Robot",
+    "RolloutGradients",
+    "Run",
+    "Sample",
     "Settler",
+    "Split",
+    "State",
     "TdcrError",
+    "View",
     "Wrench",
     "__version__",
+    "calibrate",
+    "cloud",
+    "clouds",
+    "collect",
+    "distill",
     "errors",
+    "evaluate",
     "follow",
+    "inverse",
     "jacobian",
     "jvp",
+    "linearise",
+    "merge",
+    "metrics",
+    "render",
+    "rollout",
+    "rollout_vjp",
     "set_threads",
     "settle",
     "settle_batch",
+    "simulate",
+    "sweep",
     "threads",
+    "train",
     "vjp",
 ]

@@ -64,7 +64,8 @@ def as_quaternions(value: Any, name: str, shape: Sequence[int | str]) -> Floats:
     norms: Floats = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     if not (norms > 0.0).all():
         raise InputError(f"{name} has a quaternion that is 0; expected rotations (w, x, y, z)")
-    return quaternions / norms
+    # Those that are unit ones but for rounding stay what they are, to the last bit.
+    return np.where(np.abs(norms - 1.0) < 1e-14, quaternions, quaternions / norms)
 
 
 def as_count(value: Any, name: str, smallest: int = 0, largest: int = 2**53) -> int:
@@ -81,6 +82,16 @@ def as_count(value: Any, name: str, smallest: int = 0, largest: int = 2**53) -> 
 def as_number(value: Any, name: str) -> float:
     """Returns ``value`` as a finite number."""
     return float(as_float(value, name, ()))
+
+
+def maybe_count(value: Any, name: str) -> int | None:
+    """Returns ``value`` as a whole number, if there is one."""
+    return None if value is None else as_count(value, name)
+
+
+def maybe_number(value: Any, name: str) -> float | None:
+    """Returns ``value`` as a finite number, if there is one."""
+    return None if value is None else as_number(value, name)
 
 
 def as_array(value: Any, name: str) -> NDArray[Any]:

@@ -1,37 +1,64 @@
 """The native module: takes clean arrays; `tdcr` itself is what to use."""
 
+import os
 from collections.abc import Callable
-from typing import final
-
+from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
     "BatchSimulation",
+    "Calibration",
+    "Dataset",
     "EquilibriumRows",
+    "FrictionPath",
     "Loads",
+    "MotionRows",
+    "MovingRobot",
+    "Predictor",
     "Robot",
+    "RolloutGradientRows",
     "Settler",
+    "ShapeController",
+    "ShapePath",
+    "Steps",
+    "View",
     "__version__",
+    "calibrate",
     "chamfer_rows",
+    "check_data",
+    "clouds",
+    "collect",
+    "distill",
+    "emd_rows",
+    "evaluate",
     "follow_rows",
     "jacobian_rows",
     "jvp_rows",
+    "linearise",
+    "merge",
+    "render",
+    "rollout_rows",
+    "rollout_vjp_rows",
+    "save_ply",
     "set_threads",
     "settle_rows",
     "threads",
+    "train",
     "vjp_rows",
 ]
-
 __version__: str
-
 _Floats = NDArray[np.float64]
 _Vector = tuple[float, float, float]
 _Progress = Callable[[int], object] | None
+_Profile = tuple[_Floats, _Floats, _Floats, _Floats, list[str]]
+_Account = tuple[float, float, float, float, int, int]
+_Target = tuple[int, str, list[float], float, float]
+_Finding = tuple[str, float, float, tuple[float, float], list[int]]
+_Cloud = tuple[NDArray[np.float32], NDArray[np.uint8]]
 
 def set_threads(count: int) -> None:
     """Sets the number of threads that this process computes with, from 1 to 1024."""
-
 def threads() -> int:
     """Number of threads that this process computes with."""
 
@@ -99,7 +126,6 @@ class Settler:
     def settle(self, command: _Floats, loads: Loads) -> EquilibriumRows: ...
     def follow(self, command: _Floats, loads: Loads) -> EquilibriumRows: ...
     def settle_from(self, command: _Floats, loads: Loads, configuration: _Floats) -> EquilibriumRows: ...
-
 def settle_rows(
     robots: list[Robot],
     commands: _Floats,
@@ -147,6 +173,255 @@ def vjp_rows(
 ) -> _Floats: ...
 
 @final
+class FrictionPath:
+    def __new__(cls, robot: Robot, resolution: float) -> FrictionPath: ...
+    def start(self, command: _Floats, loads: Loads) -> tuple[EquilibriumRows, list[_Profile], _Account]: ...
+    def advance(self, command: _Floats, loads: Loads) -> tuple[EquilibriumRows, list[_Profile], _Account]: ...
+
+_Solution = tuple[_Floats, EquilibriumRows, _Floats, str, list[tuple[int, str]], float, int]
+
+@final
+class ShapeController:
+    def __new__(
+        cls,
+        robot: Robot,
+        loads: Loads,
+        tolerance: float,
+        samples: int,
+        seed: int,
+        starts: int,
+        max_steps: int,
+    ) -> ShapeController: ...
+    def reach(self, targets: list[_Target]) -> _Solution: ...
+    def path(self, start: _Floats | None = None) -> ShapePath: ...
+
+@final
+class ShapePath:
+    def follow(self, targets: list[_Target]) -> tuple[_Solution, str, _Floats, float, float]: ...
+
+@final
+class Calibration:
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def findings(self) -> list[_Finding]: ...
+    @property
+    def correlations(self) -> _Floats: ...
+    @property
+    def noise(self) -> float: ...
+    @property
+    def degrees_of_freedom(self) -> int: ...
+    @property
+    def condition(self) -> float: ...
+    @property
+    def state(self) -> str: ...
+    @property
+    def residual_rms(self) -> float: ...
+    @property
+    def steps(self) -> int: ...
+def calibrate(
+    robot: Robot,
+    unknowns: list[tuple[str, list[str]]],
+    commands: _Floats,
+    loads: list[Loads],
+    payload: _Floats | None,
+    wrench: _Floats | None,
+    discs: list[int],
+    positions: _Floats,
+) -> Calibration: ...
+
+@final
+class View:
+    @property
+    def color(self) -> NDArray[np.uint8]: ...
+    @property
+    def depth(self) -> NDArray[np.float32]: ...
+    @property
+    def mask(self) -> NDArray[np.uint16]: ...
+    @property
+    def intrinsics(self) -> list[float]: ...
+    @property
+    def distortion(self) -> list[float]: ...
+    @property
+    def position(self) -> _Floats: ...
+    @property
+    def quaternion(self) -> _Floats: ...
+def render(
+    robot: Robot,
+    configuration: _Floats,
+    loads: Loads,
+    base: bool,
+    base_mesh: str | os.PathLike[str] | None,
+    payload: bool,
+    tendons: bool,
+    noise: str | None,
+    seed: int,
+    index: int,
+) -> list[View]: ...
+def clouds(
+    robot: Robot,
+    configurations: list[_Floats],
+    base: bool,
+    voxel: float,
+    noise: str | None,
+    seed: int,
+    first: int,
+    progress: _Progress = None,
+) -> list[_Cloud]: ...
+def save_ply(path: str | os.PathLike[str], points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None: ...
+
+_Start = tuple[_Floats | None, _Floats | None, bool]
+_ByStates = tuple[_Floats | None, _Floats | None, _Floats | None]
+
+@final
+class Steps:
+    def __new__(cls, timestep: float, integrator: str, skip: int) -> Steps: ...
+
+@final
+class MotionRows:
+    @property
+    def positions(self) -> _Floats: ...
+    @property
+    def quaternions(self) -> _Floats: ...
+    @property
+    def configuration(self) -> _Floats: ...
+    @property
+    def velocity(self) -> _Floats: ...
+    @property
+    def lengths(self) -> _Floats: ...
+    @property
+    def tensions(self) -> _Floats: ...
+    @property
+    def steps(self) -> NDArray[np.uint32]: ...
+    @property
+    def failures(self) -> list[tuple[int, str, str]]: ...
+
+@final
+class RolloutGradientRows:
+    @property
+    def commands(self) -> _Floats: ...
+    @property
+    def configuration(self) -> _Floats: ...
+    @property
+    def velocity(self) -> _Floats: ...
+    @property
+    def payload(self) -> _Floats: ...
+    @property
+    def wrench(self) -> _Floats: ...
+    @property
+    def parameters(self) -> _Floats: ...
+    @property
+    def failures(self) -> list[tuple[int, str, str]]: ...
+
+@final
+class MovingRobot:
+    def __new__(cls, robot: Robot, steps: Steps) -> MovingRobot: ...
+    def reset(self, command: _Floats, loads: Loads) -> None: ...
+    def start_at(self, configuration: _Floats, velocity: _Floats, command: _Floats) -> None: ...
+    def step(self, command: _Floats, loads: Loads, skip: int) -> None: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def positions(self) -> _Floats: ...
+    @property
+    def quaternions(self) -> _Floats: ...
+    @property
+    def configuration(self) -> _Floats: ...
+    @property
+    def velocity(self) -> _Floats: ...
+    @property
+    def lengths(self) -> _Floats: ...
+    @property
+    def tensions(self) -> _Floats: ...
+def rollout_rows(
+    robots: list[Robot],
+    commands: _Floats,
+    loads: list[Loads],
+    payload: _Floats | None,
+    wrench: _Floats | None,
+    start: _Start,
+    steps: Steps,
+    checks: bool = False,
+    progress: _Progress = None,
+) -> MotionRows: ...
+def rollout_vjp_rows(
+    robots: list[Robot],
+    commands: _Floats,
+    loads: list[Loads],
+    payload: _Floats | None,
+    wrench: _Floats | None,
+    start: _Start,
+    steps: Steps,
+    by_states: _ByStates,
+    names: list[str],
+    progress: _Progress = None,
+) -> RolloutGradientRows: ...
+def linearise(
+    robot: Robot,
+    configuration: _Floats,
+    velocity: _Floats,
+    command: _Floats,
+    loads: Loads,
+    timestep: float,
+) -> tuple[_Floats, _Floats]: ...
+
+_Floats32 = NDArray[np.float32]
+_Bytes = NDArray[np.uint8]
+_Run = tuple[_Floats32, NDArray[np.uint64], _Floats, str]
+
+@final
+class Dataset:
+    def __new__(cls, path: str) -> Dataset: ...
+    def meta(self) -> str | None: ...
+    def robot(self) -> Robot | None: ...
+    def units(self) -> tuple[_Floats, _Floats, float]: ...
+    def sizes(self, split: int) -> tuple[int, int, int]: ...
+    def conditions(self, split: int) -> _Floats32: ...
+    def read(
+        self, split: int, start: int, stop: int, progress: _Progress = None
+    ) -> tuple[_Floats32, _Floats32, _Bytes]: ...
+def check_data(path: str, progress: _Progress = None) -> list[str]: ...
+def collect(robot: Robot, out: str, options: dict[str, Any], progress: _Progress = None) -> None: ...
+def merge(parts: list[str], out: str, progress: _Progress = None) -> None: ...
+
+@final
+class Predictor:
+    def __new__(cls, path: str, precision: str | None = None) -> Predictor: ...
+    def save(self, path: str) -> None: ...
+    def about(self) -> str: ...
+    def robot(self) -> Robot | None: ...
+    def units(self) -> tuple[_Floats, _Floats, float]: ...
+    def predict(
+        self,
+        conditions: _Floats,
+        options: dict[str, Any],
+        progress: _Progress = None,
+    ) -> tuple[_Floats32, _Bytes | None, _Floats32 | None, NDArray[np.uint32]]: ...
+def train(
+    source: tuple[Any, ...],
+    out: str,
+    options: dict[str, Any],
+    init: str | None = None,
+    progress: _Progress = None,
+) -> _Run: ...
+def distill(
+    model: str,
+    data: str,
+    out: str,
+    options: dict[str, Any],
+    progress: _Progress = None,
+) -> _Run: ...
+def evaluate(scored: Any, data: str, options: dict[str, Any], progress: _Progress = None) -> str: ...
+def chamfer_rows(p: _Floats32, q: _Floats32, progress: _Progress = None) -> _Floats: ...
+def emd_rows(
+    p: _Floats32,
+    q: _Floats32,
+    squared: bool,
+    group: int | None = None,
+    progress: _Progress = None,
+) -> tuple[_Floats, _Floats, NDArray[np.int64]]: ...
+
+@final
 class BatchSimulation:
     def __new__(
         cls,
@@ -169,5 +444,3 @@ class BatchSimulation:
     def render(
         self, row: int, width: int, height: int, camera: int, targets: _Floats, radius: float
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]: ...
-
-def chamfer_rows(p: NDArray[np.float32], q: NDArray[np.float32]) -> _Floats: ...

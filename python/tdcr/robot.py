@@ -28,28 +28,33 @@ class Robot:
         RobotError: If there is no such robot, or it cannot be read or built. The message names the field.
     """
 
-    __slots__ = ("_native", "notes")
+    # Plain attributes, not the native object's: `torch.compile` looks through these.
+    __slots__ = ("_discs", "_native", "_tendons", "_text", "notes")
 
     _native: _tdcr.Robot
+    _text: str
     notes: tuple[str, ...]
     """What was passed over in a file of another tool."""
 
     def __init__(self, source: str | os.PathLike[str] | Mapping[str, Any] | Robot = "2m") -> None:
-        notes: list[str] = []
         if isinstance(source, Robot):
-            self._native, notes = source._native, list(source.notes)
+            self._keep(source._native, source.notes)
         elif isinstance(source, Mapping):
-            self._native = _tdcr.Robot.from_json(_to_json(source))
+            self._keep(_tdcr.Robot.from_json(_to_json(source)))
         elif isinstance(source, str | os.PathLike):
-            self._native, notes = _tdcr.Robot.load(os.fspath(source))
+            native, notes = _tdcr.Robot.load(os.fspath(source))
+            self._keep(native, tuple(notes))
         else:
             raise RobotError(f"a robot from {source!r}; expected a name, a path, a dictionary or a robot")
-        self.notes = tuple(notes)
+
+    def _keep(self, native: _tdcr.Robot, notes: tuple[str, ...] = ()) -> None:
+        self._native, self.notes, self._text = native, notes, native.to_json()
+        self._discs, self._tendons = native.discs, native.tendons
 
     @classmethod
     def _of(cls, native: _tdcr.Robot, notes: tuple[str, ...] = ()) -> Robot:
         robot = cls.__new__(cls)
-        robot._native, robot.notes = native, notes
+        robot._keep(native, notes)
         return robot
 
     @property
@@ -60,12 +65,12 @@ class Robot:
     @property
     def discs(self) -> int:
         """Number of discs ``n``."""
-        return self._native.discs
+        return self._discs
 
     @property
     def tendons(self) -> int:
         """Number of tendons: a command has one entry for each."""
-        return self._native.tendons
+        return self._tendons
 
     @property
     def command_units(self) -> tuple[str, ...]:
@@ -101,8 +106,17 @@ class Robot:
 
     def to_dict(self) -> dict[str, Any]:
         """The fields of the robot's file: ``Robot(robot.to_dict()) == robot``."""
-        fields: dict[str, Any] = json.loads(self._native.to_json())
+        fields: dict[str, Any] = json.loads(self.to_json())
         return fields
+
+    def to_json(self) -> str:
+        """The robot file as JSON text: ``Robot.from_json(robot.to_json()) == robot``."""
+        return self._text
+
+    @classmethod
+    def from_json(cls, text: str) -> Robot:
+        """A robot from the JSON text of a robot file."""
+        return cls._of(_tdcr.Robot.from_json(text))
 
     def to_toml(self) -> str:
         """The robot file."""
@@ -119,7 +133,7 @@ class Robot:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the robot to a file, in the format of its extension: ``.toml``, ``.json``, ``.xml`` (MJCF) or ``.urdf``."""
         path = Path(path)
-        writers = {".toml": self.to_toml, ".json": self._native.to_json, ".xml": self.to_mjcf, ".urdf": self.to_urdf}
+        writers = {".toml": self.to_toml, ".json": self.to_json, ".xml": self.to_mjcf, ".urdf": self.to_urdf}
         writer = writers.get(path.suffix)
         if writer is None:
             raise InputError(f"cannot write a robot to {path}; expected a name that ends in {', '.join(writers)}")
@@ -128,13 +142,13 @@ class Robot:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Robot):
             return NotImplemented
-        return self._native is other._native or self._native.to_json() == other._native.to_json()
+        return self._native is other._native or self.to_json() == other.to_json()
 
     def __hash__(self) -> int:
-        return hash(self._native.to_json())
+        return hash(self.to_json())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _unpickle, (self._native.to_json(), self.notes)
+        return _unpickle, (self.to_json(), self.notes)
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}: {self.discs} discs, {self.tendons} tendons)"

@@ -59,6 +59,16 @@ impl Backbone {
             .tr_mul(&change.component_mul(&phi))
     }
 
+    /// Derivative by the stiffness of the work of the energy's gradient along a turn (rad, disc frame) at rotation `q`.
+    pub(crate) fn work_by_stiffness(
+        &self,
+        q: &UnitQuaternion<f64>,
+        turn: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        let phi = self.strain(q);
+        (inverse_right_jacobian(&phi).0 * turn).component_mul(&phi)
+    }
+
     /// `V = 1/2 phi' K phi`. A turn `xi` moves `phi` by `F xi`, `F` the inverse right Jacobian of
     /// the exponential map (Sola et al., A micro Lie theory, eq. 144), and by `1/2 DF[F xi] xi` to
     /// second order.

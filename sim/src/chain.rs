@@ -12,6 +12,20 @@ use crate::robot::Robot;
 pub struct Configuration(pub Vec<UnitQuaternion<f64>>);
 
 impl Configuration {
+    /// Origins (m) and orientations of the discs of `robot` in this configuration, world frame. Signs of the quaternions as in
+    /// an equilibrium: each nearer to that of the body below.
+    ///
+    /// # Panics
+    /// If the configuration is of a robot with another number of discs.
+    pub fn place(&self, robot: &Robot) -> (Vec<Vector3<f64>>, Vec<UnitQuaternion<f64>>) {
+        assert_eq!(self.0.len(), robot.discs().len(), "of this robot");
+        let mut chain = Chain::new(robot);
+        chain.place(robot, self);
+        let mut orientations = vec![UnitQuaternion::identity(); self.0.len()];
+        chain.quaternions(&mut orientations);
+        (chain.positions, orientations)
+    }
+
     /// The straight pose of a robot: no joint turned.
     pub fn straight(robot: &Robot) -> Self {
         Self(vec![UnitQuaternion::identity(); robot.discs().len()])

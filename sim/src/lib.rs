@@ -68,6 +68,7 @@ pub mod formats;
 pub mod geometry;
 pub mod inverse;
 mod lens;
+mod model_tangent;
 pub mod pose;
 pub mod render;
 pub mod robot;

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 use tdcr_sim::cloud::{Observer, VoxelGrid};
-use tdcr_sim::dynamics::Integrator;
+use tdcr_sim::dynamics::{Integrator, State};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Command, Friction, Loads, Robot, RobotSpec};
 use tdcr_sim::simulation::{MovingRobot, Simulation, SimulationError};
@@ -127,6 +127,34 @@ fn cameras_see_a_robot_in_motion() {
         .unwrap();
     assert_ne!(still, observer.observe(moving.pose()));
     assert_eq!(moving.time(), 5.0 * TIMESTEP);
+}
+
+/// One that goes on from the state of another moves as that does, whatever it did before.
+#[test]
+fn a_moving_robot_starts_in_any_state() {
+    let robot = Robot::load("2m").unwrap();
+    let loads = Loads::payload(0.01).unwrap();
+    let [mut first, mut second] = [5, 2]
+        .map(|steps| MovingRobot::new(&robot, TIMESTEP, Integrator::default(), steps).unwrap());
+    first.reset(&bent(&robot, 0.0), &loads).unwrap();
+    second.reset(&bent(&robot, 0.7), &loads).unwrap();
+    second.advance(&bent(&robot, 0.2), &loads).unwrap();
+    first.advance(&bent(&robot, 1.0), &loads).unwrap();
+    let state = first.state().clone();
+    second.start_at(&state, &bent(&robot, 1.0)).unwrap();
+    assert_eq!(second.pose(), first.pose());
+    assert_eq!(second.time(), 0.0);
+    first.advance(&bent(&robot, 0.5), &loads).unwrap();
+    second.advance_by(&bent(&robot, 0.5), &loads, 5).unwrap();
+    assert_eq!(second.pose(), first.pose());
+    assert_eq!(second.time(), 5.0 * TIMESTEP);
+    let other = State::straight(&Robot::load("3m").unwrap());
+    let refused = second.start_at(&other, &bent(&robot, 0.0));
+    let message = refused.unwrap_err().to_string();
+    assert_eq!(
+        message,
+        "the configuration has 15 entries; robot `2m` needs 10"
+    );
 }
 
 /// The pose is a view, and settling and stepping reuse their memory.

@@ -19,7 +19,7 @@ pub(super) struct EquationsOfMotion {
     pub payload: PointMass,
     pub forces: Forces,
     pub posture: Posture,
-    motions: Vec<Motion>,
+    pub motions: Vec<Motion>,
     /// Torque on every joint but that of its armature (N m), world axes.
     torques: Vec<Vector3<f64>>,
     bodies: ArticulatedBodies,
@@ -134,6 +134,24 @@ impl EquationsOfMotion {
         let accelerations = &mut self.accelerations;
         (self.bodies).accelerate(&chain, armatures, &self.torques, accelerations);
         to_discs(orientations, &self.accelerations, out);
+    }
+
+    /// Writes `M^-1 torques` to `out`, in the posture and with the payload of the last state: `torques` (N m) and `out`
+    /// in world axes, `armatures` part of the mass matrix `M`. O(n) time.
+    pub fn solve(&mut self, armatures: &[f64], torques: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        // What torques do to a chain at rest.
+        let still = |motion: &Motion| Motion {
+            arm: motion.arm,
+            ..Motion::default()
+        };
+        let motions: Vec<Motion> = self.motions.iter().map(still).collect();
+        let chain = MovingChain {
+            links: &self.links,
+            payload: &self.payload,
+            orientations: &self.posture.chain.orientations[1..],
+            motions: &motions,
+        };
+        self.bodies.accelerate(&chain, armatures, torques, out);
     }
 
     /// Writes the torques in a state, those of damping included, each in its disc's frame (N m), to

@@ -1,9 +1,32 @@
 //! Gradients of a cost by everything that led to it.
 
-use nalgebra::DVector;
+use nalgebra::Vector3;
 
-use super::{DynamicsError, Lineariser, Rollout, State};
-use crate::robot::Robot;
+use super::step_adjoint::StepAdjoint;
+use super::{DynamicsError, Rollout, State};
+use crate::chain::Chain;
+use crate::model_tangent::{ModelTangent, pull_back_centres};
+use crate::pose::{PoseTangent, add_joint_cotangent};
+use crate::robot::{Parameter, Robot};
+
+/// Derivatives of a cost by a state: whichever of the two ways is handier, or both, to be summed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StateCotangent {
+    /// By the joints' turns, then by their rates, in the coordinates of [`Linearisation`](super::Linearisation): `6 n`
+    /// numbers.
+    pub coordinates: Vec<f64>,
+    /// By the pose of each disc in the world.
+    pub poses: Vec<PoseTangent>,
+}
+
+impl StateCotangent {
+    fn zero(robot: &Robot) -> Self {
+        Self {
+            coordinates: vec![0.0; 2 * robot.dof()],
+            poses: vec![PoseTangent::default(); robot.discs().len()],
+        }
+    }
+}
 
 /// Gradient of a cost of a motion.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,50 +35,130 @@ pub struct RolloutGradient {
     pub commands: Vec<Vec<f64>>,
     /// By the start, in the coordinates of [`Linearisation`](super::Linearisation).
     pub start: Vec<f64>,
+    /// By a force on the origin of each disc, world frame, the same at every step (1/N).
+    pub forces: Vec<Vector3<f64>>,
+    /// By a moment on each disc, world frame, the same at every step (1/(N m)).
+    pub moments: Vec<Vector3<f64>>,
+    /// By each of the parameters asked for, the same at every step.
+    pub parameters: Vec<f64>,
 }
 
-/// The gradient of a cost of the states of a motion, by its commands and its start: the adjoint of
-/// the linearised steps, from the last to the first. The steps are
-/// [`Integrator::SemiImplicitEuler`](super::Integrator) steps of `timestep` (s), and `states` those
-/// after each, as [`Stepper::rollout`](super::Stepper::rollout) gives them.
+/// The gradient of a cost of the states of a motion, by its commands, its start, its loads and the robot's `parameters`: the
+/// adjoint of the steps, from the last to the first (Griewank and Walther, Evaluating Derivatives, 2008, ch. 3). The steps are
+/// [`Integrator::SemiImplicitEuler`](super::Integrator) steps of `timestep` (s), and `states` those after each, as
+/// [`Stepper::rollout`](super::Stepper::rollout) gives them. A step takes O(n) time for `n` discs, whatever the number of
+/// parameters.
 ///
-/// `cost(k, state, gradient)` adds to `gradient` that of the cost by the state after `k` steps (the
-/// start for 0), in the coordinates of [`Linearisation`](super::Linearisation): `6 n` entries.
+/// `cost(k, state, cotangent)` adds to `cotangent`, which is zero, the derivatives of the cost by the state after `k` steps (the
+/// start for 0). A cost of poses by itself needs no more: it is carried through the kinematics here, and where a parameter
+/// ([`Parameter::Pitch`]) moves the discs in a given configuration, its gradient has that too.
+/// [`Parameter::Command`] stands for a change of the command of a tendon at all steps alike.
+///
+/// The start is given: where it is the equilibrium of something, the gradient does not have what changes with it.
 ///
 /// # Errors
-/// [`DynamicsError`] when the motion is not of this robot, or there is not one state per command.
+/// [`DynamicsError`] when the motion is not of this robot, there is not one state per command, the robot does not have one of
+/// the parameters, or a derivative is not a finite number.
 pub fn rollout_gradient(
     robot: &Robot,
     timestep: f64,
     rollout: &Rollout,
     states: &[State],
-    mut cost: impl FnMut(usize, &State, &mut [f64]),
+    parameters: &[Parameter],
+    mut cost: impl FnMut(usize, &State, &mut StateCotangent),
 ) -> Result<RolloutGradient, DynamicsError> {
     let steps = rollout.commands.len();
-    if states.len() != steps {
-        return Err(DynamicsError::Size {
-            what: "list of states",
+    let size = |what, expected, found| match expected == found {
+        true => Ok(()),
+        false => Err(DynamicsError::Size {
+            what,
             robot: robot.spec().name.clone(),
-            expected: steps,
-            found: states.len(),
-        });
+            expected,
+            found,
+        }),
+    };
+    size("list of states", steps, states.len())?;
+    let joints = robot.discs().len();
+    for state in states.iter().chain([&rollout.start]) {
+        size("configuration", joints, state.configuration.0.len())?;
     }
-    let mut lineariser = Lineariser::new(robot, timestep)?;
-    let mut adjoint = DVector::zeros(2 * robot.dof());
+    let tangents = (parameters.iter())
+        .map(|&parameter| ModelTangent::new(robot, &rollout.loads, parameter))
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut adjoint = StepAdjoint::new(robot, timestep)?;
+    let mut seen = Seen::new(robot);
+    let mut cotangent = vec![0.0; 2 * robot.dof()];
     let mut commands = vec![Vec::new(); steps];
     for step in (0..steps).rev() {
-        cost(step + 1, &states[step], adjoint.as_mut_slice());
+        seen.add(step + 1, &states[step], &mut cost, &mut cotangent);
         let before = match step.checked_sub(1) {
             None => &rollout.start,
             Some(last) => &states[last],
         };
-        let linear = lineariser.linearise(before, &rollout.commands[step], &rollout.loads)?;
-        commands[step] = linear.b.tr_mul(&adjoint).as_slice().to_vec();
-        adjoint = linear.a.tr_mul(&adjoint);
+        let command = &rollout.commands[step];
+        commands[step] = adjoint.pull_back(
+            before,
+            command,
+            &rollout.loads,
+            &mut cotangent,
+            &mut seen.model,
+        )?;
     }
-    cost(0, &rollout.start, adjoint.as_mut_slice());
+    seen.add(0, &rollout.start, &mut cost, &mut cotangent);
+    let model = seen.model;
     Ok(RolloutGradient {
         commands,
-        start: adjoint.as_slice().to_vec(),
+        start: cotangent,
+        parameters: tangents.iter().map(|tangent| tangent.dot(&model)).collect(),
+        forces: model.at_origin,
+        moments: model.moments,
     })
+}
+
+/// What the cost sees of the states.
+struct Seen<'a> {
+    robot: &'a Robot,
+    chain: Chain,
+    cotangent: StateCotangent,
+    /// The cost's derivatives by the model.
+    model: ModelTangent,
+}
+
+impl<'a> Seen<'a> {
+    fn new(robot: &'a Robot) -> Self {
+        Self {
+            robot,
+            chain: Chain::new(robot),
+            cotangent: StateCotangent::zero(robot),
+            model: ModelTangent::zero(robot),
+        }
+    }
+
+    /// Adds the cost's derivatives by the state after `step` steps to `cotangent`, and those by the model to it.
+    fn add(
+        &mut self,
+        step: usize,
+        state: &State,
+        cost: &mut impl FnMut(usize, &State, &mut StateCotangent),
+        cotangent: &mut [f64],
+    ) {
+        let seen = &mut self.cotangent;
+        seen.coordinates.fill(0.0);
+        seen.poses.fill(PoseTangent::default());
+        cost(step, state, seen);
+        for (sum, own) in cotangent.iter_mut().zip(&seen.coordinates) {
+            *sum += own;
+        }
+        if seen
+            .poses
+            .iter()
+            .all(|pose| *pose == PoseTangent::default())
+        {
+            return;
+        }
+        self.chain.place(self.robot, &state.configuration);
+        add_joint_cotangent(&self.chain, &seen.poses, cotangent);
+        let centres: Vec<_> = seen.poses.iter().map(|pose| pose.position).collect();
+        pull_back_centres(&self.chain, &centres, &mut self.model);
+    }
 }

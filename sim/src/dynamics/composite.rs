@@ -32,6 +32,37 @@ pub(super) struct Composite {
     pub force: Vector6<f64>,
 }
 
+/// How the motion of all bodies above a joint changes with it: in axes that move along, velocities
+/// by a constant `velocity`, accelerations by `rest` and what follows from `velocity`.
+pub(super) struct Moved {
+    pub velocity: Matrix6x3<f64>,
+    pub rest: Matrix6x3<f64>,
+}
+
+impl Moved {
+    pub fn by_turn(joint: &Composite) -> Self {
+        let below = cross_motion(&joint.velocity_below);
+        let velocity = below * joint.axes;
+        Self {
+            velocity,
+            rest: cross_motion(&joint.acceleration_below) * joint.axes + below * velocity,
+        }
+    }
+
+    pub fn by_rate(joint: &Composite) -> Self {
+        Self {
+            velocity: joint.axes,
+            rest: cross_motion(&(joint.velocity_below + joint.velocity)) * joint.axes,
+        }
+    }
+}
+
+impl Composite {
+    pub fn force_change(&self, moved: &Moved) -> Matrix6x3<f64> {
+        self.inertia * moved.rest + self.coriolis * moved.velocity
+    }
+}
+
 /// Fills `out` for the posture that `equations` are in, joint rates and accelerations in the discs'
 /// frames. The base is at rest.
 pub(super) fn compose(
@@ -113,7 +144,7 @@ fn spatial_inertia(body: &RigidBody, centre: &Vector3<f64>) -> Matrix6<f64> {
 }
 
 /// `[v]x` on motions.
-pub(super) fn cross_motion(v: &Vector6<f64>) -> Matrix6<f64> {
+fn cross_motion(v: &Vector6<f64>) -> Matrix6<f64> {
     let (angular, linear) = halves(v);
     let spin = angular.cross_matrix();
     blocks(&spin, &Matrix3::zeros(), &linear.cross_matrix(), &spin)

@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use super::Integrator;
-use crate::robot::LoadsError;
+use crate::robot::{LoadsError, ParameterError};
 
 /// Why a motion cannot be computed.
 #[non_exhaustive]
@@ -45,6 +45,9 @@ pub enum DynamicsError {
     /// A load that does not fit the robot.
     #[error(transparent)]
     Load(#[from] LoadsError),
+    /// A parameter that the robot does not have.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
     /// A motion that the time step does not resolve: it is of the integration, not of the robot.
     #[error(
         "the motion diverged: joint {joint} turns by {turn:.3e} rad in one step of {timestep} s, more than the \

@@ -3,15 +3,13 @@
 use faer::Side;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, MatMut};
-use nalgebra::{DMatrix, Matrix3, Matrix6x3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
-use super::acceleration::EquationsOfMotion;
-use super::composite::{Composite, compose, cross_motion, cross_with_force};
+use super::composite::{Moved, cross_with_force};
+use super::expansion::StepExpansion;
 use super::implicit::{in_discs, mass_matrix};
 use super::{DynamicsError, State};
-use crate::chain::Configuration;
-use crate::energy::following::{add_forces, add_moments, jacobian};
-use crate::energy::{Expansion, Potential};
+use crate::energy::following::jacobian;
 use crate::robot::{Command, Drive, Loads, Robot};
 
 /// A step to first order: `x+ + dx+`, `dx+ = A dx + B du`.
@@ -29,12 +27,7 @@ pub struct Linearisation {
 /// Linearises semi-implicit Euler steps of one robot, reusing most of its memory.
 #[derive(Clone, Debug)]
 pub struct Lineariser {
-    timestep: f64,
-    equations: EquationsOfMotion,
-    armatures: Vec<f64>,
-    accelerations: Vec<f64>,
-    composites: Vec<Composite>,
-    expansion: Expansion,
+    step: StepExpansion,
 }
 
 impl Lineariser {
@@ -44,20 +37,8 @@ impl Lineariser {
     /// # Errors
     /// [`DynamicsError`] as [`Stepper::new`](super::Stepper::new).
     pub fn new(robot: &Robot, timestep: f64) -> Result<Self, DynamicsError> {
-        if !(timestep.is_finite() && timestep > 0.0) {
-            return Err(DynamicsError::Timestep(timestep));
-        }
-        let armatures: Vec<f64> = (robot.discs().iter())
-            .map(|disc| disc.armature + timestep * disc.damping)
-            .collect();
-        Ok(Self {
-            timestep,
-            equations: EquationsOfMotion::new(robot, &armatures)?,
-            armatures,
-            accelerations: vec![0.0; robot.dof()],
-            composites: Vec::with_capacity(robot.discs().len()),
-            expansion: Expansion::new(robot),
-        })
+        let step = StepExpansion::new(robot, timestep)?;
+        Ok(Self { step })
     }
 
     /// The derivative of the step from `state` under `command` and `loads`, exact but for rounding,
@@ -72,28 +53,20 @@ impl Lineariser {
         command: &Command,
         loads: &Loads,
     ) -> Result<Linearisation, DynamicsError> {
-        self.equations.accept(state, command, loads)?;
-        let command = command.as_slice();
-        let (q, v) = (&state.configuration, &state.velocity);
-        let accelerations = &mut self.accelerations;
-        // Accelerations of the step, at which the inverse dynamics are differentiated.
-        self.equations
-            .accelerate(q, v, command, &self.armatures, accelerations);
-        // Implicit damping acts on the change of the rates, as an armature would.
-        compose(&self.equations, v, accelerations, &mut self.composites);
-        // Derivatives of the forces by turns, rates and commands, at these accelerations.
-        let dof = self.equations.robot.dof();
-        let mut forces = Mat::zeros(dof, 2 * dof + command.len());
-        self.add_loads(q, command, loads, &mut forces);
+        self.step.expand(state, command, loads)?;
+        // Derivatives of the forces by turns, rates and commands, at the step's accelerations.
+        let dof = self.step.equations.robot.dof();
+        let mut forces = Mat::zeros(dof, 2 * dof + command.as_slice().len());
+        self.add_loads(loads, &mut forces);
         self.add_commands(&mut forces);
         self.subtract_inertia(&mut forces);
         // Derivatives of the accelerations: M da = df.
-        let mass = mass_matrix(&self.composites, &self.armatures);
+        let mass = mass_matrix(&self.step.composites, &self.step.armatures);
         let Ok(factor) = Llt::new(mass.as_ref(), Side::Lower) else {
             return Err(DynamicsError::NotDifferentiable);
         };
         factor.solve_in_place(forces.as_mut());
-        let step = self.through_step(v, &forces);
+        let step = self.through_step(&state.velocity, &forces);
         let finite = |matrix: &DMatrix<f64>| matrix.iter().all(|x| x.is_finite());
         if finite(&step.a) && finite(&step.b) {
             Ok(step)
@@ -104,31 +77,20 @@ impl Lineariser {
 
     /// Minus the derivative of the residual moments on the joints, `g`, in the discs' frames: along
     /// `q exp(dq)` that is their Jacobian by turns and, since turns do not commute, `1/2 [g]x`.
-    fn add_loads(
-        &mut self,
-        q: &Configuration,
-        command: &[f64],
-        loads: &Loads,
-        forces: &mut Mat<f64>,
-    ) {
-        let posture = &self.equations.posture;
-        let mut dead = self.equations.forces.dead.clone();
-        add_forces(loads, 1.0, posture, &mut dead);
-        let potential = Potential {
-            robot: &self.equations.robot,
-            command,
-            dead: &dead,
-        };
-        potential.expand(q, posture, &mut self.expansion);
-        add_moments(loads, 1.0, posture, &mut self.expansion);
-        let jacobian = jacobian(loads, 1.0, posture, &self.expansion);
-        let orientations = self.equations.orientations();
+    fn add_loads(&self, loads: &Loads, forces: &mut Mat<f64>) {
+        let StepExpansion {
+            equations,
+            expansion,
+            ..
+        } = &self.step;
+        let jacobian = jacobian(loads, 1.0, &equations.posture, expansion);
+        let orientations = equations.orientations();
         let by_turns = in_discs(&jacobian, orientations);
         let dof = by_turns.nrows();
         let mut by_turn: MatMut<'_, f64> = forces.as_mut().subcols_mut(0, dof);
         by_turn -= &by_turns;
         let mut gradient = vec![Vector3::zeros(); orientations.len()];
-        self.expansion.gradient(&mut gradient);
+        expansion.gradient(&mut gradient);
         for (joint, (gradient, orientation)) in gradient.iter().zip(orientations).enumerate() {
             let twist = orientation.tr_mul(gradient).cross_matrix() * -0.5;
             add_block(forces, 3 * joint, 3 * joint, &twist);
@@ -136,10 +98,11 @@ impl Lineariser {
     }
 
     fn add_commands(&self, forces: &mut Mat<f64>) {
-        let orientations = self.equations.orientations();
-        let first = 2 * self.equations.robot.dof();
-        let columns = self.expansion.dense_columns();
-        for (t, tendon) in self.equations.robot.tendons().iter().enumerate() {
+        let equations = &self.step.equations;
+        let orientations = equations.orientations();
+        let first = 2 * equations.robot.dof();
+        let columns = self.step.expansion.dense_columns();
+        for (t, tendon) in equations.robot.tendons().iter().enumerate() {
             let (weight, slopes) = &columns[t];
             let tension = match tendon.drive {
                 Drive::Tension => 1.0,
@@ -156,14 +119,15 @@ impl Lineariser {
 
     /// Minus the derivatives of the inverse dynamics at the step's accelerations, and of damping.
     fn subtract_inertia(&self, forces: &mut Mat<f64>) {
-        let dof = self.equations.robot.dof();
-        for (j, turned) in self.composites.iter().enumerate() {
+        let dof = self.step.equations.robot.dof();
+        let composites = &self.step.composites;
+        for (j, turned) in composites.iter().enumerate() {
             let by_turn = Moved::by_turn(turned);
             let by_rate = Moved::by_rate(turned);
             let below =
                 turned.force_change(&by_turn) + cross_with_force(&turned.force) * turned.axes;
             let below_rate = turned.force_change(&by_rate);
-            for (i, joint) in self.composites.iter().enumerate() {
+            for (i, joint) in composites.iter().enumerate() {
                 let (turn, rate) = if i < j {
                     (joint.axes.tr_mul(&below), joint.axes.tr_mul(&below_rate))
                 } else {
@@ -175,14 +139,14 @@ impl Lineariser {
                 add_block(forces, 3 * i, 3 * j, &-turn);
                 add_block(forces, 3 * i, dof + 3 * j, &-rate);
             }
-            let damping = Matrix3::identity() * -self.equations.links[j].damping;
+            let damping = Matrix3::identity() * -self.step.equations.links[j].damping;
             add_block(forces, 3 * j, dof + 3 * j, &damping);
         }
     }
 
     /// From the derivatives of the accelerations to those of `v+ = v + h a`, `q+ = q exp(h v+)`.
     fn through_step(&self, velocity: &[f64], accelerations: &Mat<f64>) -> Linearisation {
-        let (h, dof) = (self.timestep, velocity.len());
+        let (h, dof) = (self.step.timestep, velocity.len());
         let columns = accelerations.ncols();
         // v+ = v + h a.
         let mut step = DMatrix::zeros(2 * dof, columns);
@@ -198,7 +162,7 @@ impl Lineariser {
         for joint in 0..dof / 3 {
             let rows = 3 * joint;
             let next = Vector3::from_fn(|axis, _| {
-                velocity[rows + axis] + h * self.accelerations[rows + axis]
+                velocity[rows + axis] + h * self.step.accelerations[rows + axis]
             });
             let (back, jacobian) = turn_jacobians(&(next * h));
             let rates = jacobian * h * step.fixed_rows::<3>(dof + rows);
@@ -213,40 +177,9 @@ impl Lineariser {
     }
 }
 
-/// How the motion of all bodies above a joint changes with it: in axes that move along, velocities
-/// by a constant `velocity`, accelerations by `rest` and what follows from `velocity`.
-struct Moved {
-    velocity: Matrix6x3<f64>,
-    rest: Matrix6x3<f64>,
-}
-
-impl Moved {
-    fn by_turn(joint: &Composite) -> Self {
-        let below = cross_motion(&joint.velocity_below);
-        let velocity = below * joint.axes;
-        Self {
-            velocity,
-            rest: cross_motion(&joint.acceleration_below) * joint.axes + below * velocity,
-        }
-    }
-
-    fn by_rate(joint: &Composite) -> Self {
-        Self {
-            velocity: joint.axes,
-            rest: cross_motion(&(joint.velocity_below + joint.velocity)) * joint.axes,
-        }
-    }
-}
-
-impl Composite {
-    fn force_change(&self, moved: &Moved) -> Matrix6x3<f64> {
-        self.inertia * moved.rest + self.coriolis * moved.velocity
-    }
-}
-
 /// `exp(-turn)`, and the right Jacobian of the exponential map at `turn`: what a change of the
 /// start, and of the turn, are in the frame at the end (Sola et al., A micro Lie theory, eq. 143).
-fn turn_jacobians(turn: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
+pub(super) fn turn_jacobians(turn: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
     let squared = turn.norm_squared();
     // sin(t)/t, (1 - cos(t))/t², (t - sin(t))/t³.
     let [sine, versine, rest] = if squared < 1e-3 {

@@ -78,3 +78,31 @@ pub(crate) fn jacobian(
     }
     jacobian
 }
+
+/// Adds to `out` what the loads without a potential add to the product of the Jacobian's transpose with the joints' `turns`,
+/// world axes: that of [`jacobian`], but for the expansion's Hessian.
+pub(crate) fn add_transposed_product(
+    loads: &Loads,
+    posture: &Posture,
+    turns: &[Vector3<f64>],
+    out: &mut [Vector3<f64>],
+) {
+    let chain = &posture.chain;
+    for wrench in loads.wrenches().iter().filter(|wrench| follows(wrench)) {
+        let (force, moment) = follower(wrench, chain.disc(wrench.disc));
+        let half = match wrench.frame {
+            Frame::World => -0.5,
+            Frame::Disc => 0.5,
+        };
+        // The blocks of one row are alike: the sum over the rows of their transposes times the turns.
+        let (mut turn, mut lever) = (Vector3::zeros(), Vector3::zeros());
+        for (own, centre) in turns.iter().zip(&chain.centres).take(wrench.disc + 1) {
+            turn += own;
+            lever += (chain.positions[wrench.disc] - centre).cross(own);
+        }
+        let change = turn.cross(&(moment * half)) + force.cross(&lever);
+        for out in out.iter_mut().take(wrench.disc + 1) {
+            *out += change;
+        }
+    }
+}

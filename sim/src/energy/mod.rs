@@ -21,6 +21,7 @@ mod columns;
 mod dead;
 pub(crate) mod following;
 mod gradient;
+mod product;
 #[cfg(test)]
 mod tests;
 

@@ -146,6 +146,49 @@ fn hessian_is_the_second_difference_of_the_energy() {
     }
 }
 
+/// The products in O(n) and those of the dense matrices, loads without a potential among them.
+#[test]
+fn products_are_those_of_the_dense_matrices() {
+    let mut rng = ChaCha8Rng::seed_from_u64(15);
+    for robot in robots() {
+        let landscape = Landscape::random(&robot, &mut rng);
+        let (posture, expansion) = landscape.expansion();
+        let n = robot.discs().len();
+        let mut three = || Vector3::from_fn(|_, _| within(-1.0, 1.0, &mut rng));
+        let turns: Vec<_> = (0..n).map(|_| three()).collect();
+        let mut loads = Loads::default();
+        for (disc, frame) in [
+            (0, Frame::World),
+            (n / 2, Frame::Disc),
+            (n - 1, Frame::Disc),
+        ] {
+            let wrench = Wrench {
+                force: three().into(),
+                moment: three().into(),
+                ..Wrench::none(disc, frame)
+            };
+            loads = loads.with_wrench(wrench).expect("finite");
+        }
+        let dense = [
+            expansion.dense(),
+            following::jacobian(&loads, 1.0, &posture, &expansion),
+        ];
+        let mut found = vec![Vector3::zeros(); n];
+        expansion.product(&turns, &mut found);
+        for (step, matrix) in dense.iter().enumerate() {
+            if step == 1 {
+                following::add_transposed_product(&loads, &posture, &turns, &mut found);
+            }
+            let vector = Mat::from_fn(3 * n, 1, |i, _| turns[i / 3][i % 3]);
+            let expected = matrix.transpose() * vector;
+            for i in 0..3 * n {
+                let error = (found[i / 3][i % 3] - expected[(i, 0)]).abs();
+                assert!(error < 1e-12 * expected.norm_max(), "{step} {i}: {error}");
+            }
+        }
+    }
+}
+
 #[test]
 fn the_factor_solves_as_a_dense_factorisation_does() {
     use faer::linalg::solvers::Solve;

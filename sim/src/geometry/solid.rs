@@ -25,6 +25,23 @@ pub enum Instance {
     Unknown,
 }
 
+impl Instance {
+    /// Its value in mask images: 0 background, 1 base, 2 payload, 3 unknown, 4 rod, and from 10,000 on discs, from 20,000 on
+    /// tendons, from 40,000 on obstacles, by their index.
+    pub fn value(self) -> u16 {
+        match self {
+            Self::Background => 0,
+            Self::Base => 1,
+            Self::Payload => 2,
+            Self::Unknown => 3,
+            Self::Rod => 4,
+            Self::Disc(index) => 10_000_u16.saturating_add(index),
+            Self::Tendon(index) => 20_000_u16.saturating_add(index),
+            Self::Obstacle(index) => 40_000_u16.saturating_add(index),
+        }
+    }
+}
+
 /// A shape somewhere in the world.
 #[derive(Clone, Debug)]
 pub struct Solid {

@@ -22,7 +22,6 @@
 //! from one side to the other; those of the side where the equilibrium lies are given. Friction of
 //! tendons is left out.
 
-mod model_tangent;
 mod tangent;
 
 use faer::Mat;
@@ -32,10 +31,12 @@ use thiserror::Error;
 
 use crate::energy::{DeadForces, Expansion, Potential, following};
 use crate::factor::{Curvature, Factor};
+use crate::model_tangent::{Expanded, ModelTangent, pull_back_centres};
+pub use crate::pose::PoseTangent;
+use crate::pose::levers;
 use crate::robot::{Command, Drive, Loads, Parameter, ParameterError, Robot, joints_along};
 use crate::statics::{Equilibrium, Stability};
 use crate::tendon::{LENGTH_PENALTY, Posture};
-use model_tangent::ModelTangent;
 
 /// Why an equilibrium has no such derivative.
 #[non_exhaustive]
@@ -54,15 +55,6 @@ pub enum SensitivityError {
     /// The robot has no such parameter.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
-}
-
-/// Tangent or cotangent of a disc's pose, world frame: a change of the pose, or the derivative of a cost by one.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PoseTangent {
-    /// Of the origin (m).
-    pub position: Vector3<f64>,
-    /// Of the orientation: a rotation vector (rad).
-    pub rotation: Vector3<f64>,
 }
 
 /// The factorised system of an equilibrium, with which it is differentiated: [`Robot::sensitivity`].
@@ -390,27 +382,43 @@ impl Sensitivity {
         let n = self.robot.discs().len();
         assert_eq!(cotangents.len(), n, "one cotangent for each disc");
         let none = vec![Vector3::zeros(); n];
-        let levers = self.levers(cotangents);
+        let levers = levers(&self.posture.chain, cotangents);
         let growth = vec![0.0; self.held.tendons.len()];
         let (adjoint, multipliers) = self.solve(&none, &levers, &growth, Side::Transpose);
+        // The cost's derivatives by the model: what it does to the balance of moments, to the lengths that are held, and
+        // to the poses where no joint turns.
+        let turns: Vec<_> = adjoint.iter().map(|turn| -turn).collect();
+        let held: Vec<_> = (self.held.tendons.iter().copied())
+            .zip(multipliers.iter().map(|multiplier| -multiplier))
+            .collect();
+        let mut model = ModelTangent::zero(&self.robot);
+        self.expanded().pull_back(&turns, &held, &mut model);
+        let centres: Vec<_> = cotangents.iter().map(|pose| pose.position).collect();
+        pull_back_centres(&self.posture.chain, &centres, &mut model);
+        for (tendon, weight) in held {
+            model.command[tendon] -= weight;
+        }
         let cost = |&parameter: &Parameter| {
-            let tangent = ModelTangent::new(&self.robot, &self.loads, parameter)?;
-            let change = self.gradient_tangent(&tangent);
-            let held = self.held.tendons.iter().zip(&multipliers);
-            let held: f64 = held
-                .map(|(&t, multiplier)| multiplier * (tangent.command[t] - change.lengths[t]))
-                .sum();
-            let explicit: f64 = (self.explicit_positions(&tangent).iter().zip(cotangents))
-                .map(|(moved, cotangent)| moved.dot(&cotangent.position))
-                .sum();
-            Ok(explicit + held - change.work(&adjoint))
+            Ok(ModelTangent::new(&self.robot, &self.loads, parameter)?.dot(&model))
         };
         parameters.iter().map(cost).collect()
     }
 
+    /// The potential at the equilibrium, as its derivatives by the model take it.
+    fn expanded(&self) -> Expanded<'_> {
+        Expanded {
+            robot: &self.robot,
+            q: &self.q,
+            posture: &self.posture,
+            expansion: &self.expansion,
+            dead: &self.dead,
+            command: &self.command,
+        }
+    }
+
     /// Change of all disc poses for a change of the model.
     fn poses(&self, tangent: &ModelTangent) -> Vec<PoseTangent> {
-        let change = self.gradient_tangent(tangent);
+        let change = self.expanded().gradient_tangent(tangent);
         let growth: Vec<f64> = (self.held.tendons.iter())
             .map(|&t| change.lengths[t] - tangent.command[t])
             .collect();

@@ -62,6 +62,67 @@ impl MovingRobot {
         self.taken as f64 * self.stepper.timestep()
     }
 
+    /// Starts anew in `state`, the tendons under `command`.
+    ///
+    /// # Errors
+    /// [`SimulationError`] where they are not of this robot.
+    pub fn start_at(&mut self, state: &State, command: &Command) -> Result<(), SimulationError> {
+        let robot = self.stepper.robot();
+        robot.check_command(command.as_slice())?;
+        let size = |what, found, expected| match found == expected {
+            true => Ok(()),
+            false => Err(DynamicsError::Size {
+                what,
+                robot: robot.spec().name.clone(),
+                expected,
+                found,
+            }),
+        };
+        let (joints, dof) = (robot.discs().len(), robot.dof());
+        size("configuration", state.configuration.0.len(), joints)?;
+        size("velocity", state.velocity.len(), dof)?;
+        self.state.clone_from(state);
+        (self.taken, self.started) = (0, true);
+        self.place(command);
+        Ok(())
+    }
+
+    /// Goes on by `steps` time steps in place of the usual number.
+    ///
+    /// # Errors
+    /// As [`Simulation::advance`].
+    pub fn advance_by(
+        &mut self,
+        command: &Command,
+        loads: &Loads,
+        steps: usize,
+    ) -> Result<(), SimulationError> {
+        if !self.started {
+            return self.reset(command, loads);
+        }
+        check(self.robot(), command, loads)?;
+        let mut moved = Ok(());
+        for _ in 0..steps {
+            moved = self.stepper.step(&mut self.state, command, loads);
+            if moved.is_err() {
+                break;
+            }
+            self.taken += 1;
+        }
+        self.place(command);
+        Ok(moved?)
+    }
+
+    /// The time step and how steps are taken.
+    pub fn stepper(&self) -> &Stepper {
+        &self.stepper
+    }
+
+    /// Time steps of one advance.
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
     /// Computes the pose of the state under `command`.
     fn place(&mut self, command: &Command) {
         let robot = self.stepper.robot();
@@ -94,20 +155,7 @@ impl Simulation for MovingRobot {
     }
 
     fn advance(&mut self, command: &Command, loads: &Loads) -> Result<(), SimulationError> {
-        if !self.started {
-            return self.reset(command, loads);
-        }
-        check(self.robot(), command, loads)?;
-        let mut moved = Ok(());
-        for _ in 0..self.steps {
-            moved = self.stepper.step(&mut self.state, command, loads);
-            if moved.is_err() {
-                break;
-            }
-            self.taken += 1;
-        }
-        self.place(command);
-        Ok(moved?)
+        self.advance_by(command, loads, self.steps)
     }
 
     fn pose(&self) -> Pose<'_> {

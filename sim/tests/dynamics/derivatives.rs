@@ -11,7 +11,7 @@ use crate::random_robot::within;
 use crate::{all_loads, difference, random_robots, random_state, without_kinks};
 
 /// `state` with coordinate `index` moved by `size`.
-fn nudged(state: &State, index: usize, size: f64) -> State {
+pub fn nudged(state: &State, index: usize, size: f64) -> State {
     let dof = state.velocity.len();
     let mut nudged = state.clone();
     if index < dof {
@@ -24,14 +24,14 @@ fn nudged(state: &State, index: usize, size: f64) -> State {
     nudged
 }
 
-fn nudged_command(robot: &Robot, command: &Command, index: usize, size: f64) -> Command {
+pub fn nudged_command(robot: &Robot, command: &Command, index: usize, size: f64) -> Command {
     let mut values = command.as_slice().to_vec();
     values[index] += size;
     robot.command(&values).unwrap()
 }
 
 /// A command away from the ends of the ranges.
-fn inner_command(robot: &Robot, rng: &mut ChaCha8Rng) -> Command {
+pub fn inner_command(robot: &Robot, rng: &mut ChaCha8Rng) -> Command {
     let inner = |tendon: &Tendon| {
         let [low, high] = tendon.range;
         low + (high - low) * within(0.1, 0.9, rng)
@@ -89,7 +89,7 @@ fn the_linearisation_is_the_central_difference_of_a_step() {
 }
 
 /// A motion under random commands.
-fn random_rollout(robot: &Robot, steps: usize, rng: &mut ChaCha8Rng) -> Rollout {
+pub fn random_rollout(robot: &Robot, steps: usize, rng: &mut ChaCha8Rng) -> Rollout {
     Rollout {
         start: random_state(robot, rng),
         commands: (0..steps).map(|_| inner_command(robot, rng)).collect(),
@@ -123,8 +123,8 @@ fn the_adjoint_is_the_central_difference_of_the_cost() {
                 .map(|(q, goal)| 100.0 * (1.0 - q.coords.dot(&goal.coords).powi(2)))
                 .sum::<f64>()
     };
-    let gradient = rollout_gradient(&robot, h, &rollout, &states, |k, state, gradient| {
-        let (turns, rates) = gradient.split_at_mut(state.velocity.len());
+    let gradient = rollout_gradient(&robot, h, &rollout, &states, &[], |k, state, gradient| {
+        let (turns, rates) = gradient.coordinates.split_at_mut(state.velocity.len());
         for (g, v) in rates.iter_mut().zip(&state.velocity) {
             *g += v;
         }

@@ -204,7 +204,7 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
     ];
     // `as` saturates: what is farther than 65.535 m has that depth.
     let millimetres = frame.depth.iter().map(|z| (1e3 * z).round() as u16);
-    let values = frame.mask.iter().map(|&instance| mask_value(instance));
+    let values = frame.mask.iter().map(|instance| instance.value());
     let color = files::rgb_png(size, frame.color.as_flattened())?;
     output::write(&folder.join(&view.color), &color)?;
     output::write(
@@ -219,20 +219,6 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
     write_npy(&folder.join(&view.depth_npy), &depth)?;
     output::write(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
     Ok(view)
-}
-
-/// Value of an instance in mask images.
-fn mask_value(instance: Instance) -> u16 {
-    match instance {
-        Instance::Background => 0,
-        Instance::Base => 1,
-        Instance::Payload => 2,
-        Instance::Unknown => 3,
-        Instance::Rod => 4,
-        Instance::Disc(index) => 10_000_u16.saturating_add(index),
-        Instance::Tendon(index) => 20_000_u16.saturating_add(index),
-        Instance::Obstacle(index) => 40_000_u16.saturating_add(index),
-    }
 }
 
 fn name_of(instance: Instance) -> String {
@@ -253,7 +239,7 @@ fn mask_values(frames: &[RgbdFrame]) -> Vec<MaskValue> {
     let mut seen = std::collections::BTreeMap::new();
     for &instance in frames.iter().flat_map(|frame| &frame.mask) {
         let value = MaskValue {
-            value: mask_value(instance),
+            value: instance.value(),
             instance: String::new(),
             pixels: 0,
         };

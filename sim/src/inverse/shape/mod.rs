@@ -191,6 +191,11 @@ impl ShapeController {
         })
     }
 
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
     /// The command under which the robot comes nearest to `targets`, as far as the search can tell:
     /// the first that meets them, or the best from all starts.
     ///

@@ -1,20 +1,45 @@
-//! How the compiled model changes with each parameter.
+//! How the compiled model, and with it the potential's gradient, change with each parameter.
+//!
+//! [`ModelTangent`] is the change of the model for a unit change of a parameter. [`Expanded`] gives the change of the
+//! potential's gradient for a change of the model ([`gradient`]) and, the other way, the derivative of a cost by every number of
+//! the model at once ([`cotangent`]): its product with a [`ModelTangent`] is the derivative by that parameter, so that
+//! cotangents serve any number of parameters.
 //!
 //! Derivatives by what compiling changes (pitch, holes, densities) are differences of two compiled robots. They are exact, as
 //! compiling is affine in these parameters, but for the pitch of a rod's joints, for which the step is small.
 
-use nalgebra::Vector3;
+mod cotangent;
+mod gradient;
 
-use crate::energy::DeadForces;
-use crate::robot::{Axis, Drive, Loads, Parameter, ParameterError, Robot, check, shift};
+pub(crate) use cotangent::pull_back_centres;
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::chain::Configuration;
+use crate::energy::{DeadForces, Expansion};
+use crate::robot::{Axis, Disc, Drive, Loads, Parameter, ParameterError, Robot, check, shift};
+use crate::tendon::Posture;
 
 /// Step by which the pitch of a rod's joints is moved either way, as a share of it: central
 /// differences of its inverse are then exact to 1e-10.
 const PITCH_STEP: f64 = 1e-5;
 
-/// How the compiled model moves for a unit change of one parameter.
+/// The potential of a robot, expanded in one configuration: all that its derivatives by the model need.
+#[derive(Clone, Copy)]
+pub(crate) struct Expanded<'a> {
+    pub robot: &'a Robot,
+    pub q: &'a Configuration,
+    pub posture: &'a Posture,
+    pub expansion: &'a Expansion,
+    /// The dead forces, and the following ones as they are in this posture.
+    pub dead: &'a DeadForces,
+    pub command: &'a [f64],
+}
+
+/// Change of the numbers that the compiled model consists of for a unit change of one parameter; or, as a cotangent, the
+/// derivatives of a cost by them.
 #[derive(Clone, Debug)]
-pub(super) struct ModelTangent {
+pub(crate) struct ModelTangent {
     /// Command of each tendon.
     pub command: Vec<f64>,
     /// Stiffness of each tendon with its drive.
@@ -29,38 +54,117 @@ pub(super) struct ModelTangent {
     pub joint_offsets: Vec<Vector3<f64>>,
     /// Backbone stiffness of each joint, about the disc's axes.
     pub backbone: Vec<Vector3<f64>>,
-    /// Dead forces.
-    pub dead: DeadForces,
+    /// Dead force on the origin of each disc, world frame.
+    pub at_origin: Vec<Vector3<f64>>,
+    /// Mass of each disc times its centre's place from the origin, disc frame.
+    pub off_origin: Vec<Vector3<f64>>,
+    /// Force of the payload on the distal disc, world frame.
+    pub payload: Vector3<f64>,
     /// Moment on each disc, world frame.
     pub moments: Vec<Vector3<f64>>,
+    /// Inertia of each disc; the payload is part of the distal one.
+    pub inertias: Vec<Inertia>,
+    /// Viscous damping of each joint.
+    pub damping: Vec<f64>,
+    /// Armature of each joint.
+    pub armature: Vec<f64>,
 }
 
-impl ModelTangent {
-    pub fn zero(robot: &Robot) -> Self {
-        let n = robot.discs().len();
+/// Inertia of a body about the centre of its joint, in the disc's frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Inertia {
+    /// Mass (kg).
+    pub mass: f64,
+    /// Mass times its centre's place from the joint (kg m).
+    pub moment: Vector3<f64>,
+    /// Moments of inertia about the joint's centre (kg m²), symmetric.
+    pub rotational: Matrix3<f64>,
+}
+
+impl Inertia {
+    fn of_disc(disc: &Disc) -> Self {
+        let about_centre = Matrix3::from_diagonal(&disc.inertia);
+        let mut inertia = Self::of_point(disc.mass, &(disc.origin + disc.centre_of_mass));
+        inertia.rotational += about_centre;
+        inertia
+    }
+
+    /// Of a point mass at `place` from the joint.
+    fn of_point(mass: f64, place: &Vector3<f64>) -> Self {
+        let square = Matrix3::identity() * place.norm_squared() - place * place.transpose();
         Self {
-            command: vec![0.0; robot.tendons().len()],
-            stiffness: vec![0.0; robot.tendons().len()],
-            fixed_lengths: vec![0.0; robot.tendons().len()],
-            segments: vec![[Vector3::zeros(); 2]; robot.segments().len()],
-            spans: vec![[Vector3::zeros(); 2]; robot.spans().len()],
-            joint_offsets: vec![Vector3::zeros(); n],
-            backbone: vec![Vector3::zeros(); n],
-            dead: DeadForces::new(robot),
-            moments: vec![Vector3::zeros(); n],
+            mass,
+            moment: place * mass,
+            rotational: square * mass,
         }
     }
 
+    fn dot(&self, other: &Self) -> f64 {
+        self.mass * other.mass
+            + self.moment.dot(&other.moment)
+            + self.rotational.dot(&other.rotational)
+    }
+}
+
+impl ModelTangent {
+    /// No change.
+    pub fn zero(robot: &Robot) -> Self {
+        let (n, tendons) = (robot.discs().len(), robot.tendons().len());
+        let none = vec![Vector3::zeros(); n];
+        Self {
+            command: vec![0.0; tendons],
+            stiffness: vec![0.0; tendons],
+            fixed_lengths: vec![0.0; tendons],
+            segments: vec![[Vector3::zeros(); 2]; robot.segments().len()],
+            spans: vec![[Vector3::zeros(); 2]; robot.spans().len()],
+            joint_offsets: none.clone(),
+            backbone: none.clone(),
+            at_origin: none.clone(),
+            off_origin: none.clone(),
+            payload: Vector3::zeros(),
+            moments: none,
+            inertias: vec![Inertia::default(); n],
+            damping: vec![0.0; n],
+            armature: vec![0.0; n],
+        }
+    }
+
+    /// Derivative of a cost by a parameter: its cotangent (one of the two) times the parameter's tangent.
+    pub fn dot(&self, other: &Self) -> f64 {
+        fn numbers(a: &[f64], b: &[f64]) -> f64 {
+            a.iter().zip(b).map(|(a, b)| a * b).sum()
+        }
+        fn vectors(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
+            a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+        }
+        let inertias = self.inertias.iter().zip(&other.inertias);
+        numbers(&self.command, &other.command)
+            + numbers(&self.stiffness, &other.stiffness)
+            + numbers(&self.fixed_lengths, &other.fixed_lengths)
+            + vectors(self.segments.as_flattened(), other.segments.as_flattened())
+            + vectors(self.spans.as_flattened(), other.spans.as_flattened())
+            + vectors(&self.joint_offsets, &other.joint_offsets)
+            + vectors(&self.backbone, &other.backbone)
+            + vectors(&self.at_origin, &other.at_origin)
+            + vectors(&self.off_origin, &other.off_origin)
+            + self.payload.dot(&other.payload)
+            + vectors(&self.moments, &other.moments)
+            + inertias.map(|(a, b)| a.dot(b)).sum::<f64>()
+            + numbers(&self.damping, &other.damping)
+            + numbers(&self.armature, &other.armature)
+    }
+
     /// The tangent for `parameter` of `robot` under `loads`.
+    ///
+    /// # Errors
+    /// [`ParameterError`] for one that the robot does not have.
     pub fn new(robot: &Robot, loads: &Loads, parameter: Parameter) -> Result<Self, ParameterError> {
         check(robot.spec(), parameter)?;
         let mut tangent = Self::zero(robot);
         match parameter {
             Parameter::Command(tendon) => tangent.command[tendon] = 1.0,
-            Parameter::Payload => {
-                tangent.dead.set_payload(robot, loads, robot.gravity());
-            }
-            Parameter::Force(disc, axis) => tangent.dead.at_origin[disc] = axis.unit(),
+            Parameter::Payload => tangent.hang(robot, loads),
+            Parameter::Force(disc, axis) => tangent.at_origin[disc] = axis.unit(),
             Parameter::Moment(disc, axis) => tangent.moments[disc] = axis.unit(),
             Parameter::Gain(t) => tangent.stiffness[t] = series(robot, t).0,
             Parameter::AxialStiffness(t) => tangent.stiffness[t] = series(robot, t).1,
@@ -71,10 +175,20 @@ impl ModelTangent {
             | Parameter::HoleRadius(_)
             | Parameter::Hole(..)
             | Parameter::Pitch(_) => tangent.move_spec(robot, loads, parameter),
-            // They resist motion alone.
-            Parameter::Damping(_) | Parameter::Armature(_) => {}
+            Parameter::Damping(module) => tangent.damping = joints_of(robot, module),
+            Parameter::Armature(module) => tangent.armature = joints_of(robot, module),
         }
         Ok(tangent)
+    }
+
+    /// The payload's weight, and its inertia as a point mass.
+    fn hang(&mut self, robot: &Robot, loads: &Loads) {
+        let mut dead = DeadForces::new(robot);
+        dead.set_payload(robot, loads, robot.gravity());
+        self.payload = dead.payload;
+        if let Some(tip) = self.inertias.last_mut() {
+            *tip = Inertia::of_point(1.0, &dead.payload_arm);
+        }
     }
 
     fn stiffen(&mut self, robot: &Robot, module: usize, axis: Axis) {
@@ -146,11 +260,19 @@ impl ModelTangent {
         for (i, tangent) in self.joint_offsets.iter_mut().enumerate() {
             *tangent = (high.0.discs()[i].joint_offset - low.0.discs()[i].joint_offset) * per_unit;
         }
-        for (i, force) in self.dead.at_origin.iter_mut().enumerate() {
+        for (i, force) in self.at_origin.iter_mut().enumerate() {
             *force = (high.1.at_origin[i] - low.1.at_origin[i]) * per_unit;
         }
-        for (i, off_origin) in self.dead.off_origin.iter_mut().enumerate() {
+        for (i, off_origin) in self.off_origin.iter_mut().enumerate() {
             *off_origin = (high.1.off_origin[i] - low.1.off_origin[i]) * per_unit;
+        }
+        for (i, inertia) in self.inertias.iter_mut().enumerate() {
+            let [low, high] = [&low.0, &high.0].map(|robot| Inertia::of_disc(&robot.discs()[i]));
+            *inertia = Inertia {
+                mass: (high.mass - low.mass) * per_unit,
+                moment: (high.moment - low.moment) * per_unit,
+                rotational: (high.rotational - low.rotational) * per_unit,
+            };
         }
         for (i, stiffness) in self.backbone.iter_mut().enumerate() {
             let joints = [&low.0, &high.0].map(|robot| robot.discs()[i].backbone);
@@ -159,6 +281,12 @@ impl ModelTangent {
             }
         }
     }
+}
+
+/// 1 for the joints of a module, 0 for the others.
+fn joints_of(robot: &Robot, module: usize) -> Vec<f64> {
+    let of_module = |disc| f64::from(u8::from(robot.spec().module_of(disc) == Some(module)));
+    (0..robot.discs().len()).map(of_module).collect()
 }
 
 /// Derivatives of the stiffness of drive and tendon in series by the gain and by the axial stiffness.

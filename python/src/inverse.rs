@@ -1,0 +1,279 @@
+//! Commands for target shapes, and parameters from measured positions.
+
+use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use tdcr::sim::inverse::calibration::{self, Finding, FitState, Observation, Unknown};
+use tdcr::sim::inverse::shape::{
+    self, Arrival, Bound as End, Goal, Outcome as Ending, PathPoint, Search, ShapeSolution, Target,
+};
+
+use crate::arrays::{array, contiguous};
+use crate::errors::{Failure, Outcome};
+use crate::loads::Loads;
+use crate::robot::{Robot, parameters};
+use crate::run;
+use crate::statics::{EquilibriumRows, Numbers, Questions};
+
+/// A target as it comes from Python: disc, "position", "direction" or "orientation", its numbers, lever (m), weight.
+type TargetTuple = (usize, String, Vec<f64>, f64, f64);
+
+fn target((disc, kind, numbers, lever, weight): TargetTuple) -> Outcome<Target> {
+    let goal = match (kind.as_str(), numbers.as_slice()) {
+        ("position", &[x, y, z]) => Goal::Position(Vector3::new(x, y, z)),
+        ("direction", &[x, y, z]) => {
+            let axis = Unit::new_normalize(Vector3::new(x, y, z));
+            Goal::Direction { axis, lever }
+        }
+        ("orientation", &[w, x, y, z]) => {
+            let orientation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+            Goal::Orientation { orientation, lever }
+        }
+        (kind, numbers) => {
+            let message = format!(
+                "a target is the {kind} {numbers:?}; expected a position or direction (x, y, z), or an orientation (w, x, y, z)"
+            );
+            return Err(Failure::input(message));
+        }
+    };
+    Ok(Target { disc, goal, weight })
+}
+
+/// The best command found: command, equilibrium, error of each target (m), how the search ended, the tendons that a bound
+/// holds back, the gap (m), steps.
+type Solution<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    EquilibriumRows,
+    Bound<'py, PyArray1<f64>>,
+    &'static str,
+    Vec<(usize, &'static str)>,
+    f64,
+    usize,
+);
+
+fn solution<'py>(py: Python<'py>, found: &ShapeSolution) -> Outcome<Solution<'py>> {
+    let equilibrium = &found.equilibrium;
+    let tendons = equilibrium.tendon_tensions.len();
+    let mut numbers = Numbers::new(1, equilibrium.positions.len(), tendons);
+    numbers.rows()[0].write(equilibrium);
+    let (ended, active, gap) = match &found.outcome {
+        Ending::Reached => ("reached", Vec::new(), 0.0),
+        Ending::Stalled { gap } => ("stalled", Vec::new(), *gap),
+        Ending::Unreachable { active, gap } => {
+            let end = |bound| match bound {
+                End::Low => "low",
+                End::High => "high",
+            };
+            let active = active.iter().map(|a| (a.tendon, end(a.bound))).collect();
+            ("unreachable", active, *gap)
+        }
+    };
+    Ok((
+        PyArray1::from_slice(py, found.command.as_slice()),
+        numbers.into_arrays(py)?,
+        PyArray1::from_slice(py, &found.errors),
+        ended,
+        active,
+        gap,
+        found.steps,
+    ))
+}
+
+/// Finds commands for targets.
+#[pyclass(frozen, module = "tdcr._tdcr")]
+pub struct ShapeController(shape::ShapeController);
+
+#[pymethods]
+impl ShapeController {
+    #[new]
+    #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
+    fn new(
+        py: Python<'_>,
+        robot: PyRef<'_, Robot>,
+        loads: PyRef<'_, Loads>,
+        tolerance: f64,
+        samples: usize,
+        seed: u64,
+        starts: usize,
+        max_steps: usize,
+    ) -> Outcome<Self> {
+        let search = Search {
+            tolerance,
+            samples,
+            seed,
+            starts,
+            max_steps,
+        };
+        let (robot, loads) = (&robot.0, &loads.0);
+        let made = run::long(py, None, |_| {
+            shape::ShapeController::new(robot, loads, search)
+        })?;
+        Ok(Self(made?))
+    }
+
+    /// The command under which the robot comes nearest to the targets.
+    fn reach<'py>(&self, py: Python<'py>, targets: Vec<TargetTuple>) -> Outcome<Solution<'py>> {
+        let targets: Vec<Target> = targets.into_iter().map(target).collect::<Outcome<_>>()?;
+        let found = run::long(py, None, |_| self.0.reach(&targets))??;
+        solution(py, &found)
+    }
+
+    /// A path of targets, from where the robot settles under `start`, if that is given.
+    #[pyo3(signature = (start=None))]
+    fn path(&self, start: Option<PyReadonlyArray1<'_, f64>>) -> Outcome<ShapePath> {
+        let Some(start) = start else {
+            return Ok(ShapePath(self.0.path()));
+        };
+        let robot = self.0.robot();
+        let start = robot.command(contiguous(&start, "start", &[robot.tendons().len()])?)?;
+        Ok(ShapePath(self.0.path_from(&start)?))
+    }
+}
+
+/// A path of targets that the robot is led along without jumps.
+#[pyclass(module = "tdcr._tdcr")]
+pub struct ShapePath(shape::ShapePath);
+
+#[pymethods]
+impl ShapePath {
+    /// The command for the next targets: the solution, how the robot arrives, the commands on the way, the largest changes of
+    /// a command and of a disc's place (m).
+    #[allow(clippy::type_complexity, reason = "a tuple for Python")]
+    fn follow<'py>(
+        &mut self,
+        py: Python<'py>,
+        targets: Vec<TargetTuple>,
+    ) -> Outcome<(
+        Solution<'py>,
+        &'static str,
+        Bound<'py, PyArray2<f64>>,
+        f64,
+        f64,
+    )> {
+        let targets: Vec<Target> = targets.into_iter().map(target).collect::<Outcome<_>>()?;
+        let path = &mut self.0;
+        let PathPoint {
+            solution: found,
+            arrival,
+            via,
+            command_change,
+            disc_change,
+        } = run::long(py, None, |_| path.follow(&targets))??;
+        let arrival = match arrival {
+            Arrival::First => "first",
+            Arrival::Followed => "followed",
+            Arrival::Switched => "switched",
+        };
+        let tendons = found.command.as_slice().len();
+        let flat: Vec<f64> = via
+            .iter()
+            .flat_map(|command| command.as_slice())
+            .copied()
+            .collect();
+        let via = array(py, flat, [via.len(), tendons])?;
+        Ok((
+            solution(py, &found)?,
+            arrival,
+            via,
+            command_change,
+            disc_change,
+        ))
+    }
+}
+
+/// What was found of an unknown: kind, value, standard error, interval, the others that it is confounded with.
+type FindingTuple = (&'static str, f64, f64, [f64; 2], Vec<usize>);
+
+/// A calibrated robot.
+#[pyclass(frozen, get_all, module = "tdcr._tdcr")]
+pub struct Calibration {
+    robot: Py<Robot>,
+    findings: Vec<FindingTuple>,
+    correlations: Py<PyArray2<f64>>,
+    noise: f64,
+    degrees_of_freedom: usize,
+    condition: f64,
+    state: &'static str,
+    residual_rms: f64,
+    steps: usize,
+}
+
+/// Fits unknowns to positions of discs, shape (rows, measured discs, 3); those that are not numbers were not measured.
+#[pyfunction]
+#[pyo3(signature = (robot, unknowns, commands, loads, payload, wrench, discs, positions))]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
+pub fn calibrate(
+    py: Python<'_>,
+    robot: PyRef<'_, Robot>,
+    unknowns: Vec<(String, Vec<String>)>,
+    commands: PyReadonlyArray2<'_, f64>,
+    loads: Vec<PyRef<'_, Loads>>,
+    payload: Option<PyReadonlyArray1<'_, f64>>,
+    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    discs: Vec<usize>,
+    positions: PyReadonlyArray3<'_, f64>,
+) -> Outcome<Calibration> {
+    let spec = robot.0.spec().clone();
+    let rows = Questions::new(
+        &[robot],
+        &commands,
+        &loads,
+        payload.as_ref(),
+        wrench.as_ref(),
+    )?;
+    let unknowns: Vec<Unknown> = (unknowns.iter())
+        .map(|(name, keys)| Ok(Unknown::shared(name, parameters(keys)?)))
+        .collect::<Outcome<_>>()?;
+    let shape = [rows.rows(), discs.len(), 3];
+    let measured = contiguous(&positions, "positions", &shape)?
+        .as_chunks::<3>()
+        .0;
+    let observation = |row: usize| Observation {
+        command: rows.commands[row].clone(),
+        loads: rows.loads[row].clone(),
+        positions: (discs.iter())
+            .zip(&measured[row * discs.len()..(row + 1) * discs.len()])
+            .filter(|(_, place)| place.iter().all(|x| !x.is_nan()))
+            .map(|(&disc, &place)| (disc, place.into()))
+            .collect(),
+    };
+    let observations: Vec<Observation> = (0..rows.rows()).map(observation).collect();
+    let fit = run::long(py, None, |_| {
+        calibration::calibrate(&spec, &unknowns, &observations)
+    })??;
+    let nan = f64::NAN;
+    let finding = |finding: &Finding| match finding {
+        Finding::Identified(e) => (
+            "identified",
+            e.value,
+            e.standard_error,
+            e.interval,
+            Vec::new(),
+        ),
+        Finding::Confounded { with } => ("confounded", nan, nan, [nan; 2], with.clone()),
+        Finding::Undetermined { standard_error } => {
+            ("undetermined", nan, *standard_error, [nan; 2], Vec::new())
+        }
+        Finding::NoEffect => ("no effect", nan, nan, [nan; 2], Vec::new()),
+        Finding::AtBound(value) => ("at bound", *value, nan, [nan; 2], Vec::new()),
+    };
+    let found = &fit.identification;
+    let count = found.findings.len();
+    // Symmetric, so its order of entries does not matter.
+    let correlations = array(py, found.correlations.as_slice().to_vec(), [count, count])?;
+    Ok(Calibration {
+        robot: Py::new(py, Robot(tdcr::sim::robot::Robot::new(fit.spec)?))?,
+        findings: found.findings.iter().map(finding).collect(),
+        correlations: correlations.unbind(),
+        noise: found.noise,
+        degrees_of_freedom: found.degrees_of_freedom,
+        condition: found.condition,
+        state: match fit.state {
+            FitState::Converged => "converged",
+            FitState::AtBound(_) => "at bound",
+            _ => "halted",
+        },
+        residual_rms: fit.residual_rms,
+        steps: fit.steps,
+    })
+}

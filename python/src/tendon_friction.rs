@@ -1,0 +1,117 @@
+//! Paths of equilibria with friction between tendons and holes.
+
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+use tdcr::sim::tendon_friction::{FrictionState, SlipState};
+
+use crate::arrays::contiguous;
+use crate::errors::{Failure, Outcome};
+use crate::loads::Loads;
+use crate::robot::Robot;
+use crate::statics::{EquilibriumRows, Numbers};
+
+/// A tendon from the servo to its fastened end: lengths (m), tensions (N), wrap angles (rad), deflections (m), slip states.
+type Profile<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Vec<&'static str>,
+);
+
+/// Energies (J) dissipated, stored, snapped, and of the servos' work; numbers of snaps and substeps.
+type Account = (f64, f64, f64, f64, usize, usize);
+
+/// A robot led along commands, with friction in its tendons' holes.
+#[pyclass(module = "tdcr._tdcr")]
+pub struct FrictionPath(tdcr::sim::tendon_friction::FrictionPath);
+
+#[pymethods]
+impl FrictionPath {
+    #[new]
+    fn new(robot: PyRef<'_, Robot>, resolution: f64) -> Outcome<Self> {
+        if !(resolution.is_finite() && resolution > 0.0) {
+            let message =
+                format!("the resolution is {resolution} rad; expected a finite number above 0");
+            return Err(Failure::input(message));
+        }
+        let path = tdcr::sim::tendon_friction::FrictionPath::new(&robot.0);
+        Ok(Self(path.with_resolution(resolution)))
+    }
+
+    /// Starts anew from the equilibrium without friction.
+    fn start<'py>(
+        &mut self,
+        py: Python<'py>,
+        command: PyReadonlyArray1<'_, f64>,
+        loads: PyRef<'_, Loads>,
+    ) -> Outcome<(EquilibriumRows, Vec<Profile<'py>>, Account)> {
+        let command = self.command(&command, &loads)?;
+        let (path, loads) = (&mut self.0, &loads.0);
+        py.detach(|| {
+            path.start(&command, loads);
+        });
+        state(py, self.0.state())
+    }
+
+    /// Goes on along the straight line to a command.
+    fn advance<'py>(
+        &mut self,
+        py: Python<'py>,
+        command: PyReadonlyArray1<'_, f64>,
+        loads: PyRef<'_, Loads>,
+    ) -> Outcome<(EquilibriumRows, Vec<Profile<'py>>, Account)> {
+        let command = self.command(&command, &loads)?;
+        let (path, loads) = (&mut self.0, &loads.0);
+        py.detach(|| {
+            path.advance(&command, loads);
+        });
+        state(py, self.0.state())
+    }
+}
+
+impl FrictionPath {
+    fn command(
+        &self,
+        command: &PyReadonlyArray1<'_, f64>,
+        loads: &Loads,
+    ) -> Outcome<tdcr::sim::robot::Command> {
+        let robot = self.0.robot();
+        loads.0.check(robot)?;
+        Ok(robot.command(contiguous(command, "command", &[robot.tendons().len()])?)?)
+    }
+}
+
+fn state<'py>(
+    py: Python<'py>,
+    state: &FrictionState,
+) -> Outcome<(EquilibriumRows, Vec<Profile<'py>>, Account)> {
+    let equilibrium = &state.equilibrium;
+    let tendons = equilibrium.tendon_tensions.len();
+    let mut numbers = Numbers::new(1, equilibrium.positions.len(), tendons);
+    numbers.rows()[0].write(equilibrium);
+    let vector = |values: &[f64]| PyArray1::from_slice(py, values);
+    let profiles = state.tendons.iter().map(|tendon| {
+        let slip = tendon.slip_states.iter().map(|slip| match slip {
+            SlipState::Sticks => "sticks",
+            SlipState::SlipsToServo => "to servo",
+            SlipState::SlipsToEnd => "to end",
+        });
+        (
+            vector(&tendon.lengths),
+            vector(&tendon.tensions),
+            vector(&tendon.wrap_angles),
+            vector(&tendon.deflections),
+            slip.collect(),
+        )
+    });
+    let account = (
+        state.dissipated,
+        state.stored,
+        state.snapped,
+        state.servo_work,
+        state.snaps,
+        state.substeps,
+    );
+    Ok((numbers.into_arrays(py)?, profiles.collect(), account))
+}

@@ -1,0 +1,290 @@
+"""From targets to commands (:func:`shape`), and from measured positions to a robot's parameters (:func:`calibrate`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, as_array, as_count, as_float
+from tdcr.errors import InputError
+from tdcr.loads import NO_LOADS, LoadRows, Loads
+from tdcr.robot import Robot
+from tdcr.statics import Equilibria, Equilibrium, Rows
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where or how a disc should be, in the world frame: exactly one of position, direction and orientation.
+
+    Attributes:
+        disc: The disc, from 0 at the base; ``-1`` is the last.
+        position: Its origin there (m).
+        direction: Its z axis, along the backbone, in this direction (x, y, z).
+        orientation: Turned so (w, x, y, z).
+        lever: What an error of one radian counts as (m).
+        weight: Of its squared error among those of the other targets.
+    """
+
+    disc: int = -1
+    position: Any = None
+    direction: Any = None
+    orientation: Any = None
+    lever: float = 0.1
+    weight: float = 1.0
+
+    def _native(self, robot: Robot) -> tuple[int, str, list[float], float, float]:
+        disc = as_count(self.disc + robot.discs if self.disc < 0 else self.disc, "disc of a target", 0, robot.discs - 1)
+        goals = {"position": self.position, "direction": self.direction, "orientation": self.orientation}
+        given = {kind: goal for kind, goal in goals.items() if goal is not None}
+        if len(given) != 1:
+            raise InputError(f"a target has {sorted(given) or 'nothing'}; expected exactly one of {sorted(goals)}")
+        ((kind, goal),) = given.items()
+        numbers = as_float(goal, f"{kind} of a target", (4 if kind == "orientation" else 3,))
+        if kind != "position" and not numbers.any():
+            raise InputError(f"the {kind} of a target is 0; expected {'a rotation' if len(numbers) == 4 else 'a direction'}")
+        return disc, kind, numbers.tolist(), float(self.lever), float(self.weight)
+
+
+@dataclass(frozen=True)
+class ShapeSolution:
+    """The best command found.
+
+    Attributes:
+        command: Within the tendons' ranges, shape (tendons,) (m or N).
+        equilibrium: Where the robot settles under it.
+        errors: Distance left to each target (m).
+        outcome: ``"reached"``; ``"unreachable"``, where nothing near the command comes nearer; ``"stalled"`` otherwise.
+        active: Tendons that a bound keeps from coming nearer, each with ``"low"`` or ``"high"``.
+        gap: The most that the distance could still fall by, were it linear (m).
+        steps: Steps tried.
+    """
+
+    command: Floats
+    equilibrium: Equilibrium
+    errors: Floats
+    outcome: str
+    active: tuple[tuple[int, str], ...]
+    gap: float
+    steps: int
+
+
+@dataclass(frozen=True)
+class PathPoint:
+    """One point of a path of targets.
+
+    Attributes:
+        solution: The command, as near to the last one as can be.
+        arrival: ``"first"``; ``"followed"``, along one branch without a jump; ``"switched"``, by a jump to another branch.
+        via: Commands on the way from the last point, shape (k, tendons).
+        command_change: Largest change of a command's entry (m or N).
+        disc_change: Largest way of a disc (m).
+    """
+
+    solution: ShapeSolution
+    arrival: str
+    via: Floats
+    command_change: float
+    disc_change: float
+
+
+class ShapeController:
+    """Finds commands for targets of one robot; settles its samples once for any number of targets.
+
+    Args:
+        robot: The robot.
+        loads: Loads on it.
+        tolerance: Largest error of a target that counts as met (m).
+        samples: Commands drawn to find starts among.
+        seed: Seed of these draws.
+        starts: Starts at most.
+        max_steps: Steps of one descent at most.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        loads: Loads = NO_LOADS,
+        *,
+        tolerance: float = 1e-6,
+        samples: int = 255,
+        seed: int = 0,
+        starts: int = 12,
+        max_steps: int = 300,
+    ) -> None:
+        self.robot = robot
+        self._native = _tdcr.ShapeController(
+            robot._native,
+            loads._native,
+            float(tolerance),
+            as_count(samples, "samples", 0, 10**7),
+            as_count(seed, "seed", 0, 2**64 - 1),
+            as_count(starts, "starts", 1, 10**7),
+            as_count(max_steps, "max_steps", 1, 10**9),
+        )
+
+    def reach(self, targets: Target | Sequence[Target]) -> ShapeSolution:
+        """The command under which the robot comes nearest to the targets."""
+        return _solution(self._native.reach(self._targets(targets)))
+
+    def path(self, start: Any = None) -> ShapePath:
+        """A path of targets without jumps; from where the robot settles under the command ``start``, if that is given."""
+        start = None if start is None else as_float(start, "start", (self.robot.tendons,))
+        return ShapePath(self, self._native.path(start))
+
+    def _targets(self, targets: Target | Sequence[Target]) -> list[tuple[int, str, list[float], float, float]]:
+        several = [targets] if isinstance(targets, Target) else list(targets)
+        return [target._native(self.robot) for target in several]
+
+
+class ShapePath:
+    """A path of targets that a robot is led along: made by :meth:`ShapeController.path`."""
+
+    def __init__(self, controller: ShapeController, native: _tdcr.ShapePath) -> None:
+        self._controller, self._native = controller, native
+
+    def follow(self, targets: Target | Sequence[Target]) -> PathPoint:
+        """The command for the path's next targets."""
+        solution, arrival, via, command_change, disc_change = self._native.follow(self._controller._targets(targets))
+        return PathPoint(_solution(solution), arrival, via, command_change, disc_change)
+
+
+def shape(
+    robot: Robot, targets: Target | Sequence[Target], payload: float = 0.0, *, loads: Loads | None = None, **search: Any
+) -> ShapeSolution:
+    """The command under which a robot comes nearest to targets: :class:`ShapeController` for one question.
+
+    Args:
+        robot: The robot.
+        targets: Targets for its discs.
+        payload: Mass hung from the last disc (kg).
+        loads: Other loads, in place of the payload.
+        search: As of :class:`ShapeController`.
+    """
+    return ShapeController(robot, Loads(payload=payload) if loads is None else loads, **search).reach(targets)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What measurements say of an unknown.
+
+    Attributes:
+        name: Of the unknown.
+        kind: ``"identified"``; ``"confounded"`` with others; ``"undetermined"``, lost in the errors of measurement; ``"no
+            effect"``; ``"at bound"`` of what a robot can have.
+        value: Its value, if it was found.
+        standard_error: Of the value.
+        interval: 95 % confidence interval.
+        confounded_with: Names of the others.
+    """
+
+    name: str
+    kind: str
+    value: float
+    standard_error: float
+    interval: tuple[float, float]
+    confounded_with: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated robot.
+
+    Attributes:
+        robot: The robot with the values found.
+        findings: Of each unknown, in order.
+        correlations: Of the estimates' errors, shape (unknowns, unknowns).
+        noise: Standard deviation of the errors of measurement (m).
+        degrees_of_freedom: Measured coordinates less directions fitted.
+        condition: Of the Jacobian with columns of length 1; from about 30 on, unknowns blur each other.
+        state: ``"converged"``, ``"at bound"`` or ``"halted"``.
+        residual_rms: Root mean square of the residuals (m).
+        steps: Steps tried.
+    """
+
+    robot: Robot
+    findings: tuple[Finding, ...]
+    correlations: Floats
+    noise: float
+    degrees_of_freedom: int
+    condition: float
+    state: str
+    residual_rms: float
+    steps: int
+
+
+def calibrate(
+    robot: Robot,
+    unknowns: Sequence[str] | Mapping[str, Sequence[str]],
+    commands: Any,
+    positions: Any,
+    *,
+    discs: Sequence[int] | None = None,
+    payload: Any = None,
+    wrench: Any = None,
+    loads: Loads | Sequence[Loads] | None = None,
+) -> Calibration:
+    """Finds the values of unknowns that explain measured positions best, by least squares.
+
+    Args:
+        robot: The robot with first values.
+        unknowns: Names of parameters, or a dictionary from a name to the parameters that share one value: for example
+            ``{"gain": [f"gain[{t}]" for t in range(6)]}``.
+        commands: Shape (rows, tendons) (m or N).
+        positions: Measured origins of discs, shape (rows, measured discs, 3), world frame (m); NaN where not measured.
+        discs: Which discs were measured; the last one, or all, where that is clear from the shape.
+        payload, wrench, loads: As of :func:`tdcr.settle_batch`.
+
+    Raises:
+        InputError: For measurements that do not fit, or a robot that does not settle with its first values.
+        ParameterError: For a parameter that the robot does not have.
+    """
+    groups = dict(unknowns) if isinstance(unknowns, Mapping) else {name: [name] for name in unknowns}
+    rows = Rows.of(robot, commands, None, None, None)
+    measured = np.ascontiguousarray(as_array(positions, "positions"), dtype=np.float64)
+    count = measured.shape[1] if measured.ndim == 3 else -1
+    if discs is None:
+        known = {1: [robot.discs - 1], robot.discs: list(range(robot.discs))}
+        if count not in known:
+            raise InputError(f"positions has shape {measured.shape}, and discs are not given; expected `discs`, which were measured")
+        discs = known[count]
+    if measured.shape != (len(rows.commands), len(discs), 3):
+        raise InputError(f"positions has shape {measured.shape}; expected {(len(rows.commands), len(discs), 3)}")
+    chosen = [as_count(d + robot.discs if d < 0 else d, "disc", 0, robot.discs - 1) for d in discs]
+    of_rows = LoadRows.of(loads, payload, wrench, len(rows.commands), robot.discs)
+    names = list(groups)
+    fit = _tdcr.calibrate(
+        robot._native,
+        [(name, list(group)) for name, group in groups.items()],
+        rows.commands,
+        of_rows.base,
+        of_rows.payload,
+        of_rows.wrench,
+        chosen,
+        measured,
+    )
+    findings = tuple(
+        Finding(name, kind, value, error, (low, high), tuple(names[k] for k in others))
+        for name, (kind, value, error, (low, high), others) in zip(names, fit.findings, strict=True)
+    )
+    return Calibration(
+        Robot._of(fit.robot),
+        findings,
+        fit.correlations,
+        fit.noise,
+        fit.degrees_of_freedom,
+        fit.condition,
+        fit.state,
+        fit.residual_rms,
+        fit.steps,
+    )
+
+
+def _solution(
+    found: tuple[Floats, _tdcr.EquilibriumRows, Floats, str, list[tuple[int, str]], float, int],
+) -> ShapeSolution:
+    command, equilibrium, errors, outcome, active, gap, steps = found
+    return ShapeSolution(command, Equilibria._of(equilibrium)[0], errors, outcome, tuple(active), gap, steps)

@@ -1,0 +1,104 @@
+"""Paths of equilibria with friction between tendons and holes: what a robot does depends on where it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, Progress, as_float, as_rows
+from tdcr.loads import NO_LOADS, Loads
+from tdcr.robot import Robot
+from tdcr.statics import Equilibria, Equilibrium
+
+
+@dataclass(frozen=True)
+class TendonProfile:
+    """One tendon from the servo to its fastened end, through ``h`` holes.
+
+    Attributes:
+        lengths: Of each segment, shape (h - 1,) (m).
+        tensions: Of each segment, shape (h - 1,) (N).
+        wrap_angles: At each interior hole, shape (h - 2,) (rad).
+        deflections: Of the contact at each interior hole, positive when friction holds the tendon back from moving towards the
+            servo, shape (h - 2,) (m).
+        slip: Of each interior hole: ``"sticks"``, ``"to servo"`` or ``"to end"``.
+    """
+
+    lengths: Floats
+    tensions: Floats
+    wrap_angles: Floats
+    deflections: Floats
+    slip: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FrictionState:
+    """Where a path has come to.
+
+    Attributes:
+        equilibrium: Where the robot rests; tensions are those at the servos.
+        tendons: Each tendon along its route.
+        dissipated: Energy turned into heat at the holes since the start (J).
+        stored: Elastic energy in the sticking contacts (J).
+        snapped: Energy lost in snaps since the start (J).
+        servo_work: Work done on the tendons at their servos since the start (J).
+        snaps: Snaps since the start: motions too fast for quasi-statics.
+        substeps: Substeps since the last command.
+    """
+
+    equilibrium: Equilibrium
+    tendons: tuple[TendonProfile, ...]
+    dissipated: float
+    stored: float
+    snapped: float
+    servo_work: float
+    snaps: int
+    substeps: int
+
+
+class FrictionPath:
+    """Leads a robot along a sequence of commands, with the friction of its file in its tendons' holes.
+
+    Args:
+        robot: The robot.
+        resolution: Largest turn of a joint in one substep (rad).
+    """
+
+    def __init__(self, robot: Robot, resolution: float = 0.02) -> None:
+        self.robot = robot
+        self._native = _tdcr.FrictionPath(robot._native, float(resolution))
+
+    def start(self, command: Any, loads: Loads = NO_LOADS) -> FrictionState:
+        """Starts anew from the equilibrium without friction under a command, shape (tendons,) (m or N)."""
+        return _state(*self._native.start(self._command(command), loads._native))
+
+    def advance(self, command: Any, loads: Loads = NO_LOADS) -> FrictionState:
+        """Goes on along the straight line to a command; the first time, starts there.
+
+        Look at the ``converged`` of its equilibrium: where a command could not be reached, the state is the last on the way.
+        """
+        return _state(*self._native.advance(self._command(command), loads._native))
+
+    def follow(self, commands: Any, loads: Loads = NO_LOADS, progress: Progress | None = None) -> list[FrictionState]:
+        """Advances along rows of commands, shape (rows, tendons) (m or N)."""
+        rows = as_rows(commands, "commands", self.robot.tendons, f"one for each tendon of robot {self.robot.name!r}")
+        states = []
+        for row in rows:
+            states.append(self.advance(row, loads))
+            if progress is not None:
+                progress(1)
+        return states
+
+    def _command(self, command: Any) -> Floats:
+        return as_float(command, "command", (self.robot.tendons,))
+
+
+def _state(
+    equilibrium: _tdcr.EquilibriumRows,
+    tendons: Sequence[tuple[Floats, Floats, Floats, Floats, list[str]]],
+    account: tuple[float, float, float, float, int, int],
+) -> FrictionState:
+    profiles = tuple(TendonProfile(*tendon[:4], tuple(tendon[4])) for tendon in tendons)
+    return FrictionState(Equilibria._of(equilibrium)[0], profiles, *account)

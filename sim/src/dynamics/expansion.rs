@@ -1,0 +1,75 @@
+//! A step and what its derivatives are made of.
+
+use super::acceleration::EquationsOfMotion;
+use super::composite::{Composite, compose};
+use super::{DynamicsError, State};
+use crate::energy::following::{add_forces, add_moments};
+use crate::energy::{DeadForces, Expansion, Potential};
+use crate::robot::{Command, Loads, Robot};
+
+/// A [`SemiImplicitEuler`](super::Integrator) step of one robot, `(M + h D) a = tau - D v - bias`, with what is needed to
+/// differentiate it; reuses most of its memory.
+#[derive(Clone, Debug)]
+pub(super) struct StepExpansion {
+    pub timestep: f64,
+    pub equations: EquationsOfMotion,
+    /// Armatures with the implicit damping `h D` (kg m²): it acts on the change of the rates, as an armature would.
+    pub armatures: Vec<f64>,
+    /// The accelerations `a` of the step, in the discs' frames (rad/s²).
+    pub accelerations: Vec<f64>,
+    /// Composite bodies at these accelerations.
+    pub composites: Vec<Composite>,
+    /// Dead forces, and the following ones as they are in this posture.
+    pub dead: DeadForces,
+    /// The potential's derivatives, following loads in its gradient.
+    pub expansion: Expansion,
+}
+
+impl StepExpansion {
+    /// Of steps by `timestep` (s).
+    pub fn new(robot: &Robot, timestep: f64) -> Result<Self, DynamicsError> {
+        if !(timestep.is_finite() && timestep > 0.0) {
+            return Err(DynamicsError::Timestep(timestep));
+        }
+        let armatures: Vec<f64> = (robot.discs().iter())
+            .map(|disc| disc.armature + timestep * disc.damping)
+            .collect();
+        Ok(Self {
+            timestep,
+            equations: EquationsOfMotion::new(robot, &armatures)?,
+            armatures,
+            accelerations: vec![0.0; robot.dof()],
+            composites: Vec::with_capacity(robot.discs().len()),
+            dead: DeadForces::new(robot),
+            expansion: Expansion::new(robot),
+        })
+    }
+
+    /// Takes the step from `state` and expands it, if state, command and loads are of this robot. O(n) time.
+    pub fn expand(
+        &mut self,
+        state: &State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<(), DynamicsError> {
+        self.equations.accept(state, command, loads)?;
+        let command = command.as_slice();
+        let (q, v) = (&state.configuration, &state.velocity);
+        let accelerations = &mut self.accelerations;
+        self.equations
+            .accelerate(q, v, command, &self.armatures, accelerations);
+        compose(&self.equations, v, accelerations, &mut self.composites);
+        // The potential, following loads as the dead forces that they are here.
+        let posture = &self.equations.posture;
+        self.dead = self.equations.forces.dead.clone();
+        add_forces(loads, 1.0, posture, &mut self.dead);
+        let potential = Potential {
+            robot: &self.equations.robot,
+            command,
+            dead: &self.dead,
+        };
+        potential.expand(q, posture, &mut self.expansion);
+        add_moments(loads, 1.0, posture, &mut self.expansion);
+        Ok(())
+    }
+}

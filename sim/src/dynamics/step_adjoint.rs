@@ -1,0 +1,184 @@
+//! The adjoint of a step, without its matrices.
+//!
+//! The step is `v+ = v + h a`, `q+ = q exp(h v+)`, with `M a = f` (`h D` in `M`). With the multipliers `w = M^-1 a'` of a
+//! cotangent `a'` of the accelerations, the derivative of the cost by anything is `w . (df - dM a)`: that by the state takes
+//! one sum over the composite bodies from the tip down and one from the base up, that by all numbers of the model besides the
+//! same for the energy's terms. All of it is O(n).
+
+use nalgebra::{Vector3, Vector6};
+
+use super::composite::{Moved, cross_with_force};
+use super::expansion::StepExpansion;
+use super::inertia_cotangent::pull_back_inertia;
+use super::linearise::turn_jacobians;
+use super::{DynamicsError, State};
+use crate::energy::following::add_transposed_product;
+use crate::model_tangent::{Expanded, ModelTangent};
+use crate::robot::{Command, Loads, Robot};
+
+/// The adjoint of steps of one robot; reuses most of its memory.
+#[derive(Clone, Debug)]
+pub(super) struct StepAdjoint {
+    step: StepExpansion,
+    /// Cotangents of the accelerations, then products; world axes.
+    scratch: Vec<Vector3<f64>>,
+    /// The `w`, world axes.
+    multipliers: Vec<Vector3<f64>>,
+    gradient: Vec<Vector3<f64>>,
+}
+
+impl StepAdjoint {
+    /// Of [`SemiImplicitEuler`](super::Integrator) steps of `robot` by `timestep` (s).
+    pub fn new(robot: &Robot, timestep: f64) -> Result<Self, DynamicsError> {
+        let zeros = vec![Vector3::zeros(); robot.discs().len()];
+        Ok(Self {
+            step: StepExpansion::new(robot, timestep)?,
+            scratch: zeros.clone(),
+            multipliers: zeros.clone(),
+            gradient: zeros,
+        })
+    }
+
+    /// Turns the `cotangent` of the state after the step from `before` into that of `before`, in the coordinates of
+    /// [`Linearisation`](super::Linearisation); adds the derivatives by the model to `model`, and returns the multipliers'
+    /// part of it by the command alone.
+    ///
+    /// # Errors
+    /// [`DynamicsError`] as [`Lineariser::linearise`](super::Lineariser::linearise).
+    pub fn pull_back(
+        &mut self,
+        before: &State,
+        command: &Command,
+        loads: &Loads,
+        cotangent: &mut [f64],
+        model: &mut ModelTangent,
+    ) -> Result<Vec<f64>, DynamicsError> {
+        self.step.expand(before, command, loads)?;
+        let (turns, rates) = cotangent.split_at_mut(before.velocity.len());
+        self.through_step(&before.velocity, turns, rates);
+        let Self {
+            step,
+            scratch,
+            multipliers,
+            ..
+        } = self;
+        step.equations.solve(&step.armatures, scratch, multipliers);
+        self.add_loads(loads, turns);
+        self.add_inertia(turns, rates);
+        // By the model: a load's force is minus the potential's gradient.
+        let commands = std::mem::replace(&mut model.command, vec![0.0; command.as_slice().len()]);
+        let opposite: Vec<_> = self.multipliers.iter().map(|w| -w).collect();
+        let step = &self.step;
+        let expanded = Expanded {
+            robot: &step.equations.robot,
+            q: &before.configuration,
+            posture: &step.equations.posture,
+            expansion: &step.expansion,
+            dead: &step.dead,
+            command: command.as_slice(),
+        };
+        expanded.pull_back(&opposite, &[], model);
+        pull_back_inertia(
+            &step.equations,
+            &step.accelerations,
+            step.timestep,
+            &self.multipliers,
+            model,
+        );
+        let by_command = std::mem::replace(&mut model.command, commands);
+        for (sum, own) in model.command.iter_mut().zip(&by_command) {
+            *sum += own;
+        }
+        let finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
+        if finite(turns) && finite(rates) && finite(&by_command) {
+            Ok(by_command)
+        } else {
+            Err(DynamicsError::NotDifferentiable)
+        }
+    }
+
+    /// Through `q+ = q exp(h v+)` and `v+ = v + h a`; leaves the cotangents of the accelerations, world axes, in `scratch`.
+    fn through_step(&mut self, velocity: &[f64], turns: &mut [f64], rates: &mut [f64]) {
+        let h = self.step.timestep;
+        let joints = turns.as_chunks_mut::<3>().0.iter_mut();
+        let joints = joints.zip(rates.as_chunks_mut::<3>().0);
+        let motions = (velocity.as_chunks::<3>().0.iter())
+            .zip(self.step.accelerations.as_chunks::<3>().0)
+            .zip(self.step.equations.orientations());
+        for (((turn, rate), ((v, a), orientation)), out) in
+            joints.zip(motions).zip(&mut self.scratch)
+        {
+            let next = Vector3::from(*v) + Vector3::from(*a) * h;
+            let (back, jacobian) = turn_jacobians(&(next * h));
+            let after = Vector3::from(*turn);
+            let by_rate = Vector3::from(*rate) + jacobian.tr_mul(&after) * h;
+            *turn = back.tr_mul(&after).into();
+            *rate = by_rate.into();
+            *out = orientation * by_rate * h;
+        }
+    }
+
+    /// Minus the transposed derivative of the residual moments `g` times the multipliers: their Jacobian by turns, and since
+    /// turns do not commute, `1/2 [g]x`.
+    fn add_loads(&mut self, loads: &Loads, turns: &mut [f64]) {
+        let StepExpansion {
+            equations,
+            expansion,
+            ..
+        } = &self.step;
+        expansion.product(&self.multipliers, &mut self.scratch);
+        add_transposed_product(
+            loads,
+            &equations.posture,
+            &self.multipliers,
+            &mut self.scratch,
+        );
+        expansion.gradient(&mut self.gradient);
+        for (joint, turn) in turns.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+            let twist = self.gradient[joint].cross(&self.multipliers[joint]) * 0.5;
+            let by_turn = equations.orientations()[joint].tr_mul(&(twist - self.scratch[joint]));
+            *turn = (Vector3::from(*turn) + by_turn).into();
+        }
+    }
+
+    /// Minus the transposed derivatives of the inverse dynamics, at the step's accelerations, and of damping, times the
+    /// multipliers.
+    fn add_inertia(&self, turns: &mut [f64], rates: &mut [f64]) {
+        let StepExpansion {
+            equations,
+            composites,
+            ..
+        } = &self.step;
+        // Motions S w along the multipliers: sums over the joints below each joint.
+        let own: Vec<Vector3<f64>> = (equations.orientations().iter().zip(&self.multipliers))
+            .map(|(orientation, multiplier)| orientation.tr_mul(multiplier))
+            .collect();
+        let mut sum = Vector6::zeros();
+        let below: Vec<Vector6<f64>> = (composites.iter().zip(&own))
+            .map(|(joint, own)| {
+                let below = sum;
+                sum += joint.axes * own;
+                below
+            })
+            .collect();
+        // From the tip down: what a moved joint does to the forces on those above it, I S w and B' S w, and below it.
+        let (mut inertia, mut coriolis) = (Vector6::zeros(), Vector6::zeros());
+        for (j, joint) in composites.iter().enumerate().rev() {
+            let along = joint.axes * own[j];
+            inertia += joint.inertia * along;
+            coriolis += joint.coriolis.tr_mul(&along);
+            let rest = inertia + joint.inertia * below[j];
+            let velocity = coriolis + joint.coriolis.tr_mul(&below[j]);
+            let work = |moved: &Moved| moved.rest.tr_mul(&rest) + moved.velocity.tr_mul(&velocity);
+            let force = joint
+                .axes
+                .tr_mul(&cross_with_force(&joint.force).tr_mul(&below[j]));
+            let by_turn = work(&Moved::by_turn(joint)) + force;
+            let by_rate = work(&Moved::by_rate(joint)) + own[j] * equations.links[j].damping;
+            for axis in 0..3 {
+                turns[3 * j + axis] -= by_turn[axis];
+                rates[3 * j + axis] -= by_rate[axis];
+            }
+        }
+    }
+}
