@@ -8,10 +8,15 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr::sim::cloud::{Observer, VoxelGrid};
-use tdcr::sim::dynamics::{Integrator, Lineariser, State, Stepper};
+use tdcr::sim::dynamics::{
+    Integrator, Lineariser, Rollout, State, StateCotangent, Stepper, rollout_gradient,
+};
 use tdcr::sim::render::BaseVisibility;
-use tdcr::sim::robot::{Command, Loads, Robot};
+use tdcr::sim::robot::{Command, Loads, Parameter, Robot};
 use tdcr::sim::statics::Settler;
+
+/// Steps of the motions whose gradients are timed.
+const GRADIENT_STEPS: usize = 100;
 
 /// Random commands, the same in every run.
 fn commands(robot: &Robot) -> Vec<Command> {
@@ -79,6 +84,30 @@ fn step(criterion: &mut Criterion) {
                 stepper.step(&mut state, command, &Loads::default())
             });
         });
+        let rollout = Rollout {
+            start: State::straight(&robot),
+            commands: sweep.iter().cycle().take(GRADIENT_STEPS).cloned().collect(),
+            loads: Loads::default(),
+        };
+        let states = stepper.rollout(&rollout).expect("a motion");
+        group.bench_function(
+            format!("gradient of {GRADIENT_STEPS} steps, {name}"),
+            |bencher| {
+                bencher.iter(|| {
+                    let cost =
+                        |_: usize, _: &State, by: &mut StateCotangent| by.coordinates.fill(1.0);
+                    let parameters = [Parameter::Gain(0)];
+                    black_box(rollout_gradient(
+                        &robot,
+                        0.002,
+                        &rollout,
+                        &states,
+                        &parameters,
+                        cost,
+                    ))
+                });
+            },
+        );
         let mut lineariser = Lineariser::new(&robot, 0.002).expect("a robot that can move");
         group.bench_function(format!("linearisation, {name}"), |bencher| {
             bencher.iter(|| black_box(lineariser.linearise(&state, &sweep[0], &Loads::default())));

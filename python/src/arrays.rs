@@ -44,9 +44,15 @@ pub fn write_quaternions(quaternions: &[UnitQuaternion<f64>], out: &mut [f64]) {
     }
 }
 
-/// Quaternions (w, x, y, z) one after another, made unit ones.
+/// Quaternions (w, x, y, z) one after another, made unit ones; those that are but for rounding stay what they are.
 pub fn quaternions(flat: &[f64]) -> Vec<UnitQuaternion<f64>> {
-    let unit =
-        |&[w, i, j, k]: &[f64; 4]| UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+    let unit = |&[w, i, j, k]: &[f64; 4]| {
+        let q = Quaternion::new(w, i, j, k);
+        if (q.norm_squared() - 1.0).abs() < 1e-14 {
+            UnitQuaternion::new_unchecked(q)
+        } else {
+            UnitQuaternion::from_quaternion(q)
+        }
+    };
     flat.as_chunks::<4>().0.iter().map(unit).collect()
 }

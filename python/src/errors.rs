@@ -85,8 +85,17 @@ classes! {
     CommandError => "CommandError",
     LoadsError => "LoadsError",
     NotSettled => "NotSettledError",
-    DynamicsError => "DynamicsError",
     ShapeControlError => "InputError",
+}
+
+impl From<DynamicsError> for Failure {
+    fn from(error: DynamicsError) -> Self {
+        match error {
+            DynamicsError::Load(error) => error.into(),
+            DynamicsError::Parameter(error) => error.into(),
+            other => Self::Of("DynamicsError", other.to_string()),
+        }
+    }
 }
 
 impl From<SensitivityError> for Failure {

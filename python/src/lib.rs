@@ -12,13 +12,19 @@
 //! | [`tendon_friction`] | paths with friction in the holes |
 //! | [`inverse`] | commands for shapes, parameters from measurements |
 //! | [`vision`] | images and clouds |
+//! | [`dynamics`] | motions by rows |
+//! | [`dynamics_gradient`] | gradients of motions by rows; linearised steps |
+//! | [`moving_robot`] | one robot in motion, step by step |
 //!
 //! What they use: [`run`] (threads, the interpreter's lock, Ctrl-C), [`arrays`] and [`errors`].
 
 mod arrays;
+mod dynamics;
+mod dynamics_gradient;
 mod errors;
 mod inverse;
 mod loads;
+mod moving_robot;
 mod robot;
 mod run;
 mod sensitivity;
@@ -33,9 +39,15 @@ mod _tdcr {
     use pyo3::prelude::*;
 
     #[pymodule_export]
+    use crate::dynamics::{MotionRows, Steps, rollout_rows};
+    #[pymodule_export]
+    use crate::dynamics_gradient::{RolloutGradientRows, linearise, rollout_vjp_rows};
+    #[pymodule_export]
     use crate::inverse::{Calibration, ShapeController, ShapePath, calibrate};
     #[pymodule_export]
     use crate::loads::Loads;
+    #[pymodule_export]
+    use crate::moving_robot::MovingRobot;
     #[pymodule_export]
     use crate::robot::Robot;
     #[pymodule_export]

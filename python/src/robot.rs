@@ -159,3 +159,25 @@ pub fn named(name: &str) -> Outcome<Parameter> {
 pub fn parameters(names: &[String]) -> Outcome<Vec<Parameter>> {
     names.iter().map(|name| named(name)).collect()
 }
+
+/// The robots of the rows of a batch, one for all or one a row, all of as many discs and tendons; at least one.
+pub fn of_rows(robots: &[PyRef<'_, Robot>], rows: usize) -> Outcome<Vec<tdcr::sim::robot::Robot>> {
+    let robots: Vec<_> = robots.iter().map(|robot| robot.0.clone()).collect();
+    let Some(first) = (robots.first()).filter(|_| robots.len() == 1 || robots.len() == rows) else {
+        let message = format!("{} robots, expected 1 or {rows}, one a row", robots.len());
+        return Err(Failure::input(message));
+    };
+    let size = |robot: &tdcr::sim::robot::Robot| (robot.discs().len(), robot.tendons().len());
+    let (discs, tendons) = size(first);
+    if let Some(other) = robots
+        .iter()
+        .position(|robot| size(robot) != (discs, tendons))
+    {
+        let found = size(&robots[other]);
+        return Err(Failure::input(format!(
+            "robot {other} has {} discs and {} tendons, robot 0 has {discs} and {tendons}: expected robots of one size",
+            found.0, found.1
+        )));
+    }
+    Ok(robots)
+}

@@ -7,8 +7,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use rayon::prelude::*;
+use tdcr::sim::pose::{PoseTangent, rotation_cotangent};
 use tdcr::sim::robot::Parameter;
-use tdcr::sim::sensitivity::{PoseTangent, Sensitivity};
+use tdcr::sim::sensitivity::Sensitivity;
 
 use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome};
@@ -37,12 +38,6 @@ pub fn quaternion_change(q: &UnitQuaternion<f64>, rotation: &Vector3<f64>) -> [f
     let v = q.imag();
     let change = (rotation * q.w + rotation.cross(&v)) * 0.5;
     [-0.5 * rotation.dot(&v), change.x, change.y, change.z]
-}
-
-/// Derivative of a cost by a rotation vector, from that by a quaternion (w, x, y, z): the adjoint of [`quaternion_change`].
-pub fn rotation_cotangent(q: &UnitQuaternion<f64>, [w, x, y, z]: [f64; 4]) -> Vector3<f64> {
-    let (v, g) = (q.imag(), Vector3::new(x, y, z));
-    (g * q.w - v * w + v.cross(&g)) * 0.5
 }
 
 /// Computes each row's numbers from its sensitivity, in parallel.

@@ -10,7 +10,7 @@ use tdcr::sim::statics::{Equilibrium, Stability};
 use crate::arrays::{array, contiguous, quaternions, write_points, write_quaternions};
 use crate::errors::{Failure, Outcome};
 use crate::loads::{LoadRows, Loads};
-use crate::robot::Robot;
+use crate::robot::{Robot, of_rows};
 use crate::run;
 
 /// What each row is asked for: a robot, a command and loads.
@@ -33,26 +33,8 @@ impl Questions {
         wrench: Option<&PyReadonlyArray3<'_, f64>>,
     ) -> Outcome<Self> {
         let rows = numpy::PyUntypedArrayMethods::shape(&**commands)[0];
-        let robots: Vec<_> = robots.iter().map(|robot| robot.0.clone()).collect();
-        let Some(first) = robots
-            .first()
-            .filter(|_| robots.len() == 1 || robots.len() == rows)
-        else {
-            let message = format!("{} robots, expected 1 or {rows}, one a row", robots.len());
-            return Err(Failure::input(message));
-        };
-        let (discs, tendons) = (first.discs().len(), first.tendons().len());
-        let alike = |robot: &tdcr::sim::robot::Robot| {
-            (robot.discs().len(), robot.tendons().len()) == (discs, tendons)
-        };
-        if let Some(other) = robots.iter().position(|robot| !alike(robot)) {
-            let message = format!(
-                "robot {other} has {} discs and {} tendons, robot 0 has {discs} and {tendons}: expected robots of one size",
-                robots[other].discs().len(),
-                robots[other].tendons().len()
-            );
-            return Err(Failure::input(message));
-        }
+        let robots = of_rows(robots, rows)?;
+        let (discs, tendons) = (robots[0].discs().len(), robots[0].tendons().len());
         let values = contiguous(commands, "commands", &[rows, tendons])?;
         let rows_of_loads = LoadRows::new(loads, payload, wrench, rows, discs)?;
         let mut questions = Self {

@@ -18,17 +18,27 @@ from tdcr.loads import Loads, Wrench
 from tdcr.robot import Robot
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
+from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
 from tdcr.vision import Cloud, View, cloud, clouds, render
+from tdcr.dynamics import Motion, Motions, State, rollout, simulate
+from tdcr.dynamics_gradient import Linearisation, RolloutGradients, linearise, rollout_vjp
+from tdcr.moving_robot import MovingRobot
 
 __all__ = [
     "Cloud",
     "Equilibria",
     "Equilibrium",
     "FrictionPath",
+    "Linearisation",
     "Loads",
+    "Motion",
+    "Motions",
+    "MovingRobot",
     "Robot",
+    "RolloutGradients",
     "Settler",
+    "State",
     "TdcrError",
     "View",
     "Wrench",
@@ -41,10 +51,15 @@ __all__ = [
     "inverse",
     "jacobian",
     "jvp",
+    "linearise",
     "render",
+    "rollout",
+    "rollout_vjp",
     "set_threads",
     "settle",
     "settle_batch",
+    "simulate",
+    "sweep",
     "threads",
     "vjp",
 ]

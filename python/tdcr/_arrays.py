@@ -64,7 +64,8 @@ def as_quaternions(value: Any, name: str, shape: Sequence[int | str]) -> Floats:
     norms: Floats = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     if not (norms > 0.0).all():
         raise InputError(f"{name} has a quaternion that is 0; expected rotations (w, x, y, z)")
-    return quaternions / norms
+    # Those that are unit ones but for rounding stay what they are, to the last bit.
+    return np.where(np.abs(norms - 1.0) < 1e-14, quaternions, quaternions / norms)
 
 
 def as_count(value: Any, name: str, smallest: int = 0, largest: int = 2**53) -> int:

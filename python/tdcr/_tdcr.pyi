@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable
 from typing import final
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,10 +11,14 @@ __all__ = [
     "EquilibriumRows",
     "FrictionPath",
     "Loads",
+    "MotionRows",
+    "MovingRobot",
     "Robot",
+    "RolloutGradientRows",
     "Settler",
     "ShapeController",
     "ShapePath",
+    "Steps",
     "View",
     "__version__",
     "calibrate",
@@ -23,16 +26,17 @@ __all__ = [
     "follow_rows",
     "jacobian_rows",
     "jvp_rows",
+    "linearise",
     "render",
+    "rollout_rows",
+    "rollout_vjp_rows",
     "save_ply",
     "set_threads",
     "settle_rows",
     "threads",
     "vjp_rows",
 ]
-
 __version__: str
-
 _Floats = NDArray[np.float64]
 _Vector = tuple[float, float, float]
 _Progress = Callable[[int], object] | None
@@ -44,7 +48,6 @@ _Cloud = tuple[NDArray[np.float32], NDArray[np.uint8]]
 
 def set_threads(count: int) -> None:
     """Sets the number of threads that this process computes with, from 1 to 1024."""
-
 def threads() -> int:
     """Number of threads that this process computes with."""
 
@@ -112,7 +115,6 @@ class Settler:
     def settle(self, command: _Floats, loads: Loads) -> EquilibriumRows: ...
     def follow(self, command: _Floats, loads: Loads) -> EquilibriumRows: ...
     def settle_from(self, command: _Floats, loads: Loads, configuration: _Floats) -> EquilibriumRows: ...
-
 def settle_rows(
     robots: list[Robot],
     commands: _Floats,
@@ -206,7 +208,6 @@ class Calibration:
     def residual_rms(self) -> float: ...
     @property
     def steps(self) -> int: ...
-
 def calibrate(
     robot: Robot,
     unknowns: list[tuple[str, list[str]]],
@@ -234,7 +235,6 @@ class View:
     def position(self) -> _Floats: ...
     @property
     def quaternion(self) -> _Floats: ...
-
 def render(
     robot: Robot,
     configuration: _Floats,
@@ -258,3 +258,98 @@ def clouds(
     progress: _Progress = None,
 ) -> list[_Cloud]: ...
 def save_ply(path: str | os.PathLike[str], points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None: ...
+
+_Start = tuple[_Floats | None, _Floats | None, bool]
+_ByStates = tuple[_Floats | None, _Floats | None, _Floats | None]
+
+@final
+class Steps:
+    def __new__(cls, timestep: float, integrator: str, skip: int) -> Steps: ...
+
+@final
+class MotionRows:
+    @property
+    def positions(self) -> _Floats: ...
+    @property
+    def quaternions(self) -> _Floats: ...
+    @property
+    def configuration(self) -> _Floats: ...
+    @property
+    def velocity(self) -> _Floats: ...
+    @property
+    def lengths(self) -> _Floats: ...
+    @property
+    def tensions(self) -> _Floats: ...
+    @property
+    def steps(self) -> NDArray[np.uint32]: ...
+    @property
+    def failures(self) -> list[tuple[int, str, str]]: ...
+
+@final
+class RolloutGradientRows:
+    @property
+    def commands(self) -> _Floats: ...
+    @property
+    def configuration(self) -> _Floats: ...
+    @property
+    def velocity(self) -> _Floats: ...
+    @property
+    def payload(self) -> _Floats: ...
+    @property
+    def wrench(self) -> _Floats: ...
+    @property
+    def parameters(self) -> _Floats: ...
+    @property
+    def failures(self) -> list[tuple[int, str, str]]: ...
+
+@final
+class MovingRobot:
+    def __new__(cls, robot: Robot, steps: Steps) -> MovingRobot: ...
+    def reset(self, command: _Floats, loads: Loads) -> None: ...
+    def start_at(self, configuration: _Floats, velocity: _Floats, command: _Floats) -> None: ...
+    def step(self, command: _Floats, loads: Loads, skip: int) -> None: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def positions(self) -> _Floats: ...
+    @property
+    def quaternions(self) -> _Floats: ...
+    @property
+    def configuration(self) -> _Floats: ...
+    @property
+    def velocity(self) -> _Floats: ...
+    @property
+    def lengths(self) -> _Floats: ...
+    @property
+    def tensions(self) -> _Floats: ...
+def rollout_rows(
+    robots: list[Robot],
+    commands: _Floats,
+    loads: list[Loads],
+    payload: _Floats | None,
+    wrench: _Floats | None,
+    start: _Start,
+    steps: Steps,
+    checks: bool = False,
+    progress: _Progress = None,
+) -> MotionRows: ...
+def rollout_vjp_rows(
+    robots: list[Robot],
+    commands: _Floats,
+    loads: list[Loads],
+    payload: _Floats | None,
+    wrench: _Floats | None,
+    start: _Start,
+    steps: Steps,
+    by_states: _ByStates,
+    names: list[str],
+    progress: _Progress = None,
+) -> RolloutGradientRows: ...
+def linearise(
+    robot: Robot,
+    configuration: _Floats,
+    velocity: _Floats,
+    command: _Floats,
+    loads: Loads,
+    timestep: float,
+) -> tuple[_Floats, _Floats]: ...

@@ -51,5 +51,9 @@ class TrainError(TdcrError, RuntimeError):
     """Training cannot start, or diverged; or a model does not fit its use."""
 
 
+class SweepError(TdcrError, RuntimeError):
+    """A condition of a sweep could not be computed, as its worker died again and again."""
+
+
 class MissingPackageError(TdcrError, ImportError):
     """An optional package is not installed."""

@@ -1,0 +1,314 @@
+//! Gradients of motions, by rows; linearised steps.
+
+use nalgebra::{DMatrix, Quaternion, UnitQuaternion, Vector3};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyReadonlyArray4,
+};
+use pyo3::prelude::*;
+use rayon::prelude::*;
+use tdcr::sim::dynamics::{
+    DynamicsError, Lineariser, Rollout, State, StateCotangent, rollout_gradient,
+};
+use tdcr::sim::pose::rotation_cotangent;
+use tdcr::sim::robot::Parameter;
+use tdcr::sim::simulation::{MovingRobot, Simulation, SimulationError};
+
+use crate::arrays::{array, contiguous};
+use crate::dynamics::{Motions, Start, Steps, command_of, diverged, parts, state};
+use crate::errors::{Failure, Outcome};
+use crate::loads::Loads;
+use crate::robot::{Robot, parameters};
+use crate::run::{self, Watch};
+
+/// Derivatives of a cost by the states after each command of all rows, as they come from Python: positions (rows, commands,
+/// discs, 3), quaternions (rows, commands, discs, 4), velocities (rows, commands, discs, 3).
+#[derive(FromPyObject)]
+pub struct ByStates<'py>(
+    Option<PyReadonlyArray4<'py, f64>>,
+    Option<PyReadonlyArray4<'py, f64>>,
+    Option<PyReadonlyArray4<'py, f64>>,
+);
+
+/// The same, as numbers one after another.
+struct Cotangents {
+    positions: Option<Vec<[f64; 3]>>,
+    quaternions: Option<Vec<[f64; 4]>>,
+    velocity: Option<Vec<[f64; 3]>>,
+}
+
+impl Cotangents {
+    fn new(from: &ByStates<'_>, motions: &Motions) -> Outcome<Self> {
+        fn numbers<const N: usize>(
+            from: Option<&PyReadonlyArray4<'_, f64>>,
+            name: &str,
+            motions: &Motions,
+        ) -> Outcome<Option<Vec<[f64; N]>>> {
+            let shape = [motions.rows, motions.length, motions.discs, N];
+            from.map(|from| Ok(contiguous(from, name, &shape)?.as_chunks::<N>().0.to_vec()))
+                .transpose()
+        }
+        Ok(Self {
+            positions: numbers(from.0.as_ref(), "by_positions", motions)?,
+            quaternions: numbers(from.1.as_ref(), "by_quaternions", motions)?,
+            velocity: numbers(from.2.as_ref(), "by_velocity", motions)?,
+        })
+    }
+
+    /// Adds those of the state whose first disc is number `at` of all, where the discs are turned by `orientations`.
+    fn add(&self, at: usize, orientations: &[UnitQuaternion<f64>], out: &mut StateCotangent) {
+        let n = orientations.len();
+        if let Some(positions) = &self.positions {
+            for (pose, by) in out.poses.iter_mut().zip(&positions[at..at + n]) {
+                pose.position += Vector3::from(*by);
+            }
+        }
+        if let Some(quaternions) = &self.quaternions {
+            let turned = orientations.iter().zip(&quaternions[at..at + n]);
+            for (pose, (q, by)) in out.poses.iter_mut().zip(turned) {
+                pose.rotation += rotation_cotangent(q, *by);
+            }
+        }
+        if let Some(velocity) = &self.velocity {
+            let by = velocity[at..at + n].as_flattened();
+            for (out, by) in out.coordinates[3 * n..].iter_mut().zip(by) {
+                *out += by;
+            }
+        }
+    }
+}
+
+/// Gradients by rows: the first axis of each array.
+#[pyclass(frozen, get_all, module = "tdcr._tdcr")]
+pub struct RolloutGradientRows {
+    commands: Py<PyArray3<f64>>,
+    configuration: Py<PyArray3<f64>>,
+    velocity: Py<PyArray3<f64>>,
+    payload: Py<PyArray1<f64>>,
+    wrench: Py<PyArray3<f64>>,
+    parameters: Py<PyArray2<f64>>,
+    /// Rows that could not go on or have no derivatives: class of the exception, and why.
+    failures: Vec<(usize, &'static str, String)>,
+}
+
+/// Where the gradient of one row goes.
+struct Row<'a> {
+    commands: &'a mut [f64],
+    configuration: &'a mut [f64],
+    velocity: &'a mut [f64],
+    payload: &'a mut f64,
+    wrench: &'a mut [f64],
+    parameters: &'a mut [f64],
+}
+
+/// What a row of gradients is computed from.
+struct Question<'a> {
+    motions: &'a Motions,
+    cotangents: Cotangents,
+    /// The payload first, then what was asked for.
+    parameters: Vec<Parameter>,
+    steps: Steps,
+}
+
+impl Question<'_> {
+    /// The gradient of a row; or why there is none.
+    fn differentiate(
+        &self,
+        at_hand: &mut Option<MovingRobot>,
+        row: usize,
+        watch: &Watch,
+        out: &mut Row<'_>,
+    ) -> Outcome<Option<Failure>> {
+        let motions = self.motions;
+        let skip = self.steps.skip;
+        let moving = motions.start(at_hand, row)??;
+        // The motion again: its states, and the orientations after each command.
+        let mut rollout = Rollout {
+            start: moving.state().clone(),
+            commands: Vec::with_capacity(motions.length * skip),
+            loads: motions.loads[row].clone(),
+        };
+        let mut states: Vec<State> = Vec::with_capacity(motions.length * skip);
+        let mut orientations = Vec::with_capacity(motions.length);
+        for step in 0..motions.length {
+            if watch.stopped() {
+                return Ok(None);
+            }
+            let command = motions.command(row, step)?;
+            for _ in 0..skip {
+                match moving.advance_by(&command, &rollout.loads, 1) {
+                    Ok(()) => states.push(moving.state().clone()),
+                    Err(SimulationError::Dynamics(error)) => {
+                        return Ok(Some(diverged(step, moving, &error)));
+                    }
+                    Err(error) => return Err(error.into()),
+                }
+            }
+            rollout.commands.extend(std::iter::repeat_n(command, skip));
+            orientations.push(moving.pose().orientations.to_vec());
+        }
+        let cost = |k: usize, _: &State, by: &mut StateCotangent| {
+            if k > 0 && k.is_multiple_of(skip) {
+                let step = k / skip - 1;
+                let at = (row * motions.length + step) * motions.discs;
+                self.cotangents.add(at, &orientations[step], by);
+            }
+        };
+        let (robot, timestep) = (motions.robot(row), moving.stepper().timestep());
+        let gradient = rollout_gradient(robot, timestep, &rollout, &states, &self.parameters, cost);
+        let gradient = match gradient {
+            Ok(gradient) => gradient,
+            Err(error @ DynamicsError::NotDifferentiable) => {
+                return Ok(Some(error.into()));
+            }
+            Err(error) => return Err(error.into()),
+        };
+        // A command holds for `skip` steps.
+        let held = gradient.commands.chunks_exact(skip);
+        for (out, held) in parts(out.commands, motions.length).zip(held) {
+            for (entry, out) in out.iter_mut().enumerate() {
+                *out = held.iter().map(|command| command[entry]).sum();
+            }
+        }
+        let (turns, rates) = gradient.start.split_at(3 * motions.discs);
+        out.velocity.copy_from_slice(rates);
+        let joints = rollout.start.configuration.0.iter();
+        let turns = joints.zip(turns.as_chunks::<3>().0);
+        for (out, (q, turn)) in out
+            .configuration
+            .as_chunks_mut::<4>()
+            .0
+            .iter_mut()
+            .zip(turns)
+        {
+            *out = quaternion_cotangent(q, &Vector3::from(*turn));
+        }
+        let wrenches = gradient.forces.iter().zip(&gradient.moments);
+        for (out, (f, m)) in out.wrench.as_chunks_mut::<6>().0.iter_mut().zip(wrenches) {
+            *out = [f.x, f.y, f.z, m.x, m.y, m.z];
+        }
+        *out.payload = gradient.parameters[0];
+        out.parameters.copy_from_slice(&gradient.parameters[1..]);
+        Ok(None)
+    }
+}
+
+/// Derivative (w, x, y, z) along the unit sphere by a quaternion `q`, from that by a turn `q exp(turn)`: a change `dq` is the turn
+/// `2 q* dq`.
+fn quaternion_cotangent(q: &UnitQuaternion<f64>, by_turn: &Vector3<f64>) -> [f64; 4] {
+    let by = q.quaternion() * Quaternion::from_imag(by_turn * 2.0);
+    [by.w, by.i, by.j, by.k]
+}
+
+/// Derivatives of a cost of each row by what its motion depends on, from those by the states after each command, on all
+/// threads. Rows without one are not numbers. `progress` is told how many more rows are done.
+#[pyfunction]
+#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, by_states, names, progress=None))]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
+pub fn rollout_vjp_rows(
+    py: Python<'_>,
+    robots: Vec<PyRef<'_, Robot>>,
+    commands: PyReadonlyArray3<'_, f64>,
+    loads: Vec<PyRef<'_, Loads>>,
+    payload: Option<PyReadonlyArray1<'_, f64>>,
+    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    start: Start<'_>,
+    steps: PyRef<'_, Steps>,
+    by_states: ByStates<'_>,
+    names: Vec<String>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> Outcome<RolloutGradientRows> {
+    steps.check_differentiable()?;
+    let motions = Motions::new(
+        &robots,
+        &commands,
+        &loads,
+        payload.as_ref(),
+        wrench.as_ref(),
+        &start,
+        *steps,
+    )?;
+    let mut parameters = parameters(&names)?;
+    parameters.insert(0, Parameter::Payload);
+    let question = Question {
+        cotangents: Cotangents::new(&by_states, &motions)?,
+        motions: &motions,
+        parameters,
+        steps: *steps,
+    };
+    let (rows, n, t) = (motions.rows, motions.discs, motions.tendons);
+    let (length, width) = (motions.length, names.len());
+    let none = |width: usize| vec![f64::NAN; rows * width];
+    let [mut by_commands, mut by_parameters] = [none(length * t), none(width)];
+    let [mut by_configuration, mut by_velocity] = [none(4 * n), none(3 * n)];
+    let [mut by_payload, mut by_wrench] = [none(1), none(6 * n)];
+    let ends: Vec<Outcome<Option<Failure>>> = run::long(py, progress.as_ref(), |watch| {
+        let starts = parts(&mut by_configuration, rows).zip(parts(&mut by_velocity, rows));
+        let loads = by_payload.iter_mut().zip(parts(&mut by_wrench, rows));
+        let others = parts(&mut by_commands, rows).zip(parts(&mut by_parameters, rows));
+        let out = starts.zip(loads).zip(others).map(
+            |(((configuration, velocity), (payload, wrench)), (commands, parameters))| Row {
+                commands,
+                configuration,
+                velocity,
+                payload,
+                wrench,
+                parameters,
+            },
+        );
+        let mut out: Vec<Row<'_>> = out.collect();
+        out.par_iter_mut()
+            .enumerate()
+            .map_init(
+                || None,
+                |at_hand, (row, out)| {
+                    let end = question.differentiate(at_hand, row, watch, out);
+                    watch.advance(1);
+                    end
+                },
+            )
+            .collect()
+    })?;
+    let mut failures = Vec::new();
+    for (row, end) in ends.into_iter().enumerate() {
+        match end.map_err(|failure| motions.of(row, failure))? {
+            None => {}
+            Some(Failure::Of(class, why)) => failures.push((row, class, why)),
+            Some(raised) => return Err(raised),
+        }
+    }
+    Ok(RolloutGradientRows {
+        commands: array(py, by_commands, [rows, length, t])?.unbind(),
+        configuration: array(py, by_configuration, [rows, n, 4])?.unbind(),
+        velocity: array(py, by_velocity, [rows, n, 3])?.unbind(),
+        payload: array(py, by_payload, [rows])?.unbind(),
+        wrench: array(py, by_wrench, [rows, n, 6])?.unbind(),
+        parameters: array(py, by_parameters, [rows, width])?.unbind(),
+        failures,
+    })
+}
+
+type Matrix<'py> = Bound<'py, PyArray2<f64>>;
+
+/// Derivatives of a semi-implicit Euler step from a state: by the state, shape (6 n, 6 n), and by the command, (6 n, tendons).
+#[pyfunction]
+pub fn linearise<'py>(
+    py: Python<'py>,
+    robot: PyRef<'_, Robot>,
+    configuration: PyReadonlyArray2<'_, f64>,
+    velocity: PyReadonlyArray2<'_, f64>,
+    command: PyReadonlyArray1<'_, f64>,
+    loads: PyRef<'_, Loads>,
+    timestep: f64,
+) -> Outcome<(Matrix<'py>, Matrix<'py>)> {
+    let state = state(&robot.0, &configuration, &velocity)?;
+    let command = command_of(&robot.0, &command)?;
+    let (robot, loads) = (&robot.0, &loads.0);
+    let linear =
+        py.detach(|| Lineariser::new(robot, timestep)?.linearise(&state, &command, loads))?;
+    let rows = |matrix: &DMatrix<f64>| {
+        let shape = [matrix.nrows(), matrix.ncols()];
+        array(py, matrix.transpose().as_slice().to_vec(), shape)
+    };
+    Ok((rows(&linear.a)?, rows(&linear.b)?))
+}

@@ -1,0 +1,123 @@
+//! One robot in motion, step by step.
+
+use nalgebra::UnitQuaternion;
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use tdcr::sim::simulation::Simulation;
+
+use crate::arrays::{array, write_points, write_quaternions};
+use crate::dynamics::{Steps, command_of, state};
+use crate::errors::Outcome;
+use crate::loads::Loads;
+use crate::robot::Robot;
+
+/// One robot in motion.
+#[pyclass(module = "tdcr._tdcr")]
+pub struct MovingRobot(tdcr::sim::simulation::MovingRobot);
+
+#[pymethods]
+impl MovingRobot {
+    #[new]
+    fn new(robot: PyRef<'_, Robot>, steps: PyRef<'_, Steps>) -> Outcome<Self> {
+        let Steps {
+            timestep,
+            integrator,
+            skip,
+        } = *steps;
+        let moving = tdcr::sim::simulation::MovingRobot::new(&robot.0, timestep, integrator, skip)?;
+        Ok(Self(moving))
+    }
+
+    /// Starts anew at rest in the equilibrium of a command.
+    fn reset(
+        &mut self,
+        py: Python<'_>,
+        command: PyReadonlyArray1<'_, f64>,
+        loads: PyRef<'_, Loads>,
+    ) -> Outcome<()> {
+        let command = command_of(self.0.robot(), &command)?;
+        let (moving, loads) = (&mut self.0, &loads.0);
+        Ok(py.detach(|| moving.reset(&command, loads))?)
+    }
+
+    /// Starts anew in a state, the tendons under `command`.
+    fn start_at(
+        &mut self,
+        configuration: PyReadonlyArray2<'_, f64>,
+        velocity: PyReadonlyArray2<'_, f64>,
+        command: PyReadonlyArray1<'_, f64>,
+    ) -> Outcome<()> {
+        let state = state(self.0.robot(), &configuration, &velocity)?;
+        let command = command_of(self.0.robot(), &command)?;
+        Ok(self.0.start_at(&state, &command)?)
+    }
+
+    /// Goes on under a command by `skip` time steps.
+    fn step(
+        &mut self,
+        py: Python<'_>,
+        command: PyReadonlyArray1<'_, f64>,
+        loads: PyRef<'_, Loads>,
+        skip: usize,
+    ) -> Outcome<()> {
+        let command = command_of(self.0.robot(), &command)?;
+        let (moving, loads) = (&mut self.0, &loads.0);
+        Ok(py.detach(|| moving.advance_by(&command, loads, skip))?)
+    }
+
+    /// Time since the start (s).
+    #[getter]
+    fn time(&self) -> f64 {
+        self.0.time()
+    }
+
+    /// Origins of the discs, shape (discs, 3) (m).
+    #[getter]
+    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let points = self.0.pose().positions;
+        let mut numbers = vec![0.0; 3 * points.len()];
+        write_points(points, &mut numbers);
+        array(py, numbers, [points.len(), 3])
+    }
+
+    /// Orientations of the discs, shape (discs, 4).
+    #[getter]
+    fn quaternions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        turns(py, self.0.pose().orientations)
+    }
+
+    /// Rotations of the joints, shape (discs, 4).
+    #[getter]
+    fn configuration<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        turns(py, &self.0.state().configuration.0)
+    }
+
+    /// Rates of the joints, shape (discs, 3) (rad/s).
+    #[getter]
+    fn velocity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let velocity = self.0.state().velocity.clone();
+        let discs = velocity.len() / 3;
+        array(py, velocity, [discs, 3])
+    }
+
+    /// Lengths of the tendons, shape (tendons,) (m).
+    #[getter]
+    fn lengths<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.pose().tendon_lengths)
+    }
+
+    /// Tensions of the tendons, shape (tendons,) (N).
+    #[getter]
+    fn tensions<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.pose().tendon_tensions)
+    }
+}
+
+fn turns<'py>(
+    py: Python<'py>,
+    quaternions: &[UnitQuaternion<f64>],
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let mut numbers = vec![0.0; 4 * quaternions.len()];
+    write_quaternions(quaternions, &mut numbers);
+    array(py, numbers, [quaternions.len(), 4])
+}

@@ -1,0 +1,342 @@
+"""Motion in time: robots moved through sequences of commands.
+
+A state is a configuration, the rotation (w, x, y, z) of each disc relative to the body below, and a velocity, the angular
+velocity of each joint in its disc's own frame (rad/s). Tendons have no friction in motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr import _tdcr, errors
+from tdcr._arrays import Floats, Progress, as_array, as_count, as_float, as_number, as_quaternions
+from tdcr.errors import InputError
+from tdcr.loads import LoadRows, Loads
+from tdcr.robot import Robot
+from tdcr.statics import Equilibria, Equilibrium
+
+Integrator = Literal["semi-implicit-euler", "runge-kutta4", "implicit-euler"]
+"""How a step is taken: first order with implicit joint damping, as MuJoCo's Euler; fourth order, explicit; or first order with
+implicit stiffness too, for stiff robots."""
+
+
+@dataclass(frozen=True)
+class State:
+    """A state of a robot of ``n`` discs, or one for each of some rows.
+
+    Attributes:
+        configuration: Rotation (w, x, y, z) of each disc relative to the body below, shape (n, 4) or (rows, n, 4).
+        velocity: Rates of the joints in the discs' own frames, shape (n, 3) or (rows, n, 3) (rad/s); at rest where it is not
+            given.
+    """
+
+    configuration: Any
+    velocity: Any = None
+
+    @classmethod
+    def straight(cls, robot: Robot) -> State:
+        """The straight pose, at rest."""
+        return cls(np.tile([1.0, 0.0, 0.0, 0.0], (robot.discs, 1)))
+
+
+Start = State | Equilibrium | Equilibria | Literal["straight", "settled"]
+"""Where a motion starts: in a state; at rest in an equilibrium that was found before; at rest in the straight pose; or at rest
+in the equilibrium of the first command."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """States of a robot of ``n`` discs and ``t`` tendons after each of ``T`` commands.
+
+    Attributes:
+        times: Time after each command, shape (T,) (s).
+        positions: Origin of each disc, shape (T, n, 3), world frame (m).
+        quaternions: Orientation (w, x, y, z) of each disc, shape (T, n, 4), world frame.
+        configuration: Rotation (w, x, y, z) of each disc relative to the body below, shape (T, n, 4).
+        velocity: Rates of the joints in the discs' own frames, shape (T, n, 3) (rad/s).
+        lengths: Length of each tendon, shape (T, t) (m).
+        tensions: Tension of each tendon under the command, shape (T, t), positive when it pulls (N).
+    """
+
+    times: Floats
+    positions: Floats
+    quaternions: Floats
+    configuration: Floats
+    velocity: Floats
+    lengths: Floats
+    tensions: Floats
+
+    @property
+    def tip(self) -> Floats:
+        """Origin of the last disc, shape (T, 3), world frame (m)."""
+        return self.positions[:, -1]
+
+    @property
+    def end(self) -> State:
+        """The last state, from which another motion may start."""
+        return State(self.configuration[-1], self.velocity[-1])
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+@dataclass(frozen=True)
+class Motions:
+    """Motions of a batch of ``rows``: the arrays of :class:`Motion`, but for the times, with rows as their first axis.
+
+    A row that could not go on is not a number from there on.
+
+    Attributes:
+        times: Shape (T,) (s).
+        positions: Shape (rows, T, n, 3) (m).
+        quaternions: Shape (rows, T, n, 4).
+        configuration: Shape (rows, T, n, 4).
+        velocity: Shape (rows, T, n, 3) (rad/s).
+        lengths: Shape (rows, T, t) (m).
+        tensions: Shape (rows, T, t) (N).
+        steps: How many commands each row was moved by, shape (rows,): ``T`` where nothing failed.
+        failures: Why a row could not go on, by its number: its start has not settled, or its motion diverged.
+    """
+
+    times: Floats
+    positions: Floats
+    quaternions: Floats
+    configuration: Floats
+    velocity: Floats
+    lengths: Floats
+    tensions: Floats
+    steps: NDArray[np.uint32]
+    failures: dict[int, str]
+
+    @classmethod
+    def _of(cls, rows: _tdcr.MotionRows, times: Floats) -> Motions:
+        return cls(
+            times,
+            rows.positions,
+            rows.quaternions,
+            rows.configuration,
+            rows.velocity,
+            rows.lengths,
+            rows.tensions,
+            rows.steps,
+            {row: why for row, _, why in rows.failures},
+        )
+
+    @property
+    def diverged(self) -> NDArray[np.bool_]:
+        """Whether a row failed, shape (rows,)."""
+        failed = np.zeros(len(self.steps), dtype=np.bool_)
+        failed[list(self.failures)] = True
+        return failed
+
+    @property
+    def tips(self) -> Floats:
+        """Origin of the last disc, shape (rows, T, 3), world frame (m)."""
+        return self.positions[:, :, -1]
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    def __getitem__(self, row: int) -> Motion:
+        return Motion(
+            self.times,
+            self.positions[row],
+            self.quaternions[row],
+            self.configuration[row],
+            self.velocity[row],
+            self.lengths[row],
+            self.tensions[row],
+        )
+
+
+def simulate(
+    robot: Robot,
+    commands: Any,
+    payload: Any = None,
+    *,
+    wrench: Any = None,
+    loads: Loads | None = None,
+    start: Start = "straight",
+    dt: float = 0.002,
+    integrator: Integrator = "semi-implicit-euler",
+    frame_skip: int = 1,
+    progress: Progress | None = None,
+) -> Motion:
+    """Moves a robot through a sequence of commands, as ``tdcr simulate`` does.
+
+    Args:
+        robot: The robot, of ``n`` discs and ``t`` tendons.
+        commands: Shape (T, t) (m or N).
+        payload: Point mass on the last disc (kg).
+        wrench: Force (N) and moment (N m) on each disc, world frame, shape (n, 6).
+        loads: Other loads.
+        start: Where the robot starts; in the straight pose at rest where it is not given.
+        dt: Time step (s).
+        integrator: How a step is taken.
+        frame_skip: Time steps for which each command holds.
+        progress: Is called with the number of commands done since its last call, as ``tqdm(total=T).update``.
+
+    Raises:
+        DynamicsError: If the time step is too long for the robot: small motions about the start would grow, or the motion
+            diverged.
+        CommandError: For a command that the robot cannot take; the message names its step.
+        NotSettledError: If the start is to be settled and has not.
+    """
+    commands = as_float(commands, "commands", ("T", robot.tendons))[np.newaxis]
+    question = Question.of(robot, commands, payload, wrench, loads, start, dt, integrator, frame_skip)
+    rows = question.rollout(True, progress)
+    for _, error, why in rows.failures:
+        raise getattr(errors, error)(why)
+    return Motions._of(rows, question.times)[0]
+
+
+def rollout(
+    robot: Robot | Sequence[Robot],
+    commands: Any,
+    payload: Any = None,
+    *,
+    wrench: Any = None,
+    loads: Loads | Sequence[Loads] | None = None,
+    start: Start = "straight",
+    dt: float = 0.002,
+    integrator: Integrator = "semi-implicit-euler",
+    frame_skip: int = 1,
+    progress: Progress | None = None,
+) -> Motions:
+    """Moves rows of robots, each through its own sequence of commands, on all threads.
+
+    Results are the same for any number of threads.
+
+    Args:
+        robot: One robot for all rows, or one for each row, all of as many discs ``n`` and tendons ``t``.
+        commands: Shape (rows, T, t) (m or N).
+        payload: Point mass on the last disc (kg): one for all rows, or shape (rows,).
+        wrench: Force (N) and moment (N m) on each disc, world frame, the same all along: shape (n, 6) or (rows, n, 6).
+        loads: Other loads: for all rows, or one for each row.
+        start: Where each row starts; a single state is for all rows.
+        dt, integrator, frame_skip: As of :func:`simulate`.
+        progress: Is called with the number of commands done since its last call, as ``tqdm(total=rows * T).update``.
+
+    Returns:
+        The motions. Rows that diverge do not stop the others: see :attr:`Motions.failures`.
+
+    Raises:
+        CommandError, LoadsError: For a row that the robot cannot take; the message names it.
+        InputError: For shapes that do not fit.
+    """
+    question = Question.of(robot, commands, payload, wrench, loads, start, dt, integrator, frame_skip)
+    return Motions._of(question.rollout(False, progress), question.times)
+
+
+@dataclass(frozen=True)
+class Question:
+    """Rows of motions, as the native module takes them."""
+
+    robots: list[Robot]
+    commands: Floats
+    loads: LoadRows
+    start: tuple[Floats | None, Floats | None, bool]
+    norms: Floats | None
+    steps: _tdcr.Steps
+    times: Floats
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot | Sequence[Robot],
+        commands: Any,
+        payload: Any,
+        wrench: Any,
+        loads: Loads | Sequence[Loads] | None,
+        start: Start,
+        dt: float,
+        integrator: Integrator,
+        frame_skip: int,
+    ) -> Question:
+        """Reads the arguments of :func:`rollout`."""
+        robots = [robot] if isinstance(robot, Robot) else list(robot)
+        if not robots:
+            raise InputError("there are no robots; expected one, or one for each row")
+        first = robots[0]
+        commands = as_float(commands, "commands", ("rows", "T", first.tendons))
+        rows, length, _ = commands.shape
+        configuration, velocity, norms = _start(start, rows, first.discs)
+        times = np.arange(1, length + 1) * (as_number(dt, "dt") * as_count(frame_skip, "frame_skip", 1))
+        return cls(
+            robots,
+            commands,
+            LoadRows.of(loads, payload, wrench, rows, first.discs),
+            (configuration, velocity, isinstance(start, str) and start == "settled"),
+            norms,
+            native_steps(dt, integrator, frame_skip),
+            times,
+        )
+
+    def arguments(
+        self,
+    ) -> tuple[
+        list[_tdcr.Robot],
+        Floats,
+        list[_tdcr.Loads],
+        Floats | None,
+        Floats | None,
+        tuple[Floats | None, Floats | None, bool],
+        _tdcr.Steps,
+    ]:
+        """The first arguments of the native functions."""
+        loads = self.loads
+        robots = [robot._native for robot in self.robots]
+        return robots, self.commands, loads.base, loads.payload, loads.wrench, self.start, self.steps
+
+    def rollout(self, checks: bool, progress: Progress | None) -> _tdcr.MotionRows:
+        return _tdcr.rollout_rows(*self.arguments(), checks, progress)
+
+
+def native_steps(dt: float, integrator: str, frame_skip: int) -> _tdcr.Steps:
+    """How motions are computed, as the native module takes it."""
+    if integrator not in get_args(Integrator):
+        known = ", ".join(repr(name) for name in get_args(Integrator))
+        raise InputError(f"integrator is {integrator!r}; expected one of {known}")
+    return _tdcr.Steps(as_number(dt, "dt"), integrator, as_count(frame_skip, "frame_skip", 1))
+
+
+def _start(start: Start, rows: int, discs: int) -> tuple[Floats | None, Floats | None, Floats | None]:
+    """Configurations and velocities of rows, and the lengths of the quaternions that were given."""
+    if isinstance(start, str):
+        if start not in ("straight", "settled"):
+            raise InputError(f"start is {start!r}; expected 'straight', 'settled', a state or an equilibrium")
+        return None, None, None
+    if isinstance(start, Equilibrium | Equilibria):
+        start = State(start.configuration)
+    if not isinstance(start, State):
+        raise InputError(f"start is {start!r}; expected 'straight', 'settled', a state or an equilibrium")
+    shape = (rows, discs, 4)
+    given = as_float(start.configuration, "configuration", _of_rows(start.configuration, "configuration", shape))
+    unit = as_quaternions(given, "configuration", given.shape)
+    velocity = np.zeros((discs, 3))
+    if start.velocity is not None:
+        velocity = as_float(start.velocity, "velocity", _of_rows(start.velocity, "velocity", (rows, discs, 3)))
+    norms = np.linalg.norm(given, axis=-1, keepdims=True)
+    return (
+        np.ascontiguousarray(np.broadcast_to(unit, shape)),
+        np.ascontiguousarray(np.broadcast_to(velocity, (rows, discs, 3))),
+        norms,
+    )
+
+
+def _of_rows(value: Any, name: str, shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The shape that is expected of rows, or of one that is for all."""
+    return shape[1:] if as_array(value, name).ndim == len(shape) - 1 else shape
+
+
+def one_state(robot: Robot, state: State) -> tuple[Floats, Floats]:
+    """Configuration and velocity of a single state."""
+    configuration = as_quaternions(state.configuration, "configuration", (robot.discs, 4))
+    if state.velocity is None:
+        return configuration, np.zeros((robot.discs, 3))
+    return configuration, as_float(state.velocity, "velocity", (robot.discs, 3))

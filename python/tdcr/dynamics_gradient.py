@@ -1,0 +1,141 @@
+"""Derivatives of motions: gradients of costs by all that a motion depends on, and linearised steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, Progress, as_float, as_number
+from tdcr.dynamics import Question, Start, State, one_state
+from tdcr.errors import InputError
+from tdcr.loads import NO_LOADS, Loads
+from tdcr.robot import Robot
+
+
+@dataclass(frozen=True)
+class RolloutGradients:
+    """Derivatives of a cost of each row by what its motion depends on. A row without them is not a number.
+
+    Attributes:
+        commands: Shape (rows, T, t) (1/m or 1/N).
+        configuration: By the start's rotations (w, x, y, z), shape (rows, n, 4), along unit quaternions.
+        velocity: By the start's rates of the joints, shape (rows, n, 3).
+        payload: By the mass on the last disc, shape (rows,) (1/kg).
+        wrench: By a force and a moment on each disc, world frame, the same all along, shape (rows, n, 6).
+        parameters: By the parameters asked for, shape (rows, p).
+        failures: Why a row has no derivatives, by its number.
+    """
+
+    commands: Floats
+    configuration: Floats
+    velocity: Floats
+    payload: Floats
+    wrench: Floats
+    parameters: Floats
+    failures: dict[int, str]
+
+
+class Linearisation(NamedTuple):
+    """A step to first order, ``dx_next = a @ dx + b @ du``. The coordinates ``x`` are turns of the joints in the discs' own frames,
+    ``q exp(dq)`` (rad), three for each joint, then their rates (rad/s): those of MuJoCo's ``mjd_transitionFD``."""
+
+    a: Floats
+    """By the state, shape (6 n, 6 n)."""
+    b: Floats
+    """By the command, shape (6 n, t)."""
+
+
+def rollout_vjp(
+    robot: Robot | Sequence[Robot],
+    commands: Any,
+    by_positions: Any = None,
+    by_quaternions: Any = None,
+    by_velocity: Any = None,
+    payload: Any = None,
+    *,
+    parameters: Sequence[str] = (),
+    wrench: Any = None,
+    loads: Loads | Sequence[Loads] | None = None,
+    start: Start = "straight",
+    dt: float = 0.002,
+    frame_skip: int = 1,
+    progress: Progress | None = None,
+) -> RolloutGradients:
+    """Derivatives of a cost of each row by all that its motion depends on, from those by the states of :func:`rollout`: the
+    adjoint of the steps, whose cost does not depend on the number of parameters. The integrator is ``"semi-implicit-euler"``.
+
+    Args:
+        robot, commands, payload, wrench, loads, start, dt, frame_skip: As of :func:`rollout`. The motion is computed again.
+        by_positions: Derivative of the cost by the positions, shape (rows, T, n, 3); zero where it is not given.
+        by_quaternions: Derivative by the world orientations (w, x, y, z), shape (rows, T, n, 4); only the part along unit
+            quaternions counts.
+        by_velocity: Derivative by the rates of the joints, shape (rows, T, n, 3).
+        parameters: Names of ``p`` parameters of the robot or its loads, such as ``"gain[2]"`` or ``"damping[0]"``.
+        progress: Is called with the number of rows done since its last call, as ``tqdm(total=rows).update``.
+
+    Raises:
+        ParameterError: For a parameter that the robot does not have.
+        InputError: For shapes that do not fit, and for a start that is to be settled: what changes with an equilibrium is for
+            :func:`tdcr.vjp`.
+    """
+    if isinstance(start, str) and start == "settled":
+        raise InputError("start is 'settled', which has no derivative here; expected a state, such as that of tdcr.settle")
+    question = Question.of(robot, commands, payload, wrench, loads, start, dt, "semi-implicit-euler", frame_skip)
+    shape = (*question.commands.shape[:2], question.robots[0].discs)
+    given = ((by_positions, "by_positions", 3), (by_quaternions, "by_quaternions", 4), (by_velocity, "by_velocity", 3))
+    by_position, by_quaternion, by_rate = (
+        None if value is None else as_float(value, name, (*shape, width)) for value, name, width in given
+    )
+    rows = _tdcr.rollout_vjp_rows(
+        *question.arguments(), (by_position, by_quaternion, by_rate), list(parameters), progress
+    )
+    by_configuration = rows.configuration
+    if question.norms is not None:
+        # Of a rotation that was given as a longer quaternion.
+        by_configuration = by_configuration / question.norms
+    return RolloutGradients(
+        rows.commands,
+        by_configuration,
+        rows.velocity,
+        rows.payload,
+        rows.wrench,
+        rows.parameters,
+        {row: why for row, _, why in rows.failures},
+    )
+
+
+def linearise(
+    robot: Robot, state: State, command: Any, payload: Any = None, *, loads: Loads | None = None, dt: float = 0.002
+) -> Linearisation:
+    """Derivatives of a step from ``state`` by ``"semi-implicit-euler"``, exact but for rounding.
+
+    Where a tendon goes slack or a joint meets its limit they are of one side.
+
+    Args:
+        robot: The robot.
+        state: Configuration, shape (n, 4), and velocity, shape (n, 3).
+        command: Shape (t,) (m or N).
+        payload: Point mass on the last disc (kg).
+        loads: Other loads.
+        dt: Time step (s).
+
+    Raises:
+        DynamicsError: If a derivative is not finite.
+    """
+    configuration, velocity = one_state(robot, state)
+    command = as_float(command, "command", (robot.tendons,))
+    a, b = _tdcr.linearise(
+        robot._native, configuration, velocity, command, _loads(loads, payload)._native, as_number(dt, "dt")
+    )
+    return Linearisation(a, b)
+
+
+def _loads(loads: Loads | None, payload: Any) -> Loads:
+    """Loads, with the payload given by itself."""
+    if payload is None:
+        return NO_LOADS if loads is None else loads
+    if loads is None:
+        return Loads(payload=as_number(payload, "payload"))
+    raise InputError("the payload is given by `payload` beside `loads`; expected one of them")

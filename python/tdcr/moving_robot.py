@@ -1,0 +1,130 @@
+"""One robot in motion, step by step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, as_count, as_float, as_number
+from tdcr.dynamics import Integrator, State, native_steps, one_state
+from tdcr.loads import NO_LOADS, Loads
+from tdcr.robot import Robot
+
+
+class MovingRobot:
+    """A robot in motion, step by step. It can be copied and pickled, state and all.
+
+    What is read of it are copies: they stay as they are when the robot moves on.
+
+    Args:
+        robot: The robot, of ``n`` discs and ``t`` tendons.
+        dt: Time step (s).
+        integrator: How a step is taken.
+        frame_skip: Time steps for which a command holds.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        dt: float = 0.002,
+        integrator: Integrator = "semi-implicit-euler",
+        frame_skip: int = 1,
+    ) -> None:
+        self.robot = robot
+        self.dt, self.integrator = as_number(dt, "dt"), integrator
+        self.frame_skip = as_count(frame_skip, "frame_skip", 1)
+        self._native = _tdcr.MovingRobot(robot._native, native_steps(dt, integrator, frame_skip))
+        self._command = robot.mean_command
+        self._before = 0.0
+        self.start_at(State.straight(robot))
+
+    def reset(self, command: Any, loads: Loads = NO_LOADS) -> None:
+        """Starts anew at rest in the equilibrium of a command, shape (t,) (m or N), whatever was before.
+
+        Raises:
+            NotSettledError: If the robot does not settle.
+        """
+        self._native.reset(self._take(command), loads._native)
+        self._before = 0.0
+
+    def start_at(self, state: State, command: Any = None) -> None:
+        """Starts anew in a state. Until the next step, tensions are those under ``command``; under the mean one if it is not
+        given."""
+        configuration, velocity = one_state(self.robot, state)
+        self._native.start_at(
+            configuration, velocity, self._take(self.robot.mean_command if command is None else command)
+        )
+        self._before = 0.0
+
+    def step(self, command: Any, loads: Loads = NO_LOADS, *, frame_skip: int | None = None) -> None:
+        """Moves on under a command, shape (t,) (m or N), for ``frame_skip`` time steps.
+
+        Raises:
+            DynamicsError: If the motion diverges. The state is then the last one that was computed.
+        """
+        skip = self.frame_skip if frame_skip is None else as_count(frame_skip, "frame_skip", 1)
+        self._native.step(self._take(command), loads._native, skip)
+
+    @property
+    def time(self) -> float:
+        """Time since the start (s)."""
+        return self._before + self._native.time
+
+    @property
+    def state(self) -> State:
+        """Configuration and velocity."""
+        return State(self.configuration, self.velocity)
+
+    @property
+    def positions(self) -> Floats:
+        """Origin of each disc, shape (n, 3), world frame (m)."""
+        return self._native.positions
+
+    @property
+    def tip(self) -> Floats:
+        """Origin of the last disc, shape (3,), world frame (m)."""
+        tip: Floats = self.positions[-1]
+        return tip
+
+    @property
+    def quaternions(self) -> Floats:
+        """Orientation (w, x, y, z) of each disc, shape (n, 4), world frame."""
+        return self._native.quaternions
+
+    @property
+    def configuration(self) -> Floats:
+        """Rotation (w, x, y, z) of each disc relative to the body below, shape (n, 4)."""
+        return self._native.configuration
+
+    @property
+    def velocity(self) -> Floats:
+        """Rates of the joints in the discs' own frames, shape (n, 3) (rad/s)."""
+        return self._native.velocity
+
+    @property
+    def lengths(self) -> Floats:
+        """Length of each tendon, shape (t,) (m)."""
+        return self._native.lengths
+
+    @property
+    def tensions(self) -> Floats:
+        """Tension of each tendon, shape (t,), positive when it pulls (N)."""
+        return self._native.tensions
+
+    def _take(self, command: Any) -> Floats:
+        self._command = as_float(command, "command", (self.robot.tendons,))
+        return self._command
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "arguments": (self.robot, self.dt, self.integrator, self.frame_skip),
+            "state": (self.configuration, self.velocity, self._command),
+            "time": self.time,
+        }
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__init__(*saved["arguments"])  # type: ignore[misc]
+        configuration, velocity, command = saved["state"]
+        # As they were, to the last bit.
+        self._native.start_at(configuration, velocity, self._take(command))
+        self._before = saved["time"]
