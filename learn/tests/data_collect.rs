@@ -6,7 +6,7 @@ mod common;
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ops::ControlFlow::{Break, Continue};
 use std::path::Path;
 use std::sync::LazyLock;
 
@@ -94,7 +94,7 @@ fn an_interruption_after_any_block_changes_no_byte() {
         let collector = Collector::open(dir.path(), &meta()).unwrap();
         assert_eq!(collector.missing_blocks().len(), blocks - done);
         write_missing_blocks(&collector);
-        collector.finish(|_, _| {}).unwrap();
+        collector.finish(|_, _| Continue(())).unwrap();
         assert_same(dir.path());
     }
 }
@@ -105,20 +105,21 @@ fn an_interruption_at_any_step_of_finishing_changes_no_byte() {
         let dir = tempdir().unwrap();
         let collector = Collector::open(dir.path(), &meta()).unwrap();
         write_missing_blocks(&collector);
-        let interrupted = catch_unwind(AssertUnwindSafe(|| {
-            collector.finish(|step, steps| {
-                assert_eq!(steps, 12);
-                assert_ne!(step, interrupted_at, "interruption");
-            })
-        }));
-        assert!(interrupted.is_err());
+        let interrupted = collector.finish(|step, steps| {
+            assert_eq!(steps, 12);
+            match step == interrupted_at {
+                true => Break(()),
+                false => Continue(()),
+            }
+        });
+        assert!(matches!(interrupted, Err(DataError::Interrupted)));
         assert!(matches!(
             DataSet::open(dir.path()),
             Err(DataError::Incomplete { .. })
         ));
         let collector = Collector::open(dir.path(), &meta()).unwrap();
         assert!(collector.missing_blocks().is_empty());
-        collector.finish(|_, _| {}).unwrap();
+        collector.finish(|_, _| Continue(())).unwrap();
         assert_same(dir.path());
     }
 }
@@ -143,7 +144,7 @@ fn an_interruption_between_any_two_files_changes_no_byte() {
         .unwrap();
         Collector::open(dir.path(), &meta())
             .unwrap()
-            .finish(|_, _| {})
+            .finish(|_, _| Continue(()))
             .unwrap();
         assert_same(dir.path());
     }
@@ -154,7 +155,7 @@ fn an_interruption_between_any_two_files_changes_no_byte() {
         restore(dir.path(), &[(left.clone(), bytes.clone())].into());
         let collector = Collector::open(dir.path(), &meta()).unwrap();
         assert!(collector.missing_blocks().is_empty());
-        collector.finish(|_, _| {}).unwrap();
+        collector.finish(|_, _| Continue(())).unwrap();
         assert_same(dir.path());
     }
 }
@@ -184,7 +185,7 @@ fn a_block_that_is_not_whole_is_made_again() {
     fs::rename(&path, path.with_added_extension("tmp")).unwrap();
     assert_eq!(collector.missing_blocks(), *missing);
     write_missing_blocks(&collector);
-    collector.finish(|_, _| {}).unwrap();
+    collector.finish(|_, _| Continue(())).unwrap();
     assert_same(dir.path());
 }
 
@@ -200,7 +201,7 @@ fn threads_in_any_order_give_the_same_bytes() {
             scope.spawn(move || blocks.for_each(|block| write_block(collector, block.clone())));
         }
     });
-    collector.finish(|_, _| {}).unwrap();
+    collector.finish(|_, _| Continue(())).unwrap();
     assert_same(dir.path());
 }
 
@@ -212,7 +213,7 @@ fn a_complete_data_set_is_left_as_it_is() {
     assert!(collector.missing_blocks().is_empty());
     let refused = collector.write_block(0, &(0..8).map(sample).collect::<Vec<_>>());
     assert!(matches!(refused, Err(DataError::Complete { .. })));
-    collector.finish(|_, _| {}).unwrap();
+    collector.finish(|_, _| Continue(())).unwrap();
     assert_same(dir.path());
 }
 
@@ -240,11 +241,11 @@ fn a_full_disk_is_reported_by_path_and_costs_no_other_block() {
 
     fs::create_dir(dir.path().join("val")).unwrap();
     std::os::unix::fs::symlink("/dev/full", dir.path().join("val/shard-00000.h5.tmp")).unwrap();
-    let error = collector.finish(|_, _| {}).unwrap_err();
+    let error = collector.finish(|_, _| Continue(())).unwrap_err();
     assert!(error.to_string().contains("val/shard-00000.h5"), "{error}");
     Collector::open(dir.path(), &meta())
         .unwrap()
-        .finish(|_, _| {})
+        .finish(|_, _| Continue(()))
         .unwrap();
     assert_same(dir.path());
 }
@@ -290,7 +291,7 @@ fn payloads_are_the_last_of_the_motors_and_an_array_of_their_own() {
         collector.write_block(block.start, &samples).unwrap();
     }
     assert!(collector.missing_blocks().is_empty());
-    collector.finish(|_, _| {}).unwrap();
+    collector.finish(|_, _| Continue(())).unwrap();
 
     let set = DataSet::open(dir.path()).unwrap();
     let split = &tdcr_learn::data::split_indices(43, 7).unwrap();

@@ -6,6 +6,7 @@ mod common;
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::ops::ControlFlow::Continue;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::LazyLock;
@@ -51,7 +52,10 @@ fn a_set_that_grows_keeps_its_samples_and_ends_as_one_made_at_once() {
         let collector = Collector::open(dir.path(), &meta()).unwrap();
         let mut told = vec![];
         collector
-            .keep_samples(|done, all| told.push((done, all)))
+            .keep_samples(|done, all| {
+                told.push((done, all));
+                Continue(())
+            })
             .unwrap();
         let kept = count / 8;
         assert_eq!(
@@ -64,7 +68,7 @@ fn a_set_that_grows_keeps_its_samples_and_ends_as_one_made_at_once() {
         assert_eq!(set.meta(), Some(&of_count(count)));
         assert!(set.read_split(Split::Test).is_ok());
         write_missing_blocks(&collector);
-        collector.finish(|_, _| {}).unwrap();
+        collector.finish(|_, _| Continue(())).unwrap();
         assert_same(dir.path());
     }
 }
@@ -84,17 +88,17 @@ fn kept_samples_are_read_from_the_smaller_set_with_their_payloads() {
             ..loaded_meta()
         };
         let collector = Collector::open(dir.path(), &meta).unwrap();
-        collector.keep_samples(|_, _| {}).unwrap();
+        collector.keep_samples(|_, _| Continue(())).unwrap();
         collector
     };
     let collector = open(24);
     write(&collector, &collector.missing_blocks());
-    collector.finish(|_, _| {}).unwrap();
+    collector.finish(|_, _| Continue(())).unwrap();
     let collector = open(43);
     let missing = collector.missing_blocks();
     assert_eq!(missing, [24..32, 32..40, 40..43]);
     write(&collector, &missing);
-    collector.finish(|_, _| {}).unwrap();
+    collector.finish(|_, _| Continue(())).unwrap();
     let set = DataSet::open(dir.path()).unwrap();
     let splits = tdcr_learn::data::split_indices(43, 7).unwrap();
     for split in Split::ALL {
@@ -110,7 +114,10 @@ fn growth_that_is_interrupted_anywhere_changes_no_byte() {
         let dir = smaller(29);
         let collector = Collector::open(dir.path(), &meta()).unwrap();
         let kept = catch_unwind(AssertUnwindSafe(|| {
-            collector.keep_samples(|step, _| assert_ne!(step, done, "interruption"))
+            collector.keep_samples(|step, _| {
+                assert_ne!(step, done, "interruption");
+                Continue(())
+            })
         }));
         assert_eq!(kept.is_err(), (1..=3).contains(&done));
         for block in collector.missing_blocks().into_iter().take(done) {
@@ -122,12 +129,12 @@ fn growth_that_is_interrupted_anywhere_changes_no_byte() {
         let staged = files(dir.path());
         let as_it_was = Collector::open(dir.path(), &of_count(29)).unwrap();
         assert!(as_it_was.missing_blocks().is_empty());
-        as_it_was.finish(|_, _| {}).unwrap();
+        as_it_was.finish(|_, _| Continue(())).unwrap();
         assert!(files(dir.path()) == staged);
         let collector = Collector::open(dir.path(), &meta()).unwrap();
-        collector.keep_samples(|_, _| {}).unwrap();
+        collector.keep_samples(|_, _| Continue(())).unwrap();
         write_missing_blocks(&collector);
-        collector.finish(|_, _| {}).unwrap();
+        collector.finish(|_, _| Continue(())).unwrap();
         assert_same(dir.path());
     }
     // While finishing, the smaller set's files are replaced one by one.
@@ -136,7 +143,10 @@ fn growth_that_is_interrupted_anywhere_changes_no_byte() {
         let collector = Collector::open(dir.path(), &meta()).unwrap();
         write_missing_blocks(&collector);
         let interrupted = catch_unwind(AssertUnwindSafe(|| {
-            collector.finish(|step, _| assert_ne!(step, interrupted_at, "interruption"))
+            collector.finish(|step, _| {
+                assert_ne!(step, interrupted_at, "interruption");
+                Continue(())
+            })
         }));
         assert!(interrupted.is_err());
         match DataSet::open(dir.path()) {
@@ -152,9 +162,9 @@ fn growth_that_is_interrupted_anywhere_changes_no_byte() {
             Err(error) => assert!(matches!(error, DataError::Incomplete { .. }), "{error}"),
         }
         let collector = Collector::open(dir.path(), &meta()).unwrap();
-        collector.keep_samples(|_, _| {}).unwrap();
+        collector.keep_samples(|_, _| Continue(())).unwrap();
         assert!(collector.missing_blocks().is_empty());
-        collector.finish(|_, _| {}).unwrap();
+        collector.finish(|_, _| Continue(())).unwrap();
         assert_same(dir.path());
     }
 }
@@ -166,11 +176,11 @@ fn an_unfinished_set_grows_too() {
     write_missing_blocks(&collector);
     drop(collector);
     let collector = Collector::open(dir.path(), &meta()).unwrap();
-    collector.keep_samples(|_, _| {}).unwrap();
+    collector.keep_samples(|_, _| Continue(())).unwrap();
     // Of 20 samples the last four are no whole block of 43.
     assert_eq!(collector.missing_blocks().len(), 4);
     write_missing_blocks(&collector);
-    collector.finish(|_, _| {}).unwrap();
+    collector.finish(|_, _| Continue(())).unwrap();
     assert_same(dir.path());
 }
 
@@ -233,7 +243,7 @@ fn a_set_that_another_process_lets_grow_is_left_alone() {
     let error = Collector::open(dir.path(), &meta()).unwrap_err();
     assert!(matches!(error, DataError::InUse { .. }), "{error}");
     write_missing_blocks(&growing);
-    growing.finish(|_, _| {}).unwrap();
+    growing.finish(|_, _| Continue(())).unwrap();
     assert_same(dir.path());
 }
 
@@ -245,13 +255,13 @@ fn a_damaged_smaller_set_is_named_and_nothing_of_it_replaced() {
     let bytes = fs::read(&shard).unwrap();
     fs::write(&shard, &bytes[..bytes.len() / 2]).unwrap();
     let collector = Collector::open(dir.path(), &meta()).unwrap();
-    let error = collector.keep_samples(|_, _| {}).unwrap_err();
+    let error = collector.keep_samples(|_, _| Continue(())).unwrap_err();
     assert!(error.to_string().contains("val/shard-00000.h5"), "{error}");
     drop(collector);
     restore(dir.path(), &whole);
     let collector = Collector::open(dir.path(), &meta()).unwrap();
-    collector.keep_samples(|_, _| {}).unwrap();
+    collector.keep_samples(|_, _| Continue(())).unwrap();
     write_missing_blocks(&collector);
-    collector.finish(|_, _| {}).unwrap();
+    collector.finish(|_, _| Continue(())).unwrap();
     assert_same(dir.path());
 }

@@ -5,6 +5,7 @@
 mod common;
 
 use std::fs;
+use std::ops::ControlFlow::Continue;
 
 use common::{collect, files, meta, restore, sample};
 use tdcr_learn::data::{Collector, DataError, Meta, Origin, PayloadRange, Recipe, Sample};
@@ -207,7 +208,7 @@ fn samples_that_are_no_block_are_refused() {
         );
     }
     assert!(matches!(
-        collector.finish(|_, _| {}),
+        collector.finish(|_, _| Continue(())),
         Err(DataError::Incomplete { .. })
     ));
 }

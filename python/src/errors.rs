@@ -4,6 +4,11 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyModule;
+use tdcr::learn::data::{DataError, SimulateError};
+use tdcr::learn::flow::FlowError;
+use tdcr::learn::predict::PredictError;
+use tdcr::learn::train::FileError;
+use tdcr::pipeline::PipelineError;
 use tdcr::sim::dynamics::DynamicsError;
 use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
 use tdcr::sim::inverse::calibration::CalibrationError;
@@ -85,7 +90,10 @@ classes! {
     CommandError => "CommandError",
     LoadsError => "LoadsError",
     NotSettled => "NotSettledError",
+    FlowError => "InputError",
+    FileError => "TrainError",
     ShapeControlError => "InputError",
+    SimulateError => "DataError",
 }
 
 impl From<DynamicsError> for Failure {
@@ -94,6 +102,50 @@ impl From<DynamicsError> for Failure {
             DynamicsError::Load(error) => error.into(),
             DynamicsError::Parameter(error) => error.into(),
             other => Self::Of("DynamicsError", other.to_string()),
+        }
+    }
+}
+
+impl From<DataError> for Failure {
+    fn from(error: DataError) -> Self {
+        let class = match &error {
+            DataError::InvalidMeta { .. }
+            | DataError::InvalidPart { .. }
+            | DataError::ConditionLength { .. }
+            | DataError::Design { .. }
+            | DataError::TooFewSamples { .. }
+            | DataError::TooManySamples { .. }
+            | DataError::NoSample { .. } => "InputError",
+            _ => "DataError",
+        };
+        Self::Of(class, error.to_string())
+    }
+}
+
+impl From<PredictError> for Failure {
+    fn from(error: PredictError) -> Self {
+        match error {
+            PredictError::Length(error) => error.into(),
+            PredictError::Simulate(error) => error.into(),
+            PredictError::NotFinite { .. } => Self::input(error.to_string()),
+            other => Self::Of("TrainError", other.to_string()),
+        }
+    }
+}
+
+impl From<PipelineError> for Failure {
+    fn from(error: PipelineError) -> Self {
+        match error {
+            PipelineError::Robot(error) => error.into(),
+            PipelineError::Data(error) => error.into(),
+            PipelineError::Simulate(error) => error.into(),
+            PipelineError::Predict(error) => error.into(),
+            PipelineError::File(error) => error.into(),
+            PipelineError::Sampler(error) => error.into(),
+            PipelineError::OwnSampler { .. }
+            | PipelineError::Endless { .. }
+            | PipelineError::ComparedPoints { .. } => Self::input(error.to_string()),
+            other => Self::Of("TrainError", other.to_string()),
         }
     }
 }

@@ -5,31 +5,45 @@
 //!
 //! | module | what it gives to Python |
 //! |---|---|
-//! | [`robot`] | `Robot`, from files or text |
-//! | [`loads`] | `Loads`, and loads by rows |
-//! | [`statics`] | equilibria, one or by rows |
-//! | [`sensitivity`] | their derivatives by rows |
-//! | [`tendon_friction`] | paths with friction in the holes |
-//! | [`inverse`] | commands for shapes, parameters from measurements |
-//! | [`vision`] | images and clouds |
-//! | [`dynamics`] | motions by rows |
-//! | [`dynamics_gradient`] | gradients of motions by rows; linearised steps |
-//! | [`moving_robot`] | one robot in motion, step by step |
+//! | `robot` | `Robot`, from files or text |
+//! | `loads` | `Loads`, and loads by rows |
+//! | `statics` | equilibria, one or by rows |
+//! | `sensitivity` | their derivatives by rows |
+//! | `dynamics` | motions by rows |
+//! | `dynamics_gradient` | gradients of motions by rows; linearised steps |
+//! | `moving_robot` | one robot in motion, step by step |
+//! | `tendon_friction` | paths with friction in the holes |
+//! | `inverse` | commands for shapes, parameters from measurements |
+//! | `vision` | images and clouds |
+//! | `metrics` | distances between clouds by rows |
+//! | `data` | data sets: read, made, put together |
+//! | `predictor` | `Predictor`: clouds by a trained model |
+//! | `scoring` | scores of predicted clouds |
+//! | `training` | training runs |
+//! | `env` | many simulated robots, advanced by one call |
 //!
-//! What they use: [`run`] (threads, the interpreter's lock, Ctrl-C), [`arrays`] and [`errors`].
+//! What they use: `run` (threads, the interpreter's lock, Ctrl-C), `stage` (the libraries' long stages),
+//! `arrays` and `errors`.
 
 mod arrays;
+mod data;
 mod dynamics;
 mod dynamics_gradient;
+mod env;
 mod errors;
 mod inverse;
 mod loads;
+mod metrics;
 mod moving_robot;
+mod predictor;
 mod robot;
 mod run;
+mod scoring;
 mod sensitivity;
+mod stage;
 mod statics;
 mod tendon_friction;
+mod training;
 mod vision;
 
 /// The native part of the package `tdcr`.
@@ -39,25 +53,37 @@ mod _tdcr {
     use pyo3::prelude::*;
 
     #[pymodule_export]
+    use crate::data::{Dataset, check_data, collect, merge};
+    #[pymodule_export]
     use crate::dynamics::{MotionRows, Steps, rollout_rows};
     #[pymodule_export]
     use crate::dynamics_gradient::{RolloutGradientRows, linearise, rollout_vjp_rows};
+    #[pymodule_export]
+    use crate::env::BatchSimulation;
     #[pymodule_export]
     use crate::inverse::{Calibration, ShapeController, ShapePath, calibrate};
     #[pymodule_export]
     use crate::loads::Loads;
     #[pymodule_export]
+    use crate::metrics::{chamfer_rows, emd_rows};
+    #[pymodule_export]
     use crate::moving_robot::MovingRobot;
+    #[pymodule_export]
+    use crate::predictor::Predictor;
     #[pymodule_export]
     use crate::robot::Robot;
     #[pymodule_export]
     use crate::run::{set_threads, threads};
+    #[pymodule_export]
+    use crate::scoring::evaluate;
     #[pymodule_export]
     use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
     #[pymodule_export]
     use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_rows};
     #[pymodule_export]
     use crate::tendon_friction::FrictionPath;
+    #[pymodule_export]
+    use crate::training::{distill, train};
     #[pymodule_export]
     use crate::vision::{View, clouds, render, save_ply};
 

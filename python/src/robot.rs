@@ -17,7 +17,8 @@ use crate::errors::{Failure, Outcome};
 pub struct Robot(pub tdcr::sim::robot::Robot);
 
 impl Robot {
-    fn new(spec: RobotSpec) -> Outcome<Self> {
+    /// A robot from what its file says.
+    pub fn new(spec: RobotSpec) -> Outcome<Self> {
         Ok(Self(tdcr::sim::robot::Robot::new(spec)?))
     }
 }

@@ -158,3 +158,9 @@ pub fn long<T: Send>(
         Some(raised) => Err(raised.into()),
     }
 }
+
+/// Runs work of milliseconds on our threads, without the interpreter's lock. Signals wait until it ends.
+pub fn short<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> Outcome<T> {
+    let pool = pool(py)?;
+    Ok(py.detach(|| pool.install(work)))
+}

@@ -10,7 +10,7 @@ SI units throughout: metres, kilograms, seconds, newtons, radians; quaternions a
 Arrays may be of any library that NumPy understands. Errors are of the tree in :mod:`tdcr.errors`.
 """
 
-from tdcr import errors, inverse
+from tdcr import errors, inverse, metrics
 from tdcr._tdcr import __version__, set_threads, threads
 from tdcr.errors import TdcrError
 from tdcr.inverse import calibrate
@@ -24,20 +24,33 @@ from tdcr.vision import Cloud, View, cloud, clouds, render
 from tdcr.dynamics import Motion, Motions, State, rollout, simulate
 from tdcr.dynamics_gradient import Linearisation, RolloutGradients, linearise, rollout_vjp
 from tdcr.moving_robot import MovingRobot
+from tdcr.collecting import collect, merge
+from tdcr.data import Dataset, Normalisation, Sample, Split
+from tdcr.learning import Run, distill, train
+from tdcr.predictor import Clouds, ExtrapolationWarning, Predictor
+from tdcr.scoring import evaluate
 
 __all__ = [
     "Cloud",
+    "Clouds",
+    "Dataset",
     "Equilibria",
     "Equilibrium",
+    "ExtrapolationWarning",
     "FrictionPath",
     "Linearisation",
     "Loads",
     "Motion",
     "Motions",
     "MovingRobot",
+    "Normalisation",
+    "Predictor",
     "Robot",
     "RolloutGradients",
+    "Run",
+    "Sample",
     "Settler",
+    "Split",
     "State",
     "TdcrError",
     "View",
@@ -46,12 +59,17 @@ __all__ = [
     "calibrate",
     "cloud",
     "clouds",
+    "collect",
+    "distill",
     "errors",
+    "evaluate",
     "follow",
     "inverse",
     "jacobian",
     "jvp",
     "linearise",
+    "merge",
+    "metrics",
     "render",
     "rollout",
     "rollout_vjp",
@@ -61,5 +79,6 @@ __all__ = [
     "simulate",
     "sweep",
     "threads",
+    "train",
     "vjp",
 ]

@@ -84,6 +84,16 @@ def as_number(value: Any, name: str) -> float:
     return float(as_float(value, name, ()))
 
 
+def maybe_count(value: Any, name: str) -> int | None:
+    """Returns ``value`` as a whole number, if there is one."""
+    return None if value is None else as_count(value, name)
+
+
+def maybe_number(value: Any, name: str) -> float | None:
+    """Returns ``value`` as a finite number, if there is one."""
+    return None if value is None else as_number(value, name)
+
+
 def as_array(value: Any, name: str) -> NDArray[Any]:
     """``value`` as an array of whatever type, without a copy where that is possible."""
     if isinstance(value, np.ndarray):

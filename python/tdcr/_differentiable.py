@@ -1,4 +1,5 @@
-"""Settling and its adjoint on NumPy arrays with any leading axes: what :mod:`tdcr.torch` and :mod:`tdcr.jax` share."""
+"""Equilibria, motions and their adjoints on NumPy arrays with any leading axes: what :mod:`tdcr.torch` and :mod:`tdcr.jax`
+share."""
 
 from __future__ import annotations
 
@@ -8,16 +9,15 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tdcr._arrays import Floats, as_float
-from tdcr.errors import InputError, NotSettledError
+from tdcr.dynamics import State, rollout
+from tdcr.dynamics_gradient import rollout_vjp
+from tdcr.errors import DynamicsError, InputError, NotSettledError
 from tdcr.robot import Robot
 from tdcr.sensitivity import OnFailure, command_names, vjp
 from tdcr.statics import settle_batch
-
-ARGUMENTS = ("command", "payload", "wrench", "values")
-"""What can be differentiated by, in the order of gradients."""
-
 
 @lru_cache(maxsize=64)
 def robot_of(text: str) -> Robot:
@@ -58,21 +58,16 @@ class Problem:
             wrench: Shape (..., n, 6), world frame (N, N m).
             values: Values of the parameters, shape (..., p), or (p,) for all rows.
         """
-        robot = robot_of(text)
-        command = np.asarray(command)
+        robot, command = robot_of(text), np.asarray(command)
         leading = command.shape[:-1]
-        rows = int(np.prod(leading))
-        commands = as_float(command.reshape(rows, -1), "command", (rows, robot.tendons))
-        payload = as_float(np.broadcast_to(payload, leading).reshape(rows), "payload", (rows,))
-        wrench = np.broadcast_to(wrench, (*leading, robot.discs, 6))
-        wrench = as_float(wrench.reshape(rows, robot.discs, 6), "wrench", (rows, robot.discs, 6))
-        values = np.asarray(values, dtype=np.float64)
-        robots: Robot | list[Robot] = robot
-        if names and values.ndim == 1:
-            robots = robot.with_values(dict(zip(names, values, strict=True)))
-        elif names:
-            robots = [robot.with_values(dict(zip(names, row, strict=True))) for row in values.reshape(rows, -1)]
-        return cls(robots, tuple(names), leading, commands, payload, wrench)
+        return cls(
+            _robots(robot, names, values, leading),
+            tuple(names),
+            leading,
+            _as_rows(command, "command", leading, (robot.tendons,)),
+            _as_rows(payload, "payload", leading, ()),
+            _as_rows(wrench, "wrench", leading, (robot.discs, 6)),
+        )
 
     def settle(self, on_failure: OnFailure) -> tuple[Floats, Floats]:
         """Positions, shape (..., n, 3), and quaternions (w, x, y, z), shape (..., n, 4), of the discs.
@@ -114,7 +109,7 @@ class Problem:
         gradient = np.zeros((rows, sum(map(len, chosen))))
         if counts.any() and gradient.shape[1]:
             gradient[counts] = vjp(
-                [self.robots[row] for row in np.flatnonzero(counts)] if isinstance(self.robots, list) else self.robots,
+                _chosen(self.robots, counts),
                 self.commands[counts],
                 sum(chosen, []),
                 by_positions[counts],
@@ -130,3 +125,132 @@ class Problem:
             part.reshape((*self.leading, *shape)) if names else np.zeros((*self.leading, *shape))
             for part, names, shape in parts
         ]
+
+
+@dataclass(frozen=True)
+class MotionProblem:
+    """Rows of motions; made from arrays with the same leading axes."""
+
+    robots: Robot | list[Robot]
+    names: tuple[str, ...]
+    leading: tuple[int, ...]
+    commands: Floats
+    start: State
+    payload: Floats
+    wrench: Floats
+    dt: float
+    frame_skip: int
+
+    @classmethod
+    def of(cls, text: str, names: Sequence[str], dt: float, frame_skip: int, *arguments: Any) -> MotionProblem:
+        """Reads a problem.
+
+        Args:
+            text: The robot as JSON.
+            names: Names of ``p`` parameters.
+            dt: Time step (s).
+            frame_skip: Time steps for which each command holds.
+            arguments: Commands, shape (..., T, tendons); configuration and velocity of the start, shapes (..., n, 4) and
+                (..., n, 3); payload, wrench and values as of :meth:`Problem.of`.
+        """
+        commands, configuration, velocity, payload, wrench, values = (np.asarray(argument) for argument in arguments)
+        robot, leading, discs = robot_of(text), commands.shape[:-2], robot_of(text).discs
+        start = State(
+            _as_rows(configuration, "configuration", leading, (discs, 4)), _as_rows(velocity, "velocity", leading, (discs, 3))
+        )
+        return cls(
+            _robots(robot, names, values, leading),
+            tuple(names),
+            leading,
+            _as_rows(commands, "commands", leading, (commands.shape[-2], robot.tendons)),
+            start,
+            _as_rows(payload, "payload", leading, ()),
+            _as_rows(wrench, "wrench", leading, (discs, 6)),
+            dt,
+            frame_skip,
+        )
+
+    def roll_out(self, on_failure: OnFailure) -> tuple[Floats, Floats, Floats]:
+        """Positions (..., T, n, 3), quaternions (..., T, n, 4) and rates of the joints (..., T, n, 3) after each command.
+
+        Raises:
+            DynamicsError: For a row that diverges, with ``on_failure="raise"``; with ``"nan"`` it is not a number.
+        """
+        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[1]
+        shapes = [(*self.leading, steps, discs, width) for width in (3, 4, 3)]
+        if rows == 0:
+            empty = [np.zeros(shape) for shape in shapes]
+            return empty[0], empty[1], empty[2]
+        motions = rollout(
+            self.robots,
+            self.commands,
+            self.payload,
+            wrench=self.wrench,
+            start=self.start,
+            dt=self.dt,
+            frame_skip=self.frame_skip,
+        )
+        for row, why in motions.failures.items():
+            if on_failure == "raise":
+                raise DynamicsError(f"row {row}: {why}")
+            for array in (motions.positions, motions.quaternions, motions.velocity):
+                array[row] = np.nan
+        found = (motions.positions, motions.quaternions, motions.velocity)
+        positions, quaternions, velocity = (array.reshape(shape) for array, shape in zip(found, shapes, strict=True))
+        return positions, quaternions, velocity
+
+    def adjoint(self, by_positions: Any, by_quaternions: Any, by_velocity: Any) -> list[Floats]:
+        """Derivatives of a cost from those by the states: by all arguments of :meth:`of`, in their order and shapes.
+
+        Rows that diverge have derivatives that are not numbers, unless the cost does not depend on them.
+        """
+        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[1]
+        by_states = [
+            np.asarray(by, dtype=np.float64).reshape(rows, steps, discs, width)
+            for by, width in ((by_positions, 3), (by_quaternions, 4), (by_velocity, 3))
+        ]
+        shapes = [self.commands.shape[1:], (discs, 4), (discs, 3), (), (discs, 6), (len(self.names),)]
+        gradients = [np.zeros((rows, *shape)) for shape in shapes]
+        counts = np.any([by.any(axis=(1, 2, 3)) for by in by_states], axis=0)
+        if counts.any():
+            found = rollout_vjp(
+                _chosen(self.robots, counts),
+                self.commands[counts],
+                by_states[0][counts],
+                by_states[1][counts],
+                by_states[2][counts],
+                self.payload[counts],
+                parameters=self.names,
+                wrench=self.wrench[counts],
+                start=State(self.start.configuration[counts], self.start.velocity[counts]),
+                dt=self.dt,
+                frame_skip=self.frame_skip,
+            )
+            parts = found.commands, found.configuration, found.velocity, found.payload, found.wrench, found.parameters
+            for gradient, part in zip(gradients, parts, strict=True):
+                gradient[counts] = part
+        return [gradient.reshape((*self.leading, *shape)) for gradient, shape in zip(gradients, shapes, strict=True)]
+
+
+def _as_rows(value: Any, name: str, leading: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
+    """An argument with its leading axes as one."""
+    rows = int(np.prod(leading))
+    array = np.asarray(value)
+    if array.shape[array.ndim - len(shape) :] == shape:
+        array = np.broadcast_to(array, (*leading, *shape)).reshape(rows, *shape)
+    return as_float(array, name, (rows, *shape))
+
+
+def _robots(robot: Robot, names: Sequence[str], values: Any, leading: tuple[int, ...]) -> Robot | list[Robot]:
+    """The robot with the values of parameters: one for all rows, or one for each."""
+    values = np.asarray(values, dtype=np.float64)
+    if not names:
+        return robot
+    if values.ndim == 1:
+        return robot.with_values(dict(zip(names, values, strict=True)))
+    rows = values.reshape(int(np.prod(leading)), len(names))
+    return [robot.with_values(dict(zip(names, row, strict=True))) for row in rows]
+
+
+def _chosen(robots: Robot | list[Robot], rows: NDArray[np.bool_]) -> Robot | list[Robot]:
+    return [robots[row] for row in np.flatnonzero(rows)] if isinstance(robots, list) else robots

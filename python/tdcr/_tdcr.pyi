@@ -2,17 +2,20 @@
 
 import os
 from collections.abc import Callable
-from typing import final
+from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "BatchSimulation",
     "Calibration",
+    "Dataset",
     "EquilibriumRows",
     "FrictionPath",
     "Loads",
     "MotionRows",
     "MovingRobot",
+    "Predictor",
     "Robot",
     "RolloutGradientRows",
     "Settler",
@@ -22,11 +25,18 @@ __all__ = [
     "View",
     "__version__",
     "calibrate",
+    "chamfer_rows",
+    "check_data",
     "clouds",
+    "collect",
+    "distill",
+    "emd_rows",
+    "evaluate",
     "follow_rows",
     "jacobian_rows",
     "jvp_rows",
     "linearise",
+    "merge",
     "render",
     "rollout_rows",
     "rollout_vjp_rows",
@@ -34,6 +44,7 @@ __all__ = [
     "set_threads",
     "settle_rows",
     "threads",
+    "train",
     "vjp_rows",
 ]
 __version__: str
@@ -353,3 +364,83 @@ def linearise(
     loads: Loads,
     timestep: float,
 ) -> tuple[_Floats, _Floats]: ...
+
+_Floats32 = NDArray[np.float32]
+_Bytes = NDArray[np.uint8]
+_Run = tuple[_Floats32, NDArray[np.uint64], _Floats, str]
+
+@final
+class Dataset:
+    def __new__(cls, path: str) -> Dataset: ...
+    def meta(self) -> str | None: ...
+    def robot(self) -> Robot | None: ...
+    def units(self) -> tuple[_Floats, _Floats, float]: ...
+    def sizes(self, split: int) -> tuple[int, int, int]: ...
+    def conditions(self, split: int) -> _Floats32: ...
+    def read(
+        self, split: int, start: int, stop: int, progress: _Progress = None
+    ) -> tuple[_Floats32, _Floats32, _Bytes]: ...
+def check_data(path: str, progress: _Progress = None) -> list[str]: ...
+def collect(robot: Robot, out: str, options: dict[str, Any], progress: _Progress = None) -> None: ...
+def merge(parts: list[str], out: str, progress: _Progress = None) -> None: ...
+
+@final
+class Predictor:
+    def __new__(cls, path: str, precision: str | None = None) -> Predictor: ...
+    def save(self, path: str) -> None: ...
+    def about(self) -> str: ...
+    def robot(self) -> Robot | None: ...
+    def units(self) -> tuple[_Floats, _Floats, float]: ...
+    def predict(
+        self,
+        conditions: _Floats,
+        options: dict[str, Any],
+        progress: _Progress = None,
+    ) -> tuple[_Floats32, _Bytes | None, _Floats32 | None, NDArray[np.uint32]]: ...
+def train(
+    source: tuple[Any, ...],
+    out: str,
+    options: dict[str, Any],
+    init: str | None = None,
+    progress: _Progress = None,
+) -> _Run: ...
+def distill(
+    model: str,
+    data: str,
+    out: str,
+    options: dict[str, Any],
+    progress: _Progress = None,
+) -> _Run: ...
+def evaluate(scored: Any, data: str, options: dict[str, Any], progress: _Progress = None) -> str: ...
+def chamfer_rows(p: _Floats32, q: _Floats32, progress: _Progress = None) -> _Floats: ...
+def emd_rows(
+    p: _Floats32,
+    q: _Floats32,
+    squared: bool,
+    group: int | None = None,
+    progress: _Progress = None,
+) -> tuple[_Floats, _Floats, NDArray[np.int64]]: ...
+
+@final
+class BatchSimulation:
+    def __new__(
+        cls,
+        robots: list[Robot],
+        timestep: float | None,
+        frame_skip: int,
+        origin: tuple[float, ...],
+        length: float,
+    ) -> BatchSimulation: ...
+    def set_robot(self, row: int, robot: Robot) -> None: ...
+    def reset(self, rows: list[int], commands: _Floats, payloads: _Floats) -> NDArray[np.bool_]: ...
+    def advance(self, commands: _Floats, payloads: _Floats | None = None) -> NDArray[np.bool_]: ...
+    def observe(self, out: NDArray[np.float32], whole: bool) -> None: ...
+    def positions(self) -> _Floats: ...
+    def quaternions(self) -> _Floats: ...
+    def velocities(self) -> _Floats: ...
+    def lengths(self) -> _Floats: ...
+    def tensions(self) -> _Floats: ...
+    def clouds(self, rows: list[int], points: int) -> NDArray[np.float32]: ...
+    def render(
+        self, row: int, width: int, height: int, camera: int, targets: _Floats, radius: float
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]: ...

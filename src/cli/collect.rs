@@ -6,15 +6,16 @@ use std::time::Instant;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
-use tdcr::learn::data::{Design, PayloadRange, Split, split_indices};
+use tdcr::learn::data::{Design, Part, PayloadRange, Split, split_indices};
 use tdcr::pipeline::{CollectSettings, CollectTimes, collect};
+use tdcr::report::counted;
 
 use super::console::Console;
 
 /// Make a data set: settle random commands, see each with the camera ring, keep the clouds
 ///
 /// Interrupted, the same command goes on where it stopped; with more --samples it adds to the set, whose splits are then
-/// drawn anew.
+/// drawn anew. To collect on several machines, give each a --part, and put the parts together with tdcr data merge.
 #[derive(Debug, Args)]
 pub(super) struct CollectArgs {
     #[command(flatten)]
@@ -43,7 +44,10 @@ pub(super) struct CollectArgs {
     /// Seed of commands, samples, faults and splits
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Folder of the data set
+    /// Collect part I of N of the samples, in a folder of its own; tdcr data merge makes a data set of all parts
+    #[arg(long, value_name = "I/N")]
+    part: Option<Part>,
+    /// Folder of the data set, or of the part
     #[arg(long, default_value = "data", value_name = "DIR")]
     out: PathBuf,
 }
@@ -55,6 +59,20 @@ struct Collected {
     train: usize,
     val: usize,
     test: usize,
+    points: usize,
+    /// Wall clock of this run (s).
+    seconds: f64,
+    /// Where the time of this run went (s).
+    times: CollectTimes,
+}
+
+#[derive(Serialize)]
+struct CollectedPart {
+    dir: PathBuf,
+    robot: String,
+    part: Part,
+    /// Samples of the part.
+    samples: usize,
     points: usize,
     /// Wall clock of this run (s).
     seconds: f64,
@@ -75,17 +93,45 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
         voxel_size: args.voxel,
         sensor: args.noise.map(super::Noise::sensor),
         seed: args.seed,
+        part: args.part,
     };
     let began = Instant::now();
     let times = collect(&settings, &args.out, console)?;
+    let CollectTimes {
+        settle,
+        see,
+        sample,
+        write,
+        shards,
+    } = times;
+    let rest = match args.part {
+        None => format!("; then shards in {shards:.1} s"),
+        Some(_) => String::new(),
+    };
     tracing::info!(
-        "over all threads: settle {:.1} s, see {:.1} s, sample {:.1} s, write {:.1} s; then shards in {:.1} s",
-        times.settle,
-        times.see,
-        times.sample,
-        times.write,
-        times.shards
+        "over all threads: settle {settle:.1} s, see {see:.1} s, sample {sample:.1} s, write {write:.1} s{rest}"
     );
+    if let Some(part) = args.part {
+        let collected = CollectedPart {
+            dir: args.out.clone(),
+            robot: settings.robot.name,
+            part,
+            samples: part.samples(args.samples).len(),
+            points: args.points,
+            seconds: began.elapsed().as_secs_f64(),
+            times,
+        };
+        return console.result(&collected, |c| {
+            format!(
+                "{}: {}, {} of {} points of robot {}",
+                c.dir.display(),
+                c.part,
+                counted(c.samples, "cloud"),
+                c.points,
+                c.robot
+            )
+        });
+    }
     let collected = Collected {
         dir: args.out.clone(),
         robot: settings.robot.name,

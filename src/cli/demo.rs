@@ -12,13 +12,13 @@ use tdcr::learn::data::{DataSet, Split, split_indices};
 use tdcr::learn::flow::Sampler;
 use tdcr::learn::train::{FlowPredictor, TrainSettings};
 use tdcr::pipeline::{
-    CollectSettings, EvalSettings, Evaluation, Evaluator, PipelineError, Preset, Trained,
+    CollectSettings, EvalSettings, Evaluation, Evaluator, Metrics, PipelineError, Preset, Trained,
     TrainingData, collect, lock_folder, train,
 };
 use tdcr::report::{Example, MotorGroup, Report, Stage, Training, contact_sheet, scale_bar};
 
 use super::console::Console;
-use super::eval::{Metrics, page, table};
+use super::eval::{page, table};
 use super::{PrecisionArgs, output};
 
 /// Simulate, see, learn, predict and evaluate the paper's 2m robot, and write a report

@@ -29,10 +29,10 @@ use anyhow::{Context, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::learn::data::Subject;
-use tdcr::learn::flow::{Method, Sampler, TimeGrid};
+use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::Precision;
-use tdcr::learn::train::{Model, Target, TrainSettings};
-use tdcr::pipeline::PipelineError;
+use tdcr::learn::train::{Model, TrainSettings};
+use tdcr::pipeline::{PipelineError, SamplerPlan};
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
 use tracing_subscriber::filter::LevelFilter;
@@ -106,9 +106,6 @@ struct CommandArg {
     lengths: Box<[f64]>,
 }
 
-/// Largest number of adaptive steps of a sampler.
-const MOST_STEPS: usize = 200;
-
 /// How the network's flow is integrated.
 #[derive(Debug, Args)]
 struct SamplerArgs {
@@ -130,27 +127,13 @@ struct SamplerArgs {
 impl SamplerArgs {
     /// The sampler for a model trained with `settings`.
     fn sampler(&self, settings: &TrainSettings) -> anyhow::Result<Sampler> {
-        let own = settings.sampler;
-        let sampler = Sampler {
-            method: self.sampler.unwrap_or(own.method),
-            steps: match self.sampler_tolerance {
-                None => self.sampler_steps.unwrap_or(own.steps),
-                Some(_) => self.sampler_steps.unwrap_or(MOST_STEPS),
-            },
-            grid: match (self.sampler_power, self.sampler_tolerance) {
-                (_, Some(tolerance)) => TimeGrid::Adaptive(tolerance),
-                (Some(power), None) => TimeGrid::Power(power),
-                (None, None) => own.grid,
-            },
+        let plan = SamplerPlan {
+            method: self.sampler,
+            steps: self.sampler_steps,
+            power: self.sampler_power,
+            tolerance: self.sampler_tolerance,
         };
-        sampler.check()?;
-        ensure!(
-            settings.target == Target::Velocity || sampler == own,
-            "the network was distilled for {} steps of its own sampler: leave out --sampler, --sampler-steps, \
-             --sampler-power and --sampler-tolerance",
-            own.steps
-        );
-        Ok(sampler)
+        Ok(plan.settle(settings)?)
     }
 }
 

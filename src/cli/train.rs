@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::path::PathBuf;
 
-use anyhow::{bail, ensure};
+use anyhow::ensure;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -12,7 +12,7 @@ use tdcr::learn::flow::{Coupling, FlowPath};
 use tdcr::learn::net::{Channels, ContextShape, Precision, Processor};
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
-    Length, NetworkSize, Preset, Rates, StreamSettings, TrainingData, model_path, train,
+    Length, Preset, Rates, StreamSettings, TrainPlan, TrainingData, model_path, train,
 };
 
 use super::PrecisionArgs;
@@ -72,7 +72,7 @@ pub(super) struct TrainArgs {
     #[arg(long, value_name = "N")]
     patience: Option<u64>,
     /// How noise is coupled to the points of a cloud: independent, or optimal-transport[:K], matched within K points
-    #[arg(long, default_value = "independent", value_name = "COUPLING", value_parser = coupling)]
+    #[arg(long, default_value = "independent", value_name = "COUPLING")]
     coupling: Coupling,
     /// Flow times are Beta(ALPHA, 1): 1 is uniform, above it they are mostly near the data
     #[arg(long, default_value_t = FlowPath::default().time_exponent, value_name = "ALPHA", allow_hyphen_values = true)]
@@ -98,22 +98,6 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
     let value = |preset: Preset| PossibleValue::new(preset.name).help(preset.purpose);
     PossibleValuesParser::new(Preset::ALL.map(value))
         .map(|name| Preset::named(&name).expect("one of the possible values"))
-}
-
-/// Parses `independent`, `optimal-transport` or `optimal-transport:K`.
-fn coupling(text: &str) -> Result<Coupling, String> {
-    let found = match text.split_once(':') {
-        None if text == "independent" => Some(Coupling::Independent),
-        None if text == "optimal-transport" => Some(Coupling::OPTIMAL_TRANSPORT),
-        Some(("optimal-transport", batch)) => {
-            let batch = batch.parse().ok();
-            batch.map(|batch| Coupling::OptimalTransport { batch })
-        }
-        _ => None,
-    };
-    let coupling = found.ok_or("expected independent, optimal-transport or optimal-transport:K")?;
-    coupling.check().map_err(|error| error.to_string())?;
-    Ok(coupling)
 }
 
 /// The help of an option whose default is the preset's.
@@ -309,60 +293,35 @@ fn training_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
     })))
 }
 
-/// Network and settings: the preset's, but for what is asked for.
-fn plan(
-    args: &TrainArgs,
-    context: Option<ContextShape>,
-) -> anyhow::Result<(NetworkSize, TrainSettings)> {
-    let preset = Preset {
-        width: args.width.unwrap_or(args.preset.width),
-        depth: args.depth.unwrap_or(args.preset.depth),
-        embedding: args.embedding.unwrap_or(args.preset.embedding),
-        length: args.steps.map_or(args.preset.length, Length::Steps),
-        points: args.points.unwrap_or(args.preset.points),
-        validate_every: args.validate_every.unwrap_or(args.preset.validate_every),
-        ..args.preset
-    };
-    let usual = args.preset.rates[usize::from(args.net == Net::Hybrid)];
-    let rates = Rates {
-        clouds: args.clouds.unwrap_or(usual.clouds),
-        learning_rate: args.learning_rate.unwrap_or(usual.learning_rate),
-        warmup_steps: args.warmup.unwrap_or(usual.warmup_steps),
-    };
-    let set = match (preset.length, &args.stream.stream) {
-        (Length::Steps(_), _) => 0,
-        (Length::Epochs(_), None) => DataSet::open(&args.data)?.conditions(Split::Train)?.len(),
-        (Length::Epochs(epochs), Some(_)) => bail!(
-            "preset {} takes {epochs} epochs of a data set, and a stream has no end: say --steps N",
-            preset.name
-        ),
-    };
-    let optimizer = args.optimizer.map_or(preset.optimizer, |name| match name {
-        OptimizerName::Adamw => Optimizer::AdamW,
-        OptimizerName::Muon => Optimizer::MUON,
-    });
-    let settings = TrainSettings {
-        seed: args.seed,
-        precision: args.precision.of_width(preset.width),
-        patience: args.patience,
-        optimizer: optimizer.scaled(rates.learning_rate / usual.learning_rate),
-        path: FlowPath {
-            time_exponent: args.time_exponent,
-            coupling: args.coupling,
-            ..FlowPath::default()
-        },
-        color_weight: args.color_weight,
-        ..preset.settings(rates, preset.length.steps(rates.clouds, set))
-    };
-    let size = NetworkSize {
-        context,
+/// What is asked for.
+fn plan(args: &TrainArgs) -> anyhow::Result<TrainPlan> {
+    Ok(TrainPlan {
+        preset: args.preset,
+        width: args.width,
+        depth: args.depth,
+        embedding: args.embedding,
+        context: args.context.shape(args.net)?,
         channels: match args.colors {
             true => Channels::XyzRgb,
             false => Channels::Xyz,
         },
-        ..preset.size()
-    };
-    Ok((size, settings))
+        color_weight: args.color_weight,
+        steps: args.steps,
+        clouds: args.clouds,
+        points: args.points,
+        precision: args.precision.precision,
+        optimizer: args.optimizer.map(|name| match name {
+            OptimizerName::Adamw => Optimizer::AdamW,
+            OptimizerName::Muon => Optimizer::MUON,
+        }),
+        learning_rate: args.learning_rate,
+        warmup_steps: args.warmup,
+        validate_every: args.validate_every,
+        patience: args.patience,
+        coupling: args.coupling,
+        time_exponent: args.time_exponent,
+        seed: args.seed,
+    })
 }
 
 /// Says where the clouds have fewer points than `asked` for: steps take all that there are.
@@ -397,9 +356,9 @@ struct Run {
 
 pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for the run")?;
-    let context = args.context.shape(args.net)?;
+    let plan = plan(args)?;
     let data = training_data(args)?;
-    let (size, settings) = plan(args, context)?;
+    let (size, settings) = plan.settle(&data)?;
     if let Some(asked) = args.points {
         warn_of_few_points(asked, &data)?;
     }

@@ -1,13 +1,14 @@
 //! From conditions to a data set of clouds.
 
-use std::path::Path;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 use serde::Serialize;
 use tdcr_learn::data::{
-    Collector, Condition, DataError, Design, Meta, Origin, PayloadRange, Recipe, Sample,
+    self, Collector, Condition, Design, Meta, Origin, Part, PayloadRange, Recipe, Sample,
     SimulationTimes, Simulator, Subject, conditions,
 };
 use tdcr_sim::render::{BaseVisibility, Sensor};
@@ -39,6 +40,8 @@ pub struct CollectSettings {
     pub sensor: Option<Sensor>,
     /// Seed of conditions, samples, faults and splits.
     pub seed: u64,
+    /// Which part of the samples to make, for [`merge`]; `None` for the whole data set.
+    pub part: Option<Part>,
 }
 
 /// 1,000 clouds of 10,000 points of the default recipe, under uniform commands: those of the command line.
@@ -59,6 +62,7 @@ impl Default for CollectSettings {
             voxel_size,
             sensor,
             seed: 0,
+            part: None,
         }
     }
 }
@@ -124,6 +128,8 @@ impl CollectTimes {
 /// design allows it ([`Design::can_grow`]); but the splits are drawn anew, and networks that were trained on the smaller set
 /// have seen samples that now test.
 ///
+/// Parts of a data set are made by as many calls, anywhere, each in a folder of its own.
+///
 /// # Errors
 /// [`PipelineError`]: a robot that is refused or does not settle, a folder that cannot be written or
 /// holds something else, or an interruption.
@@ -141,11 +147,14 @@ pub fn collect(
         ..
     } = *settings;
     let conditions = conditions(&robot, payload, design, count, seed)?;
-    let collector = Collector::open(dir, &settings.meta())?;
-    keep_samples(&collector, monitor)?;
+    let collector = match settings.part {
+        None => Collector::open(dir, &settings.meta())?,
+        Some(part) => Collector::open_part(dir, &settings.meta(), part)?,
+    };
+    collector.keep_samples(stage("keep samples", monitor))?;
     let mut times = simulate(settings, &robot, &conditions, &collector, monitor)?;
     let began = Instant::now();
-    finish(collector, monitor)?;
+    collector.finish(stage("write shards", monitor))?;
     times.shards = began.elapsed().as_secs_f64();
     Ok(times)
 }
@@ -161,7 +170,10 @@ fn simulate(
     let blocks = collector.missing_blocks();
     let missing: usize = blocks.iter().map(ExactSizeIterator::len).sum();
     if missing > 0 {
-        let count = settings.count;
+        let count = match settings.part {
+            None => settings.count,
+            Some(part) => part.samples(settings.count).len(),
+        };
         monitor.begin("collect", count as u64, (count - missing) as u64);
     }
     let recipe = settings.recipe();
@@ -193,17 +205,18 @@ fn simulate(
     Ok(times.into_inner().unwrap_or_default())
 }
 
-/// Keeps the samples of a smaller set.
-fn keep_samples(collector: &Collector, monitor: &dyn Monitor) -> Result<(), DataError> {
-    collector.keep_samples(stage("keep samples", monitor))
+/// Puts the parts of a data set in the folders `parts`, in any order, together in the folder `out`: byte for byte the files of
+/// [`collect`] without parts. The parts are only read. Interrupted, the same call begins anew.
+///
+/// # Errors
+/// [`PipelineError::Data`] where the folders are not the parts of one data set, each finished and there once, or `out` holds
+/// something else or cannot be written; an interruption.
+pub fn merge(parts: &[PathBuf], out: &Path, monitor: &dyn Monitor) -> Result<Meta, PipelineError> {
+    Ok(data::merge(parts, out, stage("merge", monitor))?)
 }
 
-fn finish(collector: Collector, monitor: &dyn Monitor) -> Result<(), DataError> {
-    collector.finish(stage("write shards", monitor))
-}
-
-/// Tells `monitor` of a stage whose steps are called out, those done and those in all.
-fn stage(name: &'static str, monitor: &dyn Monitor) -> impl FnMut(usize, usize) {
+/// Tells `monitor` of a stage whose steps are called out, those done and those in all; breaks off when it says so.
+fn stage(name: &'static str, monitor: &dyn Monitor) -> impl FnMut(usize, usize) -> ControlFlow<()> {
     let mut begun = false;
     move |done, steps| {
         if !begun {
@@ -213,6 +226,9 @@ fn stage(name: &'static str, monitor: &dyn Monitor) -> impl FnMut(usize, usize) 
         monitor.advance(1);
         if done == steps {
             monitor.end();
+        } else if monitor.interrupted() {
+            return ControlFlow::Break(());
         }
+        ControlFlow::Continue(())
     }
 }

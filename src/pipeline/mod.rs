@@ -1,6 +1,6 @@
 //! The stages of a study, from commands to scores, as library calls that the command line wraps.
 //!
-//! [`collect`] makes a data set, [`train`] a network, an [`Evaluator`] scores it. Each tells a
+//! [`collect`] makes a data set (or parts of one, for [`merge`]), [`train`] a network, an [`Evaluator`] scores it. Each tells a
 //! [`Monitor`] how far it is and stops when the monitor says so, leaving files from which the same
 //! call resumes.
 
@@ -12,7 +12,9 @@ mod events;
 mod journal;
 mod log;
 mod measure;
+mod metrics;
 mod monitor;
+mod plan;
 mod preset;
 mod scores;
 mod simulation;
@@ -21,10 +23,12 @@ mod survey;
 mod tip;
 mod train;
 
-pub use collect::{CollectSettings, CollectTimes, collect};
+pub use collect::{CollectSettings, CollectTimes, collect, merge};
 pub use eval_settings::EvalSettings;
 pub use evaluate::Evaluator;
+pub use metrics::{DistanceQuantiles, Metrics, OtherMetrics, Results, WorstTest};
 pub use monitor::{Monitor, Silent};
+pub use plan::{SamplerPlan, TrainPlan};
 pub use preset::{Length, Preset, Rates, distillation};
 pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
 pub use survey::{Survey, Tips};
@@ -34,6 +38,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use tdcr_learn::data::{DataError, PayloadRange, SimulateError};
+use tdcr_learn::flow::FlowError;
 use tdcr_learn::lock::try_lock;
 use tdcr_learn::metrics::MetricError;
 use tdcr_learn::predict::PredictError;
@@ -57,7 +62,7 @@ pub enum PipelineError {
     Robot(#[from] SpecError),
     /// The data set could not be read or written.
     #[error(transparent)]
-    Data(#[from] DataError),
+    Data(DataError),
     /// A sample could not be simulated.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
@@ -72,6 +77,28 @@ pub enum PipelineError {
     /// Training cannot start.
     #[error(transparent)]
     Train(#[from] TrainError),
+    /// A preset's epochs, of a stream.
+    #[error(
+        "preset {preset} takes {epochs} epochs of a data set, and a stream has no end: say --steps N"
+    )]
+    Endless {
+        /// Name of the preset.
+        preset: &'static str,
+        /// Its epochs.
+        epochs: u64,
+    },
+    /// The values of a sampler describe none.
+    #[error(transparent)]
+    Sampler(#[from] FlowError),
+    /// Another sampler than the one that a network was distilled for.
+    #[error(
+        "the network was distilled for {steps} steps of its own sampler: leave out --sampler, --sampler-steps, \
+         --sampler-power and --sampler-tolerance"
+    )]
+    OwnSampler {
+        /// Steps of its own sampler.
+        steps: usize,
+    },
     /// Training diverged, and left its last good state.
     #[error(transparent)]
     Diverged(Box<Divergence>),
@@ -185,6 +212,15 @@ pub enum PipelineError {
         /// Points there are.
         most: usize,
     },
+}
+
+impl From<DataError> for PipelineError {
+    fn from(error: DataError) -> Self {
+        match error {
+            DataError::Interrupted => Self::Interrupted,
+            error => Self::Data(error),
+        }
+    }
 }
 
 /// Locks the folder `path`, which is made if need be, against other processes that lock it, for as long as the returned file

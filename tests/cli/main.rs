@@ -12,6 +12,7 @@ mod growth;
 mod names;
 mod others;
 mod output;
+mod parts;
 mod predict;
 mod reach;
 mod refusals;

@@ -139,7 +139,7 @@ fn tree(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 }
 
 /// The files of a data set, by their place in it.
-fn set_files(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+pub fn set_files(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let inside = |(path, bytes): (PathBuf, Vec<u8>)| {
         let place = path.strip_prefix(dir).unwrap().to_owned();
         (place, bytes)

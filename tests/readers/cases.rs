@@ -33,6 +33,10 @@ pub fn sound(name: &str) -> Vec<Case> {
         "urdf" => vec![("2m", include_bytes!("../../models_xml/2m.urdf").to_vec())],
         "stl" => vec![("text", STL.into()), ("binary", binary_stl())],
         "meta" => vec![("imported", json_of(&meta()))],
+        "part" => vec![
+            ("third", json_of(&part_of(3, meta()))),
+            ("only", json_of(&part_of(1, meta()))),
+        ],
         "motor_ranges" => {
             let ranges = json!({"min": [0.0, 0.01], "max": [0.04, 0.05], "scale": [0.04, 0.04]});
             vec![("two", json_of(&json!({ "all": ranges })))]
@@ -119,6 +123,16 @@ pub fn hostile(name: &str) -> Vec<Case> {
             ("points_u64", meta_with("points_per_cloud", u64::MAX.into())),
             ("deep", "[".repeat(1_000_000).into()),
         ],
+        "part" => {
+            let mut many = meta();
+            many["count"] = 10_000_000.into();
+            vec![
+                ("many_parts", json_of(&part_of(10_000_000, meta()))),
+                ("many_samples", json_of(&part_of(1, many))),
+                ("parts_u64", json_of(&part_of(u64::MAX, meta()))),
+                ("deep", "[".repeat(1_000_000).into()),
+            ]
+        }
         "shard" => vec![
             ("zeros", zeros(1_000_000, 5, Some(9))),
             ("one_large", zeros(1, 20_000_000, Some(9))),
@@ -192,6 +206,11 @@ fn meta() -> Value {
         "format": 2, "tdcr_version": "0.1.0", "seed": 0, "count": 10, "motors": 2, "points_per_cloud": 5,
         "samples_per_shard": 250, "origin": {"imported": {"source": "a test"}},
     })
+}
+
+/// The first of so many parts.
+fn part_of(of: u64, meta: Value) -> Value {
+    json!({"part": 1, "of": of, "meta": meta})
 }
 
 /// `count` elements one within the other.

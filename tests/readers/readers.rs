@@ -4,11 +4,12 @@
 //! warrant. The tests beside this file and the fuzz targets in `fuzz/` call the same functions.
 
 use std::fs;
+use std::ops::ControlFlow::Break;
 use std::path::Path;
 
 use serde::Deserialize;
 use serde_json::json;
-use tdcr::learn::data::{DataSet, ImportSettings, Split, import, read_cloud};
+use tdcr::learn::data::{DataSet, ImportSettings, Split, import, merge, read_cloud};
 use tdcr::learn::train::{Model, TrainingState};
 use tdcr::pipeline::{PipelineError, Scores};
 use tdcr::sim::geometry::Shape;
@@ -26,13 +27,14 @@ mod journal;
 pub type Reader = (&'static str, fn(&[u8]));
 
 /// All readers.
-pub const READERS: [Reader; 19] = [
+pub const READERS: [Reader; 20] = [
     ("robot_toml", robot_toml),
     ("robot_json", robot_json),
     ("mjcf", mjcf),
     ("urdf", urdf),
     ("stl", stl),
     ("meta", meta),
+    ("part", part),
     ("motor_ranges", motor_ranges),
     ("point_scale", point_scale),
     ("shard", shard),
@@ -107,6 +109,16 @@ pub fn meta(bytes: &[u8]) {
     data_set("meta.json", bytes);
 }
 
+/// Which part of a data set a folder holds.
+pub fn part(bytes: &[u8]) {
+    in_folder(|dir| {
+        fs::write(dir.join("part.json"), bytes).expect("a file can be written");
+        drop(DataSet::open(dir));
+        let out = dir.join("merged");
+        drop(merge(&[dir.to_owned()], &out, |_, _| Break(())));
+    });
+}
+
 /// Ranges of a data set's motors.
 pub fn motor_ranges(bytes: &[u8]) {
     data_set(MOTOR_RANGES, bytes);
@@ -132,6 +144,8 @@ fn data_set(name: &str, bytes: &[u8]) {
         fs::write(dir.join(name), bytes).expect("a file can be written");
         if let Ok(set) = DataSet::open(dir) {
             drop(set.read_split(Split::Val));
+            let samples = set.samples(Split::Val);
+            drop(samples.map(|samples| samples.read(0..1)));
             drop(set.cloud_set(Split::Val));
         }
     });

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::ops::RangeInclusive;
+use std::ops::{ControlFlow, RangeInclusive};
 use std::path::Path;
 
 use super::dataset::{DataSet, TOLERANCE};
@@ -88,15 +88,32 @@ impl std::fmt::Display for Place {
 /// [`DataError`] for the first thing that cannot be read: a missing file, a wrong shape or type, a number that is not
 /// finite, a normalised copy that does not follow from its original.
 pub fn check(dir: &Path) -> Result<Vec<Finding>, DataError> {
+    check_with(dir, |_, _| ControlFlow::Continue(()))
+}
+
+/// [`check`]; `progress` is called with the shards done and the shards in all, and may ask to stop.
+///
+/// # Errors
+/// As [`check`]; [`DataError::Interrupted`] where `progress` asked for it.
+pub fn check_with(
+    dir: &Path,
+    mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<Vec<Finding>, DataError> {
     let set = DataSet::open(dir)?;
+    let mut shards = vec![];
+    for split in Split::ALL {
+        shards.push((split, set.shards(split)?.paths));
+    }
+    let steps = shards.iter().map(|(_, paths)| paths.len()).sum();
+    let mut done = 0;
     let mut findings = vec![];
     let mut seen = HashMap::new();
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; set.normalisation().motor_min.len()];
     let mut radius: f64 = 0.0;
-    for split in Split::ALL {
+    for (split, paths) in shards {
         let mut index = 0;
-        for path in &set.shards(split)?.paths {
-            let (conditions, far) = check_shard(&set, path)?;
+        for path in paths {
+            let (conditions, far) = check_shard(&set, &path)?;
             radius = radius.max(far);
             for condition in conditions {
                 for (range, value) in ranges.iter_mut().zip(condition.to_vec()) {
@@ -112,6 +129,10 @@ pub fn check(dir: &Path) -> Result<Vec<Finding>, DataError> {
                     }),
                 }
                 index += 1;
+            }
+            done += 1;
+            if progress(done, steps).is_break() {
+                return Err(DataError::Interrupted);
             }
         }
     }

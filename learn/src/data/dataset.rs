@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::collector::STAGING;
 use super::meta::{META_FILE, Meta};
+use super::part::PartFolder;
 use super::shard::{Array, Sizes};
 use super::shard_file::ShardFile;
 use crate::channels::Channels;
@@ -27,10 +28,19 @@ impl DataSet {
     /// Opens the data set in the folder `dir`.
     ///
     /// # Errors
-    /// [`DataError::Incomplete`] if collecting was interrupted, [`DataError::NoDataSet`] if none was begun; else as [`Normalisation::load`], and the same for a
-    /// `meta.json` that is there.
+    /// [`DataError::Incomplete`] if collecting was interrupted, [`DataError::Unmerged`] for a part of a set,
+    /// [`DataError::NoDataSet`] if none was begun; else as [`Normalisation::load`], and the same for a `meta.json` that is
+    /// there.
     pub fn open(dir: &Path) -> Result<Self, DataError> {
         let meta = Meta::load(&dir.join(META_FILE))?;
+        if meta.is_none()
+            && let Some(found) = PartFolder::load(dir)?
+        {
+            return Err(DataError::Unmerged {
+                path: dir.to_owned(),
+                part: found.part,
+            });
+        }
         if meta.is_none() && dir.join(STAGING).exists() {
             return Err(DataError::Incomplete {
                 path: dir.to_owned(),
@@ -160,7 +170,7 @@ impl DataSet {
         let mut points = self.meta.as_ref().map(|meta| meta.points_per_cloud);
         let values = self.normalisation.motor_min.len();
         let mut payload = self.meta.as_ref().map(Meta::has_payload);
-        let mut samples = 0;
+        let mut counts = vec![];
         for path in &paths {
             let found = ShardFile::open(path, &Array::SHARD)?.sizes();
             let expected = Sizes {
@@ -188,8 +198,9 @@ impl DataSet {
                     });
                 }
             }
-            samples += found.samples;
+            counts.push(found.samples);
         }
+        let samples = counts.iter().sum();
         let Some(points) = points.filter(|_| samples > 0) else {
             return Err(DataError::NoShards { path: dir });
         };
@@ -205,6 +216,7 @@ impl DataSet {
         }
         Ok(Shards {
             paths,
+            counts,
             sizes: Sizes {
                 samples,
                 points,
@@ -218,8 +230,10 @@ impl DataSet {
 /// The shards of one split.
 pub(super) struct Shards {
     pub(super) paths: Vec<PathBuf>,
+    /// Samples in each of them.
+    pub(super) counts: Vec<usize>,
     /// Samples in all of them.
-    sizes: Sizes,
+    pub(super) sizes: Sizes,
 }
 
 /// Paths of `shard-*.h5` in `dir`, in name order.

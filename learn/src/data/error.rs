@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::merge::MergeError;
+use super::part::Part;
 use super::split::{MAX_SAMPLES, MIN_SAMPLES};
 use crate::limits::OverLimit;
 
@@ -196,6 +198,41 @@ pub enum DataError {
         /// Why the one does not become the other.
         reason: String,
     },
+    /// The folder holds another part of a data set than the one that is collected there, or one of the two is a whole set.
+    #[error("{} holds {}, expected {}; choose another folder", .path.display(), of_a_set(.found), of_a_set(.expected))]
+    OtherPart {
+        /// The folder.
+        path: PathBuf,
+        /// The part found; `None` for a whole set.
+        found: Option<Part>,
+        /// The part to be collected; `None` for a whole set.
+        expected: Option<Part>,
+    },
+    /// The folder holds a part of a data set, and nothing but [`merge`](super::merge()) reads parts.
+    #[error(
+        "{} holds {}; merge all {} first: tdcr data merge PARTS... --out DIR",
+        .path.display(), of_a_set(&Some(*.part)), .part.of()
+    )]
+    Unmerged {
+        /// The folder.
+        path: PathBuf,
+        /// The part.
+        part: Part,
+    },
+    /// A text or numbers that name no part.
+    #[error(
+        "`{found}` is no part, expected I/N, two whole numbers with 1 <= I <= N <= {MAX_SAMPLES}, such as 2/7"
+    )]
+    InvalidPart {
+        /// What was given.
+        found: String,
+    },
+    /// Folders cannot be merged to a data set.
+    #[error(transparent)]
+    Merge(Box<MergeError>),
+    /// The caller asked to stop. What was done is kept.
+    #[error("interrupted; the same call goes on")]
+    Interrupted,
     /// The folder holds something that is not a data set.
     #[error("{} holds `{found}` and is no data set of ours, expected a new, an empty or a data set's folder", .path.display())]
     ForeignFolder {
@@ -225,10 +262,18 @@ pub enum DataError {
         path: PathBuf,
     },
     /// The data set is not complete: samples are missing, or collecting was interrupted before the shards were made.
-    #[error("{} holds an unfinished data set, expected a complete one; collect again to resume", .path.display())]
+    #[error("{} holds an unfinished data set, expected a complete one; collect or merge again to resume", .path.display())]
     Incomplete {
         /// The folder.
         path: PathBuf,
+    },
+    /// A split has no sample of an index.
+    #[error("there is no sample {index}, expected 0 to {}", .count - 1)]
+    NoSample {
+        /// The index.
+        index: usize,
+        /// Samples of the split, at least 1.
+        count: usize,
     },
     /// Samples were handed over that do not form a block.
     #[error("samples {first}..{end} are not one block, expected a range of `missing_blocks`")]
@@ -278,6 +323,12 @@ pub enum DataError {
     },
 }
 
+impl From<MergeError> for DataError {
+    fn from(error: MergeError) -> Self {
+        Self::Merge(Box::new(error))
+    }
+}
+
 impl DataError {
     /// For `map_err`: an operating-system error while doing `action` (a verb) to `path`.
     pub(super) fn io(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
@@ -287,4 +338,11 @@ impl DataError {
             source,
         }
     }
+}
+
+/// A part in words, or a whole data set.
+fn of_a_set(part: &Option<Part>) -> String {
+    part.map_or("a whole data set".to_owned(), |part| {
+        format!("{part} of a data set")
+    })
 }

@@ -1,5 +1,6 @@
 //! Data sets that grow: the samples of a smaller set are kept.
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use super::collector::{Collector, State};
@@ -14,12 +15,16 @@ impl Collector {
     /// [`finish`](Self::finish) to replace the smaller set, which can be read until then.
     ///
     /// The splits depend on the number of samples, so samples change places between them. Of the smaller set's samples the
-    /// last few, less than a block, are to be made again. `progress` is called with the blocks done and the blocks in all.
-    /// Memory is needed for one shard of each split.
+    /// last few, less than a block, are to be made again. `progress` is called with the blocks done and the blocks in all,
+    /// and may ask to stop. Memory is needed for one shard of each split.
     ///
     /// # Errors
-    /// [`DataError`] for what is wrong with the smaller set, by file and dataset; [`DataError::Io`].
-    pub fn keep_samples(&self, mut progress: impl FnMut(usize, usize)) -> Result<(), DataError> {
+    /// [`DataError`] for what is wrong with the smaller set, by file and dataset; [`DataError::Io`];
+    /// [`DataError::Interrupted`] where `progress` asked for it.
+    pub fn keep_samples(
+        &self,
+        mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+    ) -> Result<(), DataError> {
         if !matches!(self.state, State::Collecting { grows: true, .. }) {
             return Ok(());
         }
@@ -29,22 +34,28 @@ impl Collector {
             path: self.dir.clone(),
         })?;
         let splits = smaller.splits()?;
+        let meta = &self.blocks.meta;
         let mut readers = vec![];
         for split in Split::ALL {
-            readers.push(SplitReader::new(set.shards(split)?.paths, &self.meta));
+            readers.push(SplitReader::new(set.shards(split)?.paths, meta));
         }
-        let kept = self.blocks().take_while(|block| block.end <= smaller.count);
+        let kept = self
+            .blocks
+            .ranges()
+            .take_while(|block| block.end <= smaller.count);
         let kept: Vec<_> = kept.collect();
         for (done, block) in kept.iter().enumerate() {
-            let mut batch = Batch::new(self.meta.sizes(0));
+            let mut batch = Batch::new(meta.sizes(0));
             for index in block.clone() {
                 let (batch_of, row) = readers[splits.place_of(index)].next_row()?;
                 batch.push_row(batch_of, row);
             }
-            if !self.is_whole(block) {
-                batch.write_block(&self.block_path(block))?;
+            if !self.blocks.is_whole(block) {
+                self.blocks.write_batch(block, &batch)?;
             }
-            progress(done + 1, kept.len());
+            if progress(done + 1, kept.len()).is_break() {
+                return Err(DataError::Interrupted);
+            }
         }
         Ok(())
     }

@@ -12,6 +12,7 @@ use super::{Split, SplitIndices, split_indices};
 use crate::limits::{MAX_JSON, read_file};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use tdcr_sim::files::write_atomically;
 
 /// File name of a complete data set's [`Meta`].
 pub(super) const META_FILE: &str = "meta.json";
@@ -91,16 +92,8 @@ impl Meta {
             source,
         };
         // The version says how to read the rest.
-        let Version { format } = serde_json::from_slice(&bytes).map_err(json)?;
-        if format != Self::FORMAT {
-            return Err(DataError::InvalidJson {
-                path: path.to_owned(),
-                problem: format!(
-                    "the data set is of format {format}, expected {}, the version this program knows",
-                    Self::FORMAT
-                ),
-            });
-        }
+        let version: Version = serde_json::from_slice(&bytes).map_err(json)?;
+        version.require_known(path)?;
         let meta: Self = serde_json::from_slice(&bytes).map_err(json)?;
         meta.validate().map_err(|problem| DataError::InvalidJson {
             path: path.to_owned(),
@@ -109,12 +102,9 @@ impl Meta {
         Ok(Some(meta))
     }
 
-    /// The contents of `meta.json`.
-    pub(super) fn to_json(&self) -> Vec<u8> {
-        let mut bytes =
-            serde_json::to_vec_pretty(self).expect("a struct of plain values serialises");
-        bytes.push(b'\n');
-        bytes
+    /// Writes `meta.json` in the folder `dir`.
+    pub(super) fn save(&self, dir: &Path) -> Result<(), DataError> {
+        save_json(&dir.join(META_FILE), self)
     }
 
     /// Refuses values of which no data set can be made.
@@ -233,11 +223,16 @@ impl Meta {
         })
     }
 
-    /// Refuses `found`, the meta of the data set in `folder`, unless it is `self`.
-    fn require_same(&self, found: &Self, folder: &Path) -> Result<(), DataError> {
+    /// Dotted path of the first field in which `found` differs, the value there of `self`, and that of `found`.
+    pub(super) fn difference(&self, found: &Self) -> Option<(String, String, String)> {
         let as_value =
             |meta: &Self| serde_json::to_value(meta).expect("a struct of plain values serialises");
-        match first_difference("", &as_value(self), &as_value(found)) {
+        first_difference("", &as_value(self), &as_value(found))
+    }
+
+    /// Refuses `found`, the meta of the data set in `folder`, unless it is `self`.
+    fn require_same(&self, found: &Self, folder: &Path) -> Result<(), DataError> {
+        match self.difference(found) {
             None => Ok(()),
             Some((field, expected, found)) => Err(DataError::OtherSet {
                 path: folder.to_owned(),
@@ -251,8 +246,32 @@ impl Meta {
 
 /// What every version of a meta says.
 #[derive(Deserialize)]
-struct Version {
+pub(super) struct Version {
     format: u32,
+}
+
+impl Version {
+    /// Refuses the meta in the file `path` unless this program knows its layout.
+    pub(super) fn require_known(&self, path: &Path) -> Result<(), DataError> {
+        match self.format {
+            Meta::FORMAT => Ok(()),
+            format => Err(DataError::InvalidJson {
+                path: path.to_owned(),
+                problem: format!(
+                    "the data set is of format {format}, expected {}, the version this program knows",
+                    Meta::FORMAT
+                ),
+            }),
+        }
+    }
+}
+
+/// Writes plain values as a file of JSON that is whole or not there.
+pub(super) fn save_json(path: &Path, values: &impl Serialize) -> Result<(), DataError> {
+    let mut bytes = serde_json::to_vec_pretty(values).expect("plain values serialise");
+    bytes.push(b'\n');
+    write_atomically(path, |file| io::Write::write_all(file, &bytes))
+        .map_err(DataError::io("write", path))
 }
 
 /// Dotted path of the first value in which `wanted` and `found` differ, and the two values there.

@@ -19,25 +19,32 @@
 //!
 //! A payload is one more motor to readers of the layout that know none; `payload` tells the others which it is.
 //!
-//! [`Collector`] makes one, takes up an interrupted one, and lets one grow; [`DataSet`] reads one, `meta.json` or not.
+//! [`Collector`] makes one, takes up an interrupted one, and lets one grow, or makes a part of one; [`merge()`] puts parts
+//! together; [`DataSet`] reads one, `meta.json` or not.
 
+mod assemble;
+mod blocks;
 mod check;
 mod collector;
 mod conditions;
 mod dataset;
 mod error;
 mod exchange;
+mod folder;
 mod grow;
+mod merge;
 mod meta;
 mod normalisation;
+mod part;
 mod sample;
 mod shard;
 mod shard_file;
 mod simulator;
 mod split;
+mod split_samples;
 mod stream;
 
-pub use check::{Finding, check};
+pub use check::{Finding, check, check_with};
 pub use collector::Collector;
 pub use conditions::{Condition, Design, PayloadRange, conditions};
 pub use dataset::DataSet;
@@ -46,11 +53,14 @@ pub use exchange::{
     CloudFileError, ExportFormat, ImportSettings, LengthUnit, NpzArray, NpzRows, NpzValues,
     PredictedClouds, export, import, read_cloud, read_predictions, write_npy, write_npz,
 };
+pub use merge::{MergeError, merge};
 pub use meta::{Meta, Origin};
 pub use normalisation::{Normalisation, OutOfRange};
+pub use part::Part;
 pub use sample::Sample;
 pub use simulator::{Recipe, SimulateError, SimulationTimes, Simulator, Subject};
 pub use split::{Split, SplitIndices, split_indices};
+pub use split_samples::SplitSamples;
 pub use stream::{SimStream, StreamSpec};
 
 use crate::channels::Channels;

@@ -1,5 +1,6 @@
 //! Reading a shard, in which every byte may be wrong.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use hdf5_pure::{DType, Error, File, FormatError};
@@ -71,20 +72,52 @@ impl ShardFile {
         Ok(batch)
     }
 
+    /// Reads some of the samples.
+    pub(super) fn read_rows(&self, rows: Range<usize>) -> Result<Batch, DataError> {
+        let sizes = Sizes {
+            samples: rows.len(),
+            ..self.sizes
+        };
+        let (start, count) = (rows.start as u64, rows.len() as u64);
+        let floats = |array| {
+            let values = self.read(array, sizes, |stored| stored.read_f32_rows(start, count))?;
+            self.require_finite(array, rows.start, sizes, values)
+        };
+        Ok(Batch {
+            sizes,
+            data: floats(Array::Data)?,
+            rgb: self.read(Array::Rgb, sizes, |stored| {
+                stored.read_u8_rows(start, count)
+            })?,
+            motors: floats(Array::Motors)?,
+        })
+    }
+
     /// Reads the colours.
     pub(super) fn read_colors(&self) -> Result<Vec<u8>, DataError> {
-        self.read(Array::Rgb, hdf5_pure::Dataset::read_u8)
+        self.read(Array::Rgb, self.sizes, hdf5_pure::Dataset::read_u8)
     }
 
     /// Reads an array of floats, all of which are finite.
     pub(super) fn read_floats(&self, array: Array) -> Result<Vec<f32>, DataError> {
-        let values = self.read(array, hdf5_pure::Dataset::read_f32)?;
+        let values = self.read(array, self.sizes, hdf5_pure::Dataset::read_f32)?;
+        self.require_finite(array, 0, self.sizes, values)
+    }
+
+    /// Hands on the values of samples from `first` on, if all are finite.
+    fn require_finite(
+        &self,
+        array: Array,
+        first: usize,
+        sizes: Sizes,
+        values: Vec<f32>,
+    ) -> Result<Vec<f32>, DataError> {
         match values.iter().position(|value| !value.is_finite()) {
             None => Ok(values),
             Some(position) => Err(DataError::NotFinite {
                 path: self.path.clone(),
                 dataset: array.name(),
-                sample: position / (values.len() / self.sizes.samples),
+                sample: first + position / (values.len() / sizes.samples),
                 found: values[position],
             }),
         }
@@ -241,14 +274,15 @@ impl ShardFile {
             .map_err(|error| self.unreadable(array, error))
     }
 
-    /// Reads an array whose shape has been checked.
+    /// Reads as much of an array whose shape has been checked as there is for `sizes`.
     fn read<T>(
         &self,
         array: Array,
+        sizes: Sizes,
         read: impl FnOnce(&hdf5_pure::Dataset) -> Result<Vec<T>, Error>,
     ) -> Result<Vec<T>, DataError> {
         let values = read(&self.find(array)?).map_err(|error| self.unreadable(array, error))?;
-        let expected: u64 = array.shape(self.sizes).iter().product();
+        let expected: u64 = array.shape(sizes).iter().product();
         if values.len() as u64 != expected {
             let problem = format!("{} elements stored, {expected} by its shape", values.len());
             return Err(self.unreadable(array, problem));

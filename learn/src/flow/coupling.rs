@@ -1,5 +1,7 @@
 //! How samples of the prior are coupled to the points of a cloud.
 
+use std::str::FromStr;
+
 use serde::{Deserialize, Serialize};
 
 use super::error::{FlowError, require};
@@ -65,6 +67,30 @@ impl Coupling {
             matcher.solve(prior.len() / row, square);
             matcher.reorder(row, prior);
         }
+    }
+}
+
+/// Reads `independent`, `optimal-transport` or `optimal-transport:K`.
+impl FromStr for Coupling {
+    type Err = FlowError;
+
+    fn from_str(text: &str) -> Result<Self, FlowError> {
+        let coupling = match text.split_once(':') {
+            None if text == "independent" => Some(Self::Independent),
+            None if text == "optimal-transport" => Some(Self::OPTIMAL_TRANSPORT),
+            Some(("optimal-transport", batch)) => {
+                let batch = batch.parse().ok();
+                batch.map(|batch| Self::OptimalTransport { batch })
+            }
+            _ => None,
+        };
+        let coupling = coupling.ok_or_else(|| FlowError {
+            field: "the coupling",
+            found: format!("`{text}`"),
+            expected: "independent, optimal-transport or optimal-transport:K",
+        })?;
+        coupling.check()?;
+        Ok(coupling)
     }
 }
 

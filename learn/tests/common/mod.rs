@@ -8,6 +8,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::ops::ControlFlow::Continue;
 use std::path::Path;
 
 use tdcr_learn::data::{Collector, Condition, Design, Meta, Origin, PayloadRange, Recipe, Sample};
@@ -92,7 +93,7 @@ pub fn write_missing_blocks(collector: &Collector) {
 pub fn collect(dir: &Path, meta: &Meta) {
     let collector = Collector::open(dir, meta).unwrap();
     write_missing_blocks(&collector);
-    collector.finish(|_, _| {}).unwrap();
+    collector.finish(|_, _| Continue(())).unwrap();
 }
 
 /// Contents of every file under `dir`, by path relative to it.

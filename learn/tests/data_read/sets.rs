@@ -1,11 +1,12 @@
 //! Sets whose files do not belong together, or claim too much.
 
 use std::fs;
+use std::path::Path;
 
 use tdcr_learn::data::{DataError, DataSet, Finding, Split, check};
 use tempfile::tempdir;
 
-use crate::common::{chunked, collect, meta};
+use crate::common::{CHUNKED, chunked, collect, meta};
 
 #[test]
 fn a_missing_shard_is_reported() {
@@ -35,6 +36,62 @@ fn a_missing_shard_is_reported() {
         set.read_split(Split::Val),
         Err(DataError::Io { .. })
     ));
+}
+
+#[test]
+fn some_samples_are_those_of_all() {
+    let ours = tempdir().unwrap();
+    collect(ours.path(), &meta());
+    for dir in [ours.path(), Path::new(CHUNKED)] {
+        let set = DataSet::open(dir).unwrap();
+        for split in Split::ALL {
+            let (all, some) = (set.read_split(split).unwrap(), set.samples(split).unwrap());
+            assert_eq!(some.len(), all.len());
+            assert_eq!(some.points_per_cloud(), all[0].cloud.len());
+            assert_eq!(some.condition_dim(), all[0].condition.values().count());
+            for first in 0..all.len() {
+                for last in first..=all.len() {
+                    assert_eq!(some.read(first..last).unwrap(), all[first..last]);
+                }
+            }
+            let beyond = some.read(0..all.len() + 1).unwrap_err().to_string();
+            let expected = format!("there is no sample {}, expected 0 to", all.len());
+            assert!(beyond.starts_with(&expected), "{beyond}");
+        }
+    }
+}
+
+#[test]
+fn a_damaged_sample_is_refused_and_the_others_are_read() {
+    let dir = tempdir().unwrap();
+    collect(dir.path(), &meta());
+    let set = DataSet::open(dir.path()).unwrap();
+    let samples = set.samples(Split::Val).unwrap();
+    let sound = samples.read(0..4).unwrap();
+    let shard = dir.path().join("val/shard-00000.h5");
+    let mut bytes = fs::read(&shard).unwrap();
+    let x = sound[2].cloud.points.as_flattened();
+    let stored: Vec<u8> = x.iter().flat_map(|x| x.to_le_bytes()).collect();
+    let place = bytes
+        .windows(stored.len())
+        .position(|window| *window == stored[..]);
+    let place = place.unwrap();
+    bytes[place..place + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    fs::write(&shard, bytes).unwrap();
+    assert_eq!(samples.read(0..2).unwrap(), sound[..2]);
+    assert_eq!(samples.read(3..4).unwrap(), sound[3..]);
+    let error = samples.read(1..4).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            DataError::NotFinite {
+                dataset: "data",
+                sample: 2,
+                ..
+            }
+        ),
+        "{error}"
+    );
 }
 
 #[test]

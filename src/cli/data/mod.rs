@@ -1,8 +1,9 @@
-//! `tdcr data`: inspects, checks, imports and exports data sets.
+//! `tdcr data`: inspects, checks, merges, imports and exports data sets.
 
 mod check;
 mod exchange;
 mod info;
+mod merge;
 mod view;
 
 use std::path::{Path, PathBuf};
@@ -11,7 +12,7 @@ use clap::{Args, Subcommand};
 
 use super::console::Console;
 
-/// Inspect, check, import and export data sets
+/// Inspect, check, merge, import and export data sets
 #[derive(Debug, Args)]
 pub(super) struct DataArgs {
     #[command(subcommand)]
@@ -23,6 +24,7 @@ enum DataCommand {
     Info(info::InfoArgs),
     View(view::ViewArgs),
     Check(check::CheckArgs),
+    Merge(merge::MergeArgs),
     Import(exchange::ImportArgs),
     Export(exchange::ExportArgs),
 }
@@ -32,6 +34,7 @@ pub(super) fn run(args: &DataArgs, console: &Console) -> anyhow::Result<()> {
         DataCommand::Info(args) => info::run(args, console),
         DataCommand::View(args) => view::run(args, console),
         DataCommand::Check(args) => check::run(args, console),
+        DataCommand::Merge(args) => merge::run(args, console),
         DataCommand::Import(args) => exchange::import(args, console),
         DataCommand::Export(args) => exchange::export(args, console),
     }

@@ -1,6 +1,5 @@
 //! `tdcr eval`.
 
-mod metrics;
 pub(super) mod page;
 mod tables;
 #[cfg(test)]
@@ -11,16 +10,14 @@ use std::sync::Arc;
 
 use anyhow::Context;
 use clap::Args;
-use serde::Serialize;
 use tdcr::learn::data::read_predictions;
 use tdcr::learn::flow::Sampler;
 use tdcr::learn::train::{FlowPredictor, Model};
-use tdcr::pipeline::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles};
+use tdcr::pipeline::{EvalSettings, Evaluator, Results};
 
 use super::console::Console;
 use super::{PrecisionArgs, SamplerArgs, output};
 
-pub(super) use metrics::Metrics;
 pub(super) use tables::scores as table;
 
 /// Score a trained model, or the clouds of any program, on the test commands of a data set, beside trivial predictors and
@@ -115,56 +112,6 @@ fn prepare(args: &EvalArgs) -> anyhow::Result<(Evaluated, Evaluator)> {
     Ok((Evaluated::Model(model, sampler), evaluator))
 }
 
-/// The JSON result of `tdcr eval`.
-#[derive(Serialize)]
-struct Said {
-    #[serde(flatten)]
-    metrics: Metrics,
-    network_quantiles: NetworkQuantiles,
-    worst: Vec<WorstTest>,
-}
-
-/// Quantiles of the network's distances over the test commands.
-#[derive(Serialize)]
-struct NetworkQuantiles {
-    cd: Quantiles,
-    emd: Quantiles,
-    emd_squared: Quantiles,
-}
-
-/// A test command that the network predicts badly.
-#[derive(Serialize)]
-struct WorstTest {
-    /// Index in the test split.
-    test: usize,
-    command: Vec<f32>,
-    /// Mass hung from the tip (kg); `None` in a data set without payloads.
-    payload: Option<f32>,
-    cd: f64,
-    emd: f64,
-    emd_squared: f64,
-}
-
-impl WorstTest {
-    fn new(evaluator: &Evaluator, evaluation: &Evaluation, test: usize) -> Self {
-        let Distances {
-            cd,
-            emd,
-            emd_squared,
-            ..
-        } = evaluation.per_test[test].evaluated().distances;
-        let condition = &evaluator.test()[test].condition;
-        Self {
-            test,
-            command: condition.motors.clone(),
-            payload: condition.payload,
-            cd,
-            emd,
-            emd_squared,
-        }
-    }
-}
-
 pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(path) = &args.report {
         output::format("--report", path, &["html"])?;
@@ -178,28 +125,16 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
         );
     }
     let evaluation = evaluator.run(None, console)?;
-    let mut worst = evaluation.worst_first();
-    worst.truncate(args.worst);
-    let said = Said {
-        metrics: Metrics::new(&evaluation, evaluator.settings(), evaluated.model()),
-        network_quantiles: NetworkQuantiles {
-            cd: evaluation.quantiles(|d| d.cd),
-            emd: evaluation.quantiles(|d| d.emd),
-            emd_squared: evaluation.quantiles(|d| d.emd_squared),
-        },
-        worst: (worst.iter())
-            .map(|&test| WorstTest::new(&evaluator, &evaluation, test))
-            .collect(),
-    };
-    console.result(&said, |said| {
-        let m = &said.metrics;
+    let results = Results::new(&evaluator, &evaluation, evaluated.model(), args.worst);
+    console.result(&results, |results| {
+        let m = &results.metrics;
         format!(
             "{}{}\n{}\n{}\nmeans over {} test commands{}; CD on {} points, EMD and squared\n\
              EMD (least mean squared distance) on {}, exact: their duality gaps are at most {:.1e} m and {:.1e} m²",
             tables::scores(&evaluation),
             (m.uncertainty_text()).map_or(String::new(), |text| text + "\n"),
-            tables::quantiles(&said.network_quantiles),
-            tables::worst(&said.worst),
+            tables::quantiles(&results.network_quantiles),
+            tables::worst(&results.worst),
             m.tests,
             m.evaluations.map_or(String::new(), |evaluations| format!(
                 ", of {} evaluations of the network each",
@@ -213,14 +148,7 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     })?;
     // After the result: a page that cannot be written costs nothing but the page.
     if let Some(path) = &args.report {
-        let page = page::page(
-            args,
-            &evaluated,
-            &evaluator,
-            &evaluation,
-            &said.metrics,
-            &worst,
-        )?;
+        let page = page::page(args, &evaluated, &evaluator, &evaluation, &results)?;
         output::write(path, page.to_html())?;
     }
     Ok(())

@@ -3,21 +3,20 @@
 use tdcr::learn::data::Sample;
 use tdcr::learn::flow::{Sampler, TimeGrid};
 use tdcr::learn::metrics::nearest_distances;
-use tdcr::pipeline::{Evaluation, Evaluator, PipelineError, Row, RowScore};
+use tdcr::pipeline::{Evaluation, Evaluator, Metrics, PipelineError, Results, Row, RowScore};
 use tdcr::report::{Example, MethodDistances, MotorGroup, PerTest, Report, Role, Score};
 use tdcr::sim::cloud::PointCloud;
 use tdcr::sim::robot::Robot;
 
-use super::{EvalArgs, Evaluated, Metrics};
+use super::{EvalArgs, Evaluated};
 
-/// The page on an evaluation that shows the `worst` test commands.
+/// The page on an evaluation.
 pub(super) fn page(
     args: &EvalArgs,
     evaluated: &Evaluated,
     evaluator: &Evaluator,
     evaluation: &Evaluation,
-    metrics: &Metrics,
-    worst: &[usize],
+    Results { metrics, worst, .. }: &Results,
 ) -> Result<Report, PipelineError> {
     let label = |rank: usize, test: usize| match rank {
         0 => format!("test {test}, the worst"),
@@ -55,7 +54,9 @@ pub(super) fn page(
         stages: Vec::new(),
         motors: motors(evaluator),
         examples: (worst.iter().enumerate())
-            .map(|(rank, &test)| example(evaluator, evaluation, test, label(rank, test)))
+            .map(|(rank, worst)| {
+                example(evaluator, evaluation, worst.test, label(rank, worst.test))
+            })
             .collect::<Result<_, _>>()?,
     })
 }

@@ -2,9 +2,7 @@
 
 use std::fmt::Write;
 
-use tdcr::pipeline::Evaluation;
-
-use super::{NetworkQuantiles, WorstTest};
+use tdcr::pipeline::{DistanceQuantiles, Evaluation, WorstTest};
 
 /// The table of mean scores.
 pub fn scores(evaluation: &Evaluation) -> String {
@@ -41,7 +39,7 @@ pub fn scores(evaluation: &Evaluation) -> String {
 }
 
 /// The table of the network's quantiles.
-pub fn quantiles(quantiles: &NetworkQuantiles) -> String {
+pub fn quantiles(quantiles: &DistanceQuantiles) -> String {
     let mut text = format!("{:26}", "network, over the tests");
     let mut body = String::new();
     for (name, _) in quantiles.cd.named() {

@@ -7,11 +7,12 @@ use std::sync::Arc;
 use tdcr::learn::data::{Condition, DataSet, PredictedClouds, Split};
 use tdcr::learn::predict::{About, PredictError, Prediction, Predictor, TrainingCost};
 use tdcr::pipeline::{
-    CollectSettings, EvalSettings, Evaluation, Evaluator, Monitor, PipelineError, Silent, collect,
+    CollectSettings, EvalSettings, Evaluation, Evaluator, Metrics, Monitor, PipelineError, Silent,
+    collect,
 };
 use tdcr::report::Report;
 
-use super::{Metrics, page, table};
+use super::{page, table};
 
 /// Predicts a cloud that it was given, whatever the condition.
 struct Fixed {

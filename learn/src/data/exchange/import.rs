@@ -1,6 +1,7 @@
 //! Folders of clouds with their motors, to a data set and from one.
 
 use std::io::Write;
+use std::ops::ControlFlow::Continue;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -9,8 +10,8 @@ use tdcr_sim::files::write_atomically;
 
 use super::split_file::read_split;
 use super::{EXTENSIONS, Fault, NpzArray, NpzValues, read_cloud, write_npz};
-use crate::data::collector::{foreign_entry, remove_staging};
 use crate::data::conditions::rng;
+use crate::data::folder::{foreign_entry, remove_folder};
 use crate::data::{Collector, Condition, DataError, DataSet, Meta, Origin, Sample, Split};
 use crate::limits::{MAX_JSON, read_file};
 
@@ -137,7 +138,7 @@ pub fn import(dir: &Path, out: &Path, settings: &ImportSettings) -> Result<usize
         let samples: Vec<Sample> = block.clone().map(sample).collect::<Result<_, _>>()?;
         collector.write_block(block.start, &samples)?;
     }
-    collector.finish(|_, _| {})?;
+    collector.finish(|_, _| Continue(()))?;
     Ok(meta.count)
 }
 
@@ -216,7 +217,7 @@ pub fn export(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, 
     }
     // What a killed export left.
     let staging = out.join(STAGING);
-    remove_staging(&staging)?;
+    remove_folder(&staging)?;
     let exported = export_to(set, format, &staging).and_then(|count| {
         for folder in Split::ALL.map(Split::folder) {
             let dir = out.join(folder);
@@ -224,7 +225,7 @@ pub fn export(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, 
         }
         Ok(count)
     });
-    remove_staging(&staging)?;
+    remove_folder(&staging)?;
     exported
 }
 

@@ -10,7 +10,7 @@ use super::{CloudFileError, Fault};
 use crate::limits::{MAX_FILE, read_file};
 
 /// Clouds of several commands.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PredictedClouds {
     /// Points of each cloud (m, world frame).
     pub points: Vec<Vec<[f32; 3]>>,

@@ -1,11 +1,12 @@
-//! The mean scores of an evaluation, as files and `--json` name them.
+//! The results of an evaluation, as files and `--json` name them.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use tdcr::learn::net::Precision;
-use tdcr::learn::train::Model;
-use tdcr::pipeline::{EvalSettings, Evaluation, RowScore, Scores};
+use tdcr_learn::net::Precision;
+use tdcr_learn::train::Model;
+
+use super::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles, RowScore, Scores};
 
 /// Keys of the rows that every evaluation of a simulated data set has, whose scores have names of their own.
 const OWN_KEYS: [&str; 4] = ["nearest", "mean", "perfect", "floor"];
@@ -13,21 +14,33 @@ const OWN_KEYS: [&str; 4] = ["nearest", "mean", "perfect", "floor"];
 /// Mean scores, as `metrics.json` and `--json` name them: CD and squared EMD in m², EMD in m.
 #[derive(Clone, Debug, Serialize)]
 pub struct Metrics {
+    /// Of what is evaluated.
     pub cd: f64,
+    /// Of the sampling floor; `None`, as all rows that need a simulation, where the data set names no robot.
     pub cd_floor: Option<f64>,
     /// Of a perfect predictor, whose points are independent of each other.
     pub cd_perfect: Option<f64>,
+    /// Of the clouds of the nearest training commands.
     pub cd_nearest: f64,
+    /// Of the cloud of the mean command.
     pub cd_mean: Option<f64>,
+    /// Earth mover's distances, in the order of the above (m).
     pub emd: f64,
+    /// Of the sampling floor.
     pub emd_floor: Option<f64>,
+    /// Of the nearest training commands.
     pub emd_nearest: f64,
+    /// Of the mean command.
     pub emd_mean: Option<f64>,
     /// Largest duality gap of all EMDs found, of every predictor and test command (m).
     pub emd_gap: f64,
+    /// Least mean squared distances, in the same order (m²).
     pub emd_squared: f64,
+    /// Of the sampling floor.
     pub emd_squared_floor: Option<f64>,
+    /// Of the nearest training commands.
     pub emd_squared_nearest: f64,
+    /// Of the mean command.
     pub emd_squared_mean: Option<f64>,
     /// Largest duality gap of all squared EMDs found (m²).
     pub emd_squared_gap: f64,
@@ -48,11 +61,15 @@ pub struct Metrics {
     /// Evaluations of the network in a prediction; mean over the test commands. `None`, as what follows on the network, where
     /// the clouds are another program's.
     pub evaluations: Option<f64>,
+    /// Test commands.
     pub tests: usize,
+    /// Points of each cloud that the Chamfer distance is computed on.
     pub points: usize,
+    /// The same of the earth mover's distances.
     pub emd_points: usize,
-    /// Operand type of the network's matrix products when it predicted, and when it was trained.
+    /// Operand type of the network's matrix products when it predicted.
     pub precision: Option<Precision>,
+    /// The same when it was trained.
     pub training_precision: Option<Precision>,
     /// Scores of what else was compared, by key.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
@@ -62,15 +79,23 @@ pub struct Metrics {
 /// Mean scores of another predictor, in the units of [`Metrics`].
 #[derive(Clone, Debug, Serialize)]
 pub struct OtherMetrics {
+    /// Its name.
     pub name: String,
+    /// Chamfer distance.
     pub cd: f64,
+    /// Earth mover's distance.
     pub emd: f64,
+    /// Least mean squared distance.
     pub emd_squared: f64,
+    /// Colour difference.
     pub color: Option<f64>,
+    /// Distance of the tip.
     pub tip: Option<f64>,
+    /// Evaluations of a network in a prediction.
     pub evaluations: f64,
-    /// Training points that it saw, and the wall-clock time of its training (s) where that is known.
+    /// Training points that it saw.
     pub training_points: u64,
+    /// Wall-clock time of its training (s), where that is known.
     pub training_seconds: Option<f64>,
 }
 
@@ -157,4 +182,88 @@ fn others(evaluation: &Evaluation, mean: &Scores) -> BTreeMap<String, OtherMetri
             (row.about.key.clone(), metrics)
         })
         .collect()
+}
+
+/// All that `tdcr eval --json` says of an evaluation.
+#[derive(Clone, Debug, Serialize)]
+pub struct Results {
+    /// Means over the test commands.
+    #[serde(flatten)]
+    pub metrics: Metrics,
+    /// Quantiles over the test commands, of what is evaluated.
+    pub network_quantiles: DistanceQuantiles,
+    /// The test commands with the greatest Chamfer distances, the worst first.
+    pub worst: Vec<WorstTest>,
+}
+
+/// Quantiles of distances over the test commands.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct DistanceQuantiles {
+    /// Of the Chamfer distance (m²).
+    pub cd: Quantiles,
+    /// Of the earth mover's distance (m).
+    pub emd: Quantiles,
+    /// Of the least mean squared distance (m²).
+    pub emd_squared: Quantiles,
+}
+
+/// A test command that is predicted badly.
+#[derive(Clone, Debug, Serialize)]
+pub struct WorstTest {
+    /// Index in the test split.
+    pub test: usize,
+    /// The command: a value for each motor.
+    pub command: Vec<f32>,
+    /// Mass hung from the tip (kg); `None` in a data set without payloads.
+    pub payload: Option<f32>,
+    /// Chamfer distance (m²).
+    pub cd: f64,
+    /// Earth mover's distance (m).
+    pub emd: f64,
+    /// Least mean squared distance (m²).
+    pub emd_squared: f64,
+}
+
+impl Results {
+    /// Of the `worst` worst test commands; `model` is the evaluated one in its present precision, `None` for another program's
+    /// clouds.
+    pub fn new(
+        evaluator: &Evaluator,
+        evaluation: &Evaluation,
+        model: Option<&Model>,
+        worst: usize,
+    ) -> Self {
+        let worst = evaluation.worst_first().into_iter().take(worst);
+        Self {
+            metrics: Metrics::new(evaluation, evaluator.settings(), model),
+            network_quantiles: DistanceQuantiles {
+                cd: evaluation.quantiles(|d| d.cd),
+                emd: evaluation.quantiles(|d| d.emd),
+                emd_squared: evaluation.quantiles(|d| d.emd_squared),
+            },
+            worst: worst
+                .map(|test| WorstTest::new(evaluator, evaluation, test))
+                .collect(),
+        }
+    }
+}
+
+impl WorstTest {
+    fn new(evaluator: &Evaluator, evaluation: &Evaluation, test: usize) -> Self {
+        let Distances {
+            cd,
+            emd,
+            emd_squared,
+            ..
+        } = evaluation.per_test[test].evaluated().distances;
+        let condition = &evaluator.test()[test].condition;
+        Self {
+            test,
+            command: condition.motors.clone(),
+            payload: condition.payload,
+            cd,
+            emd,
+            emd_squared,
+        }
+    }
 }

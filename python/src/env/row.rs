@@ -1,0 +1,225 @@
+//! One robot of a batch.
+
+use nalgebra::{UnitQuaternion, Vector3};
+use tdcr::sim::chain::Configuration;
+use tdcr::sim::dynamics::Integrator;
+use tdcr::sim::pose::Pose;
+use tdcr::sim::robot::{Command, Loads, Payload, Robot};
+use tdcr::sim::simulation::{MovingRobot, Simulation};
+use tdcr::sim::statics::Settler;
+
+use crate::errors::Outcome;
+
+/// Largest entries of an observation: places (lengths of the robot), joint rates (rad/s), the tip's velocity (lengths/s).
+const LARGEST_PLACE: f64 = 2.0;
+const LARGEST_RATE: f64 = 50.0;
+const LARGEST_VELOCITY: f64 = 20.0;
+
+/// Motion in time: by `steps` time steps (s) at each advance.
+#[derive(Clone, Copy)]
+pub struct Motion {
+    pub timestep: f64,
+    pub steps: usize,
+}
+
+/// What observations of places are measured by: an origin (m), and the length (m) that counts as 1.
+#[derive(Clone, Copy)]
+pub struct Scale {
+    pub origin: Vector3<f64>,
+    pub length: f64,
+}
+
+/// How a robot is driven.
+enum Driven {
+    Still(Box<Settler>),
+    Moving(Box<MovingRobot>),
+}
+
+impl Driven {
+    fn simulation(&mut self) -> &mut dyn Simulation {
+        match self {
+            Self::Still(settler) => settler.as_mut(),
+            Self::Moving(moving) => moving.as_mut(),
+        }
+    }
+}
+
+/// Where a robot was last seen: after its last advance that did not fail.
+pub struct Shown {
+    configuration: Configuration,
+    pub positions: Vec<Vector3<f64>>,
+    pub orientations: Vec<UnitQuaternion<f64>>,
+    pub lengths: Vec<f64>,
+    pub tensions: Vec<f64>,
+    /// Of the joints (rad/s), three entries each; 0 where the robot does not move in time.
+    pub rates: Vec<f64>,
+    /// Of the tip, the mean over the last advance (m/s); 0 where the robot does not move in time.
+    velocity: Vector3<f64>,
+}
+
+/// A robot of a batch.
+pub struct Row {
+    pub robot: Robot,
+    driven: Driven,
+    /// Duration of an advance (s).
+    duration: f64,
+    pub command: Command,
+    pub loads: Loads,
+    /// Whether it failed since its last reset: it then stands still.
+    pub failed: bool,
+    pub shown: Shown,
+}
+
+impl Shown {
+    fn new(robot: &Robot) -> Self {
+        let (discs, tendons) = (robot.discs().len(), robot.tendons().len());
+        Self {
+            configuration: Configuration::straight(robot),
+            positions: vec![Vector3::zeros(); discs],
+            orientations: vec![UnitQuaternion::identity(); discs],
+            lengths: vec![0.0; tendons],
+            tensions: vec![0.0; tendons],
+            rates: vec![0.0; 3 * discs],
+            velocity: Vector3::zeros(),
+        }
+    }
+
+    pub fn pose(&self) -> Pose<'_> {
+        Pose {
+            configuration: &self.configuration,
+            positions: &self.positions,
+            orientations: &self.orientations,
+            tendon_lengths: &self.lengths,
+            tendon_tensions: &self.tensions,
+        }
+    }
+
+    fn tip(&self) -> Vector3<f64> {
+        self.positions.last().copied().unwrap_or_default()
+    }
+
+    fn take(&mut self, driven: &Driven) {
+        let pose = match driven {
+            Driven::Still(settler) => settler.pose(),
+            Driven::Moving(moving) => {
+                self.rates.copy_from_slice(&moving.state().velocity);
+                moving.pose()
+            }
+        };
+        (self.configuration.0).copy_from_slice(&pose.configuration.0);
+        self.positions.copy_from_slice(pose.positions);
+        self.orientations.copy_from_slice(pose.orientations);
+        self.lengths.copy_from_slice(pose.tendon_lengths);
+        self.tensions.copy_from_slice(pose.tendon_tensions);
+    }
+}
+
+impl Row {
+    /// A robot that rests, or that moves in time.
+    pub fn new(robot: &Robot, motion: Option<Motion>) -> Outcome<Self> {
+        let integrator = Integrator::default();
+        let (driven, duration) = match motion {
+            None => (Driven::Still(Box::new(Settler::new(robot))), 0.0),
+            Some(Motion { timestep, steps }) => {
+                let moving = MovingRobot::new(robot, timestep, integrator, steps)?;
+                (Driven::Moving(Box::new(moving)), timestep * steps as f64)
+            }
+        };
+        let mut shown = Shown::new(robot);
+        shown.take(&driven);
+        Ok(Self {
+            driven,
+            duration,
+            command: robot.mean_command(),
+            loads: Loads::default(),
+            failed: false,
+            shown,
+            robot: robot.clone(),
+        })
+    }
+
+    /// Sets what it is driven by next.
+    pub fn ask(&mut self, command: &[f64], payload: Option<f64>) -> Outcome<()> {
+        self.command = self.robot.command(command)?;
+        if let Some(mass) = payload {
+            let payload = Payload {
+                mass,
+                ..self.loads.tip_payload()
+            };
+            self.loads = Loads::default().with_payload(payload)?;
+        }
+        Ok(())
+    }
+
+    /// Starts anew, at rest, with nothing left of what was before.
+    pub fn reset(&mut self) {
+        let (command, loads) = (&self.command, &self.loads);
+        self.failed = self.driven.simulation().reset(command, loads).is_err();
+        if !self.failed {
+            self.shown.take(&self.driven);
+        }
+        self.shown.velocity.fill(0.0);
+    }
+
+    /// Advances, unless it failed before.
+    pub fn advance(&mut self) {
+        if self.failed {
+            return;
+        }
+        let (command, loads) = (&self.command, &self.loads);
+        self.failed = (self.driven.simulation().advance(command, loads)).is_err();
+        if !self.failed {
+            let before = self.shown.tip();
+            self.shown.take(&self.driven);
+            if self.duration > 0.0 {
+                self.shown.velocity = (self.shown.tip() - before) / self.duration;
+            }
+        }
+    }
+
+    /// Number of entries that [`Self::observe`] writes.
+    pub fn width(discs: usize, tendons: usize, whole: bool, moves: bool) -> usize {
+        let (at_rest, in_motion) = if whole { (7, 3) } else { (6, 3) };
+        let bodies = if whole { discs } else { 1 };
+        tendons + bodies * (at_rest + if moves { in_motion } else { 0 })
+    }
+
+    /// Writes an observation: the command of each tendon (-1 to 1 over its range), then
+    ///
+    /// - of the `whole` robot the discs' places, their quaternions (w, x, y, z), and in motion the joints' rates (rad/s);
+    /// - of the tip alone its place, its axis, and in motion its velocity (lengths/s).
+    pub fn observe(&self, scale: Scale, whole: bool, out: &mut [f32]) {
+        let (shown, moves) = (&self.shown, self.duration > 0.0);
+        let mut out = out.iter_mut();
+        let mut put = |value: f64, largest: f64| {
+            if let Some(out) = out.next() {
+                *out = value.clamp(-largest, largest) as f32;
+            }
+        };
+        for (tendon, command) in self.robot.tendons().iter().zip(self.command.as_slice()) {
+            let [low, high] = tendon.range;
+            let width = high - low;
+            let share = (command - low) / if width > 0.0 { width } else { 1.0 };
+            put(2.0 * share - 1.0, 1.0);
+        }
+        let place = |position: &Vector3<f64>| (position - scale.origin) / scale.length;
+        let bodies = if whole { 0 } else { shown.positions.len() - 1 };
+        for position in &shown.positions[bodies..] {
+            place(position).iter().for_each(|&x| put(x, LARGEST_PLACE));
+        }
+        if whole {
+            for q in &shown.orientations {
+                [q.w, q.i, q.j, q.k].iter().for_each(|&x| put(x, 1.0));
+            }
+        } else if let Some(tip) = shown.orientations.last() {
+            let axis = tip * Vector3::z();
+            axis.iter().for_each(|&x| put(x, 1.0));
+        }
+        if moves && whole {
+            shown.rates.iter().for_each(|&x| put(x, LARGEST_RATE));
+        } else if moves {
+            let velocity = shown.velocity / scale.length;
+            velocity.iter().for_each(|&x| put(x, LARGEST_VELOCITY));
+        }
+    }
+}

@@ -1,0 +1,91 @@
+"""Making data sets: all at once, or in parts on several machines."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from tdcr import _tdcr
+from tdcr._arrays import Progress, as_count, as_number
+from tdcr.data import MOST, Dataset, PathLike, as_payload, as_seed
+from tdcr.errors import InputError
+from tdcr.robot import Robot
+
+
+def collect(
+    robot: Robot | PathLike | dict[str, Any] = "2m",
+    out: PathLike = "data",
+    *,
+    samples: int = 1000,
+    points: int = 10_000,
+    voxel: float = 0.002,
+    base: bool = False,
+    payload: tuple[float, float] | None = None,
+    noise: Literal["d435"] | None = None,
+    design: Literal["uniform", "latin-hypercube", "sobol", "grid"] = "uniform",
+    seed: int = 0,
+    part: str | None = None,
+    progress: Progress | None = None,
+) -> Dataset | None:
+    """Makes a data set: settles commands, sees each robot with its cameras, keeps the clouds; as ``tdcr collect``.
+
+    The files are a function of the arguments. Interrupted by Ctrl-C, by an exception of ``progress``, or killed, the same call
+    goes on where it stopped. With more ``samples`` (designs ``uniform`` and ``sobol``) it adds to the data set, whose splits
+    are then drawn anew.
+
+    Args:
+        robot: A robot, or what :class:`tdcr.Robot` makes one of.
+        out: Folder of the data set, or of the part.
+        samples: Number of commands, split 80/10/10 into train, val and test; at least 10.
+        points: Points per cloud.
+        voxel: Edge of the voxels that thin the fused clouds (m).
+        base: Whether the cameras see the robot's base.
+        payload: Smallest and largest mass that hangs from the tip (kg); a tenth of the samples has exactly 0.
+        noise: ``"d435"`` simulates the noise of that depth camera.
+        design: How commands and payloads are chosen.
+        seed: Seed of commands, samples, faults and splits.
+        part: ``"I/N"`` collects the ``I``-th of ``N`` equal parts alone, in a folder of its own, for :func:`merge`.
+        progress: Is called with the number of samples made since its last call, as ``tqdm(total=samples).update``; those that
+            were made before count at its first.
+
+    Returns:
+        The data set; ``None`` for a part, which is none before it is merged.
+
+    Raises:
+        InputError, RobotError: For arguments of which no data set can be made.
+        DataError: For a folder that holds something else, or cannot be written; or if the robot does not settle.
+    """
+    options = {
+        "samples": as_count(samples, "samples"),
+        "points": as_count(points, "points", 1, MOST),
+        "voxel": as_number(voxel, "voxel"),
+        "base": bool(base),
+        "payload": as_payload(payload),
+        "noise": noise,
+        "design": design,
+        "seed": as_seed(seed),
+        "part": part,
+    }
+    _tdcr.collect(Robot(robot)._native, os.fspath(out), options, progress=progress)
+    return None if part is not None else Dataset(out)
+
+
+def merge(parts: Sequence[PathLike], out: PathLike, progress: Progress | None = None) -> Dataset:
+    """Makes a data set of the parts that :func:`collect` made with ``part="I/N"``; as ``tdcr data merge``.
+
+    Its files are byte for byte those of one call without ``part``. The parts stay as they are. Interrupted, the same call begins
+    anew.
+
+    Args:
+        parts: Folders of all parts, in any order.
+        out: Folder of the data set.
+        progress: Is called with the number of steps done since its last call.
+
+    Raises:
+        DataError: For parts that are missing, unfinished, there twice or of another data set; the message names them.
+    """
+    if isinstance(parts, str | os.PathLike):
+        raise InputError(f"parts is {parts!r}; expected a list of folders")
+    _tdcr.merge([os.fspath(part) for part in parts], os.fspath(out), progress=progress)
+    return Dataset(out)

@@ -1,0 +1,60 @@
+"""Gymnasium environments of tendon-driven continuum robots.
+
+>>> import gymnasium, tdcr.envs
+>>> env = gymnasium.make("tdcr/Reach2m-v0")
+>>> envs = gymnasium.make_vec("tdcr/Reach2m-v0", num_envs=64)
+
+Importing this module registers them. ``gymnasium.make("tdcr.envs:tdcr/Reach2m-v0")`` imports it by itself.
+
+============================== =====================================================================================
+``tdcr/Reach2m-v0``            the tip to a point; dense reward
+``tdcr/ReachGoal2m-v0``        the same with goals in the observation; sparse reward, for HER
+``tdcr/ReachGoal2mDense-v0``   the same, dense
+``tdcr/Shape2m-v0``            the whole robot to a shape: poses of the discs, or a point cloud (``target="cloud"``)
+``tdcr/Payload2m-v0``          the tip to a point with an unknown payload
+``tdcr/Track2m-v0``            the tip along a path
+============================== =====================================================================================
+
+Each is there for ``2m``, ``3m`` and ``5m``; see :class:`TendonRobotEnv` for what they take.
+"""
+
+from __future__ import annotations
+
+from tdcr.errors import MissingPackageError
+
+try:
+    import gymnasium
+except ImportError:
+    raise MissingPackageError("the environments need Gymnasium: pip install 'tdcr[envs]'") from None
+
+from tdcr.envs.environment import TendonRobotEnv, TendonRobotGoalEnv
+from tdcr.envs.tasks import TASKS, Task
+from tdcr.envs.vector import TendonRobotVectorEnv
+
+__all__ = ["TASKS", "Task", "TendonRobotEnv", "TendonRobotGoalEnv", "TendonRobotVectorEnv", "register"]
+
+_IDS = {
+    "Reach{}": "reach",
+    "ReachGoal{}": "reach_goal",
+    "ReachGoal{}Dense": "reach_goal_dense",
+    "Shape{}": "shape",
+    "Payload{}": "payload",
+    "Track{}": "track",
+}
+
+
+def register() -> None:
+    """Registers the environments with Gymnasium, which importing this module does."""
+    for name, task in _IDS.items():
+        env = "TendonRobotGoalEnv" if TASKS[task].goal_based else "TendonRobotEnv"
+        for robot in ("2m", "3m", "5m"):
+            gymnasium.register(
+                id=f"tdcr/{name.format(robot)}-v0",
+                entry_point=f"tdcr.envs.environment:{env}",
+                vector_entry_point="tdcr.envs.vector:TendonRobotVectorEnv",
+                kwargs={"task": task, "robot": robot},
+            )
+
+
+if "tdcr/Reach2m-v0" not in gymnasium.registry:
+    register()

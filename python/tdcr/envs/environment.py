@@ -1,0 +1,119 @@
+"""The environments, one robot at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr.envs.episodes import Episodes, Observation, first
+from tdcr.envs.tasks import ReachGoal, Task
+from tdcr.errors import InputError
+
+RENDER_MODES = ("rgb_array", "depth_array")
+
+
+class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+    """A tendon-driven continuum robot with a task.
+
+    **Action**, shape (tendons,), -1 to 1: by how much the command of each tendon changes, in ``rate`` of its range. Commands
+    stay within their ranges, so that no action is unsafe.
+
+    **Observation**, float32: see ``env.unwrapped.layout``. Places are relative to the base and in lengths of the robot.
+
+    **Episodes** never terminate. They are truncated after ``episode_length`` steps, and where the simulation cannot go on:
+    the robot does not settle, or its motion diverges; ``info["simulation_failed"]`` tells which. It then stands where it
+    last was.
+
+    Args:
+        task: Name of a task in :data:`tdcr.envs.TASKS`, or a subclass of :class:`tdcr.envs.Task`.
+        robot: Anything that :class:`tdcr.Robot` takes.
+        dynamics: Whether the robot moves in time; else each step leads to the equilibrium of its command.
+        randomise: Ranges ``(low, high)`` that parameters are drawn from at each reset: names of
+            :meth:`tdcr.Robot.with_values`, in SI units, and ``"payload"`` (kg).
+        observation: ``"state"``: commands, places and quaternions of the discs, and in motion rates of the joints;
+            ``"tip"``: commands, place and axis of the tip, and in motion its velocity; ``"cloud"``: commands, and the points
+            that the robot's cameras see.
+        frame_skip: Time steps of one step in motion.
+        timestep: Time step in motion (s).
+        episode_length: Steps of an episode.
+        rate: Largest change of a command in one step, as a share of its range.
+        tolerance: Distance that counts as success (m); without, 3 % of the robot's length.
+        points: Points of a cloud.
+        render_mode: ``"rgb_array"`` or ``"depth_array"``; ``gymnasium.make`` makes a window of the first for ``"human"``.
+        camera, width, height: Which of the robot's cameras pictures are of, and their size.
+        target: Of the task Shape: ``"poses"`` or ``"cloud"``.
+        preview: Of the task Track: points of the path that are observed.
+
+    Raises:
+        InputError: For arguments that make no sense; RobotError and ParameterError for robots and their parameters.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 25}
+
+    def __init__(self, task: str | Callable[..., Task] = "reach", render_mode: str | None = None, **arguments: Any) -> None:
+        if render_mode not in (None, *RENDER_MODES):
+            raise InputError(f"render_mode is {render_mode!r}; expected one of {', '.join(RENDER_MODES)}, or None")
+        self._arguments = {"task": task, "render_mode": render_mode, **arguments}
+        self.render_mode = render_mode
+        self.episodes = Episodes(1, task, **arguments)
+        self.layout = self.episodes.layout
+        self.action_space = self.episodes.action_space
+        self.observation_space = self.episodes.observation_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts a new episode, which depends on ``np_random`` alone."""
+        super().reset(seed=seed)
+        self.episodes.reset([0], [self.np_random])
+        observation, _, _, infos = self.episodes.look()
+        return first(observation), {name: values.item(0) for name, values in infos.items()}
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Takes a step."""
+        episodes = self.episodes
+        episodes.drive(np.asarray(action)[np.newaxis])
+        observation, rewards, truncated, infos = episodes.look()
+        info = {name: values.item(0) for name, values in infos.items()}
+        return first(observation), rewards.item(0), False, truncated.item(0), info
+
+    def render(self) -> Any:
+        """The picture of ``render_mode``: colours, shape (height, width, 3), or depth (m), shape (height, width)."""
+        return None if self.render_mode is None else self.episodes.picture(0, self.render_mode)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"arguments": self._arguments, "spec": self.spec, "random": (self._np_random, self._np_random_seed)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A new environment with the arguments and the generator of the old one; it must be reset."""
+        self.__init__(**state["arguments"])  # type: ignore[misc]
+        self.spec = state["spec"]
+        self._np_random, self._np_random_seed = state["random"]
+
+
+class TendonRobotGoalEnv(TendonRobotEnv):
+    """The same for goal-based tasks, as hindsight experience replay (HER) takes them: observations are dictionaries of
+    ``observation``, ``achieved_goal`` and ``desired_goal``, and the reward of any goal can be computed.
+    """
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any = None) -> Any:
+        """Reward for having achieved a goal; any number of leading axes, as HER asks for."""
+        return _of_goals(self.episodes).compute_reward(achieved_goal, desired_goal)
+
+    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any = None) -> bool:
+        """Whether having achieved a goal ends an episode: never."""
+        return False
+
+    def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any = None) -> bool:
+        """Whether an episode is cut off for a goal: never."""
+        return False
+
+
+def _of_goals(episodes: Episodes) -> ReachGoal:
+    if not isinstance(episodes.task, ReachGoal):
+        raise InputError(f"{type(episodes.task).__name__} is not a goal-based task; expected ReachGoal")
+    return episodes.task

@@ -1,0 +1,181 @@
+"""The environments, many robots in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from tdcr._arrays import Floats
+from tdcr.envs.environment import RENDER_MODES, TendonRobotEnv, _of_goals
+from tdcr.envs.episodes import Episodes, Observation
+from tdcr.envs.tasks import Infos, Task
+from tdcr.envs.world import Bools
+from tdcr.errors import InputError
+
+Rows = NDArray[np.int64]
+
+
+class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
+    """``num_envs`` environments as :class:`~tdcr.envs.TendonRobotEnv`, which also has the other arguments, stepped by one call
+    on all threads.
+
+    It does what :class:`gymnasium.vector.SyncVectorEnv` does of as many single environments, number for number: environment
+    ``i`` has a generator of its own, seeded by ``seed + i``.
+
+    Args:
+        num_envs: How many.
+        autoreset_mode: What happens after the end of an episode: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"`` (reset them
+            by ``reset(options={"reset_mask": ...})``).
+    """
+
+    metadata: dict[str, Any] = {**TendonRobotEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str | Callable[..., Task] = "reach",
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        **arguments: Any,
+    ) -> None:
+        if render_mode not in (None, *RENDER_MODES):
+            raise InputError(f"render_mode is {render_mode!r}; expected one of {', '.join(RENDER_MODES)}, or None")
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            modes = ", ".join(repr(mode.value) for mode in AutoresetMode)
+            raise InputError(f"autoreset_mode is {autoreset_mode!r}; expected one of {modes}") from None
+        self._arguments: dict[str, Any] = {"num_envs": num_envs, "task": task, "autoreset_mode": self.autoreset_mode}
+        self._arguments |= {"render_mode": render_mode, **arguments}
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.episodes = Episodes(num_envs, task, **arguments)
+        self.num_envs, self.render_mode = num_envs, render_mode
+        self.layout = self.episodes.layout
+        self.single_action_space = self.episodes.action_space
+        self.single_observation_space = self.episodes.observation_space
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._generator_seeds = [-1] * num_envs
+        self._ended: Bools = np.zeros(num_envs, dtype=np.bool_)
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generator of each environment."""
+        return tuple(self._generator(row) for row in range(self.num_envs))
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each environment."""
+        return tuple(self._generator_seeds) if self.np_random else ()
+
+    def _generator(self, row: int, seed: int | None = None) -> np.random.Generator:
+        generator = self._generators[row]
+        if generator is None or seed is not None:
+            generator, self._generator_seeds[row] = seeding.np_random(seed)
+            self._generators[row] = generator
+        return generator
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts new episodes.
+
+        Args:
+            seed: Environment ``i`` is seeded by ``seed + i``, or by its entry of a list; without, generators go on.
+            options: ``"reset_mask"``, flags of shape (num_envs,): only these are reset.
+        """
+        seeds = [seed + row for row in range(self.num_envs)] if isinstance(seed, int) else seed
+        seeds = [None] * self.num_envs if seeds is None else list(seeds)
+        if len(seeds) != self.num_envs:
+            raise InputError(f"{len(seeds)} seeds; expected {self.num_envs}, one for each environment")
+        mask = np.ones(self.num_envs, dtype=np.bool_)
+        if options is not None and "reset_mask" in options:
+            mask = options.pop("reset_mask")
+            if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)):
+                raise InputError(f"reset_mask is {mask!r}; expected an array of {self.num_envs} flags (numpy.bool_)")
+            if not mask.any():
+                raise InputError("reset_mask has no entry that is true; expected at least one")
+        rows = np.flatnonzero(mask)
+        for row in rows.tolist():
+            self._generator(row, seeds[row])
+        self._reset(rows)
+        self._ended[rows] = False
+        observation, _, _, infos = self.episodes.look()
+        return observation, _told(infos, mask)
+
+    def _reset(self, rows: Rows) -> None:
+        chosen = rows.tolist()
+        self.episodes.reset(chosen, [self._generator(row) for row in chosen])
+
+    def step(self, actions: Any) -> tuple[Observation, Floats, Bools, Bools, dict[str, Any]]:
+        """Takes a step in all environments; those that ended are reset as ``autoreset_mode`` says."""
+        mode, episodes, before = self.autoreset_mode, self.episodes, self._ended
+        if mode is AutoresetMode.DISABLED and before.any():
+            raise gymnasium.error.ResetNeeded(
+                f"environments {np.flatnonzero(before).tolist()} have ended; reset them by `reset(options={{'reset_mask': "
+                "ended}})`, as autoreset_mode is 'Disabled'"
+            )
+        episodes.drive(actions)
+        if mode is AutoresetMode.NEXT_STEP and before.any():
+            self._reset(np.flatnonzero(before))
+        observation, rewards, truncated, infos = episodes.look()
+        if mode is AutoresetMode.NEXT_STEP:
+            rewards[before] = 0.0
+            truncated &= ~before
+        everywhere = np.ones(self.num_envs, dtype=np.bool_)
+        final: dict[str, Any] = {}
+        if mode is AutoresetMode.SAME_STEP and truncated.any():
+            final = {"final_obs": _objects(observation, truncated), "_final_obs": truncated.copy()}
+            final |= {"final_info": _told(infos, truncated), "_final_info": truncated.copy()}
+            self._reset(np.flatnonzero(truncated))
+            observation, _, _, infos = episodes.look()
+        self._ended = truncated if mode is not AutoresetMode.SAME_STEP else np.zeros_like(truncated)
+        return observation, rewards, np.zeros_like(truncated), truncated.copy(), final | _told(infos, everywhere)
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any = None) -> Any:
+        """As :meth:`tdcr.envs.TendonRobotGoalEnv.compute_reward`."""
+        return _of_goals(self.episodes).compute_reward(achieved_goal, desired_goal)
+
+    def render(self) -> tuple[NDArray[Any], ...] | None:
+        """The picture of each environment."""
+        if self.render_mode is None:
+            return None
+        return tuple(self.episodes.picture(row, self.render_mode) for row in range(self.num_envs))
+
+    def __getstate__(self) -> dict[str, Any]:
+        randoms = self._generators, self._generator_seeds
+        return {"arguments": self._arguments, "spec": self.spec, "randoms": randoms}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """New environments with the arguments and the generators of the old ones; they must be reset."""
+        self.__init__(**state["arguments"])  # type: ignore[misc]
+        self.spec = state["spec"]
+        self._generators, self._generator_seeds = state["randoms"]
+
+
+def _told(infos: Infos, rows: Bools) -> dict[str, Any]:
+    """Information as vector environments tell it: 0 where ``rows`` has none, with a mask beside each name."""
+    told: dict[str, Any] = {}
+    for name, values in infos.items():
+        told[name] = np.where(rows, values, np.zeros_like(values))
+        told[f"_{name}"] = rows.copy()
+    return told
+
+
+def _objects(observation: Observation, rows: Bools) -> NDArray[Any]:
+    """The observations of some rows, each an object of its own."""
+    objects = np.full(len(rows), None, dtype=object)
+    for row in np.flatnonzero(rows):
+        if isinstance(observation, dict):
+            objects[row] = {name: values[row] for name, values in observation.items()}
+        else:
+            objects[row] = observation[row]
+    return objects

@@ -1,0 +1,120 @@
+"""Scores of predicted clouds beside trivial predictors and the sampling floor."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any
+
+import numpy as np
+
+from tdcr import _tdcr
+from tdcr._arrays import Progress, as_array, as_count, as_float
+from tdcr.data import Dataset, PathLike, as_seed, folder_of
+from tdcr.errors import InputError
+from tdcr.metrics import as_clouds
+from tdcr.predictor import Method, Precision, Predictor, sampler_options
+
+def evaluate(
+    model: Predictor | PathLike | None = None,
+    data: Dataset | PathLike = "data",
+    *,
+    predictions: Any = None,
+    colors: Any = None,
+    commands: Any = None,
+    points: int = 10_000,
+    emd_points: int = 2000,
+    worst: int = 5,
+    seed: int = 0,
+    sampler: Method | None = None,
+    sampler_steps: int | None = None,
+    sampler_power: float | None = None,
+    sampler_tolerance: float | None = None,
+    precision: Precision | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Scores a trained model, or the clouds of any program, on the test commands of a data set, beside trivial predictors and the
+    sampling floor; as ``tdcr eval``.
+
+    Args:
+        model: The model, its file, or the folder of its run; ``"run"`` by default.
+        data: The data set, or its folder.
+        predictions: Clouds to score instead of a model's: shape (T, N, 3), world frame (m), one for each test command in the
+            order of the test split; or an NPZ file of ``points``, and maybe ``rgb`` and ``commands``.
+        colors: Colours of ``predictions``, shape (T, N, 3), uint8, if they have any.
+        commands: Conditions of ``predictions``, shape (T, D), which are checked against the test split's.
+        points: Points of each cloud that the Chamfer distance is computed on.
+        emd_points: Points of each cloud that the exact earth mover's distances are computed on.
+        worst: How many of the worst test commands to list.
+        seed: Seed of noise and subsets.
+        sampler: How the flow is integrated, as of :meth:`Predictor.predict`.
+        sampler_steps: Number of steps.
+        sampler_power: Exponent of the time grid.
+        sampler_tolerance: Tolerance of adaptive steps.
+        precision: Operand type of the network's matrix products, of a model that is read.
+        progress: Is called with the number of test commands scored since its last call.
+
+    Returns:
+        What ``tdcr eval --json`` prints: ``cd`` and ``emd_squared`` (m²), ``emd`` (m), the same with ``_nearest`` (cloud of the
+        nearest training command), ``_mean``, ``_floor`` and so on; ``network_quantiles`` and the ``worst`` test commands.
+
+    Raises:
+        InputError: For clouds that do not fit, and more points than there are.
+        DataError: For a data set that cannot be read.
+        TrainError: For a model that cannot be read, or is of another robot than the data set.
+    """
+    scored: Any
+    if predictions is None:
+        for name, value in (("colors", colors), ("commands", commands)):
+            if value is not None:
+                raise InputError(f"{name} is of predictions; a model is scored")
+        if isinstance(model, Predictor):
+            if precision is not None:
+                raise InputError(f"precision is of a model that is read; this one predicts in {model.precision}")
+            predictor = model
+        else:
+            predictor = Predictor("run" if model is None else model, precision)
+        scored = (predictor._native, sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance))
+    else:
+        of_model = {
+            "model": model,
+            "sampler": sampler,
+            "sampler_steps": sampler_steps,
+            "sampler_power": sampler_power,
+            "sampler_tolerance": sampler_tolerance,
+            "precision": precision,
+        }
+        for name, value in of_model.items():
+            if value is not None:
+                raise InputError(f"{name} is of a model; predictions are scored")
+        scored = _scored(predictions, colors, commands)
+    options = {
+        "points": as_count(points, "points"),
+        "emd_points": as_count(emd_points, "emd_points"),
+        "seed": as_seed(seed),
+        "worst": as_count(worst, "worst"),
+    }
+    results: dict[str, Any] = json.loads(_tdcr.evaluate(scored, folder_of(data), options, progress=progress))
+    return results
+
+
+def _scored(predictions: Any, colors: Any, commands: Any) -> Any:
+    """Clouds of any program, as arrays or as their file."""
+    if isinstance(predictions, str | os.PathLike):
+        for name, value in (("colors", colors), ("commands", commands)):
+            if value is not None:
+                raise InputError(f"{name} beside a file of predictions; expected them in the file")
+        return os.fspath(predictions)
+    clouds = as_clouds(predictions, "predictions")
+    if colors is not None:
+        colors = np.ascontiguousarray(as_array(colors, "colors"))
+        if colors.dtype != np.uint8 or colors.shape != clouds.shape:
+            raise InputError(
+                f"colors has shape {colors.shape} of {colors.dtype}; expected {clouds.shape} of uint8, as the predictions"
+            )
+    if commands is not None:
+        rows = as_float(commands, "commands", ("rows", "numbers")).astype(np.float32)
+        if len(rows) != len(clouds):
+            raise InputError(f"commands has {len(rows)} rows; expected {len(clouds)}, one for each cloud")
+        commands = rows
+    return clouds, colors, commands

@@ -1,0 +1,184 @@
+//! What a run is asked for, as names and numbers of its user, and what becomes of it.
+
+use tdcr_learn::data::{DataSet, Split};
+use tdcr_learn::flow::{Coupling, FlowPath, Method, Sampler, TimeGrid};
+use tdcr_learn::net::{Channels, ContextShape, Precision};
+use tdcr_learn::train::{Optimizer, Target, TrainSettings};
+
+use super::preset::{Length, Preset, Rates};
+use super::{NetworkSize, PipelineError, TrainingData};
+
+/// What [`train`](super::train) is asked for: a preset, and what is to be other than it says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrainPlan {
+    /// The preset.
+    pub preset: Preset,
+    /// Features per layer; the preset's by default, as all that may be `None`.
+    pub width: Option<usize>,
+    /// Layers.
+    pub depth: Option<usize>,
+    /// Features of the embedding of time and condition.
+    pub embedding: Option<usize>,
+    /// The context network of a hybrid; `None` for an MLP.
+    pub context: Option<ContextShape>,
+    /// What points consist of.
+    pub channels: Channels,
+    /// Weight of the colours' error beside the positions'.
+    pub color_weight: f32,
+    /// Optimiser steps.
+    pub steps: Option<u64>,
+    /// Clouds per step.
+    pub clouds: Option<usize>,
+    /// Points per cloud and step, or all that a cloud has.
+    pub points: Option<usize>,
+    /// Operand type of the network's matrix products; the fastest by default.
+    pub precision: Option<Precision>,
+    /// How gradients move the weights; a rate in it is that of the preset's learning rate, and follows it in proportion.
+    pub optimizer: Option<Optimizer>,
+    /// Learning rate after warm-up.
+    pub learning_rate: Option<f64>,
+    /// Steps of warm-up, at most a tenth of all.
+    pub warmup_steps: Option<u64>,
+    /// Steps between validations.
+    pub validate_every: Option<u64>,
+    /// Validations without a better one after which the run ends; `None` takes all steps.
+    pub patience: Option<u64>,
+    /// How noise is coupled to the points of a cloud.
+    pub coupling: Coupling,
+    /// Flow times are Beta(`time_exponent`, 1).
+    pub time_exponent: f32,
+    /// Seed of weights, noise and subsets.
+    pub seed: u64,
+}
+
+/// An MLP of positions by the default preset.
+impl Default for TrainPlan {
+    fn default() -> Self {
+        let path = FlowPath::default();
+        Self {
+            preset: Preset::default(),
+            width: None,
+            depth: None,
+            embedding: None,
+            context: None,
+            channels: Channels::Xyz,
+            color_weight: TrainSettings::default().color_weight,
+            steps: None,
+            clouds: None,
+            points: None,
+            precision: None,
+            optimizer: None,
+            learning_rate: None,
+            warmup_steps: None,
+            validate_every: None,
+            patience: None,
+            coupling: path.coupling,
+            time_exponent: path.time_exponent,
+            seed: 0,
+        }
+    }
+}
+
+impl TrainPlan {
+    /// Network and settings of a run on `data`.
+    ///
+    /// # Errors
+    /// [`PipelineError::Endless`] where a preset's epochs are to be of a stream; [`PipelineError::Data`] where the training
+    /// set, of which epochs are, cannot be read.
+    pub fn settle(
+        &self,
+        data: &TrainingData,
+    ) -> Result<(NetworkSize, TrainSettings), PipelineError> {
+        let preset = Preset {
+            width: self.width.unwrap_or(self.preset.width),
+            depth: self.depth.unwrap_or(self.preset.depth),
+            embedding: self.embedding.unwrap_or(self.preset.embedding),
+            length: self.steps.map_or(self.preset.length, Length::Steps),
+            points: self.points.unwrap_or(self.preset.points),
+            validate_every: self.validate_every.unwrap_or(self.preset.validate_every),
+            ..self.preset
+        };
+        let usual = self.preset.rates[usize::from(self.context.is_some())];
+        let rates = Rates {
+            clouds: self.clouds.unwrap_or(usual.clouds),
+            learning_rate: self.learning_rate.unwrap_or(usual.learning_rate),
+            warmup_steps: self.warmup_steps.unwrap_or(usual.warmup_steps),
+        };
+        let set = match (preset.length, data) {
+            (Length::Steps(_), _) => 0,
+            (Length::Epochs(_), TrainingData::Set(dir) | TrainingData::SetIn(dir, _)) => {
+                DataSet::open(dir)?.samples(Split::Train)?.len()
+            }
+            (Length::Epochs(epochs), TrainingData::Stream(_)) => {
+                return Err(PipelineError::Endless {
+                    preset: preset.name,
+                    epochs,
+                });
+            }
+        };
+        let optimizer = self.optimizer.unwrap_or(preset.optimizer);
+        let settings = TrainSettings {
+            seed: self.seed,
+            precision: (self.precision).unwrap_or_else(|| Precision::fastest(preset.width)),
+            patience: self.patience,
+            optimizer: optimizer.scaled(rates.learning_rate / usual.learning_rate),
+            path: FlowPath {
+                time_exponent: self.time_exponent,
+                coupling: self.coupling,
+                ..FlowPath::default()
+            },
+            color_weight: self.color_weight,
+            ..preset.settings(rates, preset.length.steps(rates.clouds, set))
+        };
+        let size = NetworkSize {
+            context: self.context,
+            channels: self.channels,
+            ..preset.size()
+        };
+        Ok((size, settings))
+    }
+}
+
+/// How a prediction is asked to follow the flow; what is `None` is the model's own.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SamplerPlan {
+    /// Integration method.
+    pub method: Option<Method>,
+    /// Number of steps; with a tolerance, the most.
+    pub steps: Option<usize>,
+    /// Exponent of the time grid.
+    pub power: Option<f32>,
+    /// Adaptive steps of this tolerance, in place of a grid.
+    pub tolerance: Option<f32>,
+}
+
+impl SamplerPlan {
+    /// Most adaptive steps, where they are not said.
+    pub const MOST_STEPS: usize = 200;
+
+    /// The sampler for a model trained with `settings`.
+    ///
+    /// # Errors
+    /// [`PipelineError::Sampler`] for values that describe none, [`PipelineError::OwnSampler`] where the model was distilled
+    /// for another.
+    pub fn settle(&self, settings: &TrainSettings) -> Result<Sampler, PipelineError> {
+        let own = settings.sampler;
+        let sampler = Sampler {
+            method: self.method.unwrap_or(own.method),
+            steps: match self.tolerance {
+                None => self.steps.unwrap_or(own.steps),
+                Some(_) => self.steps.unwrap_or(Self::MOST_STEPS),
+            },
+            grid: match (self.tolerance, self.power) {
+                (Some(tolerance), _) => TimeGrid::Adaptive(tolerance),
+                (None, Some(power)) => TimeGrid::Power(power),
+                (None, None) => own.grid,
+            },
+        };
+        sampler.check()?;
+        match settings.target == Target::Velocity || sampler == own {
+            true => Ok(sampler),
+            false => Err(PipelineError::OwnSampler { steps: own.steps }),
+        }
+    }
+}
