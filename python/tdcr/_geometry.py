@@ -54,9 +54,7 @@ class Geometry:
         """The holes of each tendon in the world, from the servo on, shapes (h, 3) (m), from the poses of the discs."""
         origins = np.vstack([self.base, positions])
         orientations = np.vstack([self.base_quaternion, quaternions])
-        return [
-            origins[bodies + 1] + rotate(orientations[bodies + 1], places) for bodies, places in self.routes
-        ]
+        return [origins[bodies + 1] + rotate(orientations[bodies + 1], places) for bodies, places in self.routes]
 
 
 @dataclass(frozen=True)
