@@ -4,7 +4,7 @@
 
 Prints Markdown tables: times, what products and memory account for of ours, in float32 and, where that is faster, in
 bfloat16. PyTorch stands beside ours where it is installed (tests/python/requirements-torch.txt): the
-modules of examples/python/networks.py, eager and compiled, in float32 and under bfloat16 autocast, with fused AdamW, as
+modules of tdcr.torch, eager and compiled, in float32 and under bfloat16 autocast, with fused AdamW, as
 many threads as ours, and a malloc that keeps what it frees. Its best float32 mode and its best bfloat16 mode are shown,
 each with its ratio to our fastest that computes with such numbers or finer ones. Each mode runs in a process of its own,
 ours before each of them, and of ours the median is shown. Our step also draws its batch and averages the weights; PyTorch's batch is ready.
@@ -78,8 +78,7 @@ def peer(work, how, precision):
     """PyTorch's seconds of a step and of sampling, and the growth to its peak memory; runs in a process of its own."""
     import torch
 
-    sys.path.insert(0, str(ROOT / "examples/python"))
-    import networks
+    from tdcr.torch import loss, network
 
     torch.set_num_threads(work["threads"])
     torch.manual_seed(0)
@@ -102,7 +101,7 @@ def peer(work, how, precision):
     inputs = batch(work["clouds"], work["points"])
     targets = torch.randn_like(inputs[0])
     before = peak_memory()
-    module = networks.network(work["shape"])
+    module = network(work["shape"])
     optimizer = adamw(module)
     forward = torch.compile(module) if how == "compiled" else module
 
@@ -110,7 +109,7 @@ def peer(work, how, precision):
         optimizer.zero_grad(set_to_none=True)
         with autocast():
             velocities = forward(*inputs)
-        networks.loss(velocities.float(), targets).backward()
+        loss(velocities.float(), targets).backward()
         torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
         optimizer.step()
 

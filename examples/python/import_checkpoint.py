@@ -1,6 +1,6 @@
 """Makes a model file of a PyTorch checkpoint in the format of the paper's authors.
 
-    pip install torch safetensors
+    pip install tdcr[torch]
     python import_checkpoint.py last.pt --data SET --out model.safetensors
     tdcr predict --model model.safetensors --command ...
 
@@ -26,7 +26,7 @@ layers on the maximum over the points (`ctx_net.global_mlp`) that ours has not.
 
 A Hybrid of our kind, trained elsewhere, has t_proj and c_proj, these layers as `head.`, its input of [x | context | e], and
 a context network as `ctx_net.`, whose layers it may call as it likes. A tensor of it
-is found by its shape where one alone has it; for all others say --names FILE, JSON from the names of networks.py to the
+is found by its shape where one alone has it; for all others say --names FILE, JSON from the names of tdcr.torch's networks to the
 checkpoint's. `--guess FILE` writes such a file, to be looked through: layers of the same shapes, in the order in which both
 networks have them. Two layers are one in the checkpoint: `context.stages.0.project`, of [e | x], and `context.join`, of the
 stages' outputs and then the maximum. Where the networks differ in more than names, no file is written.
@@ -39,11 +39,11 @@ import sys
 from pathlib import Path
 
 import torch
-from networks import network, save
+from tdcr.torch import Model, network
+from tdcr.torch.settings import complete
 
 MOTORS_FILE = "global_motors_scope-all.json"
 POINTS_FILE = "global_norm_scope-all_anchor-origin.json"
-FORMAT = 2
 
 # Layers of concatenated features: one each in a checkpoint, the shares in this order in a model file.
 JOINT = {
@@ -298,21 +298,21 @@ def normalisation(data):
     return {"motor_min": motors["min"], "motor_max": motors["max"], "scale": points["scale"]}
 
 
-def header(shape, units):
-    """Header of a model file. Of the settings, those of its predictions are the authors'."""
+def model(module, shape, units):
+    """The model of a converted network. Of the settings, those of its predictions are the authors'."""
     condition_dim = shape.get("head", shape)["condition_dim"]
     if len(units["motor_min"]) != condition_dim:
         found = len(units["motor_min"])
         raise CheckpointError(f"{MOTORS_FILE} has {found} motors, the network {condition_dim}")
-    settings = {"path": {"prior_deviation": 0.5, "time_exponent": 3.0}}
-    content = {
-        "provenance": {"subject": None, "normalisation": units},
-        "shape": shape,
-        "settings": settings,
-        "step": 0,
-        "validation_distance": 0.0,
-    }
-    return {"format": FORMAT, "kind": "model", "content": content}
+    return Model(
+        network=module,
+        shape=shape,
+        colors=shape.get("head", shape)["channels"] == "xyz-rgb",
+        provenance={"subject": None, "normalisation": units},
+        settings=complete({"path": {"prior_deviation": 0.5, "time_exponent": 3.0}}),
+        step=0,
+        validation_distance=0.0,
+    )
 
 
 def write_guess(checkpoint, file):
@@ -346,10 +346,10 @@ def main():
             return
         names = json.loads(args.names.read_text()) if args.names else {}
         module, shape = convert(read_state(args.checkpoint), names=names)
-        description = header(shape, normalisation(args.data))
+        converted = model(module, shape, normalisation(args.data))
     except (CheckpointError, OSError, KeyError, json.JSONDecodeError) as error:
         sys.exit(f"error: {error}")
-    save(args.out, module, description)
+    converted.save(args.out)
     count = sum(value.numel() for value in module.parameters())
     print(f"{args.out}: {count} parameters, {json.dumps(shape)}")
 

@@ -1,4 +1,4 @@
-//! Both networks against PyTorch: velocities, loss and gradients of the networks in `examples/python/networks.py`.
+//! Both networks against PyTorch: velocities, loss and gradients of the modules of `tdcr.torch`.
 #![allow(clippy::unwrap_used, reason = "a test may stop where it fails")]
 
 use std::fs;

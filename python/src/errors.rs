@@ -7,7 +7,7 @@ use pyo3::types::PyModule;
 use tdcr::learn::data::{DataError, SimulateError};
 use tdcr::learn::flow::FlowError;
 use tdcr::learn::predict::PredictError;
-use tdcr::learn::train::FileError;
+use tdcr::learn::train::{FileError, SettingsError};
 use tdcr::pipeline::PipelineError;
 use tdcr::sim::dynamics::DynamicsError;
 use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
@@ -91,6 +91,7 @@ classes! {
     LoadsError => "LoadsError",
     NotSettled => "NotSettledError",
     FlowError => "InputError",
+    SettingsError => "InputError",
     FileError => "TrainError",
     ShapeControlError => "InputError",
     SimulateError => "DataError",

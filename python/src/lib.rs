@@ -17,9 +17,11 @@
 //! | `vision` | images and clouds |
 //! | `metrics` | distances between clouds by rows |
 //! | `data` | data sets: read, made, put together |
+//! | `stream` | fresh samples, simulated as they are needed |
 //! | `predictor` | `Predictor`: clouds by a trained model |
 //! | `scoring` | scores of predicted clouds |
 //! | `training` | training runs |
+//! | `learning` | what training in PyTorch shares with training here |
 //! | `env` | many simulated robots, advanced by one call |
 //!
 //! What they use: `run` (threads, the interpreter's lock, Ctrl-C), `stage` (the libraries' long stages),
@@ -32,6 +34,7 @@ mod dynamics_gradient;
 mod env;
 mod errors;
 mod inverse;
+mod learning;
 mod loads;
 mod metrics;
 mod moving_robot;
@@ -42,6 +45,7 @@ mod scoring;
 mod sensitivity;
 mod stage;
 mod statics;
+mod stream;
 mod tendon_friction;
 mod training;
 mod vision;
@@ -63,6 +67,10 @@ mod _tdcr {
     #[pymodule_export]
     use crate::inverse::{Calibration, ShapeController, ShapePath, calibrate};
     #[pymodule_export]
+    use crate::learning::{
+        presets, read_cloud_set, read_commands, start_noise, train_settings, velocities,
+    };
+    #[pymodule_export]
     use crate::loads::Loads;
     #[pymodule_export]
     use crate::metrics::{chamfer_rows, emd_rows};
@@ -80,6 +88,8 @@ mod _tdcr {
     use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
     #[pymodule_export]
     use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_rows};
+    #[pymodule_export]
+    use crate::stream::Stream;
     #[pymodule_export]
     use crate::tendon_friction::FrictionPath;
     #[pymodule_export]

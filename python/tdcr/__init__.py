@@ -29,6 +29,7 @@ from tdcr.data import Dataset, Normalisation, Sample, Split
 from tdcr.learning import Run, distill, train
 from tdcr.predictor import Clouds, ExtrapolationWarning, Predictor
 from tdcr.scoring import evaluate
+from tdcr.stream import Stream, StreamSample
 
 __all__ = [
     "Cloud",
@@ -52,6 +53,8 @@ __all__ = [
     "Settler",
     "Split",
     "State",
+    "Stream",
+    "StreamSample",
     "TdcrError",
     "View",
     "Wrench",

@@ -22,8 +22,9 @@ from torch import nn  # noqa: E402
 
 sys.path.insert(0, str(ROOT / "examples/python"))
 import import_checkpoint  # noqa: E402
-import networks  # noqa: E402
 from import_checkpoint import CheckpointError, convert, guess, read_state  # noqa: E402
+
+from tdcr.torch import network  # noqa: E402
 
 WIDTH, BLOCKS, EMBEDDING, MOTORS = 24, 3, 16, 4
 
@@ -36,7 +37,7 @@ class Film(nn.Module):
 
 
 class Paper(nn.Module):
-    """The paper's MLP, with the authors' names; of the equations, not of networks.py."""
+    """The paper's MLP, with the authors' names; of the equations, not of tdcr.torch's networks."""
 
     def __init__(self, channels=3, affine=True, nested=False):
         super().__init__()
@@ -183,7 +184,7 @@ FEATURES = 5
 
 def hybrid():
     """A Hybrid, its weights under the authors' names as far as they are known, and the names of the rest."""
-    module = randomise(networks.network({"head": HEAD, "context": {**CONTEXT, "features": FEATURES}}), 3)
+    module = randomise(network({"head": HEAD, "context": {**CONTEXT, "features": FEATURES}}), 3)
     ours, theirs, names = module.state_dict(), {}, {}
     for part in ("weight", "bias"):
         theirs[f"t_proj.0.{part}"], theirs[f"c_proj.0.{part}"] = ours[f"time.{part}"], ours[f"condition.{part}"]

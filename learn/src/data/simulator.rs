@@ -151,6 +151,11 @@ impl Simulator {
         }
     }
 
+    /// The robot.
+    pub(super) fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
     /// Moves pixels and voxels by random parts of one, as [`Observer::displace`]: what is seen from then on are other,
     /// independent samples of the same surfaces.
     pub fn displace(&mut self, rng: &mut impl Rng) {

@@ -126,6 +126,16 @@ impl SimStream {
 }
 
 impl StreamSpec {
+    /// Sample `index` of the stream, made by `simulator`, which is of this recipe.
+    ///
+    /// # Errors
+    /// As [`Simulator::sample`].
+    pub fn sample(&self, simulator: &mut Simulator, index: u64) -> Result<Sample, SimulateError> {
+        let payload = self.recipe.subject.payload;
+        let condition = uniform(simulator.robot(), payload, &mut rng(self.seed, index));
+        simulator.sample(condition, self.points, self.seed, index)
+    }
+
     /// A normalisation that holds for every sample of the stream without looking at any: commands and payloads by their
     /// ranges, points by the reach of the straight robot, rounded to `f32` as in data sets.
     ///
@@ -168,9 +178,7 @@ impl Shared {
                 index,
                 made: Err(SimulateError::Panicked),
             };
-            let payload = spec.recipe.subject.payload;
-            let condition = uniform(robot, payload, &mut rng(spec.seed, index));
-            slot.made = simulator.sample(condition, spec.points, spec.seed, index);
+            slot.made = spec.sample(&mut simulator, index);
         }
     }
 

@@ -1,24 +1,23 @@
 """Reference values of tests/net_torch.rs, by PyTorch: writes networks_torch.safetensors beside this file.
 
-    pip install torch numpy safetensors
+    pip install .[torch]
     python networks_torch.py
 
 For two tiny networks (mlp, hybrid), of clouds with colours: weights, a batch, and what
-examples/python/networks.py makes of it in f64: velocities, loss, and the loss's gradient by every
+the modules of tdcr.torch make of it in f64: velocities, loss, and the loss's gradient by every
 weight, stored as f32. Shapes are JSON in the metadata.
 """
 
 import json
 import math
-import sys
 from pathlib import Path
 
 import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 
-sys.path.insert(0, str(Path(__file__).parents[3] / "examples/python"))
-import networks  # noqa: E402
+from tdcr.torch import networks
+from tdcr.torch.flow import loss as loss_of
 
 PATH = Path(__file__).with_suffix(".safetensors")
 HEAD = {"width": 12, "depth": 3, "embedding": 8, "condition_dim": 2, "channels": "xyz-rgb"}
@@ -67,10 +66,10 @@ def batch(generator):
 def evaluate(shape, params, data):
     """Velocities, loss and gradients in f64."""
     module = networks.network(shape).double()
-    module.load_state_dict({n: v.double() for n, v in networks.to_module(params).items()})
+    module.load_state_dict({n: v.double() for n, v in networks.from_file(params).items()})
     inputs = [data[name].double() for name in ("points", "times", "conditions")]
     velocities = module(*inputs)
-    loss = networks.loss(velocities, data["targets"].double())
+    loss = loss_of(velocities, data["targets"].double())
     loss.backward()
     gradients = networks.to_file({n: v.grad for n, v in module.named_parameters()})
     return velocities.detach(), loss.detach(), gradients

@@ -1,0 +1,189 @@
+//! What training in PyTorch shares with `tdcr train`: presets, settings, clouds in memory, the noise that clouds start from; and
+//! the velocities of a model's network, to compare with.
+
+use std::path::PathBuf;
+
+use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use serde_json::{Value, json};
+use tdcr::learn::data::{CloudSet, DataSet, Meta, Normalisation, Split};
+use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
+use tdcr::learn::net::Channels;
+use tdcr::learn::train::{Model, Provenance, TrainSettings};
+use tdcr::pipeline::{Length, Preset};
+
+use crate::arrays::{array, contiguous};
+use crate::errors::{Failure, Outcome};
+use crate::run;
+use crate::stream::text;
+
+/// Conditions (B, D), points (B, N, 3) and, where they are wanted, colours (B, N, 3), and the provenance as JSON.
+type CloudArrays<'py> = (
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray3<f32>>,
+    Option<Bound<'py, PyArray3<u8>>>,
+    String,
+);
+
+/// All presets, the default first, as JSON: sizes, length, and the settings of an MLP and a hybrid without their length.
+#[pyfunction]
+pub fn presets() -> Outcome<String> {
+    let described = Preset::ALL.map(|preset| {
+        let (steps, epochs) = match preset.length {
+            Length::Steps(steps) => (Some(steps), None),
+            Length::Epochs(epochs) => (None, Some(epochs)),
+        };
+        // Warm-up is bounded by the length, which is not known yet.
+        let settings = |rates| {
+            // Through text, in which an f32 has as many digits as distinguish it from others.
+            let settings = serde_json::to_string(&preset.settings(rates, u64::MAX))?;
+            let mut settings: Value = serde_json::from_str(&settings)?;
+            settings
+                .as_object_mut()
+                .map(|fields| fields.remove("steps"));
+            Ok::<_, serde_json::Error>(settings)
+        };
+        let [mlp, hybrid] = preset.rates;
+        Ok::<_, serde_json::Error>(json!({
+            "name": preset.name,
+            "width": preset.width,
+            "depth": preset.depth,
+            "embedding": preset.embedding,
+            "steps": steps,
+            "epochs": epochs,
+            "networks": {"mlp": settings(mlp)?, "hybrid": settings(hybrid)?},
+        }))
+    });
+    let described: Result<Vec<Value>, _> = described.into_iter().collect();
+    text(described.and_then(|presets| serde_json::to_string(&presets)))
+}
+
+/// Settings of a run from JSON, with defaults for what is not given, checked.
+#[pyfunction]
+pub fn train_settings(changes: &str) -> Outcome<String> {
+    let settings: TrainSettings = serde_json::from_str(changes)
+        .map_err(|error| Failure::input(format!("the settings of training: {error}")))?;
+    settings.check()?;
+    text(serde_json::to_string(&settings))
+}
+
+/// A split of a data set in memory, in the units of `normalisation` (JSON) or in its own.
+#[pyfunction]
+pub fn read_cloud_set<'py>(
+    py: Python<'py>,
+    folder: PathBuf,
+    split: &str,
+    normalisation: Option<&str>,
+    colors: bool,
+) -> Outcome<CloudArrays<'py>> {
+    let split = split_named(split)?;
+    let units: Option<Normalisation> = normalisation
+        .map(serde_json::from_str)
+        .transpose()
+        .map_err(|error| Failure::input(format!("the normalisation: {error}")))?;
+    let channels = match colors {
+        true => Channels::XyzRgb,
+        false => Channels::Xyz,
+    };
+    let (provenance, set) = py.detach(|| {
+        let set = DataSet::open(&folder)?;
+        let units = units.unwrap_or_else(|| set.normalisation().clone());
+        let clouds = set.cloud_set_in(split, &units, channels)?;
+        let subject = set.meta().and_then(Meta::subject).cloned();
+        let provenance = Provenance {
+            subject,
+            normalisation: units,
+        };
+        Ok::<_, Failure>((provenance, clouds))
+    })?;
+    let shape = [set.len(), set.points_per_cloud, 3];
+    let CloudSet {
+        condition_dim,
+        conditions,
+        points,
+        colors,
+        ..
+    } = set;
+    Ok((
+        array(py, conditions, [shape[0], condition_dim])?,
+        array(py, points, shape)?,
+        colors.map(|colors| array(py, colors, shape)).transpose()?,
+        text(serde_json::to_string(&provenance))?,
+    ))
+}
+
+/// Conditions (B, D) of a split in physical units, a payload (kg) last.
+#[pyfunction]
+pub fn read_commands<'py>(
+    py: Python<'py>,
+    folder: PathBuf,
+    split: &str,
+) -> Outcome<Bound<'py, PyArray2<f64>>> {
+    let split = split_named(split)?;
+    let conditions = py.detach(|| DataSet::open(&folder)?.conditions(split))?;
+    let values: Vec<f64> = conditions.iter().flat_map(|c| c.to_vec()).collect();
+    let rows = conditions.len();
+    Ok(array(py, values, [rows, conditions[0].values().count()])?)
+}
+
+/// Samples (N, C) of the prior, those that `tdcr predict --seed` starts from.
+#[pyfunction]
+pub fn start_noise(
+    py: Python<'_>,
+    prior_deviation: f32,
+    points: usize,
+    colors: bool,
+    seed: u64,
+) -> Outcome<Bound<'_, PyArray2<f32>>> {
+    let channels = match colors {
+        true => Channels::XyzRgb,
+        false => Channels::Xyz,
+    };
+    let path = FlowPath {
+        prior_deviation,
+        ..FlowPath::default()
+    };
+    let mut rows = vec![0.0; points * channels.count()];
+    path.sample_prior(&mut rng(seed, Stream::Sample(0)), channels, &mut rows);
+    Ok(array(py, rows, [points, channels.count()])?)
+}
+
+/// Velocities (B, N, C) of the network in the model file `model`, in float32, of points (B, N, C) at flow times (B,) under
+/// conditions (B, D); all in normalised units.
+#[pyfunction]
+pub fn velocities<'py>(
+    py: Python<'py>,
+    model: PathBuf,
+    points: PyReadonlyArray3<'py, f32>,
+    times: PyReadonlyArray1<'py, f32>,
+    conditions: PyReadonlyArray2<'py, f32>,
+) -> Outcome<Bound<'py, PyArray3<f32>>> {
+    let network = py.detach(|| Model::load(&model))?.network;
+    let shape = network.shape();
+    let [clouds, count, _] = *numpy::PyUntypedArrayMethods::shape(&*points) else {
+        return Err(Failure::input("points have no three axes"));
+    };
+    let (dimension, channels) = (shape.condition_dim(), shape.channels().count());
+    let points = contiguous(&points, "points", &[clouds, count, channels])?;
+    let times = contiguous(&times, "times", &[clouds])?;
+    let conditions = contiguous(&conditions, "conditions", &[clouds, dimension])?;
+    let mut found = vec![0.0; points.len()];
+    let cloud = (count * channels).max(1);
+    run::long(py, None, |_| {
+        let rows = points.chunks(cloud).zip(found.chunks_mut(cloud));
+        let rows = rows.zip(times).zip(conditions.chunks(dimension));
+        for (((points, found), &time), condition) in rows {
+            network.velocity(time, condition, points, found);
+        }
+    })?;
+    Ok(array(py, found, [clouds, count, channels])?)
+}
+
+fn split_named(name: &str) -> Outcome<Split> {
+    let split = Split::ALL.into_iter().find(|split| split.folder() == name);
+    split.ok_or_else(|| {
+        Failure::input(format!(
+            "there is no split `{name}`, expected train, val or test"
+        ))
+    })
+}

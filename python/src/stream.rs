@@ -1,0 +1,127 @@
+//! Fresh samples of a simulated robot.
+
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use tdcr::learn::data::{
+    Normalisation, PayloadRange, Recipe, Sample, Simulator, StreamSpec, Subject,
+};
+use tdcr::sim::render::{BaseVisibility, Sensor};
+
+use crate::arrays::array;
+use crate::errors::{Failure, Outcome};
+use crate::robot::Robot;
+use crate::run;
+
+/// A condition (D,), points (N, 3) and colours (N, 3).
+type Arrays<'py> = (
+    Bound<'py, PyArray1<f32>>,
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<u8>>,
+);
+
+/// The samples `index`, `index + stride`, ... of a stream. Sample `i` is a function of the stream's settings and `i` alone.
+///
+/// It keeps no threads: a sample is made when it is asked for, by the threads of the process that asks.
+#[pyclass(module = "tdcr._tdcr")]
+pub struct Stream {
+    spec: StreamSpec,
+    units: Normalisation,
+    simulator: Simulator,
+    index: u64,
+    stride: u64,
+}
+
+#[pymethods]
+impl Stream {
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "the settings of a stream")]
+    fn new(
+        robot: &Robot,
+        base: bool,
+        payload: Option<(f64, f64)>,
+        points: usize,
+        voxel: f64,
+        noise: bool,
+        seed: u64,
+        index: u64,
+        stride: u64,
+    ) -> Outcome<Self> {
+        let base = match base {
+            true => BaseVisibility::Shown,
+            false => BaseVisibility::Hidden,
+        };
+        let recipe = Recipe {
+            subject: Subject {
+                robot: robot.0.spec().clone(),
+                base,
+                payload: payload.map(|(min, max)| PayloadRange { min, max }),
+            },
+            voxel_size: voxel,
+            sensor: noise.then(Sensor::d435),
+        };
+        recipe.check()?;
+        let spec = StreamSpec {
+            recipe,
+            points,
+            seed,
+        };
+        Ok(Self {
+            units: spec.normalisation()?,
+            simulator: Simulator::new(&robot.0, &spec.recipe),
+            spec,
+            index,
+            stride,
+        })
+    }
+
+    /// Index of the next sample.
+    #[getter]
+    fn index(&self) -> u64 {
+        self.index
+    }
+
+    /// All settings that samples are functions of, as JSON.
+    fn spec(&self) -> Outcome<String> {
+        text(serde_json::to_string(&self.spec))
+    }
+
+    /// Smallest and largest values of the conditions and the scale of the points, as JSON.
+    fn normalisation(&self) -> Outcome<String> {
+        text(serde_json::to_string(&self.units))
+    }
+
+    /// The next sample, in physical units and then in those of the normalisation: condition, points, colours. After one that
+    /// cannot be made, the stream goes on with the next.
+    #[expect(
+        clippy::should_implement_trait,
+        reason = "Python's iterator is the class of the package"
+    )]
+    fn next<'py>(&mut self, py: Python<'py>) -> Outcome<(Arrays<'py>, Arrays<'py>)> {
+        let (spec, simulator, index) = (&self.spec, &mut self.simulator, self.index);
+        // Past the end of 64 bits it starts over, which no run reaches.
+        self.index = self.index.wrapping_add(self.stride);
+        let Sample { condition, cloud } = run::long(py, None, |_| spec.sample(simulator, index))??;
+        let dimensionless = self.units.condition(&condition.to_vec())?;
+        let metres = cloud.points.into_flattened();
+        let mut normalised = metres.clone();
+        self.units.normalise_points(&mut normalised);
+        let colors = cloud.colors.into_flattened();
+        let arrays = |condition: Vec<f32>, points: Vec<f32>| -> PyResult<Arrays<'py>> {
+            let shape = [points.len() / 3, 3];
+            Ok((
+                PyArray1::from_vec(py, condition),
+                array(py, points, shape)?,
+                array(py, colors.clone(), shape)?,
+            ))
+        };
+        Ok((
+            arrays(condition.values().collect(), metres)?,
+            arrays(dimensionless, normalised)?,
+        ))
+    }
+}
+
+/// JSON that was written.
+pub fn text(written: serde_json::Result<String>) -> Outcome<String> {
+    written.map_err(|error| Failure::Of("TdcrError", error.to_string()))
+}

@@ -1,0 +1,147 @@
+"""Fresh samples of a simulated robot: random commands, and the clouds that cameras see."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr import _tdcr
+from tdcr._arrays import as_count, as_number
+from tdcr.errors import InputError
+from tdcr.robot import Robot
+
+LARGEST_INDEX = 2**63 - 1
+"""Largest index of a sample."""
+
+
+class StreamSample(NamedTuple):
+    """A command (and payload), and what the cameras see of the robot at rest under it."""
+
+    condition: NDArray[np.float32]
+    """The command (m or N), then the payload (kg) if the stream has payloads, shape (D,)."""
+    points: NDArray[np.float32]
+    """Points of the robot's visible surface, shape (N, 3), world frame (m)."""
+    colors: NDArray[np.uint8]
+    """Their colours, 8-bit, shape (N, 3)."""
+
+
+class Stream(Iterator[StreamSample]):
+    """Samples of a simulated robot under uniformly drawn commands, made as they are asked for, without end.
+
+    Sample ``i`` is a function of the settings and ``i`` alone, those that ``tdcr train --stream`` sees: several readers that
+    take every ``stride``-th sample share a stream. A stream can be pickled, and read in forked processes.
+
+    Args:
+        robot: Anything that :class:`tdcr.Robot` takes.
+        base: Whether the cameras see the robot's base.
+        payload: Smallest and largest payload (kg); a tenth of the samples have none. By default conditions have no payload.
+        points: Points ``N`` of a cloud.
+        voxel: Edge of the voxels that thin the clouds (m).
+        noise: ``"d435"`` simulates the faults of that depth camera.
+        seed: Seed of commands, points and faults.
+        start: Index of the first sample.
+        stride: From one sample to the next.
+
+    Raises:
+        RobotError: If there is no such robot.
+        InputError: For settings of no stream.
+        DataError: For voxels and payloads of no size.
+    """
+
+    def __init__(
+        self,
+        robot: str | os.PathLike[str] | Mapping[str, Any] | Robot = "2m",
+        *,
+        base: bool = False,
+        payload: tuple[float, float] | None = None,
+        points: int = 2000,
+        voxel: float = 0.002,
+        noise: str | None = None,
+        seed: int = 0,
+        start: int = 0,
+        stride: int = 1,
+    ) -> None:
+        if noise not in (None, "d435"):
+            raise InputError(f"noise is {noise!r}; expected None or 'd435'")
+        if payload is not None:
+            low, high = payload
+            payload = (as_number(low, "payload[0]"), as_number(high, "payload[1]"))
+        self._settings = {
+            "robot": Robot(robot),
+            "base": bool(base),
+            "payload": payload,
+            "points": as_count(points, "points", 1, 10_000_000),
+            "voxel": as_number(voxel, "voxel"),
+            "noise": noise,
+            "seed": as_count(seed, "seed", 0, 2**64 - 1),
+        }
+        self._stride = as_count(stride, "stride", 1, LARGEST_INDEX)
+        self._native = _tdcr.Stream(
+            self._settings["robot"]._native,
+            self._settings["base"],
+            payload,
+            self._settings["points"],
+            self._settings["voxel"],
+            noise is not None,
+            self._settings["seed"],
+            as_count(start, "start", 0, LARGEST_INDEX),
+            self._stride,
+        )
+
+    @property
+    def index(self) -> int:
+        """Index of the next sample."""
+        return self._native.index
+
+    @property
+    def stride(self) -> int:
+        """From one sample to the next."""
+        return self._stride
+
+    @property
+    def points(self) -> int:
+        """Points ``N`` of a cloud."""
+        return int(self._settings["points"])
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """All that the samples are functions of besides their index: ``recipe``, ``points`` and ``seed``."""
+        spec: dict[str, Any] = json.loads(self._native.spec())
+        return spec
+
+    @property
+    def normalisation(self) -> dict[str, Any]:
+        """Units that hold for all samples: ``motor_min`` and ``motor_max`` of the conditions, and ``scale`` of points (m)."""
+        units: dict[str, Any] = json.loads(self._native.normalisation())
+        return units
+
+    def at(self, start: int, stride: int = 1) -> Stream:
+        """The same stream from sample ``start`` on, every ``stride``-th sample."""
+        return Stream(**self._settings, start=start, stride=stride)
+
+    def __next__(self) -> StreamSample:
+        """Makes the next sample.
+
+        Raises:
+            DataError: If the robot does not settle, or no camera sees it; the stream goes on after that sample.
+        """
+        return StreamSample(*self._native.next()[0])
+
+    def next_normalised(self) -> StreamSample:
+        """Makes the next sample, in the units of the normalisation: conditions in [0, 1], points divided by the scale."""
+        return StreamSample(*self._native.next()[1])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickle, (self._settings, self.index, self._stride)
+
+    def __repr__(self) -> str:
+        return f"Stream({self._settings['robot'].name!r}, sample {self.index})"
+
+
+def _unpickle(settings: dict[str, Any], start: int, stride: int) -> Stream:
+    return Stream(**settings, start=start, stride=stride)

@@ -1,0 +1,40 @@
+"""Training in PyTorch: the networks, data, sampler and trainer of `tdcr train`, on GPUs and on several of them.
+
+PyTorch is an optional dependency: ``pip install tdcr[torch]``. See the guide *Training in PyTorch*.
+"""
+
+try:
+    import torch as _torch  # noqa: F401
+except ImportError as error:
+    raise ImportError("tdcr.torch needs PyTorch, which is not installed: pip install tdcr[torch]") from error
+
+from tdcr.torch.data import CloudSet, SetSamples, StreamSamples
+from tdcr.torch.flow import FlowPath, Sampler, integrate, loss
+from tdcr.torch.functions import rollout, settle
+from tdcr.torch.model import Model, write_predictions
+from tdcr.torch.networks import Hybrid, Mlp, network
+from tdcr.torch.ranks import distributed
+from tdcr.torch.settings import Preset, Settings, preset
+from tdcr.torch.trainer import Trainer
+
+__all__ = [
+    "CloudSet",
+    "FlowPath",
+    "Hybrid",
+    "Mlp",
+    "Model",
+    "Preset",
+    "Sampler",
+    "SetSamples",
+    "Settings",
+    "StreamSamples",
+    "Trainer",
+    "distributed",
+    "integrate",
+    "loss",
+    "network",
+    "preset",
+    "rollout",
+    "settle",
+    "write_predictions",
+]

@@ -1,0 +1,189 @@
+"""The flow: its path from noise to data, the loss, and the samplers, which take the steps of `tdcr predict`.
+
+Points are in the units of the data set's normalisation, times in [0, 1] from noise to data. Shapes: B clouds of N points of
+C numbers, D values of a condition.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Self
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tdcr.errors import InputError
+
+#: A velocity field: points (B, N, C), flow times (B,), conditions (B, D) to velocities (B, N, C).
+Field = Callable[[Tensor, Tensor, Tensor], Tensor]
+
+
+@dataclass(frozen=True)
+class FlowPath:
+    """Straight paths from the prior to the data: positions start as N(0, deviation^2), colours uniform in [0, 1].
+
+    X_t = (1 - t) X_0 + t X_1 has the velocity X_1 - X_0; t is of the distribution Beta(exponent, 1).
+    """
+
+    prior_deviation: float = 0.5
+    time_exponent: float = 3.0
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> Self:
+        """The path of a run's settings."""
+        path = settings["path"]
+        return cls(path["prior_deviation"], path["time_exponent"])
+
+    def prior(self, shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
+        """Samples (..., C) of the prior, on the generator's device."""
+        device = generator.device
+        positions = self.prior_deviation * torch.randn(*shape[:-1], 3, generator=generator, device=device)
+        colors = torch.rand(*shape[:-1], shape[-1] - 3, generator=generator, device=device)
+        return torch.cat([positions, colors], dim=-1)
+
+    def times(self, count: int, generator: torch.Generator) -> Tensor:
+        """Flow times (count,)."""
+        uniform = torch.rand(count, generator=generator, device=generator.device)
+        return uniform ** (1 / self.time_exponent)
+
+
+def loss(velocities: Tensor, targets: Tensor, color_weight: float = 0.05) -> Tensor:
+    """Mean squared error of the positions' velocities, plus that of the colours', weighted."""
+    error = (velocities - targets) ** 2
+    positions = error[..., :3].mean()
+    return positions + color_weight * error[..., 3:].mean() if error.shape[-1] > 3 else positions
+
+
+#: What a multistep method extrapolates (whether the data prediction, else the velocity), and its order.
+MULTISTEP = {
+    "euler": (False, 1),
+    "adams-bashforth": (False, 2),
+    "exponential": (True, 2),
+    "exponential3": (True, 3),
+}
+
+METHODS = ["heun", *MULTISTEP]
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """How a velocity field is integrated from prior to data; the default is that of `tdcr predict`.
+
+    `method` is heun (the paper's), euler, adams-bashforth, exponential or exponential3; the times of its `steps` steps are
+    t_k = 1 - (1 - k / steps)^power.
+    """
+
+    method: str = "exponential"
+    steps: int = 16
+    power: float = 2.0
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"the sampler's method is {self.method!r}; expected one of {', '.join(METHODS)}")
+        if not 1 <= self.steps <= 100_000:
+            raise InputError(f"the sampler's steps are {self.steps}; expected 1 to 100000")
+        if not 1 <= self.power <= 10:
+            raise InputError(f"the sampler's power is {self.power}; expected 1 to 10")
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> Self:
+        """The sampler of a run's settings.
+
+        Raises:
+            tdcr.errors.InputError: where its steps are adaptive, which those of one cloud are.
+        """
+        sampler = settings["sampler"]
+        grid = sampler["grid"]
+        if grid == "uniform":
+            grid = {"power": 1.0}
+        if "power" not in grid:
+            raise InputError(f"the model's sampler has the grid {grid}; expected fixed steps: say which Sampler to take")
+        return cls(sampler.get("method", "heun"), sampler["steps"], grid["power"])
+
+    def to_settings(self) -> dict[str, Any]:
+        """As the settings of a run have it."""
+        grid = "uniform" if self.power == 1 else {"power": self.power}
+        return {"method": self.method, "steps": self.steps, "grid": grid}
+
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of the field."""
+        return self.steps * (2 if self.method == "heun" else 1)
+
+    def times(self) -> list[float]:
+        """The times of the steps' ends, from 0 to 1, as float32 has them."""
+        share = 1 - np.arange(self.steps + 1) / self.steps
+        return [float(t) for t in np.float32(1 - share**self.power)]
+
+
+def integrate(field: Field, points: Tensor, conditions: Tensor, sampler: Sampler | None = None) -> Tensor:
+    """Moves samples of the prior (B, N, C) to data (B, N, C), under conditions (B, D)."""
+    sampler = sampler or Sampler()
+
+    def velocity(t: float, x: Tensor) -> Tensor:
+        return field(x, x.new_full((len(x),), t), conditions).to(x.dtype)
+
+    times = sampler.times()
+    if sampler.method == "heun":
+        return heun(velocity, points, times)
+    return multistep(velocity, points, times, *MULTISTEP[sampler.method])
+
+
+def heun(velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float]) -> Tensor:
+    """Heun's method (improved Euler)."""
+    for start, end in pairwise(times):
+        h = end - start
+        u = velocity(start, x)
+        x = x + 0.5 * h * (u + velocity(end, x + h * u))
+    return x
+
+
+def multistep(
+    velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float], of_data: bool, order: int
+) -> Tensor:
+    """A linear multistep method: one evaluation a step.
+
+    What is extrapolated is the polynomial through its last values, in Newton's divided differences f_0, f_1, f_2; the
+    differential equation with it is solved exactly (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I,
+    Sec. III.5; for the data prediction D = X + (1 - t) u, DPM-Solver++: Lu et al., 2022). The second step adds the
+    second-order term that the first one lacked.
+    """
+    weights = data_weights if of_data else velocity_weights
+    differences: list[Tensor] = []
+    past: list[float] = []
+    for start, end in pairwise(times):
+        if start == end:
+            continue
+        u = velocity(start, x)
+        updated = [x + (1 - start) * u if of_data else u]
+        for before, t in zip(differences[: order - 1], past, strict=False):
+            updated.append((updated[-1] - before) / (start - t))
+        owed = weights(past[0], start, 0.0)[1][1] if len(past) == 1 and order > 1 else 0.0
+        gap = start - past[0] if past else 0.0
+        differences, past = updated, [start, *past[:1]]
+        keep, terms = weights(start, end, gap)
+        terms = [terms[0], terms[1] + keep * owed, terms[2]]
+        x = keep * x
+        for weight, difference in zip(terms, differences, strict=False):
+            x = x + weight * difference
+    return x
+
+
+#: Weights of a step from `start` to `end`, `gap` after the evaluation before: of the points, and of f_0, f_1, f_2.
+Weights = tuple[float, list[float]]
+
+
+def velocity_weights(start: float, end: float, gap: float) -> Weights:
+    """Of dX/dt = u(t)."""
+    h = end - start
+    return 1.0, [h, h * h / 2, h * h * (h / 3 + gap / 2)]
+
+
+def data_weights(start: float, end: float, gap: float) -> Weights:
+    """Of dX/dt = (D(t) - X) / (1 - t)."""
+    h, v, v_end = end - start, 1 - start, 1 - end
+    logarithm = v_end * math.log(v / v_end) if v_end > 0 else 0.0
+    first = h - logarithm
+    return v_end / v, [h / v, first, h * (v + v_end) - 2 * v * logarithm + gap * first]

@@ -1,0 +1,172 @@
+"""Models: a network, the units of its inputs and outputs, and the file that `tdcr predict` and `tdcr eval` read."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+import safetensors
+import safetensors.torch
+import torch
+from torch import Tensor, nn
+
+from tdcr import _tdcr
+from tdcr.errors import InputError, TrainError
+from tdcr.torch.files import write_whole
+from tdcr.torch.flow import FlowPath, Sampler, integrate
+from tdcr.torch.networks import CHANNELS, Shape, channels_of, from_file, network, to_file
+from tdcr.torch.settings import Settings
+
+#: Version of the format that this package reads and writes.
+FORMAT = 2
+
+#: What a file holds: one of `tdcr`'s networks, which it reads, or any other module's weights, which need their module.
+KIND, OWN_KIND = "model", "torch module"
+
+
+class Clouds(NamedTuple):
+    """Predicted clouds."""
+
+    #: Points (B, N, 3), world frame (m), float32.
+    points: npt.NDArray[np.float32]
+    #: Colours (B, N, 3), 8-bit; None where the network predicts positions alone.
+    colors: npt.NDArray[np.uint8] | None
+
+
+@dataclass
+class Model:
+    """A trained shape predictor."""
+
+    #: Maps points (B, N, C), flow times (B,) and conditions (B, D) to velocities (B, N, C).
+    network: nn.Module
+    #: Its shape; None for a network of one's own.
+    shape: Shape | None
+    #: Whether points have colours: C is 6, else 3.
+    colors: bool
+    #: What it was trained on: `subject` (robot, base and payloads, or None) and `normalisation`.
+    provenance: dict[str, Any]
+    #: How it was trained.
+    settings: Settings
+    #: Step at which its weights were taken.
+    step: int
+    #: Their mean Chamfer distance in validation, in normalised units squared.
+    validation_distance: float
+
+    @classmethod
+    def load(cls, path: str | Path, own: nn.Module | None = None) -> Self:
+        """Reads a model file of `tdcr train` or of this package, on the CPU.
+
+        `own` is the module whose weights the file holds, for a network of one's own; its weights are replaced.
+
+        Raises:
+            tdcr.errors.TrainError: where the file is no model, of another version, or needs (or does not take) `own`.
+        """
+        try:
+            with safetensors.safe_open(path, "pt") as file:
+                header = json.loads((file.metadata() or {}).get("tdcr", "null"))
+                tensors = {name: file.get_tensor(name) for name in file.keys()}
+        except safetensors.SafetensorError as error:
+            raise TrainError(f"{path}: not a safetensors file: {error}") from error
+        if not isinstance(header, dict) or header.get("kind") not in (KIND, OWN_KIND):
+            raise TrainError(f"{path}: no model file of tdcr")
+        if header["format"] != FORMAT:
+            raise TrainError(f"{path}: format {header['format']}, expected {FORMAT}")
+        content = header["content"]
+        if (header["kind"] == OWN_KIND) != (own is not None):
+            needed = "the module that its weights are of" if own is None else "no module: it holds one of tdcr's networks"
+            raise TrainError(f"{path}: a file of kind {header['kind']!r}, expected {needed}")
+        shape = content.pop("shape", None)
+        module = network(shape) if own is None else own
+        try:
+            module.load_state_dict(from_file(tensors) if own is None else tensors)
+        except RuntimeError as error:
+            raise TrainError(f"{path}: {error}") from error
+        colors = content.pop("colors", False) if shape is None else channels_of(shape) == CHANNELS["xyz-rgb"]
+        return cls(network=module.eval(), shape=shape, colors=colors, **content)
+
+    def save(self, path: str | Path) -> None:
+        """Writes the model, whole or not at all. One of `tdcr`'s networks is read by `tdcr predict` and `tdcr eval`."""
+        # Copies, as tensors of a file may not share memory.
+        state = {name: value.detach().cpu().clone() for name, value in self.network.state_dict().items()}
+        content: dict[str, Any] = {
+            "provenance": self.provenance,
+            "settings": self.settings,
+            "step": self.step,
+            "validation_distance": self.validation_distance,
+        }
+        if self.shape is None:
+            content["colors"] = self.colors
+        else:
+            content["shape"] = dict(self.shape)
+            state = to_file({name: value.float() for name, value in state.items()})
+        kind = OWN_KIND if self.shape is None else KIND
+        header = json.dumps({"format": FORMAT, "kind": kind, "content": content})
+        write_whole(Path(path), safetensors.torch.save(state, {"tdcr": header}))
+
+    def conditions(self, commands: npt.ArrayLike) -> Tensor:
+        """Conditions (B, D) of commands (B, D) in physical units (m or N; a payload, kg, is the last value)."""
+        units = self.provenance["normalisation"]
+        low, high = np.float64(units["motor_min"]), np.float64(units["motor_max"])
+        values = np.asarray(commands, dtype=np.float64)
+        if values.ndim != 2 or values.shape[1] != len(low):
+            raise InputError(f"commands have the shape {values.shape}, expected (B, {len(low)})")
+        if not np.isfinite(values).all():
+            raise InputError("commands hold a NaN or an infinity, expected finite numbers")
+        span = np.where(high > low, high - low, 1.0)
+        return torch.from_numpy(((values - low) / span).astype(np.float32))
+
+    @torch.no_grad()
+    def predict(
+        self,
+        commands: npt.ArrayLike,
+        points: int = 10_000,
+        seed: int | Sequence[int] = 0,
+        sampler: Sampler | None = None,
+    ) -> Clouds:
+        """A cloud of `points` points for each command (B, D) in physical units, on the device of the network.
+
+        Noise is that of `tdcr predict --seed`: a cloud of one of `tdcr`'s networks is that of `tdcr predict` but for
+        rounding. A seed for each command gives each its own noise. The sampler is by default the one that the model was
+        validated with.
+
+        Raises:
+            tdcr.errors.InputError: for commands of another length.
+            tdcr.errors.TrainError: where the cloud is not finite.
+        """
+        conditions = self.conditions(commands)
+        seeds = [seed] * len(conditions) if isinstance(seed, int) else list(seed)
+        if len(seeds) != len(conditions):
+            raise InputError(f"{len(seeds)} seeds, expected one for each of the {len(conditions)} commands")
+        path = FlowPath.of(self.settings)
+        place = next(self.network.parameters(), torch.empty(0)).device
+        sampler = sampler or Sampler.of(self.settings)
+        clouds = []
+        # One by one: a cloud of many points fills a device, and few clouds of a large network fit into its memory.
+        for condition, own_seed in zip(conditions, seeds, strict=True):
+            noise = torch.from_numpy(_tdcr.start_noise(path.prior_deviation, points, self.colors, own_seed))
+            rows = integrate(self.network, noise[None].to(place), condition[None].to(place), sampler)
+            clouds.append(rows[0].float().cpu().numpy())
+        rows_of_all = np.stack(clouds)
+        if not np.isfinite(rows_of_all).all():
+            raise TrainError("the network's cloud is not finite")
+        metres = rows_of_all[..., :3].astype(np.float64) * self.provenance["normalisation"]["scale"]
+        colors = np.clip(np.rint(255 * rows_of_all[..., 3:]), 0, 255).astype(np.uint8) if self.colors else None
+        return Clouds(metres.astype(np.float32), colors)
+
+
+def write_predictions(
+    path: str | Path, model: Model, folder: str | Path, points: int = 10_000, seed: int = 0, sampler: Sampler | None = None
+) -> None:
+    """Predicts every command of a data set's test split into an NPZ file for `tdcr eval --predictions`.
+
+    Test command k has the noise of `seed` + k, as in `tdcr eval --model`.
+    """
+    commands = _tdcr.read_commands(str(folder), "test")
+    clouds = model.predict(commands, points, range(seed, seed + len(commands)), sampler)
+    arrays: dict[str, npt.NDArray[Any]] = {"points": clouds.points, "commands": commands}
+    if clouds.colors is not None:
+        arrays["rgb"] = clouds.colors
+    np.savez(path, allow_pickle=False, **arrays)

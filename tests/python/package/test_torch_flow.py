@@ -1,0 +1,119 @@
+"""The flow in PyTorch: its samplers take the steps of `tdcr predict`, and its batches are of the paper's path."""
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="no PyTorch here: install tests/python/requirements-torch.txt")
+
+from tdcr.torch import CloudSet, Model, Sampler, integrate, network, preset  # noqa: E402
+from tdcr.torch.batch import chamfer, draw  # noqa: E402
+from tdcr.torch.schedule import SPIKE_STEPS, spike_length  # noqa: E402
+
+COMMAND = [0.034, 0.007, 0.001, 0.026, 0.015, 0.019]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A network whose velocities differ from place to place and from time to time, as a file."""
+    torch.manual_seed(3)
+    shape = preset().shape(6, colors=True) | {"width": 32, "depth": 3, "embedding": 32}
+    module = network(shape)
+    for name, value in module.named_parameters():
+        if "film" in name:
+            torch.nn.init.normal_(value, std=0.1)
+    provenance = {"subject": None, "normalisation": {"motor_min": [0.0] * 6, "motor_max": [0.04] * 6, "scale": 0.35}}
+    model = Model(module, shape, True, provenance, preset().settings(steps=100), 1, 0.0)
+    path = tmp_path_factory.mktemp("flow") / "model.safetensors"
+    model.save(path)
+    return path
+
+
+@pytest.mark.parametrize("method", [None, "heun", "euler", "adams-bashforth", "exponential", "exponential3"])
+def test_a_predicted_cloud_is_that_of_tdcr_predict(tdcr, tmp_path, written, method):
+    out = tmp_path / "cloud.npz"
+    command = ["--command", ",".join(map(str, COMMAND)), "--points", 300, "--seed", 5, "--precision", "float32"]
+    sampler = None
+    if method is not None:
+        sampler = Sampler(method, steps=6, power=1.5)
+        command += ["--sampler", method, "--sampler-steps", 6, "--sampler-power", 1.5]
+    tdcr("predict", "--model", written, *command, "--out", out)
+    theirs = np.load(out)
+    ours = Model.load(written).predict([COMMAND], points=300, seed=5, sampler=sampler)
+    # Metres, of clouds that extend over half a metre.
+    np.testing.assert_allclose(ours.points[0], theirs["points"], atol=2e-6)
+    assert np.abs(ours.colors[0].astype(int) - theirs["rgb"]).max() <= 1
+    other = Model.load(written).predict([COMMAND], points=300, seed=6, sampler=sampler)
+    assert np.abs(other.points[0] - theirs["points"]).max() > 0.05
+
+
+@pytest.mark.parametrize(("method", "order"), [("heun", 2), ("euler", 1), ("adams-bashforth", 2), ("exponential", 2)])
+def test_samplers_converge_with_their_order(method, order):
+    """The exact velocity that carries N(0, a^2) to N(0, b^2) along straight paths: X_1 = X_0 b / a."""
+    a, b = 0.5, 0.2
+
+    def field(x, t, c):
+        t = t[:, None, None]
+        return x * (t * b * b - (1 - t) * a * a) / ((1 - t) ** 2 * a * a + t * t * b * b)
+
+    start = torch.full((1, 1, 3), 0.5, dtype=torch.float64)
+    errors = []
+    for steps in (64, 128):
+        end = integrate(field, start, torch.zeros(1, 1), Sampler(method, steps))
+        errors.append(abs(float(end[0, 0, 0]) - 0.5 * b / a))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.3)
+
+
+def clouds(count=40, points=50):
+    generator = torch.Generator().manual_seed(1)
+    rows = torch.rand(count, points, 3, generator=generator)
+    conditions = torch.arange(count, dtype=torch.float32)[:, None] / count
+    return CloudSet(conditions, rows, {"normalisation": {"scale": 1.0}})
+
+
+def test_a_batch_is_of_the_papers_path():
+    training = clouds()
+    settings = preset().settings(steps=10, clouds=2000, points=16)
+    x, t, c, velocity = draw(training, settings, 3)
+    ends, starts = x + (1 - t[:, None, None]) * velocity, x - t[:, None, None] * velocity
+    # The ends are different points of the cloud of the condition, the starts noise of the prior.
+    for k in range(0, 2000, 400):
+        cloud = training.rows[round(40 * float(c[k]))]
+        distances = torch.cdist(ends[k], cloud, compute_mode="donot_use_mm_for_euclid_dist")
+        assert distances.amin(dim=1).max() < 1e-6
+        assert len(distances.argmin(dim=1).unique()) == 16
+    np.testing.assert_allclose([starts.mean(), starts.std()], [0, 0.5], atol=0.01)
+    # u^(1/3) is Beta(3, 1): its mean is 3/4.
+    np.testing.assert_allclose(t.mean(), 0.75, atol=0.02)
+
+
+def test_ranks_share_the_batch_of_one():
+    settings = preset().settings(steps=10, clouds=12, points=16)
+    whole = draw(clouds(), settings, 7)
+    for rank in range(3):
+        for part, all_of_it in zip(draw(clouds(), settings, 7, rank, 3), whole, strict=True):
+            assert torch.equal(part, all_of_it[rank::3])
+    assert not torch.equal(draw(clouds(), settings, 8)[0], whole[0])
+
+
+def test_the_chamfer_distance_is_scipys():
+    from scipy.spatial.distance import cdist
+
+    a, b = clouds().rows[:2]
+    squared = cdist(a.double(), b.double(), "sqeuclidean")
+    expected = squared.min(axis=0).mean() + squared.min(axis=1).mean()
+    assert chamfer(a, b) == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_rise_that_stays_is_a_spike_and_scatter_is_none():
+    settings = preset().settings(steps=1000)
+    scatter = [0.02 * (1 + (7919 * k % 101) / 60) for k in range(300)]
+    assert all(spike_length(settings, scatter[:k]) < SPIKE_STEPS for k in range(300))
+    assert spike_length(settings, [*scatter, 50.0, 0.02]) == 0
+    assert spike_length(settings, scatter + SPIKE_STEPS * [0.4]) == SPIKE_STEPS
+
+
+def test_samplers_that_are_none_are_refused():
+    with pytest.raises(ValueError, match="expected one of heun, euler"):
+        Sampler("rk4")
+    with pytest.raises(ValueError, match="expected 1 to 100000"):
+        Sampler(steps=0)

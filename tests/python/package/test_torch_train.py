@@ -1,0 +1,230 @@
+"""Training in PyTorch: on one rank and on two, interrupted and resumed, on a data set and on a stream."""
+
+import csv
+import os
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="no PyTorch here: install tests/python/requirements-torch.txt")
+
+from tdcr import _tdcr  # noqa: E402
+from tdcr.torch import CloudSet, Model, Trainer, preset, write_predictions  # noqa: E402
+from tdcr.torch.train import main  # noqa: E402
+from tdcr.torch.trainer import Diverged, Interrupted  # noqa: E402
+
+# Tiny networks, beside other processes: more threads than one would wait for each other.
+torch.set_num_threads(1)
+
+HERE = pathlib.Path(__file__).parent
+ROOT = HERE.parents[2]
+sys.path.insert(0, str(HERE))
+from torch_ranks import SIZE, STEPS, on_set, on_stream  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def data(tdcr, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("torch") / "data"
+    tdcr("collect", "--samples", 40, "--points", 300, "--out", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def ranks(data, tmp_path_factory):
+    """The folders of torch_ranks.py, run by torchrun on two ranks with Gloo."""
+    folder = tmp_path_factory.mktemp("ranks")
+    launcher = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+    command = [*launcher, HERE / "torch_ranks.py", data, folder]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def log(folder):
+    """Columns of a run's log."""
+    with (folder / "log.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    return {key: np.array([float(row[key] or "nan") for row in rows]) for key in rows[0]}
+
+
+def same(a, b):
+    """Whether two runs ended with the same bytes."""
+    return all((a / name).read_bytes() == (b / name).read_bytes() for name in ("model.safetensors", "log.csv"))
+
+
+def test_a_run_on_two_ranks_learns_and_is_that_on_one(data, ranks, tmp_path):
+    assert main(on_set(data, tmp_path)) == 0
+    one, two = log(tmp_path), log(ranks / "whole")
+    assert list(two["step"]) == [10, 20, 30, 40, 50, 60]
+    for key in one:
+        np.testing.assert_allclose(one[key], two[key], rtol=1e-3, err_msg=key)
+    # Steps see other clouds at other times, so losses scatter; the mean of a constant velocity is 0.36.
+    assert two["loss"][-1] < 0.6 * two["loss"][0]
+    assert two["validation_cd"][-1] < 0.5 * two["validation_cd"][1]
+
+
+def test_a_run_that_was_interrupted_ends_as_one_that_was_not(ranks):
+    assert same(ranks / "resumed", ranks / "whole")
+
+
+def test_rust_has_the_velocities_of_the_written_network_and_scores_it(tdcr, data, ranks):
+    path = ranks / "whole/model.safetensors"
+    model = Model.load(path)
+    generator = torch.Generator().manual_seed(4)
+    points, times = torch.randn(3, 50, 3, generator=generator), torch.rand(3, generator=generator)
+    conditions = torch.rand(3, 6, generator=generator)
+    with torch.no_grad():
+        expected = model.network(points, times, conditions).numpy()
+    found = _tdcr.velocities(str(path), points.numpy(), times.numpy(), conditions.numpy())
+    assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
+    assert model.provenance["subject"]["robot"]["name"] == "2m"
+    scores = tdcr("eval", "--model", path, "--data", data, "--points", 200, "--emd-points", 50)
+    assert scores["cd"] < 0.1
+
+
+def test_a_stream_trains_on_ranks_with_workers_and_resumes(ranks, tmp_path):
+    assert list(log(ranks / "stream")["step"]) == [10, 20]
+    assert Model.load(ranks / "stream/model.safetensors").step in (10, 20)
+    assert main(on_stream(tmp_path / "whole")) == 0
+    # State and log of the step that an interruption leaves.
+    half, whole = (on_stream(tmp_path / name) for name in ("half", "whole"))
+    calls = iter([True])
+    take = Trainer.__init__
+
+    def stopped(self, *arguments, **options):
+        take(self, *arguments, **(options | {"interrupted": lambda: next(calls, False)}))
+
+    Trainer.__init__ = stopped
+    try:
+        assert main(half) == 130
+    finally:
+        Trainer.__init__ = take
+    assert main(half) == 0
+    assert same(tmp_path / "half", tmp_path / "whole")
+    assert main(whole) == 0
+
+
+def test_mixed_precision_muon_colours_and_a_hybrid_train(data, tmp_path):
+    tiny = ["--channels", "8,8,8", "--resolutions", "5,4,3", "--blocks", "1", "--context", "8", "--colors"]
+    small = ["--width", "32", "--depth", "2", "--embedding", "16", "--clouds", "4", "--points", "64", "--quiet"]
+    run = ["--net", "hybrid", *tiny, *small, "--steps", "20", "--validate-every", "20", "--precision", "bfloat16"]
+    assert main(["--data", str(data), "--out", str(tmp_path / "run"), *run]) == 0
+    losses = log(tmp_path / "run")["loss"]
+    assert losses[1] < losses[0]
+    model = Model.load(tmp_path / "run/model.safetensors")
+    assert (model.settings["precision"], model.colors) == ("bfloat16", True)
+    # Another run may start from it.
+    again = ["--data", str(data), "--out", str(tmp_path / "again"), *run, "--init", str(tmp_path / "run/model.safetensors")]
+    assert main(again) == 0
+    assert log(tmp_path / "again")["loss"][0] < losses[0]
+
+
+class Still(torch.nn.Module):
+    """A network of one's own that has nearly nothing to learn."""
+
+    def __init__(self):
+        super().__init__()
+        self.velocity = torch.nn.Linear(6, 3)
+
+    def forward(self, x, t, c):
+        return self.velocity(c)[:, None].expand_as(x)
+
+
+def trainer(data, out, module=None, **options):
+    training, validation = (CloudSet.read(data, split) for split in ("train", "val"))
+    changes = {"steps": 60, "clouds": 4, "points": 32, "validate_every": 20, "optimizer": "adam-w"}
+    settings = preset().settings(**(changes | options.pop("changes", {})))
+    return Trainer(module or Still(), training, validation, settings, out, **options)
+
+
+def test_a_network_of_ones_own_is_trained_and_scored(tdcr, data, tmp_path):
+    run = trainer(data, tmp_path)
+    model = run.run()
+    assert run.history.losses[-1] < run.history.losses[0]
+    again = Model.load(tmp_path / "model.safetensors", Still())
+    assert all(torch.equal(a, b) for a, b in zip(again.network.parameters(), model.network.parameters(), strict=True))
+    write_predictions(tmp_path / "clouds.npz", again, data, points=200)
+    scored = tdcr("eval", "--predictions", tmp_path / "clouds.npz", "--data", data, "--points", 200, "--emd-points", 50)
+    assert scored["tests"] == 4
+    assert scored["cd"] > scored["cd_floor"]
+
+
+def test_patience_ends_a_run(data, tmp_path):
+    run = trainer(data, tmp_path, changes={"patience": 1, "validate_every": 10, "steps": 1000, "learning_rate": 1e-12})
+    run.run()
+    assert run.step < 100
+
+
+def test_a_run_that_diverges_stops_and_keeps_its_last_state(data, tmp_path):
+    class Bursting(Still):
+        steps = 0
+
+        def forward(self, x, t, c):
+            self.steps += self.training
+            return super().forward(x, t, c) * (float("inf") if self.steps > 50 else 1)
+
+    with pytest.raises(Diverged, match="the loss of step 51 is"):
+        trainer(data, tmp_path, Bursting()).run()
+    assert (tmp_path / "state.pt").exists()
+
+
+def test_a_folder_with_another_run_is_refused(data, tmp_path):
+    torch.manual_seed(0)
+    trainer(data, tmp_path).run()
+    torch.manual_seed(0)
+    with pytest.raises(RuntimeError, match="learning_rate is 0.02, expected 0.01"):
+        trainer(data, tmp_path, changes={"learning_rate": 0.01}).run()
+    torch.manual_seed(1)
+    with pytest.raises(RuntimeError, match="initial is"):
+        trainer(data, tmp_path).run()
+    (tmp_path / "state.pt").unlink()
+    with pytest.raises(RuntimeError, match="would be overwritten"):
+        trainer(data, tmp_path).run()
+    (tmp_path / "state.pt").write_bytes(b"nothing")
+    with pytest.raises(RuntimeError, match="not the state of a run"):
+        trainer(data, tmp_path).run()
+
+
+def test_an_interrupted_run_leaves_no_part_of_a_file(data, tmp_path):
+    with pytest.raises(Interrupted):
+        trainer(data, tmp_path, interrupted=lambda: True).run()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".lock", "log.csv", "state.pt"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--data", "nowhere"], "nowhere"),
+        (["--channels", "8,8,8"], "--channels is of --net hybrid"),
+        (["--stream", "7m"], "7m"),
+        (["--clouds", "0"], "clouds is 0"),
+        (["--preset", "paper", "--stream", "2m"], "say how many steps"),
+    ],
+)
+def test_wrong_arguments_are_refused_in_words(data, tmp_path, capsys, arguments, words):
+    assert main(["--data", str(data), "--out", str(tmp_path), *SIZE[:-3], *STEPS[:2], *arguments]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert words in error
+
+
+def test_the_example_scores_a_network_of_ones_own_beside_tdcrs(data, tmp_path):
+    binary = os.environ.get("TDCR") or str(ROOT / "target/release/tdcr")
+    command = [sys.executable, ROOT / "examples/python/own_network.py", "--data", data, "--out", tmp_path]
+    short = ["--steps", "20", "--points", "200", "--width", "16"]
+    environment = os.environ | {"TDCR": binary, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run([*command, *short], capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["CD", "own", "tdcr's"]
+
+
+def test_the_package_itself_does_not_load_pytorch():
+    code = "import sys, tdcr, tdcr.stream; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    missing = "import sys; sys.modules['torch'] = None\nimport tdcr.torch"
+    done = subprocess.run([sys.executable, "-c", missing], capture_output=True, text=True, check=False)
+    assert "pip install tdcr[torch]" in done.stderr.splitlines()[-1]
