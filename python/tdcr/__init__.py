@@ -21,7 +21,7 @@ from tdcr.inverse import calibrate
 from tdcr.learning import Run, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
-from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
+from tdcr.predictor import Clouds, ExtrapolationWarning, Prediction, Predictor
 from tdcr.robot import Robot
 from tdcr.scoring import evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
@@ -33,6 +33,7 @@ from tdcr.vision import Cloud, View, cloud, clouds, render
 
 __all__ = [
     "Cloud",
+    "Clouds",
     "Dataset",
     "Equilibria",
     "Equilibrium",
