@@ -10,6 +10,7 @@ import argparse
 
 import gymnasium
 import numpy as np
+import torch
 from stable_baselines3 import PPO
 
 import tdcr.envs  # noqa: F401
@@ -41,6 +42,8 @@ def main():
     arguments = {"dynamics": options.dynamics, "randomise": RANGES if options.randomise else {}}
     steps = options.steps // 10 if options.short else options.steps
 
+    # Networks as small as these are not worth a second thread.
+    torch.set_num_threads(1)
     envs = Sb3VecEnv("tdcr/Reach2m-v0", num_envs=64, **arguments)
     model = PPO(
         "MlpPolicy",
