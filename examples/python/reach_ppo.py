@@ -2,7 +2,7 @@
 
     python examples/python/reach_ppo.py --out reach_ppo.zip
 
-Takes half a minute on two cores. `--dynamics` lets the robots move in time, `--randomise` gives each episode other tendons and
+Takes about a minute on two cores. `--dynamics` lets the robots move in time, `--randomise` gives each episode other tendons and
 another payload. The last line tells what the policy is worth beside random actions.
 """
 
