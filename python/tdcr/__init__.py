@@ -26,7 +26,7 @@ from tdcr.robot import Robot
 from tdcr.scoring import evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
-from tdcr.stream import Stream
+from tdcr.stream import Stream, StreamSample
 from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
 from tdcr.vision import Cloud, View, cloud, clouds, render
@@ -55,6 +55,7 @@ __all__ = [
     "Split",
     "State",
     "Stream",
+    "StreamSample",
     "TdcrError",
     "View",
     "Wrench",
