@@ -9,7 +9,8 @@ WORKSPACE := --workspace --exclude tdcr-mujoco
 # features that tests need too, so tests, documentation and the binary share one build of the dependencies.
 WITH_EXAMPLES := $(WORKSPACE) --examples
 
-.PHONY: demo build check test setup format lint docs supply-chain fuzz test-fast test-rust test-mujoco test-python bench clean
+.PHONY: demo build check test setup format lint docs supply-chain lint-python wheel site fuzz test-fast test-rust \
+	test-mujoco test-python bench clean
 
 demo: build
 	$(TDCR) demo --out demo_out
@@ -21,7 +22,7 @@ build:
 check: format lint test-fast
 
 # Everything that must hold at every commit.
-test: setup format lint docs supply-chain test-rust test-mujoco test-python
+test: setup format lint docs supply-chain lint-python test-rust test-mujoco test-python
 
 setup:
 	@scripts/setup.sh
@@ -40,6 +41,23 @@ supply-chain:
 	scripts/notices.py --check
 	scripts/deny.sh
 
+# Style and types of the Python package, its tests and examples.
+lint-python:
+	$(PYTHON) -m ruff format --check
+	$(PYTHON) -m ruff check
+	$(PYTHON) -m mypy
+
+# The Python package as a wheel for this machine, in target/wheels, and in the Python environment. `pip install .` builds the
+# same; here it shares the build of the dependencies with the tests.
+wheel:
+	rm -rf target/wheels
+	$(PYTHON) -m maturin build --release --locked --interpreter $(PYTHON) --out target/wheels
+	$(PYTHON) -m pip install -q --disable-pip-version-check --no-deps --force-reinstall target/wheels/*.whl
+
+# The documentation of the package and the guides, in target/site.
+site:
+	$(PYTHON) -m sphinx -W -q -b html docs target/site
+
 # All readers of files for an hour: MINUTES=5 for a shorter run. Not a part of `make test`, which runs the readers on damaged
 # files for some seconds.
 MINUTES ?= 60
@@ -55,8 +73,8 @@ test-rust:
 	cargo test $(WORKSPACE) --release --locked
 
 # With the MuJoCo of MUJOCO_DIR, or else Debian's; then with the newer one of the Python environment.
-# Both packages in one command share their dependencies.
-WITH_MUJOCO := -p tdcr -p tdcr-mujoco --features tdcr/mujoco --release --locked
+# With all packages chosen, the dependencies have the features that they were built with above.
+WITH_MUJOCO := --workspace --features tdcr/mujoco --release --locked
 TEST_MUJOCO := cargo test $(WITH_MUJOCO) --test mujoco --test closed_forms
 test-mujoco:
 	cargo clippy $(WITH_MUJOCO) --lib --test mujoco --test closed_forms --bench peers -- -D warnings
@@ -64,15 +82,21 @@ test-mujoco:
 	$(TEST_MUJOCO)
 	MUJOCO_DIR="$$($(PYTHON) -c 'import mujoco; print(mujoco.__path__[0])')" $(TEST_MUJOCO)
 
-test-python:
+test-python: wheel site
 	cargo build $(WITH_EXAMPLES) --bins --release --locked
-	TDCR=$(TDCR) $(PYTHON) -m pytest -q -rs tests/python
+	TDCR=$(TDCR) $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile tests/python
 
+<<<<<<< HEAD
 # Ours alone, then the tables of ours beside MuJoCo's and, where it is installed, PyTorch's.
+bench: setup wheel
+=======
+# Ours alone, then the tables of ours beside MuJoCo's and, where they are installed, PyTorch's and Gymnasium's.
 bench: setup
+>>>>>>> w-d
 	cargo bench --locked --bench sim --bench metrics
 	$(PYTHON) benches/peers.py
 	$(PYTHON) benches/networks.py
+	$(PYTHON) benches/envs.py
 
 clean:
 	cargo clean

@@ -39,6 +39,7 @@ import sys
 from pathlib import Path
 
 import torch
+
 from tdcr.torch import Model, network
 from tdcr.torch.settings import complete
 

@@ -69,9 +69,7 @@ def main() -> None:
     with distributed() as device:
         runs = {
             "own": Trainer(own, training, validation, settings, args.out / "own", device=device),
-            "tdcr": Trainer(
-                network(shape), training, validation, settings, args.out / "tdcr", shape=shape, device=device
-            ),
+            "tdcr": Trainer(network(shape), training, validation, settings, args.out / "tdcr", shape=shape, device=device),
         }
         models = {name: run.run() for name, run in runs.items()}
     if models["own"] is None:  # a rank other than the first

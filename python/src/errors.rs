@@ -143,7 +143,8 @@ impl From<PipelineError> for Failure {
             PipelineError::Predict(error) => error.into(),
             PipelineError::File(error) => error.into(),
             PipelineError::Sampler(error) => error.into(),
-            PipelineError::OwnSampler { .. }
+            PipelineError::Metric(_)
+            | PipelineError::OwnSampler { .. }
             | PipelineError::Endless { .. }
             | PipelineError::ComparedPoints { .. } => Self::input(error.to_string()),
             other => Self::Of("TrainError", other.to_string()),

@@ -21,7 +21,7 @@
 //! | `predictor` | `Predictor`: clouds by a trained model |
 //! | `scoring` | scores of predicted clouds |
 //! | `training` | training runs |
-//! | `learning` | what training in PyTorch shares with training here |
+//! | `torch` | what training in PyTorch shares with training here |
 //! | `env` | many simulated robots, advanced by one call |
 //!
 //! What they use: `run` (threads, the interpreter's lock, Ctrl-C), `stage` (the libraries' long stages),
@@ -34,7 +34,6 @@ mod dynamics_gradient;
 mod env;
 mod errors;
 mod inverse;
-mod learning;
 mod loads;
 mod metrics;
 mod moving_robot;
@@ -47,6 +46,7 @@ mod stage;
 mod statics;
 mod stream;
 mod tendon_friction;
+mod torch;
 mod training;
 mod vision;
 
@@ -66,10 +66,6 @@ mod _tdcr {
     use crate::env::BatchSimulation;
     #[pymodule_export]
     use crate::inverse::{Calibration, ShapeController, ShapePath, calibrate};
-    #[pymodule_export]
-    use crate::learning::{
-        presets, read_cloud_set, read_commands, start_noise, train_settings, velocities,
-    };
     #[pymodule_export]
     use crate::loads::Loads;
     #[pymodule_export]
@@ -92,6 +88,8 @@ mod _tdcr {
     use crate::stream::Stream;
     #[pymodule_export]
     use crate::tendon_friction::FrictionPath;
+    #[pymodule_export]
+    use crate::torch::{presets, read_cloud_set, start_noise, train_settings, velocities};
     #[pymodule_export]
     use crate::training::{distill, train};
     #[pymodule_export]

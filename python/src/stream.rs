@@ -2,12 +2,11 @@
 
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
-use tdcr::learn::data::{
-    Normalisation, PayloadRange, Recipe, Sample, Simulator, StreamSpec, Subject,
-};
-use tdcr::sim::render::{BaseVisibility, Sensor};
+use tdcr::learn::data::{Normalisation, Recipe, Sample, Simulator, StreamSpec, Subject};
+use tdcr::learn::train::Provenance;
 
 use crate::arrays::array;
+use crate::data::{payload_range, sensor, visibility};
 use crate::errors::{Failure, Outcome};
 use crate::robot::Robot;
 use crate::run;
@@ -41,23 +40,19 @@ impl Stream {
         payload: Option<(f64, f64)>,
         points: usize,
         voxel: f64,
-        noise: bool,
+        noise: Option<&str>,
         seed: u64,
         index: u64,
         stride: u64,
     ) -> Outcome<Self> {
-        let base = match base {
-            true => BaseVisibility::Shown,
-            false => BaseVisibility::Hidden,
-        };
         let recipe = Recipe {
             subject: Subject {
                 robot: robot.0.spec().clone(),
-                base,
-                payload: payload.map(|(min, max)| PayloadRange { min, max }),
+                base: visibility(base),
+                payload: payload.map(payload_range),
             },
             voxel_size: voxel,
-            sensor: noise.then(Sensor::d435),
+            sensor: sensor(noise)?,
         };
         recipe.check()?;
         let spec = StreamSpec {
@@ -85,17 +80,16 @@ impl Stream {
         text(serde_json::to_string(&self.spec))
     }
 
-    /// Smallest and largest values of the conditions and the scale of the points, as JSON.
-    fn normalisation(&self) -> Outcome<String> {
-        text(serde_json::to_string(&self.units))
+    /// Subject and normalisation of the samples, as JSON.
+    fn provenance(&self) -> Outcome<String> {
+        text(serde_json::to_string(&Provenance {
+            subject: Some(self.spec.recipe.subject.clone()),
+            normalisation: self.units.clone(),
+        }))
     }
 
     /// The next sample, in physical units and then in those of the normalisation: condition, points, colours. After one that
     /// cannot be made, the stream goes on with the next.
-    #[expect(
-        clippy::should_implement_trait,
-        reason = "Python's iterator is the class of the package"
-    )]
     fn next<'py>(&mut self, py: Python<'py>) -> Outcome<(Arrays<'py>, Arrays<'py>)> {
         let (spec, simulator, index) = (&self.spec, &mut self.simulator, self.index);
         // Past the end of 64 bits it starts over, which no run reaches.

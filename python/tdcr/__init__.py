@@ -27,7 +27,7 @@ from tdcr.moving_robot import MovingRobot
 from tdcr.collecting import collect, merge
 from tdcr.data import Dataset, Normalisation, Sample, Split
 from tdcr.learning import Run, distill, train
-from tdcr.predictor import Clouds, ExtrapolationWarning, Predictor
+from tdcr.predictor import Clouds, ExtrapolationWarning, Prediction, Predictor
 from tdcr.scoring import evaluate
 from tdcr.stream import Stream, StreamSample
 
@@ -45,6 +45,7 @@ __all__ = [
     "Motions",
     "MovingRobot",
     "Normalisation",
+    "Prediction",
     "Predictor",
     "Robot",
     "RolloutGradients",

@@ -34,7 +34,7 @@ class ExtrapolationWarning(UserWarning):
 
 
 @dataclass(frozen=True)
-class Clouds:
+class Prediction:
     """Predicted clouds of ``B`` conditions, ``N`` points each.
 
     Attributes:
@@ -127,7 +127,7 @@ class Predictor:
         sampler_power: float | None = None,
         sampler_tolerance: float | None = None,
         progress: Progress | None = None,
-    ) -> Clouds:
+    ) -> Prediction:
         """Predicts clouds with all that is known of them.
 
         Args:
@@ -151,12 +151,12 @@ class Predictor:
             "sampler": sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance),
             "prior_samples": as_count(prior_samples, "prior_samples", 1, MOST) if uncertainty else 0,
         }
-        return Clouds(*self._native.predict(rows, options, progress=progress))
+        return Prediction(*self._native.predict(rows, options, progress=progress))
 
     def uncertainty(
         self, conditions: Any, points: int = 10_000, *, prior_samples: int = 1, seed: int = 0, **options: Any
     ) -> Floats32:
-        """How uncertain each point of :meth:`predict` with the same arguments is, shape (B, N) (m); see :attr:`Clouds.uncertainty`.
+        """How uncertain each point of :meth:`predict` with the same arguments is, shape (B, N) (m); see :attr:`Prediction.uncertainty`.
 
         Raises:
             InputError: For fewer than 16 points, of which nothing can be told.

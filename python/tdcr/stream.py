@@ -5,32 +5,20 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr import _tdcr
 from tdcr._arrays import as_count, as_number
-from tdcr.errors import InputError
+from tdcr.data import MOST, Normalisation, Sample, as_payload, as_seed
 from tdcr.robot import Robot
 
 LARGEST_INDEX = 2**63 - 1
 """Largest index of a sample."""
 
 
-class StreamSample(NamedTuple):
-    """A command (and payload), and what the cameras see of the robot at rest under it."""
-
-    condition: NDArray[np.float32]
-    """The command (m or N), then the payload (kg) if the stream has payloads, shape (D,)."""
-    points: NDArray[np.float32]
-    """Points of the robot's visible surface, shape (N, 3), world frame (m)."""
-    colors: NDArray[np.uint8]
-    """Their colours, 8-bit, shape (N, 3)."""
-
-
-class Stream(Iterator[StreamSample]):
+class Stream(Iterator[Sample]):
     """Samples of a simulated robot under uniformly drawn commands, made as they are asked for, without end.
 
     Sample ``i`` is a function of the settings and ``i`` alone, those that ``tdcr train --stream`` sees: several readers that
@@ -61,33 +49,29 @@ class Stream(Iterator[StreamSample]):
         payload: tuple[float, float] | None = None,
         points: int = 2000,
         voxel: float = 0.002,
-        noise: str | None = None,
+        noise: Literal["d435"] | None = None,
         seed: int = 0,
         start: int = 0,
         stride: int = 1,
     ) -> None:
-        if noise not in (None, "d435"):
-            raise InputError(f"noise is {noise!r}; expected None or 'd435'")
-        if payload is not None:
-            low, high = payload
-            payload = (as_number(low, "payload[0]"), as_number(high, "payload[1]"))
-        self._settings = {
-            "robot": Robot(robot),
+        own = Robot(robot)
+        self._settings: dict[str, Any] = {
+            "robot": own,
             "base": bool(base),
-            "payload": payload,
-            "points": as_count(points, "points", 1, 10_000_000),
+            "payload": as_payload(payload),
+            "points": as_count(points, "points", 1, MOST),
             "voxel": as_number(voxel, "voxel"),
             "noise": noise,
-            "seed": as_count(seed, "seed", 0, 2**64 - 1),
+            "seed": as_seed(seed),
         }
         self._stride = as_count(stride, "stride", 1, LARGEST_INDEX)
         self._native = _tdcr.Stream(
-            self._settings["robot"]._native,
+            own._native,
             self._settings["base"],
-            payload,
+            self._settings["payload"],
             self._settings["points"],
             self._settings["voxel"],
-            noise is not None,
+            noise,
             self._settings["seed"],
             as_count(start, "start", 0, LARGEST_INDEX),
             self._stride,
@@ -115,26 +99,32 @@ class Stream(Iterator[StreamSample]):
         return spec
 
     @property
-    def normalisation(self) -> dict[str, Any]:
-        """Units that hold for all samples: ``motor_min`` and ``motor_max`` of the conditions, and ``scale`` of points (m)."""
-        units: dict[str, Any] = json.loads(self._native.normalisation())
-        return units
+    def provenance(self) -> dict[str, Any]:
+        """What samples are of, as model files have it: ``subject`` (robot, base and payloads) and ``normalisation``."""
+        provenance: dict[str, Any] = json.loads(self._native.provenance())
+        return provenance
+
+    @property
+    def normalisation(self) -> Normalisation:
+        """Units that hold for all samples, whichever they are: the tendons' ranges, and the reach of the straight robot."""
+        units = self.provenance["normalisation"]
+        return Normalisation(np.array(units["motor_min"]), np.array(units["motor_max"]), units["scale"])
 
     def at(self, start: int, stride: int = 1) -> Stream:
         """The same stream from sample ``start`` on, every ``stride``-th sample."""
         return Stream(**self._settings, start=start, stride=stride)
 
-    def __next__(self) -> StreamSample:
+    def __next__(self) -> Sample:
         """Makes the next sample.
 
         Raises:
             DataError: If the robot does not settle, or no camera sees it; the stream goes on after that sample.
         """
-        return StreamSample(*self._native.next()[0])
+        return Sample(*self._native.next()[0])
 
-    def next_normalised(self) -> StreamSample:
+    def next_normalised(self) -> Sample:
         """Makes the next sample, in the units of the normalisation: conditions in [0, 1], points divided by the scale."""
-        return StreamSample(*self._native.next()[1])
+        return Sample(*self._native.next()[1])
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _unpickle, (self._settings, self.index, self._stride)

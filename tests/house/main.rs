@@ -18,6 +18,9 @@ const MAP: &str = "ARCHITECTURE.md";
 /// What the row of a room says that may use all rooms before it, and all crates.
 const EVERYTHING: &str = "everything above";
 
+/// What rows of other crates call the root package.
+const FACADE: &str = "tdcr";
+
 /// A crate of ours.
 struct House {
     /// Folder of its sources, such as `sim/src`.
@@ -102,7 +105,9 @@ fn rooms_name_rooms_above_them() {
         for (index, room) in house.rooms.iter().enumerate() {
             for used in room.uses.iter().flatten() {
                 let above = house.rooms[..index].iter().any(|other| other.name == *used);
+                let facade = used == FACADE && !house.name().is_empty();
                 if !above
+                    && !facade
                     && !houses
                         .iter()
                         .any(|other| other.name() == used && other.name() != house.name())
@@ -290,16 +295,19 @@ impl House {
         let target = if let Some(name) = first.strip_prefix("tdcr_").and_then(other) {
             return Some(Used::Crate(name));
         } else if first == "crate"
-            || first == "tdcr"
+            || first == FACADE
             || first.strip_prefix("tdcr_") == Some(self.name())
         {
             // The root package shows the other crates under their short names.
             if let Some(name) = path
                 .get(1)
                 .and_then(|name| other(name))
-                .filter(|_| first == "tdcr")
+                .filter(|_| first == FACADE)
             {
                 return Some(Used::Crate(name));
+            }
+            if first == FACADE && !self.name().is_empty() {
+                return Some(Used::Crate(FACADE));
             }
             path[1..].to_vec()
         } else {

@@ -44,17 +44,18 @@ _IDS = {
 
 
 def register() -> None:
-    """Registers the environments with Gymnasium, which importing this module does."""
+    """Registers the environments with Gymnasium. Importing this module does so; to do it again changes nothing."""
     for name, task in _IDS.items():
         env = "TendonRobotGoalEnv" if TASKS[task].goal_based else "TendonRobotEnv"
         for robot in ("2m", "3m", "5m"):
-            gymnasium.register(
-                id=f"tdcr/{name.format(robot)}-v0",
-                entry_point=f"tdcr.envs.environment:{env}",
-                vector_entry_point="tdcr.envs.vector:TendonRobotVectorEnv",
-                kwargs={"task": task, "robot": robot},
-            )
+            id = f"tdcr/{name.format(robot)}-v0"
+            if id not in gymnasium.registry:
+                gymnasium.register(
+                    id=id,
+                    entry_point=f"tdcr.envs.environment:{env}",
+                    vector_entry_point="tdcr.envs.vector:TendonRobotVectorEnv",
+                    kwargs={"task": task, "robot": robot},
+                )
 
 
-if "tdcr/Reach2m-v0" not in gymnasium.registry:
-    register()
+register()

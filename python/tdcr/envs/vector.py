@@ -23,16 +23,15 @@ Rows = NDArray[np.int64]
 
 
 class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
-    """``num_envs`` environments as :class:`~tdcr.envs.TendonRobotEnv`, which also has the other arguments, stepped by one call
-    on all threads.
+    """Many environments, stepped by one call on all threads. :class:`~tdcr.envs.TendonRobotEnv` has the other arguments.
 
-    It does what :class:`gymnasium.vector.SyncVectorEnv` does of as many single environments, number for number: environment
-    ``i`` has a generator of its own, seeded by ``seed + i``.
+    It does what :class:`gymnasium.vector.SyncVectorEnv` does of as many single environments, number for number:
+    environment ``i`` has a generator of its own, seeded by ``seed + i``.
 
     Args:
         num_envs: How many.
-        autoreset_mode: What happens after the end of an episode: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"`` (reset them
-            by ``reset(options={"reset_mask": ...})``).
+        autoreset_mode: What happens after the end of an episode: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"`` (reset
+            them by ``reset(options={"reset_mask": ...})``).
     """
 
     metadata: dict[str, Any] = {**TendonRobotEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -98,7 +97,7 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
             raise InputError(f"{len(seeds)} seeds; expected {self.num_envs}, one for each environment")
         mask = np.ones(self.num_envs, dtype=np.bool_)
         if options is not None and "reset_mask" in options:
-            mask = options.pop("reset_mask")
+            mask = options["reset_mask"]
             if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)):
                 raise InputError(f"reset_mask is {mask!r}; expected an array of {self.num_envs} flags (numpy.bool_)")
             if not mask.any():

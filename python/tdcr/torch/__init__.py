@@ -3,10 +3,12 @@
 PyTorch is an optional dependency: ``pip install tdcr[torch]``. See the guide *Training in PyTorch*.
 """
 
+from tdcr.errors import MissingPackageError
+
 try:
     import torch as _torch  # noqa: F401
 except ImportError as error:
-    raise ImportError("tdcr.torch needs PyTorch, which is not installed: pip install tdcr[torch]") from error
+    raise MissingPackageError("tdcr.torch needs PyTorch, which is not installed: pip install tdcr[torch]") from error
 
 from tdcr.torch.data import CloudSet, SetSamples, StreamSamples
 from tdcr.torch.flow import FlowPath, Sampler, integrate, loss

@@ -18,9 +18,7 @@ def generator(device: torch.device, seed: int, purpose: int, index: int) -> torc
     return torch.Generator(device).manual_seed(int(state[0]))
 
 
-def draw(
-    clouds: CloudSet, settings: Settings, step: int, rank: int = 0, ranks: int = 1
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def draw(clouds: CloudSet, settings: Settings, step: int, rank: int = 0, ranks: int = 1) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """The rank's part of the batch of a step: points (B, N, C) between noise and data, times (B,), conditions (B, D), and the
     velocities (B, N, C) to learn. Clouds are drawn with replacement, points of each without."""
     device = clouds.rows.device

@@ -22,9 +22,9 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset, get_worker_info
 
-from tdcr import _tdcr
+from tdcr import _tdcr, data
 from tdcr.errors import InputError
-from tdcr.stream import Stream, StreamSample
+from tdcr.stream import Stream
 from tdcr.torch.ranks import group
 
 #: A condition (D,) and the rows (N, C) of its cloud.
@@ -46,9 +46,7 @@ class CloudSet:
     provenance: dict[str, Any]
 
     @classmethod
-    def read(
-        cls, folder: str | Path, split: str = "train", *, colors: bool = False, units: dict[str, Any] | None = None
-    ) -> Self:
+    def read(cls, folder: str | Path, split: str = "train", *, colors: bool = False, units: dict[str, Any] | None = None) -> Self:
         """Reads the split `train`, `val` or `test` of a data set of `tdcr collect` or `tdcr data import`.
 
         `units` is the normalisation of a model, to train on in its units, as `--normalisation-from` does; by default it is
@@ -97,7 +95,7 @@ def to_rows(points: npt.NDArray[np.float32], rgb: npt.NDArray[np.uint8] | None) 
     return positions if rgb is None else torch.cat([positions, torch.from_numpy(rgb).float() / 255], dim=-1)
 
 
-def tensors(sample: StreamSample, colors: bool) -> Sample:
+def tensors(sample: data.Sample, colors: bool) -> Sample:
     """A sample of a stream, as tensors."""
     return torch.from_numpy(sample.condition), to_rows(sample.points, sample.colors if colors else None)
 
@@ -125,9 +123,7 @@ class SetSamples(Shared):
     With a `seed` the order is that of a random permutation, which is another one after `set_epoch`.
     """
 
-    def __init__(
-        self, clouds: CloudSet, seed: int | None = None, *, rank: int | None = None, ranks: int | None = None
-    ) -> None:
+    def __init__(self, clouds: CloudSet, seed: int | None = None, *, rank: int | None = None, ranks: int | None = None) -> None:
         super().__init__(rank, ranks)
         self.clouds, self.seed, self.epoch = clouds, seed, 0
 
@@ -150,9 +146,7 @@ class StreamSamples(Shared):
     `stream` says what the samples are and at which one they start; it is not read from itself.
     """
 
-    def __init__(
-        self, stream: Stream, *, colors: bool = False, rank: int | None = None, ranks: int | None = None
-    ) -> None:
+    def __init__(self, stream: Stream, *, colors: bool = False, rank: int | None = None, ranks: int | None = None) -> None:
         super().__init__(rank, ranks)
         self.stream, self.colors = stream, colors
 
@@ -194,11 +188,10 @@ class StreamWindow:
         if not 0 < fresh < math.inf:
             raise InputError(f"{fresh} fresh clouds a step; expected a number above 0")
         self.stream, self.colors, self.fresh, self.workers = stream, colors, fresh, workers
-        subject = stream.spec["recipe"]["subject"]
-        self.provenance = {"subject": subject, "normalisation": stream.normalisation}
+        self.provenance = stream.provenance
         self.clouds, self.own = clouds, clouds // self.ranks
         self.device = torch.device("cpu")
-        self.condition_dim = len(stream.normalisation["motor_min"])
+        self.condition_dim = len(stream.normalisation.condition_min)
         self.points_per_cloud = stream.points
         self.window: CloudSet | None = None
         self.samples: Iterator[Sample] | None = None
@@ -232,8 +225,11 @@ class StreamWindow:
         while self.next < end:
             condition, rows = next(self.samples)
             if self.window is None:
-                blank = [torch.zeros(self.own, *part.shape, device=self.device) for part in (condition, rows)]
-                self.window = CloudSet(*blank, self.provenance)
+                self.window = CloudSet(
+                    torch.zeros(self.own, *condition.shape, device=self.device),
+                    torch.zeros(self.own, *rows.shape, device=self.device),
+                    self.provenance,
+                )
             place = self.next % self.own
             self.window.conditions[place], self.window.rows[place] = condition, rows
             self.next += 1

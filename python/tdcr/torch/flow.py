@@ -115,7 +115,8 @@ class Sampler:
     def times(self) -> list[float]:
         """The times of the steps' ends, from 0 to 1, as float32 has them."""
         share = 1 - np.arange(self.steps + 1) / self.steps
-        return [float(t) for t in np.float32(1 - share**self.power)]
+        times: list[float] = (1 - share**self.power).astype(np.float32).tolist()
+        return times
 
 
 def integrate(field: Field, points: Tensor, conditions: Tensor, sampler: Sampler | None = None) -> Tensor:
@@ -140,9 +141,7 @@ def heun(velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[flo
     return x
 
 
-def multistep(
-    velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float], of_data: bool, order: int
-) -> Tensor:
+def multistep(velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float], of_data: bool, order: int) -> Tensor:
     """A linear multistep method: one evaluation a step.
 
     What is extrapolated is the polynomial through its last values, in Newton's divided differences f_0, f_1, f_2; the

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from tdcr import _tdcr
+from tdcr.data import Dataset
 from tdcr.errors import InputError, TrainError
 from tdcr.torch.files import write_whole
 from tdcr.torch.flow import FlowPath, Sampler, integrate
@@ -67,7 +68,7 @@ class Model:
         try:
             with safetensors.safe_open(path, "pt") as file:
                 header = json.loads((file.metadata() or {}).get("tdcr", "null"))
-                tensors = {name: file.get_tensor(name) for name in file.keys()}
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         except safetensors.SafetensorError as error:
             raise TrainError(f"{path}: not a safetensors file: {error}") from error
         if not isinstance(header, dict) or header.get("kind") not in (KIND, OWN_KIND):
@@ -109,7 +110,7 @@ class Model:
     def conditions(self, commands: npt.ArrayLike) -> Tensor:
         """Conditions (B, D) of commands (B, D) in physical units (m or N; a payload, kg, is the last value)."""
         units = self.provenance["normalisation"]
-        low, high = np.float64(units["motor_min"]), np.float64(units["motor_max"])
+        low, high = (np.array(units[end], dtype=np.float64) for end in ("motor_min", "motor_max"))
         values = np.asarray(commands, dtype=np.float64)
         if values.ndim != 2 or values.shape[1] != len(low):
             raise InputError(f"commands have the shape {values.shape}, expected (B, {len(low)})")
@@ -164,7 +165,7 @@ def write_predictions(
 
     Test command k has the noise of `seed` + k, as in `tdcr eval --model`.
     """
-    commands = _tdcr.read_commands(str(folder), "test")
+    commands = Dataset(folder).test.conditions
     clouds = model.predict(commands, points, range(seed, seed + len(commands)), sampler)
     arrays: dict[str, npt.NDArray[Any]] = {"points": clouds.points, "commands": commands}
     if clouds.colors is not None:

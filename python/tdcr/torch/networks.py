@@ -151,7 +151,7 @@ def voxel_coordinates(x: Tensor, resolution: int) -> Tensor:
     """Coordinates (B, N, 3) in the grid, in [0, r - 1], as PVCNN normalises them."""
     x = x[..., :3].detach()
     x = x - x.mean(dim=1, keepdim=True)
-    diameter = 2 * torch.linalg.vector_norm(x, dim=2, keepdim=True).amax(dim=1, keepdim=True)
+    diameter: Tensor = 2 * torch.linalg.vector_norm(x, dim=2, keepdim=True).amax(dim=1, keepdim=True)
     return ((x / diameter + 0.5) * resolution).clamp(0, resolution - 1)
 
 
@@ -265,7 +265,8 @@ class Context(nn.Module):
         joined = joined + self.join_maximum(h.amax(dim=1))[:, None]
         local = self.output(F.silu(over_points(self.join_norm, joined)))
         weight = torch.sigmoid(self.gate["steepness"] * (t - self.gate["centre"]))[:, None, None]
-        return weight * local + (1 - weight) * self.from_embedding(e)[:, None]
+        context: Tensor = weight * local + (1 - weight) * self.from_embedding(e)[:, None]
+        return context
 
 
 class Hybrid(Velocity):

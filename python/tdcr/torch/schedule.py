@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import torch
 from torch import nn
 
+from tdcr.errors import MissingPackageError
 from tdcr.torch.settings import Settings, matrix_learning_rate
 
 #: Shortest side of a hidden layer's matrix, which Muon moves; those with a shorter one are input and output layers.
@@ -64,6 +65,8 @@ class Optimizers:
         self.parts: list[torch.optim.Optimizer] = []
         if others:
             self.parts.append(torch.optim.AdamW(others, betas=(0.9, 0.999), eps=1e-8, weight_decay=decay))
+        if hidden and not hasattr(torch.optim, "Muon"):
+            raise MissingPackageError(f"Muon needs PyTorch 2.9 or later, this is {torch.__version__}: say --optimizer adamw")
         if hidden:
             self.parts.append(torch.optim.Muon(hidden, momentum=0.95, nesterov=True, ns_steps=5, weight_decay=decay))
 

@@ -92,7 +92,11 @@ def parser() -> argparse.ArgumentParser:
     stream.add_argument("--noise", choices=["d435"], help="simulate the noise of a real depth camera")
     stream.add_argument("--window", type=int, default=512, metavar="N", help="clouds that a step draws from [default: 512]")
     stream.add_argument(
-        "--fresh", type=float, default=1.0, metavar="N", help="fresh clouds of the window after each step, also below 1 [default: 1]"
+        "--fresh",
+        type=float,
+        default=1.0,
+        metavar="N",
+        help="fresh clouds of the window after each step, also below 1 [default: 1]",
     )
     stream.add_argument("--validation", type=Path, metavar="DIR", help="data set whose val split validates")
     stream.add_argument("--workers", type=int, default=2, metavar="N", help="processes of a rank that simulate [default: 2]")
@@ -165,9 +169,7 @@ def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]
         units = None
         if args.normalisation_from is not None:
             units = Model.load(args.normalisation_from).provenance["normalisation"]
-        training, validation = (
-            CloudSet.read(args.data, split, colors=args.colors, units=units) for split in ("train", "val")
-        )
+        training, validation = (CloudSet.read(args.data, split, colors=args.colors, units=units) for split in ("train", "val"))
         return training, validation
     stream = Stream(
         args.stream,
@@ -181,7 +183,7 @@ def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]
     window = StreamWindow(stream, clouds=args.window, fresh=args.fresh, workers=args.workers, colors=args.colors)
     if args.validation is None:
         return window, window.validation(16)
-    return window, CloudSet.read(args.validation, "val", colors=args.colors, units=stream.normalisation)
+    return window, CloudSet.read(args.validation, "val", colors=args.colors, units=stream.provenance["normalisation"])
 
 
 def initial(path: Path, shape: Shape, provenance: dict[str, Any]) -> torch.nn.Module:
@@ -264,22 +266,21 @@ def train(args: argparse.Namespace) -> None:
         model = trainer.run()
         if model is None or group()[0] != 0:
             return
+        count = sum(value.numel() for value in model.network.parameters())
+        cd = model.validation_distance * trainer.area
+    path = args.out / "model.safetensors"
+    if args.json:
         result = {
-            "model": str(args.out / "model.safetensors"),
-            "parameters": sum(value.numel() for value in model.network.parameters()),
+            "model": str(path),
+            "parameters": count,
             "steps": trainer.step,
             "best_step": model.step,
-            "validation_cd": model.validation_distance * trainer.area,
+            "validation_cd": cd,
             "precision": settings["precision"],
         }
-    if args.json:
         print(json.dumps(result))
     else:
-        print(
-            "{model}: {parameters} parameters, best at step {best_step} of {steps}, validation CD {validation_cd:.3e} m²".format(
-                **result
-            )
-        )
+        print(f"{path}: {count} parameters, best at step {model.step} of {trainer.step}, validation CD {cd:.3e} m²")
 
 
 def main(arguments: list[str] | None = None) -> int:

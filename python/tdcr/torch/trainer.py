@@ -30,6 +30,7 @@ from tdcr.torch.schedule import SPIKE_STEPS, Optimizers, average_decay_at, spike
 from tdcr.torch.settings import Settings, complete
 from tdcr.torch.state import STEPS_PER_ROW, Best, History, RunState
 
+
 class Monitor(Protocol):
     """Who watches a run; rank 0 tells it."""
 
@@ -108,7 +109,8 @@ class Trainer:
         }
         self.identity = json.loads(json.dumps(identity))
         self.average = copy.deepcopy(self.network) if self.rank == 0 else None
-        self.step, self.best, self.history = 0, None, History()
+        self.step, self.history = 0, History()
+        self.best: Best | None = None
         #: Losses and norms of the last steps on the device, not yet in the history.
         self.recent: list[tuple[Tensor, Tensor]] = []
 
@@ -169,7 +171,7 @@ class Trainer:
         with self.autocast():
             velocities = parallel(x, t, c)
         error = loss(velocities.float(), target, settings["color_weight"])
-        error.backward()
+        torch.autograd.backward(error)
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), settings["clip_norm"])
         self.optimizers.step(self.step)
         self.recent.append((error.detach(), norm.detach()))
@@ -209,7 +211,7 @@ class Trainer:
                 )
         if self.monitor and self.rank == 0:
             self.monitor.advance(self.step, sum(losses) / len(losses))
-        return stops > 0
+        return bool(stops > 0)
 
     def advice(self) -> str:
         """What to do about a divergence."""
@@ -317,7 +319,8 @@ class Trainer:
 @torch.no_grad()
 def follow(average: nn.Module, network: nn.Module, decay: float) -> None:
     """Moves the average towards the network's weights; buffers are copied."""
-    kept, new = list(average.parameters()), list(network.parameters())
+    kept: list[Tensor] = list(average.parameters())
+    new: list[Tensor] = list(network.parameters())
     torch._foreach_lerp_(kept, new, 1 - decay)
     for old, current in zip(average.buffers(), network.buffers(), strict=True):
         old.copy_(current)

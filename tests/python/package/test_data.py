@@ -16,7 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from conftest import command_line, files
+from by_command_line import command_line, files
 
 import tdcr
 from tdcr.errors import DataError, InputError, RobotError

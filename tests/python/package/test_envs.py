@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import copy
+import importlib.metadata
 import pickle
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -67,6 +70,39 @@ def test_the_package_does_not_import_gymnasium_and_its_name_imports_the_environm
     by_name = "import gymnasium; gymnasium.make('tdcr.envs:tdcr/Reach2m-v0').reset()"
     for code in (alone, by_name):
         subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_the_entry_point_registers_them() -> None:
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
+    point = importlib.metadata.EntryPoint("__root__", project["entry-points"]["gymnasium.envs"]["__root__"], "gymnasium.envs")
+    gymnasium.registry.pop("tdcr/Shape5m-v0")
+    point.load()()
+    assert sorted(name for name in gymnasium.registry if name.startswith("tdcr/")) == IDS
+
+
+class Rise(tdcr.envs.Task):
+    """As high as possible."""
+
+    def __init__(self, world: Any, power: float = 1.0) -> None:
+        super().__init__(world, 0)
+        self.power = power
+
+    def draw(self, rows: Any, rngs: Any) -> None:
+        pass
+
+    def assess(self, observed: Any, goals: Any) -> Any:
+        height = self.world.tips(observed)[:, 2].astype(np.float64)
+        return height**self.power, {"height": height}
+
+
+def test_a_task_of_ones_own_is_a_class() -> None:
+    env = tdcr.envs.TendonRobotEnv(Rise, power=2.0, render_mode="rgb_array")
+    check_env(env)
+    _, info = env.reset(seed=0)
+    assert info.keys() == {"height", "simulation_failed"}
+    _, reward, *_, info = env.step(np.zeros(6))
+    assert reward == info["height"] ** 2 and 0.0 < info["height"] <= 1.0
+    assert tdcr.envs.TendonRobotVectorEnv(4, Rise).reset(seed=0)[1]["height"].shape == (4,)
 
 
 @pytest.mark.parametrize("dynamics", [False, True], ids=["rest", "motion"])

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import TINY, command_line
+from by_command_line import TINY, command_line
 
 import tdcr
 from tdcr.errors import CommandError, DataError, InputError, LoadsError, TdcrError, TrainError

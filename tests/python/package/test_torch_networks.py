@@ -12,7 +12,7 @@ torch = pytest.importorskip("torch", reason="no PyTorch here: install tests/pyth
 from tdcr import _tdcr  # noqa: E402
 from tdcr.errors import TdcrError  # noqa: E402
 from tdcr.torch import Model, network, preset  # noqa: E402
-from tdcr.torch.networks import from_file, to_file  # noqa: E402
+from tdcr.torch.networks import from_file  # noqa: E402
 from tdcr.torch.settings import complete  # noqa: E402
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[3] / "learn/tests/data"))

@@ -176,7 +176,7 @@ def test_a_folder_with_another_run_is_refused(data, tmp_path):
     torch.manual_seed(0)
     trainer(data, tmp_path).run()
     torch.manual_seed(0)
-    with pytest.raises(RuntimeError, match="learning_rate is 0.02, expected 0.01"):
+    with pytest.raises(RuntimeError, match=r"learning_rate is 0\.02, expected 0\.01"):
         trainer(data, tmp_path, changes={"learning_rate": 0.01}).run()
     torch.manual_seed(1)
     with pytest.raises(RuntimeError, match="initial is"):

@@ -13,6 +13,7 @@ use tdcr::learn::train::{Model, Provenance, TrainSettings};
 use tdcr::pipeline::{Length, Preset};
 
 use crate::arrays::{array, contiguous};
+use crate::data::choice;
 use crate::errors::{Failure, Outcome};
 use crate::run;
 use crate::stream::text;
@@ -76,7 +77,8 @@ pub fn read_cloud_set<'py>(
     normalisation: Option<&str>,
     colors: bool,
 ) -> Outcome<CloudArrays<'py>> {
-    let split = split_named(split)?;
+    let splits = Split::ALL.map(|split| (split.folder(), split));
+    let split = choice("split", split, &splits)?;
     let units: Option<Normalisation> = normalisation
         .map(serde_json::from_str)
         .transpose()
@@ -110,20 +112,6 @@ pub fn read_cloud_set<'py>(
         colors.map(|colors| array(py, colors, shape)).transpose()?,
         text(serde_json::to_string(&provenance))?,
     ))
-}
-
-/// Conditions (B, D) of a split in physical units, a payload (kg) last.
-#[pyfunction]
-pub fn read_commands<'py>(
-    py: Python<'py>,
-    folder: PathBuf,
-    split: &str,
-) -> Outcome<Bound<'py, PyArray2<f64>>> {
-    let split = split_named(split)?;
-    let conditions = py.detach(|| DataSet::open(&folder)?.conditions(split))?;
-    let values: Vec<f64> = conditions.iter().flat_map(|c| c.to_vec()).collect();
-    let rows = conditions.len();
-    Ok(array(py, values, [rows, conditions[0].values().count()])?)
 }
 
 /// Samples (N, C) of the prior, those that `tdcr predict --seed` starts from.
@@ -177,13 +165,4 @@ pub fn velocities<'py>(
         }
     })?;
     Ok(array(py, found, [clouds, count, channels])?)
-}
-
-fn split_named(name: &str) -> Outcome<Split> {
-    let split = Split::ALL.into_iter().find(|split| split.folder() == name);
-    split.ok_or_else(|| {
-        Failure::input(format!(
-            "there is no split `{name}`, expected train, val or test"
-        ))
-    })
 }
