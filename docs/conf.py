@@ -1,10 +1,13 @@
 """Builds the site: `python -m sphinx -W -b html docs target/site`. Nothing is downloaded, and no Rust is compiled."""
 
 import __future__
+
 import importlib.util
 import sys
 import types
 from pathlib import Path
+
+from sphinx.util.nodes import make_refnode
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "python/tdcr"
@@ -12,7 +15,11 @@ PACKAGE = ROOT / "python/tdcr"
 project = "tdcr"
 author = "the authors of tdcr"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["conf.py"]
+# Pages of modules whose optional packages are not installed are left out.
+OPTIONAL = {"torch": ["torch", "h5py", "safetensors"], "jax": ["jax"], "envs": ["gymnasium"], "figures": ["matplotlib"]}
+missing = [page for page, packages in OPTIONAL.items() if not all(importlib.util.find_spec(name) for name in packages)]
+exclude_patterns = [f"python/{page}.*" for page in missing]
+suppress_warnings = ["toc.excluded"]
 html_theme = "alabaster"
 html_theme_options = {
     "description": "Tendon-driven continuum robots: simulate, see, learn, predict, evaluate",
@@ -27,9 +34,6 @@ myst_heading_anchors = 4
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True, "show-inheritance": True}
-# Optional dependencies: pages are built without those that are not installed.
-OPTIONAL = ["gymnasium", "h5py", "jax", "matplotlib", "mpl_toolkits", "ray", "safetensors", "stable_baselines3", "torch"]
-autodoc_mock_imports = [name for name in OPTIONAL if importlib.util.find_spec(name) is None]
 napoleon_use_ivar = True
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
@@ -61,10 +65,8 @@ def _public(app, env, node, contnode):
         for end in range(start + 1, len(parts)):
             name = ".".join([*parts[:start], *parts[end:]])
             if name in objects:
-                builder, found = app.builder, objects[name]
-                from sphinx.util.nodes import make_refnode
-
-                return make_refnode(builder, node["refdoc"], found.docname, found.node_id, contnode, name)
+                found = objects[name]
+                return make_refnode(app.builder, node["refdoc"], found.docname, found.node_id, contnode, name)
     return None
 
 
