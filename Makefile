@@ -86,13 +86,8 @@ test-python: wheel site
 	cargo build $(WITH_EXAMPLES) --bins --release --locked
 	TDCR=$(TDCR) $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile tests/python
 
-<<<<<<< HEAD
-# Ours alone, then the tables of ours beside MuJoCo's and, where it is installed, PyTorch's.
-bench: setup wheel
-=======
 # Ours alone, then the tables of ours beside MuJoCo's and, where they are installed, PyTorch's and Gymnasium's.
-bench: setup
->>>>>>> w-d
+bench: setup wheel
 	cargo bench --locked --bench sim --bench metrics
 	$(PYTHON) benches/peers.py
 	$(PYTHON) benches/networks.py

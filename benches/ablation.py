@@ -172,9 +172,7 @@ def pace(study, rows, rounds=3, few=10, many=70):
             for steps in (few, many):
                 times = seconds(study, row, steps)
                 least[row, steps] = tuple(map(min, times, least.get((row, steps), times)))
-    per_step = {
-        row: [(long - short) / (many - few) for long, short in zip(least[row, many], least[row, few])] for row in rows
-    }
+    per_step = {row: [(long - short) / (many - few) for long, short in zip(least[row, many], least[row, few])] for row in rows}
     line("", "ms per step", "of the first", "processor ms per step", "of the first")
     line(*["---"] * 5)
     for row, (wall, processor) in per_step.items():

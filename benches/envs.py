@@ -17,6 +17,7 @@ import time
 import gymnasium
 import mujoco
 import numpy as np
+
 import tdcr
 import tdcr.envs
 
@@ -149,9 +150,7 @@ def main():
     vectors = measured(many)
     many["async"][0].close()
     rest = {"episode_length": LONG}
-    still = measured(
-        {"one": (make("tdcr/Reach2m-v0", **rest), 2000), "many": (make("tdcr/Reach2m-v0", MANY, **rest), 100)}
-    )
+    still = measured({"one": (make("tdcr/Reach2m-v0", **rest), 2000), "many": (make("tdcr/Reach2m-v0", MANY, **rest), 100)})
     best = max("sync", "async", key=vectors.get)
     print("| Reach2m, steps per second | ours | MuJoCo's | ratio | goal |\n|---|---|---|---|---|")
     print(row("in motion, one environment", single["ours"], single["theirs"], 5))
@@ -163,7 +162,10 @@ def main():
     if isinstance(other, str):
         print(f"left out: {other}", file=sys.stderr)
     else:
-        print(f"| in motion, one environment, beside gym-softrobot's TendonArmReach-v1 | {single['ours']:,.0f} | {other:,.1f} | **{single['ours'] / other:,.0f}x** | |")
+        print(
+            f"| in motion, one environment, beside gym-softrobot's TendonArmReach-v1 | {single['ours']:,.0f} | {other:,.1f} "
+            f"| **{single['ours'] / other:,.0f}x** | |"
+        )
 
 
 if __name__ == "__main__":

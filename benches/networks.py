@@ -7,7 +7,8 @@ bfloat16. PyTorch stands beside ours where it is installed (tests/python/require
 modules of tdcr.torch, eager and compiled, in float32 and under bfloat16 autocast, with fused AdamW, as
 many threads as ours, and a malloc that keeps what it frees. Its best float32 mode and its best bfloat16 mode are shown,
 each with its ratio to our fastest that computes with such numbers or finer ones. Each mode runs in a process of its own,
-ours before each of them, and of ours the median is shown. Our step also draws its batch and averages the weights; PyTorch's batch is ready.
+ours before each of them, and of ours the median is shown. Our step also draws its batch and averages the weights; PyTorch's
+batch is ready.
 Of the paper's sampling, 100 steps of Heun's method, 5 are timed by both and the time is multiplied by 20.
 """
 
@@ -47,9 +48,7 @@ def theirs(work, how, precision):
     task = json.dumps({"work": work, "how": how, "precision": precision})
     command = [sys.executable, __file__, task]
     try:
-        run = subprocess.run(
-            command, env=os.environ | MALLOC, capture_output=True, check=True, text=True, timeout=PATIENCE
-        )
+        run = subprocess.run(command, env=os.environ | MALLOC, capture_output=True, check=True, text=True, timeout=PATIENCE)
         return json.loads(run.stdout)
     except subprocess.TimeoutExpired:
         reason = f"not ready after {PATIENCE} s"
@@ -201,7 +200,7 @@ def products_table(measured):
 
 
 def memory_table(measured):
-    """The peak of training beside the goal's measure: one output of each layer for the whole batch, and four times the weights."""
+    """The peak of training beside the goal: one output of each layer for the whole batch, and the weights four times."""
     lines = [
         "| peak memory of training (MB) | ours, float32 | activations + 4 x weights | ratio | PyTorch float32, bfloat16 |",
         "|---|---|---|---|---|",

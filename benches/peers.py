@@ -145,7 +145,11 @@ def table(measured):
         cells = []
         for robot in robots:
             mine, theirs = measured[robot][work]
-            cells.append(f"{mine:.1f} / {theirs:,.0f}, **{theirs / mine:,.0f}x**" if theirs / mine >= 100 else f"{mine:.2f} / {theirs:.1f}, **{theirs / mine:.1f}x**")
+            cells.append(
+                f"{mine:.1f} / {theirs:,.0f}, **{theirs / mine:,.0f}x**"
+                if theirs / mine >= 100
+                else f"{mine:.2f} / {theirs:.1f}, **{theirs / mine:.1f}x**"
+            )
         lines.append(f"| {work} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

@@ -152,9 +152,7 @@ def point_layers(weights, prefix, sizes):
 def expected_context(shape):
     """Shapes of the context network's tensors as a checkpoint has them, and those of the layers that are one there."""
     ours = {n: v for n, v in network(shape).state_dict().items() if n.startswith("context.")}
-    widths = {
-        layer: [ours.pop(f"{share}.weight").shape for share in shares] for layer, shares in JOINT.items()
-    }
+    widths = {layer: [ours.pop(f"{share}.weight").shape for share in shares] for layer, shares in JOINT.items()}
     expected = {name: tuple(value.shape) for name, value in ours.items()}
     for layer, shapes in widths.items():
         expected[f"{layer}.weight"] = (shapes[0][0], sum(shape[1] for shape in shapes))

@@ -12,28 +12,27 @@ Arrays may be of any library that NumPy understands. Errors are of the tree in :
 
 from tdcr import errors, inverse, metrics
 from tdcr._tdcr import __version__, set_threads, threads
+from tdcr.collecting import collect, merge
+from tdcr.data import Dataset, Normalisation, Sample, Split
+from tdcr.dynamics import Motion, Motions, State, rollout, simulate
+from tdcr.dynamics_gradient import Linearisation, RolloutGradients, linearise, rollout_vjp
 from tdcr.errors import TdcrError
 from tdcr.inverse import calibrate
+from tdcr.learning import Run, distill, train
 from tdcr.loads import Loads, Wrench
+from tdcr.moving_robot import MovingRobot
+from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
 from tdcr.robot import Robot
+from tdcr.scoring import evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
+from tdcr.stream import Stream
 from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
 from tdcr.vision import Cloud, View, cloud, clouds, render
-from tdcr.dynamics import Motion, Motions, State, rollout, simulate
-from tdcr.dynamics_gradient import Linearisation, RolloutGradients, linearise, rollout_vjp
-from tdcr.moving_robot import MovingRobot
-from tdcr.collecting import collect, merge
-from tdcr.data import Dataset, Normalisation, Sample, Split
-from tdcr.learning import Run, distill, train
-from tdcr.predictor import Clouds, ExtrapolationWarning, Prediction, Predictor
-from tdcr.scoring import evaluate
-from tdcr.stream import Stream, StreamSample
 
 __all__ = [
     "Cloud",
-    "Clouds",
     "Dataset",
     "Equilibria",
     "Equilibrium",
@@ -55,7 +54,6 @@ __all__ = [
     "Split",
     "State",
     "Stream",
-    "StreamSample",
     "TdcrError",
     "View",
     "Wrench",

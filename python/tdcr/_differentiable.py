@@ -19,6 +19,7 @@ from tdcr.robot import Robot
 from tdcr.sensitivity import OnFailure, command_names, vjp
 from tdcr.statics import settle_batch
 
+
 @lru_cache(maxsize=64)
 def robot_of(text: str) -> Robot:
     """A robot from its JSON text; the robots of the last calls are kept."""
@@ -122,8 +123,7 @@ class Problem:
         shapes = [(tendons,), (), (discs, 6), (len(self.names),)]
         parts = zip(np.split(gradient, ends, axis=1), chosen, shapes, strict=True)
         return [
-            part.reshape((*self.leading, *shape)) if names else np.zeros((*self.leading, *shape))
-            for part, names, shape in parts
+            part.reshape((*self.leading, *shape)) if names else np.zeros((*self.leading, *shape)) for part, names, shape in parts
         ]
 
 

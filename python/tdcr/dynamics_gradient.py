@@ -38,8 +38,11 @@ class RolloutGradients:
 
 
 class Linearisation(NamedTuple):
-    """A step to first order, ``dx_next = a @ dx + b @ du``. The coordinates ``x`` are turns of the joints in the discs' own frames,
-    ``q exp(dq)`` (rad), three for each joint, then their rates (rad/s): those of MuJoCo's ``mjd_transitionFD``."""
+    """A step to first order, ``dx_next = a @ dx + b @ du``.
+
+    The coordinates ``x`` are turns of the joints in the discs' own frames, ``q exp(dq)`` (rad), three for each joint, then their
+    rates (rad/s): those of MuJoCo's ``mjd_transitionFD``.
+    """
 
     a: Floats
     """By the state, shape (6 n, 6 n)."""
@@ -88,9 +91,7 @@ def rollout_vjp(
     by_position, by_quaternion, by_rate = (
         None if value is None else as_float(value, name, (*shape, width)) for value, name, width in given
     )
-    rows = _tdcr.rollout_vjp_rows(
-        *question.arguments(), (by_position, by_quaternion, by_rate), list(parameters), progress
-    )
+    rows = _tdcr.rollout_vjp_rows(*question.arguments(), (by_position, by_quaternion, by_rate), list(parameters), progress)
     by_configuration = rows.configuration
     if question.norms is not None:
         # Of a rotation that was given as a longer quaternion.
@@ -126,9 +127,7 @@ def linearise(
     """
     configuration, velocity = one_state(robot, state)
     command = as_float(command, "command", (robot.tendons,))
-    a, b = _tdcr.linearise(
-        robot._native, configuration, velocity, command, _loads(loads, payload)._native, as_number(dt, "dt")
-    )
+    a, b = _tdcr.linearise(robot._native, configuration, velocity, command, _loads(loads, payload)._native, as_number(dt, "dt"))
     return Linearisation(a, b)
 
 

@@ -249,7 +249,9 @@ def calibrate(
     if discs is None:
         known = {1: [robot.discs - 1], robot.discs: list(range(robot.discs))}
         if count not in known:
-            raise InputError(f"positions has shape {measured.shape}, and discs are not given; expected `discs`, which were measured")
+            raise InputError(
+                f"positions has shape {measured.shape}, and discs are not given; expected `discs`, which were measured"
+            )
         discs = known[count]
     if measured.shape != (len(rows.commands), len(discs), 3):
         raise InputError(f"positions has shape {measured.shape}; expected {(len(rows.commands), len(discs), 3)}")

@@ -164,9 +164,7 @@ def rollout(
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0, 1, 2, 3))
-def _rollout(
-    robot: str, names: tuple[str, ...], steps: tuple[float, int], on_failure: OnFailure, *arguments: Any
-) -> Any:
+def _rollout(robot: str, names: tuple[str, ...], steps: tuple[float, int], on_failure: OnFailure, *arguments: Any) -> Any:
     def on_host(*arguments: Any) -> tuple[Any, ...]:
         states = MotionProblem.of(robot, names, *steps, *arguments).roll_out(on_failure)
         return tuple(state.astype(dtype) for state in states)

@@ -22,6 +22,7 @@ from tdcr.errors import InputError
 from tdcr.predictor import Precision, Predictor, model_file
 from tdcr.robot import Robot
 
+
 @dataclass(frozen=True)
 class Run:
     """A finished training run.

@@ -51,9 +51,7 @@ class MovingRobot:
         """Starts anew in a state. Until the next step, tensions are those under ``command``; under the mean one if it is not
         given."""
         configuration, velocity = one_state(self.robot, state)
-        self._native.start_at(
-            configuration, velocity, self._take(self.robot.mean_command if command is None else command)
-        )
+        self._native.start_at(configuration, velocity, self._take(self.robot.mean_command if command is None else command))
         self._before = 0.0
 
     def step(self, command: Any, loads: Loads = NO_LOADS, *, frame_skip: int | None = None) -> None:

@@ -156,14 +156,14 @@ class Predictor:
     def uncertainty(
         self, conditions: Any, points: int = 10_000, *, prior_samples: int = 1, seed: int = 0, **options: Any
     ) -> Floats32:
-        """How uncertain each point of :meth:`predict` with the same arguments is, shape (B, N) (m); see :attr:`Prediction.uncertainty`.
+        """How uncertain each point of :meth:`predict` with the same arguments is, shape (B, N) (m).
+
+        See :attr:`Prediction.uncertainty`.
 
         Raises:
             InputError: For fewer than 16 points, of which nothing can be told.
         """
-        found = self.clouds(
-            conditions, points, uncertainty=True, prior_samples=prior_samples, seed=seed, **options
-        ).uncertainty
+        found = self.clouds(conditions, points, uncertainty=True, prior_samples=prior_samples, seed=seed, **options).uncertainty
         if found is None:
             raise InputError(f"points is {points}; expected 16 or more, of which an uncertainty can be told")
         return found
@@ -222,8 +222,8 @@ class Predictor:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """What the model file says but for the weights: ``provenance`` (robot, base, payloads, normalisation), ``settings`` of the
-        training, ``shape`` of the network, the ``step`` that its weights are of and their ``validation_cd`` (m²); and
+        """What the model file says but for the weights: ``provenance`` (robot, base, payloads, normalisation), ``settings`` of
+        the training, ``shape`` of the network, the ``step`` that its weights are of and their ``validation_cd`` (m²); and
         ``parameters``, ``precision``, ``colors``."""
         about: dict[str, Any] = json.loads(self._native.about())
         return about

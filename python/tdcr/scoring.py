@@ -15,6 +15,7 @@ from tdcr.errors import InputError
 from tdcr.metrics import as_clouds
 from tdcr.predictor import Method, Precision, Predictor, sampler_options
 
+
 def evaluate(
     model: Predictor | PathLike | None = None,
     data: Dataset | PathLike = "data",

@@ -117,9 +117,7 @@ class Equilibria:
         )
 
 
-def settle(
-    robot: Robot, command: Any, payload: Any = None, *, wrench: Any = None, loads: Loads | None = None
-) -> Equilibrium:
+def settle(robot: Robot, command: Any, payload: Any = None, *, wrench: Any = None, loads: Loads | None = None) -> Equilibrium:
     """Settles a robot under a command, from the straight pose.
 
     Args:

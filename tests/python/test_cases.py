@@ -6,7 +6,6 @@ import tomllib
 import mujoco
 import numpy as np
 import pytest
-
 from mujoco_statics import force, place
 from paper_robots import ROBOTS, model
 

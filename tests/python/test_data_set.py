@@ -1,8 +1,6 @@
 """Data sets that tdcr writes, read with h5py; and the fixture that h5py wrote, made again."""
 
 import json
-import pathlib
-import shutil
 
 import check_h5
 import h5py

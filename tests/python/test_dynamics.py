@@ -5,7 +5,6 @@ import json
 import mujoco
 import numpy as np
 import pytest
-
 from paper_robots import ROBOTS, mjcf, model
 
 

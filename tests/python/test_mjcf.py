@@ -5,7 +5,6 @@ import pathlib
 import mujoco
 import numpy as np
 import pytest
-
 from paper_robots import ROBOTS, model
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -16,7 +15,11 @@ EVERYTHING = """
 name = "everything"
 gravity = [1.0, -2.0, -9.0]
 routing = "base"
-base = { position = [0.1, 0.2, 0.3], orientation = [0.9, 0.3, -0.1, 0.2], holes = [[0.01, 0.0], [-0.005, 0.008]], hole_height = -0.01 }
+[base]
+position = [0.1, 0.2, 0.3]
+orientation = [0.9, 0.3, -0.1, 0.2]
+holes = [[0.01, 0.0], [-0.005, 0.008]]
+hole_height = -0.01
 [[modules]]
 discs = 2
 first_offset = 0.02

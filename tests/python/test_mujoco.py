@@ -3,7 +3,6 @@
 import mujoco
 import numpy as np
 import pytest
-
 from mujoco_statics import force, place, refine
 from paper_robots import ROBOTS, model
 

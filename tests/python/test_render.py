@@ -6,10 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 import scipy.spatial
-from PIL import Image
-
 from mujoco_statics import place
 from paper_robots import ROBOTS
+from PIL import Image
 
 COMMANDS = 2
 BACKGROUND, BASE, DISCS = 0, 1, 10_000

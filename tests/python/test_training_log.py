@@ -59,9 +59,10 @@ def fields(message):
         size = {1: 8, 5: 4}.get(key & 7) or varint()
         value, message = message[:size], message[size:]
         assert len(value) == size
-        yield key >> 3, {1: lambda b: struct.unpack("<d", b)[0], 5: lambda b: struct.unpack("<f", b)[0]}.get(
-            key & 7, lambda b: b
-        )(value)
+        yield (
+            key >> 3,
+            {1: lambda b: struct.unpack("<d", b)[0], 5: lambda b: struct.unpack("<f", b)[0]}.get(key & 7, lambda b: b)(value),
+        )
 
 
 @pytest.fixture

@@ -64,9 +64,7 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.action_space = self.episodes.action_space
         self.observation_space = self.episodes.observation_space
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Starts a new episode, which depends on ``np_random`` alone."""
         super().reset(seed=seed)
         self.episodes.reset([0], [self.np_random])

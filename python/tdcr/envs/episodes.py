@@ -117,4 +117,3 @@ def first(observation: Observation) -> Observation:
     if isinstance(observation, dict):
         return {name: rows[0] for name, rows in observation.items()}
     return observation[0]
-

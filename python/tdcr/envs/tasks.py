@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, as_count
-from tdcr.envs.world import Bools, Observed, World
+from tdcr.envs.world import Observed, World
 from tdcr.errors import InputError, NotSettledError
 from tdcr.statics import follow
 
@@ -44,6 +44,7 @@ class Task:
         self.world, self.width = world, width
         self.tolerance = _TOLERANCE * world.length if given is None else given
         self.goal: Observed = np.zeros((world.count, width), dtype=np.float32)
+
     def bounds(self) -> Observed:
         """Largest absolute value of each entry of the goal, shape (width,)."""
         return np.full(self.width, 2.0, dtype=np.float32)
@@ -210,9 +211,7 @@ class Track(Task):
                 if settled.converged.all():
                     break
             else:
-                raise NotSettledError(
-                    f"robot {world.robot.name!r} settles along none of {_PATHS} random paths of commands"
-                )
+                raise NotSettledError(f"robot {world.robot.name!r} settles along none of {_PATHS} random paths of commands")
             self._path[row] = world.scaled(settled.tips)
             self._first[row] = path[0]
 

@@ -164,9 +164,7 @@ def _split(names: str) -> list[str]:
     return names.split(_SEPARATOR) if names else []
 
 
-def _problem(
-    command: Tensor, payload: Tensor, wrench: Tensor, values: Tensor, robot: str, names: str
-) -> Problem:
+def _problem(command: Tensor, payload: Tensor, wrench: Tensor, values: Tensor, robot: str, names: str) -> Problem:
     arrays = (tensor.detach().double().numpy() for tensor in (command, payload, wrench, values))
     return Problem.of(robot, _split(names), *arrays)
 
@@ -248,9 +246,7 @@ def _backward(ctx, by_positions, by_quaternions):  # type: ignore[no-untyped-def
 _settle.register_autograd(_backward, setup_context=_setup)
 
 
-def _motion_problem(
-    arguments: Sequence[Tensor], robot: str, names: str, dt: float, frame_skip: int
-) -> MotionProblem:
+def _motion_problem(arguments: Sequence[Tensor], robot: str, names: str, dt: float, frame_skip: int) -> MotionProblem:
     arrays = (tensor.detach().double().numpy() for tensor in arguments)
     return MotionProblem.of(robot, _split(names), dt, frame_skip, *arrays)
 

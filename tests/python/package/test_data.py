@@ -118,8 +118,8 @@ def test_torch_loads_batches_in_workers(dataset: tdcr.Dataset) -> None:
     batches = list(loader)
     assert [tuple(batch["points"].shape) for batch in batches] == [(8, 100, 3)] * 2
     conditions = torch.cat([batch["condition"] for batch in batches])
-    assert conditions.dtype == torch.float32 and 0.0 <= conditions.min() and conditions.max() <= 1.0
-    assert 0.0 <= batches[0]["colors"].min() and batches[0]["colors"].max() <= 1.0
+    assert conditions.dtype == torch.float32 and conditions.min() >= 0.0 and conditions.max() <= 1.0
+    assert batches[0]["colors"].min() >= 0.0 and batches[0]["colors"].max() <= 1.0
     assert max(batch["points"].norm(dim=-1).max() for batch in batches) <= 1.0 + 1e-6
     again, other = dataset.train.torch(points=100, seed=5), dataset.train.torch(points=100, seed=6)
     assert torch.allclose(view[3]["points"] * dataset.normalisation.scale, again[3]["points"])
@@ -167,8 +167,8 @@ def test_arguments_that_make_no_data_set_are_named(dataset: tdcr.Dataset, folder
     refused(InputError, "`voxel_size` is -0.1, expected a finite length above 0", voxel=-0.1)
     refused(InputError, r"payload has shape \(3,\); expected \(2,\)", payload=(0.0, 0.1, 0.2))
     refused(InputError, "`payload` is 0.03:0, expected MIN:MAX", payload=(0.03, 0.0))
-    refused(InputError, "design is \"random\"; expected one of \"uniform\"", design="random")
-    refused(InputError, "noise is \"l515\"; expected one of \"d435\"", noise="l515")
+    refused(InputError, 'design is "random"; expected one of "uniform"', design="random")
+    refused(InputError, 'noise is "l515"; expected one of "d435"', noise="l515")
     refused(InputError, "`4/3` is no part, expected I/N", part="4/3")
     refused(InputError, "seed is -1; expected 0 to", seed=-1)
     refused(RobotError, "4m", robot="4m")

@@ -15,9 +15,10 @@ from tdcr.errors import InputError
 
 gymnasium = pytest.importorskip("gymnasium")
 
-import tdcr.envs  # noqa: E402
 from gymnasium.utils.env_checker import data_equivalence  # noqa: E402
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv  # noqa: E402
+
+import tdcr.envs  # noqa: E402
 
 MODES = ["NextStep", "SameStep", "Disabled"]
 RANDOM = {"gain[0]": (300.0, 700.0), "payload": (0.0, 0.02)}

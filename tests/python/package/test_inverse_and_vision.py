@@ -108,9 +108,7 @@ def test_calibration_finds_what_the_measurements_say(robot: tdcr.Robot) -> None:
         tdcr.calibrate(robot, ["gain[0]"], commands, measured[:, :4])
 
 
-def test_pictures_are_those_of_the_command_line(
-    robot: tdcr.Robot, line: Callable[..., dict[str, Any]], tmp_path: Path
-) -> None:
+def test_pictures_are_those_of_the_command_line(robot: tdcr.Robot, line: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     settled = tdcr.settle(robot, COMMAND)
     views = tdcr.render(robot, settled, base=True, noise="d435", seed=3)
     out = tmp_path / "views"

@@ -186,7 +186,7 @@ def test_conditions_that_cannot_be_are_named(predictor: tdcr.Predictor, conditio
     refused(CommandError, "row 1: ", changed(2, 9.0))
     refused(LoadsError, "row 1: ", changed(6, -0.1))
     refused(InputError, "points is 0; expected 1", conditions, points=0)
-    refused(InputError, "sampler is \"rk4\"; expected one of \"heun\"", conditions, sampler="rk4")
+    refused(InputError, 'sampler is "rk4"; expected one of "heun"', conditions, sampler="rk4")
     refused(InputError, "sampler steps is 0", conditions, sampler_steps=0)
     refused(InputError, "expected one of them", conditions, sampler_power=2.0, sampler_tolerance=0.1)
     with pytest.raises(InputError, match="points is 15; expected 16 or more"):
@@ -217,9 +217,7 @@ def test_clouds_of_any_program_are_scored(
     np.savez(file, points=clouds.points, rgb=clouds.colors, commands=conditions.astype(np.float32))
     flags = ["--data", dataset.path, "--points", 400, "--emd-points", 100]
     expected = command_line("eval", "--predictions", file, *flags)
-    of_arrays = tdcr.evaluate(
-        data=dataset, predictions=clouds.points, colors=clouds.colors, commands=conditions, **SCORING
-    )
+    of_arrays = tdcr.evaluate(data=dataset, predictions=clouds.points, colors=clouds.colors, commands=conditions, **SCORING)
     assert tdcr.evaluate(data=dataset, predictions=file, **SCORING) == of_arrays == expected
     assert expected["color"] is not None
     truth = tdcr.evaluate(data=dataset, predictions=dataset.test.clouds, **SCORING)
@@ -231,7 +229,11 @@ def test_clouds_of_any_program_are_scored(
 
     refused("model is of a model; predictions are scored", model=predictor, predictions=clouds.points)
     refused(r"predictions has shape \(2, 400, 2\)", predictions=clouds.points[..., :2])
-    refused(r"colors has shape \(2, 400\) of uint8; expected \(2, 400, 3\)", predictions=clouds.points, colors=np.zeros((2, 400), np.uint8))
+    refused(
+        r"colors has shape \(2, 400\) of uint8; expected \(2, 400, 3\)",
+        predictions=clouds.points,
+        colors=np.zeros((2, 400), np.uint8),
+    )
     refused("commands has 1 rows; expected 2", predictions=clouds.points, commands=conditions[:1])
     refused("400 points|at most|expected 1 to 400", predictions=clouds.points, points=401)
     refused("1 .*2|2 .*1", predictions=clouds.points[:1])
@@ -259,7 +261,7 @@ def test_arguments_that_make_no_run_are_named(dataset: tdcr.Dataset, run: tdcr.R
     refused(InputError, "channels is of the net 'hybrid'", channels=(8, 8, 8))
     refused(InputError, "channels has 2 values; expected 3", net="hybrid", channels=(8, 8))
     refused(InputError, "color_weight is of a network with colors=True", color_weight=0.1)
-    refused(InputError, "preset is \"slow\"; expected one of \"quick\", \"laptop\", \"paper\"", preset="slow")
+    refused(InputError, 'preset is "slow"; expected one of "quick", "laptop", "paper"', preset="slow")
     refused(InputError, "the coupling is `any`, expected independent", coupling="any")
     refused(InputError, "width is 2.5; expected a whole number", width=2.5)
     refused(TrainError, "steps", steps=0)

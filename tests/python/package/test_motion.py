@@ -31,9 +31,7 @@ def ramps(robot: package.Robot, rows: int, length: int, seed: int = 0) -> np.nda
 
 
 @pytest.mark.parametrize("integrator", ["semi-implicit-euler", "runge-kutta4", "implicit-euler"])
-def test_a_simulation_is_that_of_the_command_line(
-    robot: package.Robot, tdcr: Run, tmp_path: Path, integrator: Any
-) -> None:
+def test_a_simulation_is_that_of_the_command_line(robot: package.Robot, tdcr: Run, tmp_path: Path, integrator: Any) -> None:
     (commands,) = ramps(robot, 1, 40)
     np.savetxt(tmp_path / "commands.csv", commands, delimiter=",", fmt="%.17g")
     files = ("--commands", tmp_path / "commands.csv", "--out", tmp_path / "path.csv", "--linearise", tmp_path / "ab.json")
@@ -59,18 +57,14 @@ def test_a_batch_is_its_rows_moved_one_by_one(robot: package.Robot) -> None:
     settled = package.settle_batch(robot, commands[:, 0], payload, wrench=wrench)
     arguments: dict[str, Any] = {"integrator": "runge-kutta4", "frame_skip": 4, "dt": 0.001}
     done: list[int] = []
-    batch = package.rollout(
-        robot, commands, payload, wrench=wrench, start=settled, progress=done.append, **arguments
-    )
+    batch = package.rollout(robot, commands, payload, wrench=wrench, start=settled, progress=done.append, **arguments)
     again = package.rollout(robot, commands, payload, wrench=wrench, start="settled", **arguments)
     assert sum(done) == 20 * 15
     assert len(batch) == 20 and batch.steps.tolist() == [15] * 20 and not batch.diverged.any()
     assert np.allclose(batch.times, 0.004 * np.arange(1, 16), rtol=1e-14)
     assert np.array_equal(again.positions, batch.positions)
     for row in (0, 7, 19):
-        one = package.simulate(
-            robot, commands[row], payload[row], wrench=wrench[row], start=settled[row], **arguments
-        )
+        one = package.simulate(robot, commands[row], payload[row], wrench=wrench[row], start=settled[row], **arguments)
         for name in ("positions", "quaternions", "configuration", "velocity", "lengths", "tensions"):
             assert np.array_equal(getattr(one, name), getattr(batch[row], name)), name
     package.set_threads(1)
@@ -266,9 +260,7 @@ def test_motions_may_have_no_rows_and_no_commands(robot: package.Robot) -> None:
         ({"robot": []}, InputError, "there are no robots"),
     ],
 )
-def test_bad_inputs_are_refused_by_name(
-    robot: package.Robot, change: dict[str, Any], error: type[Exception], says: str
-) -> None:
+def test_bad_inputs_are_refused_by_name(robot: package.Robot, change: dict[str, Any], error: type[Exception], says: str) -> None:
     arguments: dict[str, Any] = {"robot": robot, "commands": np.full((2, 4, 6), 0.02)} | change
     with pytest.raises(error, match=says):
         package.rollout(**arguments)

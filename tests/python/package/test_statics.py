@@ -119,9 +119,7 @@ def test_a_path_is_followed(robot: tdcr.Robot) -> None:
         ({"command": COMMAND, "wrench": np.zeros((3, 6))}, InputError, r"wrench has shape \(3, 6\); expected \(10, 6\)"),
     ],
 )
-def test_inputs_are_refused_by_name(
-    robot: tdcr.Robot, arguments: dict[str, object], error: type[Exception], says: str
-) -> None:
+def test_inputs_are_refused_by_name(robot: tdcr.Robot, arguments: dict[str, object], error: type[Exception], says: str) -> None:
     with pytest.raises(error, match=says):
         tdcr.settle(robot, **arguments)  # type: ignore[arg-type]
 

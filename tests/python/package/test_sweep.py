@@ -13,7 +13,7 @@ import tdcr
 from tdcr.errors import InputError, SweepError
 
 sys.path.insert(0, str(Path(__file__).parent))
-import sweep_functions as functions  # noqa: E402
+import sweep_functions as functions
 
 CONDITIONS = [(name, seed, 0.005 * seed) for name in ("2m", "3m") for seed in range(6)]
 
