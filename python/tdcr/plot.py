@@ -251,8 +251,9 @@ def _fit(ax: Axes3D, points: Floats, unit: Unit, had_data: bool) -> None:
     for extend, (low, high), more in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), limits, missing, strict=True):
         # `auto=None`: axes that fit themselves to what is drawn go on doing so.
         extend(low - more, high + more, auto=None)
-    ax.set_aspect("equal")
-    ax.locator_params(nbins=5)
+    # To scale; a bit smaller than the axes, whose labels would not fit into many figures.
+    ax.set_box_aspect(spans + 2.0 * missing, zoom=0.78)
+    ax.locator_params(nbins=4)
     ax.set_xlabel(f"x ({unit})")
     ax.set_ylabel(f"y ({unit})")
     ax.set_zlabel(f"z ({unit})")
