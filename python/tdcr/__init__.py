@@ -21,19 +21,18 @@ from tdcr.inverse import calibrate
 from tdcr.learning import Run, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
-from tdcr.predictor import Clouds, ExtrapolationWarning, Prediction, Predictor
+from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
 from tdcr.robot import Robot
 from tdcr.scoring import evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
-from tdcr.stream import Stream, StreamSample
+from tdcr.stream import Stream
 from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
 from tdcr.vision import Cloud, View, cloud, clouds, render
 
 __all__ = [
     "Cloud",
-    "Clouds",
     "Dataset",
     "Equilibria",
     "Equilibrium",
@@ -55,7 +54,6 @@ __all__ = [
     "Split",
     "State",
     "Stream",
-    "StreamSample",
     "TdcrError",
     "View",
     "Wrench",
