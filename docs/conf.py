@@ -7,6 +7,7 @@ import sys
 import types
 from pathlib import Path
 
+import numpy.typing
 from sphinx.util.nodes import make_refnode
 
 ROOT = Path(__file__).parents[1]
@@ -20,6 +21,8 @@ OPTIONAL = {"torch": ["torch", "h5py", "safetensors"], "jax": ["jax"], "envs": [
 missing = [page for page, packages in OPTIONAL.items() if not all(importlib.util.find_spec(name) for name in packages)]
 exclude_patterns = [f"python/{page}.*" for page in missing]
 suppress_warnings = ["toc.excluded"]
+# Text between single backticks in docstrings.
+default_role = "literal"
 html_theme = "alabaster"
 html_theme_options = {
     "description": "Tendon-driven continuum robots: simulate, see, learn, predict, evaluate",
@@ -28,12 +31,13 @@ html_theme_options = {
 }
 html_sidebars = {"**": ["about.html", "searchfield.html", "navigation.html"]}
 html_copy_source = False
+html_show_copyright = False
 
 # Headings have the anchors that GitHub gives them.
 myst_heading_anchors = 4
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
-autodoc_default_options = {"members": True, "show-inheritance": True}
+autodoc_default_options = {"members": True}
 napoleon_use_ivar = True
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
@@ -50,6 +54,14 @@ def _native() -> types.ModuleType:
     return module
 
 
+class _Array:
+    """Stands for `NDArray`: shapes and types of numbers are in the text, where `ndarray[tuple[Any, ...], ...]` says less."""
+
+    def __class_getitem__(cls, _: object) -> type:
+        return numpy.ndarray
+
+
+numpy.typing.NDArray = _Array
 sys.path.insert(0, str(ROOT / "python"))
 sys.modules["tdcr._tdcr"] = _native()
 
@@ -70,6 +82,17 @@ def _public(app, env, node, contnode):
     return None
 
 
+def _plain(app, what, name, obj, options, lines):
+    """Keeps napoleon from taking what stands before a colon for a type: types are in the signatures."""
+    if what in ("property", "attribute", "data"):
+        lines.insert(0, "")
+    for index, line in enumerate(lines[:-1]):
+        if line.strip() == "Returns:":
+            text = lines[index + 1].lstrip()
+            lines[index + 1] = lines[index + 1].replace(text, f": {text}")
+
+
 def setup(app):
     """Registers what is above."""
+    app.connect("autodoc-process-docstring", _plain, priority=400)
     app.connect("missing-reference", _public)
