@@ -82,9 +82,10 @@ test-mujoco:
 	$(TEST_MUJOCO)
 	MUJOCO_DIR="$$($(PYTHON) -c 'import mujoco; print(mujoco.__path__[0])')" $(TEST_MUJOCO)
 
+# Two processes of one thread each: PyTorch is slow where its threads share busy cores.
 test-python: wheel site
 	cargo build $(WITH_EXAMPLES) --bins --release --locked
-	TDCR=$(TDCR) $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile tests/python
+	TDCR=$(TDCR) OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile tests/python
 
 # Ours alone, then the tables of ours beside MuJoCo's and, where they are installed, PyTorch's and Gymnasium's.
 bench: setup wheel

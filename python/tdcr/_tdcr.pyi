@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from typing import Any, final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,6 +66,7 @@ _Cloud = tuple[NDArray[np.float32], NDArray[np.uint8]]
 
 def set_threads(count: int) -> None:
     """Sets the number of threads that this process computes with, from 1 to 1024."""
+
 def threads() -> int:
     """Number of threads that this process computes with."""
 
@@ -132,6 +134,7 @@ class Settler:
     def settle(self, command: _Floats, loads: Loads) -> EquilibriumRows: ...
     def follow(self, command: _Floats, loads: Loads) -> EquilibriumRows: ...
     def settle_from(self, command: _Floats, loads: Loads, configuration: _Floats) -> EquilibriumRows: ...
+
 def settle_rows(
     robots: list[Robot],
     commands: _Floats,
@@ -225,6 +228,7 @@ class Calibration:
     def residual_rms(self) -> float: ...
     @property
     def steps(self) -> int: ...
+
 def calibrate(
     robot: Robot,
     unknowns: list[tuple[str, list[str]]],
@@ -252,6 +256,7 @@ class View:
     def position(self) -> _Floats: ...
     @property
     def quaternion(self) -> _Floats: ...
+
 def render(
     robot: Robot,
     configuration: _Floats,
@@ -339,6 +344,7 @@ class MovingRobot:
     def lengths(self) -> _Floats: ...
     @property
     def tensions(self) -> _Floats: ...
+
 def rollout_rows(
     robots: list[Robot],
     commands: _Floats,
@@ -384,6 +390,7 @@ class Dataset:
     def sizes(self, split: int) -> tuple[int, int, int]: ...
     def conditions(self, split: int) -> _Floats32: ...
     def read(self, split: int, start: int, stop: int, progress: _Progress = None) -> tuple[_Floats32, _Floats32, _Bytes]: ...
+
 def check_data(path: str, progress: _Progress = None) -> list[str]: ...
 def collect(robot: Robot, out: str, options: dict[str, Any], progress: _Progress = None) -> None: ...
 def merge(parts: list[str], out: str, progress: _Progress = None) -> None: ...
@@ -401,6 +408,7 @@ class Predictor:
         options: dict[str, Any],
         progress: _Progress = None,
     ) -> tuple[_Floats32, _Bytes | None, _Floats32 | None, NDArray[np.uint32]]: ...
+
 def train(
     source: tuple[Any, ...],
     out: str,
@@ -470,6 +478,7 @@ class Stream:
     def spec(self) -> str: ...
     def provenance(self) -> str: ...
     def next(self) -> tuple[_SampleArrays, _SampleArrays]: ...
+
 def presets() -> str: ...
 def train_settings(changes: str) -> str: ...
 def read_cloud_set(
