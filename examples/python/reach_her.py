@@ -3,7 +3,7 @@
     python examples/python/reach_her.py --out reach_her.zip
 
 The reward is 0 where the tip is within the tolerance of the target, and else -1. Hindsight tells the learner what its episodes
-would have been worth for the points that they did reach. Takes some minutes on two cores. The last line tells how often the
+would have been worth for the points that they did reach. Takes a minute or two. The last line tells how often the
 policy succeeds.
 """
 
@@ -11,12 +11,13 @@ import argparse
 
 import gymnasium
 import numpy as np
+import torch
 from stable_baselines3 import SAC, HerReplayBuffer
 
 import tdcr.envs  # noqa: F401
 from tdcr.envs.sb3 import Sb3VecEnv
 
-ARGUMENTS = {"observation": "tip", "episode_length": 30, "rate": 0.2, "tolerance": 0.01}
+ARGUMENTS = {"observation": "tip", "episode_length": 40, "tolerance": 0.02}
 
 
 def success(policy, episodes=100):
@@ -31,13 +32,15 @@ def success(policy, episodes=100):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=30_000, help="steps to train for, of all robots together")
+    parser.add_argument("--steps", type=int, default=12_000, help="steps to train for, of all robots together")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", help="file for the policy")
     parser.add_argument("--short", action="store_true", help="a tenth of the steps")
     options = parser.parse_args()
     steps = options.steps // 10 if options.short else options.steps
 
+    # Networks as small as these are not worth a second thread.
+    torch.set_num_threads(1)
     envs = Sb3VecEnv("tdcr/ReachGoal2m-v0", num_envs=8, **ARGUMENTS)
     model = SAC(
         "MultiInputPolicy",
@@ -47,9 +50,9 @@ def main():
         buffer_size=100_000,
         learning_starts=500,
         train_freq=1,
-        gradient_steps=4,
+        gradient_steps=8,
         batch_size=256,
-        gamma=0.9,
+        gamma=0.95,
         tau=0.02,
         learning_rate=1e-3,
         policy_kwargs={"net_arch": [64, 64]},

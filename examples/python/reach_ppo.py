@@ -2,7 +2,7 @@
 
     python examples/python/reach_ppo.py --out reach_ppo.zip
 
-Takes half a minute on two cores. `--dynamics` lets the robots move in time, `--randomise` gives each episode other tendons and
+Takes about a minute on two cores. `--dynamics` lets the robots move in time, `--randomise` gives each episode other tendons and
 another payload. The last line tells what the policy is worth beside random actions.
 """
 
@@ -10,6 +10,7 @@ import argparse
 
 import gymnasium
 import numpy as np
+import torch
 from stable_baselines3 import PPO
 
 import tdcr.envs  # noqa: F401
@@ -41,6 +42,8 @@ def main():
     arguments = {"dynamics": options.dynamics, "randomise": RANGES if options.randomise else {}}
     steps = options.steps // 10 if options.short else options.steps
 
+    # Networks as small as these are not worth a second thread.
+    torch.set_num_threads(1)
     envs = Sb3VecEnv("tdcr/Reach2m-v0", num_envs=64, **arguments)
     model = PPO(
         "MlpPolicy",

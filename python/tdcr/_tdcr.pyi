@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable
 from typing import Any, final
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +22,7 @@ __all__ = [
     "ShapeController",
     "ShapePath",
     "Steps",
+    "Stream",
     "View",
     "__version__",
     "calibrate",
@@ -38,14 +38,19 @@ __all__ = [
     "jvp_rows",
     "linearise",
     "merge",
+    "presets",
+    "read_cloud_set",
     "render",
     "rollout_rows",
     "rollout_vjp_rows",
     "save_ply",
     "set_threads",
     "settle_rows",
+    "start_noise",
     "threads",
     "train",
+    "train_settings",
+    "velocities",
     "vjp_rows",
 ]
 __version__: str
@@ -60,7 +65,6 @@ _Cloud = tuple[NDArray[np.float32], NDArray[np.uint8]]
 
 def set_threads(count: int) -> None:
     """Sets the number of threads that this process computes with, from 1 to 1024."""
-
 def threads() -> int:
     """Number of threads that this process computes with."""
 
@@ -128,7 +132,6 @@ class Settler:
     def settle(self, command: _Floats, loads: Loads) -> EquilibriumRows: ...
     def follow(self, command: _Floats, loads: Loads) -> EquilibriumRows: ...
     def settle_from(self, command: _Floats, loads: Loads, configuration: _Floats) -> EquilibriumRows: ...
-
 def settle_rows(
     robots: list[Robot],
     commands: _Floats,
@@ -222,7 +225,6 @@ class Calibration:
     def residual_rms(self) -> float: ...
     @property
     def steps(self) -> int: ...
-
 def calibrate(
     robot: Robot,
     unknowns: list[tuple[str, list[str]]],
@@ -250,7 +252,6 @@ class View:
     def position(self) -> _Floats: ...
     @property
     def quaternion(self) -> _Floats: ...
-
 def render(
     robot: Robot,
     configuration: _Floats,
@@ -338,7 +339,6 @@ class MovingRobot:
     def lengths(self) -> _Floats: ...
     @property
     def tensions(self) -> _Floats: ...
-
 def rollout_rows(
     robots: list[Robot],
     commands: _Floats,
@@ -384,7 +384,6 @@ class Dataset:
     def sizes(self, split: int) -> tuple[int, int, int]: ...
     def conditions(self, split: int) -> _Floats32: ...
     def read(self, split: int, start: int, stop: int, progress: _Progress = None) -> tuple[_Floats32, _Floats32, _Bytes]: ...
-
 def check_data(path: str, progress: _Progress = None) -> list[str]: ...
 def collect(robot: Robot, out: str, options: dict[str, Any], progress: _Progress = None) -> None: ...
 def merge(parts: list[str], out: str, progress: _Progress = None) -> None: ...
@@ -402,7 +401,6 @@ class Predictor:
         options: dict[str, Any],
         progress: _Progress = None,
     ) -> tuple[_Floats32, _Bytes | None, _Floats32 | None, NDArray[np.uint32]]: ...
-
 def train(
     source: tuple[Any, ...],
     out: str,
@@ -472,13 +470,11 @@ class Stream:
     def spec(self) -> str: ...
     def provenance(self) -> str: ...
     def next(self) -> tuple[_SampleArrays, _SampleArrays]: ...
-
 def presets() -> str: ...
 def train_settings(changes: str) -> str: ...
 def read_cloud_set(
     folder: str, split: str, normalisation: str | None, colors: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None, str]: ...
-def read_commands(folder: str, split: str) -> NDArray[np.float64]: ...
 def start_noise(prior_deviation: float, points: int, colors: bool, seed: int) -> NDArray[np.float32]: ...
 def velocities(
     model: str, points: NDArray[np.float32], times: NDArray[np.float32], conditions: NDArray[np.float32]

@@ -24,8 +24,8 @@ from tdcr.errors import MissingPackageError
 
 try:
     import gymnasium
-except ImportError:
-    raise MissingPackageError("the environments need Gymnasium: pip install 'tdcr[envs]'") from None
+except ImportError as error:
+    raise MissingPackageError("tdcr.envs needs Gymnasium, which is not installed: pip install tdcr[envs]") from error
 
 from tdcr.envs.environment import TendonRobotEnv, TendonRobotGoalEnv
 from tdcr.envs.tasks import TASKS, Task

@@ -41,7 +41,7 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         timestep: Time step in motion (s).
         episode_length: Steps of an episode.
         rate: Largest change of a command in one step, as a share of its range.
-        tolerance: Distance that counts as success (m); without, 3 % of the robot's length.
+        tolerance: Distance that counts as success (m); without, 5 % of the robot's length.
         points: Points of a cloud.
         render_mode: ``"rgb_array"`` or ``"depth_array"``; ``gymnasium.make`` makes a window of the first for ``"human"``.
         camera, width, height: Which of the robot's cameras pictures are of, and their size.

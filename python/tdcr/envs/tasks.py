@@ -20,7 +20,7 @@ Rngs = Sequence[np.random.Generator]
 Infos = dict[str, NDArray[Any]]
 """What is told besides, by name: one entry for each row."""
 
-_TOLERANCE = 0.03
+_TOLERANCE = 0.05
 """Distance that counts as success, in lengths of the robot, where none is given."""
 _PATHS = 100
 """Paths that are drawn until one settles."""

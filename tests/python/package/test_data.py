@@ -159,7 +159,7 @@ def test_a_collection_that_is_stopped_goes_on(dataset: tdcr.Dataset, folder: Pat
 def test_arguments_that_make_no_data_set_are_named(dataset: tdcr.Dataset, folder: Path) -> None:
     def refused(error: type[Exception], match: str, **arguments: Any) -> None:
         with pytest.raises(error, match=match):
-            tdcr.collect(**{"out": folder / "never", "samples": 20, "points": 400, **arguments})
+            tdcr.collect(**{"out": folder / "none", "samples": 20, "points": 400, **arguments})
 
     refused(InputError, "9 samples cannot be split 80/10/10", samples=9)
     refused(InputError, "points is 0; expected 1 to 10000000", points=0)
@@ -173,7 +173,7 @@ def test_arguments_that_make_no_data_set_are_named(dataset: tdcr.Dataset, folder
     refused(InputError, "seed is -1; expected 0 to", seed=-1)
     refused(RobotError, "4m", robot="4m")
     refused(DataError, "holds another data set: its `origin", out=dataset.path)
-    assert not (folder / "never").exists()
+    assert not (folder / "none").exists()
     with pytest.raises(DataError, match="there is no data set in"):
         tdcr.Dataset(folder / "nowhere")
     with pytest.raises(InputError, match="split 'all'; expected one of train, val, test"):

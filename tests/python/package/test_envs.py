@@ -98,7 +98,8 @@ class Rise(tdcr.envs.Task):
 
 def test_a_task_of_ones_own_is_a_class() -> None:
     env = tdcr.envs.TendonRobotEnv(Rise, power=2.0, render_mode="rgb_array")
-    check_env(env)
+    check_env(env, skip_render_check=True)
+    assert env.reset() and env.render().shape == (240, 320, 3)
     _, info = env.reset(seed=0)
     assert info.keys() == {"height", "simulation_failed"}
     _, reward, *_, info = env.step(np.zeros(6))
@@ -148,7 +149,7 @@ def test_a_step_leads_where_the_robot_settles_and_is_rewarded_by_the_distance() 
         assert np.abs(observation[layout["quaternions"]] - settled.quaternions.ravel()).max() < 1e-5
         distance = np.linalg.norm(settled.tip - goal)
         assert abs(info["distance"] - distance) < 1e-6 and abs(reward + distance / length) < 1e-5
-        assert info["is_success"] == (info["distance"] < 0.03 * length) and not terminated and not truncated
+        assert info["is_success"] == (info["distance"] < 0.05 * length) and not terminated and not truncated
 
 
 def test_goals_are_tips_of_settled_commands() -> None:

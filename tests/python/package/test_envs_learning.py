@@ -17,12 +17,17 @@ pytest.importorskip("stable_baselines3")
 EXAMPLES = Path(__file__).parents[3] / "examples" / "python"
 
 
-def test_ppo_reaches_points_far_better_than_random_actions() -> None:
+def test_ppo_reaches_points_far_better_than_random_actions(request: pytest.FixtureRequest) -> None:
     import gymnasium
+    import torch
     from stable_baselines3 import PPO
 
     from tdcr.envs.sb3 import Sb3VecEnv
 
+    # Networks as small as these are not worth a second thread.
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    request.addfinalizer(lambda: torch.set_num_threads(threads))
     began = time.monotonic()
     settings = {"n_steps": 32, "batch_size": 512, "gamma": 0.9, "gae_lambda": 0.9, "learning_rate": 1e-3}
     envs = Sb3VecEnv("tdcr/Reach2m-v0", num_envs=64)

@@ -1,0 +1,46 @@
+"""The wheel in an empty environment: README's quick start prints what it says."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+
+
+def test_readmes_quick_start_prints_what_it_says_in_an_empty_environment(tmp_path: Path) -> None:
+    wheels = sorted((ROOT / "target/wheels").glob("tdcr-*-abi3-*.whl"))
+    if not wheels:
+        pytest.skip("no wheel in target/wheels: `make wheel` builds one")
+    (wheel,) = wheels
+    venv.create(tmp_path / "venv", with_pip=True)
+    python = tmp_path / "venv/bin/python"
+    install = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", wheel]
+    subprocess.run(install, check=True, timeout=180.0)
+    (code,) = blocks("python")
+    (printed,) = blocks("text")
+    script = tmp_path / "start.py"
+    script.write_text(code)
+    found = subprocess.run([python, script], check=True, capture_output=True, text=True, timeout=60.0, cwd=tmp_path)
+    assert found.stdout == printed
+    # Optional packages are named where they are missing.
+    for module, package in (("torch", "PyTorch"), ("jax", "JAX"), ("envs", "gymnasium"), ("plot", "atplotlib")):
+        refused = subprocess.run([python, "-c", f"import tdcr.{module}"], capture_output=True, text=True, cwd=tmp_path)
+        assert refused.returncode == 1
+        assert "MissingPackageError" in refused.stderr and package.lower() in refused.stderr.lower()
+        assert f"pip install tdcr[{module}]" in refused.stderr.replace('"', "")
+
+
+def test_the_stub_is_that_of_the_module() -> None:
+    check = [sys.executable, "-m", "mypy.stubtest", "tdcr._tdcr"]
+    done = subprocess.run(check, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
