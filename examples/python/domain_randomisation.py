@@ -1,6 +1,6 @@
 """How far are robots off that are built like each other, but not quite? Tips of 2,000 variations of a robot.
 
-    pip install tdcr[plot]
+    pip install ".[plot]"
     python examples/python/domain_randomisation.py --out domain_randomisation
 
 Gains, densities, radii of the holes and the spacing of the discs are drawn from normal distributions; each row of a batch

@@ -1,6 +1,6 @@
 """From a simulated robot to a network that predicts its shape: collect, train, predict, score.
 
-    pip install tdcr[plot]
+    pip install ".[plot]"
     python examples/python/flow_model.py --out flow_model        # about 7 minutes on 2 cores
 
 The steps of `make demo`, in Python. Each can be interrupted: the same command goes on where it stopped.

@@ -1,6 +1,6 @@
 """How far does a payload bend the tip down? Deflections of the paper's three robots, over random commands.
 
-    pip install tdcr[plot]
+    pip install ".[plot]"
     python examples/python/payload_sweep.py --out payload_sweep
 
 Writes payload_sweep.png and payload_sweep.csv to the folder, and prints the table.

@@ -1,6 +1,6 @@
 """The command for a whole shape, by gradients: a robot is bent into an arc while it carries a payload.
 
-    pip install tdcr[torch,plot]
+    pip install ".[torch,plot]"
     python examples/python/shape_control.py --out shape_control
 
 `tdcr.torch.settle` is an operator of PyTorch: any cost of the discs' poses can be minimised by any optimiser, or be a layer
