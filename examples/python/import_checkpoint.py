@@ -1,6 +1,6 @@
 """Makes a model file of a PyTorch checkpoint in the format of the paper's authors.
 
-    pip install tdcr[torch]
+    pip install ".[torch]"
     python import_checkpoint.py last.pt --data SET --out model.safetensors
     tdcr predict --model model.safetensors --command ...
 

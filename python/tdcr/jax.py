@@ -1,6 +1,6 @@
 """Differentiable equilibria and motions in JAX: works under ``jit``, ``vmap`` and ``grad``, on the host.
 
-JAX is an optional dependency: ``pip install tdcr[jax]``. Results have the type of ``command``: for float64 set
+JAX is an optional dependency: ``pip install ".[jax]"``. Results have the type of ``command``: for float64 set
 ``jax.config.update("jax_enable_x64", True)``.
 """
 
@@ -21,7 +21,7 @@ try:
     import jax
     import jax.numpy as jnp
 except ImportError as error:
-    raise MissingPackageError("tdcr.jax needs JAX, which is not installed: pip install tdcr[jax]") from error
+    raise MissingPackageError("tdcr.jax needs JAX, which is not installed: pip install jax") from error
 
 
 def settle(

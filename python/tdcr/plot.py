@@ -7,7 +7,7 @@ that everything can be changed afterwards::
     ax = figure.add_subplot(projection="3d")
     tdcr.plot.robot(ax, robot, tdcr.settle(robot, command))
 
-Matplotlib is an optional dependency: ``pip install tdcr[plot]``.
+Matplotlib is an optional dependency: ``pip install ".[plot]"``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ try:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
     from mpl_toolkits.mplot3d.axes3d import Axes3D  # type: ignore[import-untyped]
 except ImportError as error:
-    raise MissingPackageError("tdcr.plot needs Matplotlib, which is not installed: pip install tdcr[plot]") from error
+    raise MissingPackageError("tdcr.plot needs Matplotlib, which is not installed: pip install matplotlib") from error
 
 Unit = Literal["m", "mm"]
 """Unit of the axes."""

@@ -41,7 +41,7 @@ def sweep(
         function: Of one condition. Both it and the conditions are sent to other processes, so they can be pickled.
         conditions: Any number; they are drawn as workers need them.
         engine: ``"processes"`` of this machine, or tasks of ``"ray"``: of the cluster that Ray is connected to, or of one that
-            it starts here. Ray is an optional dependency: ``pip install tdcr[ray]``.
+            it starts here. Ray is an optional dependency: ``pip install ".[ray]"``.
         workers: Number of conditions at a time; as many as there are processors for, where it is not given.
         cpus: Processors that each call uses.
         retries: How often a condition is tried again after the worker that had it died.
@@ -116,7 +116,7 @@ def _by_ray(
     try:
         import ray
     except ImportError as error:
-        raise MissingPackageError("engine 'ray' needs Ray, which is not installed: pip install tdcr[ray]") from error
+        raise MissingPackageError("engine 'ray' needs Ray, which is not installed: pip install ray") from error
     if not ray.is_initialized():
         ray.init(log_to_driver=False)
     workers = workers or max(1, int(ray.cluster_resources().get("CPU", 1)) // cpus)

@@ -25,7 +25,7 @@ from tdcr.errors import MissingPackageError
 try:
     import gymnasium
 except ImportError as error:
-    raise MissingPackageError("tdcr.envs needs Gymnasium, which is not installed: pip install tdcr[envs]") from error
+    raise MissingPackageError("tdcr.envs needs Gymnasium, which is not installed: pip install gymnasium") from error
 
 from tdcr.envs.environment import TendonRobotEnv, TendonRobotGoalEnv
 from tdcr.envs.tasks import TASKS, Task

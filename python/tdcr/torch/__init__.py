@@ -1,6 +1,6 @@
 """Training in PyTorch: the networks, data, sampler and trainer of `tdcr train`, on GPUs and on several of them.
 
-PyTorch is an optional dependency: ``pip install tdcr[torch]``. See the guide *Training in PyTorch*.
+PyTorch is an optional dependency: ``pip install ".[torch]"``. See the guide *Training in PyTorch*.
 """
 
 from tdcr.errors import MissingPackageError
@@ -8,7 +8,7 @@ from tdcr.errors import MissingPackageError
 try:
     import torch as _torch  # noqa: F401
 except ImportError as error:
-    raise MissingPackageError("tdcr.torch needs PyTorch, which is not installed: pip install tdcr[torch]") from error
+    raise MissingPackageError("tdcr.torch needs PyTorch, which is not installed: pip install torch safetensors") from error
 
 from tdcr.torch.data import CloudSet, SetSamples, StreamSamples
 from tdcr.torch.flow import FlowPath, Sampler, integrate, loss

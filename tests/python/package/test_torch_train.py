@@ -227,4 +227,4 @@ def test_the_package_itself_does_not_load_pytorch():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     missing = "import sys; sys.modules['torch'] = None\nimport tdcr.torch"
     done = subprocess.run([sys.executable, "-c", missing], capture_output=True, text=True, check=False)
-    assert "pip install tdcr[torch]" in done.stderr.splitlines()[-1]
+    assert "pip install torch safetensors" in done.stderr.splitlines()[-1]
