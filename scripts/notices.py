@@ -5,8 +5,8 @@ scripts/notices.py          writes the file again
 scripts/notices.py --check  fails where it is not what would be written
 
 The crates are those that `tdcr` and its Python module depend on in a build for Linux (x86-64), without those of tests and of
-build scripts, by Cargo.lock. Of licences that a crate leaves to choose from, MIT is chosen, else Apache-2.0, else the first. The texts
-are those in the crates' own packages; equal ones stand once.
+build scripts, by Cargo.lock. Of licences that a crate leaves to choose from, MIT is chosen, else Apache-2.0, else the first.
+The texts are those in the crates' own packages; equal ones stand once.
 """
 
 import json
@@ -21,7 +21,14 @@ PLATFORM = "x86_64-unknown-linux-gnu"
 
 PREFERRED = ["MIT", "Apache-2.0"]
 # What the file of a licence is called, where a package has several.
-FILE_OF = {"MIT": "mit", "Apache-2.0": "apache", "Zlib": "zlib", "BSD-2-Clause": "bsd", "BSD-3-Clause": "bsd", "Unicode-3.0": "unicode"}
+FILE_OF = {
+    "MIT": "mit",
+    "Apache-2.0": "apache",
+    "Zlib": "zlib",
+    "BSD-2-Clause": "bsd",
+    "BSD-3-Clause": "bsd",
+    "Unicode-3.0": "unicode",
+}
 
 
 def crates():
