@@ -1,7 +1,7 @@
 //! Commands for target shapes, and parameters from measured positions.
 
 use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray3};
 use pyo3::prelude::*;
 use tdcr::sim::inverse::calibration::{self, Finding, FitState, Observation, Unknown};
 use tdcr::sim::inverse::shape::{
@@ -13,7 +13,7 @@ use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
 use crate::robot::{Robot, parameters};
 use crate::run;
-use crate::statics::{EquilibriumRows, Numbers, Questions};
+use crate::statics::{EquilibriumRows, Numbers, Questions, RowsArgument};
 
 /// A target as it comes from Python: disc, "position", "direction" or "orientation", its numbers, lever (m), weight.
 type TargetTuple = (usize, String, Vec<f64>, f64, f64);
@@ -198,29 +198,17 @@ pub struct Calibration {
     steps: usize,
 }
 
-/// Fits unknowns to positions of discs, shape (rows, measured discs, 3); those that are not numbers were not measured.
+/// Fits unknowns of one robot to positions of discs, shape (rows, measured discs, 3); those that are not numbers were not measured.
 #[pyfunction]
-#[pyo3(signature = (robot, unknowns, commands, loads, payload, wrench, discs, positions))]
-#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn calibrate(
     py: Python<'_>,
-    robot: PyRef<'_, Robot>,
     unknowns: Vec<(String, Vec<String>)>,
-    commands: PyReadonlyArray2<'_, f64>,
-    loads: Vec<PyRef<'_, Loads>>,
-    payload: Option<PyReadonlyArray1<'_, f64>>,
-    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    rows: RowsArgument<'_>,
     discs: Vec<usize>,
     positions: PyReadonlyArray3<'_, f64>,
 ) -> Outcome<Calibration> {
-    let spec = robot.0.spec().clone();
-    let rows = Questions::new(
-        &[robot],
-        &commands,
-        &loads,
-        payload.as_ref(),
-        wrench.as_ref(),
-    )?;
+    let rows = Questions::new(&rows)?;
+    let spec = rows.one_robot()?.spec().clone();
     let unknowns: Vec<Unknown> = (unknowns.iter())
         .map(|(name, keys)| Ok(Unknown::shared(name, parameters(keys)?)))
         .collect::<Outcome<_>>()?;

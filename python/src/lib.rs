@@ -18,6 +18,7 @@
 //! | `metrics` | distances between clouds by rows |
 //! | `data` | data sets: read, made, put together |
 //! | `stream` | fresh samples, simulated as they are needed |
+//! | `exchange` | clouds of other programs |
 //! | `predictor` | `Predictor`: clouds by a trained model |
 //! | `scoring` | scores of predicted clouds |
 //! | `training` | training runs |
@@ -32,6 +33,7 @@ mod dynamics;
 mod dynamics_gradient;
 mod env;
 mod errors;
+mod exchange;
 mod inverse;
 mod loads;
 mod metrics;
@@ -63,6 +65,8 @@ mod _tdcr {
     use crate::dynamics_gradient::{RolloutGradientRows, linearise, rollout_vjp_rows};
     #[pymodule_export]
     use crate::env::BatchSimulation;
+    #[pymodule_export]
+    use crate::exchange::{export_clouds, import_clouds};
     #[pymodule_export]
     use crate::inverse::{Calibration, ShapeController, ShapePath, calibrate};
     #[pymodule_export]

@@ -4,7 +4,7 @@
 //! rotation vector `omega` in the world frame, with `dq = 1/2 (0, omega) q`.
 
 use nalgebra::{UnitQuaternion, Vector3};
-use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use tdcr::sim::pose::{PoseTangent, rotation_cotangent};
@@ -13,10 +13,9 @@ use tdcr::sim::sensitivity::Sensitivity;
 
 use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome};
-use crate::loads::Loads;
-use crate::robot::{Robot, parameters};
+use crate::robot::parameters;
 use crate::run;
-use crate::statics::Questions;
+use crate::statics::{Questions, RowsArgument};
 
 /// What becomes of rows without derivatives: not settled, or on the brink of instability.
 #[derive(Clone, Copy, PartialEq)]
@@ -85,25 +84,13 @@ fn by_rows(
 /// Jacobian of the disc poses by parameters for each row, shape (rows, 6 discs, parameters): for each disc the change of its
 /// origin (m) and its rotation vector (rad), world frame.
 #[pyfunction]
-#[pyo3(signature = (robots, commands, loads, payload, wrench, names, raises))]
-#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn jacobian_rows<'py>(
     py: Python<'py>,
-    robots: Vec<PyRef<'_, Robot>>,
-    commands: PyReadonlyArray2<'_, f64>,
-    loads: Vec<PyRef<'_, Loads>>,
-    payload: Option<PyReadonlyArray1<'_, f64>>,
-    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    rows: RowsArgument<'_>,
     names: Vec<String>,
     raises: bool,
 ) -> Outcome<Bound<'py, PyArray3<f64>>> {
-    let rows = Questions::new(
-        &robots,
-        &commands,
-        &loads,
-        payload.as_ref(),
-        wrench.as_ref(),
-    )?;
+    let rows = Questions::new(&rows)?;
     let names = parameters(&names)?;
     let (poses, width) = (6 * rows.discs, names.len());
     let jacobian = |_, sensitivity: &Sensitivity, _: &[_], out: &mut [f64]| -> Outcome<()> {
@@ -122,26 +109,14 @@ pub fn jacobian_rows<'py>(
 /// Change of the disc poses of each row, shape (rows, discs, 7), when its parameters change at `rates`, shape (rows,
 /// parameters): origins (m), then quaternions.
 #[pyfunction]
-#[pyo3(signature = (robots, commands, loads, payload, wrench, names, rates, raises))]
-#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn jvp_rows<'py>(
     py: Python<'py>,
-    robots: Vec<PyRef<'_, Robot>>,
-    commands: PyReadonlyArray2<'_, f64>,
-    loads: Vec<PyRef<'_, Loads>>,
-    payload: Option<PyReadonlyArray1<'_, f64>>,
-    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    rows: RowsArgument<'_>,
     names: Vec<String>,
     rates: PyReadonlyArray2<'_, f64>,
     raises: bool,
 ) -> Outcome<Bound<'py, PyArray3<f64>>> {
-    let rows = Questions::new(
-        &robots,
-        &commands,
-        &loads,
-        payload.as_ref(),
-        wrench.as_ref(),
-    )?;
+    let rows = Questions::new(&rows)?;
     let names = parameters(&names)?;
     let rates = contiguous(&rates, "rates", &[rows.rows(), names.len()])?.to_vec();
     let jvp =
@@ -170,26 +145,14 @@ pub fn jvp_rows<'py>(
 /// Derivative of a cost of each row by its parameters, shape (rows, parameters), from that by its disc poses, shape (rows,
 /// discs, 7): origins (1/m), then quaternions.
 #[pyfunction]
-#[pyo3(signature = (robots, commands, loads, payload, wrench, names, cotangents, raises))]
-#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn vjp_rows<'py>(
     py: Python<'py>,
-    robots: Vec<PyRef<'_, Robot>>,
-    commands: PyReadonlyArray2<'_, f64>,
-    loads: Vec<PyRef<'_, Loads>>,
-    payload: Option<PyReadonlyArray1<'_, f64>>,
-    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    rows: RowsArgument<'_>,
     names: Vec<String>,
     cotangents: PyReadonlyArray3<'_, f64>,
     raises: bool,
 ) -> Outcome<Bound<'py, PyArray2<f64>>> {
-    let rows = Questions::new(
-        &robots,
-        &commands,
-        &loads,
-        payload.as_ref(),
-        wrench.as_ref(),
-    )?;
+    let rows = Questions::new(&rows)?;
     let names = parameters(&names)?;
     let cotangents = contiguous(&cotangents, "cotangents", &[rows.rows(), rows.discs, 7])?;
     let cotangents = cotangents.as_chunks::<7>().0.to_vec();

@@ -13,6 +13,15 @@ use crate::loads::{LoadRows, Loads};
 use crate::robot::{Robot, of_rows};
 use crate::run;
 
+/// Rows as they come from Python: robots, commands (rows, tendons), loads, payloads (rows,) and wrenches (rows, discs, 6).
+pub type RowsArgument<'py> = (
+    Vec<PyRef<'py, Robot>>,
+    PyReadonlyArray2<'py, f64>,
+    Vec<PyRef<'py, Loads>>,
+    Option<PyReadonlyArray1<'py, f64>>,
+    Option<PyReadonlyArray3<'py, f64>>,
+);
+
 /// What each row is asked for: a robot, a command and loads.
 pub struct Questions {
     /// One for all rows, or one a row; all of as many discs and tendons.
@@ -25,18 +34,12 @@ pub struct Questions {
 
 impl Questions {
     /// Checks the rows of a batch.
-    pub fn new(
-        robots: &[PyRef<'_, Robot>],
-        commands: &PyReadonlyArray2<'_, f64>,
-        loads: &[PyRef<'_, Loads>],
-        payload: Option<&PyReadonlyArray1<'_, f64>>,
-        wrench: Option<&PyReadonlyArray3<'_, f64>>,
-    ) -> Outcome<Self> {
+    pub fn new((robots, commands, loads, payload, wrench): &RowsArgument<'_>) -> Outcome<Self> {
         let rows = numpy::PyUntypedArrayMethods::shape(&**commands)[0];
         let robots = of_rows(robots, rows)?;
         let (discs, tendons) = (robots[0].discs().len(), robots[0].tendons().len());
         let values = contiguous(commands, "commands", &[rows, tendons])?;
-        let rows_of_loads = LoadRows::new(loads, payload, wrench, rows, discs)?;
+        let rows_of_loads = LoadRows::new(loads, payload.as_ref(), wrench.as_ref(), rows, discs)?;
         let mut questions = Self {
             commands: Vec::with_capacity(rows),
             loads: Vec::with_capacity(rows),
@@ -72,6 +75,17 @@ impl Questions {
 
     pub fn robot(&self, row: usize) -> &tdcr::sim::robot::Robot {
         &self.robots[if self.robots.len() == 1 { 0 } else { row }]
+    }
+
+    /// The robot of all rows.
+    pub fn one_robot(&self) -> Outcome<&tdcr::sim::robot::Robot> {
+        match self.robots.as_slice() {
+            [robot] => Ok(robot),
+            several => {
+                let message = format!("{} robots; expected one for all rows", several.len());
+                Err(Failure::input(message))
+            }
+        }
     }
 
     /// A settler for a row, the one at hand where it is of the same robot.
@@ -220,23 +234,13 @@ impl Row<'_> {
 
 /// Settles each row from the straight pose, on all threads. `progress` is told how many more rows are done.
 #[pyfunction]
-#[pyo3(signature = (robots, commands, loads, payload=None, wrench=None, progress=None))]
+#[pyo3(signature = (rows, progress=None))]
 pub fn settle_rows(
     py: Python<'_>,
-    robots: Vec<PyRef<'_, Robot>>,
-    commands: PyReadonlyArray2<'_, f64>,
-    loads: Vec<PyRef<'_, Loads>>,
-    payload: Option<PyReadonlyArray1<'_, f64>>,
-    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    rows: RowsArgument<'_>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> Outcome<EquilibriumRows> {
-    let rows = Questions::new(
-        &robots,
-        &commands,
-        &loads,
-        payload.as_ref(),
-        wrench.as_ref(),
-    )?;
+    let rows = Questions::new(&rows)?;
     let mut numbers = Numbers::new(rows.rows(), rows.discs, rows.tendons);
     run::long(py, progress.as_ref(), |watch| {
         numbers.rows().par_iter_mut().enumerate().for_each_init(
@@ -255,31 +259,20 @@ pub fn settle_rows(
 
 /// Follows the branch of equilibria along rows of commands, each from the last one.
 #[pyfunction]
-#[pyo3(signature = (robot, commands, loads, payload=None, wrench=None, progress=None))]
+#[pyo3(signature = (rows, progress=None))]
 pub fn follow_rows(
     py: Python<'_>,
-    robot: PyRef<'_, Robot>,
-    commands: PyReadonlyArray2<'_, f64>,
-    loads: Vec<PyRef<'_, Loads>>,
-    payload: Option<PyReadonlyArray1<'_, f64>>,
-    wrench: Option<PyReadonlyArray3<'_, f64>>,
+    rows: RowsArgument<'_>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> Outcome<EquilibriumRows> {
-    let rows = Questions::new(
-        &[robot],
-        &commands,
-        &loads,
-        payload.as_ref(),
-        wrench.as_ref(),
-    )?;
+    let rows = Questions::new(&rows)?;
+    let mut settler = tdcr::sim::statics::Settler::new(rows.one_robot()?);
     let mut numbers = Numbers::new(rows.rows(), rows.discs, rows.tendons);
     run::long(py, progress.as_ref(), |watch| {
-        let mut settler = None;
         for (row, out) in numbers.rows().iter_mut().enumerate() {
             if watch.stopped() {
                 break;
             }
-            let settler = rows.settler(&mut settler, row);
             out.write(settler.follow(&rows.commands[row], &rows.loads[row]));
             watch.advance(1);
         }

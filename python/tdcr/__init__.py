@@ -12,7 +12,7 @@ Arrays may be of any library that NumPy understands. Errors are of the tree in :
 
 from tdcr import errors, inverse, metrics
 from tdcr._tdcr import __version__, set_threads, threads
-from tdcr.collecting import collect, merge
+from tdcr.collecting import collect, export_clouds, import_clouds, merge
 from tdcr.data import Dataset, Normalisation, Sample, Split
 from tdcr.dynamics import Motion, Motions, State, rollout, simulate
 from tdcr.dynamics_gradient import Linearisation, RolloutGradients, linearise, rollout_vjp
@@ -65,7 +65,9 @@ __all__ = [
     "distill",
     "errors",
     "evaluate",
+    "export_clouds",
     "follow",
+    "import_clouds",
     "inverse",
     "jacobian",
     "jvp",

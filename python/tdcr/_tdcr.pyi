@@ -34,7 +34,9 @@ __all__ = [
     "distill",
     "emd_rows",
     "evaluate",
+    "export_clouds",
     "follow_rows",
+    "import_clouds",
     "jacobian_rows",
     "jvp_rows",
     "linearise",
@@ -58,6 +60,8 @@ __version__: str
 _Floats = NDArray[np.float64]
 _Vector = tuple[float, float, float]
 _Progress = Callable[[int], object] | None
+# Robots, commands, loads, payloads, wrenches.
+_Rows = tuple[list[Robot], _Floats, list[Loads], _Floats | None, _Floats | None]
 _Profile = tuple[_Floats, _Floats, _Floats, _Floats, list[str]]
 _Account = tuple[float, float, float, float, int, int]
 _Target = tuple[int, str, list[float], float, float]
@@ -136,46 +140,26 @@ class Settler:
     def settle_from(self, command: _Floats, loads: Loads, configuration: _Floats) -> EquilibriumRows: ...
 
 def settle_rows(
-    robots: list[Robot],
-    commands: _Floats,
-    loads: list[Loads],
-    payload: _Floats | None = None,
-    wrench: _Floats | None = None,
+    rows: _Rows,
     progress: _Progress = None,
 ) -> EquilibriumRows: ...
 def follow_rows(
-    robot: Robot,
-    commands: _Floats,
-    loads: list[Loads],
-    payload: _Floats | None = None,
-    wrench: _Floats | None = None,
+    rows: _Rows,
     progress: _Progress = None,
 ) -> EquilibriumRows: ...
 def jacobian_rows(
-    robots: list[Robot],
-    commands: _Floats,
-    loads: list[Loads],
-    payload: _Floats | None,
-    wrench: _Floats | None,
+    rows: _Rows,
     names: list[str],
     raises: bool,
 ) -> _Floats: ...
 def jvp_rows(
-    robots: list[Robot],
-    commands: _Floats,
-    loads: list[Loads],
-    payload: _Floats | None,
-    wrench: _Floats | None,
+    rows: _Rows,
     names: list[str],
     rates: _Floats,
     raises: bool,
 ) -> _Floats: ...
 def vjp_rows(
-    robots: list[Robot],
-    commands: _Floats,
-    loads: list[Loads],
-    payload: _Floats | None,
-    wrench: _Floats | None,
+    rows: _Rows,
     names: list[str],
     cotangents: _Floats,
     raises: bool,
@@ -230,12 +214,8 @@ class Calibration:
     def steps(self) -> int: ...
 
 def calibrate(
-    robot: Robot,
     unknowns: list[tuple[str, list[str]]],
-    commands: _Floats,
-    loads: list[Loads],
-    payload: _Floats | None,
-    wrench: _Floats | None,
+    rows: _Rows,
     discs: list[int],
     positions: _Floats,
 ) -> Calibration: ...
@@ -488,3 +468,13 @@ def start_noise(prior_deviation: float, points: int, colors: bool, seed: int) ->
 def velocities(
     model: str, points: NDArray[np.float32], times: NDArray[np.float32], conditions: NDArray[np.float32]
 ) -> NDArray[np.float32]: ...
+def import_clouds(
+    folder: str,
+    out: str,
+    units: str,
+    points: int,
+    voxel: float | None,
+    split: str | None,
+    seed: int,
+) -> int: ...
+def export_clouds(path: str, format: str, out: str) -> int: ...

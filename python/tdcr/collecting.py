@@ -1,4 +1,4 @@
-"""Making data sets: all at once, or in parts on several machines."""
+"""Making data sets: all at once, in parts on several machines, or from clouds of other programs."""
 
 from __future__ import annotations
 
@@ -89,3 +89,49 @@ def merge(parts: Sequence[PathLike], out: PathLike, progress: Progress | None = 
         raise InputError(f"parts is {parts!r}; expected a list of folders")
     _tdcr.merge([os.fspath(part) for part in parts], os.fspath(out), progress=progress)
     return Dataset(out)
+
+
+def import_clouds(
+    folder: PathLike,
+    out: PathLike,
+    *,
+    units: Literal["m", "cm", "mm"] = "m",
+    points: int = 10_000,
+    voxel: float | None = None,
+    split: PathLike | None = None,
+    seed: int = 0,
+) -> Dataset:
+    """Makes a data set of clouds of other programs; as ``tdcr data import``.
+
+    Args:
+        folder: Clouds (``.ply``, ``.pcd``, ``.npy``, ``.npz``) and beside each a motor file ``{"ctrl": [...]}`` of its name.
+        out: Folder of the data set.
+        units: Unit of the clouds.
+        points: Points per cloud.
+        voxel: Edge of the voxels that thin the clouds (m); they are not thinned where it is not given.
+        split: A CSV file of lines ``NAME,SPLIT``; 80, 10 and 10 % by chance where it is not given.
+        seed: Seed of the points that are kept, and of the splits.
+
+    Raises:
+        DataError: For files that cannot be read; the message names the file and what is wrong with it.
+    """
+    _tdcr.import_clouds(
+        os.fspath(folder),
+        os.fspath(out),
+        units,
+        as_count(points, "points", 1, MOST),
+        None if voxel is None else as_number(voxel, "voxel"),
+        None if split is None else os.fspath(split),
+        as_seed(seed),
+    )
+    return Dataset(out)
+
+
+def export_clouds(dataset: Dataset | PathLike, out: PathLike, format: Literal["ply", "npz"] = "ply") -> int:
+    """Writes the clouds of a data set as files of their own, with their conditions beside them; as ``tdcr data export``.
+
+    Returns:
+        How many clouds.
+    """
+    path = dataset.path if isinstance(dataset, Dataset) else dataset
+    return _tdcr.export_clouds(os.fspath(path), format, os.fspath(out))

@@ -11,7 +11,7 @@ import numpy as np
 from tdcr import _tdcr
 from tdcr._arrays import Floats, as_array, as_count, as_float
 from tdcr.errors import InputError
-from tdcr.loads import NO_LOADS, LoadRows, Loads
+from tdcr.loads import NO_LOADS, Loads
 from tdcr.robot import Robot
 from tdcr.statics import Equilibria, Equilibrium, Rows
 
@@ -243,7 +243,7 @@ def calibrate(
         ParameterError: For a parameter that the robot does not have.
     """
     groups = dict(unknowns) if isinstance(unknowns, Mapping) else {name: [name] for name in unknowns}
-    rows = Rows.of(robot, commands, None, None, None)
+    rows = Rows.of(robot, commands, payload, wrench, loads)
     measured = np.ascontiguousarray(as_array(positions, "positions"), dtype=np.float64)
     count = measured.shape[1] if measured.ndim == 3 else -1
     if discs is None:
@@ -256,15 +256,10 @@ def calibrate(
     if measured.shape != (len(rows.commands), len(discs), 3):
         raise InputError(f"positions has shape {measured.shape}; expected {(len(rows.commands), len(discs), 3)}")
     chosen = [as_count(d + robot.discs if d < 0 else d, "disc", 0, robot.discs - 1) for d in discs]
-    of_rows = LoadRows.of(loads, payload, wrench, len(rows.commands), robot.discs)
     names = list(groups)
     fit = _tdcr.calibrate(
-        robot._native,
         [(name, list(group)) for name, group in groups.items()],
-        rows.commands,
-        of_rows.base,
-        of_rows.payload,
-        of_rows.wrench,
+        rows.argument(),
         chosen,
         measured,
     )

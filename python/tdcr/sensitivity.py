@@ -52,7 +52,7 @@ def jacobian(
     """
     rows = Rows.of(robot, commands, payload, wrench, loads)
     names = command_names(rows.commands.shape[1]) if parameters is None else list(parameters)
-    flat = _tdcr.jacobian_rows(*rows.arguments(), names, _raises(on_failure))
+    flat = _tdcr.jacobian_rows(rows.argument(), names, _raises(on_failure))
     by_disc = flat.reshape(len(flat), -1, 6, len(names))
     return by_disc[0] if np.ndim(commands) == 1 else by_disc
 
@@ -83,7 +83,7 @@ def jvp(
     shape = (len(rows.commands), len(names))
     rates = as_float(rates, "rates", shape[1:] if np.ndim(rates) == 1 else shape)
     rates = np.ascontiguousarray(np.broadcast_to(rates, shape))
-    change = _tdcr.jvp_rows(*rows.arguments(), names, rates, _raises(on_failure))
+    change = _tdcr.jvp_rows(rows.argument(), names, rates, _raises(on_failure))
     return change[..., :3], change[..., 3:]
 
 
@@ -116,7 +116,7 @@ def vjp(
     cotangents[..., :3] = as_float(by_positions, "by_positions", (*shape, 3))
     if by_quaternions is not None:
         cotangents[..., 3:] = as_float(by_quaternions, "by_quaternions", (*shape, 4))
-    return _tdcr.vjp_rows(*rows.arguments(), list(parameters), cotangents, _raises(on_failure))
+    return _tdcr.vjp_rows(rows.argument(), list(parameters), cotangents, _raises(on_failure))
 
 
 def command_names(tendons: int) -> list[str]:

@@ -164,7 +164,7 @@ def settle_batch(
         InputError: For shapes that do not fit.
     """
     rows = Rows.of(robot, commands, payload, wrench, loads)
-    return Equilibria._of(_tdcr.settle_rows(*rows.arguments(), progress=progress))
+    return Equilibria._of(_tdcr.settle_rows(rows.argument(), progress))
 
 
 def follow(
@@ -181,8 +181,7 @@ def follow(
     Arguments as of :func:`settle_batch`, with one robot.
     """
     rows = Rows.of(robot, commands, payload, wrench, loads)
-    (native,), commands, base, payload, wrench = rows.arguments()
-    return Equilibria._of(_tdcr.follow_rows(native, commands, base, payload, wrench, progress))
+    return Equilibria._of(_tdcr.follow_rows(rows.argument(), progress))
 
 
 class Settler:
@@ -240,7 +239,7 @@ class Rows:
         rows = LoadRows.of(loads, payload, wrench, len(commands), first.discs)
         return cls(robots, commands, rows)
 
-    def arguments(self) -> tuple[list[_tdcr.Robot], Floats, list[_tdcr.Loads], Floats | None, Floats | None]:
-        """The first arguments of the native functions."""
+    def argument(self) -> tuple[list[_tdcr.Robot], Floats, list[_tdcr.Loads], Floats | None, Floats | None]:
+        """The rows as the native functions take them."""
         loads = self.loads
         return [robot._native for robot in self.robots], self.commands, loads.base, loads.payload, loads.wrench

@@ -1,0 +1,50 @@
+//! Clouds of other programs: read into data sets, written out of them.
+
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use tdcr::learn::data::{self, DataSet, ExportFormat, ImportSettings, LengthUnit};
+
+use crate::data::choice;
+use crate::errors::Outcome;
+use crate::run;
+
+/// Makes a data set of a folder of clouds and motor files; returns how many clouds.
+#[pyfunction]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
+pub fn import_clouds(
+    py: Python<'_>,
+    folder: PathBuf,
+    out: PathBuf,
+    units: &str,
+    points: usize,
+    voxel: Option<f64>,
+    split: Option<PathBuf>,
+    seed: u64,
+) -> Outcome<usize> {
+    let known = [
+        ("m", LengthUnit::Metre),
+        ("cm", LengthUnit::Centimetre),
+        ("mm", LengthUnit::Millimetre),
+    ];
+    let settings = ImportSettings {
+        unit: choice("units", units, &known)?,
+        points,
+        voxel_size: voxel,
+        split,
+        seed,
+    };
+    Ok(run::long(py, None, |_| {
+        data::import(&folder, &out, &settings)
+    })??)
+}
+
+/// Writes the clouds of a data set as files of their own; returns how many.
+#[pyfunction]
+pub fn export_clouds(py: Python<'_>, path: PathBuf, format: &str, out: PathBuf) -> Outcome<usize> {
+    let known = [("ply", ExportFormat::Ply), ("npz", ExportFormat::Npz)];
+    let format = choice("format", format, &known)?;
+    Ok(run::long(py, None, |_| {
+        data::export(&DataSet::open(&path)?, format, &out)
+    })??)
+}
