@@ -60,8 +60,6 @@ __version__: str
 _Floats = NDArray[np.float64]
 _Vector = tuple[float, float, float]
 _Progress = Callable[[int], object] | None
-# Robots, commands, loads, payloads, wrenches.
-_Rows = tuple[list[Robot], _Floats, list[Loads], _Floats | None, _Floats | None]
 _Profile = tuple[_Floats, _Floats, _Floats, _Floats, list[str]]
 _Account = tuple[float, float, float, float, int, int]
 _Target = tuple[int, str, list[float], float, float]
@@ -110,6 +108,9 @@ class Loads:
         wrenches: list[tuple[int, _Vector, _Vector, bool]],
         line: _Vector,
     ) -> Loads: ...
+
+# Robots, commands, loads, payloads, wrenches.
+_Rows = tuple[list[Robot], _Floats, list[Loads], _Floats | None, _Floats | None]
 
 @final
 class EquilibriumRows:
