@@ -130,6 +130,8 @@ def import_clouds(
 def export_clouds(dataset: Dataset | PathLike, out: PathLike, format: Literal["ply", "npz"] = "ply") -> int:
     """Writes the clouds of a data set as files of their own, with their conditions beside them; as ``tdcr data export``.
 
+    Each split has a folder of its own in ``out``.
+
     Returns:
         How many clouds.
     """
