@@ -30,7 +30,8 @@ def cost(command: torch.Tensor, payload: torch.Tensor, wrench: torch.Tensor, sha
     values = shares * torch.from_numpy(SCALES)
     positions, quaternions = functions.settle(ROBOT, command, payload, wrench, parameters=NAMES, values=values)
     weights = torch.linspace(-1.0, 1.0, 30, dtype=torch.float64).reshape(10, 3)
-    return (positions * weights).sum(dim=(-2, -1)) + 0.1 * (quaternions**2 * weights[:, :1]).sum(dim=(-2, -1))
+    turns = torch.linspace(-1.0, 1.0, 40, dtype=torch.float64).reshape(10, 4)
+    return (positions * weights).sum(dim=(-2, -1)) + 0.1 * (quaternions * turns).sum(dim=(-2, -1))
 
 
 def test_gradients_are_those_of_finite_differences_in_a_batch_and_singly() -> None:
@@ -118,7 +119,8 @@ def test_jax_has_the_same_gradients_under_jit_and_vmap() -> None:
         settled = tdcr.jax.settle(ROBOT, command, payload, wrench, parameters=NAMES, values=shares * SCALES)
         positions, quaternions = settled
         weights = np.linspace(-1.0, 1.0, 30).reshape(10, 3)
-        return (positions * weights).sum((-2, -1)) + 0.1 * (quaternions**2 * weights[:, :1]).sum((-2, -1))
+        turns = np.linspace(-1.0, 1.0, 40).reshape(10, 4)
+        return (positions * weights).sum((-2, -1)) + 0.1 * (quaternions * turns).sum((-2, -1))
 
     inputs = tensors()
     arrays = tuple(tensor.detach().numpy() for tensor in inputs)

@@ -26,8 +26,8 @@ def arrays() -> tuple[np.ndarray, ...]:
     return commands, settled.configuration, velocity, np.array([0.01, 0.02]), wrench, np.ones(3)
 
 
-def weights() -> np.ndarray:
-    return np.linspace(-1.0, 1.0, 30).reshape(10, 3)
+def weights(width: int) -> np.ndarray:
+    return np.linspace(-1.0, 1.0, 10 * width).reshape(10, width)
 
 
 def cost(*arguments: torch.Tensor) -> torch.Tensor:
@@ -35,8 +35,8 @@ def cost(*arguments: torch.Tensor) -> torch.Tensor:
     values = shares * torch.from_numpy(SCALES)
     settings = {"parameters": NAMES, "values": values, "frame_skip": 2}
     positions, quaternions, rates = functions.rollout(ROBOT, *inputs, **settings)
-    w = torch.from_numpy(weights())
-    return (positions * w + 1e-3 * rates * w).sum((-3, -2, -1)) + 0.1 * (quaternions**2 * w[:, :1]).sum((-3, -2, -1))
+    w, turns = (torch.from_numpy(weights(width)) for width in (3, 4))
+    return (positions * w + 1e-3 * rates * w).sum((-3, -2, -1)) + 0.1 * (quaternions * turns).sum((-3, -2, -1))
 
 
 def tensors() -> tuple[torch.Tensor, ...]:
@@ -88,8 +88,8 @@ def test_jax_has_the_same_gradients_under_jit_and_vmap() -> None:
         *inputs, shares = arguments
         states = tdcr.jax.rollout(ROBOT, *inputs, parameters=NAMES, values=shares * SCALES, frame_skip=2)
         positions, quaternions, rates = states
-        w = weights()
-        return (positions * w + 1e-3 * rates * w).sum() + 0.1 * (quaternions**2 * w[:, :1]).sum()
+        w, turns = weights(3), weights(4)
+        return (positions * w + 1e-3 * rates * w).sum() + 0.1 * (quaternions * turns).sum()
 
     inputs = arrays()
     batched = jax.jit(jax.vmap(of_row, in_axes=(0, 0, 0, 0, 0, None)))
