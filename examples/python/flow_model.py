@@ -1,7 +1,7 @@
 """From a simulated robot to a network that predicts its shape: collect, train, predict, score.
 
     pip install ".[plot]"
-    python examples/python/flow_model.py --out flow_model        # about 7 minutes on 2 cores
+    python examples/python/flow_model.py --out flow_model        # about as long as make demo
 
 The steps of `make demo`, in Python. Each can be interrupted: the same command goes on where it stopped.
 

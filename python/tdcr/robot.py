@@ -12,6 +12,7 @@ import numpy as np
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, as_count, as_number
+from tdcr._files import write_whole
 from tdcr.errors import InputError, RobotError
 
 
@@ -131,13 +132,16 @@ class Robot:
         return self._native.to_urdf()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the robot to a file, in the format of its extension: ``.toml``, ``.json``, ``.xml`` (MJCF) or ``.urdf``."""
+        """Writes the robot to a file, in the format of its extension: ``.toml``, ``.json``, ``.xml`` (MJCF) or ``.urdf``.
+
+        A file that is there already is replaced, by the whole new one or not at all.
+        """
         path = Path(path)
         writers = {".toml": self.to_toml, ".json": self.to_json, ".xml": self.to_mjcf, ".urdf": self.to_urdf}
         writer = writers.get(path.suffix)
         if writer is None:
             raise InputError(f"cannot write a robot to {path}; expected a name that ends in {', '.join(writers)}")
-        path.write_text(writer(), encoding="utf-8")
+        write_whole(path, writer().encode())
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Robot):

@@ -14,9 +14,9 @@ import torch
 from torch import Tensor, nn
 
 from tdcr import _tdcr
+from tdcr._files import write_whole
 from tdcr.data import Dataset
 from tdcr.errors import InputError, TrainError
-from tdcr.torch.files import write_whole
 from tdcr.torch.flow import FlowPath, Sampler, integrate
 from tdcr.torch.networks import CHANNELS, Shape, channels_of, from_file, network, to_file
 from tdcr.torch.settings import Settings

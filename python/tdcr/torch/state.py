@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from tdcr._files import write_whole
 from tdcr.errors import TrainError
-from tdcr.torch.files import write_whole
 from tdcr.torch.schedule import learning_rate_at
 from tdcr.torch.settings import Settings
 

@@ -36,6 +36,21 @@ def test_a_robot_comes_from_a_name_a_file_a_dictionary_and_other_tools(robot: td
     assert np.abs(expected.positions - found.positions).max() < 1e-9
 
 
+def test_a_robot_file_is_replaced_whole_or_stays(robot: tdcr.Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "robot.toml"
+    robot.save(path)
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space left on device"):
+        tdcr.Robot("3m").save(path)
+    assert tdcr.Robot(path) == robot and [file.name for file in tmp_path.iterdir()] == ["robot.toml"]
+    with pytest.raises(InputError, match=r"cannot write a robot to .*robot.yaml; expected a name that ends in .toml, .json"):
+        robot.save(tmp_path / "robot.yaml")
+
+
 def test_robots_pickle_compare_hash_and_print(robot: tdcr.Robot) -> None:
     stiffer = robot.with_values({"gain[0]": 2.0 * robot.value("gain[0]")})
     assert stiffer != robot
