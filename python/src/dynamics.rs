@@ -5,7 +5,7 @@ use numpy::{PyArray1, PyArray3, PyArray4, PyReadonlyArray1, PyReadonlyArray2, Py
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use tdcr::sim::chain::Configuration;
-use tdcr::sim::dynamics::{DynamicsError, Integrator, State};
+use tdcr::sim::dynamics::{DynamicsError, State};
 use tdcr::sim::robot::Command;
 use tdcr::sim::simulation::{Simulation, SimulationError};
 
@@ -14,62 +14,11 @@ use crate::errors::{Failure, Outcome};
 use crate::loads::{LoadRows, Loads};
 use crate::robot::{Robot, of_rows};
 use crate::run::{self, Watch};
+use crate::steps::Steps;
 
 type SimRobot = tdcr::sim::robot::Robot;
 type SimLoads = tdcr::sim::robot::Loads;
 type SimMovingRobot = tdcr::sim::simulation::MovingRobot;
-
-/// The integrators, by their names on the command line.
-const INTEGRATORS: [(&str, Integrator); 3] = [
-    ("semi-implicit-euler", Integrator::SemiImplicitEuler),
-    ("runge-kutta4", Integrator::RungeKutta4),
-    ("implicit-euler", Integrator::ImplicitEuler),
-];
-
-fn integrator(name: &str) -> Outcome<Integrator> {
-    let found = INTEGRATORS.iter().find(|(known, _)| *known == name);
-    found.map(|(_, integrator)| *integrator).ok_or_else(|| {
-        let known = INTEGRATORS.map(|(known, _)| known).join(", ");
-        Failure::input(format!("integrator is {name:?}; expected one of {known}"))
-    })
-}
-
-/// How rows of motions are computed, the same for all.
-#[pyclass(frozen, module = "tdcr._tdcr")]
-#[derive(Clone, Copy)]
-pub struct Steps {
-    pub timestep: f64,
-    pub integrator: Integrator,
-    /// Time steps for each command.
-    pub skip: usize,
-}
-
-#[pymethods]
-impl Steps {
-    #[new]
-    fn new(timestep: f64, integrator: &str, skip: usize) -> Outcome<Self> {
-        if skip == 0 {
-            return Err(Failure::input("frame_skip is 0; expected at least 1"));
-        }
-        Ok(Self {
-            timestep,
-            integrator: self::integrator(integrator)?,
-            skip,
-        })
-    }
-}
-
-impl Steps {
-    /// Refuses steps that have no adjoint.
-    pub fn check_differentiable(self) -> Outcome<()> {
-        let (differentiable, name) = (INTEGRATORS[0].1, INTEGRATORS[0].0);
-        if self.integrator == differentiable {
-            return Ok(());
-        }
-        let message = format!("gradients are of steps by another integrator; expected {name}");
-        Err(Failure::input(message))
-    }
-}
 
 /// Where each row starts.
 enum Starts {

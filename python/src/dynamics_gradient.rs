@@ -15,11 +15,12 @@ use tdcr::sim::robot::Parameter;
 use tdcr::sim::simulation::{MovingRobot, Simulation, SimulationError};
 
 use crate::arrays::{array, contiguous};
-use crate::dynamics::{Motions, Start, Steps, command_of, diverged, parts, state};
+use crate::dynamics::{Motions, Start, command_of, diverged, parts, state};
 use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
 use crate::robot::{Robot, parameters};
 use crate::run::{self, Watch};
+use crate::steps::Steps;
 
 /// Derivatives of a cost by the states after each command of all rows, as they come from Python: positions (rows, commands,
 /// discs, 3), quaternions (rows, commands, discs, 4), velocities (rows, commands, discs, 3).

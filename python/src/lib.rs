@@ -10,6 +10,7 @@
 //! | `statics` | equilibria, one or by rows |
 //! | `sensitivity` | their derivatives by rows |
 //! | `dynamics` | motions by rows |
+//! | `steps` | how motions are computed |
 //! | `dynamics_gradient` | gradients of motions by rows; linearised steps |
 //! | `moving_robot` | one robot in motion, step by step |
 //! | `tendon_friction` | paths with friction in the holes |
@@ -45,6 +46,7 @@ mod scoring;
 mod sensitivity;
 mod stage;
 mod statics;
+mod steps;
 mod stream;
 mod tendon_friction;
 mod torch;
@@ -60,7 +62,7 @@ mod _tdcr {
     #[pymodule_export]
     use crate::data::{Dataset, check_data, collect, merge};
     #[pymodule_export]
-    use crate::dynamics::{MotionRows, Steps, rollout_rows};
+    use crate::dynamics::{MotionRows, rollout_rows};
     #[pymodule_export]
     use crate::dynamics_gradient::{RolloutGradientRows, linearise, rollout_vjp_rows};
     #[pymodule_export]
@@ -87,6 +89,8 @@ mod _tdcr {
     use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
     #[pymodule_export]
     use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_rows};
+    #[pymodule_export]
+    use crate::steps::Steps;
     #[pymodule_export]
     use crate::stream::Stream;
     #[pymodule_export]

@@ -6,10 +6,11 @@ use pyo3::prelude::*;
 use tdcr::sim::simulation::Simulation;
 
 use crate::arrays::{array, write_points, write_quaternions};
-use crate::dynamics::{Steps, command_of, state};
+use crate::dynamics::{command_of, state};
 use crate::errors::Outcome;
 use crate::loads::Loads;
 use crate::robot::Robot;
+use crate::steps::Steps;
 
 /// One robot in motion.
 #[pyclass(module = "tdcr._tdcr")]
