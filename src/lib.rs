@@ -1,7 +1,7 @@
 //! Tendon-driven continuum robots: simulate, see, learn, predict, evaluate.
 //!
 //! The library behind the `tdcr` command line. [`sim`] settles robots and sees them with virtual
-//! RGB-D cameras; [`learn`] turns clouds into a shape predictor; [`pipeline`] joins the two into
+//! RGB-D cameras; [`hw`] drives servos and RGB-D cameras, real or simulated; [`learn`] turns clouds into a shape predictor; [`pipeline`] joins the two into
 //! stages that resume where they were interrupted; [`report`] shows the result.
 //!
 //! ```
@@ -28,5 +28,6 @@
 pub mod pipeline;
 pub mod report;
 
+pub use tdcr_hw as hw;
 pub use tdcr_learn as learn;
 pub use tdcr_sim as sim;
