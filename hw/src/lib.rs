@@ -20,4 +20,5 @@
 pub mod camera;
 pub mod clock;
 pub mod servo;
+pub mod simulated;
 pub mod transport;
