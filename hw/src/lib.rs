@@ -19,5 +19,8 @@
 
 pub mod camera;
 pub mod clock;
+pub mod dynamixel;
+pub mod rig;
 pub mod servo;
+pub mod simulated;
 pub mod transport;
