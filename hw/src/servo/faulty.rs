@@ -8,8 +8,9 @@ use rand_chacha::ChaCha8Rng;
 
 use super::forward::for_those;
 use super::{
-    CurrentGoals, Identity, Modes, OperatingMode, PerServo, Ping, PositionGoals, Present,
-    PresentState, Reboot, ServoError, ServoId, Ticks, Torque, TorqueSwitch, Watchdog,
+    CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
+    Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
+    Watchdog, WatchdogState,
 };
 
 /// How often calls fail, for each servo on its own.
@@ -163,7 +164,9 @@ impl<B: CurrentGoals> CurrentGoals for Faulty<B> {
     fn set_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()> {
         self.call(goals, |&(id, _)| id, B::set_goal_currents)
     }
+}
 
+impl<B: CurrentLimits> CurrentLimits for Faulty<B> {
     fn set_current_limits(&mut self, limits: &[(ServoId, f64)]) -> PerServo<()> {
         self.call(limits, |&(id, _)| id, B::set_current_limits)
     }
@@ -179,7 +182,19 @@ impl<B: PresentState> PresentState for Faulty<B> {
     }
 }
 
-impl<B: Reboot> Reboot for Faulty<B> {
+impl<B: Health> Health for Faulty<B> {
+    fn temperatures(&mut self, ids: &[ServoId]) -> PerServo<f64> {
+        self.call(ids, |&id| id, B::temperatures)
+    }
+
+    fn voltages(&mut self, ids: &[ServoId]) -> PerServo<f64> {
+        self.call(ids, |&id| id, B::voltages)
+    }
+
+    fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors> {
+        self.call(ids, |&id| id, B::hardware_errors)
+    }
+
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {
         self.call_one(id, |bus| bus.reboot(id))
     }
@@ -188,5 +203,9 @@ impl<B: Reboot> Reboot for Faulty<B> {
 impl<B: Watchdog> Watchdog for Faulty<B> {
     fn set_watchdog(&mut self, ids: &[ServoId], timeout: Option<Duration>) -> PerServo<()> {
         self.call(ids, |&id| id, |bus, ids| bus.set_watchdog(ids, timeout))
+    }
+
+    fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState> {
+        self.call(ids, |&id| id, B::watchdog)
     }
 }

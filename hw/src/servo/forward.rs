@@ -1,8 +1,9 @@
 //! Traits of a bus whose work another bus does: boxes, references, and what a decorator leaves as it is.
 
 use super::{
-    CurrentGoals, Identity, Modes, OperatingMode, PerServo, Ping, PositionGoals, Present,
-    PresentState, Reboot, ServoError, ServoId, Ticks, Torque, TorqueSwitch, Watchdog,
+    CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
+    Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
+    Watchdog, WatchdogState,
 };
 
 /// Implements traits by calling another bus.
@@ -50,6 +51,12 @@ macro_rules! forward {
         impl<$($generics)*> CurrentGoals for $type where B: CurrentGoals {
             forward!(@ $this, $bus,
                 fn set_goal_currents(goals: &[(ServoId, f64)]) -> PerServo<()>;
+            );
+        }
+    };
+    ([$($generics:tt)*] CurrentLimits for $type:ty, |$this:ident| $bus:expr) => {
+        impl<$($generics)*> CurrentLimits for $type where B: CurrentLimits {
+            forward!(@ $this, $bus,
                 fn set_current_limits(limits: &[(ServoId, f64)]) -> PerServo<()>;
                 fn current_limits(ids: &[ServoId]) -> PerServo<f64>;
             );
@@ -60,15 +67,21 @@ macro_rules! forward {
             forward!(@ $this, $bus, fn present(ids: &[ServoId]) -> PerServo<Present>;);
         }
     };
-    ([$($generics:tt)*] Reboot for $type:ty, |$this:ident| $bus:expr) => {
-        impl<$($generics)*> Reboot for $type where B: Reboot {
-            forward!(@ $this, $bus, fn reboot(id: ServoId) -> Result<(), ServoError>;);
+    ([$($generics:tt)*] Health for $type:ty, |$this:ident| $bus:expr) => {
+        impl<$($generics)*> Health for $type where B: Health {
+            forward!(@ $this, $bus,
+                fn temperatures(ids: &[ServoId]) -> PerServo<f64>;
+                fn voltages(ids: &[ServoId]) -> PerServo<f64>;
+                fn hardware_errors(ids: &[ServoId]) -> PerServo<HardwareErrors>;
+                fn reboot(id: ServoId) -> Result<(), ServoError>;
+            );
         }
     };
     ([$($generics:tt)*] Watchdog for $type:ty, |$this:ident| $bus:expr) => {
         impl<$($generics)*> Watchdog for $type where B: Watchdog {
             forward!(@ $this, $bus,
                 fn set_watchdog(ids: &[ServoId], timeout: Option<std::time::Duration>) -> PerServo<()>;
+                fn watchdog(ids: &[ServoId]) -> PerServo<WatchdogState>;
             );
         }
     };
@@ -81,9 +94,9 @@ macro_rules! forward {
 }
 pub(super) use forward;
 
-forward!([B: ?Sized] Ping, TorqueSwitch, Modes, PositionGoals, CurrentGoals, PresentState, Reboot, Watchdog for Box<B>,
+forward!([B: ?Sized] Ping, TorqueSwitch, Modes, PositionGoals, CurrentGoals, CurrentLimits, PresentState, Health, Watchdog for Box<B>,
     |this| **this);
-forward!([B: ?Sized] Ping, TorqueSwitch, Modes, PositionGoals, CurrentGoals, PresentState, Reboot, Watchdog for &mut B,
+forward!([B: ?Sized] Ping, TorqueSwitch, Modes, PositionGoals, CurrentGoals, CurrentLimits, PresentState, Health, Watchdog for &mut B,
     |this| **this);
 
 /// Hands a part of `servos` to `call`, in order, and puts its results beside those that the others have already.

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use super::forward::{for_those, forward};
 use super::{
-    CurrentGoals, Identity, Modes, OperatingMode, PerServo, Ping, PositionGoals, Present,
-    PresentState, Reboot, ServoError, ServoId, Ticks, Torque, TorqueSwitch, Watchdog,
+    CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
+    Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
+    Watchdog, WatchdogState,
 };
 
 /// What a servo may be told.
@@ -167,7 +168,9 @@ impl<B: CurrentGoals> CurrentGoals for Limited<B> {
             |admitted| bus.set_goal_currents(admitted),
         )
     }
+}
 
+impl<B: CurrentLimits> CurrentLimits for Limited<B> {
     fn set_current_limits(&mut self, currents: &[(ServoId, f64)]) -> PerServo<()> {
         let Self { bus, limits, .. } = self;
         for_those(
@@ -182,7 +185,19 @@ impl<B: CurrentGoals> CurrentGoals for Limited<B> {
     }
 }
 
-impl<B: Reboot> Reboot for Limited<B> {
+impl<B: Health> Health for Limited<B> {
+    fn temperatures(&mut self, ids: &[ServoId]) -> PerServo<f64> {
+        self.bus.temperatures(ids)
+    }
+
+    fn voltages(&mut self, ids: &[ServoId]) -> PerServo<f64> {
+        self.bus.voltages(ids)
+    }
+
+    fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors> {
+        self.bus.hardware_errors(ids)
+    }
+
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {
         self.goals.remove(&id);
         self.bus.reboot(id)

@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use super::forward::forward;
 use super::{
-    CurrentGoals, Identity, Modes, OperatingMode, PerServo, Ping, PositionGoals, Present,
-    PresentState, Reboot, ServoError, ServoId, Ticks, Torque, TorqueSwitch, Watchdog,
+    CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
+    Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
+    Watchdog, WatchdogState,
 };
 use crate::clock::Clock;
 
@@ -95,7 +96,9 @@ impl<B: CurrentGoals, S: FnMut(Duration, Record<'_>)> CurrentGoals for Logged<B,
         (self.sink)(self.clock.now(), Record::GoalCurrents(goals, &results));
         results
     }
+}
 
+impl<B: CurrentLimits, S: FnMut(Duration, Record<'_>)> CurrentLimits for Logged<B, S> {
     fn set_current_limits(&mut self, limits: &[(ServoId, f64)]) -> PerServo<()> {
         let results = self.bus.set_current_limits(limits);
         (self.sink)(self.clock.now(), Record::CurrentLimits(limits, &results));
@@ -115,7 +118,19 @@ impl<B: PresentState, S: FnMut(Duration, Record<'_>)> PresentState for Logged<B,
     }
 }
 
-impl<B: Reboot, S: FnMut(Duration, Record<'_>)> Reboot for Logged<B, S> {
+impl<B: Health, S: FnMut(Duration, Record<'_>)> Health for Logged<B, S> {
+    fn temperatures(&mut self, ids: &[ServoId]) -> PerServo<f64> {
+        self.bus.temperatures(ids)
+    }
+
+    fn voltages(&mut self, ids: &[ServoId]) -> PerServo<f64> {
+        self.bus.voltages(ids)
+    }
+
+    fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors> {
+        self.bus.hardware_errors(ids)
+    }
+
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {
         let result = self.bus.reboot(id);
         (self.sink)(self.clock.now(), Record::Reboot(id, &result));
@@ -128,5 +143,9 @@ impl<B: Watchdog, S: FnMut(Duration, Record<'_>)> Watchdog for Logged<B, S> {
         let results = self.bus.set_watchdog(ids, timeout);
         (self.sink)(self.clock.now(), Record::Watchdog(ids, timeout, &results));
         results
+    }
+
+    fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState> {
+        self.bus.watchdog(ids)
     }
 }

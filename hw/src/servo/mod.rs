@@ -5,7 +5,6 @@
 
 mod faulty;
 mod forward;
-mod homed;
 mod limited;
 mod logged;
 
@@ -16,7 +15,6 @@ use std::time::Duration;
 use thiserror::Error;
 
 pub use faulty::{Faulty, Odds};
-pub use homed::Homed;
 pub use limited::{Limited, Limits};
 pub use logged::{Logged, Record};
 
@@ -149,7 +147,7 @@ pub enum WatchdogState {
     Tripped,
 }
 
-/// What a servo does and how it fares at a moment.
+/// What a servo does at a moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Present {
     /// Angle.
@@ -158,15 +156,7 @@ pub struct Present {
     pub velocity: f64,
     /// Current of the motor (A), of the sign of its torque.
     pub current: f64,
-    /// Supply voltage (V).
-    pub voltage: f64,
-    /// Temperature inside (degrees Celsius).
-    pub temperature: f64,
-    /// Whether the motor is driven. A servo switches itself off where one of its errors demands it.
-    pub torque: Torque,
-    /// Its watchdog.
-    pub watchdog: WatchdogState,
-    /// Faults that it reports.
+    /// Faults that it reports. It switches its motor off for those that its shutdown setting names.
     pub errors: HardwareErrors,
 }
 
@@ -269,14 +259,6 @@ pub enum ServoError {
         /// Which one.
         id: ServoId,
     },
-    /// Nobody knows how many turns it has made.
-    #[error(
-        "servo {id} is not homed: nobody knows how many turns it has made since its power came on"
-    )]
-    NotHomed {
-        /// Which one.
-        id: ServoId,
-    },
     /// The number that it calls its model is none that is known.
     #[error("servo {id} is of model {model}, which is not supported")]
     UnknownModel {
@@ -325,7 +307,17 @@ pub trait Ping {
     ///
     /// # Errors
     /// [`ServoError::Line`].
-    fn scan(&mut self) -> Result<Vec<(ServoId, Identity)>, ServoError>;
+    fn scan(&mut self) -> Result<Vec<(ServoId, Identity)>, ServoError> {
+        let mut found = Vec::new();
+        for id in (0..=ServoId::MAX).filter_map(ServoId::new) {
+            match self.ping(id) {
+                Ok(identity) => found.push((id, identity)),
+                Err(error @ ServoError::Line { .. }) => return Err(error),
+                Err(_) => {}
+            }
+        }
+        Ok(found)
+    }
 }
 
 /// Switches motors on and off.
@@ -360,7 +352,10 @@ pub trait CurrentGoals {
     /// Sends goal currents (A), to all at once. `Ok` says that they were sent. In
     /// [`CurrentBasedPosition`](OperatingMode::CurrentBasedPosition) mode they bound the tension.
     fn set_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()>;
+}
 
+/// Bounds currents for good.
+pub trait CurrentLimits {
     /// Sets the currents (A) that servos never exceed, whatever the computer does. They are kept without power; motors must be
     /// off.
     fn set_current_limits(&mut self, limits: &[(ServoId, f64)]) -> PerServo<()>;
@@ -375,8 +370,17 @@ pub trait PresentState {
     fn present(&mut self, ids: &[ServoId]) -> PerServo<Present>;
 }
 
-/// Restarts servos.
-pub trait Reboot {
+/// Reads how servos fare.
+pub trait Health {
+    /// Temperatures inside (degrees Celsius).
+    fn temperatures(&mut self, ids: &[ServoId]) -> PerServo<f64>;
+
+    /// Supply voltages (V).
+    fn voltages(&mut self, ids: &[ServoId]) -> PerServo<f64>;
+
+    /// Faults that they report.
+    fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors>;
+
     /// Restarts a servo, which clears its faults and forgets its turns. Only for who asks for it.
     ///
     /// # Errors
@@ -389,11 +393,23 @@ pub trait Watchdog {
     /// Servos stop where they hear nothing for this long (to the next 20 ms, 2.54 s at most); `None` for never. Either way a
     /// watchdog that has tripped is reset first.
     fn set_watchdog(&mut self, ids: &[ServoId], timeout: Option<Duration>) -> PerServo<()>;
+
+    /// What the watchdogs do.
+    fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState>;
 }
 
 /// A bus whose servos can do all of it.
 pub trait ServoBus:
-    Ping + TorqueSwitch + Modes + PositionGoals + CurrentGoals + PresentState + Reboot + Watchdog + Send
+    Ping
+    + TorqueSwitch
+    + Modes
+    + PositionGoals
+    + CurrentGoals
+    + CurrentLimits
+    + PresentState
+    + Health
+    + Watchdog
+    + Send
 {
 }
 
@@ -403,8 +419,9 @@ impl<B> ServoBus for B where
         + Modes
         + PositionGoals
         + CurrentGoals
+        + CurrentLimits
         + PresentState
-        + Reboot
+        + Health
         + Watchdog
         + Send
         + ?Sized
