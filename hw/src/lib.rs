@@ -21,4 +21,5 @@ pub mod camera;
 pub mod clock;
 pub mod dynamixel;
 pub mod servo;
+pub mod simulated;
 pub mod transport;
