@@ -1,4 +1,4 @@
-//! A robot behind servos, in memory, down to the bytes on the line.
+//! Devices in memory: a robot behind servos, down to the bytes on the line, and [cameras](camera) that see it.
 //!
 //! A [`Simulator`] holds a robot of [`tdcr_sim`], the spools and tendons that pull it, the servos that turn the spools, and the
 //! line that these listen to. It speaks the device's side of Protocol 2.0 with the whole control table, so that a driver cannot
@@ -41,6 +41,7 @@
 //! are of the right size, not measured.
 
 mod bus;
+pub mod camera;
 mod device;
 mod fault;
 mod motor;
@@ -68,6 +69,7 @@ use thiserror::Error;
 use crate::clock::Clock;
 use crate::dynamixel::{BAUD_RATES, Model};
 use crate::servo::{ServoId, Ticks};
+use camera::Subject;
 use device::Device;
 use plant::Plant;
 use wire::Wire;
@@ -275,14 +277,6 @@ impl Simulator {
         }
     }
 
-    /// What cameras see at `time` of the clock, or now where that has not come yet.
-    pub fn scene_at(&self, time: Duration) -> Scene {
-        let mut world = self.world();
-        world.advance(time.min(self.clock.now()));
-        world.plant.refresh();
-        world.plant.scene()
-    }
-
     /// Lets something go wrong now.
     pub fn inject(&self, fault: Fault) {
         let at = self.clock.now();
@@ -326,5 +320,16 @@ impl Simulator {
     fn world(&self) -> MutexGuard<'_, World> {
         // A panic elsewhere leaves the world at some time before; there is no state that would be wrong.
         self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Cameras see the robot as it was at a time, but not before it was last asked about: it does not go back.
+impl Subject for Simulator {
+    fn scene_at(&mut self, time: Duration) -> Scene {
+        let now = self.clock.now();
+        let mut world = self.world();
+        world.advance(time.min(now));
+        world.plant.refresh();
+        world.plant.scene()
     }
 }
