@@ -19,5 +19,6 @@
 
 pub mod camera;
 pub mod clock;
+pub mod extrinsics;
 pub mod servo;
 pub mod transport;
