@@ -1,5 +1,7 @@
 //! Pictures of boards as cameras see them, for tests and simulated rigs.
 
+use std::ops::Range;
+
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rand::Rng;
 use rand_distr::{Distribution, Normal};
@@ -43,27 +45,40 @@ pub fn picture(
     rng: &mut impl Rng,
 ) -> GreyImage {
     let [width, height] = [camera.intrinsics.width, camera.intrinsics.height];
+    let [columns, rows] = frame_of(board, placed, camera, exposure.margin);
     // Where the rays through the corners of pixels meet the board's plane.
     let to_board = placed.inverse() * camera.pose;
     let meet = |column: u32, row: u32| {
         let ray = camera.ray(f64::from(column) - 0.5, f64::from(row) - 0.5);
         on_plane(&to_board, &ray)
     };
-    let met: Vec<Option<Point2<f64>>> = (0..=height)
+    let greys: Vec<f64> = (0..height)
         .into_par_iter()
-        .flat_map_iter(|row| (0..=width).map(move |column| meet(column, row)))
-        .collect();
-    let greys: Vec<f64> = (0..width as usize * height as usize)
-        .into_par_iter()
-        .map(|pixel| {
-            let (column, row) = (pixel % width as usize, pixel / width as usize);
-            let first = row * (width as usize + 1) + column;
-            let below = first + width as usize + 1;
-            mean_grey(
-                board,
-                exposure,
-                [met[first], met[first + 1], met[below], met[below + 1]],
-            )
+        .flat_map_iter(|row| {
+            let shown = if rows.contains(&row) {
+                columns.clone()
+            } else {
+                0..0
+            };
+            let met = |row: u32| -> Vec<Option<Point2<f64>>> {
+                let corners = shown.start..shown.end + u32::from(!shown.is_empty());
+                corners.map(|column| meet(column, row)).collect()
+            };
+            let (above, below) = (met(row), met(row + 1));
+            (0..width).map(move |column| {
+                let Some(k) = column
+                    .checked_sub(shown.start)
+                    .filter(|_| column < shown.end)
+                else {
+                    return f64::from(exposure.greys[2]);
+                };
+                let k = k as usize;
+                mean_grey(
+                    board,
+                    exposure,
+                    [above[k], above[k + 1], below[k], below[k + 1]],
+                )
+            })
         })
         .collect();
     // A noise that is no number is none.
@@ -74,6 +89,42 @@ pub fn picture(
     });
     let pixels = pixels.collect();
     GreyImage::new([width, height], pixels).expect("a grey for each pixel")
+}
+
+/// Columns and rows outside which a picture shows no paper.
+fn frame_of(
+    board: &Board,
+    placed: &Isometry3<f64>,
+    camera: &Camera,
+    margin: f64,
+) -> [Range<u32>; 2] {
+    const STEPS: u32 = 50;
+    let sides = [camera.intrinsics.width, camera.intrinsics.height];
+    let margin = margin * board.spec().square;
+    let [width, height] = board.size();
+    let mut seen = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+    for step in 0..=STEPS {
+        let along = |side: f64| f64::from(step) / f64::from(STEPS) * (side + 2.0 * margin) - margin;
+        let (x, y) = (along(width), along(height));
+        for at in [
+            [x, -margin],
+            [x, height + margin],
+            [-margin, y],
+            [width + margin, y],
+        ] {
+            let Some((u, v, _)) = camera.project(&(placed * Point3::new(at[0], at[1], 0.0))) else {
+                return sides.map(|side| 0..side);
+            };
+            for (range, at) in seen.iter_mut().zip([u, v]) {
+                *range = [range[0].min(at), range[1].max(at)];
+            }
+        }
+    }
+    // Between steps a curved edge is a little farther out. `as` saturates at 0.
+    std::array::from_fn(|axis| {
+        let end = |pixel: f64| (pixel as u32).min(sides[axis]);
+        end(seen[axis][0] - 3.0)..end(seen[axis][1] + 4.0)
+    })
 }
 
 /// Where a ray (camera frame) meets the plane z = 0 of the board's frame; `None` behind the camera, or where the board is seen

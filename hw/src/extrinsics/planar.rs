@@ -7,8 +7,8 @@
 //! poses are tried.
 
 use nalgebra::{
-    DMatrix, Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2,
-    Vector3,
+    DMatrix, Isometry3, Matrix2, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion,
+    Vector2, Vector3,
 };
 use rand::SeedableRng;
 use rand::seq::index::sample;
@@ -23,6 +23,8 @@ const SAMPLES: usize = 60;
 const NEAR: f64 = 4.0;
 /// A second pose whose reprojection errors are at most so many times the first's may be the true one.
 const CLEARLY_WORSE: f64 = 2.0;
+/// Points are on a line that spread across it by less than this share of their spread along it: a board seen at half a degree.
+const FLAT: f64 = 0.01;
 /// Reprojection errors below this are all the same (pixels).
 const NOISE: f64 = 0.05;
 
@@ -165,16 +167,25 @@ fn homography(plane: &[Point2<f64>], seen: &[Vector2<f64>]) -> Option<Matrix3<f6
     Some(to.try_inverse()? * h * from)
 }
 
-/// The similarity that moves points to mean 0 and mean distance √2; `None` where they are all one.
+/// The similarity that moves points to mean 0 and mean distance √2; `None` where they are (almost) on a line.
 fn normalising(points: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     let count = points.len() as f64;
     let mean = points.iter().sum::<Vector2<f64>>() / count;
     let spread = points.iter().map(|p| (p - mean).norm()).sum::<f64>() / count;
+    let about = |p: &Vector2<f64>| (p - mean) * (p - mean).transpose();
+    let widths = points
+        .iter()
+        .map(about)
+        .sum::<Matrix2<f64>>()
+        .symmetric_eigenvalues();
+    if !(widths.min() > FLAT.powi(2) * widths.max()) {
+        return None;
+    }
     let scale = 2f64.sqrt() / spread;
-    scale.is_finite().then(|| {
-        let shift = -mean * scale;
-        Matrix3::new(scale, 0.0, shift.x, 0.0, scale, shift.y, 0.0, 0.0, 1.0)
-    })
+    let shift = -mean * scale;
+    Some(Matrix3::new(
+        scale, 0.0, shift.x, 0.0, scale, shift.y, 0.0, 0.0, 1.0,
+    ))
 }
 
 /// The pose of a plane of which `h` is the image in normalised coordinates: its columns are, up to a factor, the plane's x and y
