@@ -19,5 +19,6 @@
 
 pub mod camera;
 pub mod clock;
+pub mod log;
 pub mod servo;
 pub mod transport;
