@@ -20,6 +20,7 @@
 pub mod camera;
 pub mod clock;
 pub mod dynamixel;
+pub mod log;
 pub mod rig;
 pub mod extrinsics;
 pub mod servo;
