@@ -19,6 +19,9 @@
 
 pub mod camera;
 pub mod clock;
+pub mod dynamixel;
+pub mod plan;
 pub mod rig;
 pub mod servo;
+pub mod simulated;
 pub mod transport;

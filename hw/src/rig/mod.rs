@@ -28,7 +28,7 @@ pub use file::{
     ServoLink, ServosSpec, TendonMode,
 };
 pub use homing::HomingReport;
-pub use settings::{CommandSettings, MotionSettings, Release, SafetySettings};
+pub use settings::{MotionSettings, Release, SafetySettings};
 pub use spool::Spool;
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
 pub use winch::{Winch, WinchState};
