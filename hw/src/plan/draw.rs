@@ -135,7 +135,7 @@ mod tests {
         for module in &mut spec.modules {
             module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(0.6)));
             let tendons = module.tendons.as_mut().unwrap();
-            tendons.drive = Drive::Gain(5e3);
+            tendons.drive = Drive::Gain(2e4);
             tendons.pull = Pull::TensionOnly;
             tendons.range = [0.0, 0.3];
         }

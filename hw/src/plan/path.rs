@@ -149,7 +149,11 @@ impl Planner {
         (1..=steps)
             .map(|k| {
                 let part = k as f64 / steps as f64;
-                let command = self.command(&from.toward(to, part))?;
+                let command = match k == steps {
+                    // As it was drawn, to the last bit.
+                    true => ends[1].clone(),
+                    false => self.command(&from.toward(to, part))?,
+                };
                 if k % between == 0 || k == steps {
                     self.check(&command, part)?;
                 }
