@@ -21,4 +21,6 @@ pub use instruction::{
     Answers, Backup, Instruction, InstructionError, Reset, bulk_read_rows, bulk_write_rows,
     sync_rows,
 };
-pub use status::{ErrorByte, Fault, Status};
+pub use status::{ErrorByte, Status};
+
+pub use crate::servo::Fault;
