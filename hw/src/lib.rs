@@ -18,6 +18,7 @@
 //! SI units; positions of servos in ticks ([`Ticks`](servo::Ticks)), temperatures in degrees Celsius.
 
 pub mod camera;
+pub mod capture;
 pub mod clock;
 pub mod dynamixel;
 pub mod plan;
