@@ -21,6 +21,7 @@ pub mod camera;
 pub mod clock;
 pub mod dynamixel;
 pub mod rig;
+pub mod serial;
 pub mod servo;
 pub mod simulated;
 pub mod transport;
