@@ -22,6 +22,7 @@ pub mod clock;
 pub mod dynamixel;
 pub mod log;
 pub mod rig;
+pub mod serial;
 pub mod servo;
 pub mod simulated;
 pub mod transport;

@@ -89,7 +89,9 @@ pub enum Cause {
         now: Ticks,
     },
     /// A servo's motor is off that should be on.
-    #[error("the motor of servo {id} went off by itself: it restarted, shut down, or its watchdog ended it")]
+    #[error(
+        "the motor of servo {id} went off by itself: it restarted, shut down, or its watchdog ended it"
+    )]
     Off {
         /// Which one.
         id: ServoId,
@@ -156,7 +158,10 @@ impl fmt::Display for Released {
         }
         write!(f, "{} motors were switched off", self.off.len())?;
         for (id, error) in &self.unknown {
-            write!(f, "; servo {id} did not confirm ({error}), so its own watchdog is to stop it")?;
+            write!(
+                f,
+                "; servo {id} did not confirm ({error}), so its own watchdog is to stop it"
+            )?;
         }
         Ok(())
     }
@@ -168,9 +173,16 @@ fn names(errors: &HardwareErrors) -> String {
         (errors.input_voltage, "a supply voltage out of range"),
         (errors.overheating, "overheating"),
         (errors.encoder, "a failing encoder"),
-        (errors.electrical_shock, "an electrical shock, or too little power"),
+        (
+            errors.electrical_shock,
+            "an electrical shock, or too little power",
+        ),
         (errors.overload, "overload"),
     ];
-    let names: Vec<&str> = named.iter().filter(|(on, _)| *on).map(|(_, name)| *name).collect();
+    let names: Vec<&str> = named
+        .iter()
+        .filter(|(on, _)| *on)
+        .map(|(_, name)| *name)
+        .collect();
     names.join(" and ")
 }

@@ -297,7 +297,10 @@ impl RigFile {
         let servos = &self.spec.servos;
         if servos.ids.len() != tendons {
             let found = format!("{} ids", servos.ids.len());
-            let expected = format!("{tendons}, one for each tendon of robot `{}`", self.robot.name);
+            let expected = format!(
+                "{tendons}, one for each tendon of robot `{}`",
+                self.robot.name
+            );
             return Err(RigError::field("servos.ids", found, expected));
         }
         for (k, &id) in servos.ids.iter().enumerate() {
@@ -342,12 +345,21 @@ impl RigFile {
                 &|x| x.is_finite() && *x >= 0.0,
                 "a tension of 0 or more (N)",
             ),
-            ("current_limit", &servos.current_limit, &positive, "a current above 0 (A)"),
+            (
+                "current_limit",
+                &servos.current_limit,
+                &positive,
+                "a current above 0 (A)",
+            ),
         ] {
             one_or_each(name, list.len())?;
             for (k, value) in list.iter().enumerate() {
                 if !fits(value) {
-                    return Err(RigError::field(format!("servos.{name}[{k}]"), value, expected));
+                    return Err(RigError::field(
+                        format!("servos.{name}[{k}]"),
+                        value,
+                        expected,
+                    ));
                 }
             }
         }
@@ -363,11 +375,16 @@ impl RigFile {
             if camera.serial.is_empty() || self.spec.cameras[..k].iter().any(same) {
                 let expected = "a serial number, no one twice";
                 let found = format!("{:?}", camera.serial);
-                return Err(RigError::field(format!("cameras[{k}].serial"), found, expected));
+                return Err(RigError::field(
+                    format!("cameras[{k}].serial"),
+                    found,
+                    expected,
+                ));
             }
             let sees_plant = self.spec.servos.link == ServoLink::Simulated;
             if camera.link == CameraLink::Simulated && !sees_plant {
-                let expected = "\"simulated\" only where the servos are: it sees the robot behind them";
+                let expected =
+                    "\"simulated\" only where the servos are: it sees the robot behind them";
                 let field = format!("cameras[{k}].link");
                 return Err(RigError::field(field, "\"simulated\"", expected));
             }

@@ -104,10 +104,16 @@ impl Rig {
         }
         // A watchdog that has bitten holds its goals until it is set anew.
         all(self.bus.set_watchdog(ids, None))?;
-        let limits = self.winches.iter().map(|winch| (winch.id, winch.current_limit));
+        let limits = self
+            .winches
+            .iter()
+            .map(|winch| (winch.id, winch.current_limit));
         all(self.bus.set_goal_currents(&limits.collect::<Vec<_>>()))?;
         let present = all(self.bus.present(ids))?;
-        let hold = ids.iter().zip(&present).map(|(&id, present)| (id, present.position));
+        let hold = ids
+            .iter()
+            .zip(&present)
+            .map(|(&id, present)| (id, present.position));
         let hold: Vec<_> = hold.collect();
         all(self.bus.set_goal_positions(&hold))?;
         let watchdog = Duration::from_secs_f64(safety.watchdog);
@@ -116,7 +122,9 @@ impl Rig {
         // Some forget the goal when they are switched on.
         all(self.bus.set_goal_positions(&hold))?;
         let servos = self.winches.iter().zip(homes).zip(present);
-        Ok(servos.map(|((winch, &home), present)| winch.state(home, present)).collect())
+        Ok(servos
+            .map(|((winch, &home), present)| winch.state(home, present))
+            .collect())
     }
 
     /// Sends a command's goals, waits until the next are due, and looks at what the servos do: their states, those of servos
@@ -137,7 +145,9 @@ impl Rig {
     pub fn goals(&self, command: &Command) -> Result<Vec<Ticks>, RigError> {
         let command = self.robot.command(command.as_slice())?;
         let winches = self.winches.iter().zip(command.as_slice());
-        winches.map(|(winch, &command)| winch.goal(command)).collect()
+        winches
+            .map(|(winch, &command)| winch.goal(command))
+            .collect()
     }
 
     /// The same for goals from home, which are within their limits.
@@ -151,7 +161,12 @@ impl Rig {
             .map(|((&id, goal), home)| (id, Ticks(goal.0.saturating_add(home.0))))
             .collect();
         // A goal that one servo missed is sent again with the next; that it is lost, reading tells.
-        for error in self.bus.set_goal_positions(&counts).into_iter().filter_map(Result::err) {
+        for error in self
+            .bus
+            .set_goal_positions(&counts)
+            .into_iter()
+            .filter_map(Result::err)
+        {
             tracing::debug!("{error}");
         }
         self.poll()
@@ -241,7 +256,11 @@ impl Rig {
             return None;
         };
         let winches = self.winches.iter().zip(&engaged.goals);
-        Some(winches.map(|(winch, &goal)| winch.spool.command(goal)).collect())
+        Some(
+            winches
+                .map(|(winch, &goal)| winch.spool.command(goal))
+                .collect(),
+        )
     }
 
     /// Where the servos were at the last look; `None` where the motors are off.
@@ -285,7 +304,9 @@ impl Rig {
         let steps = steps.fold(0.0, f64::max).ceil() as usize;
         for left in (0..steps).rev() {
             let part = left as f64 / steps as f64;
-            let goals = from.iter().map(|ticks| Ticks((part * ticks).round() as i32));
+            let goals = from
+                .iter()
+                .map(|ticks| Ticks((part * ticks).round() as i32));
             self.step_to(&goals.collect::<Vec<_>>())?;
         }
         Ok(())
@@ -312,7 +333,12 @@ impl Rig {
             }
         }
         // A servo whose motor is off needs no watchdog, and one that has bitten would hold the next goals.
-        for error in self.bus.set_watchdog(&released.off, None).into_iter().filter_map(Result::err) {
+        for error in self
+            .bus
+            .set_watchdog(&released.off, None)
+            .into_iter()
+            .filter_map(Result::err)
+        {
             tracing::debug!("{error}");
         }
         released

@@ -160,7 +160,11 @@ impl SafetySettings {
         )?;
         if self.pause_above >= self.temperature {
             let expected = "below safety.temperature, where the motion ends";
-            return Err(RigError::field("safety.pause_above", self.pause_above, expected));
+            return Err(RigError::field(
+                "safety.pause_above",
+                self.pause_above,
+                expected,
+            ));
         }
         above("safety.lag", f64::from(self.lag), 0.0)?;
         within("safety.lost_after", self.lost_after as f64, [1.0, 100.0])
@@ -171,7 +175,11 @@ fn above(field: &str, value: f64, least: f64) -> Result<(), RigError> {
     if value.is_finite() && value > least {
         return Ok(());
     }
-    Err(RigError::field(field, value, format!("a number above {least}")))
+    Err(RigError::field(
+        field,
+        value,
+        format!("a number above {least}"),
+    ))
 }
 
 fn within(field: &str, value: f64, [low, high]: [f64; 2]) -> Result<(), RigError> {
@@ -185,5 +193,9 @@ fn range(field: &str, [low, high]: [f64; 2]) -> Result<(), RigError> {
     if low.is_finite() && high.is_finite() && low <= high {
         return Ok(());
     }
-    Err(RigError::field(field, format!("{low} to {high}"), "the smaller first"))
+    Err(RigError::field(
+        field,
+        format!("{low} to {high}"),
+        "the smaller first",
+    ))
 }

@@ -94,7 +94,9 @@ impl Watch {
                 });
             }
             let [low, high] = winch.limits;
-            if position.0 < low.saturating_sub(OVERSHOOT) || position.0 > high.saturating_add(OVERSHOOT) {
+            if position.0 < low.saturating_sub(OVERSHOOT)
+                || position.0 > high.saturating_add(OVERSHOOT)
+            {
                 return Err(Cause::Beyond {
                     id,
                     position,
