@@ -21,6 +21,7 @@ pub mod camera;
 pub mod clock;
 pub mod dynamixel;
 pub mod log;
+pub mod recorded;
 pub mod rig;
 pub mod serial;
 pub mod servo;
