@@ -75,18 +75,15 @@ impl<B> Faulty<B> {
             chance,
             unplugged,
         } = self;
-        let results = for_those(
-            servos,
-            |servo| {
-                let id = id(servo);
-                if chance.random::<f64>() < odds.lost || unplugged.contains(&id) {
-                    let waited = Duration::ZERO;
-                    return Err(ServoError::NoAnswer { id, waited });
-                }
-                Ok(*servo)
-            },
-            |reached| call(bus, reached),
-        );
+        let verdicts = servos.iter().map(|&servo| {
+            let id = id(&servo);
+            if chance.random::<f64>() < odds.lost || unplugged.contains(&id) {
+                let waited = Duration::ZERO;
+                return Err(ServoError::NoAnswer { id, waited });
+            }
+            Ok(servo)
+        });
+        let results = for_those(verdicts, |reached| call(bus, reached));
         let answers = servos.iter().zip(results);
         answers
             .map(|(servo, result)| {

@@ -99,25 +99,34 @@ forward!([B: ?Sized] Ping, TorqueSwitch, Modes, PositionGoals, CurrentGoals, Cur
 forward!([B: ?Sized] Ping, TorqueSwitch, Modes, PositionGoals, CurrentGoals, CurrentLimits, PresentState, Health, Watchdog for &mut B,
     |this| **this);
 
-/// Hands a part of `servos` to `call`, in order, and puts its results beside those that the others have already.
-pub(super) fn for_those<I: Copy, T>(
-    servos: &[I],
-    admit: impl FnMut(&I) -> Result<I, ServoError>,
+/// Hands what there are verdicts for and no errors to `call`, in order, and puts its results beside the errors.
+pub(crate) fn for_those<I, T>(
+    verdicts: impl IntoIterator<Item = Result<I, ServoError>>,
     call: impl FnOnce(&[I]) -> PerServo<T>,
 ) -> PerServo<T> {
-    let verdicts: Vec<Result<I, ServoError>> = servos.iter().map(admit).collect();
-    let admitted: Vec<I> = verdicts.iter().flatten().copied().collect();
-    let mut results = if admitted.is_empty() {
-        Vec::new().into_iter()
+    let mut admitted = Vec::new();
+    let refused: Vec<Option<ServoError>> = verdicts
+        .into_iter()
+        .map(|verdict| match verdict {
+            Ok(servo) => {
+                admitted.push(servo);
+                None
+            }
+            Err(error) => Some(error),
+        })
+        .collect();
+    let results = if admitted.is_empty() {
+        Vec::new()
     } else {
-        call(&admitted).into_iter()
+        call(&admitted)
     };
-    verdicts
+    let mut results = results.into_iter();
+    refused
         .into_iter()
         // A bus gives one result for each servo; were one missing, the list would end early.
-        .map_while(|verdict| match verdict {
-            Ok(_) => results.next(),
-            Err(error) => Some(Err(error)),
+        .map_while(|refused| match refused {
+            None => results.next(),
+            Some(error) => Some(Err(error)),
         })
         .collect()
 }

@@ -135,17 +135,14 @@ impl<B: PositionGoals + PresentState> PositionGoals for Limited<B> {
             goals: last,
             ..
         } = self;
-        let results = for_those(
-            goals,
-            |&(id, goal)| {
-                let limits = limits.get(&id).ok_or(ServoError::Unknown { id })?;
-                match last.get(&id) {
-                    Some(&from) => limits.admit(id, from, goal).map(|()| (id, goal)),
-                    None => Err(unread.remove(&id).unwrap_or(ServoError::Unknown { id })),
-                }
-            },
-            |admitted| bus.set_goal_positions(admitted),
-        );
+        let verdicts = goals.iter().map(|&(id, goal)| {
+            let limits = limits.get(&id).ok_or(ServoError::Unknown { id })?;
+            match last.get(&id) {
+                Some(&from) => limits.admit(id, from, goal).map(|()| (id, goal)),
+                None => Err(unread.remove(&id).unwrap_or(ServoError::Unknown { id })),
+            }
+        });
+        let results = for_those(verdicts, |admitted| bus.set_goal_positions(admitted));
         for (&(id, goal), result) in goals.iter().zip(&results) {
             if result.is_ok() {
                 last.insert(id, goal);
@@ -162,22 +159,18 @@ impl<B: PositionGoals + PresentState> PositionGoals for Limited<B> {
 impl<B: CurrentGoals> CurrentGoals for Limited<B> {
     fn set_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()> {
         let Self { bus, limits, .. } = self;
-        for_those(
-            goals,
-            |goal| admit_current(limits, goal),
-            |admitted| bus.set_goal_currents(admitted),
-        )
+        let verdicts = goals.iter().map(|goal| admit_current(limits, goal));
+        for_those(verdicts, |admitted| bus.set_goal_currents(admitted))
     }
 }
 
 impl<B: CurrentLimits> CurrentLimits for Limited<B> {
     fn set_current_limits(&mut self, currents: &[(ServoId, f64)]) -> PerServo<()> {
         let Self { bus, limits, .. } = self;
-        for_those(
-            currents,
-            |current| admit_current(limits, current),
-            |admitted| bus.set_current_limits(admitted),
-        )
+        let verdicts = currents
+            .iter()
+            .map(|current| admit_current(limits, current));
+        for_those(verdicts, |admitted| bus.set_current_limits(admitted))
     }
 
     fn current_limits(&mut self, ids: &[ServoId]) -> PerServo<f64> {

@@ -15,6 +15,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 pub use faulty::{Faulty, Odds};
+pub(crate) use forward::for_those;
 pub use limited::{Limited, Limits};
 pub use logged::{Logged, Record};
 
@@ -280,6 +281,14 @@ pub enum ServoError {
         min: f64,
         /// The most allowed.
         max: f64,
+    },
+    /// It was told something that changes it for good. Nothing was sent.
+    #[error("{action} of servo {id} was not asked for: allow it in the settings of the bus")]
+    Forbidden {
+        /// Which one.
+        id: ServoId,
+        /// What it was told.
+        action: &'static str,
     },
     /// Nothing is known of it.
     #[error("servo {id} is not one of those that this bus was set up for")]
