@@ -25,6 +25,7 @@ pub mod log;
 pub mod plan;
 pub mod rig;
 pub mod extrinsics;
+pub mod serial;
 pub mod servo;
 pub mod simulated;
 pub mod transport;
