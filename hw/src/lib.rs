@@ -26,7 +26,6 @@ pub mod log;
 pub mod plan;
 pub mod recorded;
 pub mod rig;
-pub mod extrinsics;
 pub mod serial;
 pub mod servo;
 pub mod simulated;
