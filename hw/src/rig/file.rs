@@ -9,7 +9,8 @@ use tdcr_sim::robot::{CameraSpec, Cameras, RobotSpec};
 
 use super::RigError;
 use super::place::line_of;
-use super::settings::{CommandSettings, MotionSettings, SafetySettings};
+use super::settings::{MotionSettings, SafetySettings};
+use crate::plan::CommandSettings;
 use crate::servo::{OperatingMode, ServoId};
 
 /// Largest rig file (bytes).
@@ -149,10 +150,6 @@ pub struct ServosSpec {
     pub spool_radius: Vec<f64>,
     /// Tensions of the tendons at home (N), where the robot stands straight.
     pub home_tension: Vec<f64>,
-    /// Commands at which the robot stands at home (m); those of the robot's model under the tensions of home where the file
-    /// does not give them.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub home_command: Option<Vec<f64>>,
     /// Smallest and largest position that a goal may have, from home (ticks).
     pub limits: Vec<[i32; 2]>,
     /// Largest current (A): of the goals in current-based position mode.
@@ -334,12 +331,6 @@ impl RigFile {
                 "a radius above 0 (m)",
             ),
             (
-                "home_command",
-                servos.home_command.as_ref().unwrap_or(&vec![0.0]),
-                &|x| x.is_finite(),
-                "a length (m)",
-            ),
-            (
                 "home_tension",
                 &servos.home_tension,
                 &|x| x.is_finite() && *x >= 0.0,
@@ -398,7 +389,10 @@ impl RigFile {
                 }
             }
         }
-        self.spec.commands.check()?;
+        let modules = self.robot.modules.len();
+        if let Some((field, found, expected)) = self.spec.commands.fault(modules) {
+            return Err(RigError::field(format!("commands.{field}"), found, expected));
+        }
         self.spec.motion.check()?;
         self.spec.safety.check()
     }
