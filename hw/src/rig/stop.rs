@@ -12,7 +12,7 @@ use crate::servo::{HardwareErrors, ServoError, ServoId, Ticks};
 #[non_exhaustive]
 pub enum Cause {
     /// A servo reports faults of its hardware.
-    #[error("servo {id} reports {}", names(errors))]
+    #[error("servo {id} reports {errors}")]
     Hardware {
         /// Which one.
         id: ServoId,
@@ -96,6 +96,12 @@ pub enum Cause {
         /// Which one.
         id: ServoId,
     },
+    /// A servo restarted.
+    #[error("servo {id} restarted and forgot its turns: did it lose its power?")]
+    Restarted {
+        /// Which one.
+        id: ServoId,
+    },
     /// A servo says nothing of use any more.
     #[error("servo {id} was lost: {reads} reads in a row failed, the last because {source}")]
     Lost {
@@ -109,6 +115,16 @@ pub enum Cause {
 }
 
 impl Cause {
+    /// What an error of a servo says at once, without being repeated.
+    pub(super) fn of(error: &ServoError) -> Option<Self> {
+        match *error {
+            ServoError::Hardware { id, errors } => Some(Self::Hardware { id, errors }),
+            ServoError::WatchdogTripped { id } => Some(Self::Off { id }),
+            ServoError::Restarted { id } => Some(Self::Restarted { id }),
+            _ => None,
+        }
+    }
+
     /// The servo that it happened to.
     pub fn id(&self) -> ServoId {
         match *self {
@@ -120,6 +136,7 @@ impl Cause {
             | Self::Beyond { id, .. }
             | Self::Jump { id, .. }
             | Self::Off { id }
+            | Self::Restarted { id }
             | Self::Lost { id, .. } => id,
         }
     }
@@ -128,7 +145,7 @@ impl Cause {
 /// What went wrong in motion, and whether the tension was released.
 #[derive(Debug, Error)]
 #[error("{cause}; {release}")]
-pub struct Fault {
+pub struct EmergencyStop {
     /// What went wrong.
     pub cause: Cause,
     /// What was done about it.
@@ -165,24 +182,4 @@ impl fmt::Display for Released {
         }
         Ok(())
     }
-}
-
-/// The names of reported faults.
-fn names(errors: &HardwareErrors) -> String {
-    let named = [
-        (errors.input_voltage, "a supply voltage out of range"),
-        (errors.overheating, "overheating"),
-        (errors.encoder, "a failing encoder"),
-        (
-            errors.electrical_shock,
-            "an electrical shock, or too little power",
-        ),
-        (errors.overload, "overload"),
-    ];
-    let names: Vec<&str> = named
-        .iter()
-        .filter(|(on, _)| *on)
-        .map(|(_, name)| *name)
-        .collect();
-    names.join(" and ")
 }
