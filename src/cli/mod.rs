@@ -14,6 +14,7 @@ mod predict;
 mod printable;
 mod reach;
 mod render;
+mod servo_sim;
 mod settle;
 mod settle_many;
 mod simulate;
@@ -78,6 +79,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Export(export::ExportArgs),
     Render(render::RenderArgs),
+    ServoSim(servo_sim::ServoSimArgs),
 }
 
 /// Which robot.
@@ -252,6 +254,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Demo(args) => demo::run(args, &console),
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
+        Command::ServoSim(args) => servo_sim::run(args, &console),
     }
 }
 

@@ -19,6 +19,7 @@ mod refusals;
 mod render;
 mod resume;
 mod road;
+mod servo_sim;
 mod settle;
 mod signals;
 mod simulate;
