@@ -19,6 +19,7 @@
 
 pub mod camera;
 pub mod clock;
+pub mod realsense;
 pub mod servo;
 pub mod simulated;
 pub mod transport;
