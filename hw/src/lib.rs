@@ -18,8 +18,14 @@
 //! SI units; positions of servos in ticks ([`Ticks`](servo::Ticks)), temperatures in degrees Celsius.
 
 pub mod camera;
+pub mod capture;
 pub mod clock;
+pub mod dynamixel;
+pub mod log;
+pub mod plan;
 pub mod realsense;
+pub mod rig;
+pub mod extrinsics;
 pub mod servo;
 pub mod simulated;
 pub mod transport;

@@ -32,6 +32,7 @@ use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Model, TrainSettings};
+use tdcr::pages::PageError;
 use tdcr::pipeline::{PipelineError, SamplerPlan};
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
@@ -180,15 +181,25 @@ pub fn run() -> ExitCode {
         Err(error) if console::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             say(&format!("error: {}", describe(&error)));
-            match error.downcast_ref() {
-                Some(PipelineError::Interrupted | PipelineError::Abandoned) => {
-                    ExitCode::from(INTERRUPTED)
-                }
-                _ if error.is::<Interrupted>() => ExitCode::from(INTERRUPTED),
-                _ => ExitCode::FAILURE,
+            match is_interruption(&error) {
+                true => ExitCode::from(INTERRUPTED),
+                false => ExitCode::FAILURE,
             }
         }
     }
+}
+
+/// Whether the work was stopped by a signal.
+fn is_interruption(error: &anyhow::Error) -> bool {
+    let stage = match error.downcast_ref() {
+        Some(PageError::Stage(stage)) => Some(stage),
+        _ => error.downcast_ref(),
+    };
+    let stopped = matches!(
+        stage,
+        Some(PipelineError::Interrupted | PipelineError::Abandoned)
+    );
+    stopped || error.is::<Interrupted>()
 }
 
 /// An error and its causes, each said once: a message may quote its cause already.
