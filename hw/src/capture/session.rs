@@ -9,7 +9,8 @@ use thiserror::Error;
 
 use super::fuse::Fuser;
 use super::still::{StillDepth, Stillness, change};
-use crate::plan::{Bend, Draws, PlanError, Planner, Shape};
+use super::program::Program;
+use crate::plan::{PlanError, Shape};
 use crate::rig::{Pictures, Rig, RigError, WinchState};
 use crate::servo::Ticks;
 
@@ -98,42 +99,12 @@ pub struct Sentinel {
 /// A capture in progress: a rig that is engaged until the session ends.
 pub struct Session<'a> {
     rig: &'a mut Rig,
-    planner: Planner,
-    draws: Draws,
+    program: Program,
     fuser: Fuser,
-    rest: Shape,
     /// Where the robot is.
     at: Shape,
     reference: Option<Sentinel>,
     go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
-}
-
-impl Rig {
-    /// A planner within the limits of the rig's robot, servos and settings, whose steps take a period each at the largest
-    /// speed.
-    ///
-    /// # Errors
-    /// [`PlanError::Shape`].
-    pub fn planner(&self) -> Result<Planner, PlanError> {
-        let spec = self.spec();
-        let limits = self.winches().iter().map(|winch| {
-            let ends = winch.limits.map(|ticks| winch.spool.command(Ticks(ticks)));
-            [ends[0].min(ends[1]), ends[0].max(ends[1])]
-        });
-        let step = spec.motion.slew * spec.motion.period;
-        Planner::new(self.robot(), limits.collect(), spec.commands.tension, step)
-    }
-
-    /// The home pose: straight, the tendons of each module with the tension at home of its first one.
-    pub fn rest(&self, planner: &mut Planner) -> Shape {
-        let modules = self.robot().spec().modules.len();
-        let of = planner.shaper().modules().to_vec();
-        let tension = |module: usize| {
-            let first = of.iter().position(|&m| m == module);
-            first.map_or(0.0, |tendon| self.winches()[tendon].home_tension)
-        };
-        Shape((0..modules).map(|module| Bend::new(0.0, 0.0, tension(module))).collect())
-    }
 }
 
 impl<'a> Session<'a> {
@@ -149,13 +120,7 @@ impl<'a> Session<'a> {
         reference: Option<Sentinel>,
         go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<Self, CaptureError> {
-        let mut planner = rig.planner()?;
-        let rest = rig.rest(&mut planner);
-        let draws = Draws {
-            settings: rig.spec().commands.clone(),
-            rest: rest.clone(),
-            seed: settings.seed,
-        };
+        let program = Program::new(rig.file(), settings.seed)?;
         rig.warm_up()?;
         rig.engage()?;
         rig.go_home()?;
@@ -164,10 +129,8 @@ impl<'a> Session<'a> {
                 grid: VoxelGrid::new(settings.voxel_size),
                 workspace: rig.spec().masks.workspace,
             },
-            planner,
-            draws,
-            at: rest.clone(),
-            rest,
+            at: program.rest().clone(),
+            program,
             reference,
             rig,
             go_on,
@@ -184,7 +147,7 @@ impl<'a> Session<'a> {
     /// # Errors
     /// [`CaptureError`]; after one of the rig the tension is released.
     pub fn sample(&mut self, index: u64) -> Result<Captured, CaptureError> {
-        let drawn = self.draws.draw(index, &mut self.planner)?;
+        let drawn = self.program.draw(index)?;
         self.rig.poll()?;
         self.go_to(drawn.shape)?;
         let (pictures, stillness) = self.wait_until_still()?;
@@ -213,7 +176,7 @@ impl<'a> Session<'a> {
     /// # Errors
     /// As [`sample`](Self::sample).
     pub fn sentinel(&mut self) -> Result<Sentinel, CaptureError> {
-        self.go_to(self.rest.clone())?;
+        self.go_to(self.program.rest().clone())?;
         let (pictures, _) = self.wait_until_still()?;
         let pulls: Vec<f64> = self.rig.poll()?.iter().map(|state| state.pull).collect();
         let cloud = self.fuser.fuse(&pictures);
@@ -248,7 +211,7 @@ impl<'a> Session<'a> {
         if hottest <= safety.pause_above {
             return Ok(None);
         }
-        self.go_to(self.rest.clone())?;
+        self.go_to(self.program.rest().clone())?;
         self.rig.release()?;
         let began = self.rig.clock().now();
         loop {
@@ -258,7 +221,7 @@ impl<'a> Session<'a> {
             if temperature < safety.resume_below {
                 self.rig.engage()?;
                 self.rig.go_home()?;
-                self.at = self.rest.clone();
+                self.at = self.program.rest().clone();
                 return Ok(Some(waited));
             }
             if waited > LONGEST_PAUSE {
@@ -292,7 +255,7 @@ impl<'a> Session<'a> {
     }
 
     fn go_to(&mut self, shape: Shape) -> Result<(), CaptureError> {
-        let path = self.planner.path(&self.at, &shape, &self.rest)?;
+        let path = self.program.path(&self.at, &shape)?;
         self.rig.move_along(&path, self.go_on)?;
         self.at = shape;
         Ok(())
@@ -333,6 +296,18 @@ impl<'a> Session<'a> {
                 return Ok((pictures, stillness));
             }
             before = Some(pictures);
+        }
+    }
+}
+
+impl Drop for Session<'_> {
+    /// Releases the tension of a session that did not come to its [`end`](Session::end).
+    fn drop(&mut self) {
+        if self.rig.is_engaged() {
+            let released = self.rig.release_at_once();
+            if !released.is_complete() {
+                tracing::warn!("{released}");
+            }
         }
     }
 }

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use tdcr_sim::render::{BaseVisibility, Sensor};
-use tdcr_sim::robot::{CameraSpec, Cameras, RobotSpec};
+use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
 
-use super::RigError;
+use super::{RigError, Winch};
 use super::place::line_of;
 use super::settings::{MotionSettings, SafetySettings};
 use crate::plan::CommandSettings;
@@ -267,6 +267,22 @@ impl RigFile {
             .and_then(|()| Ok(file.robot.validate()?))
             .map_err(|error| error.in_file(path, |field| line_of(text, field)))?;
         Ok(file)
+    }
+
+    /// The robot, compiled.
+    ///
+    /// # Errors
+    /// [`RigError::Spec`].
+    pub fn compile(&self) -> Result<Robot, RigError> {
+        Ok(Robot::new(self.robot.clone())?)
+    }
+
+    /// The servos with their spools, in the order of a command of `robot`, the file's.
+    ///
+    /// # Errors
+    /// [`RigError::Field`] where the robot cannot stand at home with the tensions that the file gives.
+    pub fn winches(&self, robot: &Robot) -> Result<Vec<Winch>, RigError> {
+        Winch::all(&self.spec.servos, robot)
     }
 
     /// A path that the file names.

@@ -86,8 +86,8 @@ impl Rig {
     /// # Errors
     /// [`RigError::Spec`] for a robot that makes no sense.
     pub fn of_parts(file: RigFile, parts: Parts) -> Result<Self, RigError> {
-        let robot = Robot::new(file.robot.clone())?;
-        let winches = Winch::all(&file.spec.servos, &robot)?;
+        let robot = file.compile()?;
+        let winches = file.winches(&robot)?;
         let Parts {
             bus,
             cameras,
@@ -106,6 +106,11 @@ impl Rig {
             turns,
             drive: Drive::Released,
         })
+    }
+
+    /// The file that it was made from.
+    pub fn file(&self) -> &RigFile {
+        &self.file
     }
 
     /// What the rig's file says.
