@@ -14,9 +14,9 @@ use super::error::DecodeError;
 use super::image::{RGB, depths, image, read_png};
 use super::json::{Command, Json, RegistersJson, StatusesJson, Text};
 use super::read::Channel;
-use super::record::{Event, Goal, Image, Level, LogRecord, Transform};
+use super::record::{Event, Goal, Image, Level, LogRecord, Reading, Transform};
 use super::topic::Topic;
-use crate::servo::{Present, ServoId, Ticks};
+use crate::servo::{ServoId, Ticks};
 
 impl LogRecord {
     /// What a message of `channel` says; `None` for a topic that is not ours.
@@ -145,14 +145,14 @@ fn ticks(radians: f64) -> Result<Ticks, DecodeError> {
     ))
 }
 
-fn present(states: &JointStates) -> Result<Vec<(ServoId, Present)>, DecodeError> {
+fn present(states: &JointStates) -> Result<Vec<(ServoId, Reading)>, DecodeError> {
     let servos = states.joints.iter().map(|joint| {
-        let present = Present {
+        let reading = Reading {
             position: ticks(number("position", joint.position)?)?,
             velocity: number("velocity", joint.velocity)?,
             current: number("effort", joint.effort)?,
         };
-        Ok((servo(joint)?, present))
+        Ok((servo(joint)?, reading))
     });
     servos.collect()
 }

@@ -12,10 +12,12 @@ use tdcr_sim::cloud::PointCloud;
 
 use super::image::{RGB, depth_bytes, write_png};
 use super::json::{Command, Json, RegistersJson, StatusJson, StatusesJson, Text};
-use super::record::{Event, Goal, Image, Level, LogRecord, Transform, WORLD, camera_frame};
+use super::record::{
+    Event, Goal, Image, Level, LogRecord, Reading, Transform, WORLD, camera_frame,
+};
 use super::topic::Topic;
 use super::{ImageFormat, LogError};
-use crate::servo::{Present, ServoId};
+use crate::servo::ServoId;
 
 /// What a channel's metadata says of currents, which `JointState` has no field for.
 pub(super) const EFFORT: (&str, &str) = ("effort", "current of the motor (A)");
@@ -108,13 +110,13 @@ pub(super) fn joint_name(id: ServoId) -> String {
     format!("servo_{id}")
 }
 
-fn present(servos: &[(ServoId, Present)], time: Option<Timestamp>) -> JointStates {
-    let joint = |(id, present): &(ServoId, Present)| JointState {
+fn present(servos: &[(ServoId, Reading)], time: Option<Timestamp>) -> JointStates {
+    let joint = |(id, reading): &(ServoId, Reading)| JointState {
         name: joint_name(*id),
-        position: Some(present.position.radians()),
-        velocity: Some(present.velocity),
+        position: Some(reading.position.radians()),
+        velocity: Some(reading.velocity),
         acceleration: None,
-        effort: Some(present.current),
+        effort: Some(reading.current),
     };
     JointStates {
         timestamp: time,

@@ -1,10 +1,12 @@
 //! Messages for which Foxglove has no schema: JSON, with schemas of our own.
 
+use std::time::Duration;
+
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::record::{Registers, ServoStatus};
-use crate::servo::{HardwareErrors, Identity, OperatingMode, ServoId, Torque};
+use crate::servo::{HardwareErrors, Identity, OperatingMode, ServoId, Torque, WatchdogState};
 
 /// A message of ours.
 pub(super) trait Json: Serialize + DeserializeOwned {
@@ -112,6 +114,9 @@ impl Json for StatusesJson {
             "type": "string",
             "enum": ["current", "velocity", "position", "extended_position", "current_based_position", "pwm"]
           },
+          "current_limit": {"type": "number", "description": "A"},
+          "watchdog": {"type": "string", "enum": ["off", "armed", "tripped"]},
+          "watchdog_timeout": {"type": "number", "description": "s, where it is armed"},
           "temperature": {"type": "number", "description": "degrees Celsius"},
           "voltage": {"type": "number", "description": "V"},
           "hardware_errors": {
@@ -146,6 +151,12 @@ pub(super) struct StatusJson {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     mode: Option<ModeJson>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    current_limit: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    watchdog: Option<WatchdogJson>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    watchdog_timeout: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     temperature: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     voltage: Option<f64>,
@@ -161,6 +172,12 @@ impl StatusJson {
             firmware: status.identity.map(|identity| identity.firmware),
             torque: status.torque.map(TorqueJson::new),
             mode: status.mode.map(ModeJson::new),
+            current_limit: status.current_limit,
+            watchdog: status.watchdog.map(WatchdogJson::new),
+            watchdog_timeout: match status.watchdog {
+                Some(WatchdogState::Armed(timeout)) => Some(timeout.as_secs_f64()),
+                _ => None,
+            },
             temperature: status.temperature,
             voltage: status.voltage,
             hardware_errors: status.hardware_errors.map(ErrorsJson::new),
@@ -175,6 +192,8 @@ impl StatusJson {
             identity: identity.map(|(model, firmware)| Identity { model, firmware }),
             torque: self.torque.map(TorqueJson::torque),
             mode: self.mode.map(ModeJson::mode),
+            current_limit: self.current_limit,
+            watchdog: (self.watchdog).and_then(|state| state.state(self.watchdog_timeout)),
             temperature: self.temperature,
             voltage: self.voltage,
             hardware_errors: self.hardware_errors.map(ErrorsJson::errors),
@@ -237,6 +256,33 @@ impl ModeJson {
             Self::CurrentBasedPosition => OperatingMode::CurrentBasedPosition,
             Self::Pwm => OperatingMode::Pwm,
         }
+    }
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum WatchdogJson {
+    Off,
+    Armed,
+    Tripped,
+}
+
+impl WatchdogJson {
+    fn new(state: WatchdogState) -> Self {
+        match state {
+            WatchdogState::Off => Self::Off,
+            WatchdogState::Armed(_) => Self::Armed,
+            WatchdogState::Tripped => Self::Tripped,
+        }
+    }
+
+    /// `None` for an armed one without the time (s) after which it trips.
+    fn state(self, timeout: Option<f64>) -> Option<WatchdogState> {
+        Some(match self {
+            Self::Off => WatchdogState::Off,
+            Self::Armed => WatchdogState::Armed(Duration::try_from_secs_f64(timeout?).ok()?),
+            Self::Tripped => WatchdogState::Tripped,
+        })
     }
 }
 

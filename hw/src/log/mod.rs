@@ -20,6 +20,8 @@
 //! | `/cameras/SERIAL/color` | `foxglove.CompressedImage` or `RawImage` | PNG, or `rgb8` |
 //! | `/cameras/SERIAL/depth` | `foxglove.RawImage` | `16UC1` (mm) where that is exact, else `32FC1` (m) |
 //!
+//! [`servo_sink`] logs what a bus of servos is told and says.
+//!
 //! Joints are named `servo_ID`. All comes back as it was, bit for bit; a lens whose distortion is nothing comes back as a
 //! pinhole.
 //!
@@ -57,15 +59,20 @@ mod record;
 mod recovery;
 mod repair;
 mod resync;
+mod servos;
+mod shared;
 mod topic;
 mod write;
 
 pub use error::{DecodeError, LogError};
 pub use read::{Channel, Entry, LogReader, Message, Schema};
 pub use record::{
-    Event, Goal, Image, Level, LogRecord, Registers, ServoStatus, Transform, WORLD, camera_frame,
+    Event, Goal, Image, Level, LogRecord, Reading, Registers, ServoStatus, Transform, WORLD,
+    camera_frame,
 };
 pub use recovery::{Damage, Problem, Recovery};
 pub use repair::repair;
+pub use servos::servo_sink;
+pub use shared::SharedLog;
 pub use topic::Topic;
 pub use write::{ImageFormat, LogSettings, LogWriter};

@@ -5,7 +5,9 @@ use tdcr_sim::camera::Intrinsics;
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::pose::Pose;
 
-use crate::servo::{HardwareErrors, Identity, OperatingMode, Present, ServoId, Ticks, Torque};
+use crate::servo::{
+    HardwareErrors, Identity, OperatingMode, Present, ServoId, Ticks, Torque, WatchdogState,
+};
 
 /// Name of the world's frame.
 pub const WORLD: &str = "world";
@@ -14,7 +16,7 @@ pub const WORLD: &str = "world";
 #[derive(Clone, Debug)]
 pub enum LogRecord {
     /// What servos did. A servo that did not answer is not among them.
-    Present(Vec<(ServoId, Present)>),
+    Present(Vec<(ServoId, Reading)>),
     /// What servos were told.
     Goals(Vec<(ServoId, Goal)>),
     /// What is known of servos besides.
@@ -54,6 +56,27 @@ pub enum LogRecord {
     },
 }
 
+/// What a servo did at a moment. The faults that it reported then are part of its [`ServoStatus`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// Angle.
+    pub position: Ticks,
+    /// Angular velocity (rad/s).
+    pub velocity: f64,
+    /// Current of the motor (A), of the sign of its torque.
+    pub current: f64,
+}
+
+impl From<Present> for Reading {
+    fn from(present: Present) -> Self {
+        Self {
+            position: present.position,
+            velocity: present.velocity,
+            current: present.current,
+        }
+    }
+}
+
 /// What a servo was told.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Goal {
@@ -74,6 +97,10 @@ pub struct ServoStatus {
     pub torque: Option<Torque>,
     /// What its goals mean.
     pub mode: Option<OperatingMode>,
+    /// The current that it never exceeds (A).
+    pub current_limit: Option<f64>,
+    /// What its watchdog does.
+    pub watchdog: Option<WatchdogState>,
     /// Temperature inside (degrees Celsius).
     pub temperature: Option<f64>,
     /// Supply voltage (V).
@@ -90,6 +117,8 @@ impl ServoStatus {
             identity: None,
             torque: None,
             mode: None,
+            current_limit: None,
+            watchdog: None,
             temperature: None,
             voltage: None,
             hardware_errors: None,
@@ -103,6 +132,8 @@ impl ServoStatus {
             identity: newer.identity.or(self.identity),
             torque: newer.torque.or(self.torque),
             mode: newer.mode.or(self.mode),
+            current_limit: newer.current_limit.or(self.current_limit),
+            watchdog: newer.watchdog.or(self.watchdog),
             temperature: newer.temperature.or(self.temperature),
             voltage: newer.voltage.or(self.voltage),
             hardware_errors: newer.hardware_errors.or(self.hardware_errors),

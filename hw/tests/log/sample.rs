@@ -7,9 +7,11 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tdcr_hw::clock::VirtualClock;
 use tdcr_hw::log::{
     Entry, Event, Goal, Image, ImageFormat, Level, LogReader, LogRecord, LogSettings, LogWriter,
-    Message, Recovery, Registers, ServoStatus, Transform,
+    Message, Reading, Recovery, Registers, ServoStatus, Transform,
 };
-use tdcr_hw::servo::{HardwareErrors, Identity, OperatingMode, Present, ServoId, Ticks, Torque};
+use tdcr_hw::servo::{
+    HardwareErrors, Identity, OperatingMode, ServoId, Ticks, Torque, WatchdogState,
+};
 use tdcr_sim::camera::{Distortion, Intrinsics};
 use tdcr_sim::cloud::PointCloud;
 
@@ -20,7 +22,7 @@ pub fn id(id: u8) -> ServoId {
 
 /// Records of all kinds, with values that do not come back by chance.
 pub fn records() -> Vec<LogRecord> {
-    let present = |position, velocity, current| Present {
+    let present = |position, velocity, current| Reading {
         position: Ticks(position),
         velocity,
         current,
@@ -69,6 +71,8 @@ pub fn records() -> Vec<LogRecord> {
                 }),
                 torque: Some(Torque::On),
                 mode: Some(OperatingMode::CurrentBasedPosition),
+                current_limit: Some(0.35),
+                watchdog: Some(WatchdogState::Armed(Duration::from_millis(500))),
                 temperature: Some(31.0),
                 voltage: Some(5.1),
                 hardware_errors: Some(HardwareErrors {
