@@ -14,6 +14,8 @@ use super::{Parts, Rig, RigError};
 use crate::camera::RgbdCamera;
 use crate::clock::{Clock, SystemClock, VirtualClock};
 use crate::dynamixel::{Bus, BusSettings};
+use crate::realsense::{RealSense, RealSenseSetup};
+use crate::recorded::{Orders, RecordedBus, RecordedCamera};
 use crate::serial::{Serial, SerialSettings};
 use crate::servo::ServoBus;
 use crate::simulated::camera::{CameraSetup, SimulatedCamera, table};
@@ -49,19 +51,25 @@ impl Rig {
                     ..SerialSettings::default()
                 };
                 let port = file.resolve(port);
-                let unavailable = |error: crate::serial::SerialError| RigError::Unavailable(error.to_string());
                 let line = Serial::open(&port, settings, clock.clone()).map_err(unavailable)?;
                 (Box::new(Bus::new(line, BusSettings::default())), None)
             }
-            ServoLink::Recorded(log) => return Err(unavailable_log(&file, log)),
+            ServoLink::Recorded(log) => {
+                let bus = RecordedBus::open(&file.resolve(log), clock.clone(), Orders::Compare)
+                    .map_err(unavailable)?;
+                (Box::new(bus), None)
+            }
         };
         let cameras = file.spec.cameras.iter().enumerate();
         let cameras: Vec<_> = cameras
             .map(|(number, camera)| open_camera(&file, number, camera, simulator.as_ref(), &clock))
             .collect::<Result<_, _>>()?;
-        let turns = match simulator {
-            Some(_) => TurnsFile::in_memory(),
-            None => TurnsFile::open(TurnsFile::beside(&file.path))?,
+        let beside = TurnsFile::beside(&file.path);
+        let turns = match &file.spec.servos.link {
+            ServoLink::Simulated => TurnsFile::in_memory(),
+            ServoLink::Serial(_) => TurnsFile::open(beside)?,
+            // As they were known when it was recorded, and not to be changed by it.
+            ServoLink::Recorded(_) => TurnsFile::open(beside)?.kept_in_memory(),
         };
         let parts = Parts {
             bus,
@@ -130,7 +138,7 @@ fn simulator(file: &RigFile, clock: Arc<dyn Clock>) -> Result<Simulator, RigErro
         seed: simulation.seed,
         ..setup
     };
-    Simulator::new(&setup, clock).map_err(|error| RigError::Unavailable(error.to_string()))
+    Simulator::new(&setup, clock).map_err(unavailable)
 }
 
 fn open_camera(
@@ -145,8 +153,7 @@ fn open_camera(
             let simulation = &file.spec.simulation;
             let surroundings = match simulation.surroundings {
                 Surroundings::Nothing => Scene::default(),
-                Surroundings::Table => table(0.0)
-                    .map_err(|error| RigError::Unavailable(error.to_string()))?,
+                Surroundings::Table => table(0.0).map_err(unavailable)?,
             };
             let setup = CameraSetup {
                 sensor: spec.sensor.map_or_else(Sensor::ideal, |model| model.sensor()),
@@ -163,13 +170,23 @@ fn open_camera(
             "\"simulated\"",
             "\"simulated\" only where the servos are: it sees the robot behind them",
         )),
-        (CameraLink::Realsense, _) => Err(RigError::Unavailable(
-            "RealSense cameras are not available in this build".to_owned(),
-        )),
-        (CameraLink::Recorded(log), _) => Err(unavailable_log(file, log)),
+        (CameraLink::Realsense, _) => {
+            let pose = Camera::free(&spec.camera).pose;
+            let setup = RealSenseSetup {
+                color: spec.camera.resolution,
+                ..RealSenseSetup::d435(spec.serial.clone(), pose)
+            };
+            let library = RealSense::load().map_err(unavailable)?;
+            Ok(Box::new(library.open(&setup, clock.clone()).map_err(unavailable)?))
+        }
+        (CameraLink::Recorded(log), _) => {
+            let camera = RecordedCamera::open(&file.resolve(log), &spec.serial, clock.clone());
+            Ok(Box::new(camera.map_err(unavailable)?))
+        }
     }
 }
 
-fn unavailable_log(file: &RigFile, log: &Path) -> RigError {
-    RigError::Unavailable(format!("{}: logs cannot be played back yet", file.resolve(log).display()))
+/// A part that cannot be opened says itself why.
+fn unavailable(error: impl std::error::Error) -> RigError {
+    RigError::Unavailable(error.to_string())
 }
