@@ -354,3 +354,6 @@ impl Recorder<'_> {
         self.journal.add(entry)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -16,6 +16,7 @@ mod homing;
 mod motion;
 mod open;
 mod place;
+mod pretension;
 mod settings;
 mod spool;
 mod turns;
@@ -32,6 +33,7 @@ pub use file::{
 };
 pub use homing::HomingReport;
 pub use open::Pace;
+pub use pretension::{PretensionSettings, Pretensioned};
 pub use settings::{MotionSettings, Release, SafetySettings, SimulationSettings, Surroundings};
 pub use spool::Spool;
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
