@@ -1,5 +1,6 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
+mod capture;
 mod collect;
 mod commands;
 mod console;
@@ -8,12 +9,17 @@ mod demo;
 mod distill;
 mod eval;
 mod export;
+mod home;
+mod jog;
+mod keys;
 mod loads;
 mod output;
 mod predict;
+mod pretension;
 mod printable;
 mod reach;
 mod render;
+mod scan;
 mod servo_sim;
 mod settle;
 mod settle_many;
@@ -80,6 +86,11 @@ enum Command {
     Export(export::ExportArgs),
     Render(render::RenderArgs),
     ServoSim(servo_sim::ServoSimArgs),
+    Scan(scan::ScanArgs),
+    Home(home::HomeArgs),
+    Pretension(pretension::PretensionArgs),
+    Jog(jog::JogArgs),
+    Capture(capture::CaptureArgs),
 }
 
 /// Which robot.
@@ -255,6 +266,11 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
         Command::ServoSim(args) => servo_sim::run(args, &console),
+        Command::Scan(args) => scan::run(args, &console),
+        Command::Home(args) => home::run(args, &console),
+        Command::Pretension(args) => pretension::run(args, &console),
+        Command::Jog(args) => jog::run(args, &console),
+        Command::Capture(args) => capture::run(args, &console),
     }
 }
 

@@ -376,3 +376,6 @@ impl Recorder<'_> {
         self.journal.add(entry)
     }
 }
+
+#[cfg(test)]
+mod tests;

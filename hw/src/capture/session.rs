@@ -142,6 +142,16 @@ impl<'a> Session<'a> {
         self.rig
     }
 
+    /// Where the robot is.
+    pub fn shape(&self) -> &Shape {
+        &self.at
+    }
+
+    /// What the session is going to do.
+    pub fn program(&self) -> &Program {
+        &self.program
+    }
+
     /// Captures command `index` of the session's seed.
     ///
     /// # Errors
@@ -149,15 +159,34 @@ impl<'a> Session<'a> {
     pub fn sample(&mut self, index: u64) -> Result<Captured, CaptureError> {
         let drawn = self.program.draw(index)?;
         self.rig.poll()?;
-        self.go_to(drawn.shape)?;
+        self.visit(drawn.shape)?;
+        self.observe(index)
+    }
+
+    /// Brings the robot into a shape.
+    ///
+    /// # Errors
+    /// [`CaptureError::Plan`] where it cannot be reached, and nothing has moved; else as [`sample`](Self::sample).
+    pub fn visit(&mut self, shape: Shape) -> Result<(), CaptureError> {
+        let path = self.program.path(&self.at, &shape)?;
+        self.rig.move_along(&path, self.go_on)?;
+        self.at = shape;
+        Ok(())
+    }
+
+    /// Waits until the robot is still and captures it as it is, under the number `index`.
+    ///
+    /// # Errors
+    /// As [`sample`](Self::sample).
+    pub fn observe(&mut self, index: u64) -> Result<Captured, CaptureError> {
         let (pictures, stillness) = self.wait_until_still()?;
-        let goals = self.rig.goals(&drawn.command)?;
         let states = self.rig.poll()?.to_vec();
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
         if cloud.is_empty() {
             return Err(CaptureError::NotSeen { index });
         }
+        let goals = self.rig.held_goals().unwrap_or_default().to_vec();
         let winches = self.rig.winches().iter().zip(&goals);
         Ok(Captured {
             index,
@@ -183,7 +212,7 @@ impl<'a> Session<'a> {
     /// # Errors
     /// As [`sample`](Self::sample).
     pub fn sentinel(&mut self) -> Result<Sentinel, CaptureError> {
-        self.go_to(self.program.rest().clone())?;
+        self.visit(self.program.rest().clone())?;
         let (pictures, _) = self.wait_until_still()?;
         let pulls: Vec<f64> = self.rig.poll()?.iter().map(|state| state.pull).collect();
         let cloud = self.fuser.fuse(&pictures);
@@ -219,7 +248,7 @@ impl<'a> Session<'a> {
         if hottest <= safety.pause_above {
             return Ok(None);
         }
-        self.go_to(self.program.rest().clone())?;
+        self.visit(self.program.rest().clone())?;
         self.rig.release()?;
         let began = self.rig.clock().now();
         loop {
@@ -260,13 +289,6 @@ impl<'a> Session<'a> {
                 Err(RigError::Interrupted)
             }
         }
-    }
-
-    fn go_to(&mut self, shape: Shape) -> Result<(), CaptureError> {
-        let path = self.program.path(&self.at, &shape)?;
-        self.rig.move_along(&path, self.go_on)?;
-        self.at = shape;
-        Ok(())
     }
 
     /// Waits until servos and depth are still, as long as patience lasts; the last pictures.

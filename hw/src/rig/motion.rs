@@ -287,6 +287,14 @@ impl Rig {
         )
     }
 
+    /// The goals that the servos were told last, from home; `None` where the motors are off.
+    pub fn held_goals(&self) -> Option<&[Ticks]> {
+        match &self.drive {
+            Drive::Engaged(engaged) => Some(&engaged.goals),
+            Drive::Released => None,
+        }
+    }
+
     /// Where the servos were at the last look; `None` where the motors are off.
     pub fn last_states(&self) -> Option<&[WinchState]> {
         match &self.drive {
