@@ -1,5 +1,6 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
+mod calibrate_cameras;
 mod collect;
 mod commands;
 mod console;
@@ -77,6 +78,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Export(export::ExportArgs),
     Render(render::RenderArgs),
+    CalibrateCameras(calibrate_cameras::CalibrateCamerasArgs),
 }
 
 /// Which robot.
@@ -241,6 +243,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Demo(args) => demo::run(args, &console),
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
+        Command::CalibrateCameras(args) => calibrate_cameras::run(args, &console),
     }
 }
 
