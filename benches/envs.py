@@ -120,12 +120,12 @@ def make(name, many=None, **arguments):
 def softrobot():
     """Steps per second of gym-softrobot's environment, or why there are none."""
     if importlib.util.find_spec("gym_softrobot") is None:
-        return "gym-softrobot is not installed"
+        return "gym-softrobot is not installed (pip install gym-softrobot)"
     try:
         import gym_softrobot  # noqa: F401
 
-        # Its first step compiles; a step takes many seconds.
-        return speed(gymnasium.make("TendonArmReach-v1"), 1)
+        # Its first step compiles for a minute.
+        return speed(gymnasium.make("TendonArmReach-v1"), 20)
     except Exception as error:  # A stranger's package may fail in any way.
         return f"gym-softrobot's TendonArmReach-v1 does not run: {error}"
 

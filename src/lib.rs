@@ -2,7 +2,7 @@
 //!
 //! The library behind the `tdcr` command line. [`sim`] settles robots and sees them with virtual
 //! RGB-D cameras; [`hw`] drives servos and RGB-D cameras, real or simulated; [`learn`] turns clouds into a shape predictor; [`pipeline`] joins the two into
-//! stages that resume where they were interrupted; [`report`] shows the result.
+//! stages that resume where they were interrupted; [`report`] shows the result, and [`pages`] joins these two.
 //!
 //! ```
 //! use tdcr::learn::train::TrainSettings;
@@ -25,6 +25,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod pages;
 pub mod pipeline;
 pub mod report;
 

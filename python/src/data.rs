@@ -10,7 +10,7 @@ use tdcr::pipeline::{self, CollectSettings};
 use tdcr::sim::render::{BaseVisibility, Sensor};
 
 use crate::arrays::array;
-use crate::errors::{Failure, Outcome};
+use crate::errors::{Failure, Outcome, choice};
 use crate::robot::Robot;
 use crate::run;
 use crate::stage::Stage;
@@ -203,7 +203,7 @@ pub fn collect(
         part,
     };
     run::long(py, progress, |watch| {
-        pipeline::collect(&settings, &out, &Stage::new("collect", watch))
+        pipeline::collect(&settings, &out, &Stage::new(&["collect"], watch))
     })??;
     Ok(())
 }
@@ -218,20 +218,9 @@ pub fn merge(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> Outcome<()> {
     run::long(py, progress, |watch| {
-        pipeline::merge(&parts, &out, &Stage::new("merge", watch))
+        pipeline::merge(&parts, &out, &Stage::new(&["merge"], watch))
     })??;
     Ok(())
-}
-
-/// One of several values, by its name.
-pub fn choice<T: Clone>(option: &str, name: &str, values: &[(&str, T)]) -> Outcome<T> {
-    let found = values.iter().find(|(known, _)| *known == name);
-    let value = found.map(|(_, value)| value.clone());
-    value.ok_or_else(|| {
-        let names: Vec<_> = values.iter().map(|(name, _)| format!("{name:?}")).collect();
-        let names = names.join(", ");
-        Failure::input(format!("{option} is {name:?}; expected one of {names}"))
-    })
 }
 
 /// Whether the base is in view.

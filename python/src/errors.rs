@@ -8,6 +8,7 @@ use tdcr::learn::data::{DataError, SimulateError};
 use tdcr::learn::flow::FlowError;
 use tdcr::learn::predict::PredictError;
 use tdcr::learn::train::{FileError, SettingsError};
+use tdcr::pages::PageError;
 use tdcr::pipeline::PipelineError;
 use tdcr::sim::dynamics::DynamicsError;
 use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
@@ -43,6 +44,17 @@ impl Failure {
             python => python,
         }
     }
+}
+
+/// One of several values, by its name.
+pub fn choice<T: Clone>(option: &str, name: &str, values: &[(&str, T)]) -> Outcome<T> {
+    let found = values.iter().find(|(known, _)| *known == name);
+    let value = found.map(|(_, value)| value.clone());
+    value.ok_or_else(|| {
+        let names: Vec<_> = values.iter().map(|(name, _)| format!("{name:?}")).collect();
+        let names = names.join(", ");
+        Failure::input(format!("{option} is {name:?}; expected one of {names}"))
+    })
 }
 
 impl From<PyErr> for Failure {
@@ -148,6 +160,16 @@ impl From<PipelineError> for Failure {
             | PipelineError::Endless { .. }
             | PipelineError::ComparedPoints { .. } => Self::input(error.to_string()),
             other => Self::Of("TrainError", other.to_string()),
+        }
+    }
+}
+
+impl From<PageError> for Failure {
+    fn from(error: PageError) -> Self {
+        match error {
+            PageError::Stage(error) => error.into(),
+            PageError::OtherCount { .. } => Self::Of("DataError", error.to_string()),
+            other => Self::input(other.to_string()),
         }
     }
 }

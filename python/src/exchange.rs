@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use tdcr::learn::data::{self, DataSet, ExportFormat, ImportSettings, LengthUnit};
 
-use crate::data::choice;
-use crate::errors::Outcome;
+use crate::errors::{Outcome, choice};
 use crate::run;
 
 /// Makes a data set of a folder of clouds and motor files; returns how many clouds.

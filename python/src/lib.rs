@@ -23,6 +23,7 @@
 //! | `predictor` | `Predictor`: clouds by a trained model |
 //! | `scoring` | scores of predicted clouds |
 //! | `training` | training runs |
+//! | `pages` | drawings of data sets, and the demo |
 //! | `env` | many simulated robots, advanced by one call |
 //!
 //! What they use: `run` (threads, the interpreter's lock, Ctrl-C), `stage` (the libraries' long stages),
@@ -39,6 +40,7 @@ mod inverse;
 mod loads;
 mod metrics;
 mod moving_robot;
+mod pages;
 mod predictor;
 mod robot;
 mod run;
@@ -77,6 +79,8 @@ mod _tdcr {
     use crate::metrics::{chamfer_rows, emd_rows};
     #[pymodule_export]
     use crate::moving_robot::MovingRobot;
+    #[pymodule_export]
+    use crate::pages::{data_info, demo, draw_data};
     #[pymodule_export]
     use crate::predictor::Predictor;
     #[pymodule_export]

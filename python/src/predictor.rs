@@ -15,8 +15,7 @@ use tdcr::pipeline::SamplerPlan;
 use tdcr::sim::robot::Loads;
 
 use crate::arrays::{array, contiguous};
-use crate::data::choice;
-use crate::errors::{Failure, Outcome};
+use crate::errors::{Failure, Outcome, choice};
 use crate::robot::Robot;
 use crate::run::{self, Watch};
 

@@ -6,11 +6,13 @@ use pyo3::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr::sim::chain::Configuration;
+use tdcr::sim::formats::mjcf::Integrator;
 use tdcr::sim::formats::{mjcf, urdf};
-use tdcr::sim::robot::{Parameter, RobotSpec};
+use tdcr::sim::render::BaseVisibility;
+use tdcr::sim::robot::{Parameter, Payload, RobotSpec};
 
 use crate::arrays::array;
-use crate::errors::{Failure, Outcome};
+use crate::errors::{Failure, Outcome, choice};
 
 /// A validated robot. Immutable, and cheap to hand around.
 #[pyclass(frozen, module = "tdcr._tdcr")]
@@ -21,6 +23,17 @@ impl Robot {
     pub fn new(spec: RobotSpec) -> Outcome<Self> {
         Ok(Self(tdcr::sim::robot::Robot::new(spec)?))
     }
+}
+
+/// What a model for MuJoCo shows and how it moves, as `tdcr export` asks for it.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct MjcfOptions {
+    base: bool,
+    payload: f64,
+    dt: Option<f64>,
+    integrator: String,
+    command: Option<Vec<f64>>,
 }
 
 #[pymethods]
@@ -54,11 +67,27 @@ impl Robot {
     }
 
     /// The robot as a model in MuJoCo's format.
-    fn to_mjcf(&self) -> Outcome<String> {
-        Ok(mjcf::export(
-            self.0.spec(),
-            &mjcf::ExportOptions::default(),
-        )?)
+    fn to_mjcf(&self, options: MjcfOptions) -> Outcome<String> {
+        let integrators = [
+            ("euler", Integrator::Euler),
+            ("implicitfast", Integrator::ImplicitFast),
+            ("implicit", Integrator::Implicit),
+            ("rk4", Integrator::RungeKutta4),
+        ];
+        let options = mjcf::ExportOptions {
+            base: match options.base {
+                true => BaseVisibility::Shown,
+                false => BaseVisibility::Hidden,
+            },
+            payload: Payload {
+                mass: options.payload,
+                ..Payload::default()
+            },
+            timestep: options.dt,
+            integrator: choice("integrator", &options.integrator, &integrators)?,
+            command: options.command,
+        };
+        Ok(mjcf::export(self.0.spec(), &options)?)
     }
 
     /// The robot as URDF.

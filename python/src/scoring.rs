@@ -1,12 +1,13 @@
 //! Scores of predicted clouds.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use numpy::{PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use tdcr::learn::data::{PredictedClouds, read_predictions};
 use tdcr::learn::train::FlowPredictor;
+use tdcr::pages::{Evaluated, evaluation_page};
 use tdcr::pipeline::{EvalSettings, Evaluator, Results};
 
 use crate::arrays::contiguous;
@@ -23,6 +24,8 @@ pub struct ScoringOptions {
     emd_points: usize,
     seed: u64,
     worst: usize,
+    /// What is scored, as a page on it calls it; `None` for no page.
+    report: Option<String>,
 }
 
 /// What is scored.
@@ -40,7 +43,8 @@ pub enum Scored<'py> {
     File(PathBuf),
 }
 
-/// Scores clouds on the test commands of the data set in the folder `data`: what `tdcr eval --json` says.
+/// Scores clouds on the test commands of the data set in the folder `data`: what `tdcr eval --json` says, and the page where one
+/// is asked for.
 #[pyfunction]
 #[pyo3(signature = (scored, data, options, progress = None))]
 pub fn evaluate(
@@ -49,7 +53,7 @@ pub fn evaluate(
     data: PathBuf,
     options: ScoringOptions,
     progress: Option<&Bound<'_, PyAny>>,
-) -> Outcome<String> {
+) -> Outcome<(String, Option<String>)> {
     let settings = EvalSettings {
         points: options.points,
         emd_points: options.emd_points,
@@ -71,7 +75,7 @@ pub fn evaluate(
             (None, Some(clouds))
         }
     };
-    let results = run::long(py, progress, |watch| {
+    let (results, page) = run::long(py, progress, |watch| {
         let evaluator = match (&model, clouds) {
             (Some((model, sampler)), _) => {
                 let predictor = FlowPredictor::new(model.clone(), *sampler);
@@ -79,12 +83,25 @@ pub fn evaluate(
             }
             (None, clouds) => Evaluator::of_clouds(clouds.unwrap_or_default(), &data, settings),
         }?;
-        let evaluation = evaluator.run(None, &Stage::new("evaluate", watch))?;
-        let model = model.as_ref().map(|(model, _)| &**model);
-        Ok::<_, Failure>(Results::new(&evaluator, &evaluation, model, options.worst))
+        let evaluation = evaluator.run(None, &Stage::new(&["evaluate"], watch))?;
+        let scored = model.as_ref().map(|(model, _)| &**model);
+        let results = Results::new(&evaluator, &evaluation, scored, options.worst);
+        let page = options.report.as_deref().map(|name| {
+            let evaluated = match &model {
+                Some((model, sampler)) => Evaluated::Model {
+                    file: Path::new(name),
+                    model,
+                    sampler,
+                },
+                None => Evaluated::Clouds { name },
+            };
+            evaluation_page(&evaluated, &data, &evaluator, &evaluation, &results)
+        });
+        Ok::<_, Failure>((results, page.transpose()?.map(|page| page.to_html())))
     })??;
     let text = serde_json::to_string(&results);
-    text.map_err(|error| Failure::Of("TdcrError", error.to_string()))
+    let text = text.map_err(|error| Failure::Of("TdcrError", error.to_string()))?;
+    Ok((text, page))
 }
 
 fn predicted(

@@ -6,19 +6,19 @@ use tdcr::pipeline::Monitor;
 
 use crate::run::Watch;
 
-/// Tells of the steps of one stage, and of no other; asks every stage to stop where the caller does.
+/// Tells of the steps of some stages, and of no other; asks every stage to stop where the caller does.
 pub struct Stage<'a> {
-    name: &'static str,
+    names: &'static [&'static str],
     watch: &'a Watch,
     running: AtomicBool,
 }
 
 impl<'a> Stage<'a> {
-    /// The stage that the libraries call `name`.
-    pub fn new(name: &'static str, watch: &'a Watch) -> Self {
+    /// The stages that the libraries call `names`.
+    pub fn new(names: &'static [&'static str], watch: &'a Watch) -> Self {
         let running = AtomicBool::new(false);
         Self {
-            name,
+            names,
             watch,
             running,
         }
@@ -27,7 +27,8 @@ impl<'a> Stage<'a> {
 
 impl Monitor for Stage<'_> {
     fn begin(&self, stage: &str, _steps: u64, done: u64) {
-        self.running.store(stage == self.name, Ordering::Relaxed);
+        let counts = self.names.contains(&stage);
+        self.running.store(counts, Ordering::Relaxed);
         self.advance(done);
     }
 

@@ -13,8 +13,7 @@ use tdcr::learn::train::{Model, Provenance, TrainSettings};
 use tdcr::pipeline::{Length, Preset};
 
 use crate::arrays::{array, contiguous};
-use crate::data::choice;
-use crate::errors::{Failure, Outcome};
+use crate::errors::{Failure, Outcome, choice};
 use crate::run;
 use crate::stream::text;
 

@@ -10,8 +10,8 @@ use tdcr::learn::net::{Channels, ContextShape, Precision};
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{self, Preset, StreamSettings, TrainPlan, Trained, TrainingData};
 
-use crate::data::{choice, payload_range, sensor, visibility};
-use crate::errors::{Failure, Outcome};
+use crate::data::{payload_range, sensor, visibility};
+use crate::errors::{Failure, Outcome, choice};
 use crate::predictor::named_precision;
 use crate::robot::Robot;
 use crate::run;
@@ -188,7 +188,7 @@ pub fn train<'py>(
     let (trained, precision) = run::long(py, progress, |watch| {
         let (size, settings) = plan.settle(&data)?;
         let initial = init.map(|file| Model::load(&file)).transpose()?;
-        let stage = Stage::new("train", watch);
+        let stage = Stage::new(&["train"], watch);
         let trained = pipeline::train(&data, &out, size, &settings, initial.as_ref(), &stage)?;
         Ok::<_, Failure>((trained, settings.precision))
     })??;
@@ -232,7 +232,7 @@ pub fn distill<'py>(
             precision: precision.unwrap_or_else(|| Precision::fastest(width)),
             ..pipeline::distillation(&teacher.settings, sampler, options.steps)
         };
-        let stage = Stage::new("train", watch);
+        let stage = Stage::new(&["train"], watch);
         let trained = pipeline::distill(&teacher, &data, &out, &settings, &stage)?;
         Ok::<_, Failure>((trained, settings.precision))
     })??;

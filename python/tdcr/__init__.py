@@ -13,12 +13,12 @@ Arrays may be of any library that NumPy understands. Errors are of the tree in :
 from tdcr import errors, inverse, metrics
 from tdcr._tdcr import __version__, set_threads, threads
 from tdcr.collecting import collect, export_clouds, import_clouds, merge
-from tdcr.data import Dataset, Normalisation, Sample, Split
+from tdcr.data import Dataset, Normalisation, Sample, Split, data_view
 from tdcr.dynamics import Motion, Motions, State, rollout, simulate
 from tdcr.dynamics_gradient import Linearisation, RolloutGradients, linearise, rollout_vjp
 from tdcr.errors import TdcrError
 from tdcr.inverse import calibrate
-from tdcr.learning import Run, distill, train
+from tdcr.learning import Run, demo, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
@@ -62,6 +62,8 @@ __all__ = [
     "cloud",
     "clouds",
     "collect",
+    "data_view",
+    "demo",
     "distill",
     "errors",
     "evaluate",

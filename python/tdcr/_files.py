@@ -6,6 +6,18 @@ import os
 import tempfile
 from pathlib import Path
 
+from tdcr.errors import InputError
+
+
+def as_file(path: str | os.PathLike[str], name: str, *extensions: str) -> Path:
+    """A file to write, refused before the work is done where its folder is missing or its extension is another one."""
+    file = Path(path)
+    if file.suffix.lower() not in extensions:
+        raise InputError(f"{name} is {os.fspath(path)!r}; expected a name that ends in {', '.join(extensions)}")
+    if not file.parent.is_dir():
+        raise InputError(f"{name} is {os.fspath(path)!r}, and there is no folder {os.fspath(file.parent)!r}")
+    return file
+
 
 def write_whole(path: Path, content: bytes) -> None:
     """Writes a file so that a crash leaves the old one or the new one, never a part."""

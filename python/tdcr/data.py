@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_array, as_count, as_float
+from tdcr._files import as_file, write_whole
 from tdcr.errors import InputError, MissingPackageError
 from tdcr.robot import Robot
 
@@ -228,6 +230,15 @@ class Dataset(Sequence[Sample]):
         """
         return _tdcr.check_data(self.path, progress=progress)
 
+    def info(self) -> dict[str, Any]:
+        """Robot, splits, ranges, size on disk: what ``tdcr data info --json`` says of it."""
+        info: dict[str, Any] = json.loads(_tdcr.data_info(self.path))
+        return info
+
+    def view(self, out: PathLike = "data.html", *, clouds: int = 8, progress: Progress | None = None) -> Path:
+        """Draws the data set: workspace, histograms of commands and payloads, some of the clouds; as :func:`data_view`."""
+        return data_view(self, out, clouds=clouds, progress=progress)
+
     @property
     def _subject(self) -> dict[str, Any] | None:
         origin = (self.meta or {}).get("origin", {})
@@ -331,6 +342,39 @@ class Split(Sequence[Sample]):
 
     def __repr__(self) -> str:
         return f"Split({self.dataset.path!r}, {self.name!r}: {len(self)} samples)"
+
+
+def data_view(
+    data: Dataset | PathLike | Sequence[Dataset | PathLike],
+    out: PathLike = "data.html",
+    *,
+    clouds: int = 8,
+    progress: Progress | None = None,
+) -> Path:
+    """Draws data sets side by side: workspace, histograms of commands and payloads, some of the clouds; as ``tdcr data view``.
+
+    Args:
+        data: A data set or its folder, or several.
+        out: The file to write: ``.html`` for all of it, ``.svg`` for the workspace, ``.png`` for the clouds of one data set.
+        clouds: Clouds to show of each data set.
+        progress: Is called with the number of samples whose robot has settled since its last call: the tips of simulated data
+            sets are computed again.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: For a file of another extension, and a ``.png`` of several data sets.
+        DataError: For a data set that cannot be read.
+    """
+    one = isinstance(data, Dataset | str | os.PathLike)
+    sets = [data] if one else list(data)  # type: ignore[arg-type]
+    folders = [folder_of(found) for found in sets]  # type: ignore[arg-type]
+    if not folders:
+        raise InputError("data is empty; expected a data set, or several")
+    file = as_file(out, "out", ".html", ".svg", ".png")
+    write_whole(file, _tdcr.draw_data(folders, os.fspath(file), as_count(clouds, "clouds", 1, MOST), progress=progress))
+    return file
 
 
 MOST = 10_000_000

@@ -5,6 +5,7 @@ Options have the names and defaults of the command line.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -249,6 +250,45 @@ def distill(
     teacher = model.path if isinstance(model, Predictor) else model_file(model)
     told = _tdcr.distill(teacher, folder_of(data), os.fspath(out), options, progress=progress)
     return Run(Path(out), *told)
+
+
+def demo(
+    out: PathLike = "demo_out",
+    *,
+    samples: int = 2000,
+    steps: int = 7000,
+    precision: Precision | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Simulates, sees, learns, predicts and evaluates the paper's 2m robot, and writes a report; as ``tdcr demo``.
+
+    Interrupted, the same call goes on where it stopped.
+
+    Args:
+        out: Folder of everything that the demo makes: ``data``, ``run``, ``metrics.json``, ``report.html``, ``shapes.png``.
+        samples: Commands to simulate, split 80/10/10.
+        steps: Optimiser steps.
+        precision: Operand type of the network's matrix products.
+        seed: Seed of everything random.
+        progress: Is called with the number of samples made, steps taken and test commands scored since its last call:
+            ``samples + steps + samples / 10`` in all.
+
+    Returns:
+        Mean scores and times, as ``metrics.json`` has them and ``tdcr demo --json`` prints them.
+
+    Raises:
+        DataError: For a folder that holds a demo of another number of samples.
+        TrainError: For a folder that holds a run of other settings.
+    """
+    options = {
+        "samples": as_count(samples, "samples", 1, MOST),
+        "steps": as_count(steps, "steps"),
+        "precision": precision,
+        "seed": as_seed(seed),
+    }
+    metrics: dict[str, Any] = json.loads(_tdcr.demo(os.fspath(out), options, progress=progress))
+    return metrics
 
 
 def _sizes(value: Any, name: str) -> Any:

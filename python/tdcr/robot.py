@@ -6,12 +6,12 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_count, as_number
+from tdcr._arrays import Floats, as_count, as_float, as_number, maybe_number
 from tdcr._files import write_whole
 from tdcr.errors import InputError, RobotError
 
@@ -123,9 +123,37 @@ class Robot:
         """The robot file."""
         return self._native.to_toml()
 
-    def to_mjcf(self) -> str:
-        """The robot as a model for MuJoCo."""
-        return self._native.to_mjcf()
+    def to_mjcf(
+        self,
+        *,
+        base: bool = False,
+        payload: float = 0.0,
+        dt: float | None = None,
+        integrator: Literal["euler", "implicitfast", "implicit", "rk4"] = "euler",
+        command: Any = None,
+    ) -> str:
+        """The robot as a model for MuJoCo; as ``tdcr export``.
+
+        Args:
+            base: Whether the base is shown below the robot.
+            payload: Mass that hangs from the tip disc (kg).
+            dt: Time step (s), which must be stable; by default the longest of 0.002, 0.001, 0.0005, 0.0002, ... that is.
+            integrator: How MuJoCo takes a step.
+            command: Command of the keyframe, shape (tendons,) (m or N), in which the robot must settle; by default the middle
+                of every tendon's range, with a little more pull by the first tendon of each module.
+
+        Raises:
+            RobotError: For a robot that MuJoCo cannot have, a step that is not stable, and a command in which it does not
+                settle.
+        """
+        options = {
+            "base": bool(base),
+            "payload": as_number(payload, "payload"),
+            "dt": maybe_number(dt, "dt"),
+            "integrator": integrator,
+            "command": None if command is None else as_float(command, "command", (self.tendons,)).tolist(),
+        }
+        return self._native.to_mjcf(options)
 
     def to_urdf(self) -> str:
         """The robot as URDF, with its own file in an element ``<tdcr>``, as URDF has no tendons."""

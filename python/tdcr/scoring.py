@@ -10,6 +10,7 @@ import numpy as np
 
 from tdcr import _tdcr
 from tdcr._arrays import Progress, as_array, as_count, as_float
+from tdcr._files import as_file, write_whole
 from tdcr.data import Dataset, PathLike, as_seed, folder_of
 from tdcr.errors import InputError
 from tdcr.metrics import as_clouds
@@ -26,6 +27,7 @@ def evaluate(
     points: int = 10_000,
     emd_points: int = 2000,
     worst: int = 5,
+    report: PathLike | None = None,
     seed: int = 0,
     sampler: Method | None = None,
     sampler_steps: int | None = None,
@@ -46,7 +48,8 @@ def evaluate(
         commands: Conditions of ``predictions``, shape (T, D), which are checked against the test split's.
         points: Points of each cloud that the Chamfer distance is computed on.
         emd_points: Points of each cloud that the exact earth mover's distances are computed on.
-        worst: How many of the worst test commands to list.
+        worst: How many of the worst test commands to list, and to show in the report.
+        report: An HTML page of the scores to write: table, distribution, pictures of the worst predictions.
         seed: Seed of noise and subsets.
         sampler: How the flow is integrated, as of :meth:`Predictor.predict`.
         sampler_steps: Number of steps.
@@ -60,7 +63,8 @@ def evaluate(
         nearest training command), ``_mean``, ``_floor`` and so on; ``network_quantiles`` and the ``worst`` test commands.
 
     Raises:
-        InputError: For clouds that do not fit, and more points than there are.
+        InputError: For clouds that do not fit, more points than there are, and a report that is no ``.html`` file in a folder
+            that is there.
         DataError: For a data set that cannot be read.
         TrainError: For a model that cannot be read, or is of another robot than the data set.
     """
@@ -75,6 +79,7 @@ def evaluate(
             predictor = model
         else:
             predictor = Predictor("run" if model is None else model, precision)
+        name = predictor.path
         scored = (predictor._native, sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance))
     else:
         of_model = {
@@ -89,13 +94,19 @@ def evaluate(
             if value is not None:
                 raise InputError(f"{name} is of a model; predictions are scored")
         scored = _scored(predictions, colors, commands)
+        name = scored if isinstance(scored, str) else "arrays"
     options = {
         "points": as_count(points, "points"),
         "emd_points": as_count(emd_points, "emd_points"),
         "seed": as_seed(seed),
         "worst": as_count(worst, "worst"),
+        "report": None if report is None else name,
     }
-    results: dict[str, Any] = json.loads(_tdcr.evaluate(scored, folder_of(data), options, progress=progress))
+    page = None if report is None else as_file(report, "report", ".html")
+    text, html = _tdcr.evaluate(scored, folder_of(data), options, progress=progress)
+    if page is not None and html is not None:
+        write_whole(page, html.encode())
+    results: dict[str, Any] = json.loads(text)
     return results
 
 

@@ -1,6 +1,7 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
 mod calibrate_cameras;
+mod capture;
 mod collect;
 mod commands;
 mod console;
@@ -9,12 +10,18 @@ mod demo;
 mod distill;
 mod eval;
 mod export;
+mod home;
+mod jog;
+mod keys;
 mod loads;
 mod output;
 mod predict;
+mod pretension;
 mod printable;
 mod reach;
 mod render;
+mod scan;
+mod servo_sim;
 mod settle;
 mod settle_many;
 mod simulate;
@@ -33,6 +40,7 @@ use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::{Model, TrainSettings};
+use tdcr::pages::PageError;
 use tdcr::pipeline::{PipelineError, SamplerPlan};
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
@@ -79,6 +87,12 @@ enum Command {
     Export(export::ExportArgs),
     Render(render::RenderArgs),
     CalibrateCameras(calibrate_cameras::CalibrateCamerasArgs),
+    ServoSim(servo_sim::ServoSimArgs),
+    Scan(scan::ScanArgs),
+    Home(home::HomeArgs),
+    Pretension(pretension::PretensionArgs),
+    Jog(jog::JogArgs),
+    Capture(capture::CaptureArgs),
 }
 
 /// Which robot.
@@ -182,15 +196,25 @@ pub fn run() -> ExitCode {
         Err(error) if console::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             say(&format!("error: {}", describe(&error)));
-            match error.downcast_ref() {
-                Some(PipelineError::Interrupted | PipelineError::Abandoned) => {
-                    ExitCode::from(INTERRUPTED)
-                }
-                _ if error.is::<Interrupted>() => ExitCode::from(INTERRUPTED),
-                _ => ExitCode::FAILURE,
+            match is_interruption(&error) {
+                true => ExitCode::from(INTERRUPTED),
+                false => ExitCode::FAILURE,
             }
         }
     }
+}
+
+/// Whether the work was stopped by a signal.
+fn is_interruption(error: &anyhow::Error) -> bool {
+    let stage = match error.downcast_ref() {
+        Some(PageError::Stage(stage)) => Some(stage),
+        _ => error.downcast_ref(),
+    };
+    let stopped = matches!(
+        stage,
+        Some(PipelineError::Interrupted | PipelineError::Abandoned)
+    );
+    stopped || error.is::<Interrupted>()
 }
 
 /// An error and its causes, each said once: a message may quote its cause already.
@@ -244,6 +268,12 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
         Command::CalibrateCameras(args) => calibrate_cameras::run(args, &console),
+        Command::ServoSim(args) => servo_sim::run(args, &console),
+        Command::Scan(args) => scan::run(args, &console),
+        Command::Home(args) => home::run(args, &console),
+        Command::Pretension(args) => pretension::run(args, &console),
+        Command::Jog(args) => jog::run(args, &console),
+        Command::Capture(args) => capture::run(args, &console),
     }
 }
 

@@ -4,6 +4,7 @@
 //! [`Monitor`] how far it is and stops when the monitor says so, leaving files from which the same
 //! call resumes.
 
+mod capture;
 mod collect;
 mod contestant;
 mod eval_settings;
@@ -23,6 +24,7 @@ mod survey;
 mod tip;
 mod train;
 
+pub use capture::{CaptureReport, CaptureSettings, capture};
 pub use collect::{CollectSettings, CollectTimes, collect, merge};
 pub use eval_settings::EvalSettings;
 pub use evaluate::Evaluator;
@@ -37,6 +39,8 @@ pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, mod
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
+use tdcr_hw::capture::CaptureError;
+use tdcr_hw::rig::RigError;
 use tdcr_learn::data::{DataError, PayloadRange, SimulateError};
 use tdcr_learn::flow::FlowError;
 use tdcr_learn::lock::try_lock;
@@ -66,6 +70,9 @@ pub enum PipelineError {
     /// A sample could not be simulated.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
+    /// The rig did not capture what it should.
+    #[error(transparent)]
+    Capture(CaptureError),
     /// A folder or file of the stage's own could not be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
@@ -219,6 +226,15 @@ impl From<DataError> for PipelineError {
         match error {
             DataError::Interrupted => Self::Interrupted,
             error => Self::Data(error),
+        }
+    }
+}
+
+impl From<CaptureError> for PipelineError {
+    fn from(error: CaptureError) -> Self {
+        match error {
+            CaptureError::Rig(RigError::Interrupted) => Self::Interrupted,
+            error => Self::Capture(error),
         }
     }
 }

@@ -7,7 +7,7 @@ use tdcr_learn::data::{Condition, DataSet, Normalisation, Recipe, Sample, Simula
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::robot::Robot;
 
-use super::PipelineError;
+use super::{Monitor, PipelineError};
 
 /// Share of a cloud's points whose mean stands for the tip where no robot says where it is.
 const TIP_SHARE: f64 = 0.02;
@@ -95,23 +95,29 @@ impl Survey {
     /// Where the tips are: by settling the robot again, or for data of unknown robots by a look at the clouds.
     ///
     /// # Errors
-    /// [`PipelineError`] where the robot does not settle, or the clouds cannot be read.
-    pub fn tips(&self) -> Result<Tips, PipelineError> {
+    /// [`PipelineError`] where the robot does not settle, the clouds cannot be read, or the monitor asks to stop.
+    pub fn tips(&self, monitor: &dyn Monitor) -> Result<Tips, PipelineError> {
         let Some(recipe) = self.recipe() else {
             let samples = self.set.read_split(Split::Test)?;
             let estimates = samples.iter().map(estimated_tip).collect();
             return Ok(Tips::Estimated(estimates));
         };
         let robot = Robot::new(recipe.subject.robot.clone())?;
+        monitor.begin("settle", self.conditions.len() as u64, 0);
         let tips = self.conditions.par_iter().map_init(
             || Simulator::new(&robot, recipe),
             |simulator, condition| {
+                if monitor.interrupted() {
+                    return Err(PipelineError::Abandoned);
+                }
                 let settled = simulator.settle(condition)?;
+                monitor.advance(1);
                 let tip = settled.positions.last().expect("a robot has a disc");
                 Ok([tip.x, tip.y, tip.z])
             },
         );
-        let tips: Result<_, tdcr_learn::data::SimulateError> = tips.collect();
+        let tips: Result<_, PipelineError> = tips.collect();
+        monitor.end();
         Ok(Tips::Settled(tips?))
     }
 }

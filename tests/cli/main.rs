@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 mod calibrate_cameras;
+mod capture;
 mod colors;
 mod data;
 mod distill;
@@ -20,6 +21,7 @@ mod refusals;
 mod render;
 mod resume;
 mod road;
+mod servo_sim;
 mod settle;
 mod signals;
 mod simulate;

@@ -52,8 +52,8 @@ fn detected_corners_are_where_the_lens_shows_them() {
     assert!(lengths[lengths.len() / 2] < 0.18 && lengths[lengths.len() * 9 / 10] < 0.4);
 }
 
-/// With images of 640 x 360 pixels and ten views the largest errors were 0.55 mm and 0.041 degrees. With those of 1280 x 720 and twenty views the largest errors found were 0.24 mm
-/// and 0.014 degrees (0.21 mm and 0.021 degrees in the ring), the noise of the corners 0.12 pixels.
+/// With images of 640 x 360 pixels and ten views the largest errors were 0.55 mm and 0.041 degrees. With those of 1280 x 720 and
+/// twenty views they were 0.24 mm and 0.014 degrees (0.21 mm and 0.021 degrees in the ring), the noise of the corners 0.12 pixels.
 #[test]
 fn cameras_are_found_from_pictures() {
     let (board, cameras) = (board(), halved(four()));

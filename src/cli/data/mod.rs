@@ -6,7 +6,7 @@ mod info;
 mod merge;
 mod view;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
@@ -46,10 +46,4 @@ struct Dirs {
     /// Folders of data sets
     #[arg(required = true, value_name = "DIR")]
     dirs: Vec<PathBuf>,
-}
-
-/// The name that a data set goes by: its folder's.
-fn name(dir: &Path) -> String {
-    let name = dir.file_name().unwrap_or(dir.as_os_str());
-    name.to_string_lossy().into_owned()
 }

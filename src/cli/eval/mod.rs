@@ -1,6 +1,5 @@
 //! `tdcr eval`.
 
-pub(super) mod page;
 mod tables;
 #[cfg(test)]
 mod tests;
@@ -13,6 +12,7 @@ use clap::Args;
 use tdcr::learn::data::read_predictions;
 use tdcr::learn::flow::Sampler;
 use tdcr::learn::train::{FlowPredictor, Model};
+use tdcr::pages::{Evaluated, evaluation_page};
 use tdcr::pipeline::{EvalSettings, Evaluator, Results};
 
 use super::console::Console;
@@ -78,30 +78,34 @@ impl ScoringArgs {
 }
 
 /// What is evaluated.
-enum Evaluated {
+enum Scored {
     /// A model, in the precision that it predicts in, and its sampler.
     Model(Arc<Model>, Sampler),
     /// The clouds in a file.
-    Clouds(PathBuf),
+    Clouds(String),
 }
 
-impl Evaluated {
-    fn model(&self) -> Option<&Model> {
+impl Scored {
+    fn told<'a>(&'a self, args: &'a EvalArgs) -> Evaluated<'a> {
         match self {
-            Self::Model(model, _) => Some(model),
-            Self::Clouds(_) => None,
+            Self::Clouds(name) => Evaluated::Clouds { name },
+            Self::Model(model, sampler) => Evaluated::Model {
+                file: &args.model,
+                model,
+                sampler,
+            },
         }
     }
 }
 
 /// What is evaluated, and what scores it.
-fn prepare(args: &EvalArgs) -> anyhow::Result<(Evaluated, Evaluator)> {
+fn prepare(args: &EvalArgs) -> anyhow::Result<(Scored, Evaluator)> {
     let settings = args.scoring.settings();
     if let Some(file) = &args.predictions {
-        let clouds = read_predictions(file)?;
+        let (name, clouds) = (file.display().to_string(), read_predictions(file)?);
         let evaluator = Evaluator::of_clouds(clouds, &args.data, settings);
-        let evaluator = evaluator.with_context(|| file.display().to_string())?;
-        return Ok((Evaluated::Clouds(file.clone()), evaluator));
+        let evaluator = evaluator.with_context(|| name.clone())?;
+        return Ok((Scored::Clouds(name), evaluator));
     }
     let model = super::load_model(&args.model)?;
     let sampler = args.scoring.sampler.sampler(&model.settings)?;
@@ -109,14 +113,15 @@ fn prepare(args: &EvalArgs) -> anyhow::Result<(Evaluated, Evaluator)> {
     let model = Arc::new(model.with_precision(precision)?);
     let predictor = FlowPredictor::new(model.clone(), sampler);
     let evaluator = Evaluator::new(Arc::new(predictor), &args.data, settings)?;
-    Ok((Evaluated::Model(model, sampler), evaluator))
+    Ok((Scored::Model(model, sampler), evaluator))
 }
 
 pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(path) = &args.report {
         output::format("--report", path, &["html"])?;
     }
-    let (evaluated, evaluator) = prepare(args)?;
+    let (scored, evaluator) = prepare(args)?;
+    let evaluated = scored.told(args);
     if evaluator.lacks_colors() {
         tracing::warn!(
             "{}: all points of the test clouds have one colour, as those that were imported without colours do: the \
@@ -148,7 +153,7 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     })?;
     // After the result: a page that cannot be written costs nothing but the page.
     if let Some(path) = &args.report {
-        let page = page::page(args, &evaluated, &evaluator, &evaluation, &results)?;
+        let page = evaluation_page(&evaluated, &args.data, &evaluator, &evaluation, &results)?;
         output::write(path, page.to_html())?;
     }
     Ok(())

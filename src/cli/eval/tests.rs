@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use tdcr::learn::data::{Condition, DataSet, PredictedClouds, Split};
 use tdcr::learn::predict::{About, PredictError, Prediction, Predictor, TrainingCost};
+use tdcr::pages::{Evaluated, evaluation_page};
 use tdcr::pipeline::{
-    CollectSettings, EvalSettings, Evaluation, Evaluator, Metrics, Monitor, PipelineError, Silent,
-    collect,
+    CollectSettings, EvalSettings, Evaluation, Evaluator, Metrics, Monitor, PipelineError, Results,
+    Silent, collect,
 };
-use tdcr::report::Report;
 
-use super::{page, table};
+use super::table;
 
 /// Predicts a cloud that it was given, whatever the condition.
 struct Fixed {
@@ -132,13 +132,10 @@ fn an_added_predictor_is_scored_in_json_in_the_table_and_in_the_report() {
     let row = text.lines().filter(|line| line.starts_with("fixed guess "));
     assert_eq!(row.count(), 2, "{text}");
 
-    let report = Report {
-        scores: page::scores(&evaluation),
-        floor: page::floor(&evaluation),
-        per_test: Some(page::per_test(&evaluator, &evaluation).unwrap()),
-        ..Report::default()
-    };
-    let page = report.to_html();
+    let results = Results::new(&evaluator, &evaluation, None, 1);
+    let named = Evaluated::Clouds { name: "guesses" };
+    let page = evaluation_page(&named, &data, &evaluator, &evaluation, &results);
+    let page = page.unwrap().to_html();
     assert_eq!(
         page.matches("<th scope=\"row\">Fixed guess</th>").count(),
         2

@@ -64,6 +64,33 @@ def test_a_data_set_says_what_it_is(dataset: tdcr.Dataset) -> None:
     assert repr(dataset).endswith("data': 16 train, 2 val, 2 test, 400 points a cloud)")
 
 
+def test_drawings_are_those_of_the_command_line(dataset: tdcr.Dataset, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = folder / "drawn-by-command"
+    for extension in (".html", ".svg", ".png"):
+        file = folder / f"drawn{extension}"
+        command_line("data", "view", dataset.path, "--clouds", 2, "--out", expected.with_suffix(extension))
+        done: list[int] = []
+        assert tdcr.data_view(dataset, file, clouds=2, progress=done.append) == file
+        assert sum(done) == 20
+        assert file.read_bytes() == expected.with_suffix(extension).read_bytes()
+    twice = tdcr.data_view([dataset, dataset.path], folder / "twice.svg")
+    assert twice.read_text(encoding="utf-8").count("data, 20 tips") == 2
+    monkeypatch.chdir(folder)
+    assert dataset.view() == Path("data.html") and Path("data.html").is_file()
+    [info] = command_line("data", "info", dataset.path)
+    assert dataset.info() == info
+    for match, sets, out in [
+        ("and there are 2; expected one folder", [dataset, dataset], "twice.png"),
+        ("expected a name that ends in .html, .svg, .png", dataset, "data.pdf"),
+        ("there is no folder 'nowhere'", dataset, "nowhere/data.html"),
+        ("data is empty", [], "data.html"),
+    ]:
+        with pytest.raises(InputError, match=match):
+            tdcr.data_view(sets, out)  # type: ignore[arg-type]
+    with pytest.raises(DataError, match="there is no data set in"):
+        tdcr.data_view("nowhere")
+
+
 def test_arrays_are_what_h5py_reads(dataset: tdcr.Dataset) -> None:
     units = dataset.normalisation
     for name in ("train", "val", "test"):

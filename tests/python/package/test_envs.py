@@ -331,6 +331,25 @@ def test_a_window_is_gymnasiums() -> None:
         tdcr.envs.TendonRobotEnv(render_mode="ansi")
 
 
+def test_a_window_shows_the_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame", reason="pygame, with which Gymnasium opens windows, is not installed")
+    # No screen is needed.
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    size: dict[str, Any] = {"width": 160, "height": 120}
+    with pytest.warns(UserWarning, match="HumanRendering wrapper is being applied"):
+        window = make("Reach2m", render_mode="human", **size)
+    pictures = make("Reach2m", render_mode="rgb_array", **size)
+    for env in (window, pictures):
+        env.reset(seed=0)
+    for action in (np.zeros(6), np.array([1.0, -1.0, 0.5, 0.0, 1.0, -1.0])):
+        window.step(action)
+        pictures.step(action)
+        shown = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
+        assert shown.any() and np.array_equal(shown, pictures.render())
+    window.close()
+    assert not pygame.display.get_init()
+
+
 @pytest.mark.parametrize("wrapped", [False, True])
 def test_environments_pickle(wrapped: bool) -> None:
     robot = tdcr.Robot("2m").with_values({"gain[1]": 400.0})

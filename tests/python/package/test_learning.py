@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import pickle
@@ -199,14 +200,19 @@ def test_conditions_that_cannot_be_are_named(predictor: tdcr.Predictor, conditio
         predictor.predict(predictor.condition_ranges.T, 20)
 
 
-def test_scores_are_those_of_the_command_line(run: tdcr.Run, dataset: tdcr.Dataset, predictor: tdcr.Predictor) -> None:
+def test_scores_are_those_of_the_command_line(
+    run: tdcr.Run, dataset: tdcr.Dataset, predictor: tdcr.Predictor, folder: Path
+) -> None:
     flags = ["--data", dataset.path, "--points", 400, "--emd-points", 100, "--worst", 1]
     expected = command_line("eval", "--model", run.model, *flags)
     done: list[int] = []
     assert tdcr.evaluate(run.folder, dataset, worst=1, progress=done.append, **SCORING) == expected
     assert sum(done) == 2
-    steps = command_line("eval", "--model", run.model, *flags, "--sampler-steps", 4, "--seed", 7)
-    assert tdcr.evaluate(predictor, dataset, worst=1, seed=7, sampler_steps=4, **SCORING) == steps
+    pages = [folder / "by-command.html", folder / "scores.html"]
+    steps = command_line("eval", "--model", run.model, *flags, "--sampler-steps", 4, "--seed", 7, "--report", pages[0])
+    options: dict[str, Any] = {"worst": 1, "seed": 7, "sampler_steps": 4, "report": pages[1], **SCORING}
+    assert tdcr.evaluate(predictor, dataset, **options) == steps
+    assert pages[0].read_bytes() == pages[1].read_bytes()
 
 
 def test_clouds_of_any_program_are_scored(
@@ -216,9 +222,11 @@ def test_clouds_of_any_program_are_scored(
     file = folder / "strangers.npz"
     np.savez(file, points=clouds.points, rgb=clouds.colors, commands=conditions.astype(np.float32))
     flags = ["--data", dataset.path, "--points", 400, "--emd-points", 100]
-    expected = command_line("eval", "--predictions", file, *flags)
+    pages = [folder / "strangers-by-command.html", folder / "strangers.html"]
+    expected = command_line("eval", "--predictions", file, *flags, "--report", pages[0])
     of_arrays = tdcr.evaluate(data=dataset, predictions=clouds.points, colors=clouds.colors, commands=conditions, **SCORING)
-    assert tdcr.evaluate(data=dataset, predictions=file, **SCORING) == of_arrays == expected
+    assert tdcr.evaluate(data=dataset, predictions=file, report=pages[1], **SCORING) == of_arrays == expected
+    assert pages[0].read_bytes() == pages[1].read_bytes()
     assert expected["color"] is not None
     truth = tdcr.evaluate(data=dataset, predictions=dataset.test.clouds, **SCORING)
     assert truth["cd"] < 1e-3 * expected["cd"] and truth["precision"] is None
@@ -238,6 +246,8 @@ def test_clouds_of_any_program_are_scored(
     refused("400 points|at most|expected 1 to 400", predictions=clouds.points, points=401)
     refused("1 .*2|2 .*1", predictions=clouds.points[:1])
     refused("colors is of predictions; a model is scored", model=predictor, colors=clouds.colors)
+    refused("report is .*scores.pdf'; expected a name that ends in .html", predictions=file, report=folder / "scores.pdf")
+    refused("there is no folder .*nowhere", predictions=file, report=folder / "nowhere/scores.html")
 
 
 def test_a_distilled_network_is_that_of_the_command_line(
@@ -250,6 +260,34 @@ def test_a_distilled_network_is_that_of_the_command_line(
     assert list(made.predictor.clouds(conditions, 20).evaluations) == [2, 2]
     with pytest.raises(InputError, match="the network was distilled for 2 steps of its own sampler"):
         made.predictor.predict(conditions, 20, sampler_steps=3)
+
+
+def test_the_demo_is_that_of_the_command_line(folder: Path) -> None:
+    options = {"samples": 10, "steps": 6, "seed": 1, "precision": "float32"}
+    out, by_command = folder / "demo", folder / "demo-by-command"
+    done: list[int] = []
+
+    def stop(count: int) -> None:
+        done.append(count)
+        if sum(done) > 10:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        tdcr.demo(out, progress=stop, **options)  # type: ignore[arg-type]
+    again: list[int] = []
+    found = tdcr.demo(out, progress=again.append, **options)  # type: ignore[arg-type]
+    # Of a data set that is there nothing is told; of steps that were taken, it is.
+    assert sum(again) <= 6 + 1 and sum(done) in range(11, 18)
+    flags = ["--samples", 10, "--steps", 6, "--seed", 1, "--precision", "float32"]
+    expected = command_line("demo", *flags, "--out", by_command)
+    assert json.loads((out / "metrics.json").read_bytes()) == found
+    for times in ("seconds", "stages"):
+        del found[times], expected[times]
+    assert found == expected
+    assert (out / "shapes.png").read_bytes() == (by_command / "shapes.png").read_bytes()
+    assert (out / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    with pytest.raises(DataError, match="holds 10 samples and --samples is 11"):
+        tdcr.demo(out, samples=11, steps=6)
 
 
 def test_arguments_that_make_no_run_are_named(dataset: tdcr.Dataset, run: tdcr.Run, folder: Path) -> None:

@@ -1,19 +1,77 @@
-//! The page that `tdcr eval` writes, and what it shares with the demo's.
+//! The page on an evaluation, and what it shares with the demo's.
 
-use tdcr::learn::data::Sample;
-use tdcr::learn::flow::{Sampler, TimeGrid};
-use tdcr::learn::metrics::nearest_distances;
-use tdcr::pipeline::{Evaluation, Evaluator, Metrics, PipelineError, Results, Row, RowScore};
-use tdcr::report::{Example, MethodDistances, MotorGroup, PerTest, Report, Role, Score};
-use tdcr::sim::cloud::PointCloud;
-use tdcr::sim::robot::Robot;
+use std::path::Path;
 
-use super::{EvalArgs, Evaluated};
+use tdcr_learn::data::Sample;
+use tdcr_learn::flow::{Sampler, TimeGrid};
+use tdcr_learn::metrics::nearest_distances;
+use tdcr_learn::train::Model;
+use tdcr_sim::cloud::PointCloud;
+use tdcr_sim::robot::Robot;
 
-/// The page on an evaluation.
-pub(super) fn page(
-    args: &EvalArgs,
-    evaluated: &Evaluated,
+use crate::pipeline::{Evaluation, Evaluator, Metrics, PipelineError, Results, Row, RowScore};
+use crate::report::{Example, MethodDistances, MotorGroup, PerTest, Report, Role, Score};
+
+/// What is evaluated.
+#[derive(Clone, Copy, Debug)]
+pub enum Evaluated<'a> {
+    /// A trained model.
+    Model {
+        /// Its file.
+        file: &'a Path,
+        /// The model, in the precision that it predicts in.
+        model: &'a Model,
+        /// How its flow is followed.
+        sampler: &'a Sampler,
+    },
+    /// Clouds of any program.
+    Clouds {
+        /// What they are called: their file.
+        name: &'a str,
+    },
+}
+
+impl<'a> Evaluated<'a> {
+    /// The model, if there is one.
+    pub fn model(&self) -> Option<&'a Model> {
+        match self {
+            Self::Model { model, .. } => Some(model),
+            Self::Clouds { .. } => None,
+        }
+    }
+
+    /// What there is to say of it, as name and value.
+    fn facts(&self) -> Vec<(String, String)> {
+        let facts = match self {
+            Self::Clouds { name } => vec![("Predictions", (*name).to_owned())],
+            Self::Model {
+                file,
+                model,
+                sampler,
+            } => vec![
+                ("Model", file.display().to_string()),
+                (
+                    "Network",
+                    format!("{} parameters", model.network.params().len()),
+                ),
+                ("Training", format!("best at step {}", model.step)),
+                ("Sampler", sampler_text(sampler)),
+            ],
+        };
+        let named = facts.into_iter();
+        named
+            .map(|(name, value)| (name.to_owned(), value))
+            .collect()
+    }
+}
+
+/// The page on an evaluation on the data set in the folder `data`, with the worst test commands of `results`.
+///
+/// # Errors
+/// [`PipelineError`] where the clouds that the page shows cannot be predicted again.
+pub fn evaluation_page(
+    evaluated: &Evaluated<'_>,
+    data: &Path,
     evaluator: &Evaluator,
     evaluation: &Evaluation,
     Results { metrics, worst, .. }: &Results,
@@ -23,21 +81,10 @@ pub(super) fn page(
         rank => format!("test {test}, number {} of the worst", rank + 1),
     };
     let entry = |name: &str, value: String| (name.to_owned(), value);
-    let mut summary = match evaluated {
-        Evaluated::Clouds(file) => vec![entry("Predictions", file.display().to_string())],
-        Evaluated::Model(model, sampler) => vec![
-            entry("Model", args.model.display().to_string()),
-            entry(
-                "Network",
-                format!("{} parameters", model.network.params().len()),
-            ),
-            entry("Training", format!("best at step {}", model.step)),
-            entry("Sampler", sampler_text(sampler)),
-        ],
-    };
+    let mut summary = evaluated.facts();
     summary.extend(precision_text(metrics).map(|text| entry("Precision", text)));
     summary.extend([
-        entry("Data set", args.data.display().to_string()),
+        entry("Data set", data.display().to_string()),
         entry("Test commands", metrics.tests.to_string()),
         entry("Seed", evaluator.settings().seed.to_string()),
         entry("tdcr", env!("CARGO_PKG_VERSION").to_owned()),
@@ -64,7 +111,7 @@ pub(super) fn page(
 /// How far the network's clouds are from the true ones, beside those of the nearest training command: root mean square
 /// distances between nearest points, and their ratio. CD is the sum of the mean squares both ways, so a ratio of CDs is one
 /// of squared distances.
-pub(in crate::cli) fn headline(metrics: &Metrics) -> String {
+pub fn headline(metrics: &Metrics) -> String {
     let [network, nearest] = [metrics.cd, metrics.cd_nearest].map(|cd| 1e3 * (cd / 2.0).sqrt());
     format!(
         "Over {} test commands, points of the network's clouds and of the true ones are {network:.2} mm from the nearest \
@@ -77,7 +124,7 @@ pub(in crate::cli) fn headline(metrics: &Metrics) -> String {
 }
 
 /// Which numbers of the data set's commands belong together.
-pub(in crate::cli) fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
+fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
     let count = evaluator
         .test()
         .first()
@@ -89,12 +136,12 @@ pub(in crate::cli) fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
 const FLOOR: &str = "floor";
 
 /// Mean scores of all rows but the floor.
-pub(in crate::cli) fn scores(evaluation: &Evaluation) -> Vec<Score> {
+pub(super) fn scores(evaluation: &Evaluation) -> Vec<Score> {
     mean_scores(evaluation, |row| row.about.key != FLOOR)
 }
 
 /// Mean score of second samples of the true surfaces.
-pub(in crate::cli) fn floor(evaluation: &Evaluation) -> Option<Score> {
+pub(super) fn floor(evaluation: &Evaluation) -> Option<Score> {
     mean_scores(evaluation, |row| row.about.key == FLOOR).pop()
 }
 
@@ -129,7 +176,7 @@ fn tip_note(metrics: &Metrics) -> Option<String> {
 }
 
 /// How the scores were computed.
-pub(in crate::cli) fn score_notes(metrics: &Metrics) -> Vec<String> {
+pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
     let mut notes = vec![
         format!("Means over {} test commands.", metrics.tests),
         format!(
@@ -150,7 +197,7 @@ pub(in crate::cli) fn score_notes(metrics: &Metrics) -> Vec<String> {
 }
 
 /// Chamfer distances of each test command.
-pub(in crate::cli) fn per_test(
+pub(super) fn per_test(
     evaluator: &Evaluator,
     evaluation: &Evaluation,
 ) -> Result<PerTest, PipelineError> {
@@ -191,7 +238,7 @@ fn methods(evaluation: &Evaluation) -> Vec<MethodDistances> {
 }
 
 /// The clouds of one test command.
-pub(in crate::cli) fn example(
+pub(super) fn example(
     evaluator: &Evaluator,
     evaluation: &Evaluation,
     test: usize,
@@ -225,7 +272,7 @@ fn colorless(points: Vec<[f32; 3]>) -> PointCloud {
 }
 
 /// What numbers the network's products are of; `None` where there is no network.
-pub(in crate::cli) fn precision_text(metrics: &Metrics) -> Option<String> {
+pub(super) fn precision_text(metrics: &Metrics) -> Option<String> {
     let (prediction, training) = (metrics.precision?, metrics.training_precision?);
     Some(format!(
         "{} in prediction, {} in training",
@@ -235,7 +282,7 @@ pub(in crate::cli) fn precision_text(metrics: &Metrics) -> Option<String> {
 }
 
 /// What the sampler is, in a few words.
-pub(in crate::cli) fn sampler_text(sampler: &Sampler) -> String {
+pub(super) fn sampler_text(sampler: &Sampler) -> String {
     let Sampler {
         method,
         steps,

@@ -1,0 +1,177 @@
+//! Why a rig did not do what was asked of it.
+
+use std::fmt::Display;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use tdcr_sim::formats::RobotFileError;
+use tdcr_sim::robot::{CommandError, SpecError};
+use thiserror::Error;
+
+use super::stop::EmergencyStop;
+use crate::camera::CameraError;
+use crate::servo::{ServoError, ServoId, Ticks};
+
+/// Why a rig did not do what was asked of it.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum RigError {
+    /// A file could not be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: io::Error,
+    },
+    /// A file could not be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: io::Error,
+    },
+    /// A file is not what it should be.
+    #[error("{}: {reason}", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Where in the file, and what was expected there.
+        reason: String,
+    },
+    /// A value makes no sense.
+    #[error("{}{field} is {found}; expected {expected}", place.as_deref().unwrap_or_default())]
+    Field {
+        /// File and line.
+        place: Option<String>,
+        /// The field.
+        field: String,
+        /// Its value.
+        found: String,
+        /// What would make sense.
+        expected: String,
+    },
+    /// The robot cannot be read.
+    #[error(transparent)]
+    Robot(#[from] RobotFileError),
+    /// The robot makes no sense with the rig's cameras.
+    #[error("{}{source}", place.as_deref().unwrap_or_default())]
+    Spec {
+        /// File and line.
+        place: Option<String>,
+        /// What is wrong.
+        source: SpecError,
+    },
+    /// The command is of another robot, or out of its range.
+    #[error(transparent)]
+    Command(#[from] CommandError),
+    /// A goal lies beyond a servo's limits.
+    #[error(
+        "servo {id} would go to {} ticks from home; its limits are {low} to {high}",
+        goal.0
+    )]
+    Limit {
+        /// Which servo.
+        id: ServoId,
+        /// The goal, from home.
+        goal: Ticks,
+        /// Smallest goal (ticks).
+        low: i32,
+        /// Largest goal (ticks).
+        high: i32,
+    },
+    /// A servo did not do what it was told.
+    #[error(transparent)]
+    Servo(#[from] ServoError),
+    /// A camera gave no picture.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// Where servos stand is not known.
+    #[error("{}; tdcr home --rig FILE homes a rig", .0.join("; "))]
+    NotHomed(
+        /// A line for each servo.
+        Vec<String>,
+    ),
+    /// A tendon cannot be tensioned.
+    #[error(
+        "servo {id} wound by {wound} ticks and pulls with {pull:.3} A, expected {current} A: is its tendon on the spool, and \
+         servos.directions right?"
+    )]
+    Pretension {
+        /// Which servo.
+        id: ServoId,
+        /// How far it wound (ticks).
+        wound: i32,
+        /// What it pulls with (A).
+        pull: f64,
+        /// What it should pull with (A).
+        current: f64,
+    },
+    /// Goals were given before the motors were switched on.
+    #[error("the motors are off: engage the rig first")]
+    Released,
+    /// Something went wrong in motion, and the tension was released.
+    #[error(transparent)]
+    Stopped(Box<EmergencyStop>),
+    /// The caller asked to stop, and the tension was released.
+    #[error("interrupted; the tension was released")]
+    Interrupted,
+    /// The file names something that this build or system does not have.
+    #[error("{0}")]
+    Unavailable(String),
+}
+
+impl RigError {
+    /// A value that makes no sense.
+    pub(super) fn field(
+        field: impl Into<String>,
+        found: impl Display,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self::Field {
+            place: None,
+            field: field.into(),
+            found: found.to_string(),
+            expected: expected.into(),
+        }
+    }
+
+    /// The same error of a value in the file `path`, where `line` knows the lines of fields.
+    pub(super) fn in_file(self, path: &Path, line: impl Fn(&str) -> Option<usize>) -> Self {
+        let at = |field: &str| {
+            let line = line(field).map_or(String::new(), |line| format!(":{line}"));
+            Some(format!("{}{line}: ", path.display()))
+        };
+        match self {
+            Self::Field {
+                field,
+                found,
+                expected,
+                ..
+            } => Self::Field {
+                place: at(&field),
+                field,
+                found,
+                expected,
+            },
+            Self::Spec { source, .. } => Self::Spec {
+                place: match &source {
+                    SpecError::Field { field, .. } => at(field),
+                    _ => at(""),
+                },
+                source,
+            },
+            other => other,
+        }
+    }
+}
+
+impl From<SpecError> for RigError {
+    fn from(source: SpecError) -> Self {
+        Self::Spec {
+            place: None,
+            source,
+        }
+    }
+}

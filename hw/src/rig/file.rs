@@ -1,0 +1,422 @@
+//! What a rig consists of, as its file says it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use tdcr_sim::render::{BaseVisibility, Sensor};
+use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
+
+use super::place::line_of;
+use super::settings::{MotionSettings, SafetySettings, SimulationSettings};
+use super::{RigError, Winch};
+use crate::plan::CommandSettings;
+use crate::servo::{OperatingMode, ServoId};
+
+/// Largest rig file (bytes).
+const LARGEST: u64 = 1 << 20;
+
+/// A rig as its file (`rig.toml`) says it: servos, cameras, and what joins them. Lengths in metres, currents in amperes,
+/// tensions in newtons.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigSpec {
+    /// Name, for data sets and logs.
+    pub name: String,
+    /// The robot: `2m`, `3m`, `5m`, or the path of its file, from the rig file's folder.
+    pub robot: String,
+    /// Whether the base is a part of what cameras see and clouds show.
+    #[serde(default = "base_hidden")]
+    pub base: BaseVisibility,
+    /// The servos behind its tendons.
+    pub servos: ServosSpec,
+    /// The cameras that watch it.
+    #[serde(default)]
+    pub cameras: Vec<RigCameraSpec>,
+    /// How the robot is told from what else the cameras see.
+    #[serde(default)]
+    pub masks: MasksSpec,
+    /// Which commands are drawn.
+    #[serde(default)]
+    pub commands: CommandSettings,
+    /// How the robot moves, and when it counts as still.
+    #[serde(default)]
+    pub motion: MotionSettings,
+    /// What ends a motion.
+    #[serde(default)]
+    pub safety: SafetySettings,
+    /// What there is besides the robot where parts are simulated.
+    #[serde(default)]
+    pub simulation: SimulationSettings,
+}
+
+fn base_hidden() -> BaseVisibility {
+    BaseVisibility::Hidden
+}
+
+/// What servos are connected to.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ServoLink {
+    /// Servos in memory, with the rig's robot behind their spools.
+    Simulated,
+    /// A serial port or pseudo-terminal, such as `/dev/ttyUSB0`.
+    Serial(PathBuf),
+    /// A log that is played back.
+    Recorded(PathBuf),
+}
+
+/// What a camera is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraLink {
+    /// In memory: it sees the robot behind the simulated servos.
+    Simulated,
+    /// An Intel RealSense of this serial number.
+    Realsense,
+    /// A log that is played back.
+    Recorded(PathBuf),
+}
+
+/// Which way a servo's count goes when it winds its tendon up: `1` or `-1` in files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "i64", into = "i64")]
+pub enum Direction {
+    /// It counts up.
+    Up,
+    /// It counts down.
+    Down,
+}
+
+impl TryFrom<i64> for Direction {
+    type Error = String;
+
+    fn try_from(sign: i64) -> Result<Self, String> {
+        match sign {
+            1 => Ok(Self::Up),
+            -1 => Ok(Self::Down),
+            other => Err(format!(
+                "direction {other}; expected 1 where the count goes up as the tendon is wound, or -1"
+            )),
+        }
+    }
+}
+
+impl From<Direction> for i64 {
+    fn from(direction: Direction) -> Self {
+        match direction {
+            Direction::Up => 1,
+            Direction::Down => -1,
+        }
+    }
+}
+
+/// The operating modes that drive tendons, both over several turns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TendonMode {
+    /// By position, with as much current as that takes, up to the servo's own limit.
+    ExtendedPosition,
+    /// By position with no more than the current limit: a bounded tension, the safe way to drive a tendon.
+    #[default]
+    CurrentBasedPosition,
+}
+
+impl From<TendonMode> for OperatingMode {
+    fn from(mode: TendonMode) -> Self {
+        match mode {
+            TendonMode::ExtendedPosition => Self::ExtendedPosition,
+            TendonMode::CurrentBasedPosition => Self::CurrentBasedPosition,
+        }
+    }
+}
+
+/// The servos, one for each tendon in the order of a command.
+///
+/// Lists have an entry for each servo, or a single one that holds for all.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServosSpec {
+    /// What they are connected to.
+    pub link: ServoLink,
+    /// Bits per second of the line.
+    #[serde(default = "megabaud")]
+    pub baud: u32,
+    /// Addresses, in the order of the tendons.
+    pub ids: Vec<u8>,
+    /// How they are driven.
+    #[serde(default)]
+    pub mode: TendonMode,
+    /// Which way they count when they wind.
+    pub directions: Vec<Direction>,
+    /// Radii of the spools, to the middle of the tendon (m).
+    pub spool_radius: Vec<f64>,
+    /// Tensions of the tendons at home (N), where the robot stands straight.
+    pub home_tension: Vec<f64>,
+    /// Smallest and largest position that a goal may have, from home (ticks).
+    pub limits: Vec<[i32; 2]>,
+    /// Largest current (A): of the goals in current-based position mode.
+    pub current_limit: Vec<f64>,
+}
+
+fn megabaud() -> u32 {
+    1_000_000
+}
+
+/// A camera of a rig.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigCameraSpec {
+    /// Serial number; of a simulated one any name.
+    pub serial: String,
+    /// What it is.
+    pub link: CameraLink,
+    /// Place, aim and lens of its colour camera.
+    pub camera: CameraSpec,
+    /// Faults of a simulated one; none where the file does not name a model.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<SensorModel>,
+}
+
+/// Models of simulated depth cameras.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SensorModel {
+    /// Intel RealSense D435.
+    D435,
+}
+
+impl SensorModel {
+    /// Its faults.
+    pub fn sensor(self) -> Sensor {
+        match self {
+            Self::D435 => Sensor::d435(),
+        }
+    }
+}
+
+/// How the robot is told from what else the cameras see: where several are given, a pixel has to pass all.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MasksSpec {
+    /// The robot is within this box.
+    #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
+    pub workspace: Option<BoxSpec>,
+}
+
+/// A box along the world's axes (m).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoxSpec {
+    /// Its corner of the smallest coordinates.
+    pub low: [f64; 3],
+    /// Its corner of the largest coordinates.
+    pub high: [f64; 3],
+}
+
+/// A rig file that was read: what it says, and the robot that it names.
+#[derive(Clone, Debug)]
+pub struct RigFile {
+    /// Where it lies.
+    pub path: PathBuf,
+    /// What it says.
+    pub spec: RigSpec,
+    /// The robot, watched by the rig's cameras where it has any.
+    pub robot: RobotSpec,
+}
+
+impl RigFile {
+    /// Reads and checks the rig file `path`.
+    ///
+    /// # Errors
+    /// [`RigError::Read`], [`RigError::Parse`] with line and field, [`RigError::Field`] for a value that makes no sense,
+    /// [`RigError::Robot`].
+    pub fn load(path: &Path) -> Result<Self, RigError> {
+        let read = |source| RigError::Read {
+            path: path.to_owned(),
+            source,
+        };
+        // Asked before reading: a device may never end.
+        let found = fs::metadata(path).map_err(read)?;
+        if !found.is_file() || found.len() > LARGEST {
+            return Err(read(std::io::Error::new(
+                std::io::ErrorKind::InvalidInput,
+                format!("expected a regular file of at most {LARGEST} bytes"),
+            )));
+        }
+        let text = fs::read_to_string(path).map_err(read)?;
+        Self::parse(&text, path)
+    }
+
+    /// The rig that `text` describes, read from `path`: robots and logs are named from its folder.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    pub fn parse(text: &str, path: &Path) -> Result<Self, RigError> {
+        let spec: RigSpec = toml::from_str(text).map_err(|error| RigError::Parse {
+            path: path.to_owned(),
+            reason: error.to_string(),
+        })?;
+        let mut file = Self {
+            path: path.to_owned(),
+            robot: RobotSpec::load(&robot_name(&spec.robot, path))?,
+            spec,
+        };
+        if !file.spec.cameras.is_empty() {
+            let cameras = file.spec.cameras.iter();
+            file.robot.cameras = Cameras::Free(cameras.map(|c| c.camera.clone()).collect());
+        }
+        file.check()
+            .and_then(|()| Ok(file.robot.validate()?))
+            .map_err(|error| error.in_file(path, |field| line_of(text, field)))?;
+        Ok(file)
+    }
+
+    /// The robot, compiled.
+    ///
+    /// # Errors
+    /// [`RigError::Spec`].
+    pub fn compile(&self) -> Result<Robot, RigError> {
+        Ok(Robot::new(self.robot.clone())?)
+    }
+
+    /// The servos with their spools, in the order of a command of `robot`, the file's.
+    ///
+    /// # Errors
+    /// [`RigError::Field`] where the robot cannot stand at home with the tensions that the file gives.
+    pub fn winches(&self, robot: &Robot) -> Result<Vec<Winch>, RigError> {
+        Winch::all(&self.spec.servos, robot)
+    }
+
+    /// A path that the file names.
+    pub fn resolve(&self, path: &Path) -> PathBuf {
+        beside(&self.path, path)
+    }
+}
+
+/// `path` as seen from the folder of the file `from`.
+fn beside(from: &Path, path: &Path) -> PathBuf {
+    from.parent().unwrap_or(Path::new("")).join(path)
+}
+
+fn robot_name(name: &str, rig: &Path) -> String {
+    if RobotSpec::STANDARD.contains(&name) {
+        return name.to_owned();
+    }
+    beside(rig, Path::new(name)).to_string_lossy().into_owned()
+}
+
+impl RigFile {
+    /// Refuses values that make no sense.
+    fn check(&self) -> Result<(), RigError> {
+        let tendons = self.robot.tendon_count();
+        let servos = &self.spec.servos;
+        if servos.ids.len() != tendons {
+            let found = format!("{} ids", servos.ids.len());
+            let expected = format!(
+                "{tendons}, one for each tendon of robot `{}`",
+                self.robot.name
+            );
+            return Err(RigError::field("servos.ids", found, expected));
+        }
+        for (k, &id) in servos.ids.iter().enumerate() {
+            let field = format!("servos.ids[{k}]");
+            if ServoId::new(id).is_none() {
+                return Err(RigError::field(field, id, "an address of 0 to 252"));
+            }
+            if servos.ids[..k].contains(&id) {
+                return Err(RigError::field(field, id, "no address twice"));
+            }
+        }
+        let positive = |value: &f64| value.is_finite() && *value > 0.0;
+        let one_or_each = |field: &str, found: usize| match found == 1 || found == tendons {
+            true => Ok(()),
+            false => {
+                let expected = format!("one for each of the {tendons} servos, or a single one");
+                Err(RigError::field(
+                    format!("servos.{field}"),
+                    format!("{found} entries"),
+                    expected,
+                ))
+            }
+        };
+        one_or_each("directions", servos.directions.len())?;
+        one_or_each("limits", servos.limits.len())?;
+        for (name, list, fits, expected) in [
+            (
+                "spool_radius",
+                &servos.spool_radius,
+                &positive as &dyn Fn(&f64) -> bool,
+                "a radius above 0 (m)",
+            ),
+            (
+                "home_tension",
+                &servos.home_tension,
+                &|x| x.is_finite() && *x >= 0.0,
+                "a tension of 0 or more (N)",
+            ),
+            (
+                "current_limit",
+                &servos.current_limit,
+                &positive,
+                "a current above 0 (A)",
+            ),
+        ] {
+            one_or_each(name, list.len())?;
+            for (k, value) in list.iter().enumerate() {
+                if !fits(value) {
+                    return Err(RigError::field(
+                        format!("servos.{name}[{k}]"),
+                        value,
+                        expected,
+                    ));
+                }
+            }
+        }
+        for (k, limits @ [low, high]) in servos.limits.iter().enumerate() {
+            if !(low <= &0 && &0 <= high && low < high) {
+                let expected = "[smallest, largest] about home, which is 0 (ticks)";
+                let field = format!("servos.limits[{k}]");
+                return Err(RigError::field(field, format!("{limits:?}"), expected));
+            }
+        }
+        for (k, camera) in self.spec.cameras.iter().enumerate() {
+            let same = |other: &RigCameraSpec| other.serial == camera.serial;
+            if camera.serial.is_empty() || self.spec.cameras[..k].iter().any(same) {
+                let expected = "a serial number, no one twice";
+                let found = format!("{:?}", camera.serial);
+                return Err(RigError::field(
+                    format!("cameras[{k}].serial"),
+                    found,
+                    expected,
+                ));
+            }
+            let sees_plant = self.spec.servos.link == ServoLink::Simulated;
+            if camera.link == CameraLink::Simulated && !sees_plant {
+                let expected =
+                    "\"simulated\" only where the servos are: it sees the robot behind them";
+                let field = format!("cameras[{k}].link");
+                return Err(RigError::field(field, "\"simulated\"", expected));
+            }
+        }
+        if let Some(bounds) = self.spec.masks.workspace {
+            for axis in 0..3 {
+                let [low, high] = [bounds.low[axis], bounds.high[axis]];
+                if !(low.is_finite() && high.is_finite() && low < high) {
+                    let found = format!("{low} to {high} along axis {axis}");
+                    return Err(RigError::field("masks.box", found, "low below high (m)"));
+                }
+            }
+        }
+        let modules = self.robot.modules.len();
+        if let Some((field, found, expected)) = self.spec.commands.fault(modules) {
+            return Err(RigError::field(
+                format!("commands.{field}"),
+                found,
+                expected,
+            ));
+        }
+        self.spec.motion.check()?;
+        self.spec.safety.check()
+    }
+}

@@ -1,0 +1,130 @@
+//! Finding home: by hand, or from where servos were left.
+
+use super::turns::{Homing, Turns};
+use super::{Rig, RigError};
+use crate::servo::{ServoId, Ticks};
+
+/// What homing found for a servo.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HomingReport {
+    /// Which servo.
+    pub id: ServoId,
+    /// What was known of it.
+    pub before: Homing,
+    /// Where it stands, from home (ticks).
+    pub position: Ticks,
+}
+
+impl Rig {
+    /// Asks the servos where they are, and compares with where they were left.
+    ///
+    /// # Errors
+    /// [`RigError::Servo`] for the first that does not answer.
+    pub fn meet(&mut self) -> Result<&[Homing], RigError> {
+        let positions = self.positions()?;
+        let met = |(&id, &found): (&ServoId, &Ticks)| {
+            let known = self.turns.of(id);
+            known.map_or(Homing::Never, |turns| turns.meet(found))
+        };
+        self.homing = self.ids.iter().zip(&positions).map(met).collect();
+        Ok(&self.homing)
+    }
+
+    /// What is known of where the servos are, as of the last [`meet`](Self::meet).
+    pub fn homing(&self) -> &[Homing] {
+        &self.homing
+    }
+
+    /// Takes where the servos stand for home: the robot has to be in its home pose, straight, with every tendon at its
+    /// tension of home.
+    ///
+    /// # Errors
+    /// [`RigError::Servo`] for the first that does not answer; [`RigError::Write`]. Nothing has changed then.
+    pub fn home_here(&mut self) -> Result<Vec<HomingReport>, RigError> {
+        let positions = self.positions()?;
+        self.set_homes(&positions, &positions)
+    }
+
+    /// Finds home from where the servos were left: they have lost their count, but not turned by more than
+    /// [`KNOWN_WITHIN`](super::KNOWN_WITHIN).
+    ///
+    /// # Errors
+    /// [`RigError::NotHomed`] where that does not tell all homes; as [`home_here`](Self::home_here).
+    pub fn home_recalled(&mut self) -> Result<Vec<HomingReport>, RigError> {
+        self.meet()?;
+        let positions = self.positions()?;
+        let servos = self.homing.iter().zip(&positions);
+        let recalled: Vec<_> = servos
+            .map(|(homing, &found)| homing.recall(found))
+            .collect();
+        let unknown = |((id, homing), home): ((&ServoId, &Homing), &Option<Ticks>)| match home {
+            Some(_) => None,
+            None => Some(format!(
+                "{}: put the robot into its home pose and use --here",
+                homing.known(*id).err().unwrap_or_default()
+            )),
+        };
+        let servos = self.ids.iter().zip(&self.homing);
+        let unknown: Vec<String> = servos.zip(&recalled).filter_map(unknown).collect();
+        if !unknown.is_empty() {
+            return Err(RigError::NotHomed(unknown));
+        }
+        let homes: Vec<Ticks> = recalled.into_iter().flatten().collect();
+        self.set_homes(&homes, &positions)
+    }
+
+    /// Sets homes in the servos' own counts, and where they stand.
+    pub(super) fn set_homes(
+        &mut self,
+        homes: &[Ticks],
+        positions: &[Ticks],
+    ) -> Result<Vec<HomingReport>, RigError> {
+        let servos = self.ids.iter().zip(homes).zip(positions);
+        let turns: Vec<Turns> = servos
+            .map(|((id, home), last)| Turns {
+                id: id.get(),
+                home: home.0,
+                last: last.0,
+            })
+            .collect();
+        self.turns.write(&turns)?;
+        let before = std::mem::replace(
+            &mut self.homing,
+            homes.iter().map(|&home| Homing::Homed(home)).collect(),
+        );
+        let servos = self.ids.iter().zip(before).zip(turns);
+        Ok(servos
+            .map(|((&id, before), turns)| HomingReport {
+                id,
+                before,
+                position: Ticks(turns.last.saturating_sub(turns.home)),
+            })
+            .collect())
+    }
+
+    /// Homes in the servos' own counts.
+    ///
+    /// # Errors
+    /// [`RigError::NotHomed`], with a line for each that is not known.
+    pub(super) fn homes(&self) -> Result<Vec<Ticks>, RigError> {
+        let known = self.ids.iter().zip(&self.homing);
+        let (homes, unknown): (Vec<_>, Vec<_>) = known
+            .map(|(&id, homing)| homing.known(id))
+            .partition(Result::is_ok);
+        if unknown.is_empty() {
+            return Ok(homes.into_iter().flatten().collect());
+        }
+        Err(RigError::NotHomed(
+            unknown.into_iter().filter_map(Result::err).collect(),
+        ))
+    }
+
+    /// Where the servos stand in their own counts.
+    pub(super) fn positions(&mut self) -> Result<Vec<Ticks>, RigError> {
+        let present = self.bus.present(&self.ids);
+        Ok(present
+            .into_iter()
+            .map(|present| present.map(|present| present.position))
+            .collect::<Result<_, _>>()?)
+    }
+}

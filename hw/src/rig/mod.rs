@@ -1,0 +1,219 @@
+//! A rig: a robot with servos behind its tendons and cameras around it, opened from one file, on the desk or in memory.
+//!
+//! [`Rig::open`] reads `rig.toml` ([`RigSpec`]) and gives one type for any mix of simulated, recorded and real parts. Its clock
+//! follows from them: virtual where all are in memory, the system's where any is real.
+//!
+//! A rig moves its robot only while it is [engaged](Rig::engage), which it refuses to be until every servo is
+//! [homed](Rig::home_here). All that moves goes through [`Rig::step`] and [`Rig::poll`], which look at every reading and
+//! release the tension where something is wrong ([`EmergencyStop`]); so do an interruption ([`Rig::move_along`]) and a panic (`Drop`).
+//! Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
+//! whenever a rig is engaged.
+
+mod error;
+mod file;
+mod homing;
+mod motion;
+mod open;
+mod place;
+mod pretension;
+mod settings;
+mod spool;
+mod stop;
+#[cfg(test)]
+mod tests;
+mod turns;
+mod watch;
+mod winch;
+
+pub use error::RigError;
+pub use file::{
+    BoxSpec, CameraLink, Direction, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
+    ServoLink, ServosSpec, TendonMode,
+};
+pub use homing::HomingReport;
+pub use open::Pace;
+pub use pretension::{PretensionSettings, Pretensioned};
+pub use settings::{MotionSettings, Release, SafetySettings, SimulationSettings, Surroundings};
+pub use spool::Spool;
+pub use stop::{Cause, EmergencyStop, Released};
+pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
+pub use winch::{Winch, WinchState};
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tdcr_sim::render::RgbdFrame;
+use tdcr_sim::robot::Robot;
+
+use crate::camera::{RgbdCamera, Soak, Stamped, grab_all};
+use crate::clock::Clock;
+use crate::servo::{PerServo, ServoBus, ServoId};
+use crate::simulated::Simulator;
+use motion::Drive;
+
+/// Servos, cameras and clock of a rig, however they came about.
+pub struct Parts {
+    /// The servos.
+    pub bus: Box<dyn ServoBus>,
+    /// The cameras, in the order of the rig file.
+    pub cameras: Vec<Box<dyn RgbdCamera>>,
+    /// What all of them wait on.
+    pub clock: Arc<dyn Clock>,
+    /// Where homes are kept.
+    pub turns: TurnsFile,
+}
+
+/// A robot with servos and cameras.
+pub struct Rig {
+    file: RigFile,
+    robot: Robot,
+    winches: Vec<Winch>,
+    ids: Vec<ServoId>,
+    bus: Box<dyn ServoBus>,
+    cameras: Vec<Box<dyn RgbdCamera>>,
+    clock: Arc<dyn Clock>,
+    turns: TurnsFile,
+    homing: Vec<Homing>,
+    drive: Drive,
+    /// What servos and cameras in memory are parts of.
+    simulator: Option<Simulator>,
+}
+
+/// Pictures of all cameras from one moment.
+#[derive(Debug)]
+pub struct Pictures {
+    /// One for each camera, in the order of the rig file.
+    pub frames: Vec<Stamped<RgbdFrame>>,
+    /// Largest difference between their times.
+    pub skew: Duration,
+}
+
+impl Rig {
+    /// A rig of parts that are open already. Asks no servo anything: those that were homed before are
+    /// [met](Self::meet) when the rig is engaged.
+    ///
+    /// # Errors
+    /// [`RigError::Spec`] for a robot that makes no sense.
+    pub fn of_parts(file: RigFile, parts: Parts) -> Result<Self, RigError> {
+        let robot = file.compile()?;
+        let winches = file.winches(&robot)?;
+        let Parts {
+            bus,
+            cameras,
+            clock,
+            turns,
+        } = parts;
+        Ok(Self {
+            ids: winches.iter().map(|winch| winch.id).collect(),
+            homing: vec![Homing::Never; winches.len()],
+            file,
+            robot,
+            winches,
+            bus,
+            cameras,
+            clock,
+            turns,
+            drive: Drive::Released,
+            simulator: None,
+        })
+    }
+
+    /// The file that it was made from.
+    pub fn file(&self) -> &RigFile {
+        &self.file
+    }
+
+    /// What the rig's file says.
+    pub fn spec(&self) -> &RigSpec {
+        &self.file.spec
+    }
+
+    /// The robot, watched by the rig's cameras.
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// The servos with their spools, in the order of a command.
+    pub fn winches(&self) -> &[Winch] {
+        &self.winches
+    }
+
+    /// What time passes on.
+    pub fn clock(&self) -> &Arc<dyn Clock> {
+        &self.clock
+    }
+
+    /// The servos, for what a rig has no call of its own for. Motion belongs to [`step`](Self::step): what is sent past it is
+    /// not watched.
+    pub fn bus(&mut self) -> &mut dyn ServoBus {
+        &mut *self.bus
+    }
+
+    /// What its servos in memory are parts of, which knows the truth and lets things go wrong; `None` for a rig on the desk.
+    pub fn simulator(&self) -> Option<&Simulator> {
+        self.simulator.as_ref()
+    }
+
+    /// The cameras.
+    pub fn cameras(&self) -> &[Box<dyn RgbdCamera>] {
+        &self.cameras
+    }
+
+    /// Where the servos are, one result each.
+    pub fn state(&mut self) -> PerServo<Option<WinchState>> {
+        let present = self.bus.present(&self.ids);
+        let servos = self.winches.iter().zip(&self.homing);
+        (servos.zip(present))
+            .map(|((winch, homing), present)| {
+                Ok(match (homing, present?) {
+                    (Homing::Homed(home), present) => Some(winch.state(*home, present)),
+                    _ => None,
+                })
+            })
+            .collect()
+    }
+
+    /// Waits until all cameras have found their exposure: before the rig is engaged, as nobody looks at the servos meanwhile.
+    ///
+    /// # Errors
+    /// [`RigError::Camera`].
+    pub fn warm_up(&mut self) -> Result<(), RigError> {
+        for camera in &mut self.cameras {
+            Soak::default().run(camera)?;
+        }
+        Ok(())
+    }
+
+    /// Pictures of all cameras, of the present or later.
+    ///
+    /// # Errors
+    /// [`RigError::Camera`] for the first camera that gave none; the tension is released then, as nobody sees any more what
+    /// it does.
+    pub fn grab(&mut self) -> Result<Pictures, RigError> {
+        let patience = Duration::from_secs_f64(self.file.spec.motion.picture);
+        let together = grab_all(&mut self.cameras, &*self.clock, patience);
+        let frames: Result<Vec<_>, _> = together.frames.into_iter().collect();
+        match frames {
+            Ok(frames) => Ok(Pictures {
+                frames,
+                skew: together.skew.unwrap_or_default(),
+            }),
+            Err(error) => {
+                self.release_at_once();
+                Err(error.into())
+            }
+        }
+    }
+}
+
+impl Drop for Rig {
+    /// Releases the tension of a rig that is engaged: after an error or a panic.
+    fn drop(&mut self) {
+        if self.is_engaged() {
+            let released = self.release_at_once();
+            if !released.is_complete() {
+                tracing::warn!("{released}");
+            }
+        }
+    }
+}

@@ -1,0 +1,461 @@
+//! Moving, watched: motors on, goals in steps, motors off.
+
+use std::ops::ControlFlow;
+use std::time::Duration;
+
+use tdcr_sim::robot::Command;
+
+use super::settings::Release;
+use super::stop::{Cause, EmergencyStop, Released};
+use super::turns::{Homing, Turns};
+use super::watch::{Vitals, Watch};
+use super::winch::WinchState;
+use super::{Rig, RigError};
+use crate::servo::{OperatingMode, PerServo, ServoBus, ServoError, ServoId, Ticks, Torque};
+
+/// How often one asks how the servos fare.
+const CHECK_UP: Duration = Duration::from_millis(500);
+
+/// Step of a current limit (A): that of the X330 series.
+const CURRENT_STEP: f64 = 1e-3;
+
+/// How often a servo is told to switch off its motor before one gives up.
+const ATTEMPTS: usize = 3;
+
+/// Whether the motors are driven.
+#[derive(Debug)]
+pub(super) enum Drive {
+    Released,
+    Engaged(Box<Engaged>),
+}
+
+/// What is known while the motors are driven.
+#[derive(Debug)]
+pub(super) struct Engaged {
+    /// Homes in the servos' own counts.
+    homes: Vec<Ticks>,
+    /// Goals, from home.
+    goals: Vec<Ticks>,
+    watch: Watch,
+    /// When the next goals are due.
+    next: Duration,
+    /// When the next check-up is.
+    check_up: Duration,
+    /// The last state of each servo.
+    states: Vec<WinchState>,
+}
+
+impl Rig {
+    /// Whether the motors are driven.
+    pub fn is_engaged(&self) -> bool {
+        matches!(self.drive, Drive::Engaged(_))
+    }
+
+    /// Switches the motors on where they stand: sets modes, current limits and watchdogs, and takes the present positions
+    /// for goals first. Nothing is done where they are on.
+    ///
+    /// # Errors
+    /// [`RigError::NotHomed`]; [`RigError::Stopped`] where a servo reports a fault or is too hot; [`RigError::Servo`]. The motors are off
+    /// then.
+    pub fn engage(&mut self) -> Result<(), RigError> {
+        if self.is_engaged() {
+            return Ok(());
+        }
+        self.meet()?;
+        let homes = self.homes()?;
+        match self.switch_on(&homes) {
+            Ok(states) => {
+                let now = self.clock.now();
+                self.drive = Drive::Engaged(Box::new(Engaged {
+                    homes,
+                    goals: states.iter().map(|state| state.position).collect(),
+                    watch: Watch::new(self.ids.len()),
+                    next: now,
+                    check_up: now,
+                    states,
+                }));
+                self.poll().map(drop)
+            }
+            Err(error) => {
+                let released = self.release_at_once();
+                if !released.is_complete() {
+                    tracing::warn!("{released}");
+                }
+                Err(error)
+            }
+        }
+    }
+
+    fn switch_on(&mut self, homes: &[Ticks]) -> Result<Vec<WinchState>, RigError> {
+        let ids = &self.ids;
+        let safety = &self.file.spec.safety;
+        let vitals = vitals(&mut *self.bus, ids);
+        // Motors that are off are no fault yet.
+        let on = vitals.into_iter().map(|vitals| Vitals {
+            torque: Ok(Torque::On),
+            ..vitals
+        });
+        Watch::check(ids, on.collect(), safety).map_err(|cause| {
+            let release = Released::default();
+            EmergencyStop { cause, release }
+        })?;
+        let mode = self.file.spec.servos.mode.into();
+        let modes = all(self.bus.mode(ids))?;
+        if modes.iter().any(|&found| found != mode) {
+            all(self.bus.set_torque(ids, Torque::Off))?;
+            all(self.bus.set_mode(ids, mode))?;
+        }
+        // A watchdog that has bitten holds its goals until it is set anew.
+        all(self.bus.set_watchdog(ids, None))?;
+        let winches = self.winches.iter();
+        let limits: Vec<_> = winches
+            .map(|winch| (winch.id, winch.current_limit))
+            .collect();
+        let kept = all(self.bus.current_limits(ids))?;
+        let differs =
+            |((_, wanted), kept): (&(ServoId, f64), f64)| (wanted - kept).abs() > CURRENT_STEP;
+        if limits.iter().zip(kept).any(differs) {
+            all(self.bus.set_torque(ids, Torque::Off))?;
+            all(self.bus.set_current_limits(&limits))?;
+        }
+        if mode == OperatingMode::CurrentBasedPosition {
+            all(self.bus.set_goal_currents(&limits))?;
+        }
+        let present = all(self.bus.present(ids))?;
+        let hold = ids
+            .iter()
+            .zip(&present)
+            .map(|(&id, present)| (id, present.position));
+        let hold: Vec<_> = hold.collect();
+        all(self.bus.set_goal_positions(&hold))?;
+        let watchdog = Duration::from_secs_f64(safety.watchdog);
+        all(self.bus.set_watchdog(ids, Some(watchdog)))?;
+        all(self.bus.set_torque(ids, Torque::On))?;
+        // Some forget the goal when they are switched on.
+        all(self.bus.set_goal_positions(&hold))?;
+        let servos = self.winches.iter().zip(homes).zip(present);
+        Ok(servos
+            .map(|((winch, &home), present)| winch.state(home, present))
+            .collect())
+    }
+
+    /// Sends a command's goals, waits until the next are due, and looks at what the servos do: their states, those of servos
+    /// that missed this read as they last were.
+    ///
+    /// # Errors
+    /// [`RigError::Limit`] and [`RigError::Command`] before anything is sent; [`RigError::Released`];
+    /// [`RigError::Stopped`] after the tension was released.
+    pub fn step(&mut self, command: &Command) -> Result<&[WinchState], RigError> {
+        let goals = self.goals(command)?;
+        self.step_to(&goals)
+    }
+
+    /// The goals of a command, from home.
+    ///
+    /// # Errors
+    /// [`RigError::Command`], [`RigError::Limit`].
+    pub fn goals(&self, command: &Command) -> Result<Vec<Ticks>, RigError> {
+        let command = self.robot.command(command.as_slice())?;
+        let winches = self.winches.iter().zip(command.as_slice());
+        winches
+            .map(|(winch, &command)| winch.goal(command))
+            .collect()
+    }
+
+    /// The same for goals from home, which are within their limits.
+    pub(super) fn step_to(&mut self, goals: &[Ticks]) -> Result<&[WinchState], RigError> {
+        let Drive::Engaged(engaged) = &mut self.drive else {
+            return Err(RigError::Released);
+        };
+        engaged.goals.copy_from_slice(goals);
+        let servos = self.ids.iter().zip(goals).zip(&engaged.homes);
+        let counts: Vec<(ServoId, Ticks)> = servos
+            .map(|((&id, goal), home)| (id, Ticks(goal.0.saturating_add(home.0))))
+            .collect();
+        // A goal that one servo missed is sent again with the next; that it is lost, reading tells.
+        for error in self
+            .bus
+            .set_goal_positions(&counts)
+            .into_iter()
+            .filter_map(Result::err)
+        {
+            tracing::debug!("{error}");
+        }
+        self.poll()
+    }
+
+    /// Waits until goals are due, and looks at what the servos do. Whoever computes for longer than the servos' watchdog
+    /// allows calls this meanwhile.
+    ///
+    /// # Errors
+    /// As [`step`](Self::step).
+    pub fn poll(&mut self) -> Result<&[WinchState], RigError> {
+        let Drive::Engaged(engaged) = &mut self.drive else {
+            return Err(RigError::Released);
+        };
+        let period = self.file.spec.motion.period();
+        self.clock.wait_until(engaged.next);
+        let now = self.clock.now();
+        engaged.next = (engaged.next + period).max(now);
+        match self.look(now) {
+            Ok(()) => {}
+            Err(Looked::Wrong(cause)) => return Err(self.stop(cause)),
+            Err(Looked::Unwritten(error)) => {
+                self.release_at_once();
+                return Err(error);
+            }
+        }
+        match &self.drive {
+            Drive::Engaged(engaged) => Ok(&engaged.states),
+            Drive::Released => Err(RigError::Released),
+        }
+    }
+
+    /// Releases the tension because of `cause`.
+    pub(super) fn stop(&mut self, cause: Cause) -> RigError {
+        let release = self.release_at_once();
+        EmergencyStop { cause, release }.into()
+    }
+
+    /// Reads all servos and judges what they say.
+    fn look(&mut self, now: Duration) -> Result<(), Looked> {
+        let Drive::Engaged(engaged) = &mut self.drive else {
+            return Ok(());
+        };
+        let safety = &self.file.spec.safety;
+        let present = self.bus.present(&self.ids);
+        let servos = self.winches.iter().zip(&engaged.homes).zip(present);
+        let states = servos.map(|((winch, &home), present)| {
+            let present = present?;
+            match present.errors.is_empty() {
+                true => Ok(winch.state(home, present)),
+                false => Err(ServoError::Hardware {
+                    id: winch.id,
+                    errors: present.errors,
+                }),
+            }
+        });
+        let (goals, winches) = (&engaged.goals, &self.winches);
+        let read = (engaged.watch).take(now, winches, goals, states.collect(), safety)?;
+        for (state, read) in engaged.states.iter_mut().zip(read) {
+            *state = read.unwrap_or(*state);
+        }
+        if now >= engaged.check_up {
+            engaged.check_up = now + CHECK_UP;
+            Watch::check(&self.ids, vitals(&mut *self.bus, &self.ids), safety)?;
+        }
+        let servos = self.ids.iter().zip(&engaged.homes).zip(&engaged.states);
+        let turns: Vec<Turns> = servos
+            .map(|((id, home), state)| Turns {
+                id: id.get(),
+                home: home.0,
+                last: home.0.saturating_add(state.position.0),
+            })
+            .collect();
+        self.turns.follow(&turns).map_err(Looked::Unwritten)
+    }
+
+    /// Moves along commands, each a step. `go_on` is asked before each whether to.
+    ///
+    /// # Errors
+    /// As [`step`](Self::step); [`RigError::Interrupted`] after the tension was released.
+    pub fn move_along<'a>(
+        &mut self,
+        commands: impl IntoIterator<Item = &'a Command>,
+        go_on: &mut dyn FnMut() -> ControlFlow<()>,
+    ) -> Result<(), RigError> {
+        for command in commands {
+            if go_on().is_break() {
+                self.release()?;
+                return Err(RigError::Interrupted);
+            }
+            self.step(command)?;
+        }
+        Ok(())
+    }
+
+    /// Where the servos are told to be, as a command (m); `None` where the motors are off.
+    pub fn commanded(&self) -> Option<Vec<f64>> {
+        let Drive::Engaged(engaged) = &self.drive else {
+            return None;
+        };
+        let winches = self.winches.iter().zip(&engaged.goals);
+        Some(
+            winches
+                .map(|(winch, &goal)| winch.spool.command(goal))
+                .collect(),
+        )
+    }
+
+    /// The goals that the servos were told last, from home; `None` where the motors are off.
+    pub fn held_goals(&self) -> Option<&[Ticks]> {
+        match &self.drive {
+            Drive::Engaged(engaged) => Some(&engaged.goals),
+            Drive::Released => None,
+        }
+    }
+
+    /// Where the servos were at the last look; `None` where the motors are off.
+    pub fn last_states(&self) -> Option<&[WinchState]> {
+        match &self.drive {
+            Drive::Engaged(engaged) => Some(&engaged.states),
+            Drive::Released => None,
+        }
+    }
+
+    /// Takes the tension from the tendons as the rig's settings say, and switches the motors off. Nothing is done where they
+    /// are off.
+    ///
+    /// # Errors
+    /// [`RigError::Stopped`] where something goes wrong on the way; [`RigError::Servo`] for the first servo that did not
+    /// confirm.
+    pub fn release(&mut self) -> Result<(), RigError> {
+        if self.file.spec.safety.release == Release::Home {
+            self.go_home()?;
+        }
+        if !self.is_engaged() {
+            return Ok(());
+        }
+        match self.release_at_once().unknown.into_iter().next() {
+            None => Ok(()),
+            Some((_, error)) => Err(error.into()),
+        }
+    }
+
+    /// Goes home from wherever the robot is, all servos in proportion, at the speed of a motion. Nothing is done where the motors
+    /// are off.
+    ///
+    /// # Errors
+    /// As [`step`](Self::step).
+    pub fn go_home(&mut self) -> Result<(), RigError> {
+        let Drive::Engaged(engaged) = &self.drive else {
+            return Ok(());
+        };
+        let motion = &self.file.spec.motion;
+        let from: Vec<f64> = engaged.goals.iter().map(|goal| f64::from(goal.0)).collect();
+        let winches = self.winches.iter().zip(&from);
+        let steps = winches.map(|(winch, ticks)| {
+            ticks.abs() * winch.spool.metres_per_tick() / (motion.slew * motion.period)
+        });
+        let steps = steps.fold(0.0, f64::max).ceil() as usize;
+        for left in (0..steps).rev() {
+            let part = left as f64 / steps as f64;
+            let goals = from
+                .iter()
+                .map(|ticks| Ticks((part * ticks).round() as i32));
+            self.step_to(&goals.collect::<Vec<_>>())?;
+        }
+        Ok(())
+    }
+
+    /// Switches all motors off at once, as far as servos can be reached, and says which confirmed.
+    pub fn release_at_once(&mut self) -> Released {
+        self.drive = Drive::Released;
+        let mut released = Released::default();
+        let mut left = self.ids.clone();
+        for attempt in 1..=ATTEMPTS {
+            let results = self.bus.set_torque(&left, Torque::Off);
+            let mut failed = Vec::new();
+            for (&id, result) in left.iter().zip(results) {
+                match result {
+                    Ok(()) => released.off.push(id),
+                    Err(error) if attempt == ATTEMPTS => released.unknown.push((id, error)),
+                    Err(_) => failed.push(id),
+                }
+            }
+            left = failed;
+            if left.is_empty() {
+                break;
+            }
+        }
+        self.note_positions();
+        // A servo whose motor is off needs no watchdog, and one that has bitten would hold the next goals.
+        for error in self
+            .bus
+            .set_watchdog(&released.off, None)
+            .into_iter()
+            .filter_map(Result::err)
+        {
+            tracing::debug!("{error}");
+        }
+        released
+    }
+}
+
+impl Rig {
+    /// The hottest servo and its temperature (degrees Celsius). Also notes where the servos are: those whose motors are off
+    /// may be turned by the tension that is left.
+    ///
+    /// # Errors
+    /// [`RigError::Servo`] for the first that does not answer.
+    pub fn hottest(&mut self) -> Result<(ServoId, f64), RigError> {
+        if !self.is_engaged() {
+            self.note_positions();
+        }
+        let temperatures = all(self.bus.temperatures(&self.ids))?;
+        let servos = self.ids.iter().copied().zip(temperatures);
+        let hottest = servos.max_by(|(_, a), (_, b)| a.total_cmp(b));
+        hottest.ok_or(RigError::Released)
+    }
+
+    /// Notes where the servos are now, as far as that is known: without it, they are where they last were written down.
+    fn note_positions(&mut self) {
+        let present = self.bus.present(&self.ids);
+        let servos = self.ids.iter().zip(&self.homing).zip(present);
+        let turns: Vec<Turns> = servos
+            .filter_map(|((id, homing), present)| match (homing, present) {
+                (Homing::Homed(home), Ok(present)) => Some(Turns {
+                    id: id.get(),
+                    home: home.0,
+                    last: present.position.0,
+                }),
+                _ => None,
+            })
+            // What a servo says that restarted is in another count.
+            .filter(|turns| {
+                let known = ServoId::new(turns.id).and_then(|id| self.turns.of(id));
+                known.is_some_and(|known| matches!(known.meet(Ticks(turns.last)), Homing::Homed(_)))
+            })
+            .collect();
+        if let Err(error) = self.turns.write(&turns) {
+            tracing::warn!("{error}");
+        }
+    }
+}
+
+/// What a look may end with.
+enum Looked {
+    Wrong(Cause),
+    Unwritten(RigError),
+}
+
+impl From<Cause> for Looked {
+    fn from(cause: Cause) -> Self {
+        Self::Wrong(cause)
+    }
+}
+
+impl From<EmergencyStop> for RigError {
+    fn from(stop: EmergencyStop) -> Self {
+        Self::Stopped(Box::new(stop))
+    }
+}
+
+/// The values of all servos, or the first error.
+fn all<T>(values: PerServo<T>) -> Result<Vec<T>, ServoError> {
+    values.into_iter().collect()
+}
+
+fn vitals(bus: &mut dyn ServoBus, ids: &[ServoId]) -> Vec<Vitals> {
+    let temperatures = bus.temperatures(ids);
+    let errors = bus.hardware_errors(ids);
+    let torques = bus.torque(ids);
+    let servos = temperatures.into_iter().zip(errors).zip(torques);
+    servos
+        .map(|((temperature, errors), torque)| Vitals {
+            temperature,
+            errors,
+            torque,
+        })
+        .collect()
+}

@@ -1,0 +1,188 @@
+//! How a rig moves its robot, and what it does not let it do.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::RigError;
+
+/// How the robot moves, and when it counts as still.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MotionSettings {
+    /// Time between goals (s).
+    pub period: f64,
+    /// Largest speed of a tendon (m/s).
+    pub slew: f64,
+    /// The servos count as still below this speed (rad/s).
+    pub still_speed: f64,
+    /// The robot counts as still where the mean change of its depth between pictures, over the pixels that show it in both, is
+    /// below this (m).
+    pub still_depth: f64,
+    /// Longest time that one waits for stillness (s).
+    pub patience: f64,
+    /// Longest time that one waits for a picture (s).
+    pub picture: f64,
+}
+
+/// How tension is taken from the tendons.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Release {
+    /// The motors are switched off at once.
+    TorqueOff,
+    /// The tendons are let out to home at the speed of a motion, then the motors are switched off. After a fault they are
+    /// switched off at once.
+    Home,
+}
+
+/// What ends a motion: the tension is released, and an error says why.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SafetySettings {
+    /// The servos stop by themselves where they hear nothing for this long (s).
+    pub watchdog: f64,
+    /// Largest current (A) that a servo may draw for longer than `overload_time`.
+    pub current: f64,
+    /// How long (s).
+    pub overload_time: f64,
+    /// Largest temperature (degrees Celsius).
+    pub temperature: f64,
+    /// A capture pauses at home above this temperature (degrees Celsius).
+    pub pause_above: f64,
+    /// And goes on below this one (degrees Celsius).
+    pub resume_below: f64,
+    /// Largest distance between goal and position (ticks) that may last for longer than `overload_time`.
+    pub lag: i32,
+    /// Reads in a row without an answer of a servo after which it counts as lost.
+    pub lost_after: usize,
+    /// Smallest current (A) that a servo has to pull with: one that does not for longer than `overload_time` has a slack
+    /// tendon. Not watched where the file does not give it.
+    pub slack_current: Option<f64>,
+    /// How tension is released at the end of a motion.
+    pub release: Release,
+}
+
+/// What there is besides the robot where parts are simulated.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SimulationSettings {
+    /// Seed of noise and faults.
+    pub seed: u64,
+    /// What cameras see around the robot.
+    pub surroundings: Surroundings,
+}
+
+/// What simulated cameras see around the robot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Surroundings {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// A table with things on it, and walls.
+    Table,
+}
+
+impl Default for MotionSettings {
+    fn default() -> Self {
+        Self {
+            period: 0.05,
+            slew: 0.02,
+            still_speed: 0.05,
+            still_depth: 5e-4,
+            patience: 5.0,
+            picture: 2.0,
+        }
+    }
+}
+
+impl Default for SafetySettings {
+    fn default() -> Self {
+        Self {
+            watchdog: 0.5,
+            current: 1.2,
+            overload_time: 0.5,
+            temperature: 70.0,
+            pause_above: 60.0,
+            resume_below: 50.0,
+            lag: 300,
+            lost_after: 3,
+            slack_current: None,
+            release: Release::Home,
+        }
+    }
+}
+
+impl MotionSettings {
+    /// Time between goals.
+    pub fn period(&self) -> Duration {
+        Duration::from_secs_f64(self.period)
+    }
+
+    pub(super) fn check(&self) -> Result<(), RigError> {
+        within("motion.period", self.period, [0.005, 0.2])?;
+        for (field, value) in [
+            ("motion.slew", self.slew),
+            ("motion.still_speed", self.still_speed),
+            ("motion.still_depth", self.still_depth),
+        ] {
+            above(field, value, 0.0)?;
+        }
+        within("motion.patience", self.patience, [0.1, 600.0])?;
+        within("motion.picture", self.picture, [0.05, 60.0])
+    }
+}
+
+impl SafetySettings {
+    pub(super) fn check(&self) -> Result<(), RigError> {
+        // What DYNAMIXELs can be told: 1 to 127 times 20 ms.
+        within("safety.watchdog", self.watchdog, [0.02, 2.54])?;
+        above("safety.current", self.current, 0.0)?;
+        within("safety.overload_time", self.overload_time, [0.0, 10.0])?;
+        within("safety.temperature", self.temperature, [20.0, 100.0])?;
+        range(
+            "safety.resume_below to safety.pause_above",
+            [self.resume_below, self.pause_above],
+        )?;
+        if self.pause_above >= self.temperature {
+            let expected = "below safety.temperature, where the motion ends";
+            return Err(RigError::field(
+                "safety.pause_above",
+                self.pause_above,
+                expected,
+            ));
+        }
+        above("safety.lag", f64::from(self.lag), 0.0)?;
+        within("safety.lost_after", self.lost_after as f64, [1.0, 100.0])
+    }
+}
+
+fn above(field: &str, value: f64, least: f64) -> Result<(), RigError> {
+    if value.is_finite() && value > least {
+        return Ok(());
+    }
+    Err(RigError::field(
+        field,
+        value,
+        format!("a number above {least}"),
+    ))
+}
+
+fn within(field: &str, value: f64, [low, high]: [f64; 2]) -> Result<(), RigError> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(RigError::field(field, value, format!("{low} to {high}")))
+}
+
+fn range(field: &str, [low, high]: [f64; 2]) -> Result<(), RigError> {
+    if low.is_finite() && high.is_finite() && low <= high {
+        return Ok(());
+    }
+    Err(RigError::field(
+        field,
+        format!("{low} to {high}"),
+        "the smaller first",
+    ))
+}

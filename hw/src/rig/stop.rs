@@ -1,0 +1,185 @@
+//! What ends a motion, and what was done about it.
+
+use std::fmt;
+use std::time::Duration;
+
+use thiserror::Error;
+
+use crate::servo::{HardwareErrors, ServoError, ServoId, Ticks};
+
+/// What went wrong in motion.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum Cause {
+    /// A servo reports faults of its hardware.
+    #[error("servo {id} reports {errors}")]
+    Hardware {
+        /// Which one.
+        id: ServoId,
+        /// The faults.
+        errors: HardwareErrors,
+    },
+    /// A servo draws too much current.
+    #[error("servo {id} drew {current:.2} A for {} ms; at most {limit} A may last that long", lasting.as_millis())]
+    Current {
+        /// Which one.
+        id: ServoId,
+        /// Its current, without its sign (A).
+        current: f64,
+        /// What it may draw (A).
+        limit: f64,
+        /// How long it did.
+        lasting: Duration,
+    },
+    /// A servo is too hot.
+    #[error("servo {id} is at {temperature} degrees Celsius; it may have {limit}")]
+    Heat {
+        /// Which one.
+        id: ServoId,
+        /// Its temperature (degrees Celsius).
+        temperature: f64,
+        /// What it may have (degrees Celsius).
+        limit: f64,
+    },
+    /// A servo does not come to its goal: it is blocked, or its tendon jams.
+    #[error("servo {id} stood {off} ticks from its goal for {} ms: does its tendon jam?", lasting.as_millis())]
+    Lag {
+        /// Which one.
+        id: ServoId,
+        /// Distance to the goal (ticks).
+        off: i32,
+        /// How long it stood there.
+        lasting: Duration,
+    },
+    /// A tendon went slack.
+    #[error("servo {id} pulls with {pull:.3} A, less than {limit} A, for {} ms: has its tendon snapped, or left its spool?", lasting.as_millis())]
+    Slack {
+        /// Which one.
+        id: ServoId,
+        /// Its current, positive where it pulls (A).
+        pull: f64,
+        /// What it has to pull with (A).
+        limit: f64,
+        /// How long it did not.
+        lasting: Duration,
+    },
+    /// A servo went where no goal may lie.
+    #[error("servo {id} is at {} ticks from home; its limits are {low} to {high}", position.0)]
+    Beyond {
+        /// Which one.
+        id: ServoId,
+        /// Where it is, from home.
+        position: Ticks,
+        /// Smallest position (ticks).
+        low: i32,
+        /// Largest position (ticks).
+        high: i32,
+    },
+    /// A servo's count jumped: it restarted.
+    #[error(
+        "servo {id} went from {} to {} ticks in an instant: it lost its power, and with it its turns",
+        before.0, now.0
+    )]
+    Jump {
+        /// Which one.
+        id: ServoId,
+        /// Where it was, from home.
+        before: Ticks,
+        /// Where it says to be.
+        now: Ticks,
+    },
+    /// A servo's motor is off that should be on.
+    #[error(
+        "the motor of servo {id} went off by itself: it restarted, shut down, or its watchdog ended it"
+    )]
+    Off {
+        /// Which one.
+        id: ServoId,
+    },
+    /// A servo restarted.
+    #[error("servo {id} restarted and forgot its turns: did it lose its power?")]
+    Restarted {
+        /// Which one.
+        id: ServoId,
+    },
+    /// A servo says nothing of use any more.
+    #[error("servo {id} was lost: {reads} reads in a row failed, the last because {source}")]
+    Lost {
+        /// Which one.
+        id: ServoId,
+        /// How many reads failed.
+        reads: usize,
+        /// Why the last one did.
+        source: ServoError,
+    },
+}
+
+impl Cause {
+    /// What an error of a servo says at once, without being repeated.
+    pub(super) fn of(error: &ServoError) -> Option<Self> {
+        match *error {
+            ServoError::Hardware { id, errors } => Some(Self::Hardware { id, errors }),
+            ServoError::WatchdogTripped { id } => Some(Self::Off { id }),
+            ServoError::Restarted { id } => Some(Self::Restarted { id }),
+            _ => None,
+        }
+    }
+
+    /// The servo that it happened to.
+    pub fn id(&self) -> ServoId {
+        match *self {
+            Self::Hardware { id, .. }
+            | Self::Current { id, .. }
+            | Self::Heat { id, .. }
+            | Self::Lag { id, .. }
+            | Self::Slack { id, .. }
+            | Self::Beyond { id, .. }
+            | Self::Jump { id, .. }
+            | Self::Off { id }
+            | Self::Restarted { id }
+            | Self::Lost { id, .. } => id,
+        }
+    }
+}
+
+/// What went wrong in motion, and whether the tension was released.
+#[derive(Debug, Error)]
+#[error("{cause}; {release}")]
+pub struct EmergencyStop {
+    /// What went wrong.
+    pub cause: Cause,
+    /// What was done about it.
+    pub release: Released,
+}
+
+/// How a release of tension went.
+#[derive(Debug, Default)]
+pub struct Released {
+    /// Servos that confirmed that their motors are off.
+    pub off: Vec<ServoId>,
+    /// Servos that did not, and why. Their own watchdog stops them, and their current limit bounds what they pull with.
+    pub unknown: Vec<(ServoId, ServoError)>,
+}
+
+impl Released {
+    /// Whether every servo confirmed.
+    pub fn is_complete(&self) -> bool {
+        self.unknown.is_empty()
+    }
+}
+
+impl fmt::Display for Released {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.unknown.is_empty() {
+            return f.write_str("all motors were switched off");
+        }
+        write!(f, "{} motors were switched off", self.off.len())?;
+        for (id, error) in &self.unknown {
+            write!(
+                f,
+                "; servo {id} did not confirm ({error}), so its own watchdog is to stop it"
+            )?;
+        }
+        Ok(())
+    }
+}

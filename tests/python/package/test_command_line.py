@@ -1,0 +1,129 @@
+"""What the command line can do, Python can do, with the same names and defaults."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from by_command_line import TDCR, command_line
+
+import tdcr
+from tdcr import inverse
+from tdcr.errors import InputError
+
+OPTION = re.compile(r"^ +(?:-\w, )?--([a-z][a-z-]*)(?: <[^>]*>)?(.*?)(?=^ +(?:-\w, )?--|\Z)", re.MULTILINE | re.DOTALL)
+"""An option in the help, and its text."""
+
+DEFAULT = re.compile(r"\[default: ([^\]]*)\]")
+
+GLOBAL = {"json", "threads", "quiet", "help", "version"}
+"""Options of every command: Python returns objects, has `tdcr.set_threads`, and says nothing."""
+
+LOADS = {"wrench": "loads", "line-load": "loads"}
+"""`tdcr.Loads` has both."""
+
+COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
+    "settle": (
+        tdcr.settle,
+        {
+            **LOADS,
+            "commands": "of settle_batch",
+            "out": "arrays are returned",
+            "random": "Robot.random_commands",
+            "seed": "of Robot.random_commands",
+            "compliance": "jacobian by forces and moments",
+        },
+    ),
+    "reach": (
+        inverse.ShapeController,
+        {"payload": "loads", **LOADS, "tip": "a target", "path": "of ShapePath", "out": "arrays are returned"},
+    ),
+    "simulate": (tdcr.simulate, {"out": "arrays are returned", "linearise": "tdcr.linearise"}),
+    "render": (
+        tdcr.render,
+        {**LOADS, "command": "an equilibrium under it", "voxel": "of tdcr.cloud", "out": "arrays are returned"},
+    ),
+    "export": (
+        tdcr.Robot.to_mjcf,
+        {"robot": "self", "format": "Robot.to_urdf, ...", "out": "Robot.save", "force": "Robot.save"},
+    ),
+    "collect": (tdcr.collect, {}),
+    "data info": (tdcr.Dataset.info, {}),
+    "data view": (tdcr.data_view, {}),
+    "data check": (tdcr.Dataset.check, {}),
+    "data merge": (tdcr.merge, {}),
+    "data import": (tdcr.import_clouds, {}),
+    "data export": (tdcr.export_clouds, {}),
+    "train": (tdcr.train, {}),
+    "distill": (tdcr.distill, {}),
+    "predict": (
+        tdcr.Predictor.clouds,
+        {
+            "model": "of Predictor",
+            "precision": "of Predictor",
+            "command": "conditions",
+            "commands": "conditions",
+            "payload": "conditions",
+            "out": "arrays are returned",
+        },
+    ),
+    "eval": (tdcr.evaluate, {}),
+    "demo": (tdcr.demo, {}),
+}
+"""Functions with the options of each command, and where those options are that they do not have."""
+
+MODEL_FILE = "run/model.safetensors"
+"""What Python also takes by its folder."""
+
+
+def options(command: str) -> dict[str, str | None]:
+    """Options of a command with their defaults, where the help says them."""
+    done = subprocess.run([TDCR, *command.split(), "--help"], check=True, capture_output=True, text=True, timeout=60.0)
+    _, _, listed = done.stdout.partition("\nOptions:\n")
+    found = {}
+    for name, text in OPTION.findall(listed):
+        default = DEFAULT.search(" ".join(text.split()))
+        found[name] = default[1] if default else None
+    return found
+
+
+def same(said: str, default: object) -> bool:
+    """Whether a default of the command line is Python's."""
+    if isinstance(default, bool) or not isinstance(default, int | float):
+        return said == default
+    return float(said) == default
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_options_have_the_names_and_defaults_of_the_command_line(command: str) -> None:
+    function, elsewhere = COMMANDS[command]
+    parameters = inspect.signature(function).parameters
+    found = options(command)
+    assert "help" in found
+    missing = []
+    for name in found.keys() - GLOBAL - elsewhere.keys():
+        parameter = parameters.get(name.replace("-", "_"))
+        said = found[name]
+        if parameter is None:
+            missing.append(name)
+        elif said not in (None, MODEL_FILE) and parameter.default not in (None, inspect.Parameter.empty):
+            assert same(said, parameter.default), f"{command} --{name}"
+    assert not missing, f"options of tdcr {command} that Python lacks"
+    assert not elsewhere.keys() - found.keys(), f"tdcr {command} has no such options"
+
+
+def test_a_model_for_mujoco_is_that_of_the_command_line() -> None:
+    robot = tdcr.Robot("2m")
+    command = [0.03, 0.01, 0.01, 0.02, 0.015, 0.019]
+    flags = ["--base", "--payload", 0.02, "--dt", 0.001, "--integrator", "rk4", "--command", ",".join(map(str, command))]
+    text = robot.to_mjcf(base=True, payload=0.02, dt=0.001, integrator="rk4", command=command)
+    assert text == command_line("export", *flags)["text"] != robot.to_mjcf()
+    assert robot.to_mjcf() == command_line("export")["text"]
+    with pytest.raises(InputError, match='integrator is "verlet"; expected one of "euler"'):
+        robot.to_mjcf(integrator="verlet")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"command has shape \(2,\); expected \(6,\)"):
+        robot.to_mjcf(command=[0.0, 0.0])
