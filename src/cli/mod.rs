@@ -1,5 +1,6 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
+mod calibrate_cameras;
 mod capture;
 mod collect;
 mod commands;
@@ -85,6 +86,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Export(export::ExportArgs),
     Render(render::RenderArgs),
+    CalibrateCameras(calibrate_cameras::CalibrateCamerasArgs),
     ServoSim(servo_sim::ServoSimArgs),
     Scan(scan::ScanArgs),
     Home(home::HomeArgs),
@@ -265,6 +267,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Demo(args) => demo::run(args, &console),
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
+        Command::CalibrateCameras(args) => calibrate_cameras::run(args, &console),
         Command::ServoSim(args) => servo_sim::run(args, &console),
         Command::Scan(args) => scan::run(args, &console),
         Command::Home(args) => home::run(args, &console),
