@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 mod colors;
+mod compare;
 mod data;
 mod distill;
 mod eval;
