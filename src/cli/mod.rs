@@ -4,6 +4,7 @@ mod calibrate_cameras;
 mod capture;
 mod collect;
 mod commands;
+mod compare;
 mod console;
 mod data;
 mod demo;
@@ -83,6 +84,7 @@ enum Command {
     Distill(distill::DistillArgs),
     Predict(predict::PredictArgs),
     Eval(eval::EvalArgs),
+    Compare(compare::CompareArgs),
     Demo(demo::DemoArgs),
     Export(export::ExportArgs),
     Render(render::RenderArgs),
@@ -264,6 +266,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Distill(args) => distill::run(args, &console),
         Command::Predict(args) => predict::run(args, &console),
         Command::Eval(args) => eval::run(args, &console),
+        Command::Compare(args) => compare::run(args, &console),
         Command::Demo(args) => demo::run(args, &console),
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),

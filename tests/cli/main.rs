@@ -5,6 +5,7 @@
 mod calibrate_cameras;
 mod capture;
 mod colors;
+mod compare;
 mod data;
 mod distill;
 mod eval;
