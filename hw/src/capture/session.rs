@@ -8,8 +8,8 @@ use tdcr_sim::cloud::{PointCloud, VoxelGrid};
 use thiserror::Error;
 
 use super::fuse::Fuser;
-use super::still::{StillDepth, Stillness, change};
 use super::program::Program;
+use super::still::{StillDepth, Stillness, change};
 use crate::plan::{PlanError, Shape};
 use crate::rig::{Pictures, Rig, RigError, WinchState};
 use crate::servo::Ticks;
@@ -142,6 +142,16 @@ impl<'a> Session<'a> {
         self.rig
     }
 
+    /// Where the robot is.
+    pub fn shape(&self) -> &Shape {
+        &self.at
+    }
+
+    /// What the session is going to do.
+    pub fn program(&self) -> &Program {
+        &self.program
+    }
+
     /// Captures command `index` of the session's seed.
     ///
     /// # Errors
@@ -149,20 +159,46 @@ impl<'a> Session<'a> {
     pub fn sample(&mut self, index: u64) -> Result<Captured, CaptureError> {
         let drawn = self.program.draw(index)?;
         self.rig.poll()?;
-        self.go_to(drawn.shape)?;
+        self.visit(drawn.shape)?;
+        self.observe(index)
+    }
+
+    /// Brings the robot into a shape.
+    ///
+    /// # Errors
+    /// [`CaptureError::Plan`] where it cannot be reached, and nothing has moved; else as [`sample`](Self::sample).
+    pub fn visit(&mut self, shape: Shape) -> Result<(), CaptureError> {
+        let path = self.program.path(&self.at, &shape)?;
+        self.rig.move_along(&path, self.go_on)?;
+        self.at = shape;
+        Ok(())
+    }
+
+    /// Waits until the robot is still and captures it as it is, under the number `index`.
+    ///
+    /// # Errors
+    /// As [`sample`](Self::sample).
+    pub fn observe(&mut self, index: u64) -> Result<Captured, CaptureError> {
         let (pictures, stillness) = self.wait_until_still()?;
-        let goals = self.rig.goals(&drawn.command)?;
         let states = self.rig.poll()?.to_vec();
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
         if cloud.is_empty() {
             return Err(CaptureError::NotSeen { index });
         }
+        let goals = self.rig.held_goals().unwrap_or_default().to_vec();
         let winches = self.rig.winches().iter().zip(&goals);
         Ok(Captured {
             index,
-            time: pictures.frames.iter().map(|frame| frame.time).min().unwrap_or_default(),
-            command: winches.map(|(winch, &goal)| winch.spool.command(goal)).collect(),
+            time: pictures
+                .frames
+                .iter()
+                .map(|frame| frame.time)
+                .min()
+                .unwrap_or_default(),
+            command: winches
+                .map(|(winch, &goal)| winch.spool.command(goal))
+                .collect(),
             goals,
             states,
             cloud,
@@ -176,13 +212,14 @@ impl<'a> Session<'a> {
     /// # Errors
     /// As [`sample`](Self::sample).
     pub fn sentinel(&mut self) -> Result<Sentinel, CaptureError> {
-        self.go_to(self.program.rest().clone())?;
+        self.visit(self.program.rest().clone())?;
         let (pictures, _) = self.wait_until_still()?;
         let pulls: Vec<f64> = self.rig.poll()?.iter().map(|state| state.pull).collect();
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
         let count = cloud.len().max(1) as f64;
-        let mean = |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>() / count;
+        let mean =
+            |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>() / count;
         let mut sentinel = Sentinel {
             centroid: [mean(0), mean(1), mean(2)],
             pulls,
@@ -211,7 +248,7 @@ impl<'a> Session<'a> {
         if hottest <= safety.pause_above {
             return Ok(None);
         }
-        self.go_to(self.program.rest().clone())?;
+        self.visit(self.program.rest().clone())?;
         self.rig.release()?;
         let began = self.rig.clock().now();
         loop {
@@ -254,13 +291,6 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn go_to(&mut self, shape: Shape) -> Result<(), CaptureError> {
-        let path = self.program.path(&self.at, &shape)?;
-        self.rig.move_along(&path, self.go_on)?;
-        self.at = shape;
-        Ok(())
-    }
-
     /// Waits until servos and depth are still, as long as patience lasts; the last pictures.
     fn wait_until_still(&mut self) -> Result<(Pictures, Stillness), CaptureError> {
         let motion = self.rig.spec().motion.clone();
@@ -280,9 +310,12 @@ impl<'a> Session<'a> {
             let changes = before.as_ref().map(|before| {
                 let frames = before.frames.iter().zip(&pictures.frames);
                 let changes = frames.filter_map(|(a, b)| change(&a.value, &b.value));
-                changes.fold(None, |most: Option<f64>, c| Some(most.map_or(c, |m| m.max(c))))
+                changes.fold(None, |most: Option<f64>, c| {
+                    Some(most.map_or(c, |m| m.max(c)))
+                })
             });
-            let still = changes.is_some_and(|most| most.is_none_or(|most| most <= motion.still_depth));
+            let still =
+                changes.is_some_and(|most| most.is_none_or(|most| most <= motion.still_depth));
             if still && speed <= motion.still_speed || late {
                 let stillness = Stillness {
                     waited: now - began,

@@ -10,26 +10,32 @@
 //! whenever a rig is engaged.
 
 mod error;
-mod stop;
 mod file;
 mod homing;
 mod motion;
+mod open;
 mod place;
+mod pretension;
 mod settings;
 mod spool;
+mod stop;
+#[cfg(test)]
+mod tests;
 mod turns;
 mod watch;
 mod winch;
 
 pub use error::RigError;
-pub use stop::{Cause, EmergencyStop, Released};
 pub use file::{
     BoxSpec, CameraLink, Direction, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
     ServoLink, ServosSpec, TendonMode,
 };
 pub use homing::HomingReport;
-pub use settings::{MotionSettings, Release, SafetySettings};
+pub use open::Pace;
+pub use pretension::{PretensionSettings, Pretensioned};
+pub use settings::{MotionSettings, Release, SafetySettings, SimulationSettings, Surroundings};
 pub use spool::Spool;
+pub use stop::{Cause, EmergencyStop, Released};
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
 pub use winch::{Winch, WinchState};
 
@@ -42,6 +48,7 @@ use tdcr_sim::robot::Robot;
 use crate::camera::{RgbdCamera, Soak, Stamped, grab_all};
 use crate::clock::Clock;
 use crate::servo::{PerServo, ServoBus, ServoId};
+use crate::simulated::Simulator;
 use motion::Drive;
 
 /// Servos, cameras and clock of a rig, however they came about.
@@ -68,6 +75,8 @@ pub struct Rig {
     turns: TurnsFile,
     homing: Vec<Homing>,
     drive: Drive,
+    /// What servos and cameras in memory are parts of.
+    simulator: Option<Simulator>,
 }
 
 /// Pictures of all cameras from one moment.
@@ -105,6 +114,7 @@ impl Rig {
             clock,
             turns,
             drive: Drive::Released,
+            simulator: None,
         })
     }
 
@@ -137,6 +147,11 @@ impl Rig {
     /// not watched.
     pub fn bus(&mut self) -> &mut dyn ServoBus {
         &mut *self.bus
+    }
+
+    /// What its servos in memory are parts of, which knows the truth and lets things go wrong; `None` for a rig on the desk.
+    pub fn simulator(&self) -> Option<&Simulator> {
+        self.simulator.as_ref()
     }
 
     /// The cameras.

@@ -63,6 +63,27 @@ pub struct SafetySettings {
     pub release: Release,
 }
 
+/// What there is besides the robot where parts are simulated.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SimulationSettings {
+    /// Seed of noise and faults.
+    pub seed: u64,
+    /// What cameras see around the robot.
+    pub surroundings: Surroundings,
+}
+
+/// What simulated cameras see around the robot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Surroundings {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// A table with things on it, and walls.
+    Table,
+}
+
 impl Default for MotionSettings {
     fn default() -> Self {
         Self {
