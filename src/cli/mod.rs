@@ -9,6 +9,7 @@ mod distill;
 mod eval;
 mod export;
 mod loads;
+mod log;
 mod output;
 mod predict;
 mod printable;
@@ -78,6 +79,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Export(export::ExportArgs),
     Render(render::RenderArgs),
+    Log(log::LogArgs),
 }
 
 /// Which robot.
@@ -252,6 +254,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Demo(args) => demo::run(args, &console),
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
+        Command::Log(args) => log::run(args, &console),
     }
 }
 

@@ -9,6 +9,7 @@ mod eval;
 mod export;
 mod files;
 mod growth;
+mod log;
 mod names;
 mod others;
 mod output;
