@@ -67,6 +67,10 @@ pub fn sound(name: &str) -> Vec<Case> {
             b"# by hand\na,train\nb.ply, val\n\nc,test\n".to_vec(),
         )],
         "journal" => vec![("entries", readers::journal_file())],
+        "rig_log" => vec![(
+            "sample",
+            include_bytes!("../../hw/tests/data/sample.mcap").to_vec(),
+        )],
         "commands" => vec![
             ("csv", b"# m\n0.01, 0.02\n\n3e-2,-0\n".to_vec()),
             ("json", b"[[0.01, 0.02], [3e-2, -0]]".to_vec()),
@@ -100,6 +104,26 @@ pub fn hostile(name: &str) -> Vec<Case> {
             ),
             ("deep", format!("name = {}", "[".repeat(100_000)).into()),
         ],
+        "rig_log" => {
+            // A chunk of 2^60 bytes whose lengths agree, and records that claim all there is and more.
+            let length = 1_u64 << 60;
+            let chunk = [
+                &b"\x89MCAP0\r\n\x06"[..],
+                &length.to_le_bytes(),
+                &[0; 16],
+                &(length - 40).to_le_bytes(),
+                &[0; 8],
+                &(length - 40).to_le_bytes(),
+            ];
+            let claims = [
+                &b"\x89MCAP0\r\n"[..],
+                &b"\x09\xff\xff\xff\xff\xff\xff\xff\xff".repeat(50_000),
+            ];
+            vec![
+                ("endless_chunk", [chunk.concat(), vec![5; 100_000]].concat()),
+                ("claims", claims.concat()),
+            ]
+        }
         "robot_json" => vec![("deep", "[".repeat(1_000_000).into())],
         "mjcf" => vec![
             ("deep", nested("<mujoco><worldbody>", "body", 200_000)),

@@ -4,7 +4,7 @@
 //! warrant. The tests beside this file and the fuzz targets in `fuzz/` call the same functions.
 
 use std::fs;
-use std::io;
+use std::io::{self, Cursor};
 use std::ops::ControlFlow::Break;
 use std::path::Path;
 use std::sync::Arc;
@@ -17,6 +17,7 @@ use tdcr::hw::dynamixel::joined::sections;
 use tdcr::hw::dynamixel::{Bus, BusSettings, Decoder, Instruction, Item, Status};
 use tdcr::hw::servo::{Ping, PresentState, ServoId, Torque, TorqueSwitch};
 use tdcr::hw::transport::Transport;
+use tdcr::hw::log::{Contents, Entry, LogReader, LogRecord, repair};
 use tdcr::learn::data::{DataSet, ImportSettings, Split, import, merge, read_cloud};
 use tdcr::learn::train::{Model, TrainingState};
 use tdcr::pipeline::{PipelineError, Scores};
@@ -35,7 +36,7 @@ mod journal;
 pub type Reader = (&'static str, fn(&[u8]));
 
 /// All readers.
-pub const READERS: [Reader; 22] = [
+pub const READERS: [Reader; 23] = [
     ("robot_toml", robot_toml),
     ("robot_json", robot_json),
     ("mjcf", mjcf),
@@ -58,6 +59,7 @@ pub const READERS: [Reader; 22] = [
     ("commands", commands),
     ("servo_frames", servo_frames),
     ("servo_answers", servo_answers),
+    ("rig_log", rig_log),
 ];
 
 /// Robot files (TOML).
@@ -364,4 +366,23 @@ fn in_file(name: &str, bytes: &[u8], read: impl FnOnce(&Path)) {
 fn in_folder(work: impl FnOnce(&Path)) {
     let dir = tempfile::tempdir().expect("a folder can be made");
     work(dir.path());
+}
+
+/// Logs of rigs, read and repaired.
+pub fn rig_log(bytes: &[u8]) {
+    let mut reader = LogReader::new(Cursor::new(bytes)).expect("memory can be read");
+    while let Some(entry) = reader.next_entry().expect("memory can be read") {
+        if let Entry::Message(message) = entry {
+            drop(LogRecord::decode(&message.channel, &message.data));
+        }
+    }
+    in_file("log.mcap", bytes, |path| {
+        let whole = path.with_extension("whole");
+        if let Ok(found) = repair(path, &whole) {
+            assert_eq!(found, *reader.recovery());
+            let repaired = Contents::of(&whole).expect("it was just written");
+            assert_eq!(repaired.recovery.messages, found.messages);
+            assert!(repaired.recovery.is_whole(), "{:?}", repaired.recovery);
+        }
+    });
 }
