@@ -20,7 +20,6 @@ struct Seen {
     failed: usize,
     overloaded: Option<Duration>,
     lagging: Option<Duration>,
-    slack: Option<Duration>,
 }
 
 /// Watches servos in motion.
@@ -121,17 +120,6 @@ impl Watch {
                 return Err(Cause::Lag {
                     id,
                     off: far,
-                    lasting,
-                });
-            }
-            let is_slack = |limit: &f64| state.pull < *limit;
-            if let Some(limit) = safety.slack_current
-                && let Some(lasting) = lasts(&mut seen.slack, is_slack(&limit))
-            {
-                return Err(Cause::Slack {
-                    id,
-                    pull: state.pull,
-                    limit,
                     lasting,
                 });
             }
