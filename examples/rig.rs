@@ -57,10 +57,18 @@ pub fn run(path: &Path) -> Result<Vec<Seen>> {
         let captured = session.observe(side as u64)?;
         let count = captured.cloud.len() as f64;
         let mean = |axis: usize| {
-            let along = captured.cloud.points.iter().map(|point| f64::from(point[axis]));
+            let along = captured
+                .cloud
+                .points
+                .iter()
+                .map(|point| f64::from(point[axis]));
             along.sum::<f64>() / count
         };
-        let ticks: Vec<String> = captured.goals.iter().map(|goal| goal.0.to_string()).collect();
+        let ticks: Vec<String> = captured
+            .goals
+            .iter()
+            .map(|goal| goal.0.to_string())
+            .collect();
         let middle = [mean(0), mean(1), mean(2)];
         println!(
             "bent to {:3.0} degrees: servos at {} ticks, {} points about ({:.1}, {:.1}, {:.1}) mm",
@@ -84,7 +92,9 @@ pub fn run(path: &Path) -> Result<Vec<Seen>> {
 
 fn main() -> Result<()> {
     let default = || PathBuf::from("examples/rig-sim.toml");
-    run(&std::env::args_os().nth(1).map_or_else(default, PathBuf::from))
-        .map(drop)
-        .context("the rig did not do what it should")
+    run(&std::env::args_os()
+        .nth(1)
+        .map_or_else(default, PathBuf::from))
+    .map(drop)
+    .context("the rig did not do what it should")
 }

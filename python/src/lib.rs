@@ -21,7 +21,7 @@
 //! | `stream` | fresh samples, simulated as they are needed |
 //! | `exchange` | clouds of other programs |
 //! | `predictor` | `Predictor`: clouds by a trained model |
-//! | `scoring` | scores of predicted clouds |
+//! | `scoring` | scores of predicted clouds, data sets beside each other |
 //! | `training` | training runs |
 //! | `pages` | drawings of data sets, and the demo |
 //! | `env` | many simulated robots, advanced by one call |
@@ -88,7 +88,7 @@ mod _tdcr {
     #[pymodule_export]
     use crate::run::{set_threads, threads};
     #[pymodule_export]
-    use crate::scoring::evaluate;
+    use crate::scoring::{compare, evaluate};
     #[pymodule_export]
     use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
     #[pymodule_export]

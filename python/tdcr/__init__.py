@@ -23,7 +23,7 @@ from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
 from tdcr.robot import Robot
-from tdcr.scoring import evaluate
+from tdcr.scoring import compare, evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
 from tdcr.stream import Stream
@@ -62,6 +62,7 @@ __all__ = [
     "cloud",
     "clouds",
     "collect",
+    "compare",
     "data_view",
     "demo",
     "distill",

@@ -31,6 +31,7 @@ __all__ = [
     "check_data",
     "clouds",
     "collect",
+    "compare",
     "data_info",
     "demo",
     "distill",
@@ -408,6 +409,13 @@ def distill(
     progress: _Progress = None,
 ) -> _Run: ...
 def evaluate(scored: Any, data: str, options: dict[str, Any], progress: _Progress = None) -> tuple[str, str | None]: ...
+def compare(
+    a: str,
+    b: str | None,
+    robot: Robot | None,
+    options: dict[str, Any],
+    progress: _Progress = None,
+) -> tuple[str, str | None]: ...
 def data_info(path: str) -> str: ...
 def draw_data(paths: list[str], out: str, clouds: int, progress: _Progress = None) -> bytes: ...
 def demo(out: str, options: dict[str, Any], progress: _Progress = None) -> str: ...

@@ -128,7 +128,11 @@ fn rehearse(file: &RigFile, args: &CaptureArgs) -> Result<Rehearsal, CaptureErro
     for index in 0..args.commands {
         let drawn = program.draw(index as u64)?;
         let path = program.path(&at, &drawn.shape)?;
-        let ticks: Vec<i32> = program.goals(&drawn.command)?.iter().map(|goal| goal.0).collect();
+        let ticks: Vec<i32> = program
+            .goals(&drawn.command)?
+            .iter()
+            .map(|goal| goal.0)
+            .collect();
         for ([low, high], &ticks) in ranges.iter_mut().zip(&ticks) {
             (*low, *high) = ((*low).min(ticks), (*high).max(ticks));
         }
@@ -162,7 +166,11 @@ impl Rehearsal {
             let ticks: Vec<String> = ticks.iter().map(|ticks| format!("{ticks:>6}")).collect();
             text += &format!("{index:>7}  {steps:>5}  {}\n", ticks.join(" "));
         }
-        let ranges: Vec<String> = self.ranges.iter().map(|[a, b]| format!("{a} to {b}")).collect();
+        let ranges: Vec<String> = self
+            .ranges
+            .iter()
+            .map(|[a, b]| format!("{a} to {b}"))
+            .collect();
         text + &format!(
             "{} would move for {:.0} s, its servos from {} ticks; nothing has moved",
             self.rig,

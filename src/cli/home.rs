@@ -59,7 +59,11 @@ pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
     };
     console.result(&homed, |homed| {
         let lines = homed.servos.iter().map(|servo| {
-            let HomedServo { id, before, position } = servo;
+            let HomedServo {
+                id,
+                before,
+                position,
+            } = servo;
             format!("servo {id}: {before} before, now homed, at {position} ticks from home\n")
         });
         lines.collect()

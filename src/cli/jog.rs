@@ -80,10 +80,15 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
             let sample = session.observe(captured as u64)?;
             save(&args.out, captured, &sample)?;
             captured += 1;
-            say(&format!("captured {}", counted(sample.cloud.len(), "point")));
+            say(&format!(
+                "captured {}",
+                counted(sample.cloud.len(), "point")
+            ));
             continue;
         }
-        if let Some(chosen) = key.to_digit(10).and_then(|digit| (digit as usize).checked_sub(1))
+        if let Some(chosen) = key
+            .to_digit(10)
+            .and_then(|digit| (digit as usize).checked_sub(1))
             && chosen < session.shape().0.len()
         {
             module = chosen;
@@ -95,7 +100,9 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
         };
         match session.visit(shape) {
             Ok(()) => moves += 1,
-            Err(CaptureError::Plan(error @ (PlanError::Shape(_) | PlanError::NoCommand { .. }))) => {
+            Err(CaptureError::Plan(
+                error @ (PlanError::Shape(_) | PlanError::NoCommand { .. }),
+            )) => {
                 return Err(error.into());
             }
             Err(CaptureError::Plan(error)) => {
@@ -106,7 +113,11 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
         }
         let pulls = session.rig().last_states().unwrap_or_default().iter();
         let pulls: Vec<String> = pulls.map(|state| format!("{:.2}", state.pull)).collect();
-        say(&format!("module {}: pulling with {} A", module + 1, pulls.join(", ")));
+        say(&format!(
+            "module {}: pulling with {} A",
+            module + 1,
+            pulls.join(", ")
+        ));
     }
     session.end()?;
     let jogged = Jogged {

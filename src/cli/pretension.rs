@@ -49,7 +49,10 @@ pub(super) fn run(args: &PretensionArgs, console: &Console) -> anyhow::Result<()
     let mut rig = Rig::open_file(RigFile::load(&args.rig)?, Pace::Computed)?;
     let interrupted = || tdcr::pipeline::Monitor::interrupted(console);
     let mut show = |states: &[WinchState]| {
-        let pulls: Vec<String> = states.iter().map(|state| format!("{:6.3}", state.pull)).collect();
+        let pulls: Vec<String> = states
+            .iter()
+            .map(|state| format!("{:6.3}", state.pull))
+            .collect();
         say(&format!("pulling with {} A", pulls.join(" ")));
         match interrupted() {
             true => std::ops::ControlFlow::Break(()),

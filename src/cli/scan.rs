@@ -59,7 +59,11 @@ pub(super) fn run(args: &ScanArgs, console: &Console) -> anyhow::Result<()> {
         (Some(path), _) => {
             let mut rig = Rig::open_file(RigFile::load(path)?, Pace::Computed)?;
             let ids: Vec<ServoId> = rig.winches().iter().map(|winch| winch.id).collect();
-            let cameras = rig.cameras().iter().map(|camera| camera.serial().to_owned()).collect();
+            let cameras = rig
+                .cameras()
+                .iter()
+                .map(|camera| camera.serial().to_owned())
+                .collect();
             scan(rig.bus(), Some(&ids), cameras)?
         }
         (None, port) => {
@@ -69,35 +73,53 @@ pub(super) fn run(args: &ScanArgs, console: &Console) -> anyhow::Result<()> {
                 ..SerialSettings::default()
             };
             let line = Serial::open(port, settings, Arc::new(SystemClock::new()))?;
-            scan(&mut Bus::new(line, BusSettings::default()), None, Vec::new())?
+            scan(
+                &mut Bus::new(line, BusSettings::default()),
+                None,
+                Vec::new(),
+            )?
         }
     };
     console.result(&scan, Scan::text)
 }
 
-fn scan(bus: &mut dyn ServoBus, rig: Option<&[ServoId]>, cameras: Vec<String>) -> anyhow::Result<Scan> {
+fn scan(
+    bus: &mut dyn ServoBus,
+    rig: Option<&[ServoId]>,
+    cameras: Vec<String>,
+) -> anyhow::Result<Scan> {
     let found = bus.scan()?;
     let ids: Vec<ServoId> = found.iter().map(|(id, _)| *id).collect();
     let present = bus.present(&ids);
     let temperatures = bus.temperatures(&ids);
     let voltages = bus.voltages(&ids);
-    let states = found.iter().zip(present).zip(temperatures.into_iter().zip(voltages));
-    let servos = states.map(|(((id, identity), present), (temperature, voltage))| Found {
-        id: id.get(),
-        model: Model::from_number(identity.model)
-            .map_or_else(|| format!("unknown model {}", identity.model), |model| format!("{model:?}")),
-        firmware: identity.firmware,
-        position: present.as_ref().ok().map(|present| present.position.0),
-        temperature: temperature.ok(),
-        voltage: voltage.ok(),
-        status: match present {
-            Ok(present) => present.errors.to_string(),
-            Err(error) => error.to_string(),
+    let states = found
+        .iter()
+        .zip(present)
+        .zip(temperatures.into_iter().zip(voltages));
+    let servos = states.map(
+        |(((id, identity), present), (temperature, voltage))| Found {
+            id: id.get(),
+            model: Model::from_number(identity.model).map_or_else(
+                || format!("unknown model {}", identity.model),
+                |model| format!("{model:?}"),
+            ),
+            firmware: identity.firmware,
+            position: present.as_ref().ok().map(|present| present.position.0),
+            temperature: temperature.ok(),
+            voltage: voltage.ok(),
+            status: match present {
+                Ok(present) => present.errors.to_string(),
+                Err(error) => error.to_string(),
+            },
+            in_rig: rig.map(|rig| rig.contains(id)),
         },
-        in_rig: rig.map(|rig| rig.contains(id)),
-    });
+    );
     let servos = servos.collect();
-    let missing = rig.unwrap_or_default().iter().filter(|id| !ids.contains(id));
+    let missing = rig
+        .unwrap_or_default()
+        .iter()
+        .filter(|id| !ids.contains(id));
     Ok(Scan {
         servos,
         missing: missing.map(|id| id.get()).collect(),
@@ -112,7 +134,9 @@ impl Scan {
             let value = |value: Option<f64>, unit: &str| {
                 value.map_or_else(String::new, |value| format!(", {value:.1} {unit}"))
             };
-            let position = servo.position.map_or_else(String::new, |p| format!(", at {p} ticks"));
+            let position = servo
+                .position
+                .map_or_else(String::new, |p| format!(", at {p} ticks"));
             let stranger = match servo.in_rig {
                 Some(false) => ", none of the rig's",
                 _ => "",
@@ -134,7 +158,9 @@ impl Scan {
             text += &format!("camera {serial}\n");
         }
         match text.is_empty() {
-            true => "no servo answers: is there power, and is the baud rate right (--baud)?".to_owned(),
+            true => {
+                "no servo answers: is there power, and is the baud rate right (--baud)?".to_owned()
+            }
             false => text,
         }
     }

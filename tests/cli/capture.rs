@@ -41,15 +41,24 @@ fn a_rig_is_scanned_homed_and_captured_with_and_its_data_set_trains() {
     let planned = succeed_json(&[&capture(&rig, &out)[..], &["--dry-run"]].concat());
     assert!(!out.exists());
     let report = succeed_json(&capture(&rig, &out));
-    assert_eq!((report["samples"].as_u64(), report["moving"].as_u64()), (Some(20), Some(0)));
+    assert_eq!(
+        (report["samples"].as_u64(), report["moving"].as_u64()),
+        (Some(20), Some(0))
+    );
     // What was done is what was said.
     let journal = fs::read_to_string(out.join("capture.jsonl")).unwrap();
-    let line = journal.lines().find(|line| line.contains("\"index\":7,")).unwrap();
+    let line = journal
+        .lines()
+        .find(|line| line.contains("\"index\":7,"))
+        .unwrap();
     let recorded: Value = serde_json::from_str(line).unwrap();
     assert_eq!(recorded["entry"]["ticks"], planned["moves"][7]["ticks"]);
     let info = succeed_json(&["data", "info", text(&out)]);
     let origin = info["origin"].as_str().unwrap();
-    assert_eq!(origin, "recording of robot paper robot on rig rig-sim, seed 0");
+    assert_eq!(
+        origin,
+        "recording of robot paper robot on rig rig-sim, seed 0"
+    );
     succeed(&["data", "check", text(&out)]);
     let run = folder.path().join("run");
     crate::train_tiny(&out, &run, &[]);
@@ -107,7 +116,10 @@ fn keys_jog_a_rig_and_capture_what_is_imported() {
     assert!(jogged["refused"].as_u64().unwrap() > 10, "{jogged}");
     assert!(jogged["moves"].as_u64().unwrap() > 7, "{jogged}");
     let said = stderr(&output);
-    assert!(said.contains("expected 1 to 60 N") || said.contains("its servo allows"), "{said}");
+    assert!(
+        said.contains("expected 1 to 60 N") || said.contains("its servo allows"),
+        "{said}"
+    );
     let motors = fs::read(out.join("jog-0000.json")).unwrap();
     let motors: Value = serde_json::from_slice(&motors).unwrap();
     assert_eq!(motors["ctrl"].as_array().unwrap().len(), 6);
@@ -122,12 +134,19 @@ fn tendons_are_tensioned_alike() {
         let found = succeed_json(&["pretension", "--rig", text(&rig), "--current", current]);
         let servos = found["servos"].as_array().unwrap().clone();
         assert_eq!(servos.len(), 6);
-        servos.iter().map(|servo| servo["pull"].as_f64().unwrap()).collect::<Vec<_>>()
+        servos
+            .iter()
+            .map(|servo| servo["pull"].as_f64().unwrap())
+            .collect::<Vec<_>>()
     };
     for pull in scale("0.3") {
         assert!((0.27..0.33).contains(&pull), "{pull}");
     }
-    refuse(&["pretension", "--rig", text(&rig), "--current", "5"], 1, "expected 5 A");
+    refuse(
+        &["pretension", "--rig", text(&rig), "--current", "5"],
+        1,
+        "expected 5 A",
+    );
 }
 
 #[test]
@@ -142,7 +161,11 @@ fn wrong_rigs_are_refused() {
     let whole = include_str!("../../examples/rig-sim.toml");
     let robot = include_str!("../../examples/paper-robot.toml");
     fs::write(folder.path().join("paper-robot.toml"), robot).unwrap();
-    let real = whole.replacen("link = \"simulated\"", "link = { serial = \"/dev/null\" }", 1);
+    let real = whole.replacen(
+        "link = \"simulated\"",
+        "link = { serial = \"/dev/null\" }",
+        1,
+    );
     let end = real.find("[[cameras]]").unwrap();
     fs::write(&rig, &real[..end]).unwrap();
     refuse(&["capture", "--rig", text(&rig)], 1, "not a serial port");

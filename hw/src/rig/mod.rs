@@ -10,7 +10,6 @@
 //! whenever a rig is engaged.
 
 mod error;
-mod stop;
 mod file;
 mod homing;
 mod motion;
@@ -19,14 +18,14 @@ mod place;
 mod pretension;
 mod settings;
 mod spool;
+mod stop;
+#[cfg(test)]
+mod tests;
 mod turns;
 mod watch;
 mod winch;
-#[cfg(test)]
-mod tests;
 
 pub use error::RigError;
-pub use stop::{Cause, EmergencyStop, Released};
 pub use file::{
     BoxSpec, CameraLink, Direction, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
     ServoLink, ServosSpec, TendonMode,
@@ -36,6 +35,7 @@ pub use open::Pace;
 pub use pretension::{PretensionSettings, Pretensioned};
 pub use settings::{MotionSettings, Release, SafetySettings, SimulationSettings, Surroundings};
 pub use spool::Spool;
+pub use stop::{Cause, EmergencyStop, Released};
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
 pub use winch::{Winch, WinchState};
 

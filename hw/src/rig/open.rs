@@ -99,7 +99,10 @@ fn clock(file: &RigFile, pace: Pace) -> Arc<dyn Clock> {
     let spec = &file.spec;
     let real = pace == Pace::RealTime
         || matches!(spec.servos.link, ServoLink::Serial(_))
-        || spec.cameras.iter().any(|camera| camera.link == CameraLink::Realsense);
+        || spec
+            .cameras
+            .iter()
+            .any(|camera| camera.link == CameraLink::Realsense);
     match real {
         true => Arc::new(SystemClock::new()),
         false => Arc::new(VirtualClock::new()),
@@ -117,15 +120,19 @@ fn simulator(file: &RigFile, clock: Arc<dyn Clock>) -> Result<Simulator, RigErro
     }
     let simulation = &file.spec.simulation;
     let setup = SimulatorSetup::of_robot(file.robot.clone());
-    let servos = setup.servos.iter().zip(&winches).map(|(servo, winch)| ServoSetup {
-        id: winch.id,
-        winding: match winch.spool.direction {
-            Direction::Up => Winding::Counterclockwise,
-            Direction::Down => Winding::Clockwise,
-        },
-        spool_radius: winch.spool.radius,
-        ..*servo
-    });
+    let servos = setup
+        .servos
+        .iter()
+        .zip(&winches)
+        .map(|(servo, winch)| ServoSetup {
+            id: winch.id,
+            winding: match winch.spool.direction {
+                Direction::Up => Winding::Counterclockwise,
+                Direction::Down => Winding::Clockwise,
+            },
+            spool_radius: winch.spool.radius,
+            ..*servo
+        });
     let setup = SimulatorSetup {
         servos: servos.collect(),
         plant: PlantSetup {
@@ -155,14 +162,20 @@ fn open_camera(
                 Surroundings::Table => table(0.0).map_err(unavailable)?,
             };
             let setup = CameraSetup {
-                sensor: spec.sensor.map_or_else(Sensor::ideal, |model| model.sensor()),
+                sensor: spec
+                    .sensor
+                    .map_or_else(Sensor::ideal, |model| model.sensor()),
                 seed: simulation.seed,
                 number: number as u64,
                 surroundings,
                 ..CameraSetup::d435(spec.serial.clone(), Camera::free(&spec.camera))
             };
             let subject = Box::new(simulator.clone());
-            Ok(Box::new(SimulatedCamera::new(setup, subject, clock.clone())))
+            Ok(Box::new(SimulatedCamera::new(
+                setup,
+                subject,
+                clock.clone(),
+            )))
         }
         (CameraLink::Simulated, None) => Err(RigError::field(
             format!("cameras[{number}].link"),
@@ -176,7 +189,9 @@ fn open_camera(
                 ..RealSenseSetup::d435(spec.serial.clone(), pose)
             };
             let library = RealSense::load().map_err(unavailable)?;
-            Ok(Box::new(library.open(&setup, clock.clone()).map_err(unavailable)?))
+            Ok(Box::new(
+                library.open(&setup, clock.clone()).map_err(unavailable)?,
+            ))
         }
         (CameraLink::Recorded(log), _) => {
             let camera = RecordedCamera::open(&file.resolve(log), &spec.serial, clock.clone());

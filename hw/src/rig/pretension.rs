@@ -86,7 +86,9 @@ impl Rig {
             }
             let least = settings.current * (1.0 - settings.tolerance);
             let pulls = states.iter().map(|state| state.pull).enumerate();
-            let weakest = pulls.filter(|(_, pull)| *pull < least).min_by(|a, b| a.1.total_cmp(&b.1));
+            let weakest = pulls
+                .filter(|(_, pull)| *pull < least)
+                .min_by(|a, b| a.1.total_cmp(&b.1));
             let strongest = (states.iter().enumerate())
                 .find(|(_, state)| state.pull > settings.current * (1.0 + settings.tolerance));
             let (index, ticks) = match (weakest, strongest) {

@@ -67,30 +67,101 @@ fn the_example_files_are_read() {
 #[test]
 fn a_wrong_file_is_refused_with_line_field_and_reason() {
     for (from, to, expected) in [
-        ("ids = [1, 2, 3, 4, 5, 6]", "ids = [1, 2, 3]", "rig.toml:10: servos.ids is 3 ids; expected 6"),
-        ("ids = [1, 2, 3, 4, 5, 6]", "ids = [1, 2, 3, 4, 5, 5]", "servos.ids[5] is 5; expected no address twice"),
-        ("ids = [1, 2, 3, 4, 5, 6]", "ids = [1, 2, 3, 4, 5, 253]", "0 to 252"),
-        ("directions = [1]", "directions = [2]", "direction 2; expected 1 where"),
-        ("directions = [1]", "directions = [1, 1]", "servos.directions is 2 entries; expected one for each"),
-        ("spool_radius = [0.005]", "spool_radius = [0.0]", "rig.toml:14: servos.spool_radius[0] is 0;"),
-        ("spool_radius", "spool_diameter", "unknown field `spool_diameter`"),
-        ("[-1300, 2400]", "[100, 2400]", "servos.limits[0] is [100, 2400]"),
-        ("home_tension = [6.0]", "home_tension = [9000.0]", "servos.home_tension is 9000 N, for which tendon 0"),
-        ("bend = [0.6, 0.8]", "bend = [0.9, 1.0, 1.1]", "commands.bend is 3 entries; expected one for each of the 2"),
-        ("watchdog = 0.5", "watchdog = 5.0", "safety.watchdog is 5; expected 0.02 to 2.54"),
-        ("pause_above = 60.0", "pause_above = 80.0", "safety.pause_above is 80"),
-        ("serial = \"east\"", "serial = \"south\"", "cameras[1].serial is \"south\"; expected a serial"),
-        ("fovy = 42.5", "fovy = 242.5", "cameras[0].lens.fovy` is 242.5; expected degrees"),
-        ("link = \"simulated\"\nbaud", "link = { serial = \"/dev/ttyUSB0\" }\nbaud", "cameras[0].link is \"simulated\""),
-        ("link = \"simulated\"\nbaud", "link = \"wireless\"\nbaud", "unknown variant `wireless`"),
+        (
+            "ids = [1, 2, 3, 4, 5, 6]",
+            "ids = [1, 2, 3]",
+            "rig.toml:10: servos.ids is 3 ids; expected 6",
+        ),
+        (
+            "ids = [1, 2, 3, 4, 5, 6]",
+            "ids = [1, 2, 3, 4, 5, 5]",
+            "servos.ids[5] is 5; expected no address twice",
+        ),
+        (
+            "ids = [1, 2, 3, 4, 5, 6]",
+            "ids = [1, 2, 3, 4, 5, 253]",
+            "0 to 252",
+        ),
+        (
+            "directions = [1]",
+            "directions = [2]",
+            "direction 2; expected 1 where",
+        ),
+        (
+            "directions = [1]",
+            "directions = [1, 1]",
+            "servos.directions is 2 entries; expected one for each",
+        ),
+        (
+            "spool_radius = [0.005]",
+            "spool_radius = [0.0]",
+            "rig.toml:14: servos.spool_radius[0] is 0;",
+        ),
+        (
+            "spool_radius",
+            "spool_diameter",
+            "unknown field `spool_diameter`",
+        ),
+        (
+            "[-1300, 2400]",
+            "[100, 2400]",
+            "servos.limits[0] is [100, 2400]",
+        ),
+        (
+            "home_tension = [6.0]",
+            "home_tension = [9000.0]",
+            "servos.home_tension is 9000 N, for which tendon 0",
+        ),
+        (
+            "bend = [0.6, 0.8]",
+            "bend = [0.9, 1.0, 1.1]",
+            "commands.bend is 3 entries; expected one for each of the 2",
+        ),
+        (
+            "watchdog = 0.5",
+            "watchdog = 5.0",
+            "safety.watchdog is 5; expected 0.02 to 2.54",
+        ),
+        (
+            "pause_above = 60.0",
+            "pause_above = 80.0",
+            "safety.pause_above is 80",
+        ),
+        (
+            "serial = \"east\"",
+            "serial = \"south\"",
+            "cameras[1].serial is \"south\"; expected a serial",
+        ),
+        (
+            "fovy = 42.5",
+            "fovy = 242.5",
+            "cameras[0].lens.fovy` is 242.5; expected degrees",
+        ),
+        (
+            "link = \"simulated\"\nbaud",
+            "link = { serial = \"/dev/ttyUSB0\" }\nbaud",
+            "cameras[0].link is \"simulated\"",
+        ),
+        (
+            "link = \"simulated\"\nbaud",
+            "link = \"wireless\"\nbaud",
+            "unknown variant `wireless`",
+        ),
         ("paper-robot.toml", "nobody.toml", "nobody.toml"),
-        ("low = [-0.20,", "low = [0.30,", "masks.box is 0.3 to 0.2 along axis 0"),
+        (
+            "low = [-0.20,",
+            "low = [0.30,",
+            "masks.box is 0.3 to 0.2 along axis 0",
+        ),
     ] {
         assert!(SIMULATED.contains(from), "{from}");
         let wrong = SIMULATED.replacen(from, to, 1);
         let said = file(&wrong).and_then(|file| file.winches(&file.compile()?).map(drop));
         let said = said.expect_err(to).to_string();
-        assert!(said.contains(expected), "{to} said\n{said}\nnot\n{expected}");
+        assert!(
+            said.contains(expected),
+            "{to} said\n{said}\nnot\n{expected}"
+        );
     }
 }
 
@@ -103,12 +174,23 @@ fn a_rig_in_memory_is_homed_moves_and_lets_go() {
     rig.engage().unwrap();
     assert_eq!(torques(&mut rig), [Some(Torque::On); 6]);
     wander(&mut rig).unwrap();
-    let least: Vec<f64> = rig.robot().tendons().iter().map(|tendon| tendon.range[0]).collect();
+    let least: Vec<f64> = rig
+        .robot()
+        .tendons()
+        .iter()
+        .map(|tendon| tendon.range[0])
+        .collect();
     let beyond = rig.robot().command(&least).unwrap();
-    assert!(matches!(rig.step(&beyond), Err(RigError::Limit { .. })), "the limits are those of the servos");
+    assert!(
+        matches!(rig.step(&beyond), Err(RigError::Limit { .. })),
+        "the limits are those of the servos"
+    );
     assert!(rig.is_engaged());
     let states = rig.last_states().unwrap().to_vec();
-    assert!(states.iter().all(|state| state.position.0.abs() < 300), "{states:?}");
+    assert!(
+        states.iter().all(|state| state.position.0.abs() < 300),
+        "{states:?}"
+    );
     rig.release().unwrap();
     assert_eq!(torques(&mut rig), [Some(Torque::Off); 6]);
     assert!(rig.clock().now() < Duration::from_secs(60));
@@ -123,7 +205,11 @@ fn a_motion_ends_when_asked_to_and_a_panic_lets_go() {
     let mut left = 3;
     let mut go_on = || {
         left -= 1;
-        if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        if left > 0 {
+            ControlFlow::Continue(())
+        } else {
+            ControlFlow::Break(())
+        }
     };
     let ended = rig.move_along(&vec![command; 10], &mut go_on);
     assert!(matches!(ended, Err(RigError::Interrupted)));
@@ -166,9 +252,13 @@ fn servos_that_lost_their_turns_are_refused_until_they_are_homed_again() {
     let mut program = Program::new(rig.file(), 1).unwrap();
     let rest = program.rest().clone();
     let toward = std::f64::consts::TAU / 3.0;
-    let bent = Shape(vec![Bend::new(toward, 0.6, 14.0), Bend::new(toward, 0.8, 14.0)]);
+    let bent = Shape(vec![
+        Bend::new(toward, 0.6, 14.0),
+        Bend::new(toward, 0.8, 14.0),
+    ]);
     let path = program.path(&rest, &bent).unwrap();
-    rig.move_along(&path, &mut || ControlFlow::Continue(())).unwrap();
+    rig.move_along(&path, &mut || ControlFlow::Continue(()))
+        .unwrap();
     for _ in 0..20 {
         rig.poll().unwrap();
     }
@@ -186,7 +276,10 @@ fn servos_that_lost_their_turns_are_refused_until_they_are_homed_again() {
     assert!(matches!(met[0], Homing::Homed(_)), "{met:?}");
     let report = rig.home_recalled().unwrap();
     let truth = simulator.truth().horns[4] - 2048.0;
-    assert!((f64::from(report[4].position.0) - truth).abs() < 3.0, "{report:?}, {truth}");
+    assert!(
+        (f64::from(report[4].position.0) - truth).abs() < 3.0,
+        "{report:?}, {truth}"
+    );
     rig.engage().unwrap();
     rig.release().unwrap();
 }
@@ -233,7 +326,10 @@ fn whatever_goes_wrong_the_tension_is_released() {
         let watchdogs = crate::servo::Watchdog::watchdog(&mut bus, &ids);
         for ((id, torque), watchdog) in ids.iter().zip(torque).zip(watchdogs) {
             let stopped = matches!(watchdog, Ok(crate::servo::WatchdogState::Tripped));
-            assert!(stopped || torque.unwrap() == Torque::Off, "{fault}: servo {id}");
+            assert!(
+                stopped || torque.unwrap() == Torque::Off,
+                "{fault}: servo {id}"
+            );
         }
     }
 }
@@ -241,7 +337,12 @@ fn whatever_goes_wrong_the_tension_is_released() {
 /// Some bytes are lost on every line: that stops nothing.
 #[test]
 fn a_bad_line_stops_nothing() {
-    for fault in [Fault::Lost(0.002), Fault::Corrupted(0.002), Fault::Duplicated(0.005), Fault::Late(0.05)] {
+    for fault in [
+        Fault::Lost(0.002),
+        Fault::Corrupted(0.002),
+        Fault::Duplicated(0.005),
+        Fault::Late(0.05),
+    ] {
         let mut rig = rig();
         rig.engage().unwrap();
         rig.simulator().unwrap().inject(fault);
@@ -258,6 +359,11 @@ fn cameras_see_the_robot_behind_the_servos() {
     let pictures = rig.grab().unwrap();
     assert_eq!(pictures.frames.len(), 4);
     assert!(pictures.skew < Duration::from_millis(34));
-    assert!(pictures.frames.iter().all(|f| f.value.depth.iter().any(|&d| d > 0.0)));
+    assert!(
+        pictures
+            .frames
+            .iter()
+            .all(|f| f.value.depth.iter().any(|&d| d > 0.0))
+    );
     rig.release().unwrap();
 }

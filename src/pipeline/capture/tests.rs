@@ -89,10 +89,17 @@ fn a_capture_is_a_data_set_that_resumes_and_grows() {
     let folder = tempfile::tempdir().unwrap();
     let [whole, stopped] = ["whole", "stopped"].map(|name| folder.path().join(name));
     let report = capture(&mut rig(), &settings(20), &whole, &Silent).unwrap();
-    assert_eq!((report.samples, report.captured, report.moving), (20, 20, 0), "{report:?}");
+    assert_eq!(
+        (report.samples, report.captured, report.moving),
+        (20, 20, 0),
+        "{report:?}"
+    );
     assert_eq!(report.sentinels, 5);
     assert!(report.drift < 5e-4 && report.lag < 60, "{report:?}");
-    assert!(report.skew <= 0.034 && report.rig_seconds > 20.0, "{report:?}");
+    assert!(
+        report.skew <= 0.034 && report.rig_seconds > 20.0,
+        "{report:?}"
+    );
     let expected = commands(&whole);
     // The positions of the servos lie beside.
     let journal = std::fs::read_to_string(whole.join(JOURNAL)).unwrap();
@@ -102,7 +109,10 @@ fn a_capture_is_a_data_set_that_resumes_and_grows() {
         let mut rig = rig();
         let stop = StopAfter(AtomicU64::new(0), after);
         let ended = capture(&mut rig, &settings(20), &stopped, &stop);
-        assert!(matches!(ended, Err(PipelineError::Interrupted)), "{ended:?}");
+        assert!(
+            matches!(ended, Err(PipelineError::Interrupted)),
+            "{ended:?}"
+        );
         assert!(!rig.is_engaged());
     }
     let report = capture(&mut rig(), &settings(20), &stopped, &Silent).unwrap();
@@ -116,8 +126,13 @@ fn a_capture_is_a_data_set_that_resumes_and_grows() {
     assert_eq!(report.captured, 8, "those after the last whole block");
     assert_eq!(commands(&stopped).len(), 24);
     // Another rig is another data set.
-    let other = CaptureSettings { voxel_size: 0.003, ..settings(24) };
-    let refused = capture(&mut idle, &other, &stopped, &Silent).unwrap_err().to_string();
+    let other = CaptureSettings {
+        voxel_size: 0.003,
+        ..settings(24)
+    };
+    let refused = capture(&mut idle, &other, &stopped, &Silent)
+        .unwrap_err()
+        .to_string();
     assert!(refused.contains("voxel_size"), "{refused}");
 }
 
@@ -169,7 +184,10 @@ fn whatever_goes_wrong_in_a_capture_the_robot_is_safe_and_the_data_is_whole() {
         let states = bus.torque(&ids).into_iter().zip(bus.watchdog(&ids));
         for (id, (torque, watchdog)) in ids.iter().zip(states) {
             let stopped = matches!(watchdog, Ok(WatchdogState::Tripped));
-            assert!(stopped || torque.unwrap() == Torque::Off, "{fault}: servo {id}");
+            assert!(
+                stopped || torque.unwrap() == Torque::Off,
+                "{fault}: servo {id}"
+            );
         }
         // The data is whole: the same call with a rig in order completes it.
         let report = capture(&mut rig(), &settings(14), &dir, &Silent).unwrap();
