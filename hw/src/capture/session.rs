@@ -36,6 +36,21 @@ pub enum CaptureError {
         /// Which command.
         index: u64,
     },
+    /// No camera saw the robot at home.
+    #[error("no camera sees the robot at home: are the masks right?")]
+    NotSeenAtHome,
+    /// The robot at home is not where it was.
+    #[error(
+        "the robot at home is seen {:.1} mm from where it was at first; safety.drift is {:.1} mm: has a tendon snapped or slipped, \
+         or a camera moved? Samples since the last look are not to be trusted",
+        1e3 * drift, 1e3 * limit
+    )]
+    Drift {
+        /// Distance of what is seen from where it was (m).
+        drift: f64,
+        /// What it may be (m).
+        limit: f64,
+    },
     /// Servos stay hot.
     #[error(
         "servo {id} is still at {temperature} degrees Celsius after {} s of rest; safety.resume_below is {limit}",
@@ -210,14 +225,17 @@ impl<'a> Session<'a> {
     /// Goes home and looks at the robot there.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// [`CaptureError::Drift`]; as [`sample`](Self::sample).
     pub fn sentinel(&mut self) -> Result<Sentinel, CaptureError> {
         self.visit(self.program.rest().clone())?;
         let (pictures, _) = self.wait_until_still()?;
         let pulls: Vec<f64> = self.rig.poll()?.iter().map(|state| state.pull).collect();
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
-        let count = cloud.len().max(1) as f64;
+        if cloud.is_empty() {
+            return Err(CaptureError::NotSeenAtHome);
+        }
+        let count = cloud.len() as f64;
         let mean =
             |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>() / count;
         let mut sentinel = Sentinel {
@@ -231,6 +249,11 @@ impl<'a> Session<'a> {
             sentinel.drift = apart.sum::<f64>().sqrt();
             let pulls = sentinel.pulls.iter().zip(&first.pulls);
             sentinel.current_drift = pulls.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let limit = self.rig.spec().safety.drift;
+            if sentinel.drift > limit {
+                let drift = sentinel.drift;
+                return Err(CaptureError::Drift { drift, limit });
+            }
         } else {
             self.reference = Some(sentinel.clone());
         }

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
 
 use tdcr_sim::camera::Camera;
 use tdcr_sim::render::{Scene, Sensor};

@@ -56,9 +56,9 @@ pub struct SafetySettings {
     pub lag: i32,
     /// Reads in a row without an answer of a servo after which it counts as lost.
     pub lost_after: usize,
-    /// Smallest current (A) that a servo has to pull with: one that does not for longer than `overload_time` has a slack
-    /// tendon. Not watched where the file does not give it.
-    pub slack_current: Option<f64>,
+    /// How far (m) the mean of what is seen of the robot at home may move in a capture: farther, a tendon has slipped or
+    /// snapped.
+    pub drift: f64,
     /// How tension is released at the end of a motion.
     pub release: Release,
 }
@@ -108,7 +108,7 @@ impl Default for SafetySettings {
             resume_below: 50.0,
             lag: 300,
             lost_after: 3,
-            slack_current: None,
+            drift: 0.005,
             release: Release::Home,
         }
     }
@@ -153,6 +153,7 @@ impl SafetySettings {
                 expected,
             ));
         }
+        above("safety.drift", self.drift, 0.0)?;
         above("safety.lag", f64::from(self.lag), 0.0)?;
         within("safety.lost_after", self.lost_after as f64, [1.0, 100.0])
     }

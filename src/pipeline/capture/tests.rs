@@ -8,7 +8,7 @@ use std::time::Duration;
 use tdcr_hw::dynamixel::{Bus, BusSettings};
 use tdcr_hw::rig::{Pace, RigFile};
 use tdcr_hw::servo::{ServoId, Torque, TorqueSwitch, Watchdog, WatchdogState};
-use tdcr_hw::simulated::{Fault, ScheduledFault};
+use tdcr_hw::simulated::{Fault, Simulator};
 use tdcr_learn::data::{DataSet, Split, check};
 
 use super::*;
@@ -19,8 +19,9 @@ fn rig() -> Rig {
     let text = include_str!("../../../examples/rig-sim.toml");
     let end = text.match_indices("[[cameras]]").nth(2).unwrap().0;
     let text = text[..end].replace("[640, 480]", "[160, 120]");
-    let text = text.replace("[safety]", "[safety]\nslack_current = 0.02");
-    let file = RigFile::parse(&text, Path::new("rig.toml")).unwrap();
+    // Robots are named from the folder of the file.
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/rig.toml");
+    let file = RigFile::parse(&text, &path).unwrap();
     Rig::open_file(file, Pace::Computed).unwrap()
 }
 
@@ -47,6 +48,24 @@ fn commands(dir: &Path) -> Vec<Vec<f32>> {
         }
     }
     commands
+}
+
+/// Lets something go wrong after the ninth sample, one of the second block.
+struct Inject(AtomicU64, Simulator, Fault);
+
+impl Monitor for Inject {
+    fn begin(&self, _: &str, _: u64, _: u64) {}
+    fn advance(&self, steps: u64) {
+        if self.0.fetch_add(steps, Ordering::Relaxed) + steps == 9 {
+            self.1.inject(self.2);
+        }
+    }
+    fn note(&self, _: &str) {}
+    fn status(&self, _: &str) {}
+    fn end(&self) {}
+    fn interrupted(&self) -> bool {
+        false
+    }
 }
 
 /// Stops after so many samples.
@@ -121,8 +140,6 @@ fn a_capture_is_a_data_set_that_resumes_and_grows() {
 fn whatever_goes_wrong_in_a_capture_the_robot_is_safe_and_the_data_is_whole() {
     let servo = |id| ServoId::new(id).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    // Long enough that one block is written.
-    let at = Duration::from_secs(40);
     for (number, (fault, stops)) in [
         (Fault::Lost(0.002), false),
         (Fault::Corrupted(0.002), false),
@@ -144,9 +161,8 @@ fn whatever_goes_wrong_in_a_capture_the_robot_is_safe_and_the_data_is_whole() {
         let dir = folder.path().join(number.to_string());
         let mut faulty = rig();
         let simulator = faulty.simulator().unwrap().clone();
-        simulator.schedule(ScheduledFault { fault, at });
-        let ended = capture(&mut faulty, &settings(14), &dir, &Silent);
-        assert!(simulator.clock().now() > at, "{fault}");
+        let after_nine = Inject(AtomicU64::new(0), simulator.clone(), fault);
+        let ended = capture(&mut faulty, &settings(14), &dir, &after_nine);
         match (&ended, stops) {
             (Ok(report), false) => assert_eq!(report.captured, 14),
             (Err(PipelineError::Capture(_)), true) => {}
