@@ -18,9 +18,15 @@
 //! SI units; positions of servos in ticks ([`Ticks`](servo::Ticks)), temperatures in degrees Celsius.
 
 pub mod camera;
+pub mod capture;
 pub mod clock;
 pub mod dynamixel;
+pub mod extrinsics;
+pub mod log;
+pub mod plan;
+pub mod recorded;
 pub mod rig;
+pub mod serial;
 pub mod servo;
 pub mod simulated;
 pub mod transport;

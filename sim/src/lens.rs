@@ -144,7 +144,7 @@ impl Distortion {
     }
 
     /// Derivative of the distorted by the undistorted coordinates.
-    fn jacobian(&self, point: Vector2<f64>) -> Matrix2<f64> {
+    pub fn jacobian(&self, point: Vector2<f64>) -> Matrix2<f64> {
         let (x, y) = (point.x, point.y);
         let r2 = x * x + y * y;
         let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));

@@ -5,6 +5,7 @@
 //! [`Monitor`] how far it is and stops when the monitor says so, leaving files from which the same
 //! call resumes.
 
+mod capture;
 mod collect;
 mod compare;
 mod contestant;
@@ -26,6 +27,7 @@ mod survey;
 mod tip;
 mod train;
 
+pub use capture::{CaptureReport, CaptureSettings, capture};
 pub use collect::{CollectSettings, CollectTimes, collect, merge};
 pub use compare::{
     CompareSettings, Comparer, Comparison, Configuration, Counterpart, Spread, TipSource,
@@ -44,6 +46,8 @@ pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, mod
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
+use tdcr_hw::capture::CaptureError;
+use tdcr_hw::rig::RigError;
 use tdcr_learn::data::{DataError, PayloadRange, SimulateError};
 use tdcr_learn::flow::FlowError;
 use tdcr_learn::lock::try_lock;
@@ -73,6 +77,9 @@ pub enum PipelineError {
     /// A sample could not be simulated.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
+    /// The rig did not capture what it should.
+    #[error(transparent)]
+    Capture(CaptureError),
     /// A folder or file of the stage's own could not be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
@@ -261,6 +268,15 @@ impl From<DataError> for PipelineError {
         match error {
             DataError::Interrupted => Self::Interrupted,
             error => Self::Data(error),
+        }
+    }
+}
+
+impl From<CaptureError> for PipelineError {
+    fn from(error: CaptureError) -> Self {
+        match error {
+            CaptureError::Rig(RigError::Interrupted) => Self::Interrupted,
+            error => Self::Capture(error),
         }
     }
 }

@@ -183,6 +183,11 @@ impl Kind {
         }
     }
 
+    /// Whether numbers may be negative.
+    pub const fn is_signed(self) -> bool {
+        matches!(self, Self::I8 | Self::I16 | Self::I32)
+    }
+
     /// The number in exactly [`size`](Self::size) bytes; `None` for another number of bytes.
     pub fn decode(self, bytes: &[u8]) -> Option<i64> {
         Some(match self {

@@ -180,10 +180,14 @@ impl Decoder {
         taken
     }
 
+    /// How many bytes [`fill`](Self::fill) takes.
+    pub fn room(&self) -> usize {
+        MAX_FRAME - (self.end - self.start)
+    }
+
     /// The next frame among the bytes taken. `None`: none is complete.
     pub fn next_frame(&mut self) -> Option<Frame<'_>> {
         loop {
-            self.seek();
             match sight(self.pending()) {
                 Sight::Nothing => self.start += 1,
                 Sight::Unfinished => return None,
@@ -209,16 +213,16 @@ impl Decoder {
         self.start = self.end;
     }
 
-    /// The bytes taken and not yet understood. After [`next_frame`](Self::next_frame) has returned `None` they begin with a
-    /// frame's start, or are its start.
-    pub fn pending(&self) -> &[u8] {
+    /// The bytes taken and not yet understood, from the first header, or part of one, on.
+    pub fn pending(&mut self) -> &[u8] {
+        self.seek();
         &self.buffer[self.start..self.end]
     }
 
     /// Skips what cannot start a frame.
     fn seek(&mut self) {
         while self.start < self.end {
-            let pending = self.pending();
+            let pending = &self.buffer[self.start..self.end];
             let known = pending.len().min(HEADER.len());
             if pending[..known] == HEADER[..known] {
                 return;

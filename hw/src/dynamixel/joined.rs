@@ -69,16 +69,20 @@ pub struct Section<'a> {
     pub data: &'a [u8],
 }
 
+/// Whether bytes begin with the header of a joined status.
+pub fn begins(bytes: &[u8]) -> bool {
+    bytes.starts_with(&HEADER)
+        && bytes.get(4) == Some(&PacketId::Broadcast.byte())
+        && bytes.get(PREFIX) == Some(&STATUS)
+}
+
 /// The sections of a joined status, up to the first that is not whole: `frame` begins with the header and may end anywhere,
 /// `asked` are the servos and how many bytes of data each was asked for.
 pub fn sections<'a>(
     frame: &'a [u8],
     asked: impl IntoIterator<Item = (ServoId, usize)>,
 ) -> impl Iterator<Item = Section<'a>> {
-    let is_joined = frame.starts_with(&HEADER)
-        && frame.get(4) == Some(&PacketId::Broadcast.byte())
-        && frame.get(PREFIX) == Some(&STATUS);
-    let (head, mut rest) = if is_joined {
+    let (head, mut rest) = if begins(frame) {
         frame.split_at(PREFIX + 1)
     } else {
         frame.split_at(frame.len())

@@ -2,12 +2,17 @@
 //!
 //! Everything here goes both ways: a driver encodes instructions and decodes statuses, a simulated device the reverse.
 
+mod bus;
 mod control_table;
 mod crc;
 mod frame;
 mod instruction;
 pub mod joined;
+mod line;
+mod servos;
 mod status;
+
+pub use bus::{Bus, BusSettings, LastingChanges, Reply, Span};
 
 pub use control_table::{
     Access, Area, BAUD_RATES, Bound, ControlTable, Entry, Item, Kind, Model, Unit,
@@ -21,4 +26,6 @@ pub use instruction::{
     Answers, Backup, Instruction, InstructionError, Reset, bulk_read_rows, bulk_write_rows,
     sync_rows,
 };
-pub use status::{ErrorByte, Fault, Status};
+pub use status::{ErrorByte, Status};
+
+pub use crate::servo::Fault;

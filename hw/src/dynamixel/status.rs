@@ -1,6 +1,7 @@
 //! Statuses: what servos answer.
 
 use super::frame::{Frame, FrameTooLong, FrameWriter, PacketId, STATUS};
+use crate::servo::Fault;
 
 /// The error byte of a status: what was wrong with the instruction, and whether the servo reports a hardware error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -15,7 +16,7 @@ impl ErrorByte {
     pub const fn new(fault: Option<Fault>, alert: bool) -> Self {
         let number = match fault {
             None => 0,
-            Some(fault) => fault.number(),
+            Some(fault) => number(fault),
         };
         Self(number | if alert { Self::ALERT } else { 0 })
     }
@@ -41,48 +42,17 @@ impl ErrorByte {
     }
 }
 
-/// Why a servo did not carry an instruction out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Fault {
-    /// It failed.
-    #[error("it failed to carry the instruction out")]
-    Result,
-    /// It knows no such instruction, or was told to act without anything registered.
-    #[error("it does not know the instruction, or has nothing registered to act on")]
-    Instruction,
-    /// The instruction arrived damaged.
-    #[error("the instruction arrived damaged")]
-    Crc,
-    /// The value is out of the item's range.
-    #[error("the value is out of the item's range")]
-    DataRange,
-    /// The data are shorter than the item.
-    #[error("the data are shorter than the item")]
-    DataLength,
-    /// The value is beyond a limit that is set.
-    #[error("the value is beyond a limit that the servo holds")]
-    DataLimit,
-    /// The item cannot be read or written, or not while the motor is on.
-    #[error("the item is read only or unknown, or locked while torque is on")]
-    Access,
-    /// A number that the protocol does not define.
-    #[error("error {0}, which the protocol does not define")]
-    Other(u8),
-}
-
-impl Fault {
-    /// Its number in the error byte.
-    pub const fn number(self) -> u8 {
-        match self {
-            Self::Result => 1,
-            Self::Instruction => 2,
-            Self::Crc => 3,
-            Self::DataRange => 4,
-            Self::DataLength => 5,
-            Self::DataLimit => 6,
-            Self::Access => 7,
-            Self::Other(number) => number & !ErrorByte::ALERT,
-        }
+/// The number of a fault in the error byte.
+const fn number(fault: Fault) -> u8 {
+    match fault {
+        Fault::Result => 1,
+        Fault::Instruction => 2,
+        Fault::Crc => 3,
+        Fault::DataRange => 4,
+        Fault::DataLength => 5,
+        Fault::DataLimit => 6,
+        Fault::Access => 7,
+        Fault::Other(number) => number & !ErrorByte::ALERT,
     }
 }
 

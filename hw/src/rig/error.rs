@@ -8,7 +8,7 @@ use tdcr_sim::formats::RobotFileError;
 use tdcr_sim::robot::{CommandError, SpecError};
 use thiserror::Error;
 
-use super::fault::Fault;
+use super::stop::EmergencyStop;
 use crate::camera::CameraError;
 use crate::servo::{ServoError, ServoId, Ticks};
 
@@ -98,7 +98,7 @@ pub enum RigError {
     Released,
     /// Something went wrong in motion, and the tension was released.
     #[error(transparent)]
-    Fault(Box<Fault>),
+    Stopped(Box<EmergencyStop>),
     /// The caller asked to stop, and the tension was released.
     #[error("interrupted; the tension was released")]
     Interrupted,

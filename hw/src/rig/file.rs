@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use tdcr_sim::render::{BaseVisibility, Sensor};
-use tdcr_sim::robot::{CameraSpec, Cameras, RobotSpec};
+use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
 
-use super::RigError;
 use super::place::line_of;
-use super::settings::{CommandSettings, MotionSettings, SafetySettings};
+use super::settings::{MotionSettings, SafetySettings};
+use super::{RigError, Winch};
+use crate::plan::CommandSettings;
 use crate::servo::{OperatingMode, ServoId};
 
 /// Largest rig file (bytes).
@@ -149,10 +150,6 @@ pub struct ServosSpec {
     pub spool_radius: Vec<f64>,
     /// Tensions of the tendons at home (N), where the robot stands straight.
     pub home_tension: Vec<f64>,
-    /// Commands at which the robot stands at home (m); those of the robot's model under the tensions of home where the file
-    /// does not give them.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub home_command: Option<Vec<f64>>,
     /// Smallest and largest position that a goal may have, from home (ticks).
     pub limits: Vec<[i32; 2]>,
     /// Largest current (A): of the goals in current-based position mode.
@@ -272,6 +269,22 @@ impl RigFile {
         Ok(file)
     }
 
+    /// The robot, compiled.
+    ///
+    /// # Errors
+    /// [`RigError::Spec`].
+    pub fn compile(&self) -> Result<Robot, RigError> {
+        Ok(Robot::new(self.robot.clone())?)
+    }
+
+    /// The servos with their spools, in the order of a command of `robot`, the file's.
+    ///
+    /// # Errors
+    /// [`RigError::Field`] where the robot cannot stand at home with the tensions that the file gives.
+    pub fn winches(&self, robot: &Robot) -> Result<Vec<Winch>, RigError> {
+        Winch::all(&self.spec.servos, robot)
+    }
+
     /// A path that the file names.
     pub fn resolve(&self, path: &Path) -> PathBuf {
         beside(&self.path, path)
@@ -297,7 +310,10 @@ impl RigFile {
         let servos = &self.spec.servos;
         if servos.ids.len() != tendons {
             let found = format!("{} ids", servos.ids.len());
-            let expected = format!("{tendons}, one for each tendon of robot `{}`", self.robot.name);
+            let expected = format!(
+                "{tendons}, one for each tendon of robot `{}`",
+                self.robot.name
+            );
             return Err(RigError::field("servos.ids", found, expected));
         }
         for (k, &id) in servos.ids.iter().enumerate() {
@@ -331,23 +347,26 @@ impl RigFile {
                 "a radius above 0 (m)",
             ),
             (
-                "home_command",
-                servos.home_command.as_ref().unwrap_or(&vec![0.0]),
-                &|x| x.is_finite(),
-                "a length (m)",
-            ),
-            (
                 "home_tension",
                 &servos.home_tension,
                 &|x| x.is_finite() && *x >= 0.0,
                 "a tension of 0 or more (N)",
             ),
-            ("current_limit", &servos.current_limit, &positive, "a current above 0 (A)"),
+            (
+                "current_limit",
+                &servos.current_limit,
+                &positive,
+                "a current above 0 (A)",
+            ),
         ] {
             one_or_each(name, list.len())?;
             for (k, value) in list.iter().enumerate() {
                 if !fits(value) {
-                    return Err(RigError::field(format!("servos.{name}[{k}]"), value, expected));
+                    return Err(RigError::field(
+                        format!("servos.{name}[{k}]"),
+                        value,
+                        expected,
+                    ));
                 }
             }
         }
@@ -363,11 +382,16 @@ impl RigFile {
             if camera.serial.is_empty() || self.spec.cameras[..k].iter().any(same) {
                 let expected = "a serial number, no one twice";
                 let found = format!("{:?}", camera.serial);
-                return Err(RigError::field(format!("cameras[{k}].serial"), found, expected));
+                return Err(RigError::field(
+                    format!("cameras[{k}].serial"),
+                    found,
+                    expected,
+                ));
             }
             let sees_plant = self.spec.servos.link == ServoLink::Simulated;
             if camera.link == CameraLink::Simulated && !sees_plant {
-                let expected = "\"simulated\" only where the servos are: it sees the robot behind them";
+                let expected =
+                    "\"simulated\" only where the servos are: it sees the robot behind them";
                 let field = format!("cameras[{k}].link");
                 return Err(RigError::field(field, "\"simulated\"", expected));
             }
@@ -381,7 +405,14 @@ impl RigFile {
                 }
             }
         }
-        self.spec.commands.check()?;
+        let modules = self.robot.modules.len();
+        if let Some((field, found, expected)) = self.spec.commands.fault(modules) {
+            return Err(RigError::field(
+                format!("commands.{field}"),
+                found,
+                expected,
+            ));
+        }
         self.spec.motion.check()?;
         self.spec.safety.check()
     }

@@ -54,7 +54,9 @@ impl Rig {
         self.meet()?;
         let positions = self.positions()?;
         let servos = self.homing.iter().zip(&positions);
-        let recalled: Vec<_> = servos.map(|(homing, &found)| homing.recall(found)).collect();
+        let recalled: Vec<_> = servos
+            .map(|(homing, &found)| homing.recall(found))
+            .collect();
         let unknown = |((id, homing), home): ((&ServoId, &Homing), &Option<Ticks>)| match home {
             Some(_) => None,
             None => Some(format!(
@@ -112,7 +114,9 @@ impl Rig {
         if unknown.is_empty() {
             return Ok(homes.into_iter().flatten().collect());
         }
-        Err(RigError::NotHomed(unknown.into_iter().filter_map(Result::err).collect()))
+        Err(RigError::NotHomed(
+            unknown.into_iter().filter_map(Result::err).collect(),
+        ))
     }
 
     /// Where the servos stand in their own counts.

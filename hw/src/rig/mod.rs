@@ -5,31 +5,31 @@
 //!
 //! A rig moves its robot only while it is [engaged](Rig::engage), which it refuses to be until every servo is
 //! [homed](Rig::home_here). All that moves goes through [`Rig::step`] and [`Rig::poll`], which look at every reading and
-//! release the tension where something is wrong ([`Fault`]); so do an interruption ([`Rig::move_along`]) and a panic (`Drop`).
+//! release the tension where something is wrong ([`EmergencyStop`]); so do an interruption ([`Rig::move_along`]) and a panic (`Drop`).
 //! Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
 //! whenever a rig is engaged.
 
 mod error;
-mod fault;
 mod file;
 mod homing;
 mod motion;
 mod place;
 mod settings;
 mod spool;
+mod stop;
 mod turns;
 mod watch;
 mod winch;
 
 pub use error::RigError;
-pub use fault::{Cause, Fault, Released};
 pub use file::{
     BoxSpec, CameraLink, Direction, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
     ServoLink, ServosSpec, TendonMode,
 };
 pub use homing::HomingReport;
-pub use settings::{CommandSettings, MotionSettings, Release, SafetySettings};
+pub use settings::{MotionSettings, Release, SafetySettings};
 pub use spool::Spool;
+pub use stop::{Cause, EmergencyStop, Released};
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
 pub use winch::{Winch, WinchState};
 
@@ -39,7 +39,7 @@ use std::time::Duration;
 use tdcr_sim::render::RgbdFrame;
 use tdcr_sim::robot::Robot;
 
-use crate::camera::{RgbdCamera, Stamped, grab_all};
+use crate::camera::{RgbdCamera, Soak, Stamped, grab_all};
 use crate::clock::Clock;
 use crate::servo::{PerServo, ServoBus, ServoId};
 use motion::Drive;
@@ -86,8 +86,8 @@ impl Rig {
     /// # Errors
     /// [`RigError::Spec`] for a robot that makes no sense.
     pub fn of_parts(file: RigFile, parts: Parts) -> Result<Self, RigError> {
-        let robot = Robot::new(file.robot.clone())?;
-        let winches = Winch::all(&file.spec.servos, &robot)?;
+        let robot = file.compile()?;
+        let winches = file.winches(&robot)?;
         let Parts {
             bus,
             cameras,
@@ -106,6 +106,11 @@ impl Rig {
             turns,
             drive: Drive::Released,
         })
+    }
+
+    /// The file that it was made from.
+    pub fn file(&self) -> &RigFile {
+        &self.file
     }
 
     /// What the rig's file says.
@@ -151,6 +156,17 @@ impl Rig {
                 })
             })
             .collect()
+    }
+
+    /// Waits until all cameras have found their exposure: before the rig is engaged, as nobody looks at the servos meanwhile.
+    ///
+    /// # Errors
+    /// [`RigError::Camera`].
+    pub fn warm_up(&mut self) -> Result<(), RigError> {
+        for camera in &mut self.cameras {
+            Soak::default().run(camera)?;
+        }
+        Ok(())
     }
 
     /// Pictures of all cameras, of the present or later.

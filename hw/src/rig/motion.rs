@@ -5,16 +5,19 @@ use std::time::Duration;
 
 use tdcr_sim::robot::Command;
 
-use super::fault::{Cause, Fault, Released};
 use super::settings::Release;
-use super::turns::Turns;
+use super::stop::{Cause, EmergencyStop, Released};
+use super::turns::{Homing, Turns};
 use super::watch::{Vitals, Watch};
 use super::winch::WinchState;
 use super::{Rig, RigError};
-use crate::servo::{PerServo, ServoError, ServoId, Ticks, Torque};
+use crate::servo::{OperatingMode, PerServo, ServoBus, ServoError, ServoId, Ticks, Torque};
 
 /// How often one asks how the servos fare.
 const CHECK_UP: Duration = Duration::from_millis(500);
+
+/// Step of a current limit (A): that of the X330 series.
+const CURRENT_STEP: f64 = 1e-3;
 
 /// How often a servo is told to switch off its motor before one gives up.
 const ATTEMPTS: usize = 3;
@@ -52,7 +55,7 @@ impl Rig {
     /// for goals first. Nothing is done where they are on.
     ///
     /// # Errors
-    /// [`RigError::NotHomed`]; [`RigError::Fault`] where a servo reports a fault or is too hot; [`RigError::Servo`]. The motors are off
+    /// [`RigError::NotHomed`]; [`RigError::Stopped`] where a servo reports a fault or is too hot; [`RigError::Servo`]. The motors are off
     /// then.
     pub fn engage(&mut self) -> Result<(), RigError> {
         if self.is_engaged() {
@@ -94,7 +97,7 @@ impl Rig {
         });
         Watch::check(ids, on.collect(), safety).map_err(|cause| {
             let release = Released::default();
-            Fault { cause, release }
+            EmergencyStop { cause, release }
         })?;
         let mode = self.file.spec.servos.mode.into();
         let modes = all(self.bus.mode(ids))?;
@@ -104,10 +107,25 @@ impl Rig {
         }
         // A watchdog that has bitten holds its goals until it is set anew.
         all(self.bus.set_watchdog(ids, None))?;
-        let limits = self.winches.iter().map(|winch| (winch.id, winch.current_limit));
-        all(self.bus.set_goal_currents(&limits.collect::<Vec<_>>()))?;
+        let winches = self.winches.iter();
+        let limits: Vec<_> = winches
+            .map(|winch| (winch.id, winch.current_limit))
+            .collect();
+        let kept = all(self.bus.current_limits(ids))?;
+        let differs =
+            |((_, wanted), kept): (&(ServoId, f64), f64)| (wanted - kept).abs() > CURRENT_STEP;
+        if limits.iter().zip(kept).any(differs) {
+            all(self.bus.set_torque(ids, Torque::Off))?;
+            all(self.bus.set_current_limits(&limits))?;
+        }
+        if mode == OperatingMode::CurrentBasedPosition {
+            all(self.bus.set_goal_currents(&limits))?;
+        }
         let present = all(self.bus.present(ids))?;
-        let hold = ids.iter().zip(&present).map(|(&id, present)| (id, present.position));
+        let hold = ids
+            .iter()
+            .zip(&present)
+            .map(|(&id, present)| (id, present.position));
         let hold: Vec<_> = hold.collect();
         all(self.bus.set_goal_positions(&hold))?;
         let watchdog = Duration::from_secs_f64(safety.watchdog);
@@ -116,7 +134,9 @@ impl Rig {
         // Some forget the goal when they are switched on.
         all(self.bus.set_goal_positions(&hold))?;
         let servos = self.winches.iter().zip(homes).zip(present);
-        Ok(servos.map(|((winch, &home), present)| winch.state(home, present)).collect())
+        Ok(servos
+            .map(|((winch, &home), present)| winch.state(home, present))
+            .collect())
     }
 
     /// Sends a command's goals, waits until the next are due, and looks at what the servos do: their states, those of servos
@@ -124,7 +144,7 @@ impl Rig {
     ///
     /// # Errors
     /// [`RigError::Limit`] and [`RigError::Command`] before anything is sent; [`RigError::Released`];
-    /// [`RigError::Fault`] after the tension was released.
+    /// [`RigError::Stopped`] after the tension was released.
     pub fn step(&mut self, command: &Command) -> Result<&[WinchState], RigError> {
         let goals = self.goals(command)?;
         self.step_to(&goals)
@@ -137,7 +157,9 @@ impl Rig {
     pub fn goals(&self, command: &Command) -> Result<Vec<Ticks>, RigError> {
         let command = self.robot.command(command.as_slice())?;
         let winches = self.winches.iter().zip(command.as_slice());
-        winches.map(|(winch, &command)| winch.goal(command)).collect()
+        winches
+            .map(|(winch, &command)| winch.goal(command))
+            .collect()
     }
 
     /// The same for goals from home, which are within their limits.
@@ -151,7 +173,12 @@ impl Rig {
             .map(|((&id, goal), home)| (id, Ticks(goal.0.saturating_add(home.0))))
             .collect();
         // A goal that one servo missed is sent again with the next; that it is lost, reading tells.
-        for error in self.bus.set_goal_positions(&counts).into_iter().filter_map(Result::err) {
+        for error in self
+            .bus
+            .set_goal_positions(&counts)
+            .into_iter()
+            .filter_map(Result::err)
+        {
             tracing::debug!("{error}");
         }
         self.poll()
@@ -172,10 +199,7 @@ impl Rig {
         engaged.next = (engaged.next + period).max(now);
         match self.look(now) {
             Ok(()) => {}
-            Err(Looked::Wrong(cause)) => {
-                let release = self.release_at_once();
-                return Err(RigError::Fault(Box::new(Fault { cause, release })));
-            }
+            Err(Looked::Wrong(cause)) => return Err(self.stop(cause)),
             Err(Looked::Unwritten(error)) => {
                 self.release_at_once();
                 return Err(error);
@@ -187,6 +211,12 @@ impl Rig {
         }
     }
 
+    /// Releases the tension because of `cause`.
+    pub(super) fn stop(&mut self, cause: Cause) -> RigError {
+        let release = self.release_at_once();
+        EmergencyStop { cause, release }.into()
+    }
+
     /// Reads all servos and judges what they say.
     fn look(&mut self, now: Duration) -> Result<(), Looked> {
         let Drive::Engaged(engaged) = &mut self.drive else {
@@ -195,7 +225,16 @@ impl Rig {
         let safety = &self.file.spec.safety;
         let present = self.bus.present(&self.ids);
         let servos = self.winches.iter().zip(&engaged.homes).zip(present);
-        let states = servos.map(|((winch, &home), present)| Ok(winch.state(home, present?)));
+        let states = servos.map(|((winch, &home), present)| {
+            let present = present?;
+            match present.errors.is_empty() {
+                true => Ok(winch.state(home, present)),
+                false => Err(ServoError::Hardware {
+                    id: winch.id,
+                    errors: present.errors,
+                }),
+            }
+        });
         let (goals, winches) = (&engaged.goals, &self.winches);
         let read = (engaged.watch).take(now, winches, goals, states.collect(), safety)?;
         for (state, read) in engaged.states.iter_mut().zip(read) {
@@ -241,7 +280,11 @@ impl Rig {
             return None;
         };
         let winches = self.winches.iter().zip(&engaged.goals);
-        Some(winches.map(|(winch, &goal)| winch.spool.command(goal)).collect())
+        Some(
+            winches
+                .map(|(winch, &goal)| winch.spool.command(goal))
+                .collect(),
+        )
     }
 
     /// Where the servos were at the last look; `None` where the motors are off.
@@ -256,11 +299,11 @@ impl Rig {
     /// are off.
     ///
     /// # Errors
-    /// [`RigError::Fault`] where something goes wrong on the way; [`RigError::Servo`] for the first servo that did not
+    /// [`RigError::Stopped`] where something goes wrong on the way; [`RigError::Servo`] for the first servo that did not
     /// confirm.
     pub fn release(&mut self) -> Result<(), RigError> {
         if self.file.spec.safety.release == Release::Home {
-            self.let_out()?;
+            self.go_home()?;
         }
         if !self.is_engaged() {
             return Ok(());
@@ -271,8 +314,12 @@ impl Rig {
         }
     }
 
-    /// Goes home in a straight line at the speed of a motion.
-    fn let_out(&mut self) -> Result<(), RigError> {
+    /// Goes home from wherever the robot is, all servos in proportion, at the speed of a motion. Nothing is done where the motors
+    /// are off.
+    ///
+    /// # Errors
+    /// As [`step`](Self::step).
+    pub fn go_home(&mut self) -> Result<(), RigError> {
         let Drive::Engaged(engaged) = &self.drive else {
             return Ok(());
         };
@@ -285,7 +332,9 @@ impl Rig {
         let steps = steps.fold(0.0, f64::max).ceil() as usize;
         for left in (0..steps).rev() {
             let part = left as f64 / steps as f64;
-            let goals = from.iter().map(|ticks| Ticks((part * ticks).round() as i32));
+            let goals = from
+                .iter()
+                .map(|ticks| Ticks((part * ticks).round() as i32));
             self.step_to(&goals.collect::<Vec<_>>())?;
         }
         Ok(())
@@ -311,11 +360,58 @@ impl Rig {
                 break;
             }
         }
+        self.note_positions();
         // A servo whose motor is off needs no watchdog, and one that has bitten would hold the next goals.
-        for error in self.bus.set_watchdog(&released.off, None).into_iter().filter_map(Result::err) {
+        for error in self
+            .bus
+            .set_watchdog(&released.off, None)
+            .into_iter()
+            .filter_map(Result::err)
+        {
             tracing::debug!("{error}");
         }
         released
+    }
+}
+
+impl Rig {
+    /// The hottest servo and its temperature (degrees Celsius). Also notes where the servos are: those whose motors are off
+    /// may be turned by the tension that is left.
+    ///
+    /// # Errors
+    /// [`RigError::Servo`] for the first that does not answer.
+    pub fn hottest(&mut self) -> Result<(ServoId, f64), RigError> {
+        if !self.is_engaged() {
+            self.note_positions();
+        }
+        let temperatures = all(self.bus.temperatures(&self.ids))?;
+        let servos = self.ids.iter().copied().zip(temperatures);
+        let hottest = servos.max_by(|(_, a), (_, b)| a.total_cmp(b));
+        hottest.ok_or(RigError::Released)
+    }
+
+    /// Notes where the servos are now, as far as that is known: without it, they are where they last were written down.
+    fn note_positions(&mut self) {
+        let present = self.bus.present(&self.ids);
+        let servos = self.ids.iter().zip(&self.homing).zip(present);
+        let turns: Vec<Turns> = servos
+            .filter_map(|((id, homing), present)| match (homing, present) {
+                (Homing::Homed(home), Ok(present)) => Some(Turns {
+                    id: id.get(),
+                    home: home.0,
+                    last: present.position.0,
+                }),
+                _ => None,
+            })
+            // What a servo says that restarted is in another count.
+            .filter(|turns| {
+                let known = ServoId::new(turns.id).and_then(|id| self.turns.of(id));
+                known.is_some_and(|known| matches!(known.meet(Ticks(turns.last)), Homing::Homed(_)))
+            })
+            .collect();
+        if let Err(error) = self.turns.write(&turns) {
+            tracing::warn!("{error}");
+        }
     }
 }
 
@@ -331,9 +427,9 @@ impl From<Cause> for Looked {
     }
 }
 
-impl From<Fault> for RigError {
-    fn from(fault: Fault) -> Self {
-        Self::Fault(Box::new(fault))
+impl From<EmergencyStop> for RigError {
+    fn from(stop: EmergencyStop) -> Self {
+        Self::Stopped(Box::new(stop))
     }
 }
 
@@ -342,7 +438,7 @@ fn all<T>(values: PerServo<T>) -> Result<Vec<T>, ServoError> {
     values.into_iter().collect()
 }
 
-fn vitals(bus: &mut dyn crate::servo::ServoBus, ids: &[ServoId]) -> Vec<Vitals> {
+fn vitals(bus: &mut dyn ServoBus, ids: &[ServoId]) -> Vec<Vitals> {
     let temperatures = bus.temperatures(ids);
     let errors = bus.hardware_errors(ids);
     let torques = bus.torque(ids);

@@ -6,19 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use super::RigError;
 
-/// Which commands are drawn: per module a bend in any direction and a co-contraction of its tendons (m), each
-/// below the ones given, within the tensions given.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct CommandSettings {
-    /// Largest shortening of the tendon on the inside of a module's bend (m): one for each module, or a single one.
-    pub bend: Vec<f64>,
-    /// Smallest and largest shortening of all tendons of a module alike (m).
-    pub co_contraction: [f64; 2],
-    /// Smallest and largest tension (N) that the simulator may find under a command or on the way to it.
-    pub tension: [f64; 2],
-}
-
 /// How the robot moves, and when it counts as still.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -76,16 +63,6 @@ pub struct SafetySettings {
     pub release: Release,
 }
 
-impl Default for CommandSettings {
-    fn default() -> Self {
-        Self {
-            bend: vec![0.01],
-            co_contraction: [0.0, 0.002],
-            tension: [0.5, 60.0],
-        }
-    }
-}
-
 impl Default for MotionSettings {
     fn default() -> Self {
         Self {
@@ -113,17 +90,6 @@ impl Default for SafetySettings {
             slack_current: None,
             release: Release::Home,
         }
-    }
-}
-
-impl CommandSettings {
-    pub(super) fn check(&self) -> Result<(), RigError> {
-        for (k, bend) in self.bend.iter().enumerate() {
-            let field = format!("commands.bend[{k}]");
-            above(&field, *bend, 0.0)?;
-        }
-        range("commands.co_contraction", self.co_contraction)?;
-        range("commands.tension", self.tension)
     }
 }
 
@@ -160,7 +126,11 @@ impl SafetySettings {
         )?;
         if self.pause_above >= self.temperature {
             let expected = "below safety.temperature, where the motion ends";
-            return Err(RigError::field("safety.pause_above", self.pause_above, expected));
+            return Err(RigError::field(
+                "safety.pause_above",
+                self.pause_above,
+                expected,
+            ));
         }
         above("safety.lag", f64::from(self.lag), 0.0)?;
         within("safety.lost_after", self.lost_after as f64, [1.0, 100.0])
@@ -171,7 +141,11 @@ fn above(field: &str, value: f64, least: f64) -> Result<(), RigError> {
     if value.is_finite() && value > least {
         return Ok(());
     }
-    Err(RigError::field(field, value, format!("a number above {least}")))
+    Err(RigError::field(
+        field,
+        value,
+        format!("a number above {least}"),
+    ))
 }
 
 fn within(field: &str, value: f64, [low, high]: [f64; 2]) -> Result<(), RigError> {
@@ -185,5 +159,9 @@ fn range(field: &str, [low, high]: [f64; 2]) -> Result<(), RigError> {
     if low.is_finite() && high.is_finite() && low <= high {
         return Ok(());
     }
-    Err(RigError::field(field, format!("{low} to {high}"), "the smaller first"))
+    Err(RigError::field(
+        field,
+        format!("{low} to {high}"),
+        "the smaller first",
+    ))
 }

@@ -246,7 +246,13 @@ mod tests {
     fn turns_are_whole_on_disk_and_written_when_servos_go_far() {
         let folder = tempfile::tempdir().unwrap();
         let path = TurnsFile::beside(&folder.path().join("rig.toml"));
-        let at = |last| [Turns { id: 3, home: 10, last }];
+        let at = |last| {
+            [Turns {
+                id: 3,
+                home: 10,
+                last,
+            }]
+        };
         let mut file = TurnsFile::open(path.clone()).unwrap();
         let three = ServoId::new(3).unwrap();
         assert_eq!(file.of(three), None);
@@ -258,6 +264,9 @@ mod tests {
         assert_eq!(read(&path), at(WRITE_BEYOND + 1)[0]);
         fs::write(&path, "{\"format\":1,\"serv").unwrap();
         let said = TurnsFile::open(path).unwrap_err().to_string();
-        assert!(said.contains("rig.turns.json") && said.contains("home the rig anew"), "{said}");
+        assert!(
+            said.contains("rig.turns.json") && said.contains("home the rig anew"),
+            "{said}"
+        );
     }
 }

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use super::fault::Cause;
 use super::settings::SafetySettings;
+use super::stop::Cause;
 use super::winch::{Winch, WinchState};
 use crate::servo::{HardwareErrors, ServoError, ServoId, Ticks, Torque};
 
@@ -73,6 +73,9 @@ impl Watch {
             let state = match state {
                 Ok(state) => state,
                 Err(source) => {
+                    if let Some(cause) = Cause::of(&source) {
+                        return Err(cause);
+                    }
                     seen.failed += 1;
                     if seen.failed >= safety.lost_after {
                         let reads = seen.failed;
@@ -94,7 +97,9 @@ impl Watch {
                 });
             }
             let [low, high] = winch.limits;
-            if position.0 < low.saturating_sub(OVERSHOOT) || position.0 > high.saturating_add(OVERSHOOT) {
+            if position.0 < low.saturating_sub(OVERSHOOT)
+                || position.0 > high.saturating_add(OVERSHOOT)
+            {
                 return Err(Cause::Beyond {
                     id,
                     position,
@@ -145,8 +150,11 @@ impl Watch {
         safety: &SafetySettings,
     ) -> Result<(), Cause> {
         for (&id, vitals) in ids.iter().zip(vitals) {
+            if let Some(cause) = vitals.errors.as_ref().err().and_then(Cause::of) {
+                return Err(cause);
+            }
             if let Ok(errors) = vitals.errors
-                && errors != HardwareErrors::default()
+                && !errors.is_empty()
             {
                 return Err(Cause::Hardware { id, errors });
             }

@@ -1,12 +1,11 @@
 //! A servo with the spool and tendon behind it.
 
-use tdcr_sim::dynamics::Integrator;
-use tdcr_sim::robot::{CommandUnit, Robot};
-use tdcr_sim::simulation::{MovingRobot, Simulation};
+use tdcr_sim::robot::Robot;
 
 use super::file::ServosSpec;
 use super::spool::Spool;
 use super::{Homing, RigError};
+use crate::plan::{ShapeError, Shaper};
 use crate::servo::{Present, ServoId, Ticks};
 
 /// A servo with the spool and tendon behind it. Positions count from home.
@@ -40,10 +39,7 @@ pub struct WinchState {
 impl Winch {
     /// The winches of a checked rig file.
     pub(super) fn all(servos: &ServosSpec, robot: &Robot) -> Result<Vec<Self>, RigError> {
-        let home_command = match &servos.home_command {
-            Some(commands) => commands.clone(),
-            None => home_commands(robot, &servos.home_tension)?,
-        };
+        let home_command = home_commands(robot, &servos.home_tension)?;
         let winch = |(k, &id): (usize, &u8)| {
             let bad = || RigError::field(format!("servos.ids[{k}]"), id, "an address of 0 to 252");
             Ok(Self {
@@ -51,7 +47,7 @@ impl Winch {
                 spool: Spool {
                     radius: *each(&servos.spool_radius, k),
                     direction: *each(&servos.directions, k),
-                    home_command: *each(&home_command, k),
+                    home_command: home_command[k],
                 },
                 limits: *each(&servos.limits, k),
                 current_limit: *each(&servos.current_limit, k),
@@ -91,23 +87,26 @@ impl Winch {
     }
 }
 
-/// The commands (m) under which tendons of the straight robot have tensions (N): `L - T / k`.
+/// The commands (m) at which a robot stands at home.
 fn home_commands(robot: &Robot, tensions: &[f64]) -> Result<Vec<f64>, RigError> {
-    // Only the time step could be refused, and no step is made.
-    let straight = MovingRobot::new(robot, 1e-3, Integrator::default(), 1)
-        .map_err(|error| RigError::field("robot", &robot.spec().name, error.to_string()))?;
-    let lengths = straight.pose().tendon_lengths;
-    let tendons = robot.tendons().iter().zip(lengths).enumerate();
-    tendons
-        .map(|(k, (tendon, length))| match tendon.unit() {
-            CommandUnit::Metre => Ok(length - each(tensions, k) / tendon.stiffness),
-            CommandUnit::Newton => Err(RigError::field(
-                "robot",
-                &robot.spec().name,
-                format!("tendons driven by lengths; tendon {k} is driven by its tension"),
-            )),
-        })
-        .collect()
+    let tendons = robot.tendons().len();
+    let tensions: Vec<f64> = (0..tendons).map(|k| *each(tensions, k)).collect();
+    let refused =
+        |error: ShapeError| RigError::field("robot", &robot.spec().name, error.to_string());
+    let commands = Shaper::new(robot).map_err(refused)?.straight(&tensions);
+    for (k, (command, tendon)) in commands.iter().zip(robot.tendons()).enumerate() {
+        let [low, high] = tendon.range;
+        if !(low..=high).contains(command) {
+            let found = format!(
+                "{} N, for which tendon {k} has the command {command:.4} m",
+                tensions[k]
+            );
+            let expected =
+                format!("a tension for which that is within the robot's {low} to {high} m");
+            return Err(RigError::field("servos.home_tension", found, expected));
+        }
+    }
+    Ok(commands)
 }
 
 /// Entry `k` of a list with one for each servo, or a single one for all.

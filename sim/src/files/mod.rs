@@ -7,4 +7,5 @@ mod atomic;
 mod reading;
 
 pub use atomic::{AtomicFile, TEMPORARY, write_atomically};
-pub(crate) use reading::{LARGEST_MESH, LARGEST_TEXT, read, read_text};
+pub(crate) use reading::{LARGEST_MESH, LARGEST_TEXT};
+pub use reading::{read, read_text};

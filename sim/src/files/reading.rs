@@ -14,7 +14,10 @@ pub(crate) const LARGEST_TEXT: u64 = 64 << 20;
 pub(crate) const LARGEST_MESH: u64 = 256 << 20;
 
 /// The contents of a regular file of at most `largest` bytes.
-pub(crate) fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
+///
+/// # Errors
+/// The operating system's, or what was found in its place.
+pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
     // Asked before opening: opening a pipe waits for its writer.
     let found = fs::metadata(path)?;
     if !found.is_file() {
@@ -37,7 +40,10 @@ pub(crate) fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
 }
 
 /// The text of a regular file of at most `largest` bytes.
-pub(crate) fn read_text(path: &Path, largest: u64) -> io::Result<String> {
+///
+/// # Errors
+/// As [`read`]'s, or that it is not UTF-8.
+pub fn read_text(path: &Path, largest: u64) -> io::Result<String> {
     String::from_utf8(read(path, largest)?).map_err(|_| {
         let reason = "not UTF-8 text";
         io::Error::new(ErrorKind::InvalidData, reason)

@@ -212,7 +212,11 @@ impl Cameras {
         }
     }
 
-    pub(super) fn validate(&self) -> Result<(), SpecError> {
+    /// Whether there can be such cameras.
+    ///
+    /// # Errors
+    /// [`SpecError`] names the field that is wrong, such as `cameras[0].lens.fovy`, and what would be right.
+    pub fn validate(&self) -> Result<(), SpecError> {
         match self {
             Self::Ring(ring) => ring.validate(),
             Self::Free(cameras) if (1..=MAX_CAMERAS).contains(&cameras.len()) => {

@@ -12,7 +12,7 @@ use crate::servo::{HardwareErrors, ServoError, ServoId, Ticks};
 #[non_exhaustive]
 pub enum Cause {
     /// A servo reports faults of its hardware.
-    #[error("servo {id} reports {}", names(errors))]
+    #[error("servo {id} reports {errors}")]
     Hardware {
         /// Which one.
         id: ServoId,
@@ -89,8 +89,16 @@ pub enum Cause {
         now: Ticks,
     },
     /// A servo's motor is off that should be on.
-    #[error("the motor of servo {id} went off by itself: it restarted, shut down, or its watchdog ended it")]
+    #[error(
+        "the motor of servo {id} went off by itself: it restarted, shut down, or its watchdog ended it"
+    )]
     Off {
+        /// Which one.
+        id: ServoId,
+    },
+    /// A servo restarted.
+    #[error("servo {id} restarted and forgot its turns: did it lose its power?")]
+    Restarted {
         /// Which one.
         id: ServoId,
     },
@@ -107,6 +115,16 @@ pub enum Cause {
 }
 
 impl Cause {
+    /// What an error of a servo says at once, without being repeated.
+    pub(super) fn of(error: &ServoError) -> Option<Self> {
+        match *error {
+            ServoError::Hardware { id, errors } => Some(Self::Hardware { id, errors }),
+            ServoError::WatchdogTripped { id } => Some(Self::Off { id }),
+            ServoError::Restarted { id } => Some(Self::Restarted { id }),
+            _ => None,
+        }
+    }
+
     /// The servo that it happened to.
     pub fn id(&self) -> ServoId {
         match *self {
@@ -118,6 +136,7 @@ impl Cause {
             | Self::Beyond { id, .. }
             | Self::Jump { id, .. }
             | Self::Off { id }
+            | Self::Restarted { id }
             | Self::Lost { id, .. } => id,
         }
     }
@@ -126,7 +145,7 @@ impl Cause {
 /// What went wrong in motion, and whether the tension was released.
 #[derive(Debug, Error)]
 #[error("{cause}; {release}")]
-pub struct Fault {
+pub struct EmergencyStop {
     /// What went wrong.
     pub cause: Cause,
     /// What was done about it.
@@ -156,21 +175,11 @@ impl fmt::Display for Released {
         }
         write!(f, "{} motors were switched off", self.off.len())?;
         for (id, error) in &self.unknown {
-            write!(f, "; servo {id} did not confirm ({error}), so its own watchdog is to stop it")?;
+            write!(
+                f,
+                "; servo {id} did not confirm ({error}), so its own watchdog is to stop it"
+            )?;
         }
         Ok(())
     }
-}
-
-/// The names of reported faults.
-fn names(errors: &HardwareErrors) -> String {
-    let named = [
-        (errors.input_voltage, "a supply voltage out of range"),
-        (errors.overheating, "overheating"),
-        (errors.encoder, "a failing encoder"),
-        (errors.electrical_shock, "an electrical shock, or too little power"),
-        (errors.overload, "overload"),
-    ];
-    let names: Vec<&str> = named.iter().filter(|(on, _)| *on).map(|(_, name)| *name).collect();
-    names.join(" and ")
 }

@@ -1,10 +1,14 @@
 //! Bytes to and from a bus of servos: over a serial port, a pseudo-terminal, or in memory.
 
+mod script;
+
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
 use crate::clock::Clock;
+
+pub use script::{Exchange, Script};
 
 /// A half-duplex line of bytes.
 pub trait Transport: Send {
@@ -36,4 +40,30 @@ pub trait Transport: Send {
     /// How long the way from the line to this program may hold arrived bytes back, besides their own times: the latency timer
     /// of a USB adapter and the scheduling of the computer.
     fn latency(&self) -> Duration;
+}
+
+impl<T: Transport + ?Sized> Transport for Box<T> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        (**self).write(bytes)
+    }
+
+    fn read(&mut self, buffer: &mut [u8], deadline: Duration) -> io::Result<usize> {
+        (**self).read(buffer, deadline)
+    }
+
+    fn discard_input(&mut self) -> io::Result<()> {
+        (**self).discard_input()
+    }
+
+    fn clock(&self) -> &Arc<dyn Clock> {
+        (**self).clock()
+    }
+
+    fn baud_rate(&self) -> u32 {
+        (**self).baud_rate()
+    }
+
+    fn latency(&self) -> Duration {
+        (**self).latency()
+    }
 }

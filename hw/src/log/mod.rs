@@ -1,0 +1,78 @@
+//! Logs of what a rig did: MCAP files (<https://mcap.dev>) with the message schemas of Foxglove, which viewers and the
+//! libraries of many languages read.
+//!
+//! A [`LogWriter`] takes [`LogRecord`]s and their times. What is on the disk is at any time the start of the finished file,
+//! so a log of a process that was killed lacks only its end. A [`LogReader`] reads logs whole or not, up to their last whole
+//! message and beyond damaged parts, and says what was missing; [`repair`] writes a whole log of what it finds.
+//!
+//! | topic | schema | record |
+//! |---|---|---|
+//! | `/servos/present` | `foxglove.JointStates` | positions (rad), velocities (rad/s), as `effort` the currents (A) |
+//! | `/servos/goals` | `foxglove.JointStates` | positions, as `effort` currents (A) |
+//! | `/servos/status` | `tdcr.ServoStatus` (JSON) | models, modes, temperatures, voltages, faults |
+//! | `/servos/registers` | `tdcr.Registers` (JSON) | bytes of control tables |
+//! | `/command` | `tdcr.Command` (JSON) | a value per tendon (m or N) |
+//! | `/events` | `foxglove.Log` | what happened, in words |
+//! | `/robot_description` | `std_msgs/String` (JSON) | the robot as URDF |
+//! | `/tf` | `foxglove.FrameTransforms` | cameras in the world, discs on those below them |
+//! | `/cloud` | `foxglove.PointCloud` | the fused cloud, world frame (m) |
+//! | `/cameras/SERIAL/calibration` | `foxglove.CameraCalibration` | intrinsics |
+//! | `/cameras/SERIAL/color` | `foxglove.CompressedImage` or `RawImage` | PNG, or `rgb8` |
+//! | `/cameras/SERIAL/depth` | `foxglove.RawImage` | `16UC1` (mm) where that is exact, else `32FC1` (m) |
+//!
+//! [`servo_sink`] logs what a bus of servos is told and says.
+//!
+//! Joints are named `servo_ID`. All comes back as it was, bit for bit; a lens whose distortion is nothing comes back as a
+//! pinhole.
+//!
+//! ```
+//! use std::time::Duration;
+//! use tdcr_hw::clock::VirtualClock;
+//! use tdcr_hw::log::{Entry, LogReader, LogRecord, LogSettings, LogWriter};
+//!
+//! # let folder = tempfile::tempdir()?;
+//! # let path = folder.path().join("run.mcap");
+//! let mut log = LogWriter::create(&path, &VirtualClock::new(), LogSettings::default())?;
+//! log.write(Duration::from_millis(20), &LogRecord::Command(vec![0.01, 0.02, 0.015]))?;
+//! log.finish()?;
+//!
+//! let mut reader = LogReader::open(&path)?;
+//! while let Some(entry) = reader.next_entry()? {
+//!     let Entry::Message(message) = entry else { continue };
+//!     let record = LogRecord::decode(&message.channel, &message.data)?;
+//!     assert!(matches!(record, Some(LogRecord::Command(values)) if values == [0.01, 0.02, 0.015]));
+//!     assert_eq!(message.log_time, 20_000_000);
+//! }
+//! assert!(reader.recovery().is_whole());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod container;
+mod decode;
+mod definitions;
+mod encode;
+mod error;
+mod image;
+mod json;
+mod read;
+mod record;
+mod recovery;
+mod repair;
+mod resync;
+mod servos;
+mod shared;
+mod topic;
+mod write;
+
+pub use error::{DecodeError, LogError};
+pub use read::{Channel, Entry, LogReader, Message, Schema};
+pub use record::{
+    Event, Goal, Image, Level, LogRecord, Reading, Registers, ServoStatus, Transform, WORLD,
+    camera_frame,
+};
+pub use recovery::{Damage, Problem, Recovery};
+pub use repair::repair;
+pub use servos::servo_sink;
+pub use shared::SharedLog;
+pub use topic::Topic;
+pub use write::{ImageFormat, LogSettings, LogWriter};

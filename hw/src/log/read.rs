@@ -1,0 +1,427 @@
+//! Reading logs, whole or not: every message up to where a log breaks off, and those beyond a damaged part.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+use std::sync::Arc;
+
+use mcap::MAGIC;
+use mcap::records::op;
+
+use super::container::{
+    ChunkHeader, Fields, MessageRecord, PLAIN_CHUNK_HEADER, RECORD_HEADER, attachment, is_header,
+    is_message_index, metadata, record, record_header,
+};
+use super::definitions::Definitions;
+use super::error::LogError;
+use super::recovery::{Problem, Recovery};
+use super::resync::next_chunk;
+
+/// Longest record that is read into memory: a damaged length does not take more.
+pub(super) const LONGEST_RECORD: u64 = 256 << 20;
+
+/// What a channel's messages are.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Schema {
+    /// Its name, such as `foxglove.RawImage`.
+    pub name: String,
+    /// How it is written down, such as `protobuf`.
+    pub encoding: String,
+    /// The schema itself.
+    pub data: Vec<u8>,
+}
+
+/// Messages of one topic and kind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Channel {
+    /// Name of the topic.
+    pub topic: String,
+    /// How messages are encoded, such as `protobuf`.
+    pub encoding: String,
+    /// What messages are; `None` where the log does not say.
+    pub schema: Option<Arc<Schema>>,
+    /// What the log says of the channel besides.
+    pub metadata: BTreeMap<String, String>,
+}
+
+/// A message of a log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Message {
+    /// What it is, and about what.
+    pub channel: Arc<Channel>,
+    /// Number in its channel, as its writer counted.
+    pub sequence: u32,
+    /// When it was logged (nanoseconds since the Unix epoch).
+    pub log_time: u64,
+    /// When it was published (nanoseconds since the Unix epoch).
+    pub publish_time: u64,
+    /// Its bytes; [`LogRecord::decode`](super::LogRecord::decode) reads them.
+    pub data: Vec<u8>,
+}
+
+/// Something of a log.
+#[derive(Debug, PartialEq)]
+pub enum Entry {
+    /// A message.
+    Message(Message),
+    /// A file within the log.
+    Attachment(mcap::Attachment<'static>),
+    /// Texts about the log.
+    Metadata(mcap::records::Metadata),
+}
+
+/// Reads an MCAP file in its order, in bounded memory: a chunk at a time.
+///
+/// Damage is not an error: what is whole is given, and [`recovery`](Self::recovery) says what was not. Only uncompressed
+/// chunks are read, which is what [`LogWriter`](super::LogWriter) writes.
+#[derive(Debug)]
+pub struct LogReader<R> {
+    source: R,
+    /// Bytes of the file.
+    length: u64,
+    /// Where the next record outside chunks begins.
+    at: u64,
+    section: Section,
+    chunk: Chunk,
+    /// Whether there was a chunk.
+    chunked: bool,
+    definitions: Definitions,
+    recovery: Recovery,
+    /// Bytes that may still be read in search of chunks.
+    search: u64,
+}
+
+/// Parts of an MCAP file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Section {
+    Magic,
+    Data,
+    Summary,
+    End,
+}
+
+/// A chunk's records, and which of them is next.
+#[derive(Debug, Default)]
+struct Chunk {
+    records: Vec<u8>,
+    next: usize,
+    /// Where the records begin in the file.
+    at: u64,
+    /// Whether the file ends within the chunk.
+    cut: bool,
+}
+
+impl LogReader<BufReader<File>> {
+    /// Opens a log.
+    ///
+    /// # Errors
+    /// [`LogError::File`]; a file that is not a log is found to be none when it is read.
+    pub fn open(path: &Path) -> Result<Self, LogError> {
+        let opened = File::open(path).map(BufReader::new);
+        opened.and_then(Self::new).map_err(|source| LogError::File {
+            path: path.to_owned(),
+            source,
+        })
+    }
+}
+
+impl<R: Read + Seek> LogReader<R> {
+    /// A reader of the log in `source`, from its first byte on.
+    ///
+    /// # Errors
+    /// Those of `source`.
+    pub fn new(mut source: R) -> io::Result<Self> {
+        let length = source.seek(SeekFrom::End(0))?;
+        let definitions = Definitions::of_summary(&mut source, length)?;
+        source.seek(SeekFrom::Start(0))?;
+        Ok(Self {
+            source,
+            length,
+            at: 0,
+            section: Section::Magic,
+            chunk: Chunk::default(),
+            chunked: false,
+            definitions,
+            recovery: Recovery::default(),
+            // A file in which each byte seems to begin a chunk would otherwise be read as often as it has bytes.
+            search: length.saturating_mul(8),
+        })
+    }
+
+    /// What was found so far: all of it, once no entry is left.
+    pub fn recovery(&self) -> &Recovery {
+        &self.recovery
+    }
+
+    /// The next entry; `None` after the last.
+    ///
+    /// # Errors
+    /// Those of the source. Damage is none.
+    pub fn next_entry(&mut self) -> io::Result<Option<Entry>> {
+        loop {
+            if let Some(message) = self.next_in_chunk() {
+                self.recovery.messages += 1;
+                return Ok(Some(Entry::Message(message)));
+            }
+            let entry = match self.section {
+                Section::Magic => {
+                    self.read_magic()?;
+                    None
+                }
+                Section::Data => self.read_data()?,
+                Section::Summary => {
+                    self.read_summary()?;
+                    None
+                }
+                Section::End => return Ok(None),
+            };
+            if entry.is_some() {
+                return Ok(entry);
+            }
+        }
+    }
+
+    fn read_magic(&mut self) -> io::Result<()> {
+        self.section = Section::Data;
+        let mut magic = [0; MAGIC.len()];
+        let count = self.length.min(magic.len() as u64) as usize;
+        self.source.read_exact(&mut magic[..count])?;
+        if magic == *MAGIC {
+            self.at = MAGIC.len() as u64;
+            return Ok(());
+        }
+        self.damaged(0, Problem::NoMagic)
+    }
+
+    /// Notes that the record at `at` cannot be read, and goes to the next chunk that is whole.
+    fn damaged(&mut self, at: u64, problem: Problem) -> io::Result<()> {
+        let found = next_chunk(&mut self.source, at + 1, self.length, &mut self.search)?;
+        self.recovery.note(at, problem);
+        match found {
+            Some(chunk) => self.go_to(chunk),
+            None => {
+                self.section = Section::End;
+                Ok(())
+            }
+        }
+    }
+
+    fn go_to(&mut self, at: u64) -> io::Result<()> {
+        self.at = at;
+        self.source.seek(SeekFrom::Start(at))?;
+        Ok(())
+    }
+
+    /// Opcode and length of the record at `self.at`, whose content comes next; `None` where the file ends before.
+    fn read_header(&mut self) -> io::Result<Option<(u8, u64)>> {
+        let left = self.length.saturating_sub(self.at);
+        if left < RECORD_HEADER as u64 {
+            self.recovery.note(self.at, Problem::EndsEarly);
+            self.section = Section::End;
+            return Ok(None);
+        }
+        let mut header = [0; RECORD_HEADER];
+        self.source.read_exact(&mut header)?;
+        Ok(Some(record_header(header)))
+    }
+
+    /// The content of a record of `length` bytes, which the file has.
+    fn read_content(&mut self, length: u64) -> io::Result<Vec<u8>> {
+        let mut content = vec![0; length as usize];
+        self.source.read_exact(&mut content)?;
+        Ok(content)
+    }
+
+    /// Reads the record at `self.at`, before the summary.
+    fn read_data(&mut self) -> io::Result<Option<Entry>> {
+        let at = self.at;
+        let Some((opcode, length)) = self.read_header()? else {
+            return Ok(None);
+        };
+        let content_at = at + RECORD_HEADER as u64;
+        if opcode == op::CHUNK {
+            return self.read_chunk(content_at, length).map(|()| None);
+        }
+        if length > self.length - content_at {
+            return self.damaged(at, Problem::EndsEarly).map(|()| None);
+        }
+        // Records for applications of their own: nothing of ours.
+        if opcode >= 0x80 {
+            return self.go_to(content_at + length).map(|()| None);
+        }
+        if length > LONGEST_RECORD {
+            return self.damaged(at, Problem::TooLong(length)).map(|()| None);
+        }
+        let content = self.read_content(length)?;
+        let mut entry = None;
+        let understood = match opcode {
+            op::HEADER => is_header(&content),
+            // Messages are in chunks, or none is: an index of messages with one wrong bit in its opcode is no message.
+            op::MESSAGE if self.chunked => false,
+            op::SCHEMA | op::CHANNEL | op::MESSAGE => {
+                entry = self.common(opcode, &content, at).map(Entry::Message);
+                true
+            }
+            op::MESSAGE_INDEX => is_message_index(&content),
+            op::ATTACHMENT => {
+                entry = attachment(&content).map(Entry::Attachment);
+                entry.is_some()
+            }
+            op::METADATA => {
+                entry = metadata(&content).map(Entry::Metadata);
+                entry.is_some()
+            }
+            op::DATA_END => {
+                let whole = content.len() == 4;
+                if whole {
+                    self.section = Section::Summary;
+                }
+                whole
+            }
+            _ => false,
+        };
+        if !understood {
+            return self.damaged(at, Problem::Record(opcode)).map(|()| None);
+        }
+        self.at = content_at + length;
+        if matches!(entry, Some(Entry::Message(_))) {
+            self.recovery.messages += 1;
+        }
+        Ok(entry)
+    }
+
+    /// Reads a chunk, whose content begins at `at`.
+    fn read_chunk(&mut self, at: u64, length: u64) -> io::Result<()> {
+        let record_at = at - RECORD_HEADER as u64;
+        let left = self.length - at;
+        let mut start = vec![0; length.min(left).min(PLAIN_CHUNK_HEADER as u64 + 32) as usize];
+        self.source.read_exact(&mut start)?;
+        let Some(header) = ChunkHeader::parse(&start, length) else {
+            // Either what was written of the header ends with the file, or it is not one.
+            let problem = match length > left && left < PLAIN_CHUNK_HEADER as u64 {
+                true => Problem::EndsEarly,
+                false => Problem::Record(op::CHUNK),
+            };
+            return self.damaged(record_at, problem);
+        };
+        if !header.compression.is_empty() {
+            let problem = Problem::Compressed(header.compression);
+            self.recovery.note(record_at, problem);
+            return self.go_to(at.saturating_add(length).min(self.length));
+        }
+        if header.records.min(left) > LONGEST_RECORD {
+            return self.damaged(record_at, Problem::TooLong(length));
+        }
+        self.chunked = true;
+        let records_at = at + header.records_at;
+        self.source.seek(SeekFrom::Start(records_at))?;
+        let records = self.read_content(header.records.min(self.length - records_at))?;
+        let cut = length > left;
+        // Of a part, there is no telling but by its records.
+        if !cut && header.crc != 0 && crc32fast::hash(&records) != header.crc {
+            self.recovery.note(record_at, Problem::Checksum);
+            return self.go_to(at + length);
+        }
+        self.chunk = Chunk {
+            records,
+            next: 0,
+            at: records_at,
+            cut,
+        };
+        self.at = (at + length.min(left)).min(self.length);
+        Ok(())
+    }
+
+    /// The next message of the chunk; `None` where it has no more.
+    fn next_in_chunk(&mut self) -> Option<Message> {
+        while self.chunk.next < self.chunk.records.len() || self.chunk.cut {
+            let chunk = std::mem::take(&mut self.chunk);
+            let (message, rest) = self.next_record(chunk);
+            self.chunk = rest;
+            if message.is_some() {
+                return message;
+            }
+        }
+        None
+    }
+
+    /// Reads the next record of `chunk`, and returns what is left of the chunk.
+    fn next_record(&mut self, mut chunk: Chunk) -> (Option<Message>, Chunk) {
+        let at = chunk.at + chunk.next as u64;
+        let mut records = &chunk.records[chunk.next..];
+        let Some((opcode, content)) = record(&mut records) else {
+            let problem = match chunk.cut {
+                true => Problem::EndsEarly,
+                false => Problem::Chunk,
+            };
+            if chunk.cut {
+                self.section = Section::End;
+            }
+            self.recovery.note(at, problem);
+            return (None, Chunk::default());
+        };
+        // Opcodes from 0x80 on are applications' own.
+        let message = match opcode {
+            0x80.. => None,
+            _ => self.common(opcode, content, at),
+        };
+        chunk.next += RECORD_HEADER + content.len();
+        (message, chunk)
+    }
+
+    /// Reads a record that may stand within a chunk or outside. What is wrong with it costs no other record.
+    fn common(&mut self, opcode: u8, content: &[u8], at: u64) -> Option<Message> {
+        let understood = match opcode {
+            op::SCHEMA => self.definitions.add_schema(content),
+            op::CHANNEL => self.definitions.add_channel(content),
+            op::MESSAGE => match MessageRecord::parse(content) {
+                Some(record) => {
+                    let message = self.definitions.message(&record);
+                    if message.is_none() {
+                        self.recovery.note(at, Problem::NoChannel(record.channel));
+                    }
+                    return message;
+                }
+                None => None,
+            },
+            _ => None,
+        };
+        if understood.is_none() {
+            self.recovery.note(at, Problem::Record(opcode));
+        }
+        None
+    }
+
+    /// Reads the record at `self.at` of the summary: all messages are behind it.
+    fn read_summary(&mut self) -> io::Result<()> {
+        let at = self.at;
+        let Some((opcode, length)) = self.read_header()? else {
+            return Ok(());
+        };
+        let content_at = at + RECORD_HEADER as u64;
+        let left = self.length - content_at;
+        if length > left {
+            self.recovery.note(at, Problem::EndsEarly);
+            self.section = Section::End;
+            return Ok(());
+        }
+        match opcode {
+            op::STATISTICS => {
+                let content = self.read_content(length.min(8))?;
+                self.recovery.stated = Fields(&content).u64();
+            }
+            op::FOOTER => {
+                self.section = Section::End;
+                let mut end = self.read_content(left.min(length + MAGIC.len() as u64))?;
+                let magic = end.split_off(end.len().min(length as usize));
+                if magic != MAGIC {
+                    self.recovery.note(content_at + length, Problem::EndsEarly);
+                }
+                return Ok(());
+            }
+            _ => {}
+        }
+        self.go_to(content_at + length)
+    }
+}

@@ -1,0 +1,212 @@
+//! From one shape to another, past slack and overload.
+
+use tdcr_sim::robot::{Command, CommandError, Loads, Robot};
+use tdcr_sim::statics::Settler;
+use thiserror::Error;
+
+use super::shape::{Shape, ShapeError, Shaper};
+
+/// Distance along a path (m, of the tendon that moves the most) at which tensions are asked of the simulator.
+const CHECK_EVERY: f64 = 5e-4;
+
+/// Why there is no way.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum PlanError {
+    /// The robot has no shapes.
+    #[error(transparent)]
+    Shape(#[from] ShapeError),
+    /// A command lies beyond the robot's ranges.
+    #[error(transparent)]
+    Command(#[from] CommandError),
+    /// A command lies beyond the limits of its servo.
+    #[error(
+        "tendon {tendon} would have the command {command:.4} m; its servo allows {low:.4} to {high:.4} m"
+    )]
+    Limit {
+        /// Which tendon.
+        tendon: usize,
+        /// Its command (m).
+        command: f64,
+        /// Smallest command (m).
+        low: f64,
+        /// Largest command (m).
+        high: f64,
+    },
+    /// A tendon would go slack, or be overloaded.
+    #[error("tendon {tendon} would have a tension of {tension:.2} N, {} of the way; expected {low} to {high} N", percent(*.part))]
+    Tension {
+        /// Which tendon.
+        tendon: usize,
+        /// Its tension (N).
+        tension: f64,
+        /// Where on the way, from 0 to 1.
+        part: f64,
+        /// Smallest tension (N).
+        low: f64,
+        /// Largest tension (N).
+        high: f64,
+    },
+    /// The simulator finds no equilibrium.
+    #[error("the simulated robot does not settle, {} of the way", percent(*.part))]
+    NotSettled {
+        /// Where on the way, from 0 to 1.
+        part: f64,
+    },
+    /// Chance has found no command.
+    #[error(
+        "none of {draws} draws is a command that the robot survives: {last}; allow less bend or other tensions"
+    )]
+    NoCommand {
+        /// How many were drawn.
+        draws: usize,
+        /// What was wrong with the last.
+        last: Box<PlanError>,
+    },
+}
+
+fn percent(part: f64) -> String {
+    format!("{:.0} %", 100.0 * part)
+}
+
+/// Leads from shape to shape.
+#[derive(Clone, Debug)]
+pub struct Planner {
+    shaper: Shaper,
+    settler: Settler,
+    /// Smallest and largest command of each tendon (m).
+    limits: Vec<[f64; 2]>,
+    /// Smallest and largest tension (N).
+    tension: [f64; 2],
+    /// Largest step of a tendon (m).
+    step: f64,
+}
+
+impl Planner {
+    /// For `robot`, whose tendons have commands within `limits` (m), one for each, and tensions within `tension` (N), and
+    /// move by no more than `step` (m) at once.
+    ///
+    /// # Errors
+    /// [`PlanError::Shape`].
+    ///
+    /// # Panics
+    /// If `limits` are not one for each tendon, or `step` is not positive.
+    pub fn new(
+        robot: &Robot,
+        limits: Vec<[f64; 2]>,
+        tension: [f64; 2],
+        step: f64,
+    ) -> Result<Self, PlanError> {
+        assert_eq!(limits.len(), robot.tendons().len(), "one for each tendon");
+        assert!(step > 0.0, "a step above 0");
+        Ok(Self {
+            shaper: Shaper::new(robot)?,
+            settler: Settler::new(robot),
+            limits,
+            tension,
+            step,
+        })
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        self.shaper.robot()
+    }
+
+    /// What turns shapes into commands.
+    pub fn shaper(&mut self) -> &mut Shaper {
+        &mut self.shaper
+    }
+
+    /// The command of a shape, within limits.
+    ///
+    /// # Errors
+    /// [`PlanError::Command`], [`PlanError::Limit`].
+    pub fn command(&mut self, shape: &Shape) -> Result<Command, PlanError> {
+        let values = self.shaper.commands(shape);
+        for (tendon, (&command, &[low, high])) in values.iter().zip(&self.limits).enumerate() {
+            if !(low..=high).contains(&command) {
+                return Err(PlanError::Limit {
+                    tendon,
+                    command,
+                    low,
+                    high,
+                });
+            }
+        }
+        Ok(self.robot().command(&values)?)
+    }
+
+    /// Commands from `from` (not included) to `to`, on the straight line of bends and tensions, no tendon moving by more than
+    /// a step between two, each with tensions within their bounds.
+    ///
+    /// # Errors
+    /// [`PlanError`]: the first thing that is wrong on the way.
+    pub fn straight(&mut self, from: &Shape, to: &Shape) -> Result<Vec<Command>, PlanError> {
+        let ends = [self.command(from)?, self.command(to)?];
+        let [start, end] = [&ends[0], &ends[1]].map(Command::as_slice);
+        let length = start
+            .iter()
+            .zip(end)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
+        // Lengths are all but straight in the bends; a tenth is kept for what they are not.
+        let steps = (1.1 * length / self.step).ceil().max(1.0) as usize;
+        let between = (CHECK_EVERY / self.step).floor().max(1.0) as usize;
+        self.settler.settle(&ends[0], &Loads::default());
+        (1..=steps)
+            .map(|k| {
+                let part = k as f64 / steps as f64;
+                let command = match k == steps {
+                    // As it was drawn, to the last bit.
+                    true => ends[1].clone(),
+                    false => self.command(&from.toward(to, part))?,
+                };
+                if k % between == 0 || k == steps {
+                    self.check(&command, part)?;
+                }
+                Ok(command)
+            })
+            .collect()
+    }
+
+    /// The same by way of `rest` where the straight line leads past a bound; the way from `rest` to `to` has to be one.
+    ///
+    /// # Errors
+    /// As [`straight`](Self::straight), of the way by `rest`.
+    pub fn path(
+        &mut self,
+        from: &Shape,
+        to: &Shape,
+        rest: &Shape,
+    ) -> Result<Vec<Command>, PlanError> {
+        if let Ok(path) = self.straight(from, to) {
+            return Ok(path);
+        }
+        let mut path = self.straight(from, rest)?;
+        path.extend(self.straight(rest, to)?);
+        Ok(path)
+    }
+
+    /// Refuses a command under which the simulator finds a tendon slack or overloaded. The robot is followed from where it was
+    /// last asked for.
+    fn check(&mut self, command: &Command, part: f64) -> Result<(), PlanError> {
+        let settled = self.settler.follow(command, &Loads::default());
+        if !settled.converged {
+            return Err(PlanError::NotSettled { part });
+        }
+        let [low, high] = self.tension;
+        for (tendon, &tension) in settled.tendon_tensions.iter().enumerate() {
+            if !(low..=high).contains(&tension) {
+                return Err(PlanError::Tension {
+                    tendon,
+                    tension,
+                    part,
+                    low,
+                    high,
+                });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,336 @@
+//! A bus of servos that says again what a log has.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::stream::{GoalValue, RecordedError, Stream};
+use crate::clock::Clock;
+use crate::log::{Goal, LogRecord, Reading, ServoStatus, Topic};
+use crate::servo::{
+    CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
+    Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
+    Watchdog, WatchdogState,
+};
+
+/// What a recording does with orders: it moves as it moved, whatever it is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Orders {
+    /// Goals must be those that were logged, in their order; settings are taken and change nothing. So a program is run again
+    /// on what it saw.
+    #[default]
+    Compare,
+    /// All are refused.
+    Refuse,
+}
+
+/// The servos of a log. A reading is the first that was logged at the clock's time or later, and the clock then is at its
+/// time; likewise goals, where they are compared.
+///
+/// What is said of servos without moving in time, such as their temperatures, is the last that the log had up to there.
+pub struct RecordedBus {
+    stream: Stream,
+    clock: Arc<dyn Clock>,
+    orders: Orders,
+    /// All servos of the log up to here.
+    servos: BTreeMap<ServoId, Known>,
+    /// The first record that has not been reached.
+    next: Option<(Duration, LogRecord)>,
+}
+
+/// The last that a log said of a servo.
+struct Known {
+    status: ServoStatus,
+    goal: Goal,
+}
+
+impl RecordedBus {
+    /// The servos of the log at `path`. Time 0 of `clock` is that of the log's first message.
+    ///
+    /// # Errors
+    /// [`RecordedError`] where the log cannot be read.
+    pub fn open(path: &Path, clock: Arc<dyn Clock>, orders: Orders) -> Result<Self, RecordedError> {
+        let mut bus = Self {
+            stream: Stream::open(path)?,
+            clock,
+            orders,
+            servos: BTreeMap::new(),
+            next: None,
+        };
+        bus.fetch()?;
+        Ok(bus)
+    }
+
+    /// Reads the next record of servos into `self.next`.
+    fn fetch(&mut self) -> Result<(), RecordedError> {
+        let of_servos =
+            |topic: &Topic| matches!(topic, Topic::Present | Topic::Goals | Topic::Status);
+        self.next = self.stream.next(of_servos)?;
+        Ok(())
+    }
+
+    /// Takes the next record, and keeps what it says.
+    fn step(&mut self) -> Result<Option<(Duration, LogRecord)>, RecordedError> {
+        let Some((time, record)) = self.next.take() else {
+            return Ok(None);
+        };
+        match &record {
+            LogRecord::Status(servos) => {
+                for status in servos {
+                    let known = self.known(status.id);
+                    known.status = known.status.updated(status);
+                }
+            }
+            LogRecord::Goals(servos) => {
+                for (id, goal) in servos {
+                    let known = self.known(*id);
+                    known.goal.position = goal.position.or(known.goal.position);
+                    known.goal.current = goal.current.or(known.goal.current);
+                }
+            }
+            LogRecord::Present(servos) => {
+                for (id, _) in servos {
+                    self.known(*id);
+                }
+            }
+            _ => {}
+        }
+        self.fetch()?;
+        Ok(Some((time, record)))
+    }
+
+    fn known(&mut self, id: ServoId) -> &mut Known {
+        self.servos.entry(id).or_insert_with(|| Known {
+            status: ServoStatus::of(id),
+            goal: Goal::default(),
+        })
+    }
+
+    /// Goes on to the clock's time.
+    fn catch_up(&mut self) -> Result<(), RecordedError> {
+        let now = self.clock.now();
+        while self.next.as_ref().is_some_and(|(time, _)| *time <= now) {
+            self.step()?;
+        }
+        Ok(())
+    }
+
+    /// The first reading from the clock's time on of any of `ids`, or in which nobody answered.
+    fn reading(&mut self, ids: &[ServoId]) -> Result<Vec<(ServoId, Reading)>, RecordedError> {
+        let now = self.clock.now();
+        while let Some((time, record)) = self.step()? {
+            let LogRecord::Present(readings) = record else {
+                continue;
+            };
+            let asked = readings.is_empty() || readings.iter().any(|(id, _)| ids.contains(id));
+            if time >= now && asked {
+                self.clock.wait_until(time);
+                return Ok(readings);
+            }
+        }
+        Err(self.stream.ended())
+    }
+
+    /// What is known of each servo, up to the clock's time.
+    fn look_up<T>(
+        &mut self,
+        ids: &[ServoId],
+        quantity: &'static str,
+        value: impl Fn(&Known) -> Option<T>,
+    ) -> PerServo<T> {
+        if let Err(error) = self.catch_up() {
+            return fail(ids, error);
+        }
+        let time = self.clock.now();
+        let one = |&id: &ServoId| {
+            let known = self.servos.get(&id).and_then(&value);
+            known.ok_or_else(|| line(RecordedError::Missing { id, quantity, time }))
+        };
+        ids.iter().map(one).collect()
+    }
+
+    /// A setting: taken, as the log has what came of it, or refused.
+    fn setting(&self, ids: impl IntoIterator<Item = ServoId>) -> PerServo<()> {
+        let one = |id| match self.orders {
+            Orders::Compare => Ok(()),
+            Orders::Refuse => Err(line(RecordedError::LookOnly { id })),
+        };
+        ids.into_iter().map(one).collect()
+    }
+
+    /// Goals: equal to the next that were logged of these servos, or refused.
+    fn goals(
+        &mut self,
+        goals: &[(ServoId, GoalValue)],
+        of_kind: impl Fn(&Goal) -> Option<GoalValue>,
+    ) -> PerServo<()> {
+        if goals.is_empty() || self.orders == Orders::Refuse {
+            return self.setting(goals.iter().map(|(id, _)| *id));
+        }
+        let is_asked = |(id, goal): &&(ServoId, Goal)| {
+            of_kind(goal).is_some() && goals.iter().any(|(asked, _)| asked == id)
+        };
+        let found = loop {
+            match self.step() {
+                Ok(Some((time, LogRecord::Goals(logged))))
+                    if logged.iter().any(|g| is_asked(&g)) =>
+                {
+                    break Ok((time, logged));
+                }
+                Ok(Some(_)) => {}
+                Ok(None) => break Err(self.stream.ended()),
+                Err(error) => break Err(error),
+            }
+        };
+        let (time, logged) = match found {
+            Ok(found) => found,
+            Err(error) => return fail(goals.iter().map(|(id, _)| id), error),
+        };
+        let one = |&(id, given): &(ServoId, GoalValue)| {
+            let same = logged.iter().filter(|(other, _)| *other == id);
+            let recorded = same.map(|(_, goal)| of_kind(goal)).find(Option::is_some);
+            let recorded = recorded.flatten();
+            if recorded == Some(given) {
+                return Ok(());
+            }
+            Err(line(RecordedError::OtherGoal {
+                id,
+                time,
+                recorded,
+                given: Some(given),
+            }))
+        };
+        let results: PerServo<()> = goals.iter().map(one).collect();
+        self.clock.wait_until(time);
+        results
+    }
+}
+
+/// The line between the program and the servos is the recording.
+fn line(error: RecordedError) -> ServoError {
+    ServoError::Line {
+        source: error.into(),
+    }
+}
+
+/// A failure that concerns all of `ids`.
+fn fail<'a, T>(ids: impl IntoIterator<Item = &'a ServoId>, error: RecordedError) -> PerServo<T> {
+    let source = std::io::Error::from(error);
+    let (kind, text) = (source.kind(), source.to_string());
+    let again = || std::io::Error::new(kind, text.clone());
+    let one = |_| Err(ServoError::Line { source: again() });
+    ids.into_iter().map(one).collect()
+}
+
+impl Ping for RecordedBus {
+    fn ping(&mut self, id: ServoId) -> Result<Identity, ServoError> {
+        let mut found = self.look_up(&[id], "model", |known| known.status.identity);
+        found.pop().unwrap_or(Err(ServoError::Unknown { id }))
+    }
+}
+
+impl TorqueSwitch for RecordedBus {
+    fn set_torque(&mut self, ids: &[ServoId], _: Torque) -> PerServo<()> {
+        self.setting(ids.iter().copied())
+    }
+
+    fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque> {
+        self.look_up(ids, "torque", |known| known.status.torque)
+    }
+}
+
+impl Modes for RecordedBus {
+    fn set_mode(&mut self, ids: &[ServoId], _: OperatingMode) -> PerServo<()> {
+        self.setting(ids.iter().copied())
+    }
+
+    fn mode(&mut self, ids: &[ServoId]) -> PerServo<OperatingMode> {
+        self.look_up(ids, "mode", |known| known.status.mode)
+    }
+}
+
+impl PositionGoals for RecordedBus {
+    fn set_goal_positions(&mut self, goals: &[(ServoId, Ticks)]) -> PerServo<()> {
+        let goals: Vec<_> = (goals.iter())
+            .map(|&(id, ticks)| (id, GoalValue::Position(ticks)))
+            .collect();
+        self.goals(&goals, |goal| goal.position.map(GoalValue::Position))
+    }
+
+    fn goal_positions(&mut self, ids: &[ServoId]) -> PerServo<Ticks> {
+        self.look_up(ids, "goal", |known| known.goal.position)
+    }
+}
+
+impl CurrentGoals for RecordedBus {
+    fn set_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()> {
+        let goals: Vec<_> = (goals.iter())
+            .map(|&(id, current)| (id, GoalValue::Current(current)))
+            .collect();
+        self.goals(&goals, |goal| goal.current.map(GoalValue::Current))
+    }
+}
+
+impl CurrentLimits for RecordedBus {
+    fn set_current_limits(&mut self, limits: &[(ServoId, f64)]) -> PerServo<()> {
+        self.setting(limits.iter().map(|(id, _)| *id))
+    }
+
+    fn current_limits(&mut self, ids: &[ServoId]) -> PerServo<f64> {
+        self.look_up(ids, "current limit", |known| known.status.current_limit)
+    }
+}
+
+impl PresentState for RecordedBus {
+    fn present(&mut self, ids: &[ServoId]) -> PerServo<Present> {
+        let readings = match self.reading(ids) {
+            Ok(readings) => readings,
+            Err(error) => return fail(ids, error),
+        };
+        let one = |&id: &ServoId| {
+            let found = readings.iter().find(|(other, _)| *other == id);
+            let Some((_, reading)) = found else {
+                // As when it was logged.
+                let waited = Duration::ZERO;
+                return Err(ServoError::NoAnswer { id, waited });
+            };
+            let known = self.servos.get(&id);
+            Ok(Present {
+                position: reading.position,
+                velocity: reading.velocity,
+                current: reading.current,
+                errors: (known.and_then(|known| known.status.hardware_errors)).unwrap_or_default(),
+            })
+        };
+        ids.iter().map(one).collect()
+    }
+}
+
+impl Health for RecordedBus {
+    fn temperatures(&mut self, ids: &[ServoId]) -> PerServo<f64> {
+        self.look_up(ids, "temperature", |known| known.status.temperature)
+    }
+
+    fn voltages(&mut self, ids: &[ServoId]) -> PerServo<f64> {
+        self.look_up(ids, "voltage", |known| known.status.voltage)
+    }
+
+    fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors> {
+        self.look_up(ids, "fault report", |known| known.status.hardware_errors)
+    }
+
+    fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {
+        self.setting([id]).pop().unwrap_or(Ok(()))
+    }
+}
+
+impl Watchdog for RecordedBus {
+    fn set_watchdog(&mut self, ids: &[ServoId], _: Option<Duration>) -> PerServo<()> {
+        self.setting(ids.iter().copied())
+    }
+
+    fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState> {
+        self.look_up(ids, "watchdog", |known| known.status.watchdog)
+    }
+}

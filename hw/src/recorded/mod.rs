@@ -1,0 +1,14 @@
+//! Logs played back: a bus of servos and cameras that say again what was logged.
+//!
+//! Times are the log's own, counted from its first message, on whatever clock is given: a
+//! [`VirtualClock`](crate::clock::VirtualClock) plays as fast as the log is read, a
+//! [`SystemClock`](crate::clock::SystemClock) in real time. A call returns when the call that was logged did, so a program that
+//! asks what the logged one asked gets what that one got. Each device reads the file for itself, one chunk at a time.
+
+mod bus;
+mod camera;
+mod stream;
+
+pub use bus::{Orders, RecordedBus};
+pub use camera::RecordedCamera;
+pub use stream::{GoalValue, RecordedError};

@@ -1,0 +1,541 @@
+//! What hangs on the horns: spools, tendons that stretch, and the robot that they pull.
+//!
+//! A tendon of stiffness `k` whose spool has wound up `w` since home has the rest length `c = c_home - w`, and pulls with
+//! `T = max(0, k (L - c))`, `L` its length in the robot: it never pushes. Between two solves of the robot `L` is held and
+//! `T` follows the spool. The robot is solved again where a tension would change by more than [`TENSION_STEP`] for it, and
+//! before anybody looks.
+
+use tdcr_sim::dynamics::{DynamicsError, Integrator};
+use tdcr_sim::pose::Pose;
+use tdcr_sim::render::{BaseVisibility, Scene};
+use tdcr_sim::robot::{
+    Drive, Friction, Loads, LoadsError, Pull, Robot, RobotSpec, SpecError, TendonSpec,
+};
+use tdcr_sim::simulation::{MovingRobot, Simulation, SimulationError};
+use tdcr_sim::statics::Settler;
+use tdcr_sim::tendon_friction::FrictionPath;
+use thiserror::Error;
+
+use super::spool::Spool;
+
+/// Change of a tension (N) beyond which the robot is solved anew.
+const TENSION_STEP: f64 = 0.2;
+/// Change of a rest length (m) that nobody sees.
+const RESOLUTION: f64 = 1e-8;
+/// Stiffness (N/m) of a tendon of which the robot's file gives none: nylon-coated steel of a few decimetres.
+const STIFFNESS: f64 = 2e4;
+/// Stiffness (N/m) of the short piece of a tendon between its spool and where it jams or ends.
+const JAMMED_STIFFNESS: f64 = 2e4;
+/// Rest lengths (m) that the robot is solved for: from a tendon that is wound up whole to one that is gone.
+const REACH: [f64; 2] = [0.0, 10.0];
+
+/// How the robot behind the spools follows them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Physics {
+    /// From equilibrium to equilibrium.
+    #[default]
+    AtRest,
+    /// From equilibrium to equilibrium, with friction of the tendons in their holes.
+    WithFriction {
+        /// Coefficient of friction.
+        coefficient: f64,
+    },
+    /// With inertia and damping.
+    InMotion {
+        /// Time step (s).
+        timestep: f64,
+    },
+}
+
+/// What is wrong with a tendon.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TendonFault {
+    /// Nothing.
+    #[default]
+    Whole,
+    /// It has snapped: it pulls neither at the robot nor at the servo.
+    Snapped,
+    /// It is stuck at the base: the robot feels no more of the spool, and the spool only the piece up to there.
+    Jammed,
+}
+
+/// What a plant is.
+#[derive(Clone, Debug)]
+pub struct PlantSetup {
+    /// The robot. Its tendons' drives give their stiffness; how they are driven is the spools' matter.
+    pub robot: RobotSpec,
+    /// How it follows the spools.
+    pub physics: Physics,
+    /// Stiffness of every tendon (N/m); `None` for that of drive and tendon in the robot's file, or 20 kN/m where it has
+    /// none.
+    pub stiffness: Option<f64>,
+    /// Tension of every tendon (N) where its horn is at home and the robot straight.
+    pub tension_at_home: f64,
+    /// Whether cameras see the base.
+    pub base: BaseVisibility,
+}
+
+/// Why a plant cannot be made.
+#[derive(Debug, Error)]
+pub enum PlantError {
+    /// There is not one spool for each tendon.
+    #[error("robot `{robot}` has {tendons} tendons, and there are {spools} spools")]
+    Spools {
+        /// Name of the robot.
+        robot: String,
+        /// Its tendons.
+        tendons: usize,
+        /// Spools given.
+        spools: usize,
+    },
+    /// A quantity that must be positive.
+    #[error("the {what} is {value} {unit}; expected a finite number above 0")]
+    NotPositive {
+        /// Which.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// Its unit.
+        unit: &'static str,
+    },
+    /// The robot is not valid.
+    #[error(transparent)]
+    Robot(#[from] SpecError),
+    /// It cannot be moved with this time step.
+    #[error(transparent)]
+    Dynamics(#[from] DynamicsError),
+    /// It cannot stand at home.
+    #[error("the robot does not settle at home: {0}")]
+    Home(#[from] SimulationError),
+}
+
+/// One tendon between its spool and the robot.
+#[derive(Clone, Debug)]
+struct Line {
+    spool: Spool,
+    stiffness: f64,
+    /// Rest length at home (m).
+    home: f64,
+    fault: TendonFault,
+    /// Rest length and tension where it jammed.
+    jammed: (f64, f64),
+    /// Rest length of the last solve (m).
+    solved: f64,
+    /// Length in the robot as of the last solve (m).
+    length: f64,
+}
+
+impl Line {
+    /// Rest length by the spool (m).
+    fn rest(&self) -> f64 {
+        self.home - self.spool.wound()
+    }
+
+    /// Rest length as the robot feels it (m).
+    fn rest_at_robot(&self) -> f64 {
+        let rest = match self.fault {
+            TendonFault::Whole => self.rest(),
+            TendonFault::Snapped => REACH[1],
+            TendonFault::Jammed => self.jammed.0,
+        };
+        rest.clamp(REACH[0], REACH[1])
+    }
+
+    /// Tension at the robot (N).
+    fn tension_at_robot(&self) -> f64 {
+        match self.fault {
+            TendonFault::Snapped => 0.0,
+            _ => (self.stiffness * (self.length - self.rest_at_robot())).max(0.0),
+        }
+    }
+
+    /// Tension at the spool (N).
+    fn tension(&self) -> f64 {
+        match self.fault {
+            TendonFault::Snapped => 0.0,
+            // A tendon that is wound up whole stops the spool.
+            TendonFault::Whole => {
+                self.tension_at_robot() + JAMMED_STIFFNESS * (-self.rest()).max(0.0)
+            }
+            TendonFault::Jammed => {
+                let (rest, tension) = self.jammed;
+                (tension + JAMMED_STIFFNESS * (rest - self.rest())).max(0.0)
+            }
+        }
+    }
+}
+
+/// How a tendon is, in truth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TendonTruth {
+    /// Rest length on the robot's side (m).
+    pub rest_length: f64,
+    /// Length in the robot (m).
+    pub length: f64,
+    /// Tension in the robot (N); never negative.
+    pub tension: f64,
+    /// Tension at the spool (N); another one where the tendon is jammed.
+    pub tension_at_spool: f64,
+    /// By how much it is longer than its way (m); 0 where it pulls, and for one that has snapped.
+    pub slack: f64,
+    /// What is wrong with it.
+    pub fault: TendonFault,
+}
+
+/// A robot behind spools.
+pub struct Plant {
+    simulation: Box<dyn Simulation>,
+    lines: Vec<Line>,
+    loads: Loads,
+    base: BaseVisibility,
+    /// Time step of a robot in motion (s), and the time that it is behind.
+    motion: Option<(f64, f64)>,
+    /// Whether loads or faults have changed since the last solve.
+    changed: bool,
+    settled: bool,
+}
+
+impl std::fmt::Debug for Plant {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Plant")
+            .field("robot", &self.simulation.robot().spec().name)
+            .field("lines", &self.lines)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Plant {
+    /// The robot at home, with one spool for each tendon.
+    ///
+    /// # Errors
+    /// [`PlantError`].
+    pub fn new(setup: &PlantSetup, spools: &[Spool]) -> Result<Self, PlantError> {
+        let robot = driven_by_spools(setup)?;
+        if spools.len() != robot.tendons().len() {
+            return Err(PlantError::Spools {
+                robot: robot.spec().name.clone(),
+                tendons: robot.tendons().len(),
+                spools: spools.len(),
+            });
+        }
+        if !(setup.tension_at_home.is_finite() && setup.tension_at_home >= 0.0) {
+            return Err(PlantError::NotPositive {
+                what: "tension at home",
+                value: setup.tension_at_home,
+                unit: "N",
+            });
+        }
+        let (mut simulation, motion): (Box<dyn Simulation>, _) = match setup.physics {
+            Physics::AtRest => (Box::new(Settler::new(&robot)), None),
+            Physics::WithFriction { .. } => (Box::new(FrictionPath::new(&robot)), None),
+            Physics::InMotion { timestep } => {
+                let moving = MovingRobot::new(&robot, timestep, Integrator::ImplicitEuler, 1)?;
+                (Box::new(moving), Some((timestep, 0.0)))
+            }
+        };
+        let straight = straight_lengths(&robot)?;
+        let lines: Vec<Line> = (robot.tendons().iter().zip(spools).zip(straight))
+            .map(|((tendon, spool), length)| {
+                let home = length - setup.tension_at_home / tendon.stiffness;
+                Line {
+                    spool: *spool,
+                    stiffness: tendon.stiffness,
+                    home,
+                    fault: TendonFault::Whole,
+                    jammed: (home, 0.0),
+                    solved: home,
+                    length,
+                }
+            })
+            .collect();
+        let rest: Vec<f64> = lines.iter().map(Line::rest_at_robot).collect();
+        let command = robot.command(&rest).map_err(SimulationError::from)?;
+        simulation.reset(&command, &Loads::default())?;
+        let mut plant = Self {
+            simulation,
+            lines,
+            loads: Loads::default(),
+            base: setup.base,
+            motion,
+            changed: false,
+            settled: true,
+        };
+        plant.take_over();
+        Ok(plant)
+    }
+
+    /// The robot, its tendons driven by rest lengths (m).
+    pub fn robot(&self) -> &Robot {
+        self.simulation.robot()
+    }
+
+    /// Goes on by `duration` (s), at whose end the horns are at `horns` (rad).
+    pub fn advance(&mut self, duration: f64, horns: impl Iterator<Item = f64>) {
+        for (line, horn) in self.lines.iter_mut().zip(horns) {
+            line.spool.follow(horn);
+        }
+        if let Some((timestep, behind)) = self.motion {
+            let steps = ((behind + duration) / timestep).floor();
+            self.motion = Some((timestep, behind + duration - steps * timestep));
+            for _ in 0..steps as usize {
+                self.solve();
+            }
+        } else if self
+            .lines
+            .iter()
+            .any(|line| line.stiffness * (line.rest_at_robot() - line.solved).abs() > TENSION_STEP)
+        {
+            self.solve();
+        }
+    }
+
+    /// Brings the robot to where the spools are now; one in motion is there already.
+    pub fn refresh(&mut self) {
+        let moved = |line: &Line| (line.rest_at_robot() - line.solved).abs() > RESOLUTION;
+        if self.motion.is_none() && (self.changed || self.lines.iter().any(moved)) {
+            self.solve();
+        }
+    }
+
+    /// Torque about horn `index` (N m, positive counter-clockwise); 0 for a horn without a tendon.
+    pub fn torque(&self, index: usize) -> f64 {
+        let line = self.lines.get(index);
+        line.map_or(0.0, |line| line.spool.torque(line.tension()))
+    }
+
+    /// Where the robot is, as of the last solve.
+    pub fn pose(&self) -> Pose<'_> {
+        self.simulation.pose()
+    }
+
+    /// Whether the last solve found where the robot rests, or how it moves. Otherwise it stays where it was, and
+    /// spools and tendons go on.
+    pub fn settled(&self) -> bool {
+        self.settled
+    }
+
+    /// The tendons, in truth.
+    pub fn tendons(&self) -> Vec<TendonTruth> {
+        let truth = |line: &Line| TendonTruth {
+            rest_length: line.rest_at_robot(),
+            length: line.length,
+            tension: line.tension_at_robot(),
+            tension_at_spool: line.tension(),
+            slack: match line.fault {
+                TendonFault::Snapped => 0.0,
+                _ => (line.rest_at_robot() - line.length).max(0.0),
+            },
+            fault: line.fault,
+        };
+        self.lines.iter().map(truth).collect()
+    }
+
+    /// Breaks tendon `index`, or makes it whole; nothing for one that is not there.
+    pub fn set_fault(&mut self, index: usize, fault: TendonFault) {
+        self.refresh();
+        if let Some(line) = self.lines.get_mut(index) {
+            line.jammed = (line.rest_at_robot(), line.tension_at_robot());
+            line.fault = fault;
+            self.changed = true;
+        }
+    }
+
+    /// Loads the robot.
+    ///
+    /// # Errors
+    /// [`LoadsError`] for loads of another robot.
+    pub fn set_loads(&mut self, loads: Loads) -> Result<(), LoadsError> {
+        loads.check(self.robot())?;
+        self.loads = loads;
+        self.changed = true;
+        Ok(())
+    }
+
+    /// What cameras see: the robot and its tendons.
+    pub fn scene(&self) -> Scene {
+        Scene::of_robot(self.robot(), self.pose(), self.base)
+    }
+
+    /// Solves the robot for the rest lengths of now.
+    fn solve(&mut self) {
+        let rest: Vec<f64> = self.lines.iter().map(Line::rest_at_robot).collect();
+        // The range of commands is that of the rest lengths, so only the solve itself can fail.
+        let advanced = (self.simulation.robot().command(&rest))
+            .map_err(SimulationError::from)
+            .and_then(|command| self.simulation.advance(&command, &self.loads));
+        self.settled = advanced.is_ok();
+        if let Err(error) = advanced {
+            tracing::debug!("the simulated robot stays where it was: {error}");
+        }
+        for (line, rest) in self.lines.iter_mut().zip(rest) {
+            line.solved = rest;
+        }
+        self.changed = false;
+        self.take_over();
+    }
+
+    fn take_over(&mut self) {
+        let lengths = self.simulation.pose().tendon_lengths;
+        for (line, &length) in self.lines.iter_mut().zip(lengths) {
+            if length.is_finite() {
+                line.length = length;
+            }
+        }
+    }
+}
+
+/// The robot with tendons that only pull, driven by rest lengths.
+fn driven_by_spools(setup: &PlantSetup) -> Result<Robot, PlantError> {
+    if let Some(stiffness) = setup.stiffness
+        && !(stiffness.is_finite() && stiffness > 0.0)
+    {
+        return Err(PlantError::NotPositive {
+            what: "tendons' stiffness",
+            value: stiffness,
+            unit: "N/m",
+        });
+    }
+    let mut spec = setup.robot.clone();
+    let of_modules = (spec.modules.iter_mut()).filter_map(|module| module.tendons.as_mut());
+    let of_routes = spec.routes.iter_mut().map(|route| &mut route.tendon);
+    for tendon in of_modules.chain(of_routes) {
+        let stiffness = setup.stiffness.unwrap_or_else(|| own_stiffness(tendon));
+        tendon.drive = Drive::Gain(stiffness);
+        tendon.axial_stiffness = None;
+        tendon.range = REACH;
+        tendon.pull = Pull::TensionOnly;
+        if let Physics::WithFriction { coefficient } = setup.physics {
+            tendon.friction = Some(Friction {
+                coefficient,
+                contact_stiffness: tendon.friction.map_or(1e5, |f| f.contact_stiffness),
+            });
+        }
+    }
+    Ok(Robot::new(spec)?)
+}
+
+/// Stiffness of drive and tendon in series (N/m).
+fn own_stiffness(tendon: &TendonSpec) -> f64 {
+    match (tendon.drive, tendon.axial_stiffness) {
+        (Drive::Gain(gain), Some(axial)) => 1.0 / (1.0 / gain + 1.0 / axial),
+        (Drive::Gain(gain), None) => gain,
+        (Drive::Length | Drive::Tension, axial) => axial.unwrap_or(STIFFNESS),
+    }
+}
+
+/// Length of each tendon in the straight pose (m).
+fn straight_lengths(robot: &Robot) -> Result<Vec<f64>, DynamicsError> {
+    // A settler has no lengths before it has settled; a robot in motion starts straight.
+    let straight = MovingRobot::new(robot, 1e-3, Integrator::default(), 1)?;
+    Ok(straight.pose().tendon_lengths.to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::spool::Winding;
+    use super::*;
+
+    const RADIUS: f64 = 0.005;
+
+    fn plant(robot: &str, physics: Physics, backlash: f64) -> Plant {
+        let setup = PlantSetup {
+            robot: RobotSpec::standard(robot).expect("a standard robot"),
+            physics,
+            stiffness: None,
+            tension_at_home: 2.0,
+            base: BaseVisibility::Shown,
+        };
+        let spool = Spool::new(RADIUS, backlash, Winding::Counterclockwise, 0.0);
+        let spools = vec![spool; setup.robot.tendon_count()];
+        Plant::new(&setup, &spools).expect("a valid plant")
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+        #[test]
+        fn no_tension_is_ever_negative(
+            ways in prop::collection::vec(prop::collection::vec(-4.0..6.0, 6), 1..6),
+            motion in any::<bool>(),
+            broken in prop::option::of((0usize..6, prop_oneof![Just(TendonFault::Snapped), Just(TendonFault::Jammed)])),
+        ) {
+            let physics = match motion {
+                true => Physics::InMotion { timestep: 0.005 },
+                false => Physics::AtRest,
+            };
+            let mut plant = plant("2m", physics, 0.01);
+            let mut horns = vec![0.0; 6];
+            for (step, goals) in ways.iter().enumerate() {
+                if let (1, Some((index, fault))) = (step, broken) {
+                    plant.set_fault(index, fault);
+                }
+                for _ in 0..10 {
+                    for (horn, goal) in horns.iter_mut().zip(goals) {
+                        *horn += 0.1 * (goal - *horn);
+                    }
+                    plant.advance(0.02, horns.iter().copied());
+                    for tendon in plant.tendons() {
+                        prop_assert!(tendon.tension >= 0.0 && tendon.tension.is_finite());
+                        prop_assert!(tendon.tension_at_spool >= 0.0);
+                        prop_assert!(tendon.tension == 0.0 || tendon.slack == 0.0);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_turn_shortens_a_tendon_by_the_circumference_less_its_stretch() {
+        let mut plant = plant("3m", Physics::AtRest, 0.0);
+        let before = plant.tendons()[0];
+        for step in 1..=100 {
+            let turn = std::f64::consts::TAU * f64::from(step) / 100.0;
+            plant.advance(0.01, [turn].into_iter().chain([0.0; 8]));
+        }
+        plant.refresh();
+        let after = plant.tendons()[0];
+        let stretched = (after.tension - before.tension) / 500.0;
+        let shortened = before.length - after.length;
+        let circumference = std::f64::consts::TAU * RADIUS;
+        assert!((shortened - (circumference - stretched)).abs() < 1e-9);
+        assert!(stretched > 0.0 && shortened > 0.0);
+        // The tensions are the solver's own.
+        for (tendon, &tension) in plant.tendons().iter().zip(plant.pose().tendon_tensions) {
+            assert!((tendon.tension - tension).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn tension_acts_before_the_robot_is_solved_anew() {
+        let mut plant = plant("2m", Physics::AtRest, 0.0);
+        let before = plant.torque(0);
+        // 0.2 mm: a tenth of a newton.
+        plant.advance(1e-3, [0.04].into_iter().chain([0.0; 5]));
+        let change = plant.torque(0) - before;
+        assert!((change + 500.0 * 0.04 * RADIUS * RADIUS).abs() < 1e-12);
+    }
+
+    #[test]
+    fn wrong_setups_are_named() {
+        let setup = PlantSetup {
+            robot: RobotSpec::standard("2m").expect("a standard robot"),
+            physics: Physics::AtRest,
+            stiffness: Some(0.0),
+            tension_at_home: 2.0,
+            base: BaseVisibility::Shown,
+        };
+        let spool = Spool::new(RADIUS, 0.0, Winding::Counterclockwise, 0.0);
+        let refused = |setup: &PlantSetup, spools: usize| {
+            let plant = Plant::new(setup, &vec![spool; spools]);
+            plant.expect_err("refused").to_string()
+        };
+        assert!(refused(&setup, 6).contains("stiffness is 0 N/m"));
+        let setup = PlantSetup {
+            stiffness: None,
+            ..setup
+        };
+        assert!(refused(&setup, 5).contains("6 tendons, and there are 5 spools"));
+    }
+}

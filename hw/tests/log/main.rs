@@ -1,0 +1,6 @@
+//! Logs: written, read, damaged, repaired, read by the format's own library.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+mod damage;
+mod round_trip;
+mod sample;
