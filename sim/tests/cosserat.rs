@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
-use tdcr_sim::robot::{Frame, Loads, Robot, RobotSpec, Wrench};
+use tdcr_sim::robot::{Frame, Loads, Robot, RobotSpec};
 use tdcr_sim::statics::Equilibrium;
 
 /// The rod's length (m): the shapes' errors are given as shares of it.
@@ -78,13 +78,10 @@ fn settle(shape: &Shape, discs: usize) -> Equilibrium {
     spec.gravity = shape.gravity;
     let robot = Robot::new(spec).unwrap();
     let mut loads = Loads::default();
-    for (disc, [moment, force]) in [discs / 2 - 1, discs - 1].into_iter().zip(shape.wrenches) {
-        let wrench = Wrench {
-            force: force.into(),
-            moment: moment.into(),
-            ..Wrench::none(disc, Frame::World)
-        };
-        loads = loads.with_wrench(wrench).unwrap();
+    for (arc_length, [moment, force]) in [LENGTH / 2.0, LENGTH].into_iter().zip(shape.wrenches) {
+        let (force, moment) = (force.into(), moment.into());
+        loads =
+            (loads.with_backbone_wrench(&robot, arc_length, force, moment, Frame::World)).unwrap();
     }
     let settled = robot.settle(&robot.command(&[]).unwrap(), &loads);
     assert!(settled.converged, "{}", settled.residual);

@@ -264,7 +264,11 @@ impl ModelTangent {
             *force = (high.1.at_origin[i] - low.1.at_origin[i]) * per_unit;
         }
         for (i, off_origin) in self.off_origin.iter_mut().enumerate() {
-            *off_origin = (high.1.off_origin[i] - low.1.off_origin[i]) * per_unit;
+            let [low, high] = [&low.0, &high.0].map(|robot| {
+                let disc = &robot.discs()[i];
+                disc.centre_of_mass * disc.mass
+            });
+            *off_origin = (high - low) * per_unit;
         }
         for (i, inertia) in self.inertias.iter_mut().enumerate() {
             let [low, high] = [&low.0, &high.0].map(|robot| Inertia::of_disc(&robot.discs()[i]));

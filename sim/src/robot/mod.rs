@@ -147,6 +147,16 @@ impl Robot {
         &self.0.tendons
     }
 
+    /// Distance of each disc's origin from the base along the backbone (m).
+    pub fn arc_lengths(&self) -> Vec<f64> {
+        let mut sum = 0.0;
+        let add = |disc: &Disc| {
+            sum += disc.offset.norm();
+            sum
+        };
+        self.discs().iter().map(add).collect()
+    }
+
     /// Number of joint coordinates: three for each ball joint.
     pub fn dof(&self) -> usize {
         3 * self.0.discs.len()
