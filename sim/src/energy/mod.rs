@@ -398,7 +398,7 @@ impl Lever {
 }
 
 /// The sum of `force x arm`, given that of `force arm'`.
-fn twist(couple: &Matrix3<f64>) -> Vector3<f64> {
+pub(crate) fn twist(couple: &Matrix3<f64>) -> Vector3<f64> {
     Vector3::new(
         couple[(1, 2)] - couple[(2, 1)],
         couple[(2, 0)] - couple[(0, 2)],

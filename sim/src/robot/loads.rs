@@ -162,9 +162,9 @@ impl Loads {
     ) -> Result<Self, LoadsError> {
         let origins = robot.arc_lengths();
         let length = origins.last().copied().unwrap_or(0.0);
-        if !(0.0..=length).contains(&arc_length) {
+        let Some(arc_length) = robot.on_backbone(arc_length) else {
             return Err(LoadsError::ArcLength { arc_length, length });
-        }
+        };
         let upper = origins.partition_point(|&origin| origin < arc_length);
         let below = upper.checked_sub(1).map_or(0.0, |disc| origins[disc]);
         let share = (arc_length - below) / (origins[upper] - below);

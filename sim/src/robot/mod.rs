@@ -41,6 +41,9 @@ use std::sync::Arc;
 use compile::Model;
 use nalgebra::{UnitQuaternion, Vector3};
 
+/// Length, as a share of the backbone's, that is not told from none: sums of pitches are rounded.
+const ARC_ROUNDING: f64 = 1e-9;
+
 /// A validated robot, laid out for computation. Cheap to clone: clones share what it consists of.
 ///
 /// Bodies are numbered along the chain: disc `i` turns on joint `i`, carried by disc `i - 1`, or by
@@ -155,6 +158,15 @@ impl Robot {
             sum
         };
         self.discs().iter().map(add).collect()
+    }
+
+    /// `arc_length` (m) as a place on the backbone: that itself between 0 and the backbone's length, an end where only
+    /// rounding is between, `None` beyond.
+    pub(crate) fn on_backbone(&self, arc_length: f64) -> Option<f64> {
+        let length: f64 = self.discs().iter().map(|disc| disc.offset.norm()).sum();
+        let rounding = ARC_ROUNDING * length;
+        let on = (-rounding..=length + rounding).contains(&arc_length);
+        on.then(|| arc_length.clamp(0.0, length))
     }
 
     /// Number of joint coordinates: three for each ball joint.
