@@ -22,7 +22,7 @@ mod loaded;
 mod unsymmetric;
 
 pub(crate) use loaded::{LoadedFactor, has_positive_part};
-pub(crate) use unsymmetric::Side;
+pub(crate) use unsymmetric::{ChainLu, ChainMatrix, Side};
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 

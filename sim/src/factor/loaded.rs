@@ -92,9 +92,8 @@ fn is_accurate(
     lu.solve(&rhs, &none, Side::Matrix, &mut solution);
     expansion.product(&solution, &mut product);
     following::add_product(loads, share, posture, &solution, &mut product);
-    let worst = (product.iter().zip(&rhs)).map(|(found, wanted)| (found - wanted).norm());
     // Not a number is not below.
-    worst.fold(true, |accurate, error| accurate && error < INACCURATE)
+    (product.iter().zip(&rhs)).all(|(found, wanted)| (found - wanted).norm() < INACCURATE)
 }
 
 /// Whether the symmetric part of the Jacobian has no eigenvalue below `margin` (N m/rad): then the real parts of the

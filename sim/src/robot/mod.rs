@@ -23,7 +23,7 @@ pub use cameras::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, RingSpec};
 pub use command::{Command, CommandError};
 pub(crate) use compile::joints_along;
 pub use holes::{HoleCircle, Holes};
-pub use joint::{Backbone, Limit, RodSpec};
+pub use joint::{Backbone, Limit, RodDamping, RodSpec};
 pub use loads::{Frame, Loads, LoadsError, Payload, Wrench};
 pub use mass::{MassSpec, RigidMass, SolidMass};
 pub(crate) use parameter::check;
@@ -71,8 +71,10 @@ pub struct Disc {
     pub radius: f64,
     /// Half of the height (m).
     pub half_height: f64,
-    /// Viscous damping of the disc's joint (N m s/rad).
+    /// Viscous damping of the disc's joint that is alike about all axes (N m s/rad): its own, and the least of its rod's.
     pub damping: f64,
+    /// What its rod's damping is about the disc's axes beyond that (N m s/rad).
+    pub extra_damping: Vector3<f64>,
     /// Armature inertia of the disc's joint (kg m²).
     pub armature: f64,
     /// Elastic backbone, or piece of a rod, at the disc's joint.

@@ -3,9 +3,11 @@
 
 mod derivatives;
 mod gradients;
+mod midpoint;
 #[path = "../common/random_robot.rs"]
 mod random_robot;
 mod refusals;
+mod rods;
 mod steps;
 
 use rand_chacha::ChaCha8Rng;
