@@ -63,7 +63,8 @@ impl ImplicitMidpoint {
     ) -> Result<bool, DynamicsError> {
         for halvings in 0..=MAX_HALVINGS {
             let parts = 1 << halvings;
-            self.reached.clone_from(state);
+            (self.reached.configuration.0).copy_from_slice(&state.configuration.0);
+            self.reached.velocity.copy_from_slice(&state.velocity);
             let part = h / f64::from(parts);
             if (0..parts).all(|_| self.advance(equations, loads, command, part)) {
                 std::mem::swap(state, &mut self.reached);

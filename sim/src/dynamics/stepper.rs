@@ -133,7 +133,7 @@ impl Stepper {
     }
 
     /// Moves `state` by one time step under `command` and `loads`, both constant meanwhile. Takes
-    /// O(n) time and allocates nothing.
+    /// O(n) time and allocates nothing, but for [`Integrator::ImplicitEuler`].
     ///
     /// # Errors
     /// [`DynamicsError`] when state, command or loads are not of this robot, or an implicit step has no solution that can be

@@ -12,7 +12,7 @@ use crate::chain::Chain;
 use crate::robot::{Frame, Loads, Robot};
 
 /// Dead forces on the discs of a robot, world frame.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(crate) struct DeadForces {
     /// Force on the origin of each disc (N), its weight among them.
     pub at_origin: Vec<Vector3<f64>>,
@@ -25,6 +25,26 @@ pub(crate) struct DeadForces {
     pub payload: Vector3<f64>,
     /// Where it acts, from the centre of the disc's joint, in the disc's frame (m).
     pub payload_arm: Vector3<f64>,
+}
+
+/// By hand, so that `clone_from` allocates nothing.
+impl Clone for DeadForces {
+    fn clone(&self) -> Self {
+        Self {
+            at_origin: self.at_origin.clone(),
+            gravity: self.gravity,
+            couples: self.couples.clone(),
+            payload: self.payload,
+            payload_arm: self.payload_arm,
+        }
+    }
+
+    fn clone_from(&mut self, other: &Self) {
+        self.at_origin.clone_from(&other.at_origin);
+        self.couples.clone_from(&other.couples);
+        (self.gravity, self.payload) = (other.gravity, other.payload);
+        self.payload_arm = other.payload_arm;
+    }
 }
 
 impl DeadForces {

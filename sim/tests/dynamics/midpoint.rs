@@ -88,7 +88,8 @@ fn pressed(robot: &Robot, force: f64, frame: Frame) -> Loads {
     Loads::default().with_wrench(wrench).unwrap()
 }
 
-/// A steel rod pressed far beyond buckling, by a dead and a following force: what stiffness there is, is negative.
+/// A steel rod pressed far beyond buckling: what stiffness there is, is negative. Pressed by a force that turns with its tip
+/// the rod has no other equilibrium to go to (Beck's column), and steps are taken as they should.
 #[test]
 fn where_its_matrix_is_indefinite_the_implicit_euler_method_says_so() {
     let robot = rod(10, [0.0; 2], 1e-6);
@@ -96,13 +97,15 @@ fn where_its_matrix_is_indefinite_the_implicit_euler_method_says_so() {
     let mut bent = State::straight(&robot);
     let turns: Vec<f64> = (0..robot.dof()).map(|i| 0.01 * (i as f64).sin()).collect();
     (State::straight(&robot).configuration).retract(&turns, &mut bent.configuration);
-    for frame in [Frame::World, Frame::Disc] {
-        for (force, fallbacks) in [(50.0, 1), (0.1, 0)] {
-            let loads = pressed(&robot, force, frame);
-            let mut stepper = Stepper::new(&robot, 2e-2, Integrator::ImplicitEuler).unwrap();
-            let _ = stepper.step(&mut bent.clone(), &command, &loads);
-            assert_eq!(stepper.fallbacks(), fallbacks, "{frame:?}, {force} N");
-        }
+    for (force, frame, fallbacks) in [
+        (50.0, Frame::World, 1),
+        (0.1, Frame::World, 0),
+        (50.0, Frame::Disc, 0),
+    ] {
+        let loads = pressed(&robot, force, frame);
+        let mut stepper = Stepper::new(&robot, 2e-2, Integrator::ImplicitEuler).unwrap();
+        let _ = stepper.step(&mut bent.clone(), &command, &loads);
+        assert_eq!(stepper.fallbacks(), fallbacks, "{frame:?}, {force} N");
     }
 }
 
