@@ -112,7 +112,7 @@ class Loads:
         cls,
         payload: float,
         offset: _Vector,
-        wrenches: list[tuple[int, _Vector, _Vector, bool]],
+        wrenches: list[tuple[int, _Vector, _Vector, _Vector, bool]],
         line: _Vector,
     ) -> Loads: ...
 
