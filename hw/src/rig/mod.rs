@@ -9,6 +9,7 @@
 //! Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
 //! whenever a rig is engaged.
 
+mod check;
 mod error;
 mod file;
 mod homing;
@@ -16,6 +17,7 @@ mod motion;
 mod open;
 mod place;
 mod pretension;
+mod release;
 mod settings;
 mod spool;
 mod stop;
