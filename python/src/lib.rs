@@ -24,6 +24,7 @@
 //! | `scoring` | scores of predicted clouds, data sets beside each other |
 //! | `training` | training runs |
 //! | `pages` | drawings of data sets, and the demo |
+//! | `rig` | servos and cameras, in memory or on a desk |
 //! | `env` | many simulated robots, advanced by one call |
 //!
 //! What they use: `run` (threads, the interpreter's lock, Ctrl-C), `stage` (the libraries' long stages),
@@ -42,6 +43,7 @@ mod metrics;
 mod moving_robot;
 mod pages;
 mod predictor;
+mod rig;
 mod robot;
 mod run;
 mod scoring;
@@ -83,6 +85,8 @@ mod _tdcr {
     use crate::pages::{data_info, demo, draw_data};
     #[pymodule_export]
     use crate::predictor::Predictor;
+    #[pymodule_export]
+    use crate::rig::Rig;
     #[pymodule_export]
     use crate::robot::Robot;
     #[pymodule_export]

@@ -22,6 +22,7 @@ from tdcr.learning import Run, demo, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
+from tdcr.rig import Rig
 from tdcr.robot import Robot
 from tdcr.scoring import compare, evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
@@ -46,6 +47,7 @@ __all__ = [
     "Normalisation",
     "Prediction",
     "Predictor",
+    "Rig",
     "Robot",
     "RolloutGradients",
     "Run",

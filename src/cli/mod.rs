@@ -15,6 +15,7 @@ mod home;
 mod jog;
 mod keys;
 mod loads;
+mod log;
 mod output;
 mod predict;
 mod pretension;
@@ -95,6 +96,7 @@ enum Command {
     Pretension(pretension::PretensionArgs),
     Jog(jog::JogArgs),
     Capture(capture::CaptureArgs),
+    Log(log::LogArgs),
 }
 
 /// Which robot.
@@ -277,6 +279,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Pretension(args) => pretension::run(args, &console),
         Command::Jog(args) => jog::run(args, &console),
         Command::Capture(args) => capture::run(args, &console),
+        Command::Log(args) => log::run(args, &console),
     }
 }
 

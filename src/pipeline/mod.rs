@@ -41,6 +41,7 @@ pub use plan::{SamplerPlan, TrainPlan};
 pub use preset::{Length, Preset, Rates, distillation};
 pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
 pub use survey::{Survey, Tips};
+pub use tip::seen_tip;
 pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, model_path, train};
 
 use std::fs::File;

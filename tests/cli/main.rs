@@ -12,6 +12,7 @@ mod eval;
 mod export;
 mod files;
 mod growth;
+mod log;
 mod names;
 mod others;
 mod output;

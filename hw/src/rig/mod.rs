@@ -23,6 +23,7 @@ mod spool;
 mod stop;
 #[cfg(test)]
 mod tests;
+mod travel;
 mod turns;
 mod watch;
 mod winch;
