@@ -71,7 +71,9 @@ impl Program {
     /// [`CaptureError::Rig`] beyond the limits of a servo.
     pub fn goals(&self, command: &Command) -> Result<Vec<Ticks>, CaptureError> {
         let winches = self.winches.iter().zip(command.as_slice());
-        Ok(winches.map(|(winch, &command)| winch.goal(command)).collect::<Result<_, _>>()?)
+        Ok(winches
+            .map(|(winch, &command)| winch.goal(command))
+            .collect::<Result<_, _>>()?)
     }
 }
 
@@ -81,5 +83,9 @@ fn rest(robot: &Robot, winches: &[Winch], modules: &[usize]) -> Shape {
         first.map_or(0.0, |tendon| winches[tendon].home_tension)
     };
     let count = robot.spec().modules.len();
-    Shape((0..count).map(|module| Bend::new(0.0, 0.0, tension(module))).collect())
+    Shape(
+        (0..count)
+            .map(|module| Bend::new(0.0, 0.0, tension(module)))
+            .collect(),
+    )
 }

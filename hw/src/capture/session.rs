@@ -8,8 +8,8 @@ use tdcr_sim::cloud::{PointCloud, VoxelGrid};
 use thiserror::Error;
 
 use super::fuse::Fuser;
-use super::still::{StillDepth, Stillness, change};
 use super::program::Program;
+use super::still::{StillDepth, Stillness, change};
 use crate::plan::{PlanError, Shape};
 use crate::rig::{Pictures, Rig, RigError, WinchState};
 use crate::servo::Ticks;
@@ -161,8 +161,15 @@ impl<'a> Session<'a> {
         let winches = self.rig.winches().iter().zip(&goals);
         Ok(Captured {
             index,
-            time: pictures.frames.iter().map(|frame| frame.time).min().unwrap_or_default(),
-            command: winches.map(|(winch, &goal)| winch.spool.command(goal)).collect(),
+            time: pictures
+                .frames
+                .iter()
+                .map(|frame| frame.time)
+                .min()
+                .unwrap_or_default(),
+            command: winches
+                .map(|(winch, &goal)| winch.spool.command(goal))
+                .collect(),
             goals,
             states,
             cloud,
@@ -182,7 +189,8 @@ impl<'a> Session<'a> {
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
         let count = cloud.len().max(1) as f64;
-        let mean = |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>() / count;
+        let mean =
+            |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>() / count;
         let mut sentinel = Sentinel {
             centroid: [mean(0), mean(1), mean(2)],
             pulls,
@@ -280,9 +288,12 @@ impl<'a> Session<'a> {
             let changes = before.as_ref().map(|before| {
                 let frames = before.frames.iter().zip(&pictures.frames);
                 let changes = frames.filter_map(|(a, b)| change(&a.value, &b.value));
-                changes.fold(None, |most: Option<f64>, c| Some(most.map_or(c, |m| m.max(c))))
+                changes.fold(None, |most: Option<f64>, c| {
+                    Some(most.map_or(c, |m| m.max(c)))
+                })
             });
-            let still = changes.is_some_and(|most| most.is_none_or(|most| most <= motion.still_depth));
+            let still =
+                changes.is_some_and(|most| most.is_none_or(|most| most <= motion.still_depth));
             if still && speed <= motion.still_speed || late {
                 let stillness = Stillness {
                     waited: now - began,

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
 
-use super::{RigError, Winch};
 use super::place::line_of;
 use super::settings::{MotionSettings, SafetySettings};
+use super::{RigError, Winch};
 use crate::plan::CommandSettings;
 use crate::servo::{OperatingMode, ServoId};
 
@@ -407,7 +407,11 @@ impl RigFile {
         }
         let modules = self.robot.modules.len();
         if let Some((field, found, expected)) = self.spec.commands.fault(modules) {
-            return Err(RigError::field(format!("commands.{field}"), found, expected));
+            return Err(RigError::field(
+                format!("commands.{field}"),
+                found,
+                expected,
+            ));
         }
         self.spec.motion.check()?;
         self.spec.safety.check()

@@ -10,19 +10,18 @@
 //! whenever a rig is engaged.
 
 mod error;
-mod stop;
 mod file;
 mod homing;
 mod motion;
 mod place;
 mod settings;
 mod spool;
+mod stop;
 mod turns;
 mod watch;
 mod winch;
 
 pub use error::RigError;
-pub use stop::{Cause, EmergencyStop, Released};
 pub use file::{
     BoxSpec, CameraLink, Direction, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
     ServoLink, ServosSpec, TendonMode,
@@ -30,6 +29,7 @@ pub use file::{
 pub use homing::HomingReport;
 pub use settings::{MotionSettings, Release, SafetySettings};
 pub use spool::Spool;
+pub use stop::{Cause, EmergencyStop, Released};
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
 pub use winch::{Winch, WinchState};
 

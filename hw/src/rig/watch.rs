@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use super::stop::Cause;
 use super::settings::SafetySettings;
+use super::stop::Cause;
 use super::winch::{Winch, WinchState};
 use crate::servo::{HardwareErrors, ServoError, ServoId, Ticks, Torque};
 
