@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use tdcr_sim::files::read_text;
-use tdcr_sim::render::{BaseVisibility, Sensor};
+use tdcr_sim::render::{BaseVisibility, RgbdFrame, Sensor};
 use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
 
 use super::place::line_of;
 use super::settings::{MotionSettings, SafetySettings, SimulationSettings};
 use super::{RigError, Winch};
+use crate::mask::{ColorKey, Keep, Mask, MaskError, Masker, Shot, WorkspaceBox};
 use crate::plan::CommandSettings;
 use crate::servo::OperatingMode;
 
@@ -201,17 +202,48 @@ impl SensorModel {
 pub struct MasksSpec {
     /// The robot is within this box.
     #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
-    pub workspace: Option<BoxSpec>,
+    pub workspace: Option<WorkspaceBox>,
+    /// The robot has these colours.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub color: Option<ColorKey>,
+    /// Of what is left, the robot is what hangs together.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub largest: Option<LargestSpec>,
 }
 
-/// A box along the world's axes (m).
+/// What hangs together.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct BoxSpec {
-    /// Its corner of the smallest coordinates.
-    pub low: [f64; 3],
-    /// Its corner of the largest coordinates.
-    pub high: [f64; 3],
+pub struct LargestSpec {
+    /// Pixels hang together over gaps of so many others.
+    pub gap: u32,
+}
+
+/// All pixels with a depth: the start of other masks.
+#[derive(Clone, Copy, Debug)]
+struct Seen;
+
+impl Masker for Seen {
+    fn mask(&self, frame: &RgbdFrame, _: Shot) -> Result<Mask, MaskError> {
+        Ok(Mask::of_frame(frame, |index| frame.depth[index] > 0.0))
+    }
+}
+
+impl MasksSpec {
+    /// The masker of the file.
+    pub fn masker(&self) -> Box<dyn Masker> {
+        let mut masker: Box<dyn Masker> = Box::new(Seen);
+        if let Some(workspace) = self.workspace {
+            masker = Box::new(masker.and(workspace));
+        }
+        if let Some(color) = self.color {
+            masker = Box::new(masker.and(color));
+        }
+        if let Some(LargestSpec { gap }) = self.largest {
+            masker = Box::new(masker.keeping(Keep::Largest, gap));
+        }
+        masker
+    }
 }
 
 /// A rig file that was read: what it says, and the robot that it names.

@@ -30,7 +30,7 @@ mod winch;
 
 pub use error::RigError;
 pub use file::{
-    BoxSpec, CameraLink, Direction, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
+    CameraLink, Direction, LargestSpec, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
     ServoLink, ServosSpec, TendonMode,
 };
 pub use homing::HomingReport;
