@@ -64,13 +64,17 @@ MINUTES ?= 60
 fuzz:
 	scripts/fuzz.sh $(MINUTES)
 
+# The librealsense of the Python environment for the tests of RealSense cameras; where there is none, this says why, and they
+# are skipped.
+REALSENSE = REALSENSE_LIBRARY="$${REALSENSE_LIBRARY-$$($(PYTHON) scripts/realsense_library.py)}"
+
 # Tests within the libraries, and those from outside that take seconds.
 test-fast:
-	cargo test $(WORKSPACE) --release --locked --lib --test house --test robot_files --test statics
+	$(REALSENSE) cargo test $(WORKSPACE) --release --locked --lib --test house --test robot_files --test statics
 
 # In release mode: the tests settle tens of thousands of robots and train small networks.
 test-rust:
-	cargo test $(WORKSPACE) --release --locked
+	$(REALSENSE) cargo test $(WORKSPACE) --release --locked
 
 # With the MuJoCo of MUJOCO_DIR, or else Debian's; then with the newer one of the Python environment.
 # With all packages chosen, the dependencies have the features that they were built with above.

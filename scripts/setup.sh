@@ -32,6 +32,14 @@ have_library libEGL.so.1 || missing+=(libegl1)
 have_library libOpenGL.so.0 || missing+=(libopengl0)
 have_library dri/swrast_dri.so || missing+=(libgl1-mesa-dri)
 
+# librealsense, inside a Python package, links to these.
+if [ "$(uname -m)" = x86_64 ]; then
+    have_library libusb-1.0.so.0 || missing+=(libusb-1.0-0)
+    have_library libudev.so.1 || missing+=(libudev1)
+    libpython=libpython$(python3 -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+    [ "$(command -v python3)" != /usr/bin/python3 ] || have_library "$libpython.so.1.0" || missing+=("$libpython")
+fi
+
 if [ ${#missing[@]} -gt 0 ]; then
     echo "setup: missing Debian packages: ${missing[*]}"
     if [ "$(id -u)" -ne 0 ] || ! command -v apt-get >/dev/null 2>&1; then

@@ -23,6 +23,7 @@ pub mod clock;
 pub mod dynamixel;
 pub mod extrinsics;
 pub mod log;
+pub mod mask;
 pub mod plan;
 pub mod realsense;
 pub mod recorded;

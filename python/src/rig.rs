@@ -230,7 +230,11 @@ impl Rig {
 
     /// A command by chance that can be reached from home.
     fn draw<'py>(&self, py: Python<'py>, seed: u64) -> Outcome<Bound<'py, PyArray1<f64>>> {
-        let drawn = self.short(py, |rig| Program::new(rig.file(), seed)?.draw(0).map_err(CaptureError::from))?;
+        let drawn = self.short(py, |rig| {
+            Program::new(rig.file(), seed)?
+                .draw(0)
+                .map_err(CaptureError::from)
+        })?;
         let drawn = drawn.map_err(|error| Failure::Of("RigError", error.to_string()))?;
         Ok(PyArray1::from_slice(py, drawn.command.as_slice()))
     }
@@ -259,7 +263,12 @@ impl Rig {
         let rig = &self.0;
         let report = run::long(py, progress, |watch| -> Outcome<_> {
             let monitor = Stage::new(&["capture"], watch);
-            Ok(pipeline::capture(&mut *locked(rig)?, &settings, &out, &monitor)?)
+            Ok(pipeline::capture(
+                &mut *locked(rig)?,
+                &settings,
+                &out,
+                &monitor,
+            )?)
         })??;
         serde_json::to_string(&report).map_err(|error| Failure::Of("DataError", error.to_string()))
     }

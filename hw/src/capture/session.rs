@@ -10,6 +10,7 @@ use thiserror::Error;
 use super::fuse::Fuser;
 use super::program::Program;
 use super::still::{StillDepth, Stillness, change};
+use crate::mask::MaskError;
 use crate::plan::{PlanError, Shape};
 use crate::rig::{Pictures, Rig, RigError, WinchState};
 use crate::servo::Ticks;
@@ -27,6 +28,9 @@ pub enum CaptureError {
     /// The rig did not do what it should.
     #[error(transparent)]
     Rig(#[from] RigError),
+    /// The robot cannot be told from what else is in a picture.
+    #[error(transparent)]
+    Mask(#[from] MaskError),
     /// There is no command, or no way to it.
     #[error(transparent)]
     Plan(#[from] PlanError),
@@ -142,7 +146,7 @@ impl<'a> Session<'a> {
         Ok(Self {
             fuser: Fuser {
                 grid: VoxelGrid::new(settings.voxel_size),
-                workspace: rig.spec().masks.workspace,
+                masker: rig.spec().masks.masker(),
             },
             at: program.rest().clone(),
             program,
@@ -194,7 +198,7 @@ impl<'a> Session<'a> {
     /// # Errors
     /// As [`sample`](Self::sample).
     pub fn observe(&mut self, index: u64) -> Result<Captured, CaptureError> {
-        let (pictures, stillness) = self.wait_until_still()?;
+        let (pictures, stillness) = self.wait_until_still(index as usize)?;
         let states = self.rig.poll()?.to_vec();
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
@@ -228,7 +232,7 @@ impl<'a> Session<'a> {
     /// [`CaptureError::Drift`]; as [`sample`](Self::sample).
     pub fn sentinel(&mut self) -> Result<Sentinel, CaptureError> {
         self.visit(self.program.rest().clone())?;
-        let (pictures, _) = self.wait_until_still()?;
+        let (pictures, _) = self.wait_until_still(0)?;
         let pulls: Vec<f64> = self.rig.poll()?.iter().map(|state| state.pull).collect();
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
@@ -315,7 +319,7 @@ impl<'a> Session<'a> {
     }
 
     /// Waits until servos and depth are still, as long as patience lasts; the last pictures.
-    fn wait_until_still(&mut self) -> Result<(Pictures, Stillness), CaptureError> {
+    fn wait_until_still(&mut self, sample: usize) -> Result<(Pictures, Stillness), CaptureError> {
         let motion = self.rig.spec().motion.clone();
         let began = self.rig.clock().now();
         let deadline = began + Duration::from_secs_f64(motion.patience);
@@ -329,7 +333,7 @@ impl<'a> Session<'a> {
             if speed > motion.still_speed && !late {
                 continue;
             }
-            let pictures = self.rig.grab()?;
+            let pictures = self.fuser.keep_robot(self.rig.grab()?, sample)?;
             let changes = before.as_ref().map(|before| {
                 let frames = before.frames.iter().zip(&pictures.frames);
                 let changes = frames.filter_map(|(a, b)| change(&a.value, &b.value));

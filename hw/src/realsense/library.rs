@@ -113,6 +113,7 @@ macro_rules! calls {
         pub(super) struct Calls {
             $(pub $name: unsafe extern "C" fn($($argument),*) $(-> $result)?,)*
             /// Keeps the functions where they are; those loaded before it are kept too.
+            #[cfg_attr(not(test), expect(dead_code, reason = "held for its drop"))]
             pub libraries: Vec<libloading::Library>,
         }
 

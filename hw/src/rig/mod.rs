@@ -9,6 +9,7 @@
 //! Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
 //! whenever a rig is engaged.
 
+mod check;
 mod error;
 mod file;
 mod homing;
@@ -16,6 +17,7 @@ mod motion;
 mod open;
 mod place;
 mod pretension;
+mod release;
 mod settings;
 mod spool;
 mod stop;
@@ -28,7 +30,7 @@ mod winch;
 
 pub use error::RigError;
 pub use file::{
-    BoxSpec, CameraLink, Direction, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
+    CameraLink, Direction, LargestSpec, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
     ServoLink, ServosSpec, TendonMode,
 };
 pub use homing::HomingReport;

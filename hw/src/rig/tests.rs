@@ -334,6 +334,44 @@ fn whatever_goes_wrong_the_tension_is_released() {
     }
 }
 
+/// A program that is killed tells nobody: what holds is in the servos.
+#[test]
+fn where_the_program_is_killed_the_servos_stop_by_themselves() {
+    let mut rig = rig();
+    rig.engage().unwrap();
+    let simulator = rig.simulator().unwrap().clone();
+    let mut program = Program::new(rig.file(), 1).unwrap();
+    let (rest, shape) = (program.rest().clone(), program.draw(0).unwrap().shape);
+    let path = program.path(&rest, &shape).unwrap();
+    rig.move_along(&path[..path.len() / 2], &mut || ControlFlow::Continue(()))
+        .unwrap();
+    // Nothing is dropped.
+    std::mem::forget(rig);
+    simulator.clock().wait(Duration::from_secs(1));
+    let mut bus = Bus::new(simulator.bus(), BusSettings::default());
+    let ids: Vec<ServoId> = (1..=6).map(servo).collect();
+    for watchdog in crate::servo::Watchdog::watchdog(&mut bus, &ids) {
+        assert_eq!(watchdog.unwrap(), crate::servo::WatchdogState::Tripped);
+    }
+    let before = simulator.truth();
+    simulator.clock().wait(Duration::from_secs(5));
+    let after = simulator.truth();
+    for (a, b) in before.horns.iter().zip(&after.horns) {
+        assert!((a - b).abs() < 20.0, "{a} to {b}");
+    }
+    // Another program takes over from there.
+    let parts = Parts {
+        bus: Box::new(bus),
+        cameras: Vec::new(),
+        clock: simulator.clock().clone(),
+        turns: TurnsFile::in_memory(),
+    };
+    let mut rig = Rig::of_parts(file(SIMULATED).unwrap(), parts).unwrap();
+    rig.home_here().unwrap();
+    rig.engage().unwrap();
+    rig.release().unwrap();
+}
+
 /// Some bytes are lost on every line: that stops nothing.
 #[test]
 fn a_bad_line_stops_nothing() {
