@@ -24,6 +24,7 @@ pub mod dynamixel;
 pub mod extrinsics;
 pub mod log;
 pub mod plan;
+pub mod realsense;
 pub mod recorded;
 pub mod rig;
 pub mod serial;

@@ -64,6 +64,12 @@ impl SetInfo {
                 let seed = meta.map_or(0, |meta| meta.seed);
                 format!("simulation, {} design, seed {seed}", design.name())
             }
+            Some(Origin::Recorded { recording }) => format!(
+                "recording of robot {} on rig {}, seed {}",
+                recording.robot.name,
+                recording.rig,
+                meta.map_or(0, |meta| meta.seed)
+            ),
             Some(Origin::Imported { source, .. }) => format!("import of {source}"),
             _ => "another program".to_owned(),
         };

@@ -2,7 +2,10 @@
 //! interrupted work.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod calibrate_cameras;
+mod capture;
 mod colors;
+mod compare;
 mod data;
 mod distill;
 mod eval;
@@ -20,6 +23,7 @@ mod refusals;
 mod render;
 mod resume;
 mod road;
+mod servo_sim;
 mod settle;
 mod signals;
 mod simulate;

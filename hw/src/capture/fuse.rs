@@ -24,7 +24,10 @@ impl Fuser {
             let mut kept = PointCloud::default();
             for (point, color) in cloud.points.iter().zip(&cloud.colors) {
                 let axes = point.iter().zip(low.iter().zip(&high));
-                if axes.into_iter().all(|(&x, (&low, &high))| (low..=high).contains(&f64::from(x))) {
+                if axes
+                    .into_iter()
+                    .all(|(&x, (&low, &high))| (low..=high).contains(&f64::from(x)))
+                {
                     kept.push(*point, *color);
                 }
             }

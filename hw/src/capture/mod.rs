@@ -5,9 +5,11 @@
 //! the tension released: see [`rig`](crate::rig).
 
 mod fuse;
+mod program;
 mod session;
 mod still;
 
 pub use fuse::Fuser;
+pub use program::Program;
 pub use session::{CaptureError, Captured, Sentinel, Session, SessionSettings};
 pub use still::{StillDepth, Stillness};

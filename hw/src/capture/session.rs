@@ -8,8 +8,9 @@ use tdcr_sim::cloud::{PointCloud, VoxelGrid};
 use thiserror::Error;
 
 use super::fuse::Fuser;
+use super::program::Program;
 use super::still::{StillDepth, Stillness, change};
-use crate::plan::{Bend, Draws, PlanError, Planner, Shape};
+use crate::plan::{PlanError, Shape};
 use crate::rig::{Pictures, Rig, RigError, WinchState};
 use crate::servo::Ticks;
 
@@ -34,6 +35,21 @@ pub enum CaptureError {
     NotSeen {
         /// Which command.
         index: u64,
+    },
+    /// No camera saw the robot at home.
+    #[error("no camera sees the robot at home: are the masks right?")]
+    NotSeenAtHome,
+    /// The robot at home is not where it was.
+    #[error(
+        "the robot at home is seen {:.1} mm from where it was at first; safety.drift is {:.1} mm: has a tendon snapped or slipped, \
+         or a camera moved? Samples since the last look are not to be trusted",
+        1e3 * drift, 1e3 * limit
+    )]
+    Drift {
+        /// Distance of what is seen from where it was (m).
+        drift: f64,
+        /// What it may be (m).
+        limit: f64,
     },
     /// Servos stay hot.
     #[error(
@@ -98,42 +114,12 @@ pub struct Sentinel {
 /// A capture in progress: a rig that is engaged until the session ends.
 pub struct Session<'a> {
     rig: &'a mut Rig,
-    planner: Planner,
-    draws: Draws,
+    program: Program,
     fuser: Fuser,
-    rest: Shape,
     /// Where the robot is.
     at: Shape,
     reference: Option<Sentinel>,
     go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
-}
-
-impl Rig {
-    /// A planner within the limits of the rig's robot, servos and settings, whose steps take a period each at the largest
-    /// speed.
-    ///
-    /// # Errors
-    /// [`PlanError::Shape`].
-    pub fn planner(&self) -> Result<Planner, PlanError> {
-        let spec = self.spec();
-        let limits = self.winches().iter().map(|winch| {
-            let ends = winch.limits.map(|ticks| winch.spool.command(Ticks(ticks)));
-            [ends[0].min(ends[1]), ends[0].max(ends[1])]
-        });
-        let step = spec.motion.slew * spec.motion.period;
-        Planner::new(self.robot(), limits.collect(), spec.commands.tension, step)
-    }
-
-    /// The home pose: straight, the tendons of each module with the tension at home of its first one.
-    pub fn rest(&self, planner: &mut Planner) -> Shape {
-        let modules = self.robot().spec().modules.len();
-        let of = planner.shaper().modules().to_vec();
-        let tension = |module: usize| {
-            let first = of.iter().position(|&m| m == module);
-            first.map_or(0.0, |tendon| self.winches()[tendon].home_tension)
-        };
-        Shape((0..modules).map(|module| Bend::new(0.0, 0.0, tension(module))).collect())
-    }
 }
 
 impl<'a> Session<'a> {
@@ -149,13 +135,7 @@ impl<'a> Session<'a> {
         reference: Option<Sentinel>,
         go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<Self, CaptureError> {
-        let mut planner = rig.planner()?;
-        let rest = rig.rest(&mut planner);
-        let draws = Draws {
-            settings: rig.spec().commands.clone(),
-            rest: rest.clone(),
-            seed: settings.seed,
-        };
+        let program = Program::new(rig.file(), settings.seed)?;
         rig.warm_up()?;
         rig.engage()?;
         rig.go_home()?;
@@ -164,10 +144,8 @@ impl<'a> Session<'a> {
                 grid: VoxelGrid::new(settings.voxel_size),
                 workspace: rig.spec().masks.workspace,
             },
-            planner,
-            draws,
-            at: rest.clone(),
-            rest,
+            at: program.rest().clone(),
+            program,
             reference,
             rig,
             go_on,
@@ -179,27 +157,63 @@ impl<'a> Session<'a> {
         self.rig
     }
 
+    /// Where the robot is.
+    pub fn shape(&self) -> &Shape {
+        &self.at
+    }
+
+    /// What the session is going to do.
+    pub fn program(&self) -> &Program {
+        &self.program
+    }
+
     /// Captures command `index` of the session's seed.
     ///
     /// # Errors
     /// [`CaptureError`]; after one of the rig the tension is released.
     pub fn sample(&mut self, index: u64) -> Result<Captured, CaptureError> {
-        let drawn = self.draws.draw(index, &mut self.planner)?;
+        let drawn = self.program.draw(index)?;
         self.rig.poll()?;
-        self.go_to(drawn.shape)?;
+        self.visit(drawn.shape)?;
+        self.observe(index)
+    }
+
+    /// Brings the robot into a shape.
+    ///
+    /// # Errors
+    /// [`CaptureError::Plan`] where it cannot be reached, and nothing has moved; else as [`sample`](Self::sample).
+    pub fn visit(&mut self, shape: Shape) -> Result<(), CaptureError> {
+        let path = self.program.path(&self.at, &shape)?;
+        self.rig.move_along(&path, self.go_on)?;
+        self.at = shape;
+        Ok(())
+    }
+
+    /// Waits until the robot is still and captures it as it is, under the number `index`.
+    ///
+    /// # Errors
+    /// As [`sample`](Self::sample).
+    pub fn observe(&mut self, index: u64) -> Result<Captured, CaptureError> {
         let (pictures, stillness) = self.wait_until_still()?;
-        let goals = self.rig.goals(&drawn.command)?;
         let states = self.rig.poll()?.to_vec();
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
         if cloud.is_empty() {
             return Err(CaptureError::NotSeen { index });
         }
+        let goals = self.rig.held_goals().unwrap_or_default().to_vec();
         let winches = self.rig.winches().iter().zip(&goals);
         Ok(Captured {
             index,
-            time: pictures.frames.iter().map(|frame| frame.time).min().unwrap_or_default(),
-            command: winches.map(|(winch, &goal)| winch.spool.command(goal)).collect(),
+            time: pictures
+                .frames
+                .iter()
+                .map(|frame| frame.time)
+                .min()
+                .unwrap_or_default(),
+            command: winches
+                .map(|(winch, &goal)| winch.spool.command(goal))
+                .collect(),
             goals,
             states,
             cloud,
@@ -211,15 +225,19 @@ impl<'a> Session<'a> {
     /// Goes home and looks at the robot there.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// [`CaptureError::Drift`]; as [`sample`](Self::sample).
     pub fn sentinel(&mut self) -> Result<Sentinel, CaptureError> {
-        self.go_to(self.rest.clone())?;
+        self.visit(self.program.rest().clone())?;
         let (pictures, _) = self.wait_until_still()?;
         let pulls: Vec<f64> = self.rig.poll()?.iter().map(|state| state.pull).collect();
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
-        let count = cloud.len().max(1) as f64;
-        let mean = |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>() / count;
+        if cloud.is_empty() {
+            return Err(CaptureError::NotSeenAtHome);
+        }
+        let count = cloud.len() as f64;
+        let mean =
+            |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>() / count;
         let mut sentinel = Sentinel {
             centroid: [mean(0), mean(1), mean(2)],
             pulls,
@@ -231,6 +249,11 @@ impl<'a> Session<'a> {
             sentinel.drift = apart.sum::<f64>().sqrt();
             let pulls = sentinel.pulls.iter().zip(&first.pulls);
             sentinel.current_drift = pulls.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let limit = self.rig.spec().safety.drift;
+            if sentinel.drift > limit {
+                let drift = sentinel.drift;
+                return Err(CaptureError::Drift { drift, limit });
+            }
         } else {
             self.reference = Some(sentinel.clone());
         }
@@ -248,7 +271,7 @@ impl<'a> Session<'a> {
         if hottest <= safety.pause_above {
             return Ok(None);
         }
-        self.go_to(self.rest.clone())?;
+        self.visit(self.program.rest().clone())?;
         self.rig.release()?;
         let began = self.rig.clock().now();
         loop {
@@ -258,7 +281,7 @@ impl<'a> Session<'a> {
             if temperature < safety.resume_below {
                 self.rig.engage()?;
                 self.rig.go_home()?;
-                self.at = self.rest.clone();
+                self.at = self.program.rest().clone();
                 return Ok(Some(waited));
             }
             if waited > LONGEST_PAUSE {
@@ -291,13 +314,6 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn go_to(&mut self, shape: Shape) -> Result<(), CaptureError> {
-        let path = self.planner.path(&self.at, &shape, &self.rest)?;
-        self.rig.move_along(&path, self.go_on)?;
-        self.at = shape;
-        Ok(())
-    }
-
     /// Waits until servos and depth are still, as long as patience lasts; the last pictures.
     fn wait_until_still(&mut self) -> Result<(Pictures, Stillness), CaptureError> {
         let motion = self.rig.spec().motion.clone();
@@ -317,9 +333,12 @@ impl<'a> Session<'a> {
             let changes = before.as_ref().map(|before| {
                 let frames = before.frames.iter().zip(&pictures.frames);
                 let changes = frames.filter_map(|(a, b)| change(&a.value, &b.value));
-                changes.fold(None, |most: Option<f64>, c| Some(most.map_or(c, |m| m.max(c))))
+                changes.fold(None, |most: Option<f64>, c| {
+                    Some(most.map_or(c, |m| m.max(c)))
+                })
             });
-            let still = changes.is_some_and(|most| most.is_none_or(|most| most <= motion.still_depth));
+            let still =
+                changes.is_some_and(|most| most.is_none_or(|most| most <= motion.still_depth));
             if still && speed <= motion.still_speed || late {
                 let stillness = Stillness {
                     waited: now - began,
@@ -333,6 +352,18 @@ impl<'a> Session<'a> {
                 return Ok((pictures, stillness));
             }
             before = Some(pictures);
+        }
+    }
+}
+
+impl Drop for Session<'_> {
+    /// Releases the tension of a session that did not come to its [`end`](Session::end).
+    fn drop(&mut self) {
+        if self.rig.is_engaged() {
+            let released = self.rig.release_at_once();
+            if !released.is_complete() {
+                tracing::warn!("{released}");
+            }
         }
     }
 }

@@ -46,7 +46,10 @@ impl CommandSettings {
         if let Some(bend) = self.bend.iter().find(|bend| !(0.0..=TAU).contains(*bend)) {
             return Some(("bend", bend.to_string(), "0 to 2 pi (rad)".to_owned()));
         }
-        let ranges = [("co_contraction", self.co_contraction), ("tension", self.tension)];
+        let ranges = [
+            ("co_contraction", self.co_contraction),
+            ("tension", self.tension),
+        ];
         for (field, [low, high]) in ranges {
             if !(low.is_finite() && high.is_finite() && 0.0 <= low && low <= high) {
                 let expected = "tensions of 0 or more, the smaller first (N)".to_owned();
@@ -167,7 +170,9 @@ mod tests {
             rest,
             seed: 1,
         };
-        let drawn: Vec<Drawn> = (0..40).map(|k| draws.draw(k, &mut planner).unwrap()).collect();
+        let drawn: Vec<Drawn> = (0..40)
+            .map(|k| draws.draw(k, &mut planner).unwrap())
+            .collect();
         let survives = |command: &Command| {
             let settled = robot.settle(command, &Loads::default());
             let fits = |tension: &f64| (TENSION[0]..=TENSION[1]).contains(tension);
@@ -184,7 +189,9 @@ mod tests {
             .collect();
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let mut uniform = || {
-            let values = bounds.iter().map(|[low, high]| low + (high - low) * rng.random::<f64>());
+            let values = bounds
+                .iter()
+                .map(|[low, high]| low + (high - low) * rng.random::<f64>());
             robot.command(&values.collect::<Vec<_>>()).unwrap()
         };
         let surviving = (0..200).filter(|_| survives(&uniform())).count();
@@ -220,12 +227,20 @@ mod tests {
             let path = planner.path(&at, &next.shape, &rest).unwrap();
             assert_eq!(path.last(), Some(&next.command));
             for command in &path {
-                let moved = command.as_slice().iter().zip(&last).map(|(a, b)| (a - b).abs());
+                let moved = command
+                    .as_slice()
+                    .iter()
+                    .zip(&last)
+                    .map(|(a, b)| (a - b).abs());
                 assert!(moved.fold(0.0, f64::max) <= 5e-4);
                 let settled = settler.follow(command, &Loads::default());
                 let [low, high] = [0.9 * TENSION[0], 1.1 * TENSION[1]];
                 let fits = |tension: &f64| (low..=high).contains(tension);
-                assert!(settled.tendon_tensions.iter().all(fits), "{:?}", settled.tendon_tensions);
+                assert!(
+                    settled.tendon_tensions.iter().all(fits),
+                    "{:?}",
+                    settled.tendon_tensions
+                );
                 last = command.as_slice().to_vec();
             }
             at = next.shape;
@@ -239,10 +254,16 @@ mod tests {
         let (mut planner, _) = planner(&robot, &rest);
         let far = Shape(vec![Bend::new(0.0, 4.0, 12.0); 2]);
         let refused = planner.path(&rest, &far, &rest);
-        assert!(matches!(refused, Err(PlanError::Limit { .. })), "{refused:?}");
+        assert!(
+            matches!(refused, Err(PlanError::Limit { .. })),
+            "{refused:?}"
+        );
         let tight = Shape(vec![Bend::new(0.0, 0.0, 65.0); 2]);
         let refused = planner.path(&rest, &tight, &rest).unwrap_err();
-        assert!(matches!(refused, PlanError::Tension { high: 60.0, .. }), "{refused}");
+        assert!(
+            matches!(refused, PlanError::Tension { high: 60.0, .. }),
+            "{refused}"
+        );
         let settings = CommandSettings {
             bend: vec![0.1],
             co_contraction: [70.0, 80.0],

@@ -20,7 +20,9 @@ pub enum PlanError {
     #[error(transparent)]
     Command(#[from] CommandError),
     /// A command lies beyond the limits of its servo.
-    #[error("tendon {tendon} would have the command {command:.4} m; its servo allows {low:.4} to {high:.4} m")]
+    #[error(
+        "tendon {tendon} would have the command {command:.4} m; its servo allows {low:.4} to {high:.4} m"
+    )]
     Limit {
         /// Which tendon.
         tendon: usize,
@@ -52,7 +54,9 @@ pub enum PlanError {
         part: f64,
     },
     /// Chance has found no command.
-    #[error("none of {draws} draws is a command that the robot survives: {last}; allow less bend or other tensions")]
+    #[error(
+        "none of {draws} draws is a command that the robot survives: {last}; allow less bend or other tensions"
+    )]
     NoCommand {
         /// How many were drawn.
         draws: usize,
@@ -141,7 +145,11 @@ impl Planner {
     pub fn straight(&mut self, from: &Shape, to: &Shape) -> Result<Vec<Command>, PlanError> {
         let ends = [self.command(from)?, self.command(to)?];
         let [start, end] = [&ends[0], &ends[1]].map(Command::as_slice);
-        let length = start.iter().zip(end).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let length = start
+            .iter()
+            .zip(end)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
         // Lengths are all but straight in the bends; a tenth is kept for what they are not.
         let steps = (1.1 * length / self.step).ceil().max(1.0) as usize;
         let between = (CHECK_EVERY / self.step).floor().max(1.0) as usize;
@@ -166,7 +174,12 @@ impl Planner {
     ///
     /// # Errors
     /// As [`straight`](Self::straight), of the way by `rest`.
-    pub fn path(&mut self, from: &Shape, to: &Shape, rest: &Shape) -> Result<Vec<Command>, PlanError> {
+    pub fn path(
+        &mut self,
+        from: &Shape,
+        to: &Shape,
+        rest: &Shape,
+    ) -> Result<Vec<Command>, PlanError> {
         if let Ok(path) = self.straight(from, to) {
             return Ok(path);
         }

@@ -89,7 +89,12 @@ impl Shaper {
             };
             module.ok_or(ShapeError::NoModule(index))
         };
-        let modules = robot.tendons().iter().enumerate().map(module).collect::<Result<_, _>>()?;
+        let modules = robot
+            .tendons()
+            .iter()
+            .enumerate()
+            .map(module)
+            .collect::<Result<_, _>>()?;
         // Placed, never stepped: any time step will do.
         let robot = MovingRobot::new(robot, 1e-3, Integrator::default(), 1)
             .map_err(|error| ShapeError::Robot(error.to_string()))?;
@@ -108,7 +113,9 @@ impl Shaper {
 
     /// The commands (m) of the straight robot with one tension (N) for each tendon.
     pub fn straight(&mut self, tensions: &[f64]) -> Vec<f64> {
-        self.place(Configuration::straight(self.robot.robot()), |tendon| tensions[tendon])
+        self.place(Configuration::straight(self.robot.robot()), |tendon| {
+            tensions[tendon]
+        })
     }
 
     /// The commands (m) of a shape: lengths of the tendons where each module is an arc of its bend, less what their tensions
@@ -181,7 +188,11 @@ mod tests {
         assert!(settled.converged);
         for (index, tension) in settled.tendon_tensions.iter().enumerate() {
             let asked = [10.0, 8.0][index / 3];
-            assert!((tension - asked).abs() < 0.35 * asked, "{:?}", settled.tendon_tensions);
+            assert!(
+                (tension - asked).abs() < 0.35 * asked,
+                "{:?}",
+                settled.tendon_tensions
+            );
         }
     }
 }

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use tdcr_sim::render::{BaseVisibility, Sensor};
-use tdcr_sim::robot::{CameraSpec, Cameras, RobotSpec};
+use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
 
-use super::RigError;
 use super::place::line_of;
-use super::settings::{MotionSettings, SafetySettings};
+use super::settings::{MotionSettings, SafetySettings, SimulationSettings};
+use super::{RigError, Winch};
 use crate::plan::CommandSettings;
 use crate::servo::{OperatingMode, ServoId};
 
@@ -45,6 +45,9 @@ pub struct RigSpec {
     /// What ends a motion.
     #[serde(default)]
     pub safety: SafetySettings,
+    /// What there is besides the robot where parts are simulated.
+    #[serde(default)]
+    pub simulation: SimulationSettings,
 }
 
 fn base_hidden() -> BaseVisibility {
@@ -269,6 +272,22 @@ impl RigFile {
         Ok(file)
     }
 
+    /// The robot, compiled.
+    ///
+    /// # Errors
+    /// [`RigError::Spec`].
+    pub fn compile(&self) -> Result<Robot, RigError> {
+        Ok(Robot::new(self.robot.clone())?)
+    }
+
+    /// The servos with their spools, in the order of a command of `robot`, the file's.
+    ///
+    /// # Errors
+    /// [`RigError::Field`] where the robot cannot stand at home with the tensions that the file gives.
+    pub fn winches(&self, robot: &Robot) -> Result<Vec<Winch>, RigError> {
+        Winch::all(&self.spec.servos, robot)
+    }
+
     /// A path that the file names.
     pub fn resolve(&self, path: &Path) -> PathBuf {
         beside(&self.path, path)
@@ -391,7 +410,11 @@ impl RigFile {
         }
         let modules = self.robot.modules.len();
         if let Some((field, found, expected)) = self.spec.commands.fault(modules) {
-            return Err(RigError::field(format!("commands.{field}"), found, expected));
+            return Err(RigError::field(
+                format!("commands.{field}"),
+                found,
+                expected,
+            ));
         }
         self.spec.motion.check()?;
         self.spec.safety.check()

@@ -10,26 +10,33 @@
 //! whenever a rig is engaged.
 
 mod error;
-mod stop;
 mod file;
 mod homing;
 mod motion;
+mod open;
 mod place;
+mod pretension;
 mod settings;
 mod spool;
+mod stop;
+#[cfg(test)]
+mod tests;
+mod travel;
 mod turns;
 mod watch;
 mod winch;
 
 pub use error::RigError;
-pub use stop::{Cause, EmergencyStop, Released};
 pub use file::{
     BoxSpec, CameraLink, Direction, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
     ServoLink, ServosSpec, TendonMode,
 };
 pub use homing::HomingReport;
-pub use settings::{MotionSettings, Release, SafetySettings};
+pub use open::Pace;
+pub use pretension::{PretensionSettings, Pretensioned};
+pub use settings::{MotionSettings, Release, SafetySettings, SimulationSettings, Surroundings};
 pub use spool::Spool;
+pub use stop::{Cause, EmergencyStop, Released};
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
 pub use winch::{Winch, WinchState};
 
@@ -42,6 +49,7 @@ use tdcr_sim::robot::Robot;
 use crate::camera::{RgbdCamera, Soak, Stamped, grab_all};
 use crate::clock::Clock;
 use crate::servo::{PerServo, ServoBus, ServoId};
+use crate::simulated::Simulator;
 use motion::Drive;
 
 /// Servos, cameras and clock of a rig, however they came about.
@@ -68,6 +76,8 @@ pub struct Rig {
     turns: TurnsFile,
     homing: Vec<Homing>,
     drive: Drive,
+    /// What servos and cameras in memory are parts of.
+    simulator: Option<Simulator>,
 }
 
 /// Pictures of all cameras from one moment.
@@ -86,8 +96,8 @@ impl Rig {
     /// # Errors
     /// [`RigError::Spec`] for a robot that makes no sense.
     pub fn of_parts(file: RigFile, parts: Parts) -> Result<Self, RigError> {
-        let robot = Robot::new(file.robot.clone())?;
-        let winches = Winch::all(&file.spec.servos, &robot)?;
+        let robot = file.compile()?;
+        let winches = file.winches(&robot)?;
         let Parts {
             bus,
             cameras,
@@ -105,7 +115,13 @@ impl Rig {
             clock,
             turns,
             drive: Drive::Released,
+            simulator: None,
         })
+    }
+
+    /// The file that it was made from.
+    pub fn file(&self) -> &RigFile {
+        &self.file
     }
 
     /// What the rig's file says.
@@ -132,6 +148,11 @@ impl Rig {
     /// not watched.
     pub fn bus(&mut self) -> &mut dyn ServoBus {
         &mut *self.bus
+    }
+
+    /// What its servos in memory are parts of, which knows the truth and lets things go wrong; `None` for a rig on the desk.
+    pub fn simulator(&self) -> Option<&Simulator> {
+        self.simulator.as_ref()
     }
 
     /// The cameras.

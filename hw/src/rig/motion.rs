@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use tdcr_sim::robot::Command;
 
-use super::stop::{Cause, EmergencyStop, Released};
 use super::settings::Release;
+use super::stop::{Cause, EmergencyStop, Released};
 use super::turns::{Homing, Turns};
 use super::watch::{Vitals, Watch};
 use super::winch::WinchState;
@@ -108,9 +108,12 @@ impl Rig {
         // A watchdog that has bitten holds its goals until it is set anew.
         all(self.bus.set_watchdog(ids, None))?;
         let winches = self.winches.iter();
-        let limits: Vec<_> = winches.map(|winch| (winch.id, winch.current_limit)).collect();
+        let limits: Vec<_> = winches
+            .map(|winch| (winch.id, winch.current_limit))
+            .collect();
         let kept = all(self.bus.current_limits(ids))?;
-        let differs = |((_, wanted), kept): (&(ServoId, f64), f64)| (wanted - kept).abs() > CURRENT_STEP;
+        let differs =
+            |((_, wanted), kept): (&(ServoId, f64), f64)| (wanted - kept).abs() > CURRENT_STEP;
         if limits.iter().zip(kept).any(differs) {
             all(self.bus.set_torque(ids, Torque::Off))?;
             all(self.bus.set_current_limits(&limits))?;
@@ -282,6 +285,14 @@ impl Rig {
                 .map(|(winch, &goal)| winch.spool.command(goal))
                 .collect(),
         )
+    }
+
+    /// The goals that the servos were told last, from home; `None` where the motors are off.
+    pub fn held_goals(&self) -> Option<&[Ticks]> {
+        match &self.drive {
+            Drive::Engaged(engaged) => Some(&engaged.goals),
+            Drive::Released => None,
+        }
     }
 
     /// Where the servos were at the last look; `None` where the motors are off.

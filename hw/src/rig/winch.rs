@@ -91,13 +91,18 @@ impl Winch {
 fn home_commands(robot: &Robot, tensions: &[f64]) -> Result<Vec<f64>, RigError> {
     let tendons = robot.tendons().len();
     let tensions: Vec<f64> = (0..tendons).map(|k| *each(tensions, k)).collect();
-    let refused = |error: ShapeError| RigError::field("robot", &robot.spec().name, error.to_string());
+    let refused =
+        |error: ShapeError| RigError::field("robot", &robot.spec().name, error.to_string());
     let commands = Shaper::new(robot).map_err(refused)?.straight(&tensions);
     for (k, (command, tendon)) in commands.iter().zip(robot.tendons()).enumerate() {
         let [low, high] = tendon.range;
         if !(low..=high).contains(command) {
-            let found = format!("{} N, for which tendon {k} has the command {command:.4} m", tensions[k]);
-            let expected = format!("a tension for which that is within the robot's {low} to {high} m");
+            let found = format!(
+                "{} N, for which tendon {k} has the command {command:.4} m",
+                tensions[k]
+            );
+            let expected =
+                format!("a tension for which that is within the robot's {low} to {high} m");
             return Err(RigError::field("servos.home_tension", found, expected));
         }
     }

@@ -13,6 +13,8 @@ use crate::limits::{MAX_JSON, read_file};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tdcr_sim::files::write_atomically;
+use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::robot::RobotSpec;
 
 /// File name of a complete data set's [`Meta`].
 pub(super) const META_FILE: &str = "meta.json";
@@ -57,6 +59,11 @@ pub enum Origin {
         /// How the conditions were chosen.
         design: Design,
     },
+    /// A rig of servos and cameras, real or simulated.
+    Recorded {
+        /// What it was.
+        recording: Recording,
+    },
     /// Files of another program, or of a real robot.
     Imported {
         /// What they were, for people.
@@ -67,12 +74,27 @@ pub enum Origin {
     },
 }
 
+/// What a data set was recorded of, and how.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Recording {
+    /// Name of the rig.
+    pub rig: String,
+    /// Its robot, watched by its cameras.
+    pub robot: RobotSpec,
+    /// Whether the base is in the clouds.
+    pub base: BaseVisibility,
+    /// Edge of the voxel grid that thinned the fused clouds (m).
+    pub voxel_size: f64,
+    /// What else of the rig decides about commands and clouds.
+    pub settings: Value,
+}
+
 impl Origin {
     /// How the clouds were simulated; `None` for others.
     pub fn recipe(&self) -> Option<&Recipe> {
         match self {
             Self::Simulated { recipe, .. } => Some(recipe),
-            Self::Imported { .. } => None,
+            Self::Recorded { .. } | Self::Imported { .. } => None,
         }
     }
 }
@@ -142,6 +164,12 @@ impl Meta {
         if let Some(problem) = self.given_split().and_then(|split| split.fault(self.count)) {
             return invalid("split", &problem, "every sample in one split, none empty");
         }
+        if let Origin::Recorded { recording } = &self.origin
+            && !(recording.voxel_size.is_finite() && recording.voxel_size > 0.0)
+        {
+            let expected = "a finite length above 0";
+            return invalid("voxel_size", &recording.voxel_size, expected);
+        }
         self.origin.recipe().map_or(Ok(()), Recipe::check)
     }
 
@@ -189,7 +217,7 @@ impl Meta {
 
     fn given_split(&self) -> Option<&SplitIndices> {
         match &self.origin {
-            Origin::Simulated { .. } => None,
+            Origin::Simulated { .. } | Origin::Recorded { .. } => None,
             Origin::Imported { split, .. } => split.as_ref(),
         }
     }
@@ -213,6 +241,8 @@ impl Meta {
                 let name = design.name();
                 format!("the places of a {name} design depend on how many there are")
             }
+            // Each command follows from its index.
+            Origin::Recorded { .. } => return Ok(true),
             Origin::Imported { .. } => "its clouds were imported all at once".to_owned(),
         };
         Err(DataError::OtherCount {

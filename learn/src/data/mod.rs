@@ -54,7 +54,7 @@ pub use exchange::{
     PredictedClouds, export, import, read_cloud, read_predictions, write_npy, write_npz,
 };
 pub use merge::{MergeError, merge};
-pub use meta::{Meta, Origin};
+pub use meta::{Meta, Origin, Recording};
 pub use normalisation::{Normalisation, OutOfRange};
 pub use part::Part;
 pub use sample::Sample;

@@ -1,0 +1,91 @@
+//! What a capture is going to do: a function of the rig's file and a seed, so that it can be told without a rig.
+
+use tdcr_sim::robot::{Command, Robot};
+
+use super::CaptureError;
+use crate::plan::{Bend, Drawn, Draws, PlanError, Planner, Shape};
+use crate::rig::{RigFile, Winch};
+use crate::servo::Ticks;
+
+/// The commands of a capture and the ways to them.
+#[derive(Clone, Debug)]
+pub struct Program {
+    winches: Vec<Winch>,
+    planner: Planner,
+    draws: Draws,
+}
+
+impl Program {
+    /// The commands that `seed` draws for the rig of a file, within the limits of its robot, servos and settings. A step of a
+    /// path takes a period at the largest speed.
+    ///
+    /// # Errors
+    /// [`CaptureError`] for a rig that makes no sense.
+    pub fn new(file: &RigFile, seed: u64) -> Result<Self, CaptureError> {
+        let robot = file.compile()?;
+        let winches = file.winches(&robot)?;
+        let limits = winches.iter().map(|winch| {
+            let ends = winch.limits.map(|ticks| winch.spool.command(Ticks(ticks)));
+            [ends[0].min(ends[1]), ends[0].max(ends[1])]
+        });
+        let motion = &file.spec.motion;
+        let tension = file.spec.commands.tension;
+        let step = motion.slew * motion.period;
+        let mut planner = Planner::new(&robot, limits.collect(), tension, step)?;
+        let draws = Draws {
+            settings: file.spec.commands.clone(),
+            rest: rest(&robot, &winches, planner.shaper().modules()),
+            seed,
+        };
+        Ok(Self {
+            winches,
+            planner,
+            draws,
+        })
+    }
+
+    /// The home pose: straight, the tendons of each module with the tension at home of its first one.
+    pub fn rest(&self) -> &Shape {
+        &self.draws.rest
+    }
+
+    /// Command `index`.
+    ///
+    /// # Errors
+    /// As [`Draws::draw`].
+    pub fn draw(&mut self, index: u64) -> Result<Drawn, PlanError> {
+        self.draws.draw(index, &mut self.planner)
+    }
+
+    /// The way from one shape to another that can be reached from home.
+    ///
+    /// # Errors
+    /// As [`Planner::path`].
+    pub fn path(&mut self, from: &Shape, to: &Shape) -> Result<Vec<Command>, PlanError> {
+        self.planner.path(from, to, &self.draws.rest)
+    }
+
+    /// The positions of a command, from home.
+    ///
+    /// # Errors
+    /// [`CaptureError::Rig`] beyond the limits of a servo.
+    pub fn goals(&self, command: &Command) -> Result<Vec<Ticks>, CaptureError> {
+        let winches = self.winches.iter().zip(command.as_slice());
+        Ok(winches
+            .map(|(winch, &command)| winch.goal(command))
+            .collect::<Result<_, _>>()?)
+    }
+}
+
+fn rest(robot: &Robot, winches: &[Winch], modules: &[usize]) -> Shape {
+    let tension = |module: usize| {
+        let first = modules.iter().position(|&of| of == module);
+        first.map_or(0.0, |tendon| winches[tendon].home_tension)
+    };
+    let count = robot.spec().modules.len();
+    Shape(
+        (0..count)
+            .map(|module| Bend::new(0.0, 0.0, tension(module)))
+            .collect(),
+    )
+}
