@@ -14,19 +14,21 @@ use std::error::Error;
 use std::sync::Arc;
 use std::time::Duration;
 
+use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use tdcr_hw::camera::RgbdCamera;
 use tdcr_hw::clock::VirtualClock;
 use tdcr_hw::mask::{
-    Background, BackgroundLearner, BackgroundSetting, ColorKey, Keep, Mask, Masker, Overlap, Shot, WorkspaceBox,
+    Background, BackgroundLearner, BackgroundSetting, ColorKey, Keep, Mask, Masker, Overlap, Shot,
+    WorkspaceBox,
 };
 use tdcr_hw::simulated::camera::{CameraSetup, SimulatedCamera, Subject, table};
 use tdcr_sim::camera::Camera;
 use tdcr_sim::geometry::Instance;
 use tdcr_sim::render::{BaseVisibility, Scene};
-use tdcr_sim::robot::{Loads, Robot};
+use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::statics::Settler;
 
 type Failure = Box<dyn Error + Send + Sync>;
@@ -62,26 +64,36 @@ impl Setting {
         let robot = Robot::load(name)?;
         let mut settler = Settler::new(&robot);
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let mut pose = |command| {
+        let mut pose = |command: &Command| {
             let equilibrium = settler.settle(command, &Loads::default());
             Scene::of_robot(&robot, equilibrium, BaseVisibility::Hidden)
         };
         let straight = pose(&robot.mean_command());
-        let poses = (0..poses).map(|_| pose(&robot.random_command(&mut rng))).collect();
+        let poses = (0..poses)
+            .map(|_| pose(&robot.random_command(&mut rng)))
+            .collect();
         // The base stands on the table and does not move.
         let mut surroundings = table(0.0)?;
         let whole = Scene::of_robot(&robot, settler.equilibrium(), BaseVisibility::Shown);
-        let base = whole.solids.into_iter().filter(|solid| solid.instance == Instance::Base);
+        let base = whole
+            .solids
+            .into_iter()
+            .filter(|solid| solid.instance == Instance::Base);
         surroundings.solids.extend(base);
         // What the robot can reach, for who knows its length: 5 cm more to the sides and above.
-        let base = robot.base();
+        let base = Vector3::from(robot.spec().base.position);
         let heights = straight.solids.iter().map(|solid| solid.pose.translation.z);
         let reach = heights.fold(0.0, f64::max) - base.z + 0.05;
         let workspace = WorkspaceBox {
             low: [base.x - reach, base.y - reach, base.z - 0.02],
             high: [base.x + reach, base.y + reach, base.z + reach],
         };
-        Ok(Self { robot, poses, surroundings, workspace })
+        Ok(Self {
+            robot,
+            poses,
+            surroundings,
+            workspace,
+        })
     }
 
     /// What camera `view` sees: each masker's overlap with the truth over pixels that have a depth, and over all.
@@ -94,19 +106,25 @@ impl Setting {
         };
         let mut scenes: VecDeque<_> = (0..EMPTY).map(|_| Scene::default()).collect();
         scenes.extend(self.poses.iter().cloned());
-        let mut camera = SimulatedCamera::new(setup, Box::new(Show(scenes)), Arc::new(VirtualClock::new()));
+        let mut camera =
+            SimulatedCamera::new(setup, Box::new(Show(scenes)), Arc::new(VirtualClock::new()));
         let mut learner = BackgroundLearner::new();
         for _ in 0..EMPTY {
             learner.add(0, &camera.grab(PATIENCE)?.value)?;
         }
-        let maskers = maskers(&learner.finish(&BackgroundSetting::default())?, self.workspace);
+        let maskers = maskers(
+            &learner.finish(&BackgroundSetting::default())?,
+            self.workspace,
+        );
         let mut overlaps = vec![[Overlap::default(); 2]; maskers.len()];
         for sample in 0..self.poses.len() {
             let frame = camera.grab(PATIENCE)?.value;
             let truth = Mask::of_robot(camera.truth().ok_or("a picture was taken")?);
             for ((_, masker), [measured, all]) in maskers.iter().zip(&mut overlaps) {
                 let mask = masker.mask(&frame, Shot { view: 0, sample })?;
-                let of = |counts: &dyn Fn(usize) -> bool| mask.overlap(&truth, counts).unwrap_or_default();
+                let of = |counts: &dyn Fn(usize) -> bool| {
+                    mask.overlap(&truth, counts).unwrap_or_default()
+                };
                 measured.add(of(&|index| frame.depth[index] > 0.0));
                 all.add(of(&|_| true));
             }
@@ -116,7 +134,10 @@ impl Setting {
 }
 
 /// The maskers, by name.
-fn maskers(background: &Background, workspace: WorkspaceBox) -> Vec<(&'static str, Box<dyn Masker>)> {
+fn maskers(
+    background: &Background,
+    workspace: WorkspaceBox,
+) -> Vec<(&'static str, Box<dyn Masker>)> {
     let near = || background.clone();
     let colors = ColorKey::saturated(0.5);
     let both = || near().and(workspace);
@@ -126,24 +147,41 @@ fn maskers(background: &Background, workspace: WorkspaceBox) -> Vec<(&'static st
         ("saturated colours", Box::new(colors)),
         ("box and colours", Box::new(workspace.and(colors))),
         ("background and box", Box::new(both())),
-        ("background and box, components of 50 pixels", Box::new(both().keeping(Keep::AtLeast(50), 2))),
-        ("background and box, largest component", Box::new(both().keeping(Keep::Largest, 2))),
+        (
+            "background and box, components of 50 pixels",
+            Box::new(both().keeping(Keep::AtLeast(50), 2)),
+        ),
+        (
+            "background and box, largest component",
+            Box::new(both().keeping(Keep::Largest, 2)),
+        ),
         ("background and colours", Box::new(near().and(colors))),
     ]
 }
 
 fn main() -> Result<(), Failure> {
-    let poses = env::args().nth(1).map_or(Ok(POSES), |poses| poses.parse())?;
+    let poses = env::args()
+        .nth(1)
+        .map_or(Ok(POSES), |poses| poses.parse())?;
     let mut rows: Vec<(Vec<f64>, [Overlap; 2])> = Vec::new();
     let names: Vec<_> = {
         let background = BackgroundLearner::new().finish(&BackgroundSetting::default())?;
-        let workspace = WorkspaceBox { low: [0.0; 3], high: [0.0; 3] };
-        maskers(&background, workspace).into_iter().map(|(name, _)| name).collect()
+        let workspace = WorkspaceBox {
+            low: [0.0; 3],
+            high: [0.0; 3],
+        };
+        maskers(&background, workspace)
+            .into_iter()
+            .map(|(name, _)| name)
+            .collect()
     };
     rows.resize(names.len(), Default::default());
     for robot in ROBOTS {
         let setting = Setting::new(robot, poses)?;
-        let views: Result<Vec<_>, _> = VIEWS.par_iter().map(|view| setting.measure(*view)).collect();
+        let views: Result<Vec<_>, _> = VIEWS
+            .par_iter()
+            .map(|view| setting.measure(*view))
+            .collect();
         let mut sums = vec![[Overlap::default(); 2]; names.len()];
         for overlaps in views? {
             for (sum, overlap) in sums.iter_mut().zip(overlaps) {
@@ -157,12 +195,19 @@ fn main() -> Result<(), Failure> {
             total[1].add(sum[1]);
         }
     }
-    println!("| masker | {} | precision | recall | IoU of all pixels |", ROBOTS.join(" | "));
+    println!(
+        "| masker | {} | precision | recall | IoU of all pixels |",
+        ROBOTS.join(" | ")
+    );
     println!("|---|{}", "---|".repeat(ROBOTS.len() + 3));
     for (name, (ious, [measured, all])) in names.iter().zip(rows) {
         let ious: Vec<_> = ious.iter().map(|iou| format!("{iou:.3}")).collect();
         let (precision, recall) = (measured.precision(), measured.recall());
-        println!("| {name} | {} | {precision:.3} | {recall:.3} | {:.3} |", ious.join(" | "), all.iou());
+        println!(
+            "| {name} | {} | {precision:.3} | {recall:.3} | {:.3} |",
+            ious.join(" | "),
+            all.iou()
+        );
     }
     Ok(())
 }
