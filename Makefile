@@ -97,6 +97,7 @@ bench: setup wheel
 	$(PYTHON) benches/peers.py
 	$(PYTHON) benches/networks.py
 	$(PYTHON) benches/envs.py
+	$(PYTHON) benches/bus.py
 
 clean:
 	cargo clean

@@ -8,6 +8,9 @@ mod calibration;
 #[path = "../examples/friction_loop.rs"]
 mod friction_loop;
 #[allow(dead_code, reason = "its `main` is not called here")]
+#[path = "../examples/rig.rs"]
+mod rig;
+#[allow(dead_code, reason = "its `main` is not called here")]
 #[path = "../examples/shape_control.rs"]
 mod shape_control;
 
@@ -57,4 +60,17 @@ fn friction_loop_draws_a_loop_and_a_profile_for_each_coefficient() {
     }
     // A line in the plot and one in the legend, of four coefficients, in two panels.
     assert_eq!(svg.matches("stroke-width=\"1.8\"").count(), 16);
+}
+
+#[test]
+fn a_rig_sees_the_robot_where_it_was_bent_to() {
+    let seen = rig::run(Path::new("examples/rig-sim.toml")).unwrap();
+    assert_eq!(seen.len(), 3);
+    for seen in seen {
+        let [x, y, z] = seen.middle;
+        let (sin, cos) = seen.direction.sin_cos();
+        // Towards the side it was bent to, by millimetres.
+        assert!(x * cos + y * sin > 2e-3, "{:?}", seen.middle);
+        assert!((0.2..0.35).contains(&z) && seen.points > 1000);
+    }
 }

@@ -158,7 +158,11 @@ impl From<PipelineError> for Failure {
             PipelineError::Metric(_)
             | PipelineError::OwnSampler { .. }
             | PipelineError::Endless { .. }
-            | PipelineError::ComparedPoints { .. } => Self::input(error.to_string()),
+            | PipelineError::ComparedPoints { .. }
+            | PipelineError::OtherMotors { .. }
+            | PipelineError::NothingInCommon { .. }
+            | PipelineError::NoCommonIndex
+            | PipelineError::NoRobot { .. } => Self::input(error.to_string()),
             other => Self::Of("TrainError", other.to_string()),
         }
     }

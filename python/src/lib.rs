@@ -21,9 +21,10 @@
 //! | `stream` | fresh samples, simulated as they are needed |
 //! | `exchange` | clouds of other programs |
 //! | `predictor` | `Predictor`: clouds by a trained model |
-//! | `scoring` | scores of predicted clouds |
+//! | `scoring` | scores of predicted clouds, data sets beside each other |
 //! | `training` | training runs |
 //! | `pages` | drawings of data sets, and the demo |
+//! | `rig` | servos and cameras, in memory or on a desk |
 //! | `env` | many simulated robots, advanced by one call |
 //!
 //! What they use: `run` (threads, the interpreter's lock, Ctrl-C), `stage` (the libraries' long stages),
@@ -42,6 +43,7 @@ mod metrics;
 mod moving_robot;
 mod pages;
 mod predictor;
+mod rig;
 mod robot;
 mod run;
 mod scoring;
@@ -84,11 +86,13 @@ mod _tdcr {
     #[pymodule_export]
     use crate::predictor::Predictor;
     #[pymodule_export]
+    use crate::rig::Rig;
+    #[pymodule_export]
     use crate::robot::Robot;
     #[pymodule_export]
     use crate::run::{set_threads, threads};
     #[pymodule_export]
-    use crate::scoring::evaluate;
+    use crate::scoring::{compare, evaluate};
     #[pymodule_export]
     use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
     #[pymodule_export]

@@ -12,8 +12,8 @@ use crate::errors::{Failure, Outcome};
 #[derive(Clone)]
 pub struct Loads(pub tdcr::sim::robot::Loads);
 
-/// A wrench as it comes from Python: disc, force (N), moment (N m), and whether it turns with its disc.
-type WrenchTuple = (usize, [f64; 3], [f64; 3], bool);
+/// A wrench as it comes from Python: disc, point (m), force (N), moment (N m), and whether it turns with its disc.
+type WrenchTuple = (usize, [f64; 3], [f64; 3], [f64; 3], bool);
 
 #[pymethods]
 impl Loads {
@@ -31,10 +31,11 @@ impl Loads {
         let mut loads = tdcr::sim::robot::Loads::default()
             .with_payload(payload)?
             .with_line_load(line)?;
-        for (disc, force, moment, turns) in wrenches {
+        for (disc, point, force, moment, turns) in wrenches {
             let frame = if turns { Frame::Disc } else { Frame::World };
             loads = loads.with_wrench(Wrench {
                 disc,
+                point,
                 force,
                 moment,
                 frame,
@@ -98,10 +99,9 @@ impl LoadRows {
                 if force != [0.0; 3] || moment != [0.0; 3] {
                     let frame = Frame::World;
                     loads = loads.with_wrench(Wrench {
-                        disc,
                         force,
                         moment,
-                        frame,
+                        ..Wrench::none(disc, frame)
                     })?;
                 }
             }

@@ -1,18 +1,22 @@
-//! Scores of predicted clouds.
+//! Scores of predicted clouds, and data sets beside each other.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use numpy::{PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use tdcr::learn::data::{PredictedClouds, read_predictions};
+use tdcr::learn::data::{PredictedClouds, Split, read_predictions};
 use tdcr::learn::train::FlowPredictor;
-use tdcr::pages::{Evaluated, evaluation_page};
-use tdcr::pipeline::{EvalSettings, Evaluator, Results};
+use tdcr::pages::{Evaluated, comparison_page, evaluation_page};
+use tdcr::pipeline::{
+    CompareSettings, Comparer, Counterpart, EvalSettings, Evaluator, Pairing, Results,
+};
 
 use crate::arrays::contiguous;
-use crate::errors::{Failure, Outcome};
+use crate::data::visibility;
+use crate::errors::{Failure, Outcome, choice};
 use crate::predictor::{Predictor, SamplerOptions};
+use crate::robot::Robot;
 use crate::run;
 use crate::stage::Stage;
 
@@ -100,6 +104,72 @@ pub fn evaluate(
         Ok::<_, Failure>((results, page.transpose()?.map(|page| page.to_html())))
     })??;
     let text = serde_json::to_string(&results);
+    let text = text.map_err(|error| Failure::Of("TdcrError", error.to_string()))?;
+    Ok((text, page))
+}
+
+/// What two data sets are compared by, as `tdcr compare` asks for it.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct CompareOptions {
+    base: bool,
+    r#match: String,
+    tolerance: f64,
+    split: String,
+    points: Option<usize>,
+    emd_points: Option<usize>,
+    worst: usize,
+    seed: u64,
+    report: bool,
+}
+
+impl CompareOptions {
+    fn settings(&self) -> Outcome<CompareSettings> {
+        let tolerance = self.tolerance;
+        let pairings = [
+            ("condition", Pairing::Condition { tolerance }),
+            ("index", Pairing::Index),
+        ];
+        let [train, val, test] = Split::ALL.map(|split| (split.folder(), Some(split)));
+        Ok(CompareSettings {
+            pairing: choice("match", &self.r#match, &pairings)?,
+            split: choice("split", &self.split, &[("all", None), train, val, test])?,
+            points: self.points,
+            emd_points: self.emd_points,
+            seed: self.seed,
+        })
+    }
+}
+
+/// Compares the data set in the folder `a` with that in `b`, or with the simulator: what `tdcr compare --json` says, and the page
+/// where one is asked for.
+#[pyfunction]
+#[pyo3(signature = (a, b, robot, options, progress = None))]
+pub fn compare(
+    py: Python<'_>,
+    a: PathBuf,
+    b: Option<PathBuf>,
+    robot: Option<&Robot>,
+    options: CompareOptions,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> Outcome<(String, Option<String>)> {
+    let settings = options.settings()?;
+    let robot = robot.map(|robot| robot.0.spec());
+    let (comparison, page) = run::long(py, progress, |watch| {
+        let other = match &b {
+            Some(b) => Counterpart::Set(b),
+            None => Counterpart::Simulator {
+                robot,
+                base: visibility(options.base),
+            },
+        };
+        let comparer = Comparer::new(&a, other, &settings)?;
+        let comparison = comparer.run(options.worst, &Stage::new(&["compare"], watch))?;
+        let page =
+            (options.report).then(|| comparison_page(&a, b.as_deref(), &comparer, &comparison));
+        Ok::<_, Failure>((comparison, page.transpose()?.map(|page| page.to_html())))
+    })??;
+    let text = serde_json::to_string(&comparison);
     let text = text.map_err(|error| Failure::Of("TdcrError", error.to_string()))?;
     Ok((text, page))
 }

@@ -6,10 +6,11 @@ use tdcr::sim::dynamics::Integrator;
 use crate::errors::{Failure, Outcome};
 
 /// The integrators, by their names on the command line.
-const INTEGRATORS: [(&str, Integrator); 3] = [
+const INTEGRATORS: [(&str, Integrator); 4] = [
     ("semi-implicit-euler", Integrator::SemiImplicitEuler),
     ("runge-kutta4", Integrator::RungeKutta4),
     ("implicit-euler", Integrator::ImplicitEuler),
+    ("implicit-midpoint", Integrator::ImplicitMidpoint),
 ];
 
 fn integrator(name: &str) -> Outcome<Integrator> {

@@ -130,7 +130,8 @@ pub fn render(
     frames.into_iter().map(|frame| view(py, frame)).collect()
 }
 
-fn view(py: Python<'_>, frame: RgbdFrame) -> Outcome<View> {
+/// A picture as arrays.
+pub fn view(py: Python<'_>, frame: RgbdFrame) -> Outcome<View> {
     let lens = &frame.camera.intrinsics;
     let size = [lens.height as usize, lens.width as usize];
     let pose = &frame.camera.pose;
@@ -194,19 +195,20 @@ pub fn clouds<'py>(
             .map_init(observer, see)
             .collect::<Vec<_>>()
     })?;
-    let arrays = |cloud: PointCloud| {
-        let count = cloud.len();
-        let points = array(py, cloud.points.into_flattened(), [count, 3])?;
-        Ok((
-            points,
-            array(py, cloud.colors.into_flattened(), [count, 3])?,
-        ))
-    };
-    seen.into_iter().map(arrays).collect()
+    let clouds = seen.into_iter();
+    clouds.map(|cloud| cloud_arrays(py, cloud)).collect()
+}
+
+/// A cloud as arrays.
+pub fn cloud_arrays(py: Python<'_>, cloud: PointCloud) -> Outcome<Cloud<'_>> {
+    let count = cloud.len();
+    let points = array(py, cloud.points.into_flattened(), [count, 3])?;
+    let colors = array(py, cloud.colors.into_flattened(), [count, 3])?;
+    Ok((points, colors))
 }
 
 /// Points (m) and colours.
-type Cloud<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<u8>>);
+pub type Cloud<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<u8>>);
 
 /// Writes a cloud as PLY.
 #[pyfunction]

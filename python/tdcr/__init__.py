@@ -22,8 +22,9 @@ from tdcr.learning import Run, demo, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
+from tdcr.rig import Rig
 from tdcr.robot import Robot
-from tdcr.scoring import evaluate
+from tdcr.scoring import compare, evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
 from tdcr.stream import Stream
@@ -46,6 +47,7 @@ __all__ = [
     "Normalisation",
     "Prediction",
     "Predictor",
+    "Rig",
     "Robot",
     "RolloutGradients",
     "Run",
@@ -62,6 +64,7 @@ __all__ = [
     "cloud",
     "clouds",
     "collect",
+    "compare",
     "data_view",
     "demo",
     "distill",

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from typing import Any, final
+from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ __all__ = [
     "MotionRows",
     "MovingRobot",
     "Predictor",
+    "Rig",
     "Robot",
     "RolloutGradientRows",
     "Settler",
@@ -31,6 +32,7 @@ __all__ = [
     "check_data",
     "clouds",
     "collect",
+    "compare",
     "data_info",
     "demo",
     "distill",
@@ -67,6 +69,8 @@ _Profile = tuple[_Floats, _Floats, _Floats, _Floats, list[str]]
 _Account = tuple[float, float, float, float, int, int]
 _Target = tuple[int, str, list[float], float, float]
 _Finding = tuple[str, float, float, tuple[float, float], list[int]]
+_Reading = tuple[int, tuple[int, float, float, float] | None, str | None]
+_Pictures = tuple[list[tuple[float, View]], float]
 _Cloud = tuple[NDArray[np.float32], NDArray[np.uint8]]
 
 def set_threads(count: int) -> None:
@@ -108,7 +112,7 @@ class Loads:
         cls,
         payload: float,
         offset: _Vector,
-        wrenches: list[tuple[int, _Vector, _Vector, bool]],
+        wrenches: list[tuple[int, _Vector, _Vector, _Vector, bool]],
         line: _Vector,
     ) -> Loads: ...
 
@@ -408,6 +412,13 @@ def distill(
     progress: _Progress = None,
 ) -> _Run: ...
 def evaluate(scored: Any, data: str, options: dict[str, Any], progress: _Progress = None) -> tuple[str, str | None]: ...
+def compare(
+    a: str,
+    b: str | None,
+    robot: Robot | None,
+    options: dict[str, Any],
+    progress: _Progress = None,
+) -> tuple[str, str | None]: ...
 def data_info(path: str) -> str: ...
 def draw_data(paths: list[str], out: str, clouds: int, progress: _Progress = None) -> bytes: ...
 def demo(out: str, options: dict[str, Any], progress: _Progress = None) -> str: ...
@@ -419,6 +430,49 @@ def emd_rows(
     group: int | None = None,
     progress: _Progress = None,
 ) -> tuple[_Floats, _Floats, NDArray[np.int64]]: ...
+
+@final
+class Rig:
+    def __new__(cls, path: str, real_time: bool) -> Rig: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def ids(self) -> list[int]: ...
+    @property
+    def cameras(self) -> list[str]: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def engaged(self) -> bool: ...
+    @property
+    def commanded(self) -> _Floats | None: ...
+    def meet(self) -> list[Literal["homed", "lost", "never"]]: ...
+    def home(self, recall: bool) -> None: ...
+    def engage(self) -> None: ...
+    def release(self) -> None: ...
+    def goals(self, command: _Floats) -> NDArray[np.int32]: ...
+    def state(self) -> list[_Reading]: ...
+    def step(self, command: _Floats) -> list[_Reading]: ...
+    def move_to(self, command: _Floats) -> None: ...
+    def go_home(self) -> None: ...
+    def grab(self) -> _Pictures: ...
+    def measure(self, voxel: float) -> tuple[list[float], list[float], _Cloud, _Pictures]: ...
+    @property
+    def tension(self) -> tuple[float, float]: ...
+    def draw(self, seed: int) -> _Floats: ...
+    def cloud(self, voxel: float) -> _Cloud: ...
+    def capture(
+        self,
+        out: str,
+        commands: int,
+        points: int,
+        voxel: float,
+        seed: int,
+        sentinel_every: int,
+        progress: _Progress = None,
+    ) -> str: ...
 
 @final
 class BatchSimulation:

@@ -20,7 +20,7 @@ from tdcr.loads import LoadRows, Loads
 from tdcr.robot import Robot
 from tdcr.statics import Equilibria, Equilibrium
 
-Integrator = Literal["semi-implicit-euler", "runge-kutta4", "implicit-euler"]
+Integrator = Literal["semi-implicit-euler", "runge-kutta4", "implicit-euler", "implicit-midpoint"]
 """How a step is taken: first order with implicit joint damping, as MuJoCo's Euler; fourth order, explicit; or first order with
 implicit stiffness too, for stiff robots."""
 

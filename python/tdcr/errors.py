@@ -51,6 +51,10 @@ class TrainError(TdcrError, RuntimeError):
     """Training cannot start, or diverged; or a model does not fit its use."""
 
 
+class RigError(TdcrError, RuntimeError):
+    """A rig's file does not describe one, a part of it fails, or something made it release the tension."""
+
+
 class SweepError(TdcrError, RuntimeError):
     """A condition of a sweep could not be computed, as its worker died again and again."""
 

@@ -25,20 +25,22 @@ def _three(vector: Sequence[float], name: str) -> Vector:
 
 @dataclass(frozen=True)
 class Wrench:
-    """A force and a moment on a disc.
+    """A force and a moment on a disc, or on a point fixed to it.
 
     Attributes:
         disc: The disc, from 0 at the base.
-        force: Force on the disc's origin (N).
+        force: Force on the point (N).
         moment: Moment (N m).
         frame: The frame that both are given in and keep their direction in: ``"world"``, or ``"disc"`` for a wrench that turns
             with its disc.
+        point: The point that the force acts on, in the disc's frame whatever ``frame`` is (m).
     """
 
     disc: int
     force: Vector = (0.0, 0.0, 0.0)
     moment: Vector = (0.0, 0.0, 0.0)
     frame: Literal["world", "disc"] = "world"
+    point: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,8 @@ class Loads:
                 raise LoadsError(f"a wrench is given in the frame {wrench.frame!r}; expected 'world' or 'disc'")
             disc = as_count(wrench.disc, "disc of a wrench")
             force, moment = _three(wrench.force, "force"), _three(wrench.moment, "moment")
-            wrenches.append((disc, force, moment, wrench.frame == "disc"))
+            point = _three(wrench.point, "point")
+            wrenches.append((disc, point, force, moment, wrench.frame == "disc"))
         offset, line = _three(self.payload_offset, "payload_offset"), _three(self.line, "line")
         native = _tdcr.Loads(float(self.payload), offset, wrenches, line)
         object.__setattr__(self, "_native", native)

@@ -1,20 +1,21 @@
-"""Scores of predicted clouds beside trivial predictors and the sampling floor."""
+"""Scores of predicted clouds beside trivial predictors and the sampling floor; data sets beside each other."""
 
 from __future__ import annotations
 
 import json
 import os
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from tdcr import _tdcr
-from tdcr._arrays import Progress, as_array, as_count, as_float
+from tdcr._arrays import Progress, as_array, as_count, as_float, as_number, maybe_count
 from tdcr._files import as_file, write_whole
 from tdcr.data import Dataset, PathLike, as_seed, folder_of
 from tdcr.errors import InputError
 from tdcr.metrics import as_clouds
 from tdcr.predictor import Method, Precision, Predictor, sampler_options
+from tdcr.robot import Robot
 
 
 def evaluate(
@@ -108,6 +109,73 @@ def evaluate(
         write_whole(page, html.encode())
     results: dict[str, Any] = json.loads(text)
     return results
+
+
+def compare(
+    a: Dataset | PathLike,
+    b: Dataset | PathLike | None = None,
+    *,
+    robot: Robot | PathLike | dict[str, Any] | None = None,
+    base: bool = False,
+    match: Literal["condition", "index"] = "condition",
+    tolerance: float = 1e-3,
+    split: Literal["all", "train", "val", "test"] = "all",
+    points: int | None = None,
+    emd_points: int | None = None,
+    worst: int = 5,
+    seed: int = 0,
+    report: PathLike | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Compares two data sets, or a captured one with the simulator, configuration by configuration; as ``tdcr compare``.
+
+    Args:
+        a: A data set, or its folder.
+        b: Another one; by default what the simulator sees under the commands and payloads of ``a``, with perfect cameras.
+        robot: The robot to simulate where there is no ``b``; that of ``a`` by default.
+        base: Whether the simulator's cameras see the base, where ``a`` does not say.
+        match: How samples are paired: those of equal commands and payloads, or of one index in one split.
+        tolerance: Largest difference of a number of two conditions that count as equal, as a part of its range in both.
+        split: Which samples to compare.
+        points: Points of each cloud that the Chamfer distance is computed on; by default as many as the smaller clouds have, at
+            most 10,000.
+        emd_points: Points of each cloud that the exact earth mover's distances are computed on; as many by default, at most
+            2,000.
+        worst: How many of the worst configurations, by Chamfer distance, to list and to show in the report.
+        seed: Seed of the points that are compared.
+        report: An HTML page to write: table, pictures of both clouds over each other, a 3-D view of the worst.
+        progress: Is called with the number of configurations compared since its last call.
+
+    Returns:
+        What ``tdcr compare --json`` prints: of ``cd`` and ``emd_squared`` (m²), ``emd`` and ``tip`` (m) mean, median and other
+        quantiles; ``configurations`` with the distances of each; ``worst``, places of the worst in that list.
+
+    Raises:
+        InputError: For data sets without a configuration in common, a robot that nobody names, and more points than there are.
+        DataError: For a data set that cannot be read, and a robot that does not settle.
+    """
+    if b is not None and (robot is not None or base):
+        raise InputError("robot and base are of the simulator; two data sets are compared")
+    if not 0.0 <= as_number(tolerance, "tolerance") <= 1.0:
+        raise InputError(f"tolerance is {tolerance}; expected 0 to 1")
+    options = {
+        "base": bool(base),
+        "match": match,
+        "tolerance": as_number(tolerance, "tolerance"),
+        "split": split,
+        "points": maybe_count(points, "points"),
+        "emd_points": maybe_count(emd_points, "emd_points"),
+        "worst": as_count(worst, "worst"),
+        "seed": as_seed(seed),
+        "report": report is not None,
+    }
+    page = None if report is None else as_file(report, "report", ".html")
+    first, second = folder_of(a), None if b is None else folder_of(b)
+    simulated = None if robot is None else Robot(robot)._native
+    text, html = _tdcr.compare(first, second, simulated, options, progress=progress)
+    if page is not None and html is not None:
+        write_whole(page, html.encode())
+    return {"a": first, "b": second, **json.loads(text)}
 
 
 def _scored(predictions: Any, colors: Any, commands: Any) -> Any:

@@ -108,7 +108,7 @@ def render(
         as_count(seed, "seed", 0, 2**64 - 1),
         as_count(index, "index"),
     )
-    return [_view(view) for view in views]
+    return [as_view(view) for view in views]
 
 
 def cloud(
@@ -174,7 +174,8 @@ def _configuration(robot: Robot, at: Any, name: str) -> Floats:
     return as_quaternions(rotations, name, (robot.discs, 4))
 
 
-def _view(view: _tdcr.View) -> View:
+def as_view(view: _tdcr.View) -> View:
+    """A picture of the native module."""
     fx, fy, cx, cy = view.intrinsics
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     distortion = np.array(view.distortion)

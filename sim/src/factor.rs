@@ -18,6 +18,12 @@
     reason = "an index names one joint or slot in several arrays"
 )]
 
+mod loaded;
+mod unsymmetric;
+
+pub(crate) use loaded::{LoadedFactor, has_positive_part};
+pub(crate) use unsymmetric::{ChainLu, ChainMatrix, Side};
+
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 use crate::energy::{Columns, Expansion, noncommuting};

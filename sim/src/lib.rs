@@ -38,6 +38,7 @@
 //! - [`statics`]: command to equilibrium, one at a time, along paths, in batches and sweeps.
 //! - [`tendon_friction`]: paths of equilibria with friction between tendons and holes.
 //! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
+//! - [`curve`]: the backbone between the discs; [`reactions`]: what the joints transmit.
 //! - [`dynamics`]: motion in time: steps, rollouts, and their derivatives.
 //! - [`simulation`]: one way to drive a robot, at rest, with friction or in motion; [`pose`]: where it is.
 //! - [`inverse`]: from a target shape to the command, from measured positions to the robot.
@@ -60,6 +61,7 @@ mod backbone;
 pub mod camera;
 pub mod chain;
 pub mod cloud;
+pub mod curve;
 pub mod dynamics;
 mod energy;
 mod factor;
@@ -70,6 +72,7 @@ pub mod inverse;
 mod lens;
 mod model_tangent;
 pub mod pose;
+pub mod reactions;
 pub mod render;
 pub mod robot;
 pub mod sensitivity;

@@ -1,6 +1,6 @@
 //! Where a robot is, at rest or in motion: what cameras, sensors and controllers see of it; derivatives by it.
 
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use crate::chain::{Chain, Configuration};
 use crate::robot::Robot;
@@ -43,6 +43,90 @@ pub struct PoseTangent {
     pub position: Vector3<f64>,
     /// Of the orientation: a rotation vector (rad).
     pub rotation: Vector3<f64>,
+}
+
+/// A frame fixed to a disc: a gripper, a marker, the tip's face.
+///
+/// ```
+/// use tdcr_sim::pose::ToolFrame;
+/// use tdcr_sim::robot::{Loads, Robot};
+///
+/// let robot = Robot::load("2m")?;
+/// let (command, loads) = (robot.mean_command(), Loads::default());
+/// let settled = robot.settle(&command, &loads);
+/// let tool = ToolFrame::tip_face(&robot);
+/// println!("{}", tool.pose(&settled.pose()));
+/// // How it moves with a force and a moment on it.
+/// let compliance = robot.sensitivity(&command, &loads, &settled)?.compliance(&tool)?;
+/// assert!(compliance[(0, 0)] > 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToolFrame {
+    /// The disc, from 0 at the base.
+    pub disc: usize,
+    /// The frame in that of the disc (m).
+    pub in_disc: Isometry3<f64>,
+}
+
+impl ToolFrame {
+    /// The centre of the distal disc's upper face, its axes along the disc's.
+    pub fn tip_face(robot: &Robot) -> Self {
+        let height = robot.discs().last().map_or(0.0, |disc| disc.half_height);
+        Self {
+            disc: robot.discs().len().saturating_sub(1),
+            in_disc: Isometry3::translation(0.0, 0.0, height),
+        }
+    }
+
+    /// The frame in the world (m).
+    ///
+    /// # Panics
+    /// For a disc that the robot does not have; so do the functions below.
+    pub fn pose(&self, pose: &Pose) -> Isometry3<f64> {
+        pose.disc(self.disc) * self.in_disc
+    }
+
+    /// The frame's origin from that of its disc, world axes (m).
+    pub fn arm(&self, pose: &Pose) -> Vector3<f64> {
+        pose.orientations[self.disc] * self.in_disc.translation.vector
+    }
+
+    /// The frame's tangent, given that of its disc.
+    pub fn tangent(&self, pose: &Pose, disc: &PoseTangent) -> PoseTangent {
+        PoseTangent {
+            position: disc.position + disc.rotation.cross(&self.arm(pose)),
+            rotation: disc.rotation,
+        }
+    }
+
+    /// The disc's cotangent, given that of the frame: what [`Sensitivity::vjp`](crate::sensitivity::Sensitivity::vjp) and
+    /// [`joint_cotangent`] take.
+    pub fn cotangent(&self, pose: &Pose, frame: &PoseTangent) -> PoseTangent {
+        PoseTangent {
+            position: frame.position,
+            rotation: frame.rotation + self.arm(pose).cross(&frame.position),
+        }
+    }
+
+    /// The frame's Jacobian by the joints' turns `q exp(dq)`, each in its disc's own frame: six rows, the origin (m) and the
+    /// rotation (rad) in the world, `3 n` columns (rad).
+    pub fn joint_jacobian(&self, robot: &Robot, configuration: &Configuration) -> DMatrix<f64> {
+        let mut chain = Chain::new(robot);
+        chain.place(robot, configuration);
+        let origin =
+            chain.positions[self.disc] + chain.disc(self.disc) * self.in_disc.translation.vector;
+        let mut jacobian = DMatrix::zeros(6, robot.dof());
+        for joint in 0..=self.disc {
+            let axes = chain.disc(joint);
+            let arm = origin - chain.centres[joint];
+            let mut shift = jacobian.fixed_view_mut::<3, 3>(0, 3 * joint);
+            shift.copy_from(&(-arm.cross_matrix() * axes));
+            let mut turn = jacobian.fixed_view_mut::<3, 3>(3, 3 * joint);
+            turn.copy_from(axes);
+        }
+        jacobian
+    }
 }
 
 /// Derivative of a cost by a turn of an orientation, a rotation vector in the world frame, given that by the numbers

@@ -44,7 +44,11 @@ fn stepping_allocates_nothing_after_the_first_step() {
         let robot = Robot::load(name).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let commands: Vec<_> = (0..500).map(|_| robot.random_command(&mut rng)).collect();
-        for integrator in [Integrator::SemiImplicitEuler, Integrator::RungeKutta4] {
+        for integrator in [
+            Integrator::SemiImplicitEuler,
+            Integrator::RungeKutta4,
+            Integrator::ImplicitMidpoint,
+        ] {
             let mut stepper = Stepper::new(&robot, 0.002, integrator).unwrap();
             let mut state = State::straight(&robot);
             stepper.step(&mut state, &commands[0], &loads).unwrap();

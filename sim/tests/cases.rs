@@ -77,6 +77,7 @@ impl Case {
         for wrench in &self.wrenches {
             let wrench = Wrench {
                 disc: wrench.disc,
+                point: [0.0; 3],
                 force: wrench.force,
                 moment: wrench.moment,
                 frame: match wrench.frame {

@@ -32,6 +32,7 @@ fn random_loads(robot: &Robot, rng: &mut impl Rng) -> Loads {
     ] {
         let wrench = Wrench {
             disc,
+            point: three(0.02),
             force: three(0.05),
             moment: three(2e-3),
             frame,
@@ -116,8 +117,10 @@ fn moment_about_joint(
             Frame::World => nalgebra::UnitQuaternion::identity(),
             Frame::Disc => settled.orientations[wrench.disc],
         };
+        let point =
+            place(wrench.disc) + settled.orientations[wrench.disc] * Vector3::from(wrench.point);
         moment += turn * Vector3::from(wrench.moment)
-            + (place(wrench.disc) - joint).cross(&(turn * Vector3::from(wrench.force)));
+            + (point - joint).cross(&(turn * Vector3::from(wrench.force)));
     }
     let above = |waypoint: Waypoint| matches!(waypoint.0, Body::Disc(i) if i >= disc);
     for (tendon, tension) in robot.tendons().iter().zip(&settled.tendon_tensions) {
@@ -368,4 +371,72 @@ fn a_wrench_on_a_disc_that_is_not_there_is_refused() {
         ..Wrench::none(0, Frame::Disc)
     };
     assert!(Loads::default().with_wrench(nan).is_err());
+}
+
+/// A force off a disc's origin is the force there and its moment about the origin, in either frame where the disc rests.
+#[test]
+fn a_force_on_a_point_is_a_force_and_a_moment_on_the_origin() {
+    let robot = driven(Drive::Gain(500.0), [0.0, 0.04], Pull::Bilateral);
+    let command = robot
+        .command(&[0.01, 0.02, 0.02, 0.02, 0.01, 0.02])
+        .unwrap();
+    for frame in [Frame::World, Frame::Disc] {
+        let push = Wrench {
+            point: [0.01, -0.02, 0.015],
+            force: [0.1, 0.05, -0.08],
+            moment: [1e-3, 0.0, 2e-3],
+            ..Wrench::none(7, frame)
+        };
+        let settled = robot.settle(&command, &Loads::default().with_wrench(push).unwrap());
+        assert!(settled.converged);
+        // Of a force that keeps its direction the moment is that of the disc where it rests.
+        let [point, force] = [push.point, push.force].map(Vector3::from);
+        let turned = match frame {
+            Frame::World => settled.orientations[7] * point,
+            Frame::Disc => point,
+        };
+        let same = Wrench {
+            point: [0.0; 3],
+            moment: (Vector3::from(push.moment) + turned.cross(&force)).into(),
+            ..push
+        };
+        let loads = Loads::default().with_wrench(same).unwrap();
+        let other = robot.settle(&command, &loads);
+        assert!(other.converged);
+        for (p, q) in settled.positions.iter().zip(&other.positions) {
+            assert!((p - q).norm() < 1e-8, "{frame:?}: {p} {q}");
+        }
+    }
+}
+
+#[test]
+fn a_wrench_on_the_backbone_is_shared_by_the_discs_about_it() {
+    let robot = Robot::load("2m").unwrap();
+    let origins = robot.arc_lengths();
+    let (force, moment) = ([1.0, 2.0, 3.0], [0.1, 0.2, 0.3]);
+    let at = |arc_length: f64| {
+        Loads::default().with_backbone_wrench(&robot, arc_length, force, moment, Frame::World)
+    };
+    let between = at(0.25 * origins[3] + 0.75 * origins[4]).unwrap();
+    let [below, above] = between.wrenches() else {
+        panic!("{between:?}")
+    };
+    assert_eq!((below.disc, above.disc), (3, 4));
+    let pitch = origins[4] - origins[3];
+    for (wrench, share, height) in [(below, 0.25, 0.75), (above, 0.75, -0.25)] {
+        assert!((wrench.force[1] - 2.0 * share).abs() < 1e-12);
+        assert!((wrench.moment[2] - 0.3 * share).abs() < 1e-12);
+        assert!((wrench.point[2] - height * pitch).abs() < 1e-12);
+    }
+    // On a disc alone; below the first, the base bears its share.
+    let on_disc = at(origins[9]).unwrap();
+    assert_eq!(on_disc.wrenches().len(), 1);
+    assert_eq!(on_disc.wrenches()[0].point, [0.0; 3]);
+    let low = at(0.5 * origins[0]).unwrap();
+    assert_eq!(low.wrenches().len(), 1);
+    assert!((low.wrenches()[0].force[0] - 0.5).abs() < 1e-12);
+    assert!(at(0.0).unwrap().wrenches().is_empty());
+    let error = at(origins[9] + 0.1).unwrap_err().to_string();
+    assert!(error.starts_with("a wrench acts at"), "{error}");
+    assert!(at(f64::NAN).is_err() && at(-1e-3).is_err());
 }

@@ -141,6 +141,7 @@ fn targets_are_reached_under_loads() {
     let robot = Robot::new(spec).unwrap();
     let push = Wrench {
         disc: 6,
+        point: [0.02, 0.0, 0.01],
         force: [0.05, -0.1, 0.02],
         moment: [1e-3, 0.0, 2e-3],
         frame: Frame::Disc,

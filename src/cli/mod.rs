@@ -1,19 +1,29 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
+mod calibrate_cameras;
+mod capture;
 mod collect;
 mod commands;
+mod compare;
 mod console;
 mod data;
 mod demo;
 mod distill;
 mod eval;
 mod export;
+mod home;
+mod jog;
+mod keys;
 mod loads;
+mod log;
 mod output;
 mod predict;
+mod pretension;
 mod printable;
 mod reach;
 mod render;
+mod scan;
+mod servo_sim;
 mod settle;
 mod settle_many;
 mod simulate;
@@ -75,9 +85,18 @@ enum Command {
     Distill(distill::DistillArgs),
     Predict(predict::PredictArgs),
     Eval(eval::EvalArgs),
+    Compare(compare::CompareArgs),
     Demo(demo::DemoArgs),
     Export(export::ExportArgs),
     Render(render::RenderArgs),
+    CalibrateCameras(calibrate_cameras::CalibrateCamerasArgs),
+    ServoSim(servo_sim::ServoSimArgs),
+    Scan(scan::ScanArgs),
+    Home(home::HomeArgs),
+    Pretension(pretension::PretensionArgs),
+    Jog(jog::JogArgs),
+    Capture(capture::CaptureArgs),
+    Log(log::LogArgs),
 }
 
 /// Which robot.
@@ -249,9 +268,18 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Distill(args) => distill::run(args, &console),
         Command::Predict(args) => predict::run(args, &console),
         Command::Eval(args) => eval::run(args, &console),
+        Command::Compare(args) => compare::run(args, &console),
         Command::Demo(args) => demo::run(args, &console),
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
+        Command::CalibrateCameras(args) => calibrate_cameras::run(args, &console),
+        Command::ServoSim(args) => servo_sim::run(args, &console),
+        Command::Scan(args) => scan::run(args, &console),
+        Command::Home(args) => home::run(args, &console),
+        Command::Pretension(args) => pretension::run(args, &console),
+        Command::Jog(args) => jog::run(args, &console),
+        Command::Capture(args) => capture::run(args, &console),
+        Command::Log(args) => log::run(args, &console),
     }
 }
 

@@ -56,8 +56,10 @@ enum Method {
     SemiImplicitEuler,
     /// Fourth order, explicit
     RungeKutta4,
-    /// First order, stiffness implicit too: for stiff robots
+    /// First order, stiffness implicit too: for stiff robots; damps
     ImplicitEuler,
+    /// Second order, implicit, without damping of its own: for stiff robots
+    ImplicitMidpoint,
 }
 
 impl From<Method> for Integrator {
@@ -66,6 +68,7 @@ impl From<Method> for Integrator {
             Method::SemiImplicitEuler => Self::SemiImplicitEuler,
             Method::RungeKutta4 => Self::RungeKutta4,
             Method::ImplicitEuler => Self::ImplicitEuler,
+            Method::ImplicitMidpoint => Self::ImplicitMidpoint,
         }
     }
 }

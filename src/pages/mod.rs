@@ -1,12 +1,15 @@
-//! The pages that the command line and the Python package write: of an evaluation, of data sets, of the demo.
+//! The pages that the command line and the Python package write: of an evaluation, of data sets, of the demo, of
+//! two data sets beside each other.
 //!
 //! Here the results of the [`pipeline`](crate::pipeline) become the plain data of a [`report`](crate::report).
 
+mod comparison;
 mod data_sets;
 mod demo;
 mod evaluation;
 mod set_info;
 
+pub use comparison::comparison_page;
 pub use data_sets::{CLOUDS_SHOWN, DataDrawing};
 pub use demo::{Demo, DemoMetrics, DemoSettings, demo};
 pub use evaluation::{Evaluated, evaluation_page, headline};

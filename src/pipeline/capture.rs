@@ -129,7 +129,11 @@ impl Record {
             time: captured.time.as_secs_f64(),
             command: captured.command.clone(),
             ticks: captured.goals.iter().map(|goal| goal.0).collect(),
-            positions: captured.states.iter().map(|state| state.position.0).collect(),
+            positions: captured
+                .states
+                .iter()
+                .map(|state| state.position.0)
+                .collect(),
             pulls: captured.states.iter().map(|state| state.pull).collect(),
             points: captured.cloud.len(),
             skew: captured.skew.as_secs_f64(),
@@ -170,7 +174,10 @@ impl CaptureSettings {
             commands,
             ..
         } = rig.spec();
-        let sensors: Vec<_> = cameras.iter().map(|camera| (&camera.serial, camera.sensor)).collect();
+        let sensors: Vec<_> = cameras
+            .iter()
+            .map(|camera| (&camera.serial, camera.sensor))
+            .collect();
         // What a data set depends on: ports and speeds are none of it.
         let settings = json!({
             "ids": servos.ids,
@@ -236,7 +243,11 @@ pub fn capture(
     let (journal, entries) = Journal::open(&dir.join(JOURNAL), &key)?;
     entries.iter().for_each(|entry| report.count(entry));
     if missing > 0 {
-        monitor.begin("capture", settings.count as u64, (settings.count - missing) as u64);
+        monitor.begin(
+            "capture",
+            settings.count as u64,
+            (settings.count - missing) as u64,
+        );
         let reference = entries.into_iter().find_map(|entry| match entry {
             Entry::Sentinel { sentinel, .. } => Some(sentinel),
             _ => None,
@@ -265,7 +276,9 @@ pub fn capture(
         std::thread::scope(|scope| {
             let writer = scope.spawn(|| write(&collector, blocks_in));
             let captured = recorder.run(session, blocks, blocks_out);
-            let written = writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            let written = writer
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             written?;
             captured
         })?;
@@ -309,7 +322,10 @@ impl Recorder<'_> {
             for index in block {
                 if let Some(rested) = session.cool()? {
                     let seconds = rested.as_secs_f64();
-                    self.add(&Entry::Rest { before: index, seconds })?;
+                    self.add(&Entry::Rest {
+                        before: index,
+                        seconds,
+                    })?;
                 }
                 if since >= self.settings.sentinel_every {
                     self.look(&mut session, index)?;
@@ -325,7 +341,9 @@ impl Recorder<'_> {
             }
         }
         self.look(&mut session, last)?;
-        session.end().map_err(|error| PipelineError::Capture(error.into()))
+        session
+            .end()
+            .map_err(|error| PipelineError::Capture(error.into()))
     }
 
     fn look(&mut self, session: &mut Session<'_>, before: usize) -> Result<(), PipelineError> {
@@ -342,7 +360,11 @@ impl Recorder<'_> {
         rng.set_stream(index as u64 | 1 << 63);
         Ok(Sample {
             condition: Condition {
-                motors: captured.command.iter().map(|&command| command as f32).collect(),
+                motors: captured
+                    .command
+                    .iter()
+                    .map(|&command| command as f32)
+                    .collect(),
                 payload: None,
             },
             cloud: captured.cloud.sample_or_pad(self.settings.points, &mut rng),
@@ -354,3 +376,6 @@ impl Recorder<'_> {
         self.journal.add(entry)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -216,7 +216,10 @@ pub fn merge(parts: &[PathBuf], out: &Path, monitor: &dyn Monitor) -> Result<Met
 }
 
 /// Tells `monitor` of a stage whose steps are called out, those done and those in all; breaks off when it says so.
-pub(super) fn stage(name: &'static str, monitor: &dyn Monitor) -> impl FnMut(usize, usize) -> ControlFlow<()> {
+pub(super) fn stage(
+    name: &'static str,
+    monitor: &dyn Monitor,
+) -> impl FnMut(usize, usize) -> ControlFlow<()> {
     let mut begun = false;
     move |done, steps| {
         if !begun {

@@ -112,7 +112,7 @@ pub(super) fn subset(count: usize, points: &[[f32; 3]], rng: &mut impl Rng) -> V
 }
 
 /// CD of one pair of clouds, earth mover's distances of another.
-fn distances(
+pub(super) fn distances(
     [cloud, truth]: [&[[f32; 3]]; 2],
     [few_of_cloud, few_of_truth]: [&[[f32; 3]]; 2],
 ) -> Result<Distances, MetricError> {

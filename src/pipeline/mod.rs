@@ -1,11 +1,13 @@
 //! The stages of a study, from commands to scores, as library calls that the command line wraps.
 //!
-//! [`collect`] makes a data set (or parts of one, for [`merge`]), [`train`] a network, an [`Evaluator`] scores it. Each tells a
+//! [`collect`] makes a data set (or parts of one, for [`merge`]), [`train`] a network, an [`Evaluator`] scores it; a [`Comparer`]
+//! sets two data sets beside each other. Each tells a
 //! [`Monitor`] how far it is and stops when the monitor says so, leaving files from which the same
 //! call resumes.
 
 mod capture;
 mod collect;
+mod compare;
 mod contestant;
 mod eval_settings;
 mod evaluate;
@@ -15,6 +17,7 @@ mod log;
 mod measure;
 mod metrics;
 mod monitor;
+mod pairing;
 mod plan;
 mod preset;
 mod scores;
@@ -26,14 +29,19 @@ mod train;
 
 pub use capture::{CaptureReport, CaptureSettings, capture};
 pub use collect::{CollectSettings, CollectTimes, collect, merge};
+pub use compare::{
+    CompareSettings, Comparer, Comparison, Configuration, Counterpart, Spread, TipSource,
+};
 pub use eval_settings::EvalSettings;
 pub use evaluate::Evaluator;
 pub use metrics::{DistanceQuantiles, Metrics, OtherMetrics, Results, WorstTest};
 pub use monitor::{Monitor, Silent};
+pub use pairing::{Pairing, Place};
 pub use plan::{SamplerPlan, TrainPlan};
 pub use preset::{Length, Preset, Rates, distillation};
 pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
 pub use survey::{Survey, Tips};
+pub use tip::seen_tip;
 pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, model_path, train};
 
 use std::fs::File;
@@ -210,6 +218,41 @@ pub enum PipelineError {
         found: usize,
         /// Points that are to be compared.
         expected: usize,
+    },
+    /// Two data sets that are compared have commands of different lengths.
+    #[error(
+        "commands of the first data set have {} numbers, those of the second {}: expected data sets of robots with as many \
+         motors",
+        found[0],
+        found[1]
+    )]
+    OtherMotors {
+        /// Motors of each.
+        found: [usize; 2],
+    },
+    /// No configuration is in both of two data sets.
+    #[error(
+        "no configuration of the first data set is one of the second within {tolerance} of each motor's range: expected the \
+         same commands and payloads, in the same units; --tolerance allows larger differences, --match index pairs samples by \
+         their places"
+    )]
+    NothingInCommon {
+        /// Allowed difference, as a part of a motor's range.
+        tolerance: f64,
+    },
+    /// No index is in both of two data sets.
+    #[error(
+        "no sample of the first data set has the place of one in the second: expected samples in the same split"
+    )]
+    NoCommonIndex,
+    /// A data set does not say which robot it shows, and that is to be simulated.
+    #[error(
+        "{} does not say which robot it shows, so that it cannot be simulated: name the robot (--robot), or a second data set",
+        path.display()
+    )]
+    NoRobot {
+        /// Folder of the data set.
+        path: PathBuf,
     },
     /// More points are to be compared than there are.
     #[error("{found} points are to be compared; expected 1 to {most}, as many as there are")]

@@ -45,6 +45,31 @@ impl Simulation {
             .cloned()
     }
 
+    /// Points of a cloud.
+    pub fn points(&self) -> usize {
+        self.points
+    }
+
+    /// What the cameras see under a condition, in a phase of pixels and voxels of its own: a function of `seed` and `index`.
+    pub fn view(
+        &self,
+        condition: &Condition,
+        seed: u64,
+        index: usize,
+    ) -> Result<PointCloud, SimulateError> {
+        let (mut simulator, mut rng) = self.displaced(seed, index);
+        simulator.cloud(condition, self.points, &mut rng)
+    }
+
+    /// A simulator with its pixels and voxels in a random phase, and what drew it.
+    fn displaced(&self, seed: u64, index: usize) -> (Simulator, ChaCha8Rng) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(STREAMS | index as u64);
+        let mut simulator = Simulator::new(&self.robot, &self.recipe);
+        simulator.displace(&mut rng);
+        (simulator, rng)
+    }
+
     /// Other samples of the surface of test command `index`, a function of `seed` and `index`.
     pub fn see_again(
         &self,
@@ -52,10 +77,7 @@ impl Simulation {
         seed: u64,
         index: usize,
     ) -> Result<Again, SimulateError> {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        rng.set_stream(STREAMS | index as u64);
-        let mut simulator = Simulator::new(&self.robot, &self.recipe);
-        simulator.displace(&mut rng);
+        let (mut simulator, mut rng) = self.displaced(seed, index);
         Ok(Again {
             view: simulator.cloud(condition, self.points, &mut rng)?,
             independent: simulator.independent_points(condition, self.points, &mut rng)?,

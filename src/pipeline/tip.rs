@@ -1,8 +1,12 @@
 //! How far a predicted tip is from the true one.
 
-use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion, Vector3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use tdcr_learn::metrics::{Link, MetricError, lay_chain_onto, lay_onto};
-use tdcr_sim::robot::Robot;
+use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid};
+use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::statics::Equilibrium;
 
 /// Links of the chain at the most. A longer robot has several neighbouring discs to a link: a step of the fit takes time in
@@ -16,6 +20,9 @@ const PREDICTED_PER_LINK: usize = 300;
 const FEWEST: usize = 4;
 /// Points of the last disc that are laid onto the predicted cloud, at the most.
 const LAID: usize = 400;
+/// Points of clouds of which the tip is sought, and edge (m) of the voxels that thin the simulated one.
+const POINTS: usize = 4000;
+const VOXEL: f64 = 0.002;
 
 /// Distance (m) of the predicted tip from the true one: how far the origin of the last disc moves with the rigid motion that
 /// lays the points of the true cloud on that disc onto the predicted cloud ([`lay_onto`]). The motion starts where the
@@ -38,6 +45,22 @@ pub(super) fn tip_error(
     truth: &[[f32; 3]],
     predicted: &[[f32; 3]],
 ) -> Result<Option<f64>, MetricError> {
+    let tip = Point3::from(settled.positions[robot.discs().len() - 1]);
+    let motion = tip_motion(robot, settled, truth, predicted)?;
+    Ok(motion.map(|motion| (motion * tip - tip).norm()))
+}
+
+/// The rigid motion (m) that takes the last disc from where it is in `settled`, whose cloud is `truth`, to where the cloud `seen`
+/// shows it, found as [`tip_error`] says. `None` where `truth` shows too little of the last disc.
+///
+/// # Errors
+/// [`MetricError`] for clouds without points, or points that are not finite.
+pub fn tip_motion(
+    robot: &Robot,
+    settled: &Equilibrium,
+    truth: &[[f32; 3]],
+    seen: &[[f32; 3]],
+) -> Result<Option<Isometry3<f64>>, MetricError> {
     let bodies = Bodies { robot, settled };
     let discs = robot.discs().len();
     let (mut base, mut on_tip) = (Vec::new(), Vec::new());
@@ -61,11 +84,39 @@ pub(super) fn tip_error(
     if on_tip.len() < FEWEST {
         return Ok(None);
     }
-    let count = predicted.len().min(PREDICTED_PER_LINK * chain.len());
-    let motions = lay_chain_onto(&base, &chain, &predicted[..count])?;
-    let motion = lay_onto(&on_tip, predicted, motions[chain.len() - 1])?;
-    let tip = Point3::from(settled.positions[discs - 1]);
-    Ok(Some((motion * tip - tip).norm()))
+    let count = seen.len().min(PREDICTED_PER_LINK * chain.len());
+    let motions = lay_chain_onto(&base, &chain, &seen[..count])?;
+    Ok(Some(lay_onto(&on_tip, seen, motions[chain.len() - 1])?))
+}
+
+/// Pose (m, world) of the last disc in a cloud (m) that cameras took of a robot which should stand as the simulator says under
+/// `command`: the simulated shape is laid onto the cloud, as [`tip_error`] says. `None` where it does not settle, or its own
+/// cloud shows too little of the last disc.
+///
+/// # Errors
+/// [`MetricError`] for a cloud without points, or points that are not finite.
+pub fn seen_tip(
+    robot: &Robot,
+    command: &Command,
+    seen: &PointCloud,
+) -> Result<Option<Isometry3<f64>>, MetricError> {
+    let settled = robot.settle(command, &Loads::default());
+    if !settled.converged {
+        return Ok(None);
+    }
+    let mut observer = Observer::new(robot, BaseVisibility::Hidden, VoxelGrid::new(VOXEL));
+    // Points in random order, of a seed: equal clouds give equal poses.
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let expected = observer.observe(&settled);
+    let expected = expected.sample_or_pad(POINTS, &mut rng).points;
+    if expected.is_empty() {
+        return Ok(None);
+    }
+    let seen = seen.sample_or_pad(POINTS, &mut rng).points;
+    let motion = tip_motion(robot, &settled, &expected, &seen)?;
+    let last = robot.discs().len() - 1;
+    let pose = Isometry3::from_parts(settled.positions[last].into(), settled.orientations[last]);
+    Ok(motion.map(|motion| motion * pose))
 }
 
 /// The base and the discs of a robot at rest.
@@ -119,11 +170,8 @@ impl Bodies<'_> {
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
-    use rand::{RngExt, SeedableRng};
-    use rand_chacha::ChaCha8Rng;
-    use tdcr_sim::cloud::{Observer, VoxelGrid};
-    use tdcr_sim::render::BaseVisibility;
-    use tdcr_sim::robot::{Loads, RobotSpec};
+    use rand::RngExt;
+    use tdcr_sim::robot::RobotSpec;
 
     use super::*;
 

@@ -10,6 +10,7 @@ mod chart;
 mod closing;
 mod color_scale;
 mod command_space;
+mod comparison;
 mod count;
 mod curves;
 mod data_page;
@@ -24,6 +25,7 @@ mod sheet;
 mod viewer;
 
 pub use axis::Spacing;
+pub use comparison::{ComparisonPage, Measure};
 pub use count::counted;
 pub use data_page::{DataPage, SetSummary};
 pub use figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
@@ -179,7 +181,10 @@ impl Report {
                 ("headline", &html::escape(&self.headline)),
                 ("style", &sections::style()),
                 ("scores", &sections::scores(self)),
-                ("viewer", &sections::viewer(&self.examples)),
+                (
+                    "viewer",
+                    &sections::viewer(&self.examples, &sections::evaluation_boxes()),
+                ),
                 ("pictures", &sections::pictures(self)),
                 (
                     "distribution",

@@ -89,8 +89,55 @@ pub(crate) fn scores(report: &Report) -> String {
     )
 }
 
+/// A cloud that the viewer can show.
+pub(crate) struct CloudBox<'a> {
+    /// Its name in the viewer's data.
+    cloud: &'static str,
+    /// Class of its colour.
+    class: &'static str,
+    /// What it is called.
+    label: &'a str,
+    /// Whether it is shown at first.
+    shown: bool,
+}
+
+impl<'a> CloudBox<'a> {
+    /// A cloud that is shown at first.
+    pub fn new(cloud: &'static str, class: &'static str, label: &'a str) -> Self {
+        Self {
+            cloud,
+            class,
+            label,
+            shown: true,
+        }
+    }
+
+    fn html(&self) -> String {
+        let checked = if self.shown { " checked" } else { "" };
+        format!(
+            "<label><input type=\"checkbox\" data-cloud=\"{}\"{checked}><i class=\"dot {}\"></i>{}</label>\n",
+            self.cloud,
+            self.class,
+            escape(self.label)
+        )
+    }
+}
+
+/// The clouds of an evaluation.
+pub(crate) fn evaluation_boxes() -> [CloudBox<'static>; 3] {
+    let nearest = CloudBox::new("nearest", "nearest", "Nearest training command");
+    [
+        CloudBox::new("truth", "truth", "Truth"),
+        CloudBox::new("prediction", "network", "Prediction"),
+        CloudBox {
+            shown: false,
+            ..nearest
+        },
+    ]
+}
+
 /// The 3-D viewer; nothing without examples.
-pub(crate) fn viewer(examples: &[Example]) -> String {
+pub(crate) fn viewer(examples: &[Example], boxes: &[CloudBox<'_>]) -> String {
     if examples.is_empty() {
         return String::new();
     }
@@ -100,6 +147,10 @@ pub(crate) fn viewer(examples: &[Example]) -> String {
         include_str!("viewer.html"),
         &[
             ("options", &options),
+            (
+                "boxes",
+                &boxes.iter().map(CloudBox::html).collect::<String>(),
+            ),
             ("data", &viewer_data::data(examples)),
             ("script", include_str!("viewer.js")),
         ],
@@ -215,7 +266,7 @@ const TIP_NOTE: &str = "The tip is off by how far the last disc moves when the p
      too small.";
 
 /// A scale of colours in a legend, from zero to its end.
-fn color_legend(name: &str, scale: ColorScale) -> String {
+pub(crate) fn color_legend(name: &str, scale: ColorScale) -> String {
     let top = fixed(
         scale.top / EMD_UNIT,
         column_decimals([scale.top / EMD_UNIT]).saturating_sub(1),
@@ -224,7 +275,7 @@ fn color_legend(name: &str, scale: ColorScale) -> String {
 }
 
 /// Mean and 95 % quantile of lengths (m).
-fn values_text(values: &[f64]) -> String {
+pub(crate) fn values_text(values: &[f64]) -> String {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
     let Some(last) = sorted.len().checked_sub(1) else {
@@ -238,7 +289,7 @@ fn values_text(values: &[f64]) -> String {
 }
 
 /// A squared distance in the table's unit, kept on one line.
-fn cd_text(cd: f64, decimals: usize) -> String {
+pub(crate) fn cd_text(cd: f64, decimals: usize) -> String {
     if cd.is_finite() {
         let value = fixed(cd / CD_UNIT, decimals);
         format!("{value}\u{a0}×\u{a0}10⁻⁴\u{a0}m²")
@@ -248,7 +299,7 @@ fn cd_text(cd: f64, decimals: usize) -> String {
 }
 
 /// The command, and the payload if there is one.
-fn condition_text(example: &Example, motors: &[MotorGroup]) -> String {
+pub(crate) fn condition_text(example: &Example, motors: &[MotorGroup]) -> String {
     let command = command_text(&example.command, motors);
     let payload = match example.payload {
         Some(payload) => format!("; payload (g): {}", fixed(payload / 1e-3, 1)),

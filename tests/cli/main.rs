@@ -2,13 +2,17 @@
 //! interrupted work.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod calibrate_cameras;
+mod capture;
 mod colors;
+mod compare;
 mod data;
 mod distill;
 mod eval;
 mod export;
 mod files;
 mod growth;
+mod log;
 mod names;
 mod others;
 mod output;
@@ -19,6 +23,7 @@ mod refusals;
 mod render;
 mod resume;
 mod road;
+mod servo_sim;
 mod settle;
 mod signals;
 mod simulate;

@@ -11,8 +11,17 @@ use crate::{
 fn every_command_explains_itself() {
     let overview = succeed(&["--help"]);
     let commands = [
-        "settle", "simulate", "collect", "data", "train", "distill", "predict", "eval", "demo",
+        "settle",
+        "simulate",
+        "collect",
+        "data",
+        "train",
+        "distill",
+        "predict",
+        "eval",
+        "demo",
         "export",
+        "servo-sim",
     ];
     for command in commands {
         assert!(overview.contains(command));

@@ -8,6 +8,9 @@ use hdf5_pure::FileBuilder;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
+use tdcr::hw::dynamixel::joined::{JoinedWriter, length_field};
+use tdcr::hw::dynamixel::{Answers, Backup, ErrorByte, Instruction, PacketId, Reset, Status};
+use tdcr::hw::servo::ServoId;
 use tdcr::learn::data::{CloudSet, Normalisation, Subject};
 use tdcr::learn::net::{Channels, MlpShape, Network};
 use tdcr::learn::train::{Model, Provenance, TrainSettings, Trainer};
@@ -64,10 +67,16 @@ pub fn sound(name: &str) -> Vec<Case> {
             b"# by hand\na,train\nb.ply, val\n\nc,test\n".to_vec(),
         )],
         "journal" => vec![("entries", readers::journal_file())],
+        "rig_log" => vec![(
+            "sample",
+            include_bytes!("../../hw/tests/data/sample.mcap").to_vec(),
+        )],
         "commands" => vec![
             ("csv", b"# m\n0.01, 0.02\n\n3e-2,-0\n".to_vec()),
             ("json", b"[[0.01, 0.02], [3e-2, -0]]".to_vec()),
         ],
+        "servo_frames" => vec![("instructions", instructions()), ("statuses", statuses())],
+        "servo_answers" => vec![("statuses", statuses())],
         _ => vec![],
     }
 }
@@ -95,6 +104,26 @@ pub fn hostile(name: &str) -> Vec<Case> {
             ),
             ("deep", format!("name = {}", "[".repeat(100_000)).into()),
         ],
+        "rig_log" => {
+            // A chunk of 2^60 bytes whose lengths agree, and records that claim all there is and more.
+            let length = 1_u64 << 60;
+            let chunk = [
+                &b"\x89MCAP0\r\n\x06"[..],
+                &length.to_le_bytes(),
+                &[0; 16],
+                &(length - 40).to_le_bytes(),
+                &[0; 8],
+                &(length - 40).to_le_bytes(),
+            ];
+            let claims = [
+                &b"\x89MCAP0\r\n"[..],
+                &b"\x09\xff\xff\xff\xff\xff\xff\xff\xff".repeat(50_000),
+            ];
+            vec![
+                ("endless_chunk", [chunk.concat(), vec![5; 100_000]].concat()),
+                ("claims", claims.concat()),
+            ]
+        }
         "robot_json" => vec![("deep", "[".repeat(1_000_000).into())],
         "mjcf" => vec![
             ("deep", nested("<mujoco><worldbody>", "body", 200_000)),
@@ -175,6 +204,17 @@ pub fn hostile(name: &str) -> Vec<Case> {
             (
                 "empty_rows",
                 format!("[{}[]]", "[],".repeat(300_000)).into(),
+            ),
+        ],
+        // Headers that promise more than a frame holds, and as much as one does.
+        "servo_frames" | "servo_answers" => vec![
+            (
+                "long",
+                [0xFF, 0xFF, 0xFD, 0, 1, 0xFF, 0xFF, 0x55].repeat(100_000),
+            ),
+            (
+                "longest",
+                [0xFF, 0xFF, 0xFD, 0, 1, 0, 4, 0x55].repeat(100_000),
             ),
         ],
         "model" | "training_state" => vec![
@@ -394,4 +434,60 @@ fn wide(name: &str) -> Vec<u8> {
 /// Length of a header (bytes), of which the first eight bytes of a file tell.
 fn length_of(head: &[u8]) -> usize {
     u64::from_le_bytes(head.try_into().expect("8 bytes")) as usize
+}
+
+/// An instruction of each kind.
+fn instructions() -> Vec<u8> {
+    let answers = Answers::Joined;
+    let (address, length, ids) = (116, 4, &[1, 2, 3]);
+    let row = &[1, 116, 0, 4, 0, 0xFF, 0xFF, 0xFD, 0x00];
+    let mut bytes = Vec::new();
+    for instruction in [
+        Instruction::Ping,
+        Instruction::Read { address, length },
+        Instruction::Write { address, data: row },
+        Instruction::FactoryReset(Reset::All),
+        Instruction::Backup(Backup::Store),
+        Instruction::ClearTurns,
+        Instruction::SyncRead {
+            answers,
+            address,
+            length,
+            ids,
+        },
+        Instruction::SyncWrite {
+            address,
+            length,
+            rows: &row[..5],
+        },
+        Instruction::BulkRead {
+            answers,
+            rows: &row[..5],
+        },
+        Instruction::BulkWrite { rows: row },
+    ] {
+        let encoded = instruction.encode(PacketId::Broadcast, &mut bytes);
+        encoded.expect("a short frame");
+    }
+    bytes
+}
+
+/// What three servos answer to a driver that meets and reads them.
+fn statuses() -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for id in (1..4).filter_map(ServoId::new) {
+        for parameters in [&[0xB0, 4, 46][..], &[2], &[250], &[], &[50; 15], &[4]] {
+            let status = Status {
+                id: PacketId::Servo(id),
+                error: ErrorByte(0x80),
+                parameters,
+            };
+            status.encode(&mut bytes).expect("a short frame");
+        }
+    }
+    let mut joined = JoinedWriter::new(&mut bytes, length_field([4; 3])).expect("a short frame");
+    for id in (1..4).filter_map(ServoId::new) {
+        joined.section(id, ErrorByte::NONE, &[1, 2, 3, 4]);
+    }
+    bytes
 }

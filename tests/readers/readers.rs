@@ -4,11 +4,20 @@
 //! warrant. The tests beside this file and the fuzz targets in `fuzz/` call the same functions.
 
 use std::fs;
+use std::io::{self, Cursor};
 use std::ops::ControlFlow::Break;
 use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
 
 use serde::Deserialize;
 use serde_json::json;
+use tdcr::hw::clock::{Clock, VirtualClock};
+use tdcr::hw::dynamixel::joined::sections;
+use tdcr::hw::dynamixel::{Bus, BusSettings, Decoder, Instruction, Item, Status};
+use tdcr::hw::log::{Contents, Entry, LogReader, LogRecord, repair};
+use tdcr::hw::servo::{Ping, PresentState, ServoId, Torque, TorqueSwitch};
+use tdcr::hw::transport::Transport;
 use tdcr::learn::data::{DataSet, ImportSettings, Split, import, merge, read_cloud};
 use tdcr::learn::train::{Model, TrainingState};
 use tdcr::pipeline::{PipelineError, Scores};
@@ -27,7 +36,7 @@ mod journal;
 pub type Reader = (&'static str, fn(&[u8]));
 
 /// All readers.
-pub const READERS: [Reader; 20] = [
+pub const READERS: [Reader; 23] = [
     ("robot_toml", robot_toml),
     ("robot_json", robot_json),
     ("mjcf", mjcf),
@@ -48,6 +57,9 @@ pub const READERS: [Reader; 20] = [
     ("training_state", training_state),
     ("journal", journal),
     ("commands", commands),
+    ("servo_frames", servo_frames),
+    ("servo_answers", servo_answers),
+    ("rig_log", rig_log),
 ];
 
 /// Robot files (TOML).
@@ -265,6 +277,82 @@ pub fn commands(bytes: &[u8]) {
     });
 }
 
+/// Frames on a line of servos.
+pub fn servo_frames(mut bytes: &[u8]) {
+    let mut decoder = Decoder::new();
+    while !bytes.is_empty() || !decoder.pending().is_empty() {
+        let taken = decoder.fill(bytes);
+        bytes = &bytes[taken..];
+        drop(sections(decoder.pending(), servos().map(|id| (id, 4))).count());
+        while let Some(frame) = decoder.next_frame() {
+            drop(Instruction::decode(&frame));
+            Status::decode(&frame);
+        }
+        if taken == 0 {
+            decoder.give_up();
+        }
+    }
+}
+
+/// What servos answer to a driver.
+pub fn servo_answers(bytes: &[u8]) {
+    let line = Babble {
+        clock: Arc::new(VirtualClock::new()),
+        bytes: bytes.to_vec(),
+        at: 0,
+    };
+    let ids: Vec<ServoId> = servos().collect();
+    let mut bus = Bus::new(line, BusSettings::default());
+    drop(bus.scan());
+    assert_eq!(bus.present(&ids).len(), ids.len());
+    assert_eq!(bus.set_torque(&ids, Torque::On).len(), ids.len());
+    assert_eq!(bus.read_items(&ids, Item::GoalPosition).len(), ids.len());
+}
+
+fn servos() -> impl Iterator<Item = ServoId> {
+    (1..4).filter_map(ServoId::new)
+}
+
+/// A line on which the same bytes come, whatever is sent, 16 at a time.
+struct Babble {
+    clock: Arc<dyn Clock>,
+    bytes: Vec<u8>,
+    at: usize,
+}
+
+impl Transport for Babble {
+    fn write(&mut self, _: &[u8]) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn read(&mut self, buffer: &mut [u8], deadline: Duration) -> io::Result<usize> {
+        let left = &self.bytes[self.at..];
+        let count = left.len().min(buffer.len()).min(16);
+        buffer[..count].copy_from_slice(&left[..count]);
+        self.at += count;
+        if count == 0 {
+            self.clock.wait_until(deadline);
+        }
+        Ok(count)
+    }
+
+    fn discard_input(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn clock(&self) -> &Arc<dyn Clock> {
+        &self.clock
+    }
+
+    fn baud_rate(&self) -> u32 {
+        1_000_000
+    }
+
+    fn latency(&self) -> Duration {
+        Duration::from_millis(1)
+    }
+}
+
 /// Has `read` read a file `name` of these bytes.
 fn in_file(name: &str, bytes: &[u8], read: impl FnOnce(&Path)) {
     in_folder(|dir| {
@@ -278,4 +366,23 @@ fn in_file(name: &str, bytes: &[u8], read: impl FnOnce(&Path)) {
 fn in_folder(work: impl FnOnce(&Path)) {
     let dir = tempfile::tempdir().expect("a folder can be made");
     work(dir.path());
+}
+
+/// Logs of rigs, read and repaired.
+pub fn rig_log(bytes: &[u8]) {
+    let mut reader = LogReader::new(Cursor::new(bytes)).expect("memory can be read");
+    while let Some(entry) = reader.next_entry().expect("memory can be read") {
+        if let Entry::Message(message) = entry {
+            drop(LogRecord::decode(&message.channel, &message.data));
+        }
+    }
+    in_file("log.mcap", bytes, |path| {
+        let whole = path.with_extension("whole");
+        if let Ok(found) = repair(path, &whole) {
+            assert_eq!(found, *reader.recovery());
+            let repaired = Contents::of(&whole).expect("it was just written");
+            assert_eq!(repaired.recovery.messages, found.messages);
+            assert!(repaired.recovery.is_whole(), "{:?}", repaired.recovery);
+        }
+    });
 }

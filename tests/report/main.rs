@@ -1,6 +1,7 @@
 //! The report's page and contact sheet, from a report of made-up numbers.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod comparison;
 mod sample;
 mod sheet;
 

@@ -10,6 +10,7 @@ use thiserror::Error;
 use super::fuse::Fuser;
 use super::program::Program;
 use super::still::{StillDepth, Stillness, change};
+use crate::mask::MaskError;
 use crate::plan::{PlanError, Shape};
 use crate::rig::{Pictures, Rig, RigError, WinchState};
 use crate::servo::Ticks;
@@ -27,6 +28,9 @@ pub enum CaptureError {
     /// The rig did not do what it should.
     #[error(transparent)]
     Rig(#[from] RigError),
+    /// The robot cannot be told from what else is in a picture.
+    #[error(transparent)]
+    Mask(#[from] MaskError),
     /// There is no command, or no way to it.
     #[error(transparent)]
     Plan(#[from] PlanError),
@@ -35,6 +39,21 @@ pub enum CaptureError {
     NotSeen {
         /// Which command.
         index: u64,
+    },
+    /// No camera saw the robot at home.
+    #[error("no camera sees the robot at home: are the masks right?")]
+    NotSeenAtHome,
+    /// The robot at home is not where it was.
+    #[error(
+        "the robot at home is seen {:.1} mm from where it was at first; safety.drift is {:.1} mm: has a tendon snapped or slipped, \
+         or a camera moved? Samples since the last look are not to be trusted",
+        1e3 * drift, 1e3 * limit
+    )]
+    Drift {
+        /// Distance of what is seen from where it was (m).
+        drift: f64,
+        /// What it may be (m).
+        limit: f64,
     },
     /// Servos stay hot.
     #[error(
@@ -127,7 +146,7 @@ impl<'a> Session<'a> {
         Ok(Self {
             fuser: Fuser {
                 grid: VoxelGrid::new(settings.voxel_size),
-                workspace: rig.spec().masks.workspace,
+                masker: rig.spec().masks.masker(),
             },
             at: program.rest().clone(),
             program,
@@ -142,6 +161,16 @@ impl<'a> Session<'a> {
         self.rig
     }
 
+    /// Where the robot is.
+    pub fn shape(&self) -> &Shape {
+        &self.at
+    }
+
+    /// What the session is going to do.
+    pub fn program(&self) -> &Program {
+        &self.program
+    }
+
     /// Captures command `index` of the session's seed.
     ///
     /// # Errors
@@ -149,15 +178,34 @@ impl<'a> Session<'a> {
     pub fn sample(&mut self, index: u64) -> Result<Captured, CaptureError> {
         let drawn = self.program.draw(index)?;
         self.rig.poll()?;
-        self.go_to(drawn.shape)?;
-        let (pictures, stillness) = self.wait_until_still()?;
-        let goals = self.rig.goals(&drawn.command)?;
+        self.visit(drawn.shape)?;
+        self.observe(index)
+    }
+
+    /// Brings the robot into a shape.
+    ///
+    /// # Errors
+    /// [`CaptureError::Plan`] where it cannot be reached, and nothing has moved; else as [`sample`](Self::sample).
+    pub fn visit(&mut self, shape: Shape) -> Result<(), CaptureError> {
+        let path = self.program.path(&self.at, &shape)?;
+        self.rig.move_along(&path, self.go_on)?;
+        self.at = shape;
+        Ok(())
+    }
+
+    /// Waits until the robot is still and captures it as it is, under the number `index`.
+    ///
+    /// # Errors
+    /// As [`sample`](Self::sample).
+    pub fn observe(&mut self, index: u64) -> Result<Captured, CaptureError> {
+        let (pictures, stillness) = self.wait_until_still(index as usize)?;
         let states = self.rig.poll()?.to_vec();
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
         if cloud.is_empty() {
             return Err(CaptureError::NotSeen { index });
         }
+        let goals = self.rig.held_goals().unwrap_or_default().to_vec();
         let winches = self.rig.winches().iter().zip(&goals);
         Ok(Captured {
             index,
@@ -181,14 +229,17 @@ impl<'a> Session<'a> {
     /// Goes home and looks at the robot there.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// [`CaptureError::Drift`]; as [`sample`](Self::sample).
     pub fn sentinel(&mut self) -> Result<Sentinel, CaptureError> {
-        self.go_to(self.program.rest().clone())?;
-        let (pictures, _) = self.wait_until_still()?;
+        self.visit(self.program.rest().clone())?;
+        let (pictures, _) = self.wait_until_still(0)?;
         let pulls: Vec<f64> = self.rig.poll()?.iter().map(|state| state.pull).collect();
         let cloud = self.fuser.fuse(&pictures);
         self.rig.poll()?;
-        let count = cloud.len().max(1) as f64;
+        if cloud.is_empty() {
+            return Err(CaptureError::NotSeenAtHome);
+        }
+        let count = cloud.len() as f64;
         let mean =
             |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>() / count;
         let mut sentinel = Sentinel {
@@ -202,6 +253,11 @@ impl<'a> Session<'a> {
             sentinel.drift = apart.sum::<f64>().sqrt();
             let pulls = sentinel.pulls.iter().zip(&first.pulls);
             sentinel.current_drift = pulls.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let limit = self.rig.spec().safety.drift;
+            if sentinel.drift > limit {
+                let drift = sentinel.drift;
+                return Err(CaptureError::Drift { drift, limit });
+            }
         } else {
             self.reference = Some(sentinel.clone());
         }
@@ -219,7 +275,7 @@ impl<'a> Session<'a> {
         if hottest <= safety.pause_above {
             return Ok(None);
         }
-        self.go_to(self.program.rest().clone())?;
+        self.visit(self.program.rest().clone())?;
         self.rig.release()?;
         let began = self.rig.clock().now();
         loop {
@@ -262,15 +318,8 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn go_to(&mut self, shape: Shape) -> Result<(), CaptureError> {
-        let path = self.program.path(&self.at, &shape)?;
-        self.rig.move_along(&path, self.go_on)?;
-        self.at = shape;
-        Ok(())
-    }
-
     /// Waits until servos and depth are still, as long as patience lasts; the last pictures.
-    fn wait_until_still(&mut self) -> Result<(Pictures, Stillness), CaptureError> {
+    fn wait_until_still(&mut self, sample: usize) -> Result<(Pictures, Stillness), CaptureError> {
         let motion = self.rig.spec().motion.clone();
         let began = self.rig.clock().now();
         let deadline = began + Duration::from_secs_f64(motion.patience);
@@ -284,7 +333,7 @@ impl<'a> Session<'a> {
             if speed > motion.still_speed && !late {
                 continue;
             }
-            let pictures = self.rig.grab()?;
+            let pictures = self.fuser.keep_robot(self.rig.grab()?, sample)?;
             let changes = before.as_ref().map(|before| {
                 let frames = before.frames.iter().zip(&pictures.frames);
                 let changes = frames.filter_map(|(a, b)| change(&a.value, &b.value));

@@ -51,6 +51,10 @@ impl<T: Transport> Line<T> {
         &self.transport
     }
 
+    pub fn transport_mut(&mut self) -> &mut T {
+        &mut self.transport
+    }
+
     pub fn into_transport(self) -> T {
         self.transport
     }

@@ -9,7 +9,6 @@ mod frame;
 mod instruction;
 pub mod joined;
 mod line;
-mod servos;
 mod status;
 
 pub use bus::{Bus, BusSettings, LastingChanges, Reply, Span};

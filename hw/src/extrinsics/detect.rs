@@ -40,7 +40,26 @@ impl Detector {
     }
 
     /// The corners found, by number; none where the board is not seen.
+    ///
+    /// Where the image shows not all of them it is tried again at twice its size: the filter that finds corners is ten pixels
+    /// wide, so that small markers disturb it.
     pub fn detect(&self, image: &GreyImage) -> Vec<Corner> {
+        let found = self.at_size(image);
+        if found.len() == self.corners as usize || image.pixels().is_empty() {
+            return found;
+        }
+        let mut enlarged = self.at_size(&image.doubled());
+        for corner in &mut enlarged {
+            corner.pixel = corner.pixel.map(|x| (x - 0.5) / 2.0);
+        }
+        if enlarged.len() > found.len() {
+            enlarged
+        } else {
+            found
+        }
+    }
+
+    fn at_size(&self, image: &GreyImage) -> Vec<Corner> {
         let [width, height] = image.size().map(|side| side as usize);
         let view = GrayImageView {
             width,

@@ -1,26 +1,24 @@
-//! Files of a calibration: the board, the cameras, folders of images, and the result.
+//! Files of boards and of cameras.
 
 use std::collections::BTreeSet;
-use std::fs;
-use std::io::{self, Cursor};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
-use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use tdcr_sim::camera::Distortion;
-use tdcr_sim::files::{read, read_text};
-use tdcr_sim::robot::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, SpecError};
+use tdcr_sim::files::read_text;
+use tdcr_sim::robot::{Aim, CameraSpec, Cameras, Lens, SpecError};
 use thiserror::Error;
+use toml::Value;
 
 use super::board::{Board, BoardError, BoardSpec};
-use super::calibrate::{Calibration, KnownCamera, Sighting, World};
-use super::detect::Detector;
-use super::image::{GreyImage, PngError};
+use super::calibrate::{KnownCamera, World};
+use super::image::PngError;
+use super::outcome::Calibration;
 
-/// Largest text file (bytes), and largest image: 16384 pixels squared are read as PNGs of up to a quarter of their size.
+/// Largest text file (bytes).
 const LARGEST_TEXT: u64 = 16 << 20;
-const LARGEST_IMAGE: u64 = 256 << 20;
 
 /// Why files are no calibration.
 #[derive(Debug, Error)]
@@ -199,11 +197,16 @@ struct CamerasInFile {
     cameras: Vec<CameraInFile>,
 }
 
-/// A [`CameraSpec`] with a serial number. Where it is is what is sought.
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
 struct CameraInFile {
     serial: String,
+    camera: LensInFile,
+}
+
+/// A [`CameraSpec`] that need not say where the camera is, which is what is sought.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LensInFile {
     lens: Lens,
     resolution: [u32; 2],
     distortion: Option<Distortion>,
@@ -213,44 +216,89 @@ struct CameraInFile {
     _aim: Option<Aim>,
 }
 
-/// Reads cameras: a table `[[cameras]]` for each with `serial` and, as robot files have them, `lens`, `resolution` and
-/// `distortion`. A `position` and an `aim` are passed over, and so is everything else in the file.
+/// Cameras in a file: a rig's, or any TOML with a table `[[cameras]]` for each, which has its `serial` number and a table
+/// `camera` as robot files describe cameras; there `position` and `aim` may be missing.
 ///
-/// # Errors
-/// [`FilesError`] says what is wrong where.
-pub fn read_cameras(path: &Path) -> Result<Vec<KnownCamera>, FilesError> {
-    let file: CamerasInFile = read_toml(path, "a list of cameras")?;
-    let spec = |camera: &CameraInFile| CameraSpec {
-        position: [0.0; 3],
-        aim: Aim::Orientation(unturned()),
-        lens: camera.lens,
-        resolution: camera.resolution,
-        distortion: camera.distortion,
-    };
-    let specs = Cameras::Free(file.cameras.iter().map(spec).collect());
-    specs.validate().map_err(|source| FilesError::Camera {
-        path: path.to_owned(),
-        source,
-    })?;
-    let mut serials = BTreeSet::new();
-    for (index, camera) in file.cameras.iter().enumerate() {
-        let serial = &camera.serial;
-        let folder = Path::new(serial)
-            .file_name()
-            .is_some_and(|name| name == serial.as_str());
-        if !folder || !serials.insert(serial) {
-            return Err(FilesError::Serial {
-                path: path.to_owned(),
-                index,
-                serial: serial.clone(),
-            });
+/// ```toml
+/// [[cameras]]
+/// serial = "834412071234"
+/// [cameras.camera]
+/// lens = { pixels = { focal = [912.3, 910.8], principal = [641.7, 363.2] } }
+/// resolution = [1280, 720]
+/// ```
+#[derive(Clone, Debug)]
+pub struct CameraFile {
+    file: toml::Table,
+    cameras: Vec<KnownCamera>,
+}
+
+impl CameraFile {
+    /// Reads cameras.
+    ///
+    /// # Errors
+    /// [`FilesError`] says what is wrong where.
+    pub fn read(path: &Path) -> Result<Self, FilesError> {
+        let file: toml::Table = read_toml(path, "TOML")?;
+        let CamerasInFile { cameras } = read_toml(path, "a list of cameras")?;
+        let spec = |CameraInFile { camera, .. }: &CameraInFile| CameraSpec {
+            position: [0.0; 3],
+            aim: Aim::Orientation(unturned()),
+            lens: camera.lens,
+            resolution: camera.resolution,
+            distortion: camera.distortion,
+        };
+        let specs = Cameras::Free(cameras.iter().map(spec).collect());
+        specs.validate().map_err(|source| FilesError::Camera {
+            path: path.to_owned(),
+            source,
+        })?;
+        let mut serials = BTreeSet::new();
+        for (index, CameraInFile { serial, .. }) in cameras.iter().enumerate() {
+            let name = Path::new(serial).file_name();
+            if name.is_none_or(|name| name != serial.as_str()) || !serials.insert(serial) {
+                return Err(FilesError::Serial {
+                    path: path.to_owned(),
+                    index,
+                    serial: serial.clone(),
+                });
+            }
         }
+        let known = |CameraInFile { serial, camera }: &CameraInFile| KnownCamera {
+            serial: serial.clone(),
+            intrinsics: camera.lens.intrinsics(camera.resolution, camera.distortion),
+        };
+        Ok(Self {
+            cameras: cameras.iter().map(known).collect(),
+            file,
+        })
     }
-    let known = |camera: CameraInFile| KnownCamera {
-        intrinsics: camera.lens.intrinsics(camera.resolution, camera.distortion),
-        serial: camera.serial,
-    };
-    Ok(file.cameras.into_iter().map(known).collect())
+
+    /// The cameras, in order.
+    pub fn cameras(&self) -> &[KnownCamera] {
+        &self.cameras
+    }
+
+    /// The file with the poses found in place of those that it had, the rest as it was but for comments and the order of
+    /// tables: a rig's file gives a rig's file.
+    ///
+    /// # Errors
+    /// Those of the encoder.
+    pub fn with_poses(&self, found: &Calibration) -> Result<String, toml::ser::Error> {
+        let mut file = self.file.clone();
+        let cameras = file.get_mut("cameras").and_then(Value::as_array_mut);
+        for (camera, found) in cameras.into_iter().flatten().zip(&found.cameras) {
+            let Some(camera) = camera.get_mut("camera").and_then(Value::as_table_mut) else {
+                continue;
+            };
+            let pose = &found.camera.pose;
+            let turn = pose.rotation;
+            let orientation = Aim::Orientation([turn.w, turn.i, turn.j, turn.k]);
+            let position: [f64; 3] = pose.translation.vector.into();
+            camera.insert("position".into(), Value::try_from(position)?);
+            camera.insert("aim".into(), Value::try_from(orientation)?);
+        }
+        toml::to_string(&file)
+    }
 }
 
 fn read_toml<T: for<'de> Deserialize<'de>>(
@@ -265,143 +313,8 @@ fn read_toml<T: for<'de> Deserialize<'de>>(
     })
 }
 
-fn reading(path: &Path) -> impl FnOnce(io::Error) -> FilesError {
+/// An error of the system at a path.
+pub(super) fn reading(path: &Path) -> impl FnOnce(io::Error) -> FilesError {
     let path = path.to_owned();
     |source| FilesError::Read { path, source }
-}
-
-/// What the images of a folder show.
-#[derive(Clone, Debug)]
-pub struct Album {
-    /// Names of the views, sorted.
-    pub views: Vec<String>,
-    /// An entry for each image, of a camera and a view; no corners where the board is not seen.
-    pub sightings: Vec<Sighting>,
-}
-
-impl Album {
-    /// Detects the board in all images `<serial>/<view>.png` below a folder. A camera may lack some views.
-    ///
-    /// # Errors
-    /// [`FilesError`] where a camera has no images, or an image is damaged or not of its camera's size.
-    pub fn read(folder: &Path, cameras: &[KnownCamera], board: &Board) -> Result<Self, FilesError> {
-        let detector = Detector::new(board).map_err(|source| FilesError::Board {
-            path: folder.to_owned(),
-            source,
-        })?;
-        no_others(folder, cameras)?;
-        let mut images: Vec<(usize, String, PathBuf)> = Vec::new();
-        for (index, camera) in cameras.iter().enumerate() {
-            let path = folder.join(&camera.serial);
-            let found = pngs(&path)?;
-            if found.is_empty() {
-                let path = path.join("*.png");
-                return Err(FilesError::NoImages { path });
-            }
-            images.extend(found.into_iter().map(|(view, path)| (index, view, path)));
-        }
-        let views: BTreeSet<String> = images.iter().map(|(_, view, _)| view.clone()).collect();
-        let views: Vec<String> = views.into_iter().collect();
-        let detect = |(camera, view, path): &(usize, String, PathBuf)| {
-            let bytes = read(path, LARGEST_IMAGE).map_err(reading(path))?;
-            let intrinsics = &cameras[*camera].intrinsics;
-            let size = [intrinsics.width, intrinsics.height];
-            let image = GreyImage::read_png(Cursor::new(bytes), size);
-            let image = image.map_err(|source| FilesError::Image {
-                path: path.clone(),
-                source,
-            })?;
-            Ok(Sighting {
-                camera: *camera,
-                view: views.binary_search(view).expect("the views have all names"),
-                corners: detector.detect(&image),
-            })
-        };
-        let sightings = images.par_iter().map(detect).collect::<Result<_, _>>()?;
-        Ok(Self { views, sightings })
-    }
-}
-
-/// The PNG files of a folder, by their names without extension, sorted. Other files are passed over.
-fn pngs(folder: &Path) -> Result<Vec<(String, PathBuf)>, FilesError> {
-    let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        entries => entries.map_err(reading(folder))?,
-    };
-    let mut found = Vec::new();
-    for entry in entries {
-        let path = entry.map_err(reading(folder))?.path();
-        let png = path
-            .extension()
-            .is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
-        if let Some(name) = path.file_stem().filter(|_| png) {
-            found.push((name.to_string_lossy().into_owned(), path));
-        }
-    }
-    found.sort();
-    Ok(found)
-}
-
-/// Refuses folders with images of cameras that are not known: a serial number may be mistyped.
-fn no_others(folder: &Path, cameras: &[KnownCamera]) -> Result<(), FilesError> {
-    for entry in fs::read_dir(folder).map_err(reading(folder))? {
-        let path = entry.map_err(reading(folder))?.path();
-        let known = |camera: &KnownCamera| {
-            path.file_name()
-                .is_some_and(|n| n == camera.serial.as_str())
-        };
-        if path.is_dir() && !cameras.iter().any(known) && !pngs(&path)?.is_empty() {
-            let expected = cameras.iter().map(|camera| camera.serial.clone()).collect();
-            return Err(FilesError::UnknownFolder { path, expected });
-        }
-    }
-    Ok(())
-}
-
-#[derive(Serialize)]
-struct CamerasOut {
-    cameras: Vec<CameraOut>,
-}
-
-#[derive(Serialize)]
-struct CameraOut {
-    serial: String,
-    #[serde(flatten)]
-    spec: CameraSpec,
-}
-
-impl Calibration {
-    /// The cameras as robot files describe them, in order.
-    pub fn specs(&self) -> Vec<CameraSpec> {
-        let spec = |camera: &super::CalibratedCamera| {
-            let intrinsics = &camera.camera.intrinsics;
-            let pose = &camera.camera.pose;
-            let turn = pose.rotation;
-            CameraSpec {
-                position: pose.translation.vector.into(),
-                aim: Aim::Orientation([turn.w, turn.i, turn.j, turn.k]),
-                lens: Lens::Pixels(PinholeSpec {
-                    focal: [intrinsics.fx, intrinsics.fy],
-                    principal: [intrinsics.cx, intrinsics.cy],
-                }),
-                resolution: [intrinsics.width, intrinsics.height],
-                distortion: intrinsics.distortion,
-            }
-        };
-        self.cameras.iter().map(spec).collect()
-    }
-
-    /// The cameras with their poses as TOML: `[[cameras]]` as robot files have them, with their serial numbers.
-    ///
-    /// # Errors
-    /// Those of the encoder.
-    pub fn to_toml(&self) -> Result<String, toml::ser::Error> {
-        let serials = self.cameras.iter().map(|camera| camera.serial.clone());
-        let cameras = serials
-            .zip(self.specs())
-            .map(|(serial, spec)| CameraOut { serial, spec });
-        toml::to_string(&CamerasOut {
-            cameras: cameras.collect(),
-        })
-    }
 }

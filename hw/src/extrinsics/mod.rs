@@ -46,23 +46,29 @@
 //! ```
 
 mod adjust;
+mod album;
 mod board;
 mod calibrate;
 mod detect;
 mod files;
 mod graph;
 mod image;
+mod outcome;
+mod overlap;
 mod picture;
 mod planar;
 mod print;
+mod project;
 
+pub use album::Album;
 pub use board::{Board, BoardError, BoardSpec};
-pub use calibrate::{
-    CalibratedCamera, Calibration, CalibrationError, FEWEST_CORNERS, KnownCamera, PlacedBoard,
-    RejectedCorner, Sighting, World, calibrate,
-};
+pub use calibrate::{KnownCamera, Sighting, World, calibrate};
 pub use detect::{Corner, Detector};
-pub use files::{Album, FilesError, read_board, read_cameras};
+pub use files::{CameraFile, FilesError, read_board};
 pub use image::{GreyImage, PngError};
+pub use outcome::{
+    CalibratedCamera, Calibration, CalibrationError, FEWEST_CORNERS, PlacedBoard, RejectedCorner,
+};
+pub use overlap::{Overlap, overlaps};
 pub use picture::{Exposure, picture};
 pub use print::PrintError;

@@ -32,7 +32,7 @@ impl Board {
     /// The board with its white margin as an SVG of its true size.
     pub fn to_svg(&self) -> String {
         let spec = self.spec();
-        let [width, height] = self.printed_size().map(|side| 1e3 * side);
+        let [width, height] = self.printed_size().map(|side| (1e6 * side).round() / 1e3);
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}mm\" height=\"{height}mm\" viewBox=\"0 0 {width} \
              {height}\" shape-rendering=\"crispEdges\">\n<rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>\n<path \

@@ -43,6 +43,7 @@ pub(super) fn depth_bytes(depths: &[f32]) -> (&'static str, Vec<u8>) {
     }
 }
 
+/// Metres as cameras give them that count millimetres: in single precision.
 fn metres(millimetres: u16) -> f32 {
     f32::from(millimetres) * 0.001
 }

@@ -48,6 +48,7 @@
 //! ```
 
 mod container;
+mod contents;
 mod decode;
 mod definitions;
 mod encode;
@@ -64,6 +65,7 @@ mod shared;
 mod topic;
 mod write;
 
+pub use contents::{Contents, TopicContents};
 pub use error::{DecodeError, LogError};
 pub use read::{Channel, Entry, LogReader, Message, Schema};
 pub use record::{

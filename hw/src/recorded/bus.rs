@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::stream::{GoalValue, RecordedError, Stream};
+use super::order::Order;
+use super::stream::{RecordedError, Stream};
 use crate::clock::Clock;
 use crate::log::{Goal, LogRecord, Reading, ServoStatus, Topic};
 use crate::servo::{
@@ -17,16 +18,16 @@ use crate::servo::{
 /// What a recording does with orders: it moves as it moved, whatever it is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Orders {
-    /// Goals must be those that were logged, in their order; settings are taken and change nothing. So a program is run again
-    /// on what it saw.
+    /// They must be those that were logged, in their order: so a program is run again on what it saw. Restarts are taken, and
+    /// change nothing.
     #[default]
     Compare,
     /// All are refused.
     Refuse,
 }
 
-/// The servos of a log. A reading is the first that was logged at the clock's time or later, and the clock then is at its
-/// time; likewise goals, where they are compared.
+/// The servos of a log. A reading is the first that was logged at the clock's time or later; an order is compared with the next
+/// of its kind. The clock then is at the time at which the logged call returned.
 ///
 /// What is said of servos without moving in time, such as their temperatures, is the last that the log had up to there.
 pub struct RecordedBus {
@@ -150,61 +151,61 @@ impl RecordedBus {
         ids.iter().map(one).collect()
     }
 
-    /// A setting: taken, as the log has what came of it, or refused.
-    fn setting(&self, ids: impl IntoIterator<Item = ServoId>) -> PerServo<()> {
-        let one = |id| match self.orders {
-            Orders::Compare => Ok(()),
-            Orders::Refuse => Err(line(RecordedError::LookOnly { id })),
-        };
-        ids.into_iter().map(one).collect()
-    }
-
-    /// Goals: equal to the next that were logged of these servos, or refused.
-    fn goals(
-        &mut self,
-        goals: &[(ServoId, GoalValue)],
-        of_kind: impl Fn(&Goal) -> Option<GoalValue>,
-    ) -> PerServo<()> {
-        if goals.is_empty() || self.orders == Orders::Refuse {
-            return self.setting(goals.iter().map(|(id, _)| *id));
+    /// Orders: the next of their kind that were logged of these servos, or refused.
+    fn obey(&mut self, orders: &[(ServoId, Order)]) -> PerServo<()> {
+        if self.orders == Orders::Refuse {
+            let refuse = |&(id, _): &(ServoId, Order)| Err(line(RecordedError::LookOnly { id }));
+            return orders.iter().map(refuse).collect();
         }
-        let is_asked = |(id, goal): &&(ServoId, Goal)| {
-            of_kind(goal).is_some() && goals.iter().any(|(asked, _)| asked == id)
-        };
-        let found = loop {
-            match self.step() {
-                Ok(Some((time, LogRecord::Goals(logged))))
-                    if logged.iter().any(|g| is_asked(&g)) =>
-                {
-                    break Ok((time, logged));
-                }
-                Ok(Some(_)) => {}
-                Ok(None) => break Err(self.stream.ended()),
-                Err(error) => break Err(error),
-            }
-        };
-        let (time, logged) = match found {
+        if orders.is_empty() {
+            return Vec::new();
+        }
+        let (time, record) = match self.next_orders(orders) {
             Ok(found) => found,
-            Err(error) => return fail(goals.iter().map(|(id, _)| id), error),
+            Err(error) => return fail(orders.iter().map(|(id, _)| id), error),
         };
-        let one = |&(id, given): &(ServoId, GoalValue)| {
-            let same = logged.iter().filter(|(other, _)| *other == id);
-            let recorded = same.map(|(_, goal)| of_kind(goal)).find(Option::is_some);
-            let recorded = recorded.flatten();
-            if recorded == Some(given) {
-                return Ok(());
-            }
-            Err(line(RecordedError::OtherGoal {
+        self.clock.wait_until(time);
+        let one = |&(id, given): &(ServoId, Order)| match given.logged(&record, id) {
+            Some(recorded) if recorded == given => Ok(()),
+            // A servo that was told so and did not hear it.
+            None => Err(ServoError::NoAnswer {
+                id,
+                waited: Duration::ZERO,
+            }),
+            Some(recorded) => Err(line(RecordedError::OtherOrder {
                 id,
                 time,
                 recorded,
-                given: Some(given),
-            }))
+                given,
+            })),
         };
-        let results: PerServo<()> = goals.iter().map(one).collect();
-        self.clock.wait_until(time);
-        results
+        orders.iter().map(one).collect()
     }
+
+    /// The next record with an order to one of these servos, of the kind of its order here.
+    fn next_orders(
+        &mut self,
+        orders: &[(ServoId, Order)],
+    ) -> Result<(Duration, LogRecord), RecordedError> {
+        while let Some((time, record)) = self.step()? {
+            let is_told = |(id, order): &(ServoId, Order)| order.logged(&record, *id).is_some();
+            if orders.iter().any(is_told) {
+                return Ok((time, record));
+            }
+        }
+        Err(self.stream.ended())
+    }
+}
+
+/// One order to all of `ids`.
+fn all(ids: &[ServoId], order: Order) -> Vec<(ServoId, Order)> {
+    ids.iter().map(|&id| (id, order)).collect()
+}
+
+/// An order to each servo.
+fn each<T: Copy>(values: &[(ServoId, T)], order: impl Fn(T) -> Order) -> Vec<(ServoId, Order)> {
+    let orders = values.iter().map(|&(id, value)| (id, order(value)));
+    orders.collect()
 }
 
 /// The line between the program and the servos is the recording.
@@ -231,8 +232,8 @@ impl Ping for RecordedBus {
 }
 
 impl TorqueSwitch for RecordedBus {
-    fn set_torque(&mut self, ids: &[ServoId], _: Torque) -> PerServo<()> {
-        self.setting(ids.iter().copied())
+    fn set_torque(&mut self, ids: &[ServoId], torque: Torque) -> PerServo<()> {
+        self.obey(&all(ids, Order::Torque(torque)))
     }
 
     fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque> {
@@ -241,8 +242,8 @@ impl TorqueSwitch for RecordedBus {
 }
 
 impl Modes for RecordedBus {
-    fn set_mode(&mut self, ids: &[ServoId], _: OperatingMode) -> PerServo<()> {
-        self.setting(ids.iter().copied())
+    fn set_mode(&mut self, ids: &[ServoId], mode: OperatingMode) -> PerServo<()> {
+        self.obey(&all(ids, Order::Mode(mode)))
     }
 
     fn mode(&mut self, ids: &[ServoId]) -> PerServo<OperatingMode> {
@@ -252,10 +253,7 @@ impl Modes for RecordedBus {
 
 impl PositionGoals for RecordedBus {
     fn set_goal_positions(&mut self, goals: &[(ServoId, Ticks)]) -> PerServo<()> {
-        let goals: Vec<_> = (goals.iter())
-            .map(|&(id, ticks)| (id, GoalValue::Position(ticks)))
-            .collect();
-        self.goals(&goals, |goal| goal.position.map(GoalValue::Position))
+        self.obey(&each(goals, Order::Position))
     }
 
     fn goal_positions(&mut self, ids: &[ServoId]) -> PerServo<Ticks> {
@@ -265,16 +263,13 @@ impl PositionGoals for RecordedBus {
 
 impl CurrentGoals for RecordedBus {
     fn set_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()> {
-        let goals: Vec<_> = (goals.iter())
-            .map(|&(id, current)| (id, GoalValue::Current(current)))
-            .collect();
-        self.goals(&goals, |goal| goal.current.map(GoalValue::Current))
+        self.obey(&each(goals, Order::Current))
     }
 }
 
 impl CurrentLimits for RecordedBus {
     fn set_current_limits(&mut self, limits: &[(ServoId, f64)]) -> PerServo<()> {
-        self.setting(limits.iter().map(|(id, _)| *id))
+        self.obey(&each(limits, Order::CurrentLimit))
     }
 
     fn current_limits(&mut self, ids: &[ServoId]) -> PerServo<f64> {
@@ -321,13 +316,18 @@ impl Health for RecordedBus {
     }
 
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {
-        self.setting([id]).pop().unwrap_or(Ok(()))
+        match self.orders {
+            // What came of a restart is in the log.
+            Orders::Compare => Ok(()),
+            Orders::Refuse => Err(line(RecordedError::LookOnly { id })),
+        }
     }
 }
 
 impl Watchdog for RecordedBus {
-    fn set_watchdog(&mut self, ids: &[ServoId], _: Option<Duration>) -> PerServo<()> {
-        self.setting(ids.iter().copied())
+    fn set_watchdog(&mut self, ids: &[ServoId], timeout: Option<Duration>) -> PerServo<()> {
+        let state = timeout.map_or(WatchdogState::Off, WatchdogState::Armed);
+        self.obey(&all(ids, Order::Watchdog(state)))
     }
 
     fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState> {

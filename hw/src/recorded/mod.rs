@@ -7,8 +7,10 @@
 
 mod bus;
 mod camera;
+mod order;
 mod stream;
 
 pub use bus::{Orders, RecordedBus};
 pub use camera::RecordedCamera;
-pub use stream::{GoalValue, RecordedError};
+pub use order::Order;
+pub use stream::RecordedError;

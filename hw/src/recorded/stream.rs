@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use thiserror::Error;
 
+use super::order::Order;
 use crate::log::{DecodeError, Entry, LogError, LogReader, LogRecord, Message, Topic};
-use crate::servo::{ServoId, Ticks};
+use crate::servo::ServoId;
 
 /// Why a log cannot be played back, or not on.
 #[derive(Debug, Error)]
@@ -54,18 +55,18 @@ pub enum RecordedError {
     },
     /// The servo was told something else than when the log was made.
     #[error(
-        "the recording of servo {id} at {:.3} s had the goal {}; it was now given {}, and a recording cannot follow",
-        time.as_secs_f64(), goal(recorded), goal(given)
+        "servo {id} was told {given}; in the recording, at {:.3} s, it was told {recorded}, and it cannot do otherwise",
+        time.as_secs_f64()
     )]
-    OtherGoal {
+    OtherOrder {
         /// Which servo.
         id: ServoId,
         /// When it was told so.
         time: Duration,
         /// What it was told then.
-        recorded: Option<GoalValue>,
+        recorded: Order,
         /// What it was told now.
-        given: Option<GoalValue>,
+        given: Order,
     },
     /// Orders are refused altogether.
     #[error("servo {id} is a recording that is only looked at: it takes no orders")]
@@ -73,23 +74,6 @@ pub enum RecordedError {
         /// Which servo.
         id: ServoId,
     },
-}
-
-/// What a servo was told.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum GoalValue {
-    /// A position.
-    Position(Ticks),
-    /// A current (A).
-    Current(f64),
-}
-
-fn goal(value: &Option<GoalValue>) -> String {
-    match value {
-        None => "none".to_owned(),
-        Some(GoalValue::Position(Ticks(ticks))) => format!("{ticks} ticks"),
-        Some(GoalValue::Current(current)) => format!("{current} A"),
-    }
 }
 
 fn names(found: &[String]) -> String {
@@ -185,7 +169,7 @@ impl From<RecordedError> for io::Error {
         let kind = match &error {
             RecordedError::End { .. } => io::ErrorKind::UnexpectedEof,
             RecordedError::Missing { .. } => io::ErrorKind::NotFound,
-            RecordedError::OtherGoal { .. } | RecordedError::LookOnly { .. } => {
+            RecordedError::OtherOrder { .. } | RecordedError::LookOnly { .. } => {
                 io::ErrorKind::Unsupported
             }
             _ => io::ErrorKind::InvalidData,

@@ -93,6 +93,21 @@ pub enum RigError {
         /// A line for each servo.
         Vec<String>,
     ),
+    /// A tendon cannot be tensioned.
+    #[error(
+        "servo {id} wound by {wound} ticks and pulls with {pull:.3} A, expected {current} A: is its tendon on the spool, and \
+         servos.directions right?"
+    )]
+    Pretension {
+        /// Which servo.
+        id: ServoId,
+        /// How far it wound (ticks).
+        wound: i32,
+        /// What it pulls with (A).
+        pull: f64,
+        /// What it should pull with (A).
+        current: f64,
+    },
     /// Goals were given before the motors were switched on.
     #[error("the motors are off: engage the rig first")]
     Released,

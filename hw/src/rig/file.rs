@@ -1,17 +1,18 @@
 //! What a rig consists of, as its file says it.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use tdcr_sim::render::{BaseVisibility, Sensor};
+use tdcr_sim::files::read_text;
+use tdcr_sim::render::{BaseVisibility, RgbdFrame, Sensor};
 use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
 
 use super::place::line_of;
-use super::settings::{MotionSettings, SafetySettings};
+use super::settings::{MotionSettings, SafetySettings, SimulationSettings};
 use super::{RigError, Winch};
+use crate::mask::{ColorKey, Keep, Mask, MaskError, Masker, Shot, WorkspaceBox};
 use crate::plan::CommandSettings;
-use crate::servo::{OperatingMode, ServoId};
+use crate::servo::OperatingMode;
 
 /// Largest rig file (bytes).
 const LARGEST: u64 = 1 << 20;
@@ -45,6 +46,9 @@ pub struct RigSpec {
     /// What ends a motion.
     #[serde(default)]
     pub safety: SafetySettings,
+    /// What there is besides the robot where parts are simulated.
+    #[serde(default)]
+    pub simulation: SimulationSettings,
 }
 
 fn base_hidden() -> BaseVisibility {
@@ -198,17 +202,48 @@ impl SensorModel {
 pub struct MasksSpec {
     /// The robot is within this box.
     #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
-    pub workspace: Option<BoxSpec>,
+    pub workspace: Option<WorkspaceBox>,
+    /// The robot has these colours.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub color: Option<ColorKey>,
+    /// Of what is left, the robot is what hangs together.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub largest: Option<LargestSpec>,
 }
 
-/// A box along the world's axes (m).
+/// What hangs together.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct BoxSpec {
-    /// Its corner of the smallest coordinates.
-    pub low: [f64; 3],
-    /// Its corner of the largest coordinates.
-    pub high: [f64; 3],
+pub struct LargestSpec {
+    /// Pixels hang together over gaps of so many others.
+    pub gap: u32,
+}
+
+/// All pixels with a depth: the start of other masks.
+#[derive(Clone, Copy, Debug)]
+struct Seen;
+
+impl Masker for Seen {
+    fn mask(&self, frame: &RgbdFrame, _: Shot) -> Result<Mask, MaskError> {
+        Ok(Mask::of_frame(frame, |index| frame.depth[index] > 0.0))
+    }
+}
+
+impl MasksSpec {
+    /// The masker of the file.
+    pub fn masker(&self) -> Box<dyn Masker> {
+        let mut masker: Box<dyn Masker> = Box::new(Seen);
+        if let Some(workspace) = self.workspace {
+            masker = Box::new(masker.and(workspace));
+        }
+        if let Some(color) = self.color {
+            masker = Box::new(masker.and(color));
+        }
+        if let Some(LargestSpec { gap }) = self.largest {
+            masker = Box::new(masker.keeping(Keep::Largest, gap));
+        }
+        masker
+    }
 }
 
 /// A rig file that was read: what it says, and the robot that it names.
@@ -229,19 +264,10 @@ impl RigFile {
     /// [`RigError::Read`], [`RigError::Parse`] with line and field, [`RigError::Field`] for a value that makes no sense,
     /// [`RigError::Robot`].
     pub fn load(path: &Path) -> Result<Self, RigError> {
-        let read = |source| RigError::Read {
+        let text = read_text(path, LARGEST).map_err(|source| RigError::Read {
             path: path.to_owned(),
             source,
-        };
-        // Asked before reading: a device may never end.
-        let found = fs::metadata(path).map_err(read)?;
-        if !found.is_file() || found.len() > LARGEST {
-            return Err(read(std::io::Error::new(
-                std::io::ErrorKind::InvalidInput,
-                format!("expected a regular file of at most {LARGEST} bytes"),
-            )));
-        }
-        let text = fs::read_to_string(path).map_err(read)?;
+        })?;
         Self::parse(&text, path)
     }
 
@@ -301,119 +327,4 @@ fn robot_name(name: &str, rig: &Path) -> String {
         return name.to_owned();
     }
     beside(rig, Path::new(name)).to_string_lossy().into_owned()
-}
-
-impl RigFile {
-    /// Refuses values that make no sense.
-    fn check(&self) -> Result<(), RigError> {
-        let tendons = self.robot.tendon_count();
-        let servos = &self.spec.servos;
-        if servos.ids.len() != tendons {
-            let found = format!("{} ids", servos.ids.len());
-            let expected = format!(
-                "{tendons}, one for each tendon of robot `{}`",
-                self.robot.name
-            );
-            return Err(RigError::field("servos.ids", found, expected));
-        }
-        for (k, &id) in servos.ids.iter().enumerate() {
-            let field = format!("servos.ids[{k}]");
-            if ServoId::new(id).is_none() {
-                return Err(RigError::field(field, id, "an address of 0 to 252"));
-            }
-            if servos.ids[..k].contains(&id) {
-                return Err(RigError::field(field, id, "no address twice"));
-            }
-        }
-        let positive = |value: &f64| value.is_finite() && *value > 0.0;
-        let one_or_each = |field: &str, found: usize| match found == 1 || found == tendons {
-            true => Ok(()),
-            false => {
-                let expected = format!("one for each of the {tendons} servos, or a single one");
-                Err(RigError::field(
-                    format!("servos.{field}"),
-                    format!("{found} entries"),
-                    expected,
-                ))
-            }
-        };
-        one_or_each("directions", servos.directions.len())?;
-        one_or_each("limits", servos.limits.len())?;
-        for (name, list, fits, expected) in [
-            (
-                "spool_radius",
-                &servos.spool_radius,
-                &positive as &dyn Fn(&f64) -> bool,
-                "a radius above 0 (m)",
-            ),
-            (
-                "home_tension",
-                &servos.home_tension,
-                &|x| x.is_finite() && *x >= 0.0,
-                "a tension of 0 or more (N)",
-            ),
-            (
-                "current_limit",
-                &servos.current_limit,
-                &positive,
-                "a current above 0 (A)",
-            ),
-        ] {
-            one_or_each(name, list.len())?;
-            for (k, value) in list.iter().enumerate() {
-                if !fits(value) {
-                    return Err(RigError::field(
-                        format!("servos.{name}[{k}]"),
-                        value,
-                        expected,
-                    ));
-                }
-            }
-        }
-        for (k, limits @ [low, high]) in servos.limits.iter().enumerate() {
-            if !(low <= &0 && &0 <= high && low < high) {
-                let expected = "[smallest, largest] about home, which is 0 (ticks)";
-                let field = format!("servos.limits[{k}]");
-                return Err(RigError::field(field, format!("{limits:?}"), expected));
-            }
-        }
-        for (k, camera) in self.spec.cameras.iter().enumerate() {
-            let same = |other: &RigCameraSpec| other.serial == camera.serial;
-            if camera.serial.is_empty() || self.spec.cameras[..k].iter().any(same) {
-                let expected = "a serial number, no one twice";
-                let found = format!("{:?}", camera.serial);
-                return Err(RigError::field(
-                    format!("cameras[{k}].serial"),
-                    found,
-                    expected,
-                ));
-            }
-            let sees_plant = self.spec.servos.link == ServoLink::Simulated;
-            if camera.link == CameraLink::Simulated && !sees_plant {
-                let expected =
-                    "\"simulated\" only where the servos are: it sees the robot behind them";
-                let field = format!("cameras[{k}].link");
-                return Err(RigError::field(field, "\"simulated\"", expected));
-            }
-        }
-        if let Some(bounds) = self.spec.masks.workspace {
-            for axis in 0..3 {
-                let [low, high] = [bounds.low[axis], bounds.high[axis]];
-                if !(low.is_finite() && high.is_finite() && low < high) {
-                    let found = format!("{low} to {high} along axis {axis}");
-                    return Err(RigError::field("masks.box", found, "low below high (m)"));
-                }
-            }
-        }
-        let modules = self.robot.modules.len();
-        if let Some((field, found, expected)) = self.spec.commands.fault(modules) {
-            return Err(RigError::field(
-                format!("commands.{field}"),
-                found,
-                expected,
-            ));
-        }
-        self.spec.motion.check()?;
-        self.spec.safety.check()
-    }
 }

@@ -9,25 +9,34 @@
 //! Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
 //! whenever a rig is engaged.
 
+mod check;
 mod error;
 mod file;
 mod homing;
 mod motion;
+mod open;
 mod place;
+mod pretension;
+mod release;
 mod settings;
 mod spool;
 mod stop;
+#[cfg(test)]
+mod tests;
+mod travel;
 mod turns;
 mod watch;
 mod winch;
 
 pub use error::RigError;
 pub use file::{
-    BoxSpec, CameraLink, Direction, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
+    CameraLink, Direction, LargestSpec, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
     ServoLink, ServosSpec, TendonMode,
 };
 pub use homing::HomingReport;
-pub use settings::{MotionSettings, Release, SafetySettings};
+pub use open::Pace;
+pub use pretension::{PretensionSettings, Pretensioned};
+pub use settings::{MotionSettings, Release, SafetySettings, SimulationSettings, Surroundings};
 pub use spool::Spool;
 pub use stop::{Cause, EmergencyStop, Released};
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
@@ -42,6 +51,7 @@ use tdcr_sim::robot::Robot;
 use crate::camera::{RgbdCamera, Soak, Stamped, grab_all};
 use crate::clock::Clock;
 use crate::servo::{PerServo, ServoBus, ServoId};
+use crate::simulated::Simulator;
 use motion::Drive;
 
 /// Servos, cameras and clock of a rig, however they came about.
@@ -68,6 +78,8 @@ pub struct Rig {
     turns: TurnsFile,
     homing: Vec<Homing>,
     drive: Drive,
+    /// What servos and cameras in memory are parts of.
+    simulator: Option<Simulator>,
 }
 
 /// Pictures of all cameras from one moment.
@@ -105,6 +117,7 @@ impl Rig {
             clock,
             turns,
             drive: Drive::Released,
+            simulator: None,
         })
     }
 
@@ -137,6 +150,11 @@ impl Rig {
     /// not watched.
     pub fn bus(&mut self) -> &mut dyn ServoBus {
         &mut *self.bus
+    }
+
+    /// What its servos in memory are parts of, which knows the truth and lets things go wrong; `None` for a rig on the desk.
+    pub fn simulator(&self) -> Option<&Simulator> {
+        self.simulator.as_ref()
     }
 
     /// The cameras.

@@ -5,9 +5,8 @@ use std::time::Duration;
 
 use tdcr_sim::robot::Command;
 
-use super::settings::Release;
 use super::stop::{Cause, EmergencyStop, Released};
-use super::turns::{Homing, Turns};
+use super::turns::Turns;
 use super::watch::{Vitals, Watch};
 use super::winch::WinchState;
 use super::{Rig, RigError};
@@ -18,9 +17,6 @@ const CHECK_UP: Duration = Duration::from_millis(500);
 
 /// Step of a current limit (A): that of the X330 series.
 const CURRENT_STEP: f64 = 1e-3;
-
-/// How often a servo is told to switch off its motor before one gives up.
-const ATTEMPTS: usize = 3;
 
 /// Whether the motors are driven.
 #[derive(Debug)]
@@ -35,7 +31,7 @@ pub(super) struct Engaged {
     /// Homes in the servos' own counts.
     homes: Vec<Ticks>,
     /// Goals, from home.
-    goals: Vec<Ticks>,
+    pub(super) goals: Vec<Ticks>,
     watch: Watch,
     /// When the next goals are due.
     next: Duration,
@@ -287,130 +283,19 @@ impl Rig {
         )
     }
 
+    /// The goals that the servos were told last, from home; `None` where the motors are off.
+    pub fn held_goals(&self) -> Option<&[Ticks]> {
+        match &self.drive {
+            Drive::Engaged(engaged) => Some(&engaged.goals),
+            Drive::Released => None,
+        }
+    }
+
     /// Where the servos were at the last look; `None` where the motors are off.
     pub fn last_states(&self) -> Option<&[WinchState]> {
         match &self.drive {
             Drive::Engaged(engaged) => Some(&engaged.states),
             Drive::Released => None,
-        }
-    }
-
-    /// Takes the tension from the tendons as the rig's settings say, and switches the motors off. Nothing is done where they
-    /// are off.
-    ///
-    /// # Errors
-    /// [`RigError::Stopped`] where something goes wrong on the way; [`RigError::Servo`] for the first servo that did not
-    /// confirm.
-    pub fn release(&mut self) -> Result<(), RigError> {
-        if self.file.spec.safety.release == Release::Home {
-            self.go_home()?;
-        }
-        if !self.is_engaged() {
-            return Ok(());
-        }
-        match self.release_at_once().unknown.into_iter().next() {
-            None => Ok(()),
-            Some((_, error)) => Err(error.into()),
-        }
-    }
-
-    /// Goes home from wherever the robot is, all servos in proportion, at the speed of a motion. Nothing is done where the motors
-    /// are off.
-    ///
-    /// # Errors
-    /// As [`step`](Self::step).
-    pub fn go_home(&mut self) -> Result<(), RigError> {
-        let Drive::Engaged(engaged) = &self.drive else {
-            return Ok(());
-        };
-        let motion = &self.file.spec.motion;
-        let from: Vec<f64> = engaged.goals.iter().map(|goal| f64::from(goal.0)).collect();
-        let winches = self.winches.iter().zip(&from);
-        let steps = winches.map(|(winch, ticks)| {
-            ticks.abs() * winch.spool.metres_per_tick() / (motion.slew * motion.period)
-        });
-        let steps = steps.fold(0.0, f64::max).ceil() as usize;
-        for left in (0..steps).rev() {
-            let part = left as f64 / steps as f64;
-            let goals = from
-                .iter()
-                .map(|ticks| Ticks((part * ticks).round() as i32));
-            self.step_to(&goals.collect::<Vec<_>>())?;
-        }
-        Ok(())
-    }
-
-    /// Switches all motors off at once, as far as servos can be reached, and says which confirmed.
-    pub fn release_at_once(&mut self) -> Released {
-        self.drive = Drive::Released;
-        let mut released = Released::default();
-        let mut left = self.ids.clone();
-        for attempt in 1..=ATTEMPTS {
-            let results = self.bus.set_torque(&left, Torque::Off);
-            let mut failed = Vec::new();
-            for (&id, result) in left.iter().zip(results) {
-                match result {
-                    Ok(()) => released.off.push(id),
-                    Err(error) if attempt == ATTEMPTS => released.unknown.push((id, error)),
-                    Err(_) => failed.push(id),
-                }
-            }
-            left = failed;
-            if left.is_empty() {
-                break;
-            }
-        }
-        self.note_positions();
-        // A servo whose motor is off needs no watchdog, and one that has bitten would hold the next goals.
-        for error in self
-            .bus
-            .set_watchdog(&released.off, None)
-            .into_iter()
-            .filter_map(Result::err)
-        {
-            tracing::debug!("{error}");
-        }
-        released
-    }
-}
-
-impl Rig {
-    /// The hottest servo and its temperature (degrees Celsius). Also notes where the servos are: those whose motors are off
-    /// may be turned by the tension that is left.
-    ///
-    /// # Errors
-    /// [`RigError::Servo`] for the first that does not answer.
-    pub fn hottest(&mut self) -> Result<(ServoId, f64), RigError> {
-        if !self.is_engaged() {
-            self.note_positions();
-        }
-        let temperatures = all(self.bus.temperatures(&self.ids))?;
-        let servos = self.ids.iter().copied().zip(temperatures);
-        let hottest = servos.max_by(|(_, a), (_, b)| a.total_cmp(b));
-        hottest.ok_or(RigError::Released)
-    }
-
-    /// Notes where the servos are now, as far as that is known: without it, they are where they last were written down.
-    fn note_positions(&mut self) {
-        let present = self.bus.present(&self.ids);
-        let servos = self.ids.iter().zip(&self.homing).zip(present);
-        let turns: Vec<Turns> = servos
-            .filter_map(|((id, homing), present)| match (homing, present) {
-                (Homing::Homed(home), Ok(present)) => Some(Turns {
-                    id: id.get(),
-                    home: home.0,
-                    last: present.position.0,
-                }),
-                _ => None,
-            })
-            // What a servo says that restarted is in another count.
-            .filter(|turns| {
-                let known = ServoId::new(turns.id).and_then(|id| self.turns.of(id));
-                known.is_some_and(|known| matches!(known.meet(Ticks(turns.last)), Homing::Homed(_)))
-            })
-            .collect();
-        if let Err(error) = self.turns.write(&turns) {
-            tracing::warn!("{error}");
         }
     }
 }
@@ -434,7 +319,7 @@ impl From<EmergencyStop> for RigError {
 }
 
 /// The values of all servos, or the first error.
-fn all<T>(values: PerServo<T>) -> Result<Vec<T>, ServoError> {
+pub(super) fn all<T>(values: PerServo<T>) -> Result<Vec<T>, ServoError> {
     values.into_iter().collect()
 }
 

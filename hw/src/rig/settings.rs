@@ -56,11 +56,32 @@ pub struct SafetySettings {
     pub lag: i32,
     /// Reads in a row without an answer of a servo after which it counts as lost.
     pub lost_after: usize,
-    /// Smallest current (A) that a servo has to pull with: one that does not for longer than `overload_time` has a slack
-    /// tendon. Not watched where the file does not give it.
-    pub slack_current: Option<f64>,
+    /// How far (m) the mean of what is seen of the robot at home may move in a capture: farther, a tendon has slipped or
+    /// snapped.
+    pub drift: f64,
     /// How tension is released at the end of a motion.
     pub release: Release,
+}
+
+/// What there is besides the robot where parts are simulated.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SimulationSettings {
+    /// Seed of noise and faults.
+    pub seed: u64,
+    /// What cameras see around the robot.
+    pub surroundings: Surroundings,
+}
+
+/// What simulated cameras see around the robot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Surroundings {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// A table with things on it, and walls.
+    Table,
 }
 
 impl Default for MotionSettings {
@@ -87,7 +108,7 @@ impl Default for SafetySettings {
             resume_below: 50.0,
             lag: 300,
             lost_after: 3,
-            slack_current: None,
+            drift: 0.005,
             release: Release::Home,
         }
     }
@@ -132,6 +153,7 @@ impl SafetySettings {
                 expected,
             ));
         }
+        above("safety.drift", self.drift, 0.0)?;
         above("safety.lag", f64::from(self.lag), 0.0)?;
         within("safety.lost_after", self.lost_after as f64, [1.0, 100.0])
     }

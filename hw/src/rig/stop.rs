@@ -51,18 +51,6 @@ pub enum Cause {
         /// How long it stood there.
         lasting: Duration,
     },
-    /// A tendon went slack.
-    #[error("servo {id} pulls with {pull:.3} A, less than {limit} A, for {} ms: has its tendon snapped, or left its spool?", lasting.as_millis())]
-    Slack {
-        /// Which one.
-        id: ServoId,
-        /// Its current, positive where it pulls (A).
-        pull: f64,
-        /// What it has to pull with (A).
-        limit: f64,
-        /// How long it did not.
-        lasting: Duration,
-    },
     /// A servo went where no goal may lie.
     #[error("servo {id} is at {} ticks from home; its limits are {low} to {high}", position.0)]
     Beyond {
@@ -132,7 +120,6 @@ impl Cause {
             | Self::Current { id, .. }
             | Self::Heat { id, .. }
             | Self::Lag { id, .. }
-            | Self::Slack { id, .. }
             | Self::Beyond { id, .. }
             | Self::Jump { id, .. }
             | Self::Off { id }

@@ -158,6 +158,11 @@ impl TurnsFile {
         })
     }
 
+    /// The same, from now on in memory alone.
+    pub fn kept_in_memory(self) -> Self {
+        Self { path: None, ..self }
+    }
+
     /// What is written of a servo.
     pub fn of(&self, id: ServoId) -> Option<&Turns> {
         self.written.iter().find(|turns| turns.id == id.get())

@@ -20,7 +20,6 @@ struct Seen {
     failed: usize,
     overloaded: Option<Duration>,
     lagging: Option<Duration>,
-    slack: Option<Duration>,
 }
 
 /// Watches servos in motion.
@@ -124,17 +123,6 @@ impl Watch {
                     lasting,
                 });
             }
-            let is_slack = |limit: &f64| state.pull < *limit;
-            if let Some(limit) = safety.slack_current
-                && let Some(lasting) = lasts(&mut seen.slack, is_slack(&limit))
-            {
-                return Err(Cause::Slack {
-                    id,
-                    pull: state.pull,
-                    limit,
-                    lasting,
-                });
-            }
             readings.push(Some(state));
         }
         Ok(readings)
@@ -178,4 +166,157 @@ impl Watch {
 /// Distance of two positions (ticks).
 fn off(a: Ticks, b: Ticks) -> i32 {
     a.0.saturating_sub(b.0).saturating_abs()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+    use super::*;
+    use crate::rig::{Direction, Spool};
+
+    const GOAL: Ticks = Ticks(500);
+
+    fn winch() -> Winch {
+        Winch {
+            id: ServoId::new(7).unwrap(),
+            spool: Spool {
+                radius: 0.005,
+                direction: Direction::Up,
+                home_command: 0.1,
+            },
+            limits: [-100, 2000],
+            current_limit: 1.0,
+            home_tension: 5.0,
+        }
+    }
+
+    fn at(position: i32, pull: f64) -> Result<WinchState, ServoError> {
+        Ok(WinchState {
+            position: Ticks(position),
+            command: 0.1,
+            velocity: 0.0,
+            pull,
+        })
+    }
+
+    fn silent() -> Result<WinchState, ServoError> {
+        Err(ServoError::NoAnswer {
+            id: winch().id,
+            waited: Duration::from_millis(5),
+        })
+    }
+
+    /// Reads every 200 ms, and what they lead to: overload and lag may last for 0.5 s, and a servo may miss two reads.
+    #[test]
+    fn motions_end_when_they_should_and_not_before() {
+        type Read = fn() -> Result<WinchState, ServoError>;
+        let fine: Read = || at(500, 0.2);
+        let tight: Read = || at(500, -1.5);
+        let lagging: Read = || at(100, 0.2);
+        for (name, reads, ends) in [
+            ("nothing", vec![fine; 6], None),
+            (
+                "a peak",
+                vec![tight, tight, tight, fine, tight, tight],
+                None,
+            ),
+            (
+                "an overload",
+                vec![fine, tight, tight, tight, tight],
+                Some("drew 1.50 A for 600 ms"),
+            ),
+            (
+                "a short lag",
+                vec![lagging, lagging, fine, lagging, lagging],
+                None,
+            ),
+            (
+                "a jam",
+                vec![lagging, lagging, lagging, lagging],
+                Some("stood 400 ticks from its goal for 600 ms"),
+            ),
+            (
+                "missed reads",
+                vec![silent, silent, fine, silent, silent],
+                None,
+            ),
+            (
+                "silence",
+                vec![fine, silent, silent, silent],
+                Some("was lost: 3 reads in a row"),
+            ),
+            (
+                "beyond its limits",
+                vec![fine, || at(2101, 0.2)],
+                Some("2101 ticks from home; its limits are -100 to 2000"),
+            ),
+            (
+                "a jump",
+                vec![fine, || at(-2000, 0.2)],
+                Some("went from 500 to -2000 ticks in an instant"),
+            ),
+            (
+                "a restart",
+                vec![|| Err(ServoError::Restarted { id: winch().id })],
+                Some("restarted"),
+            ),
+        ] {
+            let mut watch = Watch::new(1);
+            let safety = SafetySettings::default();
+            let count = reads.len();
+            let mut ended = None;
+            for (k, read) in reads.into_iter().enumerate() {
+                let now = Duration::from_millis(200) * k as u32;
+                if let Err(cause) = watch.take(now, &[winch()], &[GOAL], vec![read()], &safety) {
+                    ended = Some((k, cause.to_string()));
+                    break;
+                }
+            }
+            match (ends, ended) {
+                (None, None) => {}
+                (Some(expected), Some((at, said))) => {
+                    assert!(said.contains(expected), "{name}: {said}");
+                    assert_eq!(at, count - 1, "{name}");
+                }
+                (_, ended) => panic!("{name}: {ended:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_check_up_ends_motions_of_servos_that_fare_ill() {
+        let well = || Vitals {
+            temperature: Ok(40.0),
+            errors: Ok(HardwareErrors::default()),
+            torque: Ok(Torque::On),
+        };
+        let hot = Vitals {
+            temperature: Ok(70.5),
+            ..well()
+        };
+        let off = Vitals {
+            torque: Ok(Torque::Off),
+            ..well()
+        };
+        let overload = HardwareErrors {
+            overload: true,
+            ..HardwareErrors::default()
+        };
+        let overloaded = Vitals {
+            errors: Ok(overload),
+            ..well()
+        };
+        for (vitals, ends) in [
+            (well(), None),
+            (hot, Some("70.5 degrees")),
+            (off, Some("went off by itself")),
+            (overloaded, Some("overload")),
+        ] {
+            let checked = Watch::check(&[winch().id], vec![vitals], &SafetySettings::default());
+            let said = checked.err().map(|cause| cause.to_string());
+            assert_eq!(said.is_some(), ends.is_some(), "{said:?}");
+            assert!(said.unwrap_or_default().contains(ends.unwrap_or_default()));
+        }
+    }
 }

@@ -38,14 +38,17 @@ pub enum Fault {
 /// How late answers are under [`Fault::Late`].
 pub const LATENESS: Duration = Duration::from_millis(30);
 
+/// A kind of fault by its name, made from what it is about.
+type Named<T> = (&'static str, fn(T) -> Fault);
+
 impl Fault {
-    const RATES: [(&str, fn(f64) -> Self); 4] = [
+    const RATES: [Named<f64>; 4] = [
         ("lost", Self::Lost),
         ("corrupted", Self::Corrupted),
         ("duplicated", Self::Duplicated),
         ("late", Self::Late),
     ];
-    const OF_SERVOS: [(&str, fn(ServoId) -> Self); 6] = [
+    const OF_SERVOS: [Named<ServoId>; 6] = [
         ("silent", Self::Silent),
         ("overheated", Self::Overheated),
         ("overloaded", Self::Overloaded),

@@ -466,7 +466,7 @@ mod tests {
                 false => Physics::AtRest,
             };
             let mut plant = plant("2m", physics, 0.01);
-            let mut horns = vec![0.0; 6];
+            let mut horns = [0.0; 6];
             for (step, goals) in ways.iter().enumerate() {
                 if let (1, Some((index, fault))) = (step, broken) {
                     plant.set_fault(index, fault);

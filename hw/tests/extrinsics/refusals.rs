@@ -43,7 +43,7 @@ fn cameras_that_never_see_the_board_are_named() {
     assert!(
         blind
             .to_string()
-            .contains("cam3, cam5 never see the board with 6 corners")
+            .contains("no image of cam3, cam5 shows the board with 6 corners")
     );
 }
 

@@ -1,5 +1,6 @@
 //! What is written comes back.
 
+use std::path::Path;
 use std::time::Duration;
 
 use mcap::MessageStream;
@@ -7,7 +8,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_hw::clock::{Clock, SystemClock, VirtualClock};
 use tdcr_hw::log::{
-    DecodeError, Image, ImageFormat, LogError, LogRecord, LogSettings, LogWriter, Topic, Transform,
+    DecodeError, Image, ImageFormat, LogError, LogRecord, LogSettings, LogWriter, Message, Topic,
+    Transform,
 };
 use tdcr_sim::formats::urdf;
 use tdcr_sim::robot::{Loads, Robot, RobotSpec};
@@ -61,6 +63,29 @@ fn the_formats_own_library_reads_the_same_messages() {
     }
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     assert_eq!(summary.stats.unwrap().message_count, messages.len() as u64);
+}
+
+/// The log that `tests/python/test_log.py` reads. `WRITE_SAMPLE=1` writes it again.
+const SAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/sample.mcap");
+
+/// Messages decoded, by topic, schema and time. PNG files of equal pictures may differ.
+fn decoded(messages: &[Message]) -> Vec<String> {
+    let decoded = messages.iter().map(|message| {
+        let record = LogRecord::decode(&message.channel, &message.data).unwrap();
+        format!("{} {:?} {record:?}", message.log_time, message.channel)
+    });
+    decoded.collect()
+}
+
+#[test]
+fn the_sample_that_python_reads_is_what_is_written_today() {
+    if std::env::var_os("WRITE_SAMPLE").is_some() {
+        drop(std::fs::remove_file(SAMPLE));
+        write(Path::new(SAMPLE), 1, 4000, ImageFormat::Png);
+    }
+    let (sample, recovery) = read(&std::fs::read(SAMPLE).unwrap());
+    assert!(recovery.is_whole());
+    assert_eq!(decoded(&sample), decoded(&read(&bytes(1, 4000)).0));
 }
 
 #[test]
@@ -197,4 +222,51 @@ fn transforms_of_discs_place_the_links_of_the_urdf() {
         assert!(apart.norm() < 1e-9, "disc {index}: {apart}");
         assert!(centre.rotation.angle_to(&expected.rotation) < 1e-9);
     }
+}
+
+/// Topics that a layout names anywhere.
+fn topics_in(json: &serde_json::Value, topics: &mut Vec<String>) {
+    match json {
+        serde_json::Value::Array(all) => all.iter().for_each(|one| topics_in(one, topics)),
+        serde_json::Value::Object(fields) => {
+            for (key, value) in fields {
+                match (key.as_str(), value) {
+                    ("topics", serde_json::Value::Object(of)) => topics.extend(of.keys().cloned()),
+                    // A path of a value begins with its topic.
+                    (
+                        "imageTopic" | "calibrationTopic" | "topicPath" | "topicToRender" | "value",
+                        serde_json::Value::String(path),
+                    ) => {
+                        let end = path.find(['.', '[']).unwrap_or(path.len());
+                        topics.push(path[..end].to_owned());
+                    }
+                    _ => {}
+                }
+                topics_in(value, topics);
+            }
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn the_layout_for_foxglove_shows_topics_that_are_written() {
+    let layout = include_str!("../../../examples/foxglove-layout.json");
+    let mut topics = Vec::new();
+    topics_in(&serde_json::from_str(layout).unwrap(), &mut topics);
+    for name in &topics {
+        assert!(Topic::parse(name).is_some(), "{name}");
+    }
+    let shown = |topic: &Topic| topics.contains(&topic.name());
+    for topic in [
+        Topic::Robot,
+        Topic::Cloud,
+        Topic::Present,
+        Topic::Goals,
+        Topic::Events,
+    ] {
+        assert!(shown(&topic), "{topic:?}");
+    }
+    let camera = "sim0".to_owned();
+    assert!(shown(&Topic::Color(camera.clone())) && shown(&Topic::Calibration(camera)));
 }

@@ -128,7 +128,10 @@ pub fn records() -> Vec<LogRecord> {
             image: Image {
                 width: 3,
                 height: 2,
-                pixels: vec![0.0, 0.5, 0.123, 1.0, 65.535, 0.7],
+                // Whole millimetres, as a RealSense gives them.
+                pixels: [0, 500, 123, 1000, 65_535, 700_u16]
+                    .map(|mm| f32::from(mm) * 0.001)
+                    .to_vec(),
             },
         },
         LogRecord::Depth {

@@ -1,5 +1,6 @@
 //! The simulated bus as its users meet it: bytes in, bytes out, and what the robot does.
 
+mod driver;
 mod faults;
 mod motion;
 mod protocol;

@@ -365,7 +365,11 @@ fn clearing_turns_needs_a_servo_at_rest() {
             .and_then(|a| a.error.fault()),
         None
     );
-    assert!((0..4096).contains(&desk.read(1, Item::PresentPosition)));
+    let position = desk.read(1, Item::PresentPosition);
+    assert!((0..4096).contains(&position));
+    // It does not turn back to where its goal was.
+    desk.wait(0.5);
+    assert!((desk.read(1, Item::PresentPosition) - position).abs() < 60);
 }
 
 #[test]

@@ -43,6 +43,9 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         rate: Largest change of a command in one step, as a share of its range.
         tolerance: Distance that counts as success (m); without, 5 % of the robot's length.
         points: Points of a cloud.
+        rig: A :class:`tdcr.Rig`, or its file, in place of a simulated robot, for tasks of reaching: actions move its servos,
+            and its cameras measure the tip. Episodes start in the home pose. An action under which the simulator finds a
+            tendon slack or overloaded moves nothing. Pictures are those of the rig's cameras, in their own size.
         render_mode: ``"rgb_array"`` or ``"depth_array"``; ``gymnasium.make`` makes a window of the first for ``"human"``.
         camera, width, height: Which of the robot's cameras pictures are of, and their size.
         target: Of the task Shape: ``"poses"`` or ``"cloud"``.
@@ -82,6 +85,10 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def render(self) -> Any:
         """The picture of ``render_mode``: colours, shape (height, width, 3), or depth (m), shape (height, width)."""
         return None if self.render_mode is None else self.episodes.picture(0, self.render_mode)
+
+    def close(self) -> None:
+        """Lets go of the robot: on a rig, the tension is released."""
+        self.episodes.world.close()
 
     def __getstate__(self) -> dict[str, Any]:
         return {"arguments": self._arguments, "spec": self.spec, "random": (self._np_random, self._np_random_seed)}

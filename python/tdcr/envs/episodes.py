@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from tdcr._arrays import Floats, as_count
 from tdcr.envs.tasks import TASKS, Infos, Rngs, Task
-from tdcr.envs.world import Bools, Settings, World
+from tdcr.envs.rig_world import RigWorld, world
+from tdcr.envs.world import Bools, Settings
 from tdcr.errors import InputError
 
 Observation = Any
@@ -48,11 +49,13 @@ class Episodes:
         settings = {name: arguments.pop(name) for name in list(arguments) if name in known}
         if maker.payload is not None:
             settings["randomise"] = {"payload": maker.payload, **settings.get("randomise", {})}
-        self.world = World(as_count(count, "num_envs", 1, 10**6), Settings(**settings))
+        self.world = world(as_count(count, "num_envs", 1, 10**6), Settings(**settings))
         try:
             self.task: Task = maker(self.world, **arguments)
         except TypeError as error:
             raise InputError(f"arguments of the environment: {error}; the others are {', '.join(known)}") from None
+        if isinstance(self.world, RigWorld) and not self.task.measurable:
+            raise InputError(f"a rig does not measure what {type(self.task).__name__} asks for; expected a task of reaching")
         self.steps: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
         self._view = (as_count(width, "width", 1, 4096), as_count(height, "height", 1, 4096), as_count(camera, "camera"))
         self._length = self.world.settings.episode_length
@@ -75,6 +78,7 @@ class Episodes:
         self.world.randomise(rows, rngs)
         self.task.draw(rows, rngs)
         self.task.start(rows, rngs)
+        self.world.begin()
         self.steps[rows] = 0
         self._failed[rows] = False
 
@@ -108,7 +112,7 @@ class Episodes:
         targets = np.ascontiguousarray(self.task.targets(row, int(self.steps[row])), dtype=np.float64)
         radius = 0.015 * self.world.length if len(targets) > 64 else 0.03 * self.world.length
         width, height, camera = self._view
-        colors, depth = self.world.simulation.render(row, width, height, camera, targets, radius)
+        colors, depth = self.world.picture(row, (width, height), camera, targets, radius)
         return depth if mode == "depth_array" else colors
 
 

@@ -31,12 +31,14 @@ class Task:
 
     Attributes:
         goal_based: Whether observations are dictionaries with ``achieved_goal`` and ``desired_goal``, which then are tips.
+        measurable: Whether it asks for nothing but what a rig's cameras tell: the tip.
         payload: Range of the payload (kg) where ``randomise`` has none.
         width: Entries of the goal in an observation.
         tolerance: Distance that counts as success (m).
     """
 
     goal_based: ClassVar[bool] = False
+    measurable: ClassVar[bool] = False
     payload: ClassVar[tuple[float, float] | None] = None
 
     def __init__(self, world: World, width: int) -> None:
@@ -86,6 +88,8 @@ class Reach(Task):
 
     The reward is minus the distance in lengths of the robot.
     """
+
+    measurable = True
 
     def __init__(self, world: World) -> None:
         super().__init__(world, 3)

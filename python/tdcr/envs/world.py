@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from tdcr import _tdcr
 from tdcr._arrays import Floats, as_count, as_number
 from tdcr.errors import InputError, NotSettledError
 from tdcr.robot import Robot
+
+if TYPE_CHECKING:
+    from tdcr.rig import Rig
 
 Observed = NDArray[np.float32]
 """Observations, float32."""
@@ -42,6 +45,7 @@ class Settings:
     rate: float = 0.1
     tolerance: float | None = None
     points: int = 256
+    rig: str | os.PathLike[str] | Rig | None = None
 
     def __post_init__(self) -> None:
         if self.observation not in OBSERVATIONS:
@@ -52,6 +56,10 @@ class Settings:
         for name, value in (("timestep", self.timestep), ("rate", self.rate), ("tolerance", self.tolerance)):
             if value is not None and not as_number(value, name) > 0.0:
                 raise InputError(f"{name} is {value}; expected a number above 0")
+
+    def of_robot(self, robot: Robot) -> Settings:
+        """The same for another robot."""
+        return replace(self, robot=robot)
 
 
 class World:
@@ -145,18 +153,25 @@ class World:
         self.commands[rows] = commands
         return self.simulation.reset(rows, commands, self.payloads[rows])
 
+    def begin(self) -> None:
+        """Is called where episodes begin, after robots have settled where they start."""
+
     def drive(self, actions: Any) -> Bools:
         """Advances all rows by actions, shape (count, tendons); returns which have failed."""
+        commands = self._driven(actions)
+        failed = self.simulation.advance(commands)
+        self.commands, self._clouds = commands, None
+        return failed
+
+    def _driven(self, actions: Any) -> Floats:
+        """The commands that actions, shape (count, tendons), lead to."""
         actions = np.asarray(actions, dtype=np.float64)
         if actions.shape != self.commands.shape:
             raise InputError(f"the actions have shape {actions.shape}; expected {self.commands.shape}")
         commands = np.minimum(np.maximum(actions, -1.0), 1.0)
         commands *= self._change
         commands += self.commands
-        commands = self.clip(commands)
-        failed = self.simulation.advance(commands)
-        self.commands, self._clouds = commands, None
-        return failed
+        return self.clip(commands)
 
     def observe(self, extra: int = 0) -> Observed:
         """A new array of observations, shape (count, width + extra); what is extra is not set."""
@@ -164,11 +179,19 @@ class World:
         if self.settings.observation != "cloud":
             self.simulation.observe(observed, self._whole)
             return observed
+        observed[:, : self.tendons] = self._shares()
+        self._put_clouds(observed)
+        return observed
+
+    def _shares(self) -> Floats:
+        """Commands as they are observed: -1 to 1 over their ranges."""
         span = np.where(self._high > self._low, self._high - self._low, 1.0)
-        observed[:, : self.tendons] = 2.0 * (self.commands - self._low) / span - 1.0
+        shares: Floats = 2.0 * (self.commands - self._low) / span - 1.0
+        return shares
+
+    def _put_clouds(self, observed: Observed) -> None:
         places = self.scaled(self.clouds()).reshape(self.count, -1)
         observed[:, self.tendons : self.width] = np.clip(places, -_LARGEST_PLACE, _LARGEST_PLACE)
-        return observed
 
     def scaled(self, positions: NDArray[Any]) -> NDArray[Any]:
         """Positions (m), last axis of 3, as they are observed: from the base, in lengths of the robot."""
@@ -193,6 +216,15 @@ class World:
         if self._clouds is None:
             self._clouds = self.simulation.clouds(list(range(self.count)), self.settings.points)
         return self._clouds
+
+    def picture(
+        self, row: int, size: tuple[int, int], camera: int, targets: Floats, radius: float
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Colours and depth (m) of a picture of (width, height) by one of a row's cameras, with balls at ``targets`` (m)."""
+        return self.simulation.render(row, size[0], size[1], camera, targets, radius)
+
+    def close(self) -> None:
+        """Lets go of what the world drives."""
 
 
 def _ranges(robot: Robot, randomise: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:

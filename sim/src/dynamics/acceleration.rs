@@ -25,6 +25,8 @@ pub(super) struct EquationsOfMotion {
     bodies: ArticulatedBodies,
     /// Acceleration of every joint (rad/s²), world axes.
     accelerations: Vec<Vector3<f64>>,
+    /// Force that accelerates every disc (N).
+    body_forces: Vec<Vector3<f64>>,
 }
 
 impl EquationsOfMotion {
@@ -50,6 +52,7 @@ impl EquationsOfMotion {
             torques: vec![Vector3::zeros(); n],
             bodies: ArticulatedBodies::new(n),
             accelerations: vec![Vector3::zeros(); n],
+            body_forces: vec![Vector3::zeros(); n],
         })
     }
 
@@ -97,7 +100,7 @@ impl EquationsOfMotion {
     }
 
     /// Computes postures, motions, and the torques of a state, those of damping included.
-    fn enter(&mut self, q: &Configuration, velocity: &[f64], command: &[f64]) {
+    pub fn enter(&mut self, q: &Configuration, velocity: &[f64], command: &[f64]) {
         self.posture.place(&self.robot, q);
         set_in_motion(
             &self.links,
@@ -108,8 +111,15 @@ impl EquationsOfMotion {
         self.forces
             .torques(q, &self.posture, command, &mut self.torques);
         let moving = self.links.iter().zip(&self.motions);
-        for (torque, (link, motion)) in self.torques.iter_mut().zip(moving) {
+        let orientations = &self.posture.chain.orientations[1..];
+        for ((torque, (link, motion)), orientation) in
+            self.torques.iter_mut().zip(moving).zip(orientations)
+        {
             *torque -= motion.rate * link.damping;
+            if link.extra_damping != Vector3::zeros() {
+                let rate = transpose_times(orientation, &motion.rate);
+                *torque -= orientation * link.extra_damping.component_mul(&rate);
+            }
         }
     }
 
@@ -154,17 +164,41 @@ impl EquationsOfMotion {
         self.bodies.accelerate(&chain, armatures, torques, out);
     }
 
-    /// Writes the torques in a state, those of damping included, each in its disc's frame (N m), to
-    /// `out`.
-    pub fn torques(
-        &mut self,
-        q: &Configuration,
-        velocity: &[f64],
-        command: &[f64],
-        out: &mut [f64],
-    ) {
-        self.enter(q, velocity, command);
-        to_discs(&self.posture.chain.orientations[1..], &self.torques, out);
+    /// Writes `M a + bias - tau` in the state last entered (N m), armatures in `M` and damping in `tau`, for the joints'
+    /// `accelerations` (rad/s²); world axes. The recursion of Newton and Euler (Featherstone, Rigid Body Dynamics
+    /// Algorithms, ch. 5.3) about the joints' centres, in O(n).
+    pub fn residual(&mut self, accelerations: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        let orientations = &self.posture.chain.orientations[1..];
+        let last = self.links.len() - 1;
+        // From the base to the tip: the force on each disc, and its moment about the joint.
+        let (mut angular, mut linear) = (Vector3::zeros(), Vector3::zeros());
+        let bodies = self.links.iter().zip(&self.motions).zip(orientations);
+        let results = out.iter_mut().zip(&mut self.body_forces);
+        for (k, (((link, motion), orientation), (moment, force))) in bodies.zip(results).enumerate()
+        {
+            linear += angular.cross(&motion.arm) + motion.linear_bias;
+            angular += motion.angular_bias + accelerations[k];
+            let mut body = link.body(orientation);
+            if k == last {
+                body = body.with(&self.payload.body(orientation));
+            }
+            let spin = &motion.spin;
+            *force = linear * body.mass
+                + angular.cross(&body.moment)
+                + spin.cross(&spin.cross(&body.moment));
+            *moment = body.inertia.times(&angular)
+                + body.moment.cross(&linear)
+                + spin.cross(&body.inertia.times(spin));
+        }
+        // From the tip to the base: the moment of everything above each joint.
+        let (mut moment, mut force) = (Vector3::zeros(), Vector3::zeros());
+        let mut arm = Vector3::zeros();
+        for (k, out) in out.iter_mut().enumerate().rev() {
+            moment += arm.cross(&force) + *out;
+            force += self.body_forces[k];
+            arm = self.motions[k].arm;
+            *out = moment + accelerations[k] * self.links[k].armature - self.torques[k];
+        }
     }
 
     /// Energy in a state.

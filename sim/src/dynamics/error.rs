@@ -5,6 +5,13 @@ use thiserror::Error;
 use super::Integrator;
 use crate::robot::{LoadsError, ParameterError};
 
+fn is_implicit(integrator: Integrator) -> bool {
+    matches!(
+        integrator,
+        Integrator::ImplicitEuler | Integrator::ImplicitMidpoint
+    )
+}
+
 /// Why a motion cannot be computed.
 #[non_exhaustive]
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -53,7 +60,7 @@ pub enum DynamicsError {
         "the motion diverged: joint {joint} turns by {turn:.3e} rad in one step of {timestep} s, more than the \
          {} rad that a step resolves; take a shorter time step{}",
         super::LARGEST_TURN,
-        if *.integrator == Integrator::ImplicitEuler { "" } else { ", or an implicit integrator" }
+        if is_implicit(*.integrator) { "" } else { ", or an implicit integrator" }
     )]
     Diverged {
         /// The joint that turns most, from 0 at the base.
@@ -64,6 +71,17 @@ pub enum DynamicsError {
         timestep: f64,
         /// How the step was taken.
         integrator: Integrator,
+    },
+    /// An implicit step whose equations were not solved.
+    #[error(
+        "the implicit step of {timestep} s could not be solved, nor in halves down to {smallest:.1e} s; take a shorter \
+         time step"
+    )]
+    NotSolved {
+        /// The time step (s).
+        timestep: f64,
+        /// The shortest part of it that was tried (s).
+        smallest: f64,
     },
     /// A time step by which even small motions about a pose grow without bound.
     #[error(

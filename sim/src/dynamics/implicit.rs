@@ -1,85 +1,168 @@
 //! Linearly implicit Euler steps: one Newton step on the implicit Euler equations (as of Baraff and Witkin, Large Steps in
-//! Cloth Simulation, SIGGRAPH 1998).
+//! Cloth Simulation, SIGGRAPH 1998); the matrix of implicit steps.
 
 use faer::Mat;
-use faer::Side;
-use faer::linalg::solvers::{Llt, Solve};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use super::State;
 use super::acceleration::EquationsOfMotion;
-use super::composite::{Composite, compose};
-use crate::energy::Expansion;
-use crate::robot::Robot;
+use super::composite::Composite;
+use super::symmetric::transpose_times;
+use crate::chain::Configuration;
+use crate::energy::following::{add_bodies, add_forces, add_moments, add_product, follows};
+use crate::energy::{DeadForces, Expansion, Potential};
+use crate::factor::{ChainLu, ChainMatrix, Curvature, Side};
+use crate::robot::{Loads, Robot};
+
+/// `M + d D + k K` in the posture that equations of motion are in, factorised in O(n): mass matrix with armatures, damping,
+/// and the Jacobian of the residual moments under all loads. World axes.
+#[derive(Clone, Debug)]
+pub(super) struct ImplicitMatrix {
+    expansion: Expansion,
+    /// Dead forces, and the following ones as they are in this posture.
+    dead: DeadForces,
+    joints: Vec<Matrix3<f64>>,
+    bodies: Vec<Matrix6<f64>>,
+    lu: ChainLu,
+    /// No terms of discs.
+    none: Vec<Vector3<f64>>,
+}
+
+impl ImplicitMatrix {
+    pub fn new(robot: &Robot) -> Self {
+        let n = robot.discs().len();
+        let expansion = Expansion::new(robot);
+        Self {
+            dead: DeadForces::new(robot),
+            joints: vec![Matrix3::zeros(); n],
+            bodies: vec![Matrix6::zeros(); n],
+            lu: ChainLu::new(&expansion),
+            none: vec![Vector3::zeros(); n],
+            expansion,
+        }
+    }
+
+    /// Factorises it with the `damping` `d` and the `stiffness` `k` at `q`, where `equations` are; `None` if it cannot be.
+    pub fn factorise(
+        &mut self,
+        equations: &EquationsOfMotion,
+        loads: &Loads,
+        q: &Configuration,
+        command: &[f64],
+        [damping, stiffness]: [f64; 2],
+    ) -> Option<Curvature> {
+        let posture = &equations.posture;
+        // K: the potential's derivatives, following loads as the dead forces that they are here.
+        let mut dead = &equations.forces.dead;
+        if loads.wrenches().iter().any(follows) {
+            self.dead.clone_from(dead);
+            add_forces(loads, 1.0, posture, &mut self.dead);
+            dead = &self.dead;
+        }
+        let robot = &equations.robot;
+        let potential = Potential {
+            robot,
+            command,
+            dead,
+        };
+        potential.expand(q, posture, &mut self.expansion);
+        add_moments(loads, 1.0, posture, &mut self.expansion);
+        // M and D: each disc's inertia about its joint's centre, and what resists the joint.
+        let places = equations.links.iter().zip(equations.orientations());
+        let blocks = self.bodies.iter_mut().zip(&mut self.joints);
+        for ((body, joint), (link, orientation)) in blocks.zip(places) {
+            *body = link.body(orientation).spatial();
+            let armature = Matrix3::identity() * link.armature;
+            *joint = armature + link.damping_matrix(orientation) * damping;
+        }
+        if let Some((tip, orientation)) =
+            (self.bodies.last_mut()).zip(equations.orientations().last())
+        {
+            *tip += equations.payload.body(orientation).spatial();
+        }
+        add_bodies(loads, stiffness, posture, &mut self.bodies);
+        self.lu.factorise(&ChainMatrix {
+            expansion: &self.expansion,
+            scale: stiffness,
+            centres: &posture.chain.centres,
+            joints: &self.joints,
+            bodies: &self.bodies,
+        })
+    }
+
+    /// Writes its inverse times `torques` (N m) to `out`.
+    pub fn solve(&self, torques: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        self.lu.solve(torques, &self.none, Side::Matrix, out);
+    }
+
+    /// Writes `K turns`, as it was last expanded.
+    pub fn stiffness_product(
+        &self,
+        equations: &EquationsOfMotion,
+        loads: &Loads,
+        turns: &[Vector3<f64>],
+        out: &mut [Vector3<f64>],
+    ) {
+        self.expansion.product(turns, out);
+        add_product(loads, 1.0, &equations.posture, turns, out);
+    }
+}
 
 /// Workspace of the method.
 #[derive(Clone, Debug)]
 pub(super) struct ImplicitEuler {
-    expansion: Expansion,
-    composites: Vec<Composite>,
-    torques: Vec<f64>,
-    still: Vec<f64>,
+    matrix: ImplicitMatrix,
+    rates: Vec<Vector3<f64>>,
+    forces: Vec<Vector3<f64>>,
+    solution: Vec<Vector3<f64>>,
 }
 
 impl ImplicitEuler {
     pub fn new(robot: &Robot) -> Box<Self> {
+        let zeros = vec![Vector3::zeros(); robot.discs().len()];
         Box::new(Self {
-            expansion: Expansion::new(robot),
-            composites: Vec::with_capacity(robot.discs().len()),
-            torques: vec![0.0; robot.dof()],
-            still: vec![0.0; robot.dof()],
+            matrix: ImplicitMatrix::new(robot),
+            rates: zeros.clone(),
+            forces: zeros.clone(),
+            solution: zeros,
         })
     }
 
     /// Writes the accelerations to `out` (rad/s²): the solution `a` of
     /// `(M + h D + h² K) a = tau - D v - bias - h K v`; `false` if the matrix is not positive
-    /// definite. `armatures` hold `h D`.
+    /// definite.
     pub fn accelerate(
         &mut self,
         equations: &mut EquationsOfMotion,
+        loads: &Loads,
         state: &State,
         command: &[f64],
-        armatures: &[f64],
         h: f64,
         out: &mut [f64],
     ) -> bool {
-        // tau - D v, and the composite bodies for M and the bias torques.
-        equations.torques(
-            &state.configuration,
-            &state.velocity,
-            command,
-            &mut self.torques,
-        );
-        compose(
-            equations,
-            &state.velocity,
-            &self.still,
-            &mut self.composites,
-        );
-        // K: the Hessian of the potential, in the discs' frames.
-        let potential = equations.forces.potential(command);
-        potential.expand(
-            &state.configuration,
-            &equations.posture,
-            &mut self.expansion,
-        );
-        let stiffness = in_discs(&self.expansion.dense(), equations.orientations());
-        let matrix = mass_matrix(&self.composites, armatures) + &stiffness * faer::Scale(h * h);
-        let Ok(factor) = Llt::new(matrix.as_ref(), Side::Lower) else {
+        let q = &state.configuration;
+        equations.enter(q, &state.velocity, command);
+        let weights = [h, h * h];
+        let curvature = (self.matrix).factorise(equations, loads, q, command, weights);
+        if curvature != Some(Curvature::Positive) {
             return false;
-        };
-        // tau - D v - bias - h K v.
-        let dof = self.torques.len();
-        let velocity = Mat::from_fn(dof, 1, |i, _| state.velocity[i]);
-        let mut forces = stiffness * velocity * faer::Scale(-h);
-        for (joint, composite) in self.composites.iter().enumerate() {
-            let bias = composite.axes.tr_mul(&composite.force);
-            for axis in 0..3 {
-                forces[(3 * joint + axis, 0)] += self.torques[3 * joint + axis] - bias[axis];
-            }
         }
-        factor.solve_in_place(forces.as_mut());
-        out.copy_from_slice(forces.col_as_slice(0));
+        // tau - D v - bias - h K v: the residual at rest rates is minus the first three.
+        self.solution.fill(Vector3::zeros());
+        equations.residual(&self.solution, &mut self.forces);
+        for (rate, motion) in self.rates.iter_mut().zip(&equations.motions) {
+            *rate = motion.rate;
+        }
+        (self.matrix).stiffness_product(equations, loads, &self.rates, &mut self.solution);
+        for (force, stiff) in self.forces.iter_mut().zip(&self.solution) {
+            *force = -*force - stiff * h;
+        }
+        self.matrix.solve(&self.forces, &mut self.solution);
+        let accelerations = out.as_chunks_mut::<3>().0.iter_mut();
+        let turned = equations.orientations().iter().zip(&self.solution);
+        for (out, (orientation, world)) in accelerations.zip(turned) {
+            *out = transpose_times(orientation, world).into();
+        }
         true
     }
 }

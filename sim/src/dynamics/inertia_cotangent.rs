@@ -66,6 +66,8 @@ pub(super) fn pull_back_inertia(
         inertia.rotational -= (by_inertia + by_inertia.transpose()) * 0.5;
         out.armature[k] -= turns[k].dot(&acceleration);
         out.damping[k] -= turns[k].dot(&(motion.rate + acceleration * timestep));
+        let [turned, rate] = [&turns[k], &motion.rate].map(|vector| orientation.tr_mul(vector));
+        out.extra_damping[k] -= turned.component_mul(&rate);
         // What moving the centre costs.
         let mut body = link.body(orientation);
         if k + 1 == n {

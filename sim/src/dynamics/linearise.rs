@@ -139,8 +139,9 @@ impl Lineariser {
                 add_block(forces, 3 * i, 3 * j, &-turn);
                 add_block(forces, 3 * i, dof + 3 * j, &-rate);
             }
-            let damping = Matrix3::identity() * -self.step.equations.links[j].damping;
-            add_block(forces, 3 * j, dof + 3 * j, &damping);
+            let link = &self.step.equations.links[j];
+            let damping = Matrix3::from_diagonal(&link.extra_damping.add_scalar(link.damping));
+            add_block(forces, 3 * j, dof + 3 * j, &-damping);
         }
     }
 

@@ -1,6 +1,6 @@
 //! The moving parts of a robot and how they move.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use super::symmetric::{Symmetric, times};
 use crate::robot::{Loads, Robot};
@@ -17,8 +17,9 @@ pub(super) struct Link {
     pub moments: Vector3<f64>,
     /// Armature of the joint (kg m²).
     pub armature: f64,
-    /// Damping of the joint (N m s/rad).
+    /// Damping of the joint that is alike about all axes, and what there is more about the disc's (N m s/rad).
     pub damping: f64,
+    pub extra_damping: Vector3<f64>,
 }
 
 impl Link {
@@ -31,8 +32,18 @@ impl Link {
                 moments: disc.inertia,
                 armature: disc.armature,
                 damping: disc.damping,
+                extra_damping: disc.extra_damping,
             })
             .collect()
+    }
+
+    /// The joint's damping in world axes (N m s/rad), on a disc turned to `orientation`.
+    pub fn damping_matrix(&self, orientation: &Matrix3<f64>) -> Matrix3<f64> {
+        let alike = Matrix3::identity() * self.damping;
+        if self.extra_damping == Vector3::zeros() {
+            return alike;
+        }
+        alike + orientation * Matrix3::from_diagonal(&self.extra_damping) * orientation.transpose()
     }
 
     /// Whether the disc turns about some axis through its joint without resistance.
@@ -96,6 +107,18 @@ pub(super) struct RigidBody {
 }
 
 impl RigidBody {
+    /// The inertia of motions: of `[turn; displacement of the joint's centre]`.
+    pub fn spatial(&self) -> Matrix6<f64> {
+        let mut spatial = Matrix6::from_diagonal_element(self.mass);
+        let coupling = self.moment.cross_matrix();
+        spatial
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&self.inertia.matrix());
+        spatial.fixed_view_mut::<3, 3>(0, 3).copy_from(&coupling);
+        spatial.fixed_view_mut::<3, 3>(3, 0).copy_from(&-coupling);
+        spatial
+    }
+
     /// Two bodies as one.
     pub fn with(&self, other: &Self) -> Self {
         Self {

@@ -35,6 +35,9 @@
 //! vectors of a joint are in world axes about its own centre: armature and damping keep their form there, nothing changes
 //! frames along the chain, and no inertia is a difference of large numbers, although armatures are much larger than the
 //! discs' own inertias. Derivatives come from composite bodies about the base's origin.
+//!
+//! Implicit integrators solve with `M + d D + k K` in O(n) (the room `factor`). They count the steps that they
+//! could not take as they should ([`Stepper::fallbacks`]).
 
 mod acceleration;
 mod adjoint;
@@ -48,6 +51,7 @@ mod implicit;
 mod inertia_cotangent;
 mod linearise;
 mod links;
+mod midpoint;
 mod rollout;
 mod runge_kutta;
 mod small_motions;

@@ -174,7 +174,9 @@ impl StepAdjoint {
                 .axes
                 .tr_mul(&cross_with_force(&joint.force).tr_mul(&below[j]));
             let by_turn = work(&Moved::by_turn(joint)) + force;
-            let by_rate = work(&Moved::by_rate(joint)) + own[j] * equations.links[j].damping;
+            let link = &equations.links[j];
+            let damping = link.extra_damping.add_scalar(link.damping);
+            let by_rate = work(&Moved::by_rate(joint)) + own[j].component_mul(&damping);
             for axis in 0..3 {
                 turns[3 * j + axis] -= by_turn[axis];
                 rates[3 * j + axis] -= by_rate[axis];

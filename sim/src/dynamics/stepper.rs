@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::acceleration::EquationsOfMotion;
 use super::implicit::ImplicitEuler;
+use super::midpoint::ImplicitMidpoint;
 use super::runge_kutta::RungeKutta;
 use super::{DynamicsError, Energy, State};
 use crate::chain::turned;
@@ -24,11 +25,17 @@ pub enum Integrator {
     /// Fourth order, explicit: the classical Runge-Kutta method on the rotation group (Munthe-Kaas,
     /// Applied Numerical Mathematics 29, 1999). MuJoCo's RK4, but for terms of higher order.
     RungeKutta4,
-    /// First order, linearly implicit in the joint damping and in the stiffness `K` of the potential:
-    /// `(M + h D + h² K) (v+ - v) = h (tau - D v - bias - h K v)`. For stiff backbones and tendons;
-    /// it damps what is faster than the time step. Takes O(n³) time, and falls back on
-    /// [`Integrator::SemiImplicitEuler`] in steps where the matrix is not positive definite.
+    /// First order, linearly implicit in the joint damping and in the stiffness `K`, following loads included:
+    /// `(M + h D + h² K) (v+ - v) = h (tau - D v - bias - h K v)`. For stiff backbones and tendons; it damps what is faster
+    /// than the time step, and what is slower by about `omega h / 2` of critical. Where the matrix is not positive
+    /// definite, a [`Integrator::SemiImplicitEuler`] step takes its place: [`Stepper::fallbacks`] counts those.
     ImplicitEuler,
+    /// Second order, implicit in everything and without damping of its own: the midpoint rule on the rotation group,
+    /// `M(q_m) (v+ - v) / h + bias(q_m, u) = tau(q_m) - D u` with the mean rates `u = (v + v+) / 2`, `q_m = q exp(h u / 2)`
+    /// and `q+ = q exp(h u)` (Hairer, Lubich and Wanner, Geometric Numerical Integration, 2006, ch. IV.8), solved by
+    /// Newton's method in O(n), following loads included. It is symmetric in time, so energy does not drift. A step
+    /// that it cannot solve is taken in halves; [`Stepper::fallbacks`] counts those.
+    ImplicitMidpoint,
 }
 
 /// Moves states of one robot through time, reusing its memory.
@@ -41,6 +48,7 @@ pub struct Stepper {
     scheme: Scheme,
     /// Accelerations in the discs' frames (rad/s²).
     accelerations: Vec<f64>,
+    fallbacks: usize,
 }
 
 /// An integrator and its workspace.
@@ -49,6 +57,7 @@ enum Scheme {
     SemiImplicitEuler,
     RungeKutta4(Box<RungeKutta>),
     ImplicitEuler(Box<ImplicitEuler>),
+    ImplicitMidpoint(Box<ImplicitMidpoint>),
 }
 
 impl Scheme {
@@ -57,6 +66,7 @@ impl Scheme {
             Self::SemiImplicitEuler => Integrator::SemiImplicitEuler,
             Self::RungeKutta4(_) => Integrator::RungeKutta4,
             Self::ImplicitEuler(_) => Integrator::ImplicitEuler,
+            Self::ImplicitMidpoint(_) => Integrator::ImplicitMidpoint,
         }
     }
 }
@@ -81,6 +91,10 @@ impl Stepper {
             Integrator::ImplicitEuler => {
                 (Scheme::ImplicitEuler(ImplicitEuler::new(robot)), timestep)
             }
+            Integrator::ImplicitMidpoint => {
+                let scheme = ImplicitMidpoint::new(robot);
+                (Scheme::ImplicitMidpoint(scheme), 0.5 * timestep)
+            }
         };
         let armatures: Vec<f64> = (robot.discs().iter())
             .map(|disc| disc.armature + implicit * disc.damping)
@@ -92,6 +106,7 @@ impl Stepper {
             armatures,
             scheme,
             accelerations: vec![0.0; robot.dof()],
+            fallbacks: 0,
         })
     }
 
@@ -110,12 +125,19 @@ impl Stepper {
         self.scheme.integrator()
     }
 
+    /// Number of steps, since this stepper was made, that were not taken as the [`Integrator`] says: of
+    /// [`Integrator::ImplicitEuler`] those where its matrix is not positive definite, of [`Integrator::ImplicitMidpoint`]
+    /// those taken in halves. The others always are.
+    pub fn fallbacks(&self) -> usize {
+        self.fallbacks
+    }
+
     /// Moves `state` by one time step under `command` and `loads`, both constant meanwhile. Takes
     /// O(n) time and allocates nothing, but for [`Integrator::ImplicitEuler`].
     ///
     /// # Errors
-    /// [`DynamicsError`] when state, command or loads are not of this robot (the state is left as it
-    /// was), or the motion diverged: a joint turns by more than [`LARGEST_TURN`] in the step.
+    /// [`DynamicsError`] when state, command or loads are not of this robot, or an implicit step has no solution that can be
+    /// found (the state is left as it was), or the motion diverged: a joint turns by more than [`LARGEST_TURN`] in the step.
     pub fn step(
         &mut self,
         state: &mut State,
@@ -137,11 +159,15 @@ impl Stepper {
             Scheme::ImplicitEuler(scheme) => {
                 let (q, v) = (&state.configuration, &state.velocity);
                 let accelerations = &mut self.accelerations;
-                if !scheme.accelerate(equations, state, command, &self.armatures, h, accelerations)
-                {
+                if !scheme.accelerate(equations, loads, state, command, h, accelerations) {
+                    self.fallbacks += 1;
                     equations.accelerate(q, v, command, &self.armatures, accelerations);
                 }
                 advance(state, accelerations, h);
+            }
+            Scheme::ImplicitMidpoint(scheme) => {
+                let halved = scheme.step(equations, loads, state, command, h)?;
+                self.fallbacks += usize::from(halved);
             }
         }
         // A step that turns a joint too far does not resolve the motion.

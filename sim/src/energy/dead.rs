@@ -1,8 +1,10 @@
 //! Forces that keep their size and direction, and so have a potential: weight, payload, line load,
 //! and forces given in the world frame.
 //!
-//! A disc's weight is a force on its origin, and where its centre of mass lies elsewhere, at `c` in its
-//! frame, also the couple `R c x m g` about there.
+//! A force `f` on a point at `r` in the frame of a disc of orientation `R` is the force on the disc's origin, and the
+//! couple `R r x f` about there; so is a weight on a centre of mass. All couples of a disc together are a matrix,
+//! `sum f r'`, whatever their number: their potential is `-tr(R r f')`, and gradient and Hessian follow from the
+//! product of that matrix with `R'` ([`super::Lever`]).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -10,18 +12,39 @@ use crate::chain::Chain;
 use crate::robot::{Frame, Loads, Robot};
 
 /// Dead forces on the discs of a robot, world frame.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(crate) struct DeadForces {
     /// Force on the origin of each disc (N), its weight among them.
     pub at_origin: Vec<Vector3<f64>>,
     /// Gravitational acceleration, world frame (m/s²).
     pub gravity: Vector3<f64>,
-    /// Mass of each disc times its centre's place from the origin, disc frame (kg m).
-    pub off_origin: Vec<Vector3<f64>>,
+    /// The couples of each disc's forces off its origin: the sum of `f r'`, forces `f` in world axes, the points' places
+    /// `r` from the origin in the disc's (N m).
+    couples: Vec<Matrix3<f64>>,
     /// Force of the payload on the distal disc (N).
     pub payload: Vector3<f64>,
     /// Where it acts, from the centre of the disc's joint, in the disc's frame (m).
     pub payload_arm: Vector3<f64>,
+}
+
+/// By hand, so that `clone_from` allocates nothing.
+impl Clone for DeadForces {
+    fn clone(&self) -> Self {
+        Self {
+            at_origin: self.at_origin.clone(),
+            gravity: self.gravity,
+            couples: self.couples.clone(),
+            payload: self.payload,
+            payload_arm: self.payload_arm,
+        }
+    }
+
+    fn clone_from(&mut self, other: &Self) {
+        self.at_origin.clone_from(&other.at_origin);
+        self.couples.clone_from(&other.couples);
+        (self.gravity, self.payload) = (other.gravity, other.payload);
+        self.payload_arm = other.payload_arm;
+    }
 }
 
 impl DeadForces {
@@ -30,7 +53,7 @@ impl DeadForces {
         Self {
             at_origin: vec![Vector3::zeros(); robot.discs().len()],
             gravity: Vector3::zeros(),
-            off_origin: vec![Vector3::zeros(); robot.discs().len()],
+            couples: vec![Matrix3::zeros(); robot.discs().len()],
             payload: Vector3::zeros(),
             payload_arm: Vector3::zeros(),
         }
@@ -42,8 +65,8 @@ impl DeadForces {
     /// If a wrench acts on a disc that the robot does not have ([`Loads::check`]).
     pub fn set(&mut self, robot: &Robot, loads: &Loads) {
         self.gravity = robot.gravity();
-        for (off_origin, disc) in self.off_origin.iter_mut().zip(robot.discs()) {
-            *off_origin = disc.centre_of_mass * disc.mass;
+        for (couple, disc) in self.couples.iter_mut().zip(robot.discs()) {
+            *couple = robot.gravity() * (disc.centre_of_mass * disc.mass).transpose();
         }
         let line = loads.line_load();
         for (i, (force, disc)) in self.at_origin.iter_mut().zip(robot.discs()).enumerate() {
@@ -55,7 +78,9 @@ impl DeadForces {
         }
         for wrench in loads.wrenches() {
             if wrench.frame == Frame::World {
-                self.at_origin[wrench.disc] += Vector3::from(wrench.force);
+                let force = Vector3::from(wrench.force);
+                self.at_origin[wrench.disc] += force;
+                self.couples[wrench.disc] += force * Vector3::from(wrench.point).transpose();
             }
         }
         let weight = robot.gravity() * loads.tip_payload().mass;
@@ -72,23 +97,24 @@ impl DeadForces {
         self.payload_arm = origin + Vector3::from(loads.tip_payload().offset);
     }
 
-    /// Mass of a disc times its centre's place from the origin, world axes (kg m); `None` where that
-    /// is in the origin.
+    /// The couples of a disc of this orientation: the sum of `f (R r)'` in world axes (N m); `None` where all forces
+    /// act on the origin.
     #[inline(always)]
-    pub fn off_origin(&self, disc: usize, orientation: &Matrix3<f64>) -> Option<Vector3<f64>> {
-        let off_origin = &self.off_origin[disc];
-        (*off_origin != Vector3::zeros()).then(|| orientation * off_origin)
+    pub fn couple(&self, disc: usize, orientation: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+        let couple = &self.couples[disc];
+        (*couple != Matrix3::zeros()).then(|| couple * orientation.transpose())
     }
 
     /// Their potential (J) in the poses of `chain`.
     pub fn energy(&self, chain: &Chain) -> f64 {
         let forces = self.at_origin.iter().zip(&chain.positions);
         let lifted: f64 = forces.map(|(force, position)| force.dot(position)).sum();
-        let off_origin: Vector3<f64> = (chain.orientations[1..].iter().enumerate())
-            .filter_map(|(disc, orientation)| self.off_origin(disc, orientation))
+        let off_origin: f64 = (chain.orientations[1..].iter().enumerate())
+            .filter_map(|(disc, orientation)| self.couple(disc, orientation))
+            .map(|couple| couple.trace())
             .sum();
         let tip = chain.positions.len() - 1;
         let hung = chain.centres[tip] + chain.disc(tip) * self.payload_arm;
-        -lifted - self.gravity.dot(&off_origin) - self.payload.dot(&hung)
+        -lifted - off_origin - self.payload.dot(&hung)
     }
 }

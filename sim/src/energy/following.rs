@@ -6,7 +6,7 @@
 //! symmetric.
 
 use faer::Mat;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use super::{DeadForces, Expansion, add_block};
 use crate::robot::{Frame, Loads, Wrench};
@@ -18,7 +18,8 @@ pub(crate) fn follows(wrench: &Wrench) -> bool {
     some(wrench.moment) || (wrench.frame == Frame::Disc && some(wrench.force))
 }
 
-/// Force and moment of the part of a wrench without a potential, world axes.
+/// Force and moment of the part of a wrench without a potential, on the disc's origin, world axes. Of a force that turns
+/// with its disc, that off the origin is a moment that does, too.
 pub(crate) fn follower(
     wrench: &Wrench,
     orientation: &Matrix3<f64>,
@@ -26,7 +27,10 @@ pub(crate) fn follower(
     let (force, moment) = (Vector3::from(wrench.force), Vector3::from(wrench.moment));
     match wrench.frame {
         Frame::World => (Vector3::zeros(), moment),
-        Frame::Disc => (orientation * force, orientation * moment),
+        Frame::Disc => {
+            let off_origin = Vector3::from(wrench.point).cross(&force);
+            (orientation * force, orientation * (moment + off_origin))
+        }
     }
 }
 
@@ -47,11 +51,38 @@ pub(crate) fn add_forces(loads: &Loads, share: f64, posture: &Posture, dead: &mu
     }
 }
 
+/// What one wrench without a potential adds to the Jacobian of the residual moments by the joints' turns (N m/rad).
+///
+/// With `M` a moment and `F` a force on disc `m`, `d_k` its origin from joint `k`, blocks `k, i <= m` get `-1/2 [M]x`
+/// (world frame) or `1/2 [M]x` (disc frame): `twist`; and `[d_k]x [F]x`: turning with the disc, by `Omega`, the force
+/// changes by `Omega x F`.
+struct Turning {
+    disc: usize,
+    twist: Matrix3<f64>,
+    /// `[F]x`.
+    force: Matrix3<f64>,
+}
+
+/// Those of `share` of the loads.
+fn turning(loads: &Loads, share: f64, posture: &Posture) -> impl Iterator<Item = Turning> {
+    let chain = &posture.chain;
+    let wrenches = loads.wrenches().iter().filter(|wrench| follows(wrench));
+    wrenches.map(move |wrench| {
+        let (force, moment) = follower(wrench, chain.disc(wrench.disc));
+        let half = match wrench.frame {
+            Frame::World => -0.5,
+            Frame::Disc => 0.5,
+        };
+        Turning {
+            disc: wrench.disc,
+            twist: (moment * (half * share)).cross_matrix(),
+            force: (force * share).cross_matrix(),
+        }
+    })
+}
+
 /// The Jacobian `3 n x 3 n` of the residual moments by the joints' turns, world axes (N m/rad): the
 /// expansion's Hessian, and what `share` of the loads without a potential add to it.
-///
-/// With `M` a moment and `F` a force on disc `m`, `d_k` its origin from joint `k`, blocks `k, i <= m`
-/// get `-1/2 [M]x` (world frame) or `1/2 [M]x` (disc frame), and `[d_k]x [F]x`.
 pub(crate) fn jacobian(
     loads: &Loads,
     share: f64,
@@ -60,23 +91,52 @@ pub(crate) fn jacobian(
 ) -> Mat<f64> {
     let mut jacobian = expansion.dense();
     let chain = &posture.chain;
-    for wrench in loads.wrenches().iter().filter(|wrench| follows(wrench)) {
-        let (force, moment) = follower(wrench, chain.disc(wrench.disc));
-        let half = match wrench.frame {
-            Frame::World => -0.5,
-            Frame::Disc => 0.5,
-        };
-        let twist = (moment * (half * share)).cross_matrix();
-        let turning = (force * share).cross_matrix();
-        for k in 0..=wrench.disc {
-            let arm = chain.positions[wrench.disc] - chain.centres[k];
-            let block = twist + arm.cross_matrix() * turning;
-            for i in 0..=wrench.disc {
+    for Turning { disc, twist, force } in turning(loads, share, posture) {
+        for k in 0..=disc {
+            let arm = chain.positions[disc] - chain.centres[k];
+            let block = twist + arm.cross_matrix() * force;
+            for i in 0..=disc {
                 add_block(&mut jacobian, k, i, &block);
             }
         }
     }
     jacobian
+}
+
+/// Adds the same to `bodies`, as forms of the discs' motions: of each the turn, and the displacement of its joint's centre.
+pub(crate) fn add_bodies(
+    loads: &Loads,
+    share: f64,
+    posture: &Posture,
+    bodies: &mut [Matrix6<f64>],
+) {
+    let chain = &posture.chain;
+    for Turning { disc, twist, force } in turning(loads, share, posture) {
+        let arm = chain.positions[disc] - chain.centres[disc];
+        let mut turns = bodies[disc].fixed_view_mut::<3, 3>(0, 0);
+        turns += twist + arm.cross_matrix() * force;
+        let mut displaced = bodies[disc].fixed_view_mut::<3, 3>(3, 0);
+        displaced += force;
+    }
+}
+
+/// Adds to `out` what `share` of the loads without a potential adds to the product of the Jacobian with the joints'
+/// `turns`, world axes.
+pub(crate) fn add_product(
+    loads: &Loads,
+    share: f64,
+    posture: &Posture,
+    turns: &[Vector3<f64>],
+    out: &mut [Vector3<f64>],
+) {
+    let chain = &posture.chain;
+    for Turning { disc, twist, force } in turning(loads, share, posture) {
+        let turn: Vector3<f64> = turns[..=disc].iter().sum();
+        let (moment, force) = (twist * turn, force * turn);
+        for (out, centre) in out.iter_mut().zip(&chain.centres).take(disc + 1) {
+            *out += moment + (chain.positions[disc] - centre).cross(&force);
+        }
+    }
 }
 
 /// Adds to `out` what the loads without a potential add to the product of the Jacobian's transpose with the joints' `turns`,
@@ -88,20 +148,15 @@ pub(crate) fn add_transposed_product(
     out: &mut [Vector3<f64>],
 ) {
     let chain = &posture.chain;
-    for wrench in loads.wrenches().iter().filter(|wrench| follows(wrench)) {
-        let (force, moment) = follower(wrench, chain.disc(wrench.disc));
-        let half = match wrench.frame {
-            Frame::World => -0.5,
-            Frame::Disc => 0.5,
-        };
+    for Turning { disc, twist, force } in turning(loads, 1.0, posture) {
         // The blocks of one row are alike: the sum over the rows of their transposes times the turns.
         let (mut turn, mut lever) = (Vector3::zeros(), Vector3::zeros());
-        for (own, centre) in turns.iter().zip(&chain.centres).take(wrench.disc + 1) {
+        for (own, centre) in turns.iter().zip(&chain.centres).take(disc + 1) {
             turn += own;
-            lever += (chain.positions[wrench.disc] - centre).cross(own);
+            lever += (chain.positions[disc] - centre).cross(own);
         }
-        let change = turn.cross(&(moment * half)) + force.cross(&lever);
-        for out in out.iter_mut().take(wrench.disc + 1) {
+        let change = twist.tr_mul(&turn) + force * lever;
+        for out in out.iter_mut().take(disc + 1) {
             *out += change;
         }
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::Potential;
+use super::{Potential, twist};
 use crate::chain::Configuration;
 use crate::tendon::Posture;
 
@@ -63,8 +63,8 @@ impl Potential<'_> {
         for (disc, (out, ((centre, position), own))) in out.iter_mut().zip(discs).enumerate().rev()
         {
             moment += force.cross(&(above - centre)) + own.cross(&(position - centre));
-            if let Some(off_origin) = self.dead.off_origin(disc, chain.disc(disc)) {
-                moment += self.dead.gravity.cross(&off_origin);
+            if let Some(couple) = self.dead.couple(disc, chain.disc(disc)) {
+                moment += twist(&couple);
             }
             force += own;
             above = centre;

@@ -246,8 +246,8 @@ impl Potential<'_> {
             let force = self.dead.at_origin[k];
             let arm = chain.positions[k] - chain.centres[k];
             let mut lever = Lever::of(&arm, &force);
-            if let Some(off_origin) = self.dead.off_origin(k, chain.disc(k)) {
-                lever.add(&off_origin, &self.dead.gravity);
+            if let Some(couple) = self.dead.couple(k, chain.disc(k)) {
+                lever.add_couple(&couple);
             }
             if k + 1 == n {
                 let hung = chain.disc(k) * self.dead.payload_arm;
@@ -389,6 +389,21 @@ impl Lever {
         self.gradient += other.gradient;
         self.hessian += other.hessian;
     }
+
+    /// Adds those of several forces on arms of their own, given the sum of `force arm'`.
+    fn add_couple(&mut self, couple: &Matrix3<f64>) {
+        self.gradient += twist(couple);
+        self.hessian += Matrix3::identity() * couple.trace() - (couple + couple.transpose()) * 0.5;
+    }
+}
+
+/// The sum of `force x arm`, given that of `force arm'`.
+pub(crate) fn twist(couple: &Matrix3<f64>) -> Vector3<f64> {
+    Vector3::new(
+        couple[(1, 2)] - couple[(2, 1)],
+        couple[(2, 0)] - couple[(0, 2)],
+        couple[(0, 1)] - couple[(1, 0)],
+    )
 }
 
 /// Adds a block to that of joints `row` and `column`.

@@ -26,6 +26,7 @@ fn dead_loads(robot: &Robot, rng: &mut impl Rng) -> Loads {
         offset: three(0.02),
     };
     let push = Wrench {
+        point: three(0.04),
         force: three(0.1),
         ..Wrench::none(robot.discs().len() / 2, Frame::World)
     };
@@ -156,19 +157,7 @@ fn products_are_those_of_the_dense_matrices() {
         let n = robot.discs().len();
         let mut three = || Vector3::from_fn(|_, _| within(-1.0, 1.0, &mut rng));
         let turns: Vec<_> = (0..n).map(|_| three()).collect();
-        let mut loads = Loads::default();
-        for (disc, frame) in [
-            (0, Frame::World),
-            (n / 2, Frame::Disc),
-            (n - 1, Frame::Disc),
-        ] {
-            let wrench = Wrench {
-                force: three().into(),
-                moment: three().into(),
-                ..Wrench::none(disc, frame)
-            };
-            loads = loads.with_wrench(wrench).expect("finite");
-        }
+        let loads = wrenches(n, three);
         let dense = [
             expansion.dense(),
             following::jacobian(&loads, 1.0, &posture, &expansion),
@@ -186,7 +175,73 @@ fn products_are_those_of_the_dense_matrices() {
                 assert!(error < 1e-12 * expected.norm_max(), "{step} {i}: {error}");
             }
         }
+        let mut found = vec![Vector3::zeros(); n];
+        expansion.product(&turns, &mut found);
+        following::add_product(&loads, 1.0, &posture, &turns, &mut found);
+        let vector = Mat::from_fn(3 * n, 1, |i, _| turns[i / 3][i % 3]);
+        let expected = &dense[1] * vector;
+        for i in 0..3 * n {
+            let error = (found[i / 3][i % 3] - expected[(i, 0)]).abs();
+            assert!(error < 1e-12 * expected.norm_max(), "{i}: {error}");
+        }
     }
+}
+
+/// Wrenches of both frames, off the discs' origins.
+fn wrenches(n: usize, mut three: impl FnMut() -> Vector3<f64>) -> Loads {
+    let places = [
+        (0, Frame::World),
+        (n / 2, Frame::Disc),
+        (n - 1, Frame::Disc),
+    ];
+    (places.into_iter()).fold(Loads::default(), |loads, (disc, frame)| {
+        let wrench = Wrench {
+            point: (three() * 0.2).into(),
+            force: three().into(),
+            moment: three().into(),
+            ..Wrench::none(disc, frame)
+        };
+        loads.with_wrench(wrench).expect("finite")
+    })
+}
+
+#[test]
+fn the_factor_under_following_loads_solves_as_a_dense_factorisation_does() {
+    use crate::factor::{LoadedFactor, Side};
+    use faer::linalg::solvers::Solve;
+    let mut rng = ChaCha8Rng::seed_from_u64(16);
+    let (mut chains, mut checked) = (0, 0);
+    for robot in robots() {
+        let landscape = Landscape::random(&robot, &mut rng);
+        let (posture, mut expansion) = landscape.expansion();
+        let n = robot.discs().len();
+        let mut three = || Vector3::from_fn(|_, _| within(-1.0, 1.0, &mut rng));
+        let [joint, disc] = [0, 1].map(|_| (0..n).map(|_| three()).collect::<Vec<_>>());
+        let loads = wrenches(n, three);
+        following::add_moments(&loads, 1.0, &posture, &mut expansion);
+        let dense = following::jacobian(&loads, 1.0, &posture, &expansion);
+        let factor = LoadedFactor::new(&loads, 1.0, &posture, &expansion);
+        chains += usize::from(matches!(factor, LoadedFactor::Chain(_)));
+        let total = |joint_index: usize| {
+            joint[joint_index] + disc[joint_index..].iter().sum::<Vector3<f64>>()
+        };
+        let rhs = Mat::from_fn(3 * n, 1, |i, _| total(i / 3)[i % 3]);
+        for side in [Side::Matrix, Side::Transpose] {
+            let mut found = vec![Vector3::zeros(); n];
+            factor.solve(&joint, &disc, side, &mut found);
+            let matrix = match side {
+                Side::Matrix => dense.clone(),
+                Side::Transpose => dense.transpose().to_owned(),
+            };
+            let exact = matrix.partial_piv_lu().solve(&rhs);
+            for i in 0..3 * n {
+                let error = (found[i / 3][i % 3] - exact[(i, 0)]).abs();
+                assert!(error < 1e-7 * exact.norm_max(), "{side:?} {i}: {error}");
+            }
+        }
+        checked += 1;
+    }
+    assert!(3 * chains >= 2 * checked, "{chains} of {checked} in O(n)");
 }
 
 #[test]

@@ -100,7 +100,11 @@ static MASS: Kind = kind(&[], &[("rigid", &RIGID), ("solid", &SOLID)]);
 static RIGID: Kind = kind(&[&["mass"], &["inertia"]], &[]);
 static SOLID: Kind = kind(&[&["density"]], &[]);
 static BACKBONE: Kind = kind(&[&["bending"], &["torsion"]], &[]);
-static ROD: Kind = kind(&[&["youngs"], &["poisson"], &["radius"], &["density"]], &[]);
+static ROD: Kind = kind(
+    &[&["youngs"], &["poisson"], &["radius"], &["density"]],
+    &[("damping", &ROD_DAMPING)],
+);
+static ROD_DAMPING: Kind = kind(&[&["bending"], &["torsion"]], &[]);
 static LIMIT: Kind = kind(&[&["angle", "degrees"], &["stiffness"]], &[]);
 static TENDON: Kind = kind(&[&["drive"], &["range"]], &[("friction", &FRICTION)]);
 static FRICTION: Kind = kind(&[&["coefficient"]], &[]);

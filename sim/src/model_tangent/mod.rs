@@ -64,8 +64,9 @@ pub(crate) struct ModelTangent {
     pub moments: Vec<Vector3<f64>>,
     /// Inertia of each disc; the payload is part of the distal one.
     pub inertias: Vec<Inertia>,
-    /// Viscous damping of each joint.
+    /// Viscous damping of each joint, and what there is more about its disc's axes.
     pub damping: Vec<f64>,
+    pub extra_damping: Vec<Vector3<f64>>,
     /// Armature of each joint.
     pub armature: Vec<f64>,
 }
@@ -122,7 +123,8 @@ impl ModelTangent {
             at_origin: none.clone(),
             off_origin: none.clone(),
             payload: Vector3::zeros(),
-            moments: none,
+            moments: none.clone(),
+            extra_damping: none,
             inertias: vec![Inertia::default(); n],
             damping: vec![0.0; n],
             armature: vec![0.0; n],
@@ -151,6 +153,7 @@ impl ModelTangent {
             + vectors(&self.moments, &other.moments)
             + inertias.map(|(a, b)| a.dot(b)).sum::<f64>()
             + numbers(&self.damping, &other.damping)
+            + vectors(&self.extra_damping, &other.extra_damping)
             + numbers(&self.armature, &other.armature)
     }
 
@@ -199,16 +202,19 @@ impl ModelTangent {
         }
     }
 
-    /// A rod's stiffness is in proportion to its Young's modulus.
+    /// A rod's stiffness, and its damping with it, is in proportion to its Young's modulus.
     fn stiffen_rod(&mut self, robot: &Robot, module: usize) {
         let Some(rod) = robot.spec().modules[module].rod else {
             return;
         };
-        for (disc, stiffness) in self.backbone.iter_mut().enumerate() {
+        for disc in 0..robot.discs().len() {
             if robot.spec().module_of(disc) == Some(module)
                 && let Some(backbone) = &robot.discs()[disc].backbone
             {
-                *stiffness = backbone.stiffness() / rod.youngs;
+                self.backbone[disc] = backbone.stiffness() / rod.youngs;
+                let damping = rod.damping.of_joint(backbone) / rod.youngs;
+                self.damping[disc] = damping.min();
+                self.extra_damping[disc] = damping.add_scalar(-damping.min());
             }
         }
     }
@@ -264,7 +270,11 @@ impl ModelTangent {
             *force = (high.1.at_origin[i] - low.1.at_origin[i]) * per_unit;
         }
         for (i, off_origin) in self.off_origin.iter_mut().enumerate() {
-            *off_origin = (high.1.off_origin[i] - low.1.off_origin[i]) * per_unit;
+            let [low, high] = [&low.0, &high.0].map(|robot| {
+                let disc = &robot.discs()[i];
+                disc.centre_of_mass * disc.mass
+            });
+            *off_origin = (high - low) * per_unit;
         }
         for (i, inertia) in self.inertias.iter_mut().enumerate() {
             let [low, high] = [&low.0, &high.0].map(|robot| Inertia::of_disc(&robot.discs()[i]));
@@ -273,6 +283,11 @@ impl ModelTangent {
                 moment: (high.moment - low.moment) * per_unit,
                 rotational: (high.rotational - low.rotational) * per_unit,
             };
+        }
+        for (i, damping) in self.damping.iter_mut().enumerate() {
+            let [low, high] = [&low.0, &high.0].map(|robot| &robot.discs()[i]);
+            *damping = (high.damping - low.damping) * per_unit;
+            self.extra_damping[i] = (high.extra_damping - low.extra_damping) * per_unit;
         }
         for (i, stiffness) in self.backbone.iter_mut().enumerate() {
             let joints = [&low.0, &high.0].map(|robot| robot.discs()[i].backbone);

@@ -214,6 +214,10 @@ fn disc(module: &ModuleSpec, index: usize, origin_below: Vector3<f64>) -> Disc {
         Vector3::new(0.0, 0.0, module.joint_below),
     );
     let rod = module.rod.map(|rod| rod.backbone(step));
+    let rod_damping = (module.rod.zip(rod)).map_or(Vector3::zeros(), |(rod, joint)| {
+        rod.damping.of_joint(&joint)
+    });
+    let alike = rod_damping.min();
     Disc {
         offset,
         joint_offset: origin_below + offset - origin,
@@ -223,7 +227,8 @@ fn disc(module: &ModuleSpec, index: usize, origin_below: Vector3<f64>) -> Disc {
         inertia: Vector3::zeros(),
         radius: module.radius,
         half_height: module.half_height,
-        damping: of(&module.damping, index),
+        damping: of(&module.damping, index) + alike,
+        extra_damping: rod_damping.add_scalar(-alike),
         armature: of(&module.armature, index),
         backbone: rod.or(module.backbone.as_ref().map(|b| of(b, index))),
         limit: module.limit.as_ref().map(|l| of(l, index)),

@@ -2,6 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::angle;
@@ -87,6 +88,33 @@ pub struct RodSpec {
     pub radius: f64,
     /// Density (kg/m³).
     pub density: f64,
+    /// Internal damping; none where the file does not give it.
+    #[serde(default, skip_serializing_if = "RodDamping::is_none")]
+    pub damping: RodDamping,
+}
+
+/// Internal damping of a rod, in proportion to its stiffness (Kelvin and Voigt's solid): a moment `K (phi + tau dphi/dt)` where
+/// the elastic one is `K phi`. A mode of angular frequency `omega` of a rod with the same `tau` in bending and torsion has the
+/// damping ratio `tau omega / 2`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RodDamping {
+    /// Relaxation time `tau` in bending (s): the viscosity over Young's modulus.
+    pub bending: f64,
+    /// Relaxation time in torsion (s): the viscosity in shear over the shear modulus.
+    pub torsion: f64,
+}
+
+impl RodDamping {
+    fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Damping of a joint of this stiffness about the disc's axes (N m s/rad).
+    pub(crate) fn of_joint(&self, backbone: &Backbone) -> Vector3<f64> {
+        let times = Vector3::new(self.bending, self.bending, self.torsion);
+        times.component_mul(&backbone.stiffness())
+    }
 }
 
 impl RodSpec {

@@ -34,12 +34,14 @@ pub struct Payload {
     pub offset: [f64; 3],
 }
 
-/// A force and a moment on a disc.
+/// A force and a moment on a disc, or on a point fixed to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wrench {
     /// The disc, from 0 at the base.
     pub disc: usize,
-    /// Force (N) on the disc's origin.
+    /// The point that the force acts on, in the disc's frame whatever `frame` is (m); the disc's origin by default.
+    pub point: [f64; 3],
+    /// Force (N).
     pub force: [f64; 3],
     /// Moment (N m).
     pub moment: [f64; 3],
@@ -71,6 +73,16 @@ pub enum LoadsError {
         /// The component.
         value: f64,
     },
+    /// A point beyond the ends of the backbone.
+    #[error(
+        "a wrench acts at {arc_length} m along the backbone; expected between 0 and its length, {length} m"
+    )]
+    ArcLength {
+        /// Where it was asked for, from the base along the backbone (m).
+        arc_length: f64,
+        /// The backbone's length (m).
+        length: f64,
+    },
     /// A disc that the robot does not have.
     #[error("a wrench acts on disc {disc}; the robot has {discs} discs, counted from 0")]
     Disc {
@@ -86,6 +98,7 @@ impl Wrench {
     pub fn none(disc: usize, frame: Frame) -> Self {
         Self {
             disc,
+            point: [0.0; 3],
             force: [0.0; 3],
             moment: [0.0; 3],
             frame,
@@ -123,9 +136,55 @@ impl Loads {
     /// # Errors
     /// [`LoadsError`] for components that are not finite.
     pub fn with_wrench(mut self, wrench: Wrench) -> Result<Self, LoadsError> {
+        finite("point of a wrench (m)", &wrench.point)?;
         finite("force (N)", &wrench.force)?;
         finite("moment (N m)", &wrench.moment)?;
         self.wrenches.push(wrench);
+        Ok(self)
+    }
+
+    /// These loads and a force (N) and a moment (N m) at a point of the backbone, `arc_length` (m) from the base along it,
+    /// in `frame`: the world's, or that of the discs about the point.
+    ///
+    /// It is shared by the two discs on either side in proportion to how near their origins are, each holding the point
+    /// rigidly. A joint so bends under the part of the moment that the piece of backbone it stands for lies below, which
+    /// keeps a chain's convergence with the square of the pitch wherever the point lies. The base bears its own share.
+    ///
+    /// # Errors
+    /// [`LoadsError::ArcLength`] for a point beyond the ends, [`LoadsError::NotFinite`] for components that are not finite.
+    pub fn with_backbone_wrench(
+        mut self,
+        robot: &Robot,
+        arc_length: f64,
+        force: [f64; 3],
+        moment: [f64; 3],
+        frame: Frame,
+    ) -> Result<Self, LoadsError> {
+        let origins = robot.arc_lengths();
+        let length = origins.last().copied().unwrap_or(0.0);
+        let Some(arc_length) = robot.on_backbone(arc_length) else {
+            return Err(LoadsError::ArcLength { arc_length, length });
+        };
+        let upper = origins.partition_point(|&origin| origin < arc_length);
+        let below = upper.checked_sub(1).map_or(0.0, |disc| origins[disc]);
+        let share = (arc_length - below) / (origins[upper] - below);
+        let shares = [
+            upper.checked_sub(1).map(|disc| (disc, 1.0 - share)),
+            Some((upper, share)),
+        ];
+        for (disc, share) in shares
+            .into_iter()
+            .flatten()
+            .filter(|(_, share)| *share > 0.0)
+        {
+            self = self.with_wrench(Wrench {
+                disc,
+                point: [0.0, 0.0, arc_length - origins[disc]],
+                force: force.map(|component| share * component),
+                moment: moment.map(|component| share * component),
+                frame,
+            })?;
+        }
         Ok(self)
     }
 

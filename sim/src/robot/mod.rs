@@ -23,7 +23,7 @@ pub use cameras::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, RingSpec};
 pub use command::{Command, CommandError};
 pub(crate) use compile::joints_along;
 pub use holes::{HoleCircle, Holes};
-pub use joint::{Backbone, Limit, RodSpec};
+pub use joint::{Backbone, Limit, RodDamping, RodSpec};
 pub use loads::{Frame, Loads, LoadsError, Payload, Wrench};
 pub use mass::{MassSpec, RigidMass, SolidMass};
 pub(crate) use parameter::check;
@@ -40,6 +40,9 @@ use std::sync::Arc;
 
 use compile::Model;
 use nalgebra::{UnitQuaternion, Vector3};
+
+/// Length, as a share of the backbone's, that is not told from none: sums of pitches are rounded.
+const ARC_ROUNDING: f64 = 1e-9;
 
 /// A validated robot, laid out for computation. Cheap to clone: clones share what it consists of.
 ///
@@ -68,8 +71,10 @@ pub struct Disc {
     pub radius: f64,
     /// Half of the height (m).
     pub half_height: f64,
-    /// Viscous damping of the disc's joint (N m s/rad).
+    /// Viscous damping of the disc's joint that is alike about all axes (N m s/rad): its own, and the least of its rod's.
     pub damping: f64,
+    /// What its rod's damping is about the disc's axes beyond that (N m s/rad).
+    pub extra_damping: Vector3<f64>,
     /// Armature inertia of the disc's joint (kg m²).
     pub armature: f64,
     /// Elastic backbone, or piece of a rod, at the disc's joint.
@@ -145,6 +150,25 @@ impl Robot {
     /// command has one entry for each.
     pub fn tendons(&self) -> &[Tendon] {
         &self.0.tendons
+    }
+
+    /// Distance of each disc's origin from the base along the backbone (m).
+    pub fn arc_lengths(&self) -> Vec<f64> {
+        let mut sum = 0.0;
+        let add = |disc: &Disc| {
+            sum += disc.offset.norm();
+            sum
+        };
+        self.discs().iter().map(add).collect()
+    }
+
+    /// `arc_length` (m) as a place on the backbone: that itself between 0 and the backbone's length, an end where only
+    /// rounding is between, `None` beyond.
+    pub(crate) fn on_backbone(&self, arc_length: f64) -> Option<f64> {
+        let length: f64 = self.discs().iter().map(|disc| disc.offset.norm()).sum();
+        let rounding = ARC_ROUNDING * length;
+        let on = (-rounding..=length + rounding).contains(&arc_length);
+        on.then(|| arc_length.clamp(0.0, length))
     }
 
     /// Number of joint coordinates: three for each ball joint.

@@ -312,6 +312,12 @@ impl ModuleSpec {
         positive(&at("rod.youngs"), rod.youngs)?;
         positive(&at("rod.radius"), rod.radius)?;
         not_negative(&at("rod.density"), rod.density)?;
+        for (field, time) in [
+            ("bending", rod.damping.bending),
+            ("torsion", rod.damping.torsion),
+        ] {
+            not_negative(&at(&format!("rod.damping.{field}")), time)?;
+        }
         if !(rod.poisson > -1.0 && rod.poisson <= 0.5) {
             let expected = "above -1, and at most 0.5";
             return Err(refuse(&at("rod.poisson"), rod.poisson, expected));

@@ -23,6 +23,7 @@
 //! tendons is left out.
 
 mod tangent;
+mod tool;
 
 use faer::Mat;
 use faer::linalg::solvers::{PartialPivLu, Solve};
@@ -30,7 +31,7 @@ use nalgebra::{DMatrix, Vector3};
 use thiserror::Error;
 
 use crate::energy::{DeadForces, Expansion, Potential, following};
-use crate::factor::{Curvature, Factor};
+use crate::factor::{Curvature, Factor, LoadedFactor, Side};
 use crate::model_tangent::{Expanded, ModelTangent, pull_back_centres};
 pub use crate::pose::PoseTangent;
 use crate::pose::levers;
@@ -78,8 +79,8 @@ pub struct Sensitivity {
 enum System {
     /// With a potential.
     Chain(Box<Factor>),
-    /// With moments or following forces: the Jacobian's and its transpose's factors.
-    Dense(Box<[PartialPivLu<f64>; 2]>),
+    /// With moments or following forces.
+    Loaded(Box<LoadedFactor>),
 }
 
 /// Constraints that tendons keep their commanded lengths.
@@ -92,13 +93,6 @@ struct Held {
     responses: [Vec<Vec<Vector3<f64>>>; 2],
     /// Slopes times responses.
     compliance: Option<[PartialPivLu<f64>; 2]>,
-}
-
-/// Which of the system's matrices to solve with.
-#[derive(Clone, Copy)]
-enum Side {
-    Jacobian = 0,
-    Transpose = 1,
 }
 
 impl Robot {
@@ -167,10 +161,8 @@ impl Sensitivity {
 
     fn factorise(&mut self) -> Result<(), SensitivityError> {
         if self.loads.wrenches().iter().any(following::follows) {
-            let jacobian = following::jacobian(&self.loads, 1.0, &self.posture, &self.expansion);
-            let transpose = jacobian.transpose().to_owned();
-            let factors = [jacobian.partial_piv_lu(), transpose.partial_piv_lu()];
-            self.system = System::Dense(Box::new(factors));
+            let factor = LoadedFactor::new(&self.loads, 1.0, &self.posture, &self.expansion);
+            self.system = System::Loaded(Box::new(factor));
             return Ok(());
         }
         let mut factor = Factor::new(&self.expansion);
@@ -192,7 +184,7 @@ impl Sensitivity {
         let columns = self.expansion.dense_columns();
         let slopes: Vec<_> = tendons.iter().map(|&t| columns[t].1.clone()).collect();
         let none = vec![Vector3::zeros(); self.robot.discs().len()];
-        let responses = [Side::Jacobian, Side::Transpose].map(|side| {
+        let responses = [Side::Matrix, Side::Transpose].map(|side| {
             let solve = |slope: &Vec<Vector3<f64>>| self.solve_free(slope, &none, side);
             slopes.iter().map(solve).collect::<Vec<_>>()
         });
@@ -215,27 +207,12 @@ impl Sensitivity {
         disc: &[Vector3<f64>],
         side: Side,
     ) -> Vec<Vector3<f64>> {
-        let n = joint.len();
+        let mut solution = vec![Vector3::zeros(); joint.len()];
         match &self.system {
-            System::Chain(factor) => {
-                let mut solution = vec![Vector3::zeros(); n];
-                factor.solve(joint, disc, &mut solution);
-                solution
-            }
-            System::Dense(factors) => {
-                // What acts on a disc turns all joints below it.
-                let mut total = joint.to_vec();
-                let mut above = Vector3::zeros();
-                for (total, disc) in total.iter_mut().zip(disc).rev() {
-                    above += disc;
-                    *total += above;
-                }
-                let rhs = Mat::from_fn(3 * n, 1, |i, _| total[i / 3][i % 3]);
-                let solution = factors[side as usize].solve(&rhs);
-                let turn = |i| Vector3::from_fn(|axis, _| solution[(3 * i + axis, 0)]);
-                (0..n).map(turn).collect()
-            }
+            System::Chain(factor) => factor.solve(joint, disc, &mut solution),
+            System::Loaded(factor) => factor.solve(joint, disc, side, &mut solution),
         }
+        solution
     }
 
     /// Solves with the Jacobian, the held tendons' lengths growing by `growth`; also returns the
@@ -297,12 +274,7 @@ impl Sensitivity {
                 (System::Chain(factor), None) => factor.solve(&pull, &none, &mut turns),
                 _ => {
                     turns = self
-                        .solve(
-                            &pull,
-                            &none,
-                            &self.growth_by_command(tendon),
-                            Side::Jacobian,
-                        )
+                        .solve(&pull, &none, &self.growth_by_command(tendon), Side::Matrix)
                         .0
                 }
             }
@@ -422,7 +394,7 @@ impl Sensitivity {
         let growth: Vec<f64> = (self.held.tendons.iter())
             .map(|&t| change.lengths[t] - tangent.command[t])
             .collect();
-        let (turns, _) = self.solve(&change.joint, &change.disc, &growth, Side::Jacobian);
+        let (turns, _) = self.solve(&change.joint, &change.disc, &growth, Side::Matrix);
         // That solved for the turns that balance the change; the robot makes the opposite ones.
         self.move_discs(tangent, &turns)
     }

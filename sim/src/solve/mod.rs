@@ -6,7 +6,7 @@
 //! | solve | residual | linear solve | merit |
 //! |---|---|---|---|
 //! | `statics::descent` | gradient of the energy | factor in O(n), the Hessian made positive definite | energy |
-//! | `statics::following` | the same, and loads without a potential | dense LU | squared residual |
+//! | `statics::following` | the same, and loads without a potential | LU in O(n), dense where that is inaccurate | squared residual |
 //! | `tendon_friction::balance` | moments with friction of the tendons | dense LU | next simplified step |
 
 mod continuation;

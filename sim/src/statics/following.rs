@@ -1,16 +1,17 @@
 //! Equilibria under loads without a potential: moments, and forces that turn with their disc.
 //!
-//! The Jacobian of the moments on the joints is not symmetric, so these solves are dense: Newton's method with a line
-//! search on the residual, the loads applied by continuation from the equilibrium without them.
+//! The Jacobian of the moments on the joints is not symmetric ([`LoadedFactor`]): Newton's method with a line search on the
+//! residual, the loads applied by continuation from the equilibrium without them.
 
 use nalgebra::Vector3;
 
 use super::descent::{Descent, End};
-use super::stability::of_jacobian;
-use crate::energy::following::{add_forces, add_moments, jacobian};
+use super::stability::under_loads;
+use crate::energy::following::{add_forces, add_moments};
 use crate::energy::{DeadForces, Expansion, Potential};
+use crate::factor::{LoadedFactor, Side};
 use crate::robot::{Loads, Robot};
-use crate::solve::{Continuation, Iterate, System, dense_step, newton};
+use crate::solve::{Continuation, Iterate, System, newton};
 
 /// Smallest share of the loads added at once.
 const MIN_SHARE: f64 = 1e-4;
@@ -59,8 +60,8 @@ pub(super) fn apply_following(
             return (End::Stalled, iterations);
         }
     }
-    let jacobian = jacobian(loads, 1.0, &descent.iterate.posture, &descent.expansion);
-    let stability = of_jacobian(&jacobian, descent.tolerance);
+    let (posture, expansion) = (&descent.iterate.posture, &descent.expansion);
+    let stability = under_loads(loads, posture, expansion, descent.tolerance);
     (End::AtRest(stability), iterations)
 }
 
@@ -125,8 +126,10 @@ impl System for FollowingLoads<'_> {
         let Descent {
             iterate, expansion, ..
         } = &mut *self.descent;
-        let jacobian = jacobian(self.loads, self.share, &iterate.posture, expansion);
-        iterate.step = dense_step(&jacobian.partial_piv_lu(), expansion);
+        let factor = LoadedFactor::new(self.loads, self.share, &iterate.posture, expansion);
+        let (joint, disc) = (&expansion.joint_gradient, &expansion.disc_gradient);
+        factor.solve(joint, disc, Side::Matrix, &mut iterate.step);
+        iterate.step.iter_mut().for_each(|turn| *turn = -*turn);
         iterate.limit_step(MAX_TURN);
     }
 

@@ -14,7 +14,7 @@
 //!
 //! A commanded length is a spring whose rest length is corrected by Newton's method on the tensions, so that gains, lengths
 //! and tensions share one potential. Moments, and forces that turn with their disc, have none: they are applied by
-//! continuation from the equilibrium without them, by Newton's method on the residual moments with a dense Jacobian.
+//! continuation from the equilibrium without them, by Newton's method on the residual moments.
 
 mod descent;
 mod following;

@@ -16,7 +16,7 @@ use super::Equilibrium;
 use super::descent::Descent;
 use crate::energy::following::{add_forces, add_moments, follows, jacobian};
 use crate::energy::{DeadForces, Expansion, Potential};
-use crate::factor::{Definiteness, MARGIN};
+use crate::factor::{Definiteness, MARGIN, has_positive_part};
 use crate::robot::{Command, Drive, Loads, Pull, Robot, Tendon};
 use crate::tendon::Posture;
 
@@ -166,11 +166,19 @@ impl Descent {
     }
 }
 
-/// What kind of equilibrium one with this Jacobian `3 n x 3 n` of the moments (N m/rad) is; a
-/// stiffness up to `resolution` (N m/rad) is not told from zero.
-pub(super) fn of_jacobian(jacobian: &Mat<f64>, resolution: f64) -> Stability {
-    let margin = resolution.max(MARGIN * jacobian.norm_max());
-    let smallest = smallest_real_part(jacobian);
+/// What kind of equilibrium one under loads without a potential is; a stiffness up to `resolution` (N m/rad) is not told
+/// from zero. Takes O(n) where the symmetric part of the Jacobian is positive definite, otherwise O(n³) for its eigenvalues.
+pub(super) fn under_loads(
+    loads: &Loads,
+    posture: &Posture,
+    expansion: &Expansion,
+    resolution: f64,
+) -> Stability {
+    let margin = resolution.max(MARGIN * expansion.scale());
+    if has_positive_part(loads, posture, expansion, margin) {
+        return Stability::Stable;
+    }
+    let smallest = smallest_real_part(&jacobian(loads, 1.0, posture, expansion));
     if smallest > margin {
         Stability::Stable
     } else if smallest >= -margin {

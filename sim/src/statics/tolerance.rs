@@ -55,7 +55,8 @@ impl Robot {
         let mut moment = payload.mass * self.gravity().norm() * (reach + arm);
         moment += loads.line_load().norm() * reach * reach;
         for wrench in loads.wrenches() {
-            moment += Vector3::from(wrench.force).norm() * reach;
+            let arm = Vector3::from(wrench.point).norm();
+            moment += Vector3::from(wrench.force).norm() * (reach + arm);
             moment += Vector3::from(wrench.moment).norm();
         }
         ROUNDING * moment

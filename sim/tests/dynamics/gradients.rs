@@ -10,7 +10,7 @@ use tdcr_sim::dynamics::{
 use tdcr_sim::pose::{PoseTangent, joint_cotangent, rotation_cotangent};
 use tdcr_sim::robot::{
     Axis, Backbone, Body, Frame, Loads, MassSpec, Parameter, Payload, PerDisc, Robot, RobotSpec,
-    RodSpec, SolidMass, Wrench,
+    RodDamping, RodSpec, SolidMass, Wrench,
 };
 
 use crate::derivatives::{inner_command, nudged, nudged_command, random_rollout};
@@ -259,6 +259,10 @@ fn they_are_so_with_rods_whose_mass_the_pitch_moves() {
             poisson: 0.3,
             radius: 6e-4,
             density: 7870.0,
+            damping: RodDamping {
+                bending: 3e-3,
+                torsion: 2e-3,
+            },
         });
         module.backbone = (m == 2).then_some(PerDisc::Uniform(Backbone::isotropic(0.4)));
     }

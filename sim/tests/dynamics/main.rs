@@ -3,9 +3,11 @@
 
 mod derivatives;
 mod gradients;
+mod midpoint;
 #[path = "../common/random_robot.rs"]
 mod random_robot;
 mod refusals;
+mod rods;
 mod steps;
 
 use rand_chacha::ChaCha8Rng;
@@ -35,6 +37,7 @@ fn dead_loads(robot: &Robot, rng: &mut ChaCha8Rng) -> Loads {
         offset: three(0.02),
     };
     let push = Wrench {
+        point: three(0.03),
         force: three(0.1),
         ..Wrench::none(robot.discs().len() / 2, Frame::World)
     };
@@ -52,6 +55,7 @@ fn all_loads(robot: &Robot, rng: &mut ChaCha8Rng) -> Loads {
         loads = loads
             .with_wrench(Wrench {
                 disc,
+                point: std::array::from_fn(|_| within(-0.03, 0.03, rng)),
                 force: std::array::from_fn(|_| within(-0.1, 0.1, rng)),
                 moment: std::array::from_fn(|_| within(-0.01, 0.01, rng)),
                 frame,

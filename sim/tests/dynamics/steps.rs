@@ -103,7 +103,7 @@ fn without_damping_runge_kutta_keeps_the_energy_to_fourth_order() {
 }
 
 #[test]
-fn runge_kutta_converges_to_fourth_order_and_the_euler_methods_to_first() {
+fn integrators_converge_with_their_orders() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for robot in random_robots(3, &mut rng) {
         let (start, loads) = (random_state(&robot, &mut rng), all_loads(&robot, &mut rng));
@@ -123,6 +123,7 @@ fn runge_kutta_converges_to_fourth_order_and_the_euler_methods_to_first() {
             (Integrator::RungeKutta4, 4.0),
             (Integrator::SemiImplicitEuler, 1.0),
             (Integrator::ImplicitEuler, 1.0),
+            (Integrator::ImplicitMidpoint, 2.0),
         ] {
             let errors = [1e-3, 0.5e-3].map(|h| {
                 let apart = difference(&exact, &end(integrator, h));
@@ -185,6 +186,7 @@ fn a_settled_robot_stays_where_it_is() {
             Integrator::SemiImplicitEuler,
             Integrator::RungeKutta4,
             Integrator::ImplicitEuler,
+            Integrator::ImplicitMidpoint,
         ] {
             let mut stepper = Stepper::new(&robot, 0.002, integrator).unwrap();
             let mut state = State::at_rest(settled.configuration.clone());

@@ -261,6 +261,7 @@ fn cancel_normal_pulls(robot: &Robot, settled: &Equilibrium, mut loads: Loads) -
             let arm = holes[guide] - settled.positions[disc];
             let wrench = Wrench {
                 disc,
+                point: [0.0; 3],
                 force: force.into(),
                 moment: arm.cross(&force).into(),
                 frame: Frame::World,

@@ -182,6 +182,7 @@ impl TipLoad {
     pub fn on(&self, robot: &Robot) -> Loads {
         let wrench = Wrench {
             disc: robot.discs().len() - 1,
+            point: [0.0; 3],
             force: self.force.into(),
             moment: self.moment.into(),
             frame: self.frame,

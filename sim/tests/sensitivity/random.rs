@@ -36,6 +36,7 @@ fn they_are_so_with_moments_and_following_forces() {
         for (disc, frame) in [(tip, Frame::Disc), (tip / 2, Frame::World)] {
             let wrench = Wrench {
                 disc,
+                point: [0.01, 0.02, -0.015],
                 force: [0.03, -0.02, 0.05],
                 moment: [1e-3, 2e-3, -1e-3],
                 frame,

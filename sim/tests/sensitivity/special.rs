@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::{
     Backbone, Body, Drive, Holes, Loads, MassSpec, Parameter, PerDisc, Pull, Robot, RobotSpec,
-    RodSpec, SolidMass, Waypoint,
+    RodDamping, RodSpec, SolidMass, Waypoint,
 };
 
 /// The 3m robot, hanging or on a backbone, every tendon on its own route.
@@ -69,6 +69,7 @@ fn they_are_so_with_a_rod_and_centres_of_mass_off_the_origin() {
                 poisson: 0.3,
                 radius: 6e-4,
                 density: 7870.0,
+                damping: RodDamping::default(),
             });
             module.backbone = (m == 2).then_some(PerDisc::Uniform(Backbone::isotropic(0.4)));
         }

@@ -5,7 +5,7 @@ use tdcr_sim::camera::{Camera, Distortion};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::geometry::{Instance, Shape, ShapeError};
 use tdcr_sim::render::{BaseVisibility, RgbdFrame, Scene};
-use tdcr_sim::robot::{Loads, Payload, Robot, RobotSpec, RodSpec};
+use tdcr_sim::robot::{Loads, Payload, Robot, RobotSpec, RodDamping, RodSpec};
 
 use crate::{bent_robot, distance_to_disc};
 
@@ -317,6 +317,7 @@ fn the_rod_of_a_robot_is_seen_between_its_discs() {
             poisson: 0.3,
             radius,
             density: 1000.0,
+            damping: RodDamping::default(),
         });
     }
     let heights = pixels(&spec);

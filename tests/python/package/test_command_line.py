@@ -72,6 +72,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
         },
     ),
     "eval": (tdcr.evaluate, {}),
+    "compare": (tdcr.compare, {}),
     "demo": (tdcr.demo, {}),
 }
 """Functions with the options of each command, and where those options are that they do not have."""

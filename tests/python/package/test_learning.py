@@ -262,6 +262,28 @@ def test_a_distilled_network_is_that_of_the_command_line(
         made.predictor.predict(conditions, 20, sampler_steps=3)
 
 
+def test_a_comparison_is_that_of_the_command_line(dataset: tdcr.Dataset, folder: Path) -> None:
+    pages = [folder / "compared-by-command.html", folder / "compared.html"]
+    flags = ["--robot", "2m", "--split", "test", "--emd-points", 100, "--seed", 3, "--worst", 1]
+    expected = command_line("compare", dataset.path, *flags, "--report", pages[0])
+    done: list[int] = []
+    simulator: dict[str, Any] = {"robot": "2m", "split": "test", "emd_points": 100, "seed": 3, "worst": 1}
+    assert tdcr.compare(dataset, report=pages[1], progress=done.append, **simulator) == expected
+    assert sum(done) == expected["pairs"] == 2
+    assert pages[0].read_bytes() == pages[1].read_bytes()
+    itself = tdcr.compare(dataset, dataset.path, match="index", points=400, emd_points=50)
+    assert itself["pairs"] == 20 and itself["cd"]["mean"] == itself["tip"]["mean"] == 0.0
+    for match, b, arguments in [
+        ("robot and base are of the simulator; two data sets are compared", dataset, {"robot": "2m"}),
+        ("tolerance is 2.0; expected 0 to 1", dataset, {"tolerance": 2.0}),
+        ('match is "name"; expected one of "condition", "index"', dataset, {"match": "name"}),
+        ("401 points are to be compared; expected 1 to 400", dataset, {"points": 401}),
+        ("report is .*expected a name that ends in .html", dataset, {"report": folder / "page.pdf"}),
+    ]:
+        with pytest.raises(InputError, match=match):
+            tdcr.compare(dataset, b, **arguments)  # type: ignore[arg-type]
+
+
 def test_the_demo_is_that_of_the_command_line(folder: Path) -> None:
     options = {"samples": 10, "steps": 6, "seed": 1, "precision": "float32"}
     out, by_command = folder / "demo", folder / "demo-by-command"

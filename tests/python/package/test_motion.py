@@ -30,7 +30,7 @@ def ramps(robot: package.Robot, rows: int, length: int, seed: int = 0) -> np.nda
     return robot.mean_command + share * (ends[:, None] - robot.mean_command)
 
 
-@pytest.mark.parametrize("integrator", ["semi-implicit-euler", "runge-kutta4", "implicit-euler"])
+@pytest.mark.parametrize("integrator", ["semi-implicit-euler", "runge-kutta4", "implicit-euler", "implicit-midpoint"])
 def test_a_simulation_is_that_of_the_command_line(robot: package.Robot, tdcr: Run, tmp_path: Path, integrator: Any) -> None:
     (commands,) = ramps(robot, 1, 40)
     np.savetxt(tmp_path / "commands.csv", commands, delimiter=",", fmt="%.17g")

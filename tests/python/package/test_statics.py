@@ -222,3 +222,16 @@ def test_derivatives_of_rows_that_do_not_settle_are_an_error_or_no_numbers(robot
         tdcr.jacobian(robot, COMMAND, ["gain[9]"])
     with pytest.raises(ParameterError, match="colour"):
         tdcr.jacobian(robot, COMMAND, ["colour"])
+
+
+def test_a_force_on_a_point_of_a_disc_is_a_force_and_a_moment_on_its_origin(robot: tdcr.Robot) -> None:
+    point, force = np.array([0.01, -0.02, 0.015]), np.array([0.05, 0.02, -0.04])
+    at_point = tdcr.Wrench(7, force=tuple(force), frame="disc", point=tuple(point))
+    at_origin = tdcr.Wrench(7, force=tuple(force), moment=tuple(np.cross(point, force)), frame="disc")
+    found, expected = (tdcr.settle(robot, COMMAND, loads=tdcr.Loads(wrenches=(w,))) for w in (at_point, at_origin))
+    assert found.converged and np.abs(found.positions - expected.positions).max() < 1e-9
+    assert np.abs(found.positions - tdcr.settle(robot, COMMAND).positions).max() > 1e-4
+    with pytest.raises(LoadsError, match="the point is"):
+        tdcr.Loads(wrenches=(tdcr.Wrench(7, point=(0.0, 1.0)),))  # type: ignore[arg-type]
+    with pytest.raises(LoadsError, match=r"point of a wrench"):
+        tdcr.Loads(wrenches=(tdcr.Wrench(7, point=(0.0, 1.0, float("nan"))),))

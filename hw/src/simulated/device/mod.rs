@@ -253,6 +253,10 @@ impl Device {
                     return Err(Refusal::Result);
                 }
                 self.forget_turns();
+                // It stays where it is.
+                let position = self.position();
+                self.memory.set(Item::GoalPosition, position);
+                self.controller = Controller::at(position);
             }
             Instruction::Backup(what) => {
                 if !self.is_fast() {

@@ -120,7 +120,11 @@ impl Start {
         balls: &SmallMotions,
     ) -> SmallMotions {
         if joints.iter().all(SeriesJoint::is_ball) {
-            return balls.clone();
+            // What MuJoCo's joints have of the damping is alike about all axes.
+            let mut balls = balls.clone();
+            let damping = balls.damping.iter_mut().zip(&mut balls.explicit);
+            damping.for_each(|(all, explicit)| *all -= std::mem::take(explicit));
+            return balls;
         }
         let turns = robot.discs().iter().zip(&self.configuration.0);
         let freedoms: Vec<(usize, Freedom)> = (turns.zip(joints).enumerate())
@@ -151,6 +155,7 @@ impl Start {
                 .iter()
                 .map(|(_, freedom)| freedom.damping)
                 .collect(),
+            explicit: vec![0.0; freedoms.len()],
             stiffness: spread(&balls.stiffness, spring, |freedom| freedom.stiffness),
         }
     }

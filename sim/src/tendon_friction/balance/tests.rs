@@ -45,6 +45,7 @@ fn random_loads(robot: &Robot, rng: &mut impl Rng) -> Loads {
     for frame in [Frame::World, Frame::Disc] {
         let disc = rng.random_range(0..robot.discs().len());
         let wrench = Wrench {
+            point: std::array::from_fn(|_| within(-0.03, 0.03, rng)),
             force: std::array::from_fn(|_| within(-0.2, 0.2, rng)),
             moment: std::array::from_fn(|_| within(-0.01, 0.01, rng)),
             ..Wrench::none(disc, frame)

@@ -1,11 +1,11 @@
 //! What servos can do, as the traits of [`servo`](crate::servo) have it.
 
-use std::io;
 use std::time::Duration;
 
-use super::bus::{Bus, Span, line, line_again};
-use super::control_table::{ControlTable, Entry, Item};
-use super::status::ErrorByte;
+use super::super::control_table::Item;
+use super::Bus;
+use super::items::count_of;
+use super::state::{ticks, watchdog_state};
 use crate::servo::{
     CurrentGoals, CurrentLimits, Fault, HardwareErrors, Health, Identity, Modes, OperatingMode,
     PerServo, Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque,
@@ -13,109 +13,9 @@ use crate::servo::{
 };
 use crate::transport::Transport;
 
-/// What one read of a servo brings: these items lie one behind the other in its indirect data.
-const BLOCK: [Item; 7] = [
-    Item::PresentPosition,
-    Item::PresentVelocity,
-    Item::PresentCurrent,
-    Item::PresentInputVoltage,
-    Item::PresentTemperature,
-    Item::HardwareErrorStatus,
-    Item::BusWatchdog,
-];
-
 /// How far (ticks) a servo's goal may be from its position when its torque goes on: a servo may take its position, which
 /// trembles, for its goal by itself.
 const HOLD_WITHIN: u32 = 16;
-
-/// Values of [`BLOCK`].
-struct Block {
-    position: Ticks,
-    /// rad/s.
-    velocity: f64,
-    /// A.
-    current: f64,
-    /// V.
-    voltage: f64,
-    /// Degrees Celsius.
-    temperature: f64,
-    errors: HardwareErrors,
-    watchdog: WatchdogState,
-}
-
-impl Block {
-    /// Where it lies.
-    fn span(id: ServoId, table: &ControlTable) -> Span {
-        let sizes = BLOCK.iter().map(|&item| table.entry(item).size() as u16);
-        Span {
-            id,
-            address: table.entry(Item::IndirectData).address,
-            length: sizes.sum(),
-        }
-    }
-
-    /// The addresses of its bytes, as "Indirect Address" takes them.
-    fn addresses(table: &ControlTable) -> Vec<u8> {
-        let entries = BLOCK.iter().map(|&item| table.entry(item));
-        let addresses = entries.flat_map(|entry| entry.address..entry.end());
-        addresses.flat_map(u16::to_le_bytes).collect()
-    }
-
-    /// `None` where the bytes are of another length.
-    fn decode(table: &ControlTable, mut bytes: &[u8]) -> Option<Self> {
-        let mut counts = [0; BLOCK.len()];
-        for (count, item) in counts.iter_mut().zip(BLOCK) {
-            let kind = table.entry(item).kind;
-            let (number, rest) = bytes.split_at_checked(kind.size())?;
-            *count = kind.decode(number)?;
-            bytes = rest;
-        }
-        let [
-            position,
-            velocity,
-            current,
-            voltage,
-            temperature,
-            errors,
-            watchdog,
-        ] = counts;
-        let quantity = |item, count| table.entry(item).quantity(count);
-        Some(Self {
-            position: ticks(position),
-            velocity: quantity(Item::PresentVelocity, velocity),
-            current: quantity(Item::PresentCurrent, current),
-            voltage: quantity(Item::PresentInputVoltage, voltage),
-            temperature: quantity(Item::PresentTemperature, temperature),
-            errors: hardware_errors(errors),
-            watchdog: watchdog_state(watchdog),
-        })
-    }
-}
-
-/// A count of a four-byte item.
-fn ticks(count: i64) -> Ticks {
-    Ticks(count.clamp(i32::MIN.into(), i32::MAX.into()) as i32)
-}
-
-/// The bits of "Hardware Error Status" (e-Manual, "Shutdown").
-fn hardware_errors(bits: i64) -> HardwareErrors {
-    let bit = |bit: u32| bits >> bit & 1 == 1;
-    HardwareErrors {
-        input_voltage: bit(0),
-        overheating: bit(2),
-        encoder: bit(3),
-        electrical_shock: bit(4),
-        overload: bit(5),
-    }
-}
-
-fn watchdog_state(count: i64) -> WatchdogState {
-    match u32::try_from(count) {
-        Err(_) => WatchdogState::Tripped,
-        Ok(0) => WatchdogState::Off,
-        Ok(count) => WatchdogState::Armed(Duration::from_millis(20) * count),
-    }
-}
 
 /// The number of a mode (e-Manual, "Operating Mode").
 const fn mode_number(mode: OperatingMode) -> i64 {
@@ -147,139 +47,6 @@ fn torque_of(id: ServoId, count: i64) -> Result<Torque, ServoError> {
 }
 
 impl<T: Transport> Bus<T> {
-    /// Reads an item of several servos: the first number of those that have many. Each servo is named once.
-    pub fn read_items(&mut self, ids: &[ServoId], item: Item) -> PerServo<i64> {
-        let span = |id, table: &ControlTable| {
-            let entry = table.entry(item);
-            Span {
-                id,
-                address: entry.address,
-                length: entry.size() as u16,
-            }
-        };
-        self.read_known(ids, span, |table, data| table.entry(item).kind.decode(data))
-    }
-
-    /// Writes an item of one servo, and waits until that is acknowledged.
-    ///
-    /// # Errors
-    /// [`ServoError`].
-    pub fn write_item(
-        &mut self,
-        id: ServoId,
-        item: Item,
-        count: i64,
-    ) -> Result<ErrorByte, ServoError> {
-        let entry = self.meet(id)?.table().entry(item);
-        let bytes = encode(id, entry, count)?;
-        self.write(id, entry.address, &bytes[..entry.size()])
-    }
-
-    /// Writes an item of several servos at once. `Ok` says that it was sent.
-    fn send_items(&mut self, item: Item, counts: &[(ServoId, i64)]) -> PerServo<()> {
-        let mut address = None;
-        let rows: Vec<_> = counts
-            .iter()
-            .map(|&(id, count)| {
-                let entry = self.meet(id)?.table().entry(item);
-                // It is the same for all models: only the indirect items move.
-                address = Some((entry.address, entry.size()));
-                Ok((id, encode(id, entry, count)?))
-            })
-            .collect();
-        let Some((address, size)) = address else {
-            return for_those(rows, |_| Vec::new());
-        };
-        for_those(rows, |rows| {
-            let rows: Vec<_> = rows
-                .iter()
-                .map(|(id, bytes)| (*id, &bytes[..size]))
-                .collect();
-            let sent = self.sync_write(address, size as u16, &rows);
-            rows.iter().map(|_| again(&sent)).collect()
-        })
-    }
-
-    /// Sends quantities, in the item's unit, to several servos at once.
-    fn send_quantities(
-        &mut self,
-        item: Item,
-        quantity: &'static str,
-        values: &[(ServoId, f64)],
-    ) -> PerServo<()> {
-        let counts: Vec<_> = values
-            .iter()
-            .map(|&(id, value)| {
-                let entry = self.meet(id)?.table().entry(item);
-                Ok((id, count_of(id, entry, quantity, value)?))
-            })
-            .collect();
-        for_those(counts, |counts| self.send_items(item, counts))
-    }
-
-    /// Reads of servos that are met first where they are not known.
-    fn read_known<R>(
-        &mut self,
-        ids: &[ServoId],
-        span: impl Fn(ServoId, &ControlTable) -> Span,
-        decode: impl Fn(&ControlTable, &[u8]) -> Option<R>,
-    ) -> PerServo<R> {
-        let met: Vec<_> = ids
-            .iter()
-            .map(|&id| {
-                let table = self.meet(id)?.table();
-                Ok((span(id, table), table))
-            })
-            .collect();
-        for_those(met, |met| {
-            let spans: Vec<Span> = met.iter().map(|&(span, _)| span).collect();
-            self.gather(&spans, |at, _, data| {
-                let (Span { id, length, .. }, table) = met[at];
-                decode(table, data).ok_or(ServoError::WrongLength {
-                    id,
-                    expected: length.into(),
-                    found: data.len(),
-                })
-            })
-        })
-    }
-
-    /// One read of all that servos say of themselves.
-    fn blocks(&mut self, ids: &[ServoId]) -> PerServo<Block> {
-        let ready: Vec<_> = ids
-            .iter()
-            .map(|&id| self.set_up_block(id).map(|()| id))
-            .collect();
-        let blocks = for_those(ready, |ids| {
-            self.read_known(ids, Block::span, Block::decode)
-        });
-        let blocks = ids.iter().zip(blocks);
-        blocks
-            .map(|(&id, block)| {
-                let block = block?;
-                // No supply is 0 V: the indirect addresses are those of power-on.
-                if block.voltage == 0.0 {
-                    self.servos.remove(&id);
-                    return Err(ServoError::Restarted { id });
-                }
-                self.meet(id)?.tripped = block.watchdog == WatchdogState::Tripped;
-                Ok(block)
-            })
-            .collect()
-    }
-
-    /// Points a servo's indirect addresses at the items of [`BLOCK`].
-    fn set_up_block(&mut self, id: ServoId) -> Result<(), ServoError> {
-        let known = *self.meet(id)?;
-        if !known.has_block {
-            let table = known.table();
-            let address = table.entry(Item::IndirectAddress).address;
-            self.write(id, address, &Block::addresses(table))?;
-            self.meet(id)?.has_block = true;
-        }
-        Ok(())
-    }
-
     /// Makes the goals of servos their positions, where their mode has positions for goals.
     fn hold(&mut self, ids: &[ServoId]) -> PerServo<()> {
         let modes = self.mode(ids);
@@ -332,51 +99,6 @@ fn goal_at(mode: OperatingMode, position: Ticks) -> Option<Ticks> {
         // It forgets its turns when its torque goes on.
         OperatingMode::Position => Some(Ticks(position.0.rem_euclid(Ticks::PER_TURN))),
         OperatingMode::Current | OperatingMode::Velocity | OperatingMode::Pwm => None,
-    }
-}
-
-fn encode(id: ServoId, entry: &Entry, count: i64) -> Result<[u8; 4], ServoError> {
-    let bits = 8 * entry.size() as i32;
-    entry.kind.encode(count).ok_or(ServoError::OutOfRange {
-        id,
-        quantity: entry.item.name(),
-        value: count as f64,
-        min: if entry.kind.is_signed() {
-            -(2_f64.powi(bits - 1))
-        } else {
-            0.0
-        },
-        max: 2_f64.powi(bits - i32::from(entry.kind.is_signed())) - 1.0,
-    })
-}
-
-/// A quantity as a count that fits the item.
-fn count_of(
-    id: ServoId,
-    entry: &Entry,
-    quantity: &'static str,
-    value: f64,
-) -> Result<i64, ServoError> {
-    let count = entry.count_of(value);
-    let fits = value.is_finite() && entry.kind.encode(count).is_some();
-    let bits = 8 * entry.size() as i32 - i32::from(entry.kind.is_signed());
-    let most = (2_f64.powi(bits) - 1.0) * entry.scale;
-    let out_of_range = || ServoError::OutOfRange {
-        id,
-        quantity,
-        value,
-        min: if entry.kind.is_signed() { -most } else { 0.0 },
-        max: most,
-    };
-    if fits { Ok(count) } else { Err(out_of_range()) }
-}
-
-/// The same result once more.
-fn again(result: &Result<(), ServoError>) -> Result<(), ServoError> {
-    match result {
-        Ok(()) => Ok(()),
-        Err(ServoError::Line { source }) => Err(line_again(source)),
-        Err(other) => Err(line(io::Error::other(other.to_string()))),
     }
 }
 

@@ -1,0 +1,206 @@
+//! Opening what a rig's file names.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use tdcr_sim::camera::Camera;
+use tdcr_sim::render::{Scene, Sensor};
+
+use super::file::{CameraLink, Direction, RigCameraSpec, RigFile, ServoLink};
+use super::settings::Surroundings;
+use super::turns::TurnsFile;
+use super::{Parts, Rig, RigError};
+use crate::camera::RgbdCamera;
+use crate::clock::{Clock, SystemClock, VirtualClock};
+use crate::dynamixel::{Bus, BusSettings};
+use crate::realsense::{RealSense, RealSenseSetup};
+use crate::recorded::{Orders, RecordedBus, RecordedCamera};
+use crate::serial::{Serial, SerialSettings};
+use crate::servo::ServoBus;
+use crate::simulated::camera::{CameraSetup, SimulatedCamera, table};
+use crate::simulated::{PlantSetup, ServoSetup, Simulator, SimulatorSetup, Winding};
+
+impl Rig {
+    /// Opens the rig of a file, with all that it names. No motor is switched on.
+    ///
+    /// A simulated robot stands at home, so its servos are homed; real ones have to be
+    /// ([`home_here`](Self::home_here), [`home_recalled`](Self::home_recalled)).
+    ///
+    /// # Errors
+    /// [`RigError`]: what is wrong with the file, or with a part that it names.
+    pub fn open(path: &Path) -> Result<Self, RigError> {
+        Self::open_file(RigFile::load(path)?, Pace::Computed)
+    }
+
+    /// The same of a file that was read, and perhaps changed.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn open_file(file: RigFile, pace: Pace) -> Result<Self, RigError> {
+        let clock = clock(&file, pace);
+        let (bus, simulator): (Box<dyn ServoBus>, _) = match &file.spec.servos.link {
+            ServoLink::Simulated => {
+                let simulator = simulator(&file, clock.clone())?;
+                let bus = Bus::new(simulator.bus(), BusSettings::default());
+                (Box::new(bus), Some(simulator))
+            }
+            ServoLink::Serial(port) => {
+                let settings = SerialSettings {
+                    baud_rate: file.spec.servos.baud,
+                    ..SerialSettings::default()
+                };
+                let port = file.resolve(port);
+                let line = Serial::open(&port, settings, clock.clone()).map_err(unavailable)?;
+                (Box::new(Bus::new(line, BusSettings::default())), None)
+            }
+            ServoLink::Recorded(log) => {
+                let bus = RecordedBus::open(&file.resolve(log), clock.clone(), Orders::Compare)
+                    .map_err(unavailable)?;
+                (Box::new(bus), None)
+            }
+        };
+        let cameras = file.spec.cameras.iter().enumerate();
+        let cameras: Vec<_> = cameras
+            .map(|(number, camera)| open_camera(&file, number, camera, simulator.as_ref(), &clock))
+            .collect::<Result<_, _>>()?;
+        let beside = TurnsFile::beside(&file.path);
+        let turns = match &file.spec.servos.link {
+            ServoLink::Simulated => TurnsFile::in_memory(),
+            ServoLink::Serial(_) => TurnsFile::open(beside)?,
+            // As they were known when it was recorded, and not to be changed by it.
+            ServoLink::Recorded(_) => TurnsFile::open(beside)?.kept_in_memory(),
+        };
+        let parts = Parts {
+            bus,
+            cameras,
+            clock,
+            turns,
+        };
+        let mut rig = Self::of_parts(file, parts)?;
+        if simulator.is_some() {
+            rig.home_here()?;
+        }
+        rig.simulator = simulator;
+        Ok(rig)
+    }
+}
+
+/// How time passes in memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pace {
+    /// As fast as it is computed, where no part is real.
+    #[default]
+    Computed,
+    /// As on the wall, for people who watch.
+    RealTime,
+}
+
+fn clock(file: &RigFile, pace: Pace) -> Arc<dyn Clock> {
+    let spec = &file.spec;
+    let real = pace == Pace::RealTime
+        || matches!(spec.servos.link, ServoLink::Serial(_))
+        || spec
+            .cameras
+            .iter()
+            .any(|camera| camera.link == CameraLink::Realsense);
+    match real {
+        true => Arc::new(SystemClock::new()),
+        false => Arc::new(VirtualClock::new()),
+    }
+}
+
+/// The rig's robot behind simulated servos, at home.
+fn simulator(file: &RigFile, clock: Arc<dyn Clock>) -> Result<Simulator, RigError> {
+    let winches = file.winches(&file.compile()?)?;
+    let tension = file.spec.servos.home_tension[0];
+    if winches.iter().any(|winch| winch.home_tension != tension) {
+        let found = format!("{:?}", file.spec.servos.home_tension);
+        let expected = "the same for all, as the servos are simulated";
+        return Err(RigError::field("servos.home_tension", found, expected));
+    }
+    let simulation = &file.spec.simulation;
+    let setup = SimulatorSetup::of_robot(file.robot.clone());
+    let servos = setup
+        .servos
+        .iter()
+        .zip(&winches)
+        .map(|(servo, winch)| ServoSetup {
+            id: winch.id,
+            winding: match winch.spool.direction {
+                Direction::Up => Winding::Counterclockwise,
+                Direction::Down => Winding::Clockwise,
+            },
+            spool_radius: winch.spool.radius,
+            ..*servo
+        });
+    let setup = SimulatorSetup {
+        servos: servos.collect(),
+        plant: PlantSetup {
+            tension_at_home: tension,
+            base: file.spec.base,
+            ..setup.plant.clone()
+        },
+        baud_rate: file.spec.servos.baud,
+        seed: simulation.seed,
+        ..setup
+    };
+    Simulator::new(&setup, clock).map_err(unavailable)
+}
+
+fn open_camera(
+    file: &RigFile,
+    number: usize,
+    spec: &RigCameraSpec,
+    simulator: Option<&Simulator>,
+    clock: &Arc<dyn Clock>,
+) -> Result<Box<dyn RgbdCamera>, RigError> {
+    match (&spec.link, simulator) {
+        (CameraLink::Simulated, Some(simulator)) => {
+            let simulation = &file.spec.simulation;
+            let surroundings = match simulation.surroundings {
+                Surroundings::Nothing => Scene::default(),
+                Surroundings::Table => table(0.0).map_err(unavailable)?,
+            };
+            let setup = CameraSetup {
+                sensor: spec
+                    .sensor
+                    .map_or_else(Sensor::ideal, |model| model.sensor()),
+                seed: simulation.seed,
+                number: number as u64,
+                surroundings,
+                ..CameraSetup::d435(spec.serial.clone(), Camera::free(&spec.camera))
+            };
+            let subject = Box::new(simulator.clone());
+            Ok(Box::new(SimulatedCamera::new(
+                setup,
+                subject,
+                clock.clone(),
+            )))
+        }
+        (CameraLink::Simulated, None) => Err(RigError::field(
+            format!("cameras[{number}].link"),
+            "\"simulated\"",
+            "\"simulated\" only where the servos are: it sees the robot behind them",
+        )),
+        (CameraLink::Realsense, _) => {
+            let pose = Camera::free(&spec.camera).pose;
+            let setup = RealSenseSetup {
+                color: spec.camera.resolution,
+                ..RealSenseSetup::d435(spec.serial.clone(), pose)
+            };
+            let library = RealSense::load().map_err(unavailable)?;
+            Ok(Box::new(
+                library.open(&setup, clock.clone()).map_err(unavailable)?,
+            ))
+        }
+        (CameraLink::Recorded(log), _) => {
+            let camera = RecordedCamera::open(&file.resolve(log), &spec.serial, clock.clone());
+            Ok(Box::new(camera.map_err(unavailable)?))
+        }
+    }
+}
+
+/// A part that cannot be opened says itself why.
+fn unavailable(error: impl std::error::Error) -> RigError {
+    RigError::Unavailable(error.to_string())
+}

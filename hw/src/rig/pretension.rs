@@ -1,0 +1,138 @@
+//! Tensioning the tendons: winding until each servo pulls with the same current.
+
+use std::ops::ControlFlow;
+
+use super::{Rig, RigError, WinchState};
+use crate::servo::{ServoId, Ticks};
+
+/// How tendons are tensioned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PretensionSettings {
+    /// Current that each servo is to pull with (A).
+    pub current: f64,
+    /// Share of it that a servo may be off by.
+    pub tolerance: f64,
+    /// Ticks that a servo winds at once.
+    pub step: i32,
+    /// Looks at the servos after each step, whose currents are averaged.
+    pub looks: usize,
+    /// Ticks that a servo may wind in all.
+    pub most: i32,
+}
+
+/// What tensioning did to a servo.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pretensioned {
+    /// Which one.
+    pub id: ServoId,
+    /// How far it wound, as it counts (ticks).
+    pub wound: i32,
+    /// What it pulls with in the end (A).
+    pub pull: f64,
+}
+
+impl Default for PretensionSettings {
+    /// 50 mA within a tenth, in steps of 10 ticks, over two turns at most.
+    fn default() -> Self {
+        Self {
+            current: 0.05,
+            tolerance: 0.1,
+            step: 10,
+            looks: 4,
+            most: 2 * Ticks::PER_TURN,
+        }
+    }
+}
+
+impl Rig {
+    /// Winds the tendons until each servo pulls with the current of `settings`, the weakest first, and takes where they then stand
+    /// for home. The robot has to stand straight. `show` sees the states after each step and says whether to go on.
+    ///
+    /// # Errors
+    /// [`RigError::Pretension`] where a servo winds all it may before it pulls so; [`RigError::Interrupted`]; as
+    /// [`engage`](Self::engage) and [`step`](Self::step). The motors are off then, and homes as they were found.
+    pub fn pretension(
+        &mut self,
+        settings: &PretensionSettings,
+        show: &mut dyn FnMut(&[WinchState]) -> ControlFlow<()>,
+    ) -> Result<Vec<Pretensioned>, RigError> {
+        // Positions count from here meanwhile.
+        self.home_here()?;
+        self.engage()?;
+        let found = self.wind(settings, show);
+        match found {
+            Ok(found) => {
+                let released = self.home_here();
+                self.release_at_once();
+                released.map(|_| found)
+            }
+            Err(error) => {
+                self.release_at_once();
+                Err(error)
+            }
+        }
+    }
+
+    fn wind(
+        &mut self,
+        settings: &PretensionSettings,
+        show: &mut dyn FnMut(&[WinchState]) -> ControlFlow<()>,
+    ) -> Result<Vec<Pretensioned>, RigError> {
+        let mut goals = vec![Ticks(0); self.winches().len()];
+        loop {
+            let states = self.mean_states(&goals, settings.looks)?;
+            if show(&states).is_break() {
+                return Err(RigError::Interrupted);
+            }
+            let least = settings.current * (1.0 - settings.tolerance);
+            let pulls = states.iter().map(|state| state.pull).enumerate();
+            let weakest = pulls
+                .filter(|(_, pull)| *pull < least)
+                .min_by(|a, b| a.1.total_cmp(&b.1));
+            let strongest = (states.iter().enumerate())
+                .find(|(_, state)| state.pull > settings.current * (1.0 + settings.tolerance));
+            let (index, ticks) = match (weakest, strongest) {
+                (Some((index, _)), _) => (index, settings.step),
+                // Winding one changes the others: what pulls too much lets out a little.
+                (None, Some((index, _))) => (index, -(settings.step / 2).max(1)),
+                (None, None) => {
+                    let servos = self.winches().iter().zip(&goals).zip(&states);
+                    return Ok(servos
+                        .map(|((winch, goal), state)| Pretensioned {
+                            id: winch.id,
+                            wound: goal.0,
+                            pull: state.pull,
+                        })
+                        .collect());
+                }
+            };
+            let winch = &self.winches()[index];
+            let direction = i64::from(winch.spool.direction) as i32;
+            goals[index].0 += direction * ticks;
+            if goals[index].0.abs() > settings.most.min(winch.limits[1].abs()) {
+                return Err(RigError::Pretension {
+                    id: winch.id,
+                    wound: goals[index].0.abs(),
+                    pull: states[index].pull,
+                    current: settings.current,
+                });
+            }
+        }
+    }
+
+    /// States under goals, with the means of several looks for currents.
+    fn mean_states(&mut self, goals: &[Ticks], looks: usize) -> Result<Vec<WinchState>, RigError> {
+        // The first look is while they move.
+        self.step_to(goals)?;
+        let mut mean = self.poll()?.to_vec();
+        for _ in 1..looks {
+            for (mean, state) in mean.iter_mut().zip(self.poll()?) {
+                mean.pull += state.pull;
+            }
+        }
+        for mean in &mut mean {
+            mean.pull /= looks.max(1) as f64;
+        }
+        Ok(mean)
+    }
+}

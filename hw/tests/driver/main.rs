@@ -1,0 +1,8 @@
+//! The driver against published conversations, servos that only remember, and nonsense.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+mod conversations;
+mod decorators;
+mod devices;
+mod nonsense;
+mod operation;

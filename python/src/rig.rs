@@ -1,0 +1,365 @@
+//! A rig: servos and cameras, in memory or on a desk.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use nalgebra::Vector3;
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+use tdcr::hw::capture::{CaptureError, Fuser, Program};
+use tdcr::hw::rig::{Homing, Pace, Pictures, RigError, RigFile, WinchState};
+use tdcr::pipeline::{self, CaptureSettings, seen_tip};
+use tdcr::sim::cloud::{PointCloud, VoxelGrid};
+use tdcr::sim::robot::Command;
+
+use crate::dynamics::command_of;
+use crate::errors::{Failure, Outcome};
+use crate::robot::Robot;
+use crate::run::{self, Watch};
+use crate::stage::Stage;
+use crate::vision::{Cloud, View, cloud_arrays, view};
+
+/// Servos and cameras behind one file. The lock is for Python, which may hand a rig to several threads: they take turns.
+#[pyclass(frozen, module = "tdcr._tdcr")]
+pub struct Rig(Mutex<tdcr::hw::rig::Rig>);
+
+/// What a servo does: its address, position from home (ticks), the command that this stands for (m), velocity (rad/s), and
+/// current (A), positive where it pulls; or why it did not say, in place of these.
+type Reading = (u8, Option<(i32, f64, f64, f64)>, Option<String>);
+
+/// Pictures with their times (s, by the rig's clock), and the largest difference between these (s).
+type Seen = (Vec<(f64, View)>, f64);
+
+#[pymethods]
+impl Rig {
+    /// Opens the rig of a file.
+    #[new]
+    fn new(py: Python<'_>, path: PathBuf, real_time: bool) -> Outcome<Self> {
+        let pace = match real_time {
+            true => Pace::RealTime,
+            false => Pace::Computed,
+        };
+        let rig = run::short(py, || {
+            tdcr::hw::rig::Rig::open_file(RigFile::load(&path)?, pace)
+        })?;
+        Ok(Self(Mutex::new(rig?)))
+    }
+
+    /// Name in the rig's file.
+    #[getter]
+    fn name(&self, py: Python<'_>) -> Outcome<String> {
+        self.short(py, |rig| rig.spec().name.clone())
+    }
+
+    /// The robot.
+    #[getter]
+    fn robot(&self, py: Python<'_>) -> Outcome<Robot> {
+        self.short(py, |rig| Robot(rig.robot().clone()))
+    }
+
+    /// Addresses of the servos, in the order of a command.
+    #[getter]
+    fn ids(&self, py: Python<'_>) -> Outcome<Vec<u8>> {
+        self.short(py, |rig| {
+            rig.winches().iter().map(|winch| winch.id.get()).collect()
+        })
+    }
+
+    /// Serial numbers of the cameras.
+    #[getter]
+    fn cameras(&self, py: Python<'_>) -> Outcome<Vec<String>> {
+        self.short(py, |rig| {
+            let cameras = rig.cameras().iter();
+            cameras.map(|camera| camera.serial().to_owned()).collect()
+        })
+    }
+
+    /// Time of the rig's clock (s).
+    #[getter]
+    fn time(&self, py: Python<'_>) -> Outcome<f64> {
+        self.short(py, |rig| rig.clock().now().as_secs_f64())
+    }
+
+    /// Whether the motors are driven.
+    #[getter]
+    fn engaged(&self, py: Python<'_>) -> Outcome<bool> {
+        self.short(py, |rig| rig.is_engaged())
+    }
+
+    /// Asks the servos what is known of their homes: "homed", "lost" or "never", one each.
+    fn meet(&self, py: Python<'_>) -> Outcome<Vec<&'static str>> {
+        let name = |homing: &Homing| match homing {
+            Homing::Homed(_) => "homed",
+            Homing::Lost { .. } => "lost",
+            Homing::Never => "never",
+        };
+        self.short(py, |rig| Ok(rig.meet()?.iter().map(name).collect()))?
+    }
+
+    /// Takes the present pose for home, or finds home again from where the servos were left.
+    fn home(&self, py: Python<'_>, recall: bool) -> Outcome<()> {
+        self.short(py, |rig| {
+            match recall {
+                true => rig.home_recalled()?,
+                false => rig.home_here()?,
+            };
+            Ok(())
+        })?
+    }
+
+    /// Switches the motors on where they stand.
+    fn engage(&self, py: Python<'_>) -> Outcome<()> {
+        self.short(py, |rig| Ok(rig.engage()?))?
+    }
+
+    /// Takes the tension from the tendons and switches the motors off.
+    fn release(&self, py: Python<'_>) -> Outcome<()> {
+        self.short(py, |rig| Ok(rig.release()?))?
+    }
+
+    /// Positions of the servos, from home (ticks), that stand for a command (m).
+    fn goals<'py>(
+        &self,
+        py: Python<'py>,
+        command: PyReadonlyArray1<'_, f64>,
+    ) -> Outcome<Bound<'py, PyArray1<i32>>> {
+        let command = self.command(py, &command)?;
+        let goals = self.short(py, |rig| rig.goals(&command))??;
+        let goals: Vec<i32> = goals.iter().map(|goal| goal.0).collect();
+        Ok(PyArray1::from_vec(py, goals))
+    }
+
+    /// Where the servos are told to be (m); `None` where the motors are off.
+    #[getter]
+    fn commanded<'py>(&self, py: Python<'py>) -> Outcome<Option<Bound<'py, PyArray1<f64>>>> {
+        let commanded = self.short(py, |rig| rig.commanded())?;
+        Ok(commanded.map(|command| PyArray1::from_vec(py, command)))
+    }
+
+    /// What the servos do.
+    fn state(&self, py: Python<'_>) -> Outcome<Vec<Reading>> {
+        self.short(py, |rig| {
+            let ids: Vec<u8> = rig.winches().iter().map(|winch| winch.id.get()).collect();
+            let states = ids.iter().zip(rig.state());
+            let reading = |(&id, state): (&u8, Result<Option<WinchState>, _>)| match state {
+                Ok(Some(state)) => reading(id, &state),
+                Ok(None) => (id, None, Some(format!("servo {id} is not homed"))),
+                Err(error) => (id, None, Some(format!("{error}"))),
+            };
+            states.map(reading).collect()
+        })
+    }
+
+    /// Sends the goals of a command at once, and looks at the servos when the next are due.
+    fn step(&self, py: Python<'_>, command: PyReadonlyArray1<'_, f64>) -> Outcome<Vec<Reading>> {
+        let command = self.command(py, &command)?;
+        self.short(py, |rig| {
+            let ids: Vec<u8> = rig.winches().iter().map(|winch| winch.id.get()).collect();
+            let states = ids.iter().zip(rig.step(&command)?);
+            Ok(states.map(|(&id, state)| reading(id, state)).collect())
+        })?
+    }
+
+    /// Moves to a command at the rig's slew.
+    fn move_to(&self, py: Python<'_>, command: PyReadonlyArray1<'_, f64>) -> Outcome<()> {
+        let command = self.command(py, &command)?;
+        let rig = &self.0;
+        run::long(py, None, |watch| {
+            locked(rig)?.move_to(&command, &mut || go_on(watch))?;
+            Ok(())
+        })?
+    }
+
+    /// Moves home.
+    fn go_home(&self, py: Python<'_>) -> Outcome<()> {
+        self.short(py, |rig| Ok(rig.go_home()?))?
+    }
+
+    /// Pictures of all cameras from one moment.
+    fn grab(&self, py: Python<'_>) -> Outcome<Seen> {
+        let pictures = self.short(py, |rig| rig.grab())??;
+        seen(py, pictures)
+    }
+
+    /// What the cameras see of the robot, fused and thinned.
+    fn cloud<'py>(&self, py: Python<'py>, voxel: f64) -> Outcome<Cloud<'py>> {
+        let grid = grid(voxel)?;
+        let cloud = self.short(py, |rig| -> Outcome<_> {
+            let pictures = rig.grab()?;
+            Ok(fuse(rig, grid, &pictures))
+        })??;
+        cloud_arrays(py, cloud)
+    }
+
+    /// Where the cameras see the tip and its axis, and what they see.
+    #[allow(clippy::type_complexity, reason = "Python's caller names them")]
+    fn measure<'py>(
+        &self,
+        py: Python<'py>,
+        voxel: f64,
+    ) -> Outcome<([f64; 3], [f64; 3], Cloud<'py>, Seen)> {
+        let grid = grid(voxel)?;
+        let rig = &self.0;
+        let (pictures, cloud, pose) = run::short(py, || -> Outcome<_> {
+            let mut rig = locked(rig)?;
+            let command = held(&mut rig)?;
+            let pictures = rig.grab()?;
+            let cloud = fuse(&rig, grid, &pictures);
+            let pose = seen_tip(rig.robot(), &command, &cloud)
+                .map_err(|error| Failure::Of("RigError", error.to_string()))?;
+            let unseen = "the cameras do not see enough of the robot to tell where its tip is";
+            let pose = pose.ok_or_else(|| Failure::Of("RigError", unseen.to_owned()))?;
+            Ok((pictures, cloud, pose))
+        })??;
+        let axis = pose.rotation * Vector3::z();
+        Ok((
+            pose.translation.vector.into(),
+            axis.into(),
+            cloud_arrays(py, cloud)?,
+            seen(py, pictures)?,
+        ))
+    }
+
+    /// Smallest and largest tension (N) that the simulator may find in a tendon.
+    #[getter]
+    fn tension(&self, py: Python<'_>) -> Outcome<(f64, f64)> {
+        let [low, high] = self.short(py, |rig| rig.spec().commands.tension)?;
+        Ok((low, high))
+    }
+
+    /// A command by chance that can be reached from home.
+    fn draw<'py>(&self, py: Python<'py>, seed: u64) -> Outcome<Bound<'py, PyArray1<f64>>> {
+        let drawn = self.short(py, |rig| {
+            Program::new(rig.file(), seed)?
+                .draw(0)
+                .map_err(CaptureError::from)
+        })?;
+        let drawn = drawn.map_err(|error| Failure::Of("RigError", error.to_string()))?;
+        Ok(PyArray1::from_slice(py, drawn.command.as_slice()))
+    }
+
+    /// Makes a data set, or goes on with it.
+    #[pyo3(signature = (out, commands, points, voxel, seed, sentinel_every, progress = None))]
+    #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
+    fn capture(
+        &self,
+        py: Python<'_>,
+        out: PathBuf,
+        commands: usize,
+        points: usize,
+        voxel: f64,
+        seed: u64,
+        sentinel_every: usize,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> Outcome<String> {
+        let settings = CaptureSettings {
+            count: commands,
+            points,
+            voxel_size: voxel,
+            seed,
+            sentinel_every,
+        };
+        let rig = &self.0;
+        let report = run::long(py, progress, |watch| -> Outcome<_> {
+            let monitor = Stage::new(&["capture"], watch);
+            Ok(pipeline::capture(
+                &mut *locked(rig)?,
+                &settings,
+                &out,
+                &monitor,
+            )?)
+        })??;
+        serde_json::to_string(&report).map_err(|error| Failure::Of("DataError", error.to_string()))
+    }
+}
+
+impl Rig {
+    /// Work with the rig, without the interpreter's lock.
+    fn short<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut tdcr::hw::rig::Rig) -> T + Send,
+    ) -> Outcome<T> {
+        let rig = &self.0;
+        run::short(py, || Ok(work(&mut *locked(rig)?)))?
+    }
+
+    fn command(&self, py: Python<'_>, command: &PyReadonlyArray1<'_, f64>) -> Outcome<Command> {
+        let robot = self.short(py, |rig| rig.robot().clone())?;
+        command_of(&robot, command)
+    }
+}
+
+fn locked(
+    rig: &Mutex<tdcr::hw::rig::Rig>,
+) -> Outcome<std::sync::MutexGuard<'_, tdcr::hw::rig::Rig>> {
+    let broken = "a call of this rig panicked; expected one that did not: open the rig again";
+    rig.lock()
+        .map_err(|_| Failure::Of("RigError", broken.to_owned()))
+}
+
+fn grid(voxel: f64) -> Outcome<VoxelGrid> {
+    if voxel.is_finite() && voxel > 0.0 {
+        return Ok(VoxelGrid::new(voxel));
+    }
+    let message = format!("the voxels' edge is {voxel} m; expected a finite number above 0");
+    Err(Failure::input(message))
+}
+
+fn fuse(rig: &tdcr::hw::rig::Rig, grid: VoxelGrid, pictures: &Pictures) -> PointCloud {
+    let workspace = rig.spec().masks.workspace;
+    Fuser { grid, workspace }.fuse(pictures)
+}
+
+/// The command that the servos' positions stand for, within the tendons' ranges: servos are a tick off their goals.
+fn held(rig: &mut tdcr::hw::rig::Rig) -> Outcome<Command> {
+    let states = rig.state().into_iter();
+    let commands = states.map(|state| {
+        let state = state.map_err(RigError::from)?;
+        let unhomed = || Failure::Of("RigError", "the servos are not homed".to_owned());
+        Ok(state.ok_or_else(unhomed)?.command)
+    });
+    let commands: Vec<f64> = commands.collect::<Outcome<_>>()?;
+    let tendons = commands.iter().zip(rig.robot().tendons());
+    let commands: Vec<f64> = tendons
+        .map(|(command, tendon)| command.clamp(tendon.range[0], tendon.range[1]))
+        .collect();
+    Ok(rig.robot().command(&commands)?)
+}
+
+fn seen(py: Python<'_>, pictures: Pictures) -> Outcome<Seen> {
+    let skew = pictures.skew.as_secs_f64();
+    let frames = pictures.frames.into_iter().map(|frame| {
+        let time = frame.time.as_secs_f64();
+        Ok((time, view(py, frame.value)?))
+    });
+    Ok((frames.collect::<Outcome<_>>()?, skew))
+}
+
+fn go_on(watch: &Watch) -> ControlFlow<()> {
+    match watch.stopped() {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    }
+}
+
+fn reading(id: u8, state: &WinchState) -> Reading {
+    let WinchState {
+        position,
+        command,
+        velocity,
+        pull,
+    } = *state;
+    (id, Some((position.0, command, velocity, pull)), None)
+}
+
+impl From<RigError> for Failure {
+    fn from(error: RigError) -> Self {
+        let class = match error {
+            RigError::Command(_) | RigError::Limit { .. } => "CommandError",
+            _ => "RigError",
+        };
+        Self::Of(class, error.to_string())
+    }
+}

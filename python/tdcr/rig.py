@@ -1,0 +1,318 @@
+"""Rigs: a robot with servos and cameras, in memory or on a desk, behind one file."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats, Progress, as_count, as_float, as_number
+from tdcr.data import MOST, Dataset, PathLike, as_seed
+from tdcr.errors import CommandError
+from tdcr.robot import Robot
+from tdcr.vision import Cloud, View, as_view
+
+
+@dataclass(frozen=True)
+class WinchState:
+    """What a servo does, with the spool and tendon behind it.
+
+    Attributes:
+        id: Address of the servo.
+        position: From home (ticks, 4096 a turn).
+        command: The command that the position stands for (m).
+        velocity: Of the servo (rad/s).
+        pull: Current of the servo (A), positive where it pulls.
+    """
+
+    id: int
+    position: int
+    command: float
+    velocity: float
+    pull: float
+
+
+@dataclass(frozen=True)
+class Silence:
+    """Why there is no state of a servo.
+
+    Attributes:
+        id: Address of the servo.
+        reason: What went wrong, or that the servo is not homed.
+    """
+
+    id: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Pictures of all cameras of a rig from one moment.
+
+    Attributes:
+        views: One for each camera, in the order of the rig file.
+        times: When they were taken, shape (cameras,), by the rig's clock (s).
+        skew: Largest difference between these (s).
+    """
+
+    views: list[View]
+    times: Floats
+    skew: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Where the cameras of a rig see the tip.
+
+    Attributes:
+        tip: Origin of the last disc, world frame, shape (3,) (m).
+        axis: Its z axis, world frame, shape (3,).
+        cloud: What the cameras see of the robot, fused and thinned.
+        pictures: The pictures.
+    """
+
+    tip: Floats
+    axis: Floats
+    cloud: Cloud
+    pictures: Pictures
+
+
+@dataclass(frozen=True)
+class CaptureReport:
+    """How a capture went; one that was resumed counts as a whole.
+
+    Attributes:
+        data: The data set.
+        samples: Samples of the data set.
+        captured: Samples that this call captured.
+        moving: Samples that were taken while something still moved, when patience came to its end.
+        skew: Largest difference between the times of the pictures of a sample (s).
+        drift: How far what is seen of the robot at home moved since the first look, at the most (m).
+        current_drift: How much a servo's current at home changed since the first look, at the most (A).
+        rig_seconds: Time that the rig took, by its own clock (s).
+    """
+
+    data: Dataset
+    samples: int
+    captured: int
+    moving: int
+    skew: float
+    drift: float
+    current_drift: float
+    rig_seconds: float
+
+
+class Rig:
+    """A robot with servos and cameras: simulated, recorded or real, as its file says; the same calls on each.
+
+    Nothing moves before the servos are homed and :meth:`engage` is called. The tension is released where something goes wrong,
+    where a call is interrupted, and at the end of a ``with`` block::
+
+        with tdcr.Rig("rig-sim.toml") as rig:
+            rig.engage()
+            rig.move_to(command)
+            cloud = rig.cloud()
+
+    Args:
+        path: The rig's file: see the guide to hardware.
+        real_time: Whether a rig in memory keeps to the wall's clock; else it is as fast as it computes.
+
+    Raises:
+        RigError: For a file that describes no rig, and for parts that cannot be opened.
+    """
+
+    def __init__(self, path: PathLike, *, real_time: bool = False) -> None:
+        self._native = _tdcr.Rig(os.fspath(path), bool(real_time))
+        self.robot = Robot._of(self._native.robot)
+
+    def __enter__(self) -> Rig:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
+        self.release()
+        return False
+
+    def __repr__(self) -> str:
+        return f"Rig({self.name!r}, {len(self.ids)} servos, {len(self.cameras)} cameras)"
+
+    @property
+    def name(self) -> str:
+        """Name in the rig's file."""
+        return self._native.name
+
+    @property
+    def ids(self) -> list[int]:
+        """Addresses of the servos, in the order of a command."""
+        return self._native.ids
+
+    @property
+    def cameras(self) -> list[str]:
+        """Serial numbers of the cameras."""
+        return self._native.cameras
+
+    @property
+    def time(self) -> float:
+        """Time of the rig's clock (s)."""
+        return self._native.time
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the motors are driven."""
+        return self._native.engaged
+
+    @property
+    def commanded(self) -> Floats | None:
+        """Where the servos are told to be, shape (tendons,) (m); ``None`` where the motors are off."""
+        return self._native.commanded
+
+    def homing(self) -> list[Literal["homed", "lost", "never"]]:
+        """Asks the servos what is known of their homes, one word each: a servo that was without power has lost its turns."""
+        return self._native.meet()
+
+    def home(self, *, recall: bool = False) -> None:
+        """Takes where the servos stand for home: the robot has to be straight, each tendon at its tension of home.
+
+        Args:
+            recall: Find home again from where the servos were left when they lost their turns, without touching anything.
+        """
+        self._native.home(bool(recall))
+
+    def engage(self) -> None:
+        """Switches the motors on where they stand, with the rig's modes, current limits and watchdogs.
+
+        Raises:
+            RigError: For servos that are not homed, report a fault, or are too hot.
+        """
+        self._native.engage()
+
+    def release(self) -> None:
+        """Takes the tension from the tendons and switches the motors off. Nothing is done where they are off."""
+        self._native.release()
+
+    def goals(self, command: Any) -> NDArray[np.int32]:
+        """Positions of the servos, from home (ticks), that stand for a command, shape (tendons,) (m)."""
+        return self._native.goals(self._take(command))
+
+    def state(self) -> list[WinchState | Silence]:
+        """What each servo does, or why it does not say."""
+        return _states(self._native.state())
+
+    def step(self, command: Any) -> list[WinchState | Silence]:
+        """Sends the goals of a command, shape (tendons,) (m), at once, and looks at the servos when the next are due.
+
+        Raises:
+            CommandError: For a command out of its range or the servos' limits; nothing is sent then.
+            RigError: After the tension was released, with the reason.
+        """
+        return _states(self._native.step(self._take(command)))
+
+    def move_to(self, command: Any) -> None:
+        """Moves to a command, shape (tendons,) (m), on a straight line and no faster than the rig's slew.
+
+        Raises:
+            As :meth:`step`.
+        """
+        self._native.move_to(self._take(command))
+
+    def go_home(self) -> None:
+        """Moves home, all servos in proportion."""
+        self._native.go_home()
+
+    def grab(self) -> Pictures:
+        """Pictures of all cameras, of the present or later. What is not the robot has no depth where the rig knows that."""
+        return _pictures(*self._native.grab())
+
+    def cloud(self, voxel: float = 0.002) -> Cloud:
+        """What the cameras see of the robot, fused and thinned by voxels of this edge (m)."""
+        return Cloud(*self._native.cloud(as_number(voxel, "voxel")))
+
+    def measure(self, voxel: float = 0.002) -> Measured:
+        """Where the cameras see the tip. The simulator's shape under the commands that the servos' positions stand for is laid
+        onto what they see, disc by disc.
+
+        Args:
+            voxel: Edge of the voxels that thin the cloud (m).
+
+        Raises:
+            RigError: Where the cameras do not see enough of the robot, or as :meth:`grab`.
+        """
+        tip, axis, cloud, pictures = self._native.measure(as_number(voxel, "voxel"))
+        return Measured(np.array(tip), np.array(axis), Cloud(*cloud), _pictures(*pictures))
+
+    @property
+    def tension(self) -> tuple[float, float]:
+        """Smallest and largest tension (N) that the simulator may find in a tendon, as the rig's file says."""
+        return self._native.tension
+
+    def draw(self, seed: int) -> Floats:
+        """A command by chance, shape (tendons,) (m), that can be reached from home with tensions within bounds."""
+        return self._native.draw(as_seed(seed))
+
+    def within_limits(self, command: Any) -> bool:
+        """Whether a command, shape (tendons,) (m), is within its ranges and the servos' limits."""
+        try:
+            self.goals(command)
+        except CommandError:
+            return False
+        return True
+
+    def capture(
+        self,
+        out: PathLike = "data",
+        *,
+        commands: int = 200,
+        points: int = 10_000,
+        voxel: float = 0.002,
+        seed: int = 0,
+        sentinel_every: int = 25,
+        progress: Progress | None = None,
+    ) -> CaptureReport:
+        """Makes a data set: moves the robot, sees it, keeps the clouds; as ``tdcr capture``.
+
+        Interrupted by Ctrl-C or by an exception of ``progress``, the tension is released, and the same call goes on where it
+        stopped. With more ``commands`` it adds to the data set.
+
+        Args:
+            out: Folder of the data set.
+            commands: Number of commands, split 80/10/10 into train, val and test; at least 10.
+            points: Points per cloud.
+            voxel: Edge of the voxels that thin the fused clouds (m).
+            seed: Seed of commands, samples and splits.
+            sentinel_every: Samples between two looks at the robot in its home pose.
+            progress: Is called with the number of samples captured since its last call.
+
+        Raises:
+            RigError: After the tension was released, with the reason.
+            DataError: For a folder that holds something else, or cannot be written.
+        """
+        count, many = as_count(commands, "commands"), as_count(points, "points", 1, MOST)
+        every = as_count(sentinel_every, "sentinel_every", 1)
+        report = json.loads(
+            self._native.capture(
+                os.fspath(out), count, many, as_number(voxel, "voxel"), as_seed(seed), every, progress=progress
+            )
+        )
+        known = {name: report[name] for name in CaptureReport.__dataclass_fields__ if name != "data"}
+        return CaptureReport(data=Dataset(out), **known)
+
+    def _take(self, command: Any) -> Floats:
+        return as_float(command, "command", (self.robot.tendons,))
+
+
+def _states(
+    readings: Sequence[tuple[int, tuple[int, float, float, float] | None, str | None]],
+) -> list[WinchState | Silence]:
+    return [WinchState(id, *state) if state is not None else Silence(id, str(reason)) for id, state, reason in readings]
+
+
+def _pictures(frames: Sequence[tuple[float, _tdcr.View]], skew: float) -> Pictures:
+    return Pictures([as_view(view) for _, view in frames], np.array([time for time, _ in frames]), skew)

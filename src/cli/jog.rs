@@ -1,0 +1,171 @@
+//! `tdcr jog`.
+
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use clap::Args;
+use serde::Serialize;
+use serde_json::json;
+use tdcr::hw::capture::{CaptureError, Captured, Session, SessionSettings};
+use tdcr::hw::plan::{PlanError, Shape};
+use tdcr::hw::rig::{Pace, Rig, RigFile};
+use tdcr::pipeline::CaptureSettings;
+use tdcr::report::counted;
+use tdcr::sim::cloud::write_ply;
+
+use super::console::{Console, say};
+use super::keys::{Keys, Pressed};
+
+/// Bend a robot by keys, and capture what pleases
+///
+/// Digits choose a module; w, a, s, d or the arrows bend it; + and - change the tension that its tendons share; h straightens the
+/// robot, c captures, q lets go and ends. Commands under which a tendon would go slack or be overloaded are refused. What is
+/// captured is what tdcr data import reads: a cloud and its motors (m). Without a terminal, keys are read from stdin.
+#[derive(Debug, Args)]
+pub(super) struct JogArgs {
+    /// File of the rig
+    #[arg(long, value_name = "FILE")]
+    rig: PathBuf,
+    /// Bend of a key (rad)
+    #[arg(long, default_value_t = 0.05, value_name = "RAD", value_parser = super::positive)]
+    bend: f64,
+    /// Tension of a key (N)
+    #[arg(long, default_value_t = 0.5, value_name = "N", value_parser = super::positive)]
+    tension: f64,
+    /// Folder of what is captured
+    #[arg(long, default_value = "jog", value_name = "DIR")]
+    out: PathBuf,
+}
+
+#[derive(Serialize)]
+struct Jogged<'a> {
+    dir: &'a Path,
+    /// Moves that were made.
+    moves: usize,
+    /// Moves that were refused.
+    refused: usize,
+    /// Clouds that were captured.
+    captured: usize,
+}
+
+pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
+    super::output::folder("--out", &args.out, "a folder for what is captured")?;
+    let keys = Keys::listen();
+    // A person watches; a script of keys does not.
+    let pace = match std::io::IsTerminal::is_terminal(&std::io::stdin()) {
+        true => Pace::RealTime,
+        false => Pace::Computed,
+    };
+    let mut rig = Rig::open_file(RigFile::load(&args.rig)?, pace)?;
+    let settings = SessionSettings {
+        seed: 0,
+        voxel_size: CaptureSettings::default().voxel_size,
+    };
+    let mut go_on = || ControlFlow::Continue(());
+    let mut session = Session::begin(&mut rig, &settings, None, &mut go_on)?;
+    let (mut module, mut moves, mut refused, mut captured) = (0, 0, 0, 0);
+    say("1 to 9: module; w a s d: bend; + -: tension; h: straight; c: capture; q: let go and end");
+    loop {
+        let key = match keys.pressed() {
+            Pressed::Key('q') | Pressed::End => break,
+            Pressed::Key(key) => key,
+            Pressed::Nothing => {
+                session.rig().poll()?;
+                continue;
+            }
+        };
+        if key == 'c' {
+            let sample = session.observe(captured as u64)?;
+            save(&args.out, captured, &sample)?;
+            captured += 1;
+            say(&format!(
+                "captured {}",
+                counted(sample.cloud.len(), "point")
+            ));
+            continue;
+        }
+        if let Some(chosen) = key
+            .to_digit(10)
+            .and_then(|digit| (digit as usize).checked_sub(1))
+            && chosen < session.shape().0.len()
+        {
+            module = chosen;
+            continue;
+        }
+        let rest = session.program().rest().clone();
+        let Some(shape) = turned(session.shape(), &rest, module, key, args) else {
+            continue;
+        };
+        match session.visit(shape) {
+            Ok(()) => moves += 1,
+            Err(CaptureError::Plan(
+                error @ (PlanError::Shape(_) | PlanError::NoCommand { .. }),
+            )) => {
+                return Err(error.into());
+            }
+            Err(CaptureError::Plan(error)) => {
+                refused += 1;
+                say(&error.to_string());
+            }
+            Err(error) => return Err(error.into()),
+        }
+        let pulls = session.rig().last_states().unwrap_or_default().iter();
+        let pulls: Vec<String> = pulls.map(|state| format!("{:.2}", state.pull)).collect();
+        say(&format!(
+            "module {}: pulling with {} A",
+            module + 1,
+            pulls.join(", ")
+        ));
+    }
+    session.end()?;
+    let jogged = Jogged {
+        dir: &args.out,
+        moves,
+        refused,
+        captured,
+    };
+    console.result(&jogged, |jogged| {
+        format!(
+            "{}, {} refused, {} captured in {}",
+            counted(jogged.moves, "move"),
+            jogged.refused,
+            counted(jogged.captured, "cloud"),
+            jogged.dir.display()
+        )
+    })
+}
+
+/// The shape that a key asks for; `None` for a key without meaning.
+fn turned(at: &Shape, rest: &Shape, module: usize, key: char, args: &JogArgs) -> Option<Shape> {
+    let mut shape = at.clone();
+    let bend = shape.0.get_mut(module)?;
+    match key {
+        'w' => bend.toward[1] += args.bend,
+        's' => bend.toward[1] -= args.bend,
+        'd' => bend.toward[0] += args.bend,
+        'a' => bend.toward[0] -= args.bend,
+        '+' | '=' => bend.tension += args.tension,
+        '-' => bend.tension = (bend.tension - args.tension).max(0.0),
+        'h' => shape = rest.clone(),
+        _ => return None,
+    }
+    Some(shape)
+}
+
+/// Writes a cloud and its motors as `tdcr data import` reads them, beside those of earlier runs.
+fn save(dir: &Path, number: usize, sample: &Captured) -> anyhow::Result<()> {
+    fs::create_dir_all(dir).with_context(|| format!("cannot create {}", dir.display()))?;
+    let mut name = number;
+    while dir.join(format!("jog-{name:04}.ply")).exists() {
+        name += 1;
+    }
+    let path = dir.join(format!("jog-{name:04}.ply"));
+    let motors = json!({
+        "ctrl": sample.command,
+        "ticks": sample.goals.iter().map(|goal| goal.0).collect::<Vec<_>>(),
+    });
+    super::output::write(&path.with_extension("json"), format!("{motors}\n"))?;
+    Ok(write_ply(&path, &sample.cloud)?)
+}

@@ -1,0 +1,172 @@
+//! Rigs from the command line: scan, home, jog, pretension, capture.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::thread::sleep;
+use std::time::Duration;
+
+use serde_json::Value;
+
+use crate::{refuse, stderr, succeed, succeed_json, tdcr, text};
+
+/// The example's rig with two small cameras, which are quick.
+fn small_rig(folder: &Path) -> PathBuf {
+    let whole = include_str!("../../examples/rig-sim.toml");
+    let end = whole.match_indices("[[cameras]]").nth(2).unwrap().0;
+    let path = folder.join("rig.toml");
+    fs::write(&path, whole[..end].replace("[640, 480]", "[160, 120]")).unwrap();
+    let robot = include_str!("../../examples/paper-robot.toml");
+    fs::write(folder.join("paper-robot.toml"), robot).unwrap();
+    path
+}
+
+fn capture<'a>(rig: &'a Path, out: &'a Path) -> Vec<&'a str> {
+    let size = ["--commands", "20", "--points", "300", "--voxel", "0.004"];
+    let where_to = ["capture", "--rig", text(rig), "--out", text(out)];
+    [&where_to[..], &size].concat()
+}
+
+#[test]
+fn a_rig_is_scanned_homed_and_captured_with_and_its_data_set_trains() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let scan = succeed_json(&["scan", "--rig", text(&rig)]);
+    assert_eq!(scan["servos"].as_array().unwrap().len(), 6);
+    assert_eq!(scan["servos"][5]["status"], "no error");
+    assert_eq!(scan["cameras"].as_array().unwrap().len(), 2);
+    let homed = succeed_json(&["home", "--rig", text(&rig), "--here"]);
+    assert_eq!(homed["servos"][0]["position"], 0);
+    let out = folder.path().join("data");
+    let planned = succeed_json(&[&capture(&rig, &out)[..], &["--dry-run"]].concat());
+    assert!(!out.exists());
+    let report = succeed_json(&capture(&rig, &out));
+    assert_eq!(
+        (report["samples"].as_u64(), report["moving"].as_u64()),
+        (Some(20), Some(0))
+    );
+    // What was done is what was said.
+    let journal = fs::read_to_string(out.join("capture.jsonl")).unwrap();
+    let line = journal
+        .lines()
+        .find(|line| line.contains("\"index\":7,"))
+        .unwrap();
+    let recorded: Value = serde_json::from_str(line).unwrap();
+    assert_eq!(recorded["entry"]["ticks"], planned["moves"][7]["ticks"]);
+    let info = succeed_json(&["data", "info", text(&out)]);
+    let origin = info["origin"].as_str().unwrap();
+    assert_eq!(
+        origin,
+        "recording of robot paper robot on rig rig-sim, seed 0"
+    );
+    succeed(&["data", "check", text(&out)]);
+    let run = folder.path().join("run");
+    crate::train_tiny(&out, &run, &[]);
+    let model = run.join("model.safetensors");
+    let sizes = ["--points", "300", "--emd-points", "100"];
+    let score = ["eval", "--model", text(&model), "--data", text(&out)];
+    let scores = succeed_json(&[&score[..], &sizes].concat());
+    assert!(scores["cd"].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn a_capture_that_is_killed_is_resumed() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let [whole, killed] = ["whole", "killed"].map(|name| folder.path().join(name));
+    succeed(&capture(&rig, &whole));
+    let mut kills = 0;
+    for wait in 1..200 {
+        let mut child = tdcr(&capture(&rig, &killed))
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        sleep(Duration::from_millis(400 * wait));
+        child.kill().unwrap();
+        match child.wait().unwrap().success() {
+            true => break,
+            false => kills += 1,
+        }
+    }
+    assert!(kills > 0);
+    let report = succeed_json(&capture(&rig, &killed));
+    assert_eq!(report["captured"], 0);
+    // The same commands, in the same splits.
+    let motors = |dir: &Path| succeed_json(&["data", "info", text(dir)])["motors"].clone();
+    assert_eq!(motors(&whole), motors(&killed));
+    succeed(&["data", "check", text(&killed)]);
+}
+
+#[test]
+fn keys_jog_a_rig_and_capture_what_is_imported() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let out = folder.path().join("jog");
+    let keys = folder.path().join("keys");
+    // Module 2 bends, is captured, tensions far beyond what its limits allow, and is captured straight.
+    fs::write(&keys, format!("2wwwwddc{}hcq", "+".repeat(80))).unwrap();
+    let output = tdcr(&["jog", "--rig", text(&rig), "--out", text(&out), "--json"])
+        .stdin(fs::File::open(&keys).unwrap())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let jogged: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(jogged["captured"], 2);
+    assert!(jogged["refused"].as_u64().unwrap() > 10, "{jogged}");
+    assert!(jogged["moves"].as_u64().unwrap() > 7, "{jogged}");
+    let said = stderr(&output);
+    assert!(
+        said.contains("expected 1 to 60 N") || said.contains("its servo allows"),
+        "{said}"
+    );
+    let motors = fs::read(out.join("jog-0000.json")).unwrap();
+    let motors: Value = serde_json::from_slice(&motors).unwrap();
+    assert_eq!(motors["ctrl"].as_array().unwrap().len(), 6);
+    assert!(out.join("jog-0001.ply").exists());
+}
+
+#[test]
+fn tendons_are_tensioned_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let scale = |current: &str| {
+        let found = succeed_json(&["pretension", "--rig", text(&rig), "--current", current]);
+        let servos = found["servos"].as_array().unwrap().clone();
+        assert_eq!(servos.len(), 6);
+        servos
+            .iter()
+            .map(|servo| servo["pull"].as_f64().unwrap())
+            .collect::<Vec<_>>()
+    };
+    for pull in scale("0.3") {
+        assert!((0.27..0.33).contains(&pull), "{pull}");
+    }
+    refuse(
+        &["pretension", "--rig", text(&rig), "--current", "5"],
+        1,
+        "expected 5 A",
+    );
+}
+
+#[test]
+fn wrong_rigs_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = folder.path().join("rig.toml");
+    refuse(&["scan", "--rig", text(&rig)], 1, "cannot read");
+    refuse(&["scan"], 2, "<PORT|--rig <FILE>>");
+    refuse(&["scan", "/dev/null"], 1, "/dev/null is not a serial port");
+    fs::write(&rig, "name = \"mine\"\nrobot = 7\n").unwrap();
+    refuse(&["home", "--rig", text(&rig)], 1, "line 2, column 9");
+    let whole = include_str!("../../examples/rig-sim.toml");
+    let robot = include_str!("../../examples/paper-robot.toml");
+    fs::write(folder.path().join("paper-robot.toml"), robot).unwrap();
+    let real = whole.replacen(
+        "link = \"simulated\"",
+        "link = { serial = \"/dev/null\" }",
+        1,
+    );
+    let end = real.find("[[cameras]]").unwrap();
+    fs::write(&rig, &real[..end]).unwrap();
+    refuse(&["capture", "--rig", text(&rig)], 1, "not a serial port");
+}

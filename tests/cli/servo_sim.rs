@@ -1,0 +1,178 @@
+//! `tdcr servo-sim`: servos on a pseudo-terminal.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::channel;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crate::{refuse, tdcr};
+
+/// The e-Manual's ping of servo 1.
+const PING: [u8; 10] = [0xFF, 0xFF, 0xFD, 0x00, 0x01, 0x03, 0x00, 0x01, 0x19, 0x4E];
+
+/// A server, ended with the test.
+struct Server {
+    child: Child,
+    stdout: BufReader<std::process::ChildStdout>,
+    port: String,
+}
+
+impl Server {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = tdcr(&[&["servo-sim", "--robot", "2m"], arguments].concat())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut stdout = BufReader::new(child.stdout.take().unwrap());
+        let mut port = String::new();
+        stdout.read_line(&mut port).unwrap();
+        Self {
+            child,
+            stdout,
+            port: port.trim_end().to_owned(),
+        }
+    }
+
+    /// Sends bytes as any program would, and returns what comes back; nothing for what takes longer than a second.
+    fn ask(&self, bytes: &[u8], answer: usize) -> Vec<u8> {
+        let mut port = std::fs::File::options()
+            .read(true)
+            .write(true)
+            .open(&self.port)
+            .unwrap();
+        port.write_all(bytes).unwrap();
+        let (sender, receiver) = channel();
+        thread::spawn(move || {
+            let mut buffer = vec![0; answer];
+            let _ = sender.send(port.read_exact(&mut buffer).map(|()| buffer));
+        });
+        let answered = receiver.recv_timeout(Duration::from_secs(1));
+        answered.map_or_else(|_| Vec::new(), |read| read.unwrap_or_default())
+    }
+
+    /// Waits until it ends by itself; its exit status, and what it said on stderr.
+    fn end(mut self) -> (Option<i32>, String) {
+        let began = Instant::now();
+        while self.child.try_wait().unwrap().is_none() {
+            assert!(began.elapsed() < Duration::from_secs(10), "it goes on");
+            thread::sleep(Duration::from_millis(10));
+        }
+        let status = self.child.wait().unwrap();
+        let mut rest = String::new();
+        self.stdout.read_to_string(&mut rest).unwrap();
+        assert_eq!(rest, "");
+        let mut said = String::new();
+        let mut stderr = self.child.stderr.take().unwrap();
+        stderr.read_to_string(&mut said).unwrap();
+        (status.code(), said)
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+    }
+}
+
+fn interrupt(child: &Child) {
+    let id = child.id().to_string();
+    let sent = Command::new("kill").args(["-INT", &id]).status().unwrap();
+    assert!(sent.success());
+}
+
+#[test]
+fn servos_answer_on_the_terminal_until_ctrl_c() {
+    let server = Server::start(&[]);
+    assert!(Path::new(&server.port).exists(), "{}", server.port);
+    // Programs come and go.
+    for _ in 0..2 {
+        let answer = server.ask(&PING, 14);
+        assert_eq!(
+            answer[..12],
+            [0xFF, 0xFF, 0xFD, 0x00, 1, 7, 0, 0x55, 0, 0xD8, 0x04, 52]
+        );
+    }
+    interrupt(&server.child);
+    let (status, said) = server.end();
+    assert_eq!(status, Some(0), "{said}");
+    assert!(said.contains("serving 6 servos at 1000000 baud"), "{said}");
+    assert!(!said.contains("panicked"), "{said}");
+}
+
+#[test]
+fn models_and_firmware_are_as_asked_for() {
+    let server = Server::start(&["--model", "xl330-m288", "--firmware", "60"]);
+    assert_eq!(server.ask(&PING, 14)[9..12], [0xB0, 0x04, 60]);
+}
+
+#[test]
+fn the_result_can_be_json() {
+    let mut child = tdcr(&[
+        "servo-sim",
+        "--robot",
+        "2m",
+        "--baud",
+        "57600",
+        "--json",
+        "--quiet",
+    ])
+    .stdout(Stdio::piped())
+    .spawn()
+    .unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let mut text = String::new();
+    while !text.ends_with("\n}") {
+        text.push('\n');
+        text.push_str(&lines.next().unwrap().unwrap());
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let served: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert!(served["port"].as_str().unwrap().starts_with("/dev/"));
+    assert_eq!(served["baud"], 57600);
+    assert_eq!(served["ids"], serde_json::json!([1, 2, 3, 4, 5, 6]));
+}
+
+#[test]
+fn faults_come_when_they_are_told_to() {
+    let silent = Server::start(&["--fault", "silent:1"]);
+    assert!(silent.ask(&PING, 14).is_empty());
+    let unplugged = Server::start(&["--fault", "unplugged@0.3"]);
+    let (status, said) = unplugged.end();
+    assert_eq!(status, Some(1));
+    assert!(
+        said.contains("the cable of the simulated bus is unplugged"),
+        "{said}"
+    );
+}
+
+#[test]
+fn wrong_options_are_named() {
+    let refuse = |arguments: &[&str], status, expected: &str| {
+        refuse(&[&["servo-sim"], arguments].concat(), status, expected);
+    };
+    refuse(
+        &["--baud", "12345"],
+        2,
+        "expected one of 9600, 57600, 115200, 1000000",
+    );
+    refuse(
+        &["--fault", "snap:4"],
+        2,
+        "`snap:4` is no fault; expected lost=SHARE",
+    );
+    refuse(
+        &["--fault", "snapped:7"],
+        1,
+        "--fault snapped:7: there is no servo 7",
+    );
+    refuse(
+        &["--spool-radius", "0"],
+        2,
+        "expected a finite number above 0",
+    );
+    refuse(&["--robot", "4m"], 1, "unknown robot `4m`");
+}
