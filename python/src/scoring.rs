@@ -113,7 +113,7 @@ pub fn evaluate(
 #[pyo3(from_item_all)]
 pub struct CompareOptions {
     base: bool,
-    r#match: String,
+    pairing: String,
     tolerance: f64,
     split: String,
     points: Option<usize>,
@@ -132,7 +132,7 @@ impl CompareOptions {
         ];
         let [train, val, test] = Split::ALL.map(|split| (split.folder(), Some(split)));
         Ok(CompareSettings {
-            pairing: choice("match", &self.r#match, &pairings)?,
+            pairing: choice("match", &self.pairing, &pairings)?,
             split: choice("split", &self.split, &[("all", None), train, val, test])?,
             points: self.points,
             emd_points: self.emd_points,

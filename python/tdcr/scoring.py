@@ -160,7 +160,7 @@ def compare(
         raise InputError(f"tolerance is {tolerance}; expected 0 to 1")
     options = {
         "base": bool(base),
-        "match": match,
+        "pairing": match,
         "tolerance": as_number(tolerance, "tolerance"),
         "split": split,
         "points": maybe_count(points, "points"),

@@ -64,8 +64,8 @@ struct Side {
     clouds: Clouds,
     /// Where the discs are under a condition, where the clouds are simulated.
     shapes: Option<Simulation>,
-    /// Robot and cameras, where the data set says so.
-    subject: Option<Subject>,
+    /// How the clouds would be simulated, where the data set says what they show.
+    recipe: Option<Recipe>,
 }
 
 /// Where clouds come from.
@@ -153,6 +153,23 @@ impl Spread {
     }
 }
 
+/// How the clouds of a data set would be simulated; `None` where it does not say which robot they show.
+fn recipe(origin: &Origin) -> Option<Recipe> {
+    match origin {
+        Origin::Simulated { recipe, .. } => Some(recipe.clone()),
+        Origin::Recorded { recording } => Some(Recipe {
+            subject: Subject {
+                robot: recording.robot.clone(),
+                base: recording.base,
+                payload: None,
+            },
+            voxel_size: recording.voxel_size,
+            sensor: None,
+        }),
+        _ => None,
+    }
+}
+
 impl Side {
     /// The data set in a folder.
     fn open(dir: &Path, split: Option<Split>) -> Result<Self, PipelineError> {
@@ -172,15 +189,14 @@ impl Side {
         }
         let [train, val, test] = Split::ALL.map(|split| set.samples(split));
         let splits = [train?, val?, test?];
-        let simulated = match set.meta().map(|meta| &meta.origin) {
-            Some(Origin::Simulated { recipe, .. }) => Some(recipe.clone()),
-            _ => None,
-        };
+        let origin = set.meta().map(|meta| &meta.origin);
+        let recipe = origin.and_then(recipe);
+        let simulated = origin.and_then(Origin::recipe).cloned();
         let shapes = simulated.map(|recipe| Simulation::new(recipe, splits[0].points_per_cloud()));
         Ok(Self {
             entries,
             shapes: shapes.transpose()?,
-            subject: set.meta().and_then(|meta| meta.subject().cloned()),
+            recipe,
             clouds: Clouds::Stored(splits),
         })
     }
@@ -192,26 +208,25 @@ impl Side {
         robot: Option<&RobotSpec>,
         base: BaseVisibility,
     ) -> Result<Self, PipelineError> {
-        let own = of.subject.as_ref();
-        let robot = robot.or_else(|| own.map(|subject| &subject.robot));
+        let own = of.recipe.as_ref();
+        let robot = robot.or_else(|| own.map(|recipe| &recipe.subject.robot));
         let robot = robot.ok_or_else(|| PipelineError::NoRobot {
             path: dir.to_owned(),
         })?;
-        let usual = of.shapes.as_ref().map(|shapes| shapes.recipe.clone());
         let recipe = Recipe {
             subject: Subject {
                 robot: robot.clone(),
-                base: own.map_or(base, |subject| subject.base),
-                payload: own.and_then(|subject| subject.payload),
+                base: own.map_or(base, |recipe| recipe.subject.base),
+                payload: own.and_then(|recipe| recipe.subject.payload),
             },
             sensor: None,
-            ..usual.unwrap_or_default()
+            ..own.cloned().unwrap_or_default()
         };
         let points = of.fewest_points();
         Ok(Self {
             entries: of.entries.clone(),
             clouds: Clouds::Seen,
-            subject: Some(recipe.subject.clone()),
+            recipe: Some(recipe.clone()),
             shapes: Some(Simulation::new(recipe, points)?),
         })
     }
@@ -287,8 +302,8 @@ impl Comparer {
 
     /// The robot of `A`, or else of `B`; `None` where neither names one.
     pub fn robot(&self) -> Option<&RobotSpec> {
-        let subjects = self.sides.iter().filter_map(|side| side.subject.as_ref());
-        subjects.map(|subject| &subject.robot).next()
+        let recipes = self.sides.iter().filter_map(|side| side.recipe.as_ref());
+        recipes.map(|recipe| &recipe.subject.robot).next()
     }
 
     /// Compares all configurations; the `worst` worst are listed.

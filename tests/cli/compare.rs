@@ -147,6 +147,26 @@ fn clouds_of_a_real_robot_are_compared_with_the_simulator() {
         truly > 5e-3 && (laid - truly).abs() < 1e-3 + 0.1 * truly,
         "{laid} {truly}"
     );
+    // Of a recorded set the robot is known, and where its tip is, is not.
+    let recorded = collected(folder, "recorded", "1500", &["--samples", "10"]);
+    let meta = recorded.join("meta.json");
+    let mut said: Value = serde_json::from_slice(&fs::read(&meta).unwrap()).unwrap();
+    let recipe = said["origin"]["simulated"]["recipe"].take();
+    said["origin"] = serde_json::json!({"recorded": {"recording": {
+        "rig": "desk",
+        "robot": recipe["subject"]["robot"],
+        "base": recipe["subject"]["base"],
+        "voxel_size": recipe["voxel_size"],
+        "settings": null,
+    }}});
+    fs::write(&meta, said.to_string()).unwrap();
+    let rig = succeed_json(&["compare", text(&recorded)]);
+    assert_eq!(
+        (&rig["pairs"], &rig["tip_source"]),
+        (&Value::from(10), &Value::from("laid"))
+    );
+    assert!(number(&rig["tip"]["max"]) < 1.5e-3, "{}", rig["tip"]);
+
     // Beside the set that it was exported from, the tip is known as well.
     let both = succeed_json(&["compare", text(&real), text(&data)]);
     assert_eq!(
