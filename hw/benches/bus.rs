@@ -103,13 +103,8 @@ fn theirs(path: &str, baud_rate: u32, joined: bool, rounds: usize) -> Outcome<f6
     let ids: Vec<u8> = (1..=SERVOS).collect();
     median(rounds, |number| {
         let goals = vec![(2048 + number).to_le_bytes().to_vec(); ids.len()];
-        let fault = |error: Box<dyn Error>| error.to_string();
-        protocol
-            .sync_write(port.as_mut(), &ids, GOAL.0 as u8, &goals)
-            .map_err(fault)?;
-        protocol
-            .sync_read(port.as_mut(), &ids, PRESENT.0 as u8, PRESENT.1 as u8)
-            .map_err(fault)?;
+        protocol.sync_write(port.as_mut(), &ids, GOAL.0 as u8, &goals)?;
+        protocol.sync_read(port.as_mut(), &ids, PRESENT.0 as u8, PRESENT.1 as u8)?;
         Ok(())
     })
 }

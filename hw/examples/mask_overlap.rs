@@ -14,6 +14,7 @@ use std::error::Error;
 use std::sync::Arc;
 use std::time::Duration;
 
+use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -27,7 +28,7 @@ use tdcr_hw::simulated::camera::{CameraSetup, SimulatedCamera, Subject, table};
 use tdcr_sim::camera::Camera;
 use tdcr_sim::geometry::Instance;
 use tdcr_sim::render::{BaseVisibility, Scene};
-use tdcr_sim::robot::{Loads, Robot};
+use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::statics::Settler;
 
 type Failure = Box<dyn Error + Send + Sync>;
@@ -63,7 +64,7 @@ impl Setting {
         let robot = Robot::load(name)?;
         let mut settler = Settler::new(&robot);
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let mut pose = |command| {
+        let mut pose = |command: &Command| {
             let equilibrium = settler.settle(command, &Loads::default());
             Scene::of_robot(&robot, equilibrium, BaseVisibility::Hidden)
         };
@@ -80,7 +81,7 @@ impl Setting {
             .filter(|solid| solid.instance == Instance::Base);
         surroundings.solids.extend(base);
         // What the robot can reach, for who knows its length: 5 cm more to the sides and above.
-        let base = robot.base();
+        let base = Vector3::from(robot.spec().base.position);
         let heights = straight.solids.iter().map(|solid| solid.pose.translation.z);
         let reach = heights.fold(0.0, f64::max) - base.z + 0.05;
         let workspace = WorkspaceBox {

@@ -176,7 +176,7 @@ impl Rig {
         self.short(py, |rig| Ok(rig.go_home()?))?
     }
 
-    /// Pictures of all cameras from one moment.
+    /// Pictures of all cameras from one moment, as they are.
     fn grab(&self, py: Python<'_>) -> Outcome<Seen> {
         let pictures = self.short(py, |rig| rig.grab())??;
         seen(py, pictures)
@@ -185,10 +185,7 @@ impl Rig {
     /// What the cameras see of the robot, fused and thinned.
     fn cloud<'py>(&self, py: Python<'py>, voxel: f64) -> Outcome<Cloud<'py>> {
         let grid = grid(voxel)?;
-        let cloud = self.short(py, |rig| -> Outcome<_> {
-            let pictures = rig.grab()?;
-            Ok(fuse(rig, grid, &pictures))
-        })??;
+        let (_, cloud) = self.short(py, |rig| look(rig, grid))??;
         cloud_arrays(py, cloud)
     }
 
@@ -204,8 +201,7 @@ impl Rig {
         let (pictures, cloud, pose) = run::short(py, || -> Outcome<_> {
             let mut rig = locked(rig)?;
             let command = held(&mut rig)?;
-            let pictures = rig.grab()?;
-            let cloud = fuse(&rig, grid, &pictures);
+            let (pictures, cloud) = look(&mut rig, grid)?;
             let pose = seen_tip(rig.robot(), &command, &cloud)
                 .map_err(|error| Failure::Of("RigError", error.to_string()))?;
             let unseen = "the cameras do not see enough of the robot to tell where its tip is";
@@ -307,9 +303,17 @@ fn grid(voxel: f64) -> Outcome<VoxelGrid> {
     Err(Failure::input(message))
 }
 
-fn fuse(rig: &tdcr::hw::rig::Rig, grid: VoxelGrid, pictures: &Pictures) -> PointCloud {
-    let workspace = rig.spec().masks.workspace;
-    Fuser { grid, workspace }.fuse(pictures)
+/// Pictures of what is the robot, and their cloud.
+fn look(rig: &mut tdcr::hw::rig::Rig, grid: VoxelGrid) -> Outcome<(Pictures, PointCloud)> {
+    let pictures = rig.grab()?;
+    let masker = rig.spec().masks.masker();
+    let fuser = Fuser { grid, masker };
+    // Masks by sample number are of captures.
+    let kept = fuser
+        .keep_robot(pictures, 0)
+        .map_err(|error| Failure::Of("RigError", error.to_string()))?;
+    let cloud = fuser.fuse(&kept);
+    Ok((kept, cloud))
 }
 
 /// The command that the servos' positions stand for, within the tendons' ranges: servos are a tick off their goals.

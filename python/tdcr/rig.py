@@ -75,7 +75,7 @@ class Measured:
         tip: Origin of the last disc, world frame, shape (3,) (m).
         axis: Its z axis, world frame, shape (3,).
         cloud: What the cameras see of the robot, fused and thinned.
-        pictures: The pictures.
+        pictures: The pictures, without depth where they show something else.
     """
 
     tip: Floats
@@ -228,7 +228,7 @@ class Rig:
         self._native.go_home()
 
     def grab(self) -> Pictures:
-        """Pictures of all cameras, of the present or later. What is not the robot has no depth where the rig knows that."""
+        """Pictures of all cameras, of the present or later, with all that they see."""
         return _pictures(*self._native.grab())
 
     def cloud(self, voxel: float = 0.002) -> Cloud:

@@ -283,10 +283,9 @@ pub fn servo_frames(mut bytes: &[u8]) {
     while !bytes.is_empty() || !decoder.pending().is_empty() {
         let taken = decoder.fill(bytes);
         bytes = &bytes[taken..];
-        drop(sections(decoder.pending(), servos().map(|id| (id, 4))).count());
+        let _ = sections(decoder.pending(), servos().map(|id| (id, 4))).count();
         while let Some(frame) = decoder.next_frame() {
-            drop(Instruction::decode(&frame));
-            Status::decode(&frame);
+            let _ = (Instruction::decode(&frame), Status::decode(&frame));
         }
         if taken == 0 {
             decoder.give_up();

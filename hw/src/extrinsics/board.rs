@@ -220,6 +220,8 @@ impl Board {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
     use super::*;
 
     fn spec() -> BoardSpec {

@@ -39,7 +39,7 @@ pub enum FilesError {
         /// What it should be.
         expected: &'static str,
         /// Where, and what was wrong.
-        source: toml::de::Error,
+        source: Box<toml::de::Error>,
     },
     /// The board cannot be.
     #[error("{}: {source}", path.display())]
@@ -67,7 +67,7 @@ pub enum FilesError {
         /// The file.
         path: PathBuf,
         /// Why.
-        source: SpecError,
+        source: Box<SpecError>,
     },
     /// A serial number is no name of a folder, or twice there.
     #[error("{}: cameras[{index}].serial is {serial:?}; expected a name for a folder that no other camera has", path.display())]
@@ -166,7 +166,7 @@ pub fn read_board(path: &Path) -> Result<(Board, World), FilesError> {
         found: found.to_vec(),
         expected,
     };
-    let far = |x: &f64| !(x.abs() <= 1e6);
+    let far = |x: &f64| x.is_nan() || x.abs() > 1e6;
     if world.position.iter().any(far) {
         return Err(refuse("position", &world.position, "a point (m)"));
     }
@@ -250,7 +250,7 @@ impl CameraFile {
         let specs = Cameras::Free(cameras.iter().map(spec).collect());
         specs.validate().map_err(|source| FilesError::Camera {
             path: path.to_owned(),
-            source,
+            source: source.into(),
         })?;
         let mut serials = BTreeSet::new();
         for (index, CameraInFile { serial, .. }) in cameras.iter().enumerate() {
@@ -309,7 +309,7 @@ fn read_toml<T: for<'de> Deserialize<'de>>(
     toml::from_str(&text).map_err(|source| FilesError::Toml {
         path: path.to_owned(),
         expected,
-        source,
+        source: source.into(),
     })
 }
 

@@ -121,6 +121,8 @@ fn rgb_to_luma<const CHANNELS: usize>(bytes: &[u8]) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
     use super::*;
     use png::BitDepth;
     use std::io::Cursor;

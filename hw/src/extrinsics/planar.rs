@@ -178,7 +178,8 @@ fn normalising(points: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
         .map(about)
         .sum::<Matrix2<f64>>()
         .symmetric_eigenvalues();
-    if !(widths.min() > FLAT.powi(2) * widths.max()) {
+    let spread_out = widths.min() > FLAT.powi(2) * widths.max();
+    if !spread_out {
         return None;
     }
     let scale = 2f64.sqrt() / spread;

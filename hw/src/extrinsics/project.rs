@@ -38,7 +38,8 @@ pub(super) fn project(
     let sight = placement.translation.vector + arm - camera.translation.vector;
     let inverse = camera.rotation.inverse();
     let p = inverse * sight;
-    if !(p.z > 1e-6) {
+    let in_front = p.z > 1e-6;
+    if !in_front {
         return None;
     }
     let normalised = Vector2::new(p.x / p.z, p.y / p.z);
@@ -67,6 +68,8 @@ pub(super) fn project(
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
     use super::*;
     use tdcr_sim::camera::Distortion;
 

@@ -202,8 +202,9 @@ fn pose(
     let at = translation.ok_or_else(missing("translation"))?;
     let turn = rotation.ok_or_else(missing("rotation"))?;
     let quaternion = Quaternion::new(turn.w, turn.x, turn.y, turn.z);
-    // Not NaN either.
-    if !((quaternion.norm() - 1.0).abs() < 1e-6) {
+    // Not so of NaN.
+    let is_rotation = (quaternion.norm() - 1.0).abs() < 1e-6;
+    if !is_rotation {
         return Err(field("rotation", quaternion, "a quaternion of length 1"));
     }
     Ok(Isometry3::from_parts(

@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use super::record::{Event, Goal, Level, LogRecord, Reading, ServoStatus};
 use super::shared::SharedLog;
-use crate::servo::{HardwareErrors, PerServo, Record, ServoError, ServoId, Torque, WatchdogState};
+use crate::servo::{
+    HardwareErrors, PerServo, Record, ServoError, ServoId, Ticks, Torque, WatchdogState,
+};
 
 /// A sink for [`Logged`](crate::servo::Logged) that writes to `log`.
 ///
@@ -32,6 +34,44 @@ pub fn servo_sink(log: SharedLog) -> impl FnMut(Duration, Record<'_>) + Send {
     move |time, record| sink.record(time, record)
 }
 
+/// What a servo took or said, or why not.
+type Answer<'a, T> = (ServoId, Result<T, &'a ServoError>);
+
+/// Values that servos were told each.
+fn zip<'a, T: Copy>(
+    told: &'a [(ServoId, T)],
+    results: &'a PerServo<()>,
+) -> impl Iterator<Item = Answer<'a, T>> {
+    let answers = told.iter().zip(results);
+    answers.map(|(&(id, value), result)| (id, result.as_ref().map(|()| value)))
+}
+
+/// A value that servos were told.
+fn told<'a, T: Copy + 'a>(
+    ids: &'a [ServoId],
+    value: T,
+    results: &'a PerServo<()>,
+) -> impl Iterator<Item = Answer<'a, T>> {
+    let answers = ids.iter().zip(results);
+    answers.map(move |(&id, result)| (id, result.as_ref().map(|()| value)))
+}
+
+/// Values that servos said.
+fn read<'a, T: Copy>(
+    ids: &'a [ServoId],
+    results: &'a PerServo<T>,
+) -> impl Iterator<Item = Answer<'a, T>> {
+    let answers = ids.iter().zip(results);
+    answers.map(|(&id, result)| (id, result.as_ref().copied()))
+}
+
+fn position_goal(position: Ticks) -> Goal {
+    Goal {
+        position: Some(position),
+        current: None,
+    }
+}
+
 struct ServoSink {
     log: SharedLog,
     /// Faults that each servo last reported.
@@ -44,56 +84,83 @@ impl ServoSink {
     fn record(&mut self, time: Duration, record: Record<'_>) {
         match record {
             Record::GoalPositions(goals, results) => {
-                let goal = |&(id, position)| {
-                    let position = Some(position);
-                    let current = None;
-                    (id, Goal { position, current })
-                };
-                self.goals(time, goals.iter().map(goal), results);
+                self.goals(time, zip(goals, results), position_goal);
             }
             Record::GoalCurrents(goals, results) => {
-                let goal = |&(id, current)| {
-                    let current = Some(current);
-                    let position = None;
-                    (id, Goal { position, current })
-                };
-                self.goals(time, goals.iter().map(goal), results);
+                self.goals(time, zip(goals, results), |current| Goal {
+                    position: None,
+                    current: Some(current),
+                });
+            }
+            Record::GoalPositionsRead(ids, results) => {
+                self.goals(time, read(ids, results), position_goal);
             }
             Record::CurrentLimits(limits, results) => {
-                let status = |&(id, limit)| ServoStatus {
-                    current_limit: Some(limit),
-                    ..ServoStatus::of(id)
-                };
-                self.status(time, limits.iter().map(status), results);
+                self.status(time, zip(limits, results), |s, limit| {
+                    s.current_limit = Some(limit)
+                });
+            }
+            Record::CurrentLimitsRead(ids, results) => {
+                self.status(time, read(ids, results), |s, limit| {
+                    s.current_limit = Some(limit)
+                });
             }
             Record::Torque(ids, torque, results) => {
-                let status = |&id| ServoStatus {
-                    torque: Some(torque),
-                    ..ServoStatus::of(id)
-                };
-                self.status(time, ids.iter().map(status), results);
+                self.status(time, told(ids, torque, results), |s, torque| {
+                    s.torque = Some(torque)
+                });
+            }
+            Record::TorqueRead(ids, results) => {
+                self.status(time, read(ids, results), |s, torque| {
+                    s.torque = Some(torque)
+                });
             }
             Record::Mode(ids, mode, results) => {
-                let status = |&id| ServoStatus {
-                    mode: Some(mode),
-                    ..ServoStatus::of(id)
-                };
-                self.status(time, ids.iter().map(status), results);
+                self.status(time, told(ids, mode, results), |s, mode| {
+                    s.mode = Some(mode)
+                });
+            }
+            Record::ModeRead(ids, results) => {
+                self.status(time, read(ids, results), |s, mode| s.mode = Some(mode));
             }
             Record::Watchdog(ids, timeout, results) => {
                 let state = timeout.map_or(WatchdogState::Off, WatchdogState::Armed);
-                let status = |&id| ServoStatus {
-                    watchdog: Some(state),
-                    ..ServoStatus::of(id)
-                };
-                self.status(time, ids.iter().map(status), results);
+                self.status(time, told(ids, state, results), |s, state| {
+                    s.watchdog = Some(state)
+                });
+            }
+            Record::WatchdogRead(ids, results) => {
+                self.status(time, read(ids, results), |s, state| {
+                    s.watchdog = Some(state)
+                });
+            }
+            Record::Temperatures(ids, results) => {
+                self.status(time, read(ids, results), |s, value| {
+                    s.temperature = Some(value)
+                });
+            }
+            Record::Voltages(ids, results) => {
+                self.status(time, read(ids, results), |s, value| s.voltage = Some(value));
+            }
+            Record::HardwareErrors(ids, results) => {
+                self.status(time, read(ids, results), |s, errors| {
+                    s.hardware_errors = Some(errors)
+                });
+            }
+            Record::Ping(id, result) => {
+                let answer = [(id, result.as_ref().copied())].into_iter();
+                self.status(time, answer, |s, identity| s.identity = Some(identity));
+            }
+            Record::Scan(found) => {
+                let found = found.iter().map(|&(id, identity)| (id, Ok(identity)));
+                self.status(time, found, |s, identity| s.identity = Some(identity));
             }
             Record::Reboot(id, result) => self.reboot(time, id, result),
             Record::Present(ids, results) => {
                 let mut readings = Vec::new();
                 let mut changed = Vec::new();
                 for (&id, result) in ids.iter().zip(results) {
-                    self.answered(time, id, result);
+                    self.answered(time, id, result.as_ref().err());
                     let Ok(present) = result else { continue };
                     readings.push((id, Reading::from(*present)));
                     if self.errors.insert(id, present.errors) != Some(present.errors) {
@@ -112,44 +179,46 @@ impl ServoSink {
         }
     }
 
-    fn goals(
+    fn goals<'a, T>(
         &mut self,
         time: Duration,
-        goals: impl Iterator<Item = (ServoId, Goal)>,
-        results: &PerServo<()>,
+        answers: impl Iterator<Item = Answer<'a, T>>,
+        goal: impl Fn(T) -> Goal,
     ) {
-        let mut sent = Vec::new();
-        for ((id, goal), result) in goals.zip(results) {
-            self.answered(time, id, result);
-            if result.is_ok() {
-                sent.push((id, goal));
+        let mut known = Vec::new();
+        for (id, answer) in answers {
+            self.answered(time, id, answer.as_ref().err().copied());
+            if let Ok(value) = answer {
+                known.push((id, goal(value)));
             }
         }
-        if !sent.is_empty() {
-            self.log.write(time, &LogRecord::Goals(sent));
+        if !known.is_empty() {
+            self.log.write(time, &LogRecord::Goals(known));
         }
     }
 
-    fn status(
+    fn status<'a, T>(
         &mut self,
         time: Duration,
-        status: impl Iterator<Item = ServoStatus>,
-        results: &PerServo<()>,
+        answers: impl Iterator<Item = Answer<'a, T>>,
+        set: impl Fn(&mut ServoStatus, T),
     ) {
-        let mut set = Vec::new();
-        for (status, result) in status.zip(results) {
-            self.answered(time, status.id, result);
-            if result.is_ok() {
-                set.push(status);
+        let mut known = Vec::new();
+        for (id, answer) in answers {
+            self.answered(time, id, answer.as_ref().err().copied());
+            if let Ok(value) = answer {
+                let mut status = ServoStatus::of(id);
+                set(&mut status, value);
+                known.push(status);
             }
         }
-        if !set.is_empty() {
-            self.log.write(time, &LogRecord::Status(set));
+        if !known.is_empty() {
+            self.log.write(time, &LogRecord::Status(known));
         }
     }
 
     fn reboot(&mut self, time: Duration, id: ServoId, result: &Result<(), ServoError>) {
-        self.answered(time, id, result);
+        self.answered(time, id, result.as_ref().err());
         if result.is_ok() {
             self.event(time, Level::Warning, id, "rebooted".to_owned());
             let status = ServoStatus {
@@ -161,20 +230,17 @@ impl ServoSink {
     }
 
     /// Logs that a servo fails in another way than before, or no longer.
-    fn answered<T>(&mut self, time: Duration, id: ServoId, result: &Result<T, ServoError>) {
-        match result {
-            Ok(_) => {
-                if self.failing.remove(&id).is_some() {
-                    self.event(time, Level::Info, id, "answers again".to_owned());
-                }
+    fn answered(&mut self, time: Duration, id: ServoId, error: Option<&ServoError>) {
+        let Some(error) = error else {
+            if self.failing.remove(&id).is_some() {
+                self.event(time, Level::Info, id, "answers again".to_owned());
             }
-            Err(error) => {
-                let text = error.to_string();
-                if self.failing.get(&id) != Some(&text) {
-                    self.event(time, Level::Error, id, text.clone());
-                    self.failing.insert(id, text);
-                }
-            }
+            return;
+        };
+        let text = error.to_string();
+        if self.failing.get(&id) != Some(&text) {
+            self.event(time, Level::Error, id, text.clone());
+            self.failing.insert(id, text);
         }
     }
 

@@ -252,7 +252,7 @@ fn maskers_find_the_robot_on_a_table() {
         mask.overlap(&truth, measured).expect("of one size").iou()
     };
     let workspace = WorkspaceBox {
-        low: [-0.35, -0.35, 0.15],
+        low: [-0.35, -0.35, 0.05],
         high: [0.35, 0.35, 0.9],
     };
     let both = background.clone().and(workspace);
@@ -262,7 +262,9 @@ fn maskers_find_the_robot_on_a_table() {
         iou(&ColorKey::saturated(0.5)),
         iou(&both),
     ];
-    assert!(found[0] > 0.85 && found[3] >= found[0], "{found:?}");
+    // Nothing but the robot is nearer than the empty scene; the box alone takes the base too.
+    assert!(found[0] > 0.95 && found[3] > 0.95, "{found:?}");
+    assert!(found[1] < 0.9 && found[2] < 0.9, "{found:?}");
     let cleaned = iou(&both.keeping(Keep::AtLeast(20), 2));
-    assert!(cleaned > 0.85, "{cleaned}");
+    assert!(cleaned > 0.95, "{cleaned}");
 }

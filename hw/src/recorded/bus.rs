@@ -26,10 +26,14 @@ pub enum Orders {
     Refuse,
 }
 
-/// The servos of a log. A reading is the first that was logged at the clock's time or later; an order is compared with the next
-/// of its kind. The clock then is at the time at which the logged call returned.
+/// The servos of a log.
 ///
-/// What is said of servos without moving in time, such as their temperatures, is the last that the log had up to there.
+/// Where orders are compared, calls are answered in the order of the log: a reading is the next one, an order is compared with
+/// the next of its kind, and other questions are answered by what comes next, if that is an answer, else by the last that was
+/// said. The clock is then at the time at which the logged call returned, or where it was, if that is later.
+///
+/// Where orders are refused, calls are answered by time: a reading is the first that was logged at the clock's time or later,
+/// for which the clock waits, and other questions are answered by the last that was said up to then.
 pub struct RecordedBus {
     stream: Stream,
     clock: Arc<dyn Clock>,
@@ -117,15 +121,18 @@ impl RecordedBus {
         Ok(())
     }
 
-    /// The first reading from the clock's time on of any of `ids`, or in which nobody answered.
+    /// The next reading of any of `ids`, or in which nobody answered.
     fn reading(&mut self, ids: &[ServoId]) -> Result<Vec<(ServoId, Reading)>, RecordedError> {
-        let now = self.clock.now();
+        let from = match self.orders {
+            Orders::Compare => Duration::ZERO,
+            Orders::Refuse => self.clock.now(),
+        };
         while let Some((time, record)) = self.step()? {
             let LogRecord::Present(readings) = record else {
                 continue;
             };
             let asked = readings.is_empty() || readings.iter().any(|(id, _)| ids.contains(id));
-            if time >= now && asked {
+            if time >= from && asked {
                 self.clock.wait_until(time);
                 return Ok(readings);
             }
@@ -133,14 +140,42 @@ impl RecordedBus {
         Err(self.stream.ended())
     }
 
-    /// What is known of each servo, up to the clock's time.
+    /// Goes on to the next record, if it answers a question for a `value` of any of `ids`.
+    fn listen<T>(
+        &mut self,
+        ids: &[ServoId],
+        value: impl Fn(&Known) -> Option<T>,
+    ) -> Result<(), RecordedError> {
+        let says = |id: ServoId, status: ServoStatus, goal: Goal| {
+            ids.contains(&id) && value(&Known { status, goal }).is_some()
+        };
+        let answers = match &self.next {
+            Some((_, LogRecord::Status(servos))) => {
+                (servos.iter()).any(|status| says(status.id, *status, Goal::default()))
+            }
+            Some((_, LogRecord::Goals(servos))) => {
+                (servos.iter()).any(|(id, goal)| says(*id, ServoStatus::of(*id), *goal))
+            }
+            _ => false,
+        };
+        if answers && let Some((time, _)) = self.step()? {
+            self.clock.wait_until(time);
+        }
+        Ok(())
+    }
+
+    /// What is known of each servo.
     fn look_up<T>(
         &mut self,
         ids: &[ServoId],
         quantity: &'static str,
         value: impl Fn(&Known) -> Option<T>,
     ) -> PerServo<T> {
-        if let Err(error) = self.catch_up() {
+        let went_on = match self.orders {
+            Orders::Compare => self.listen(ids, &value),
+            Orders::Refuse => self.catch_up(),
+        };
+        if let Err(error) = went_on {
             return fail(ids, error);
         }
         let time = self.clock.now();
@@ -226,8 +261,25 @@ fn fail<'a, T>(ids: impl IntoIterator<Item = &'a ServoId>, error: RecordedError)
 
 impl Ping for RecordedBus {
     fn ping(&mut self, id: ServoId) -> Result<Identity, ServoError> {
-        let mut found = self.look_up(&[id], "model", |known| known.status.identity);
-        found.pop().unwrap_or(Err(ServoError::Unknown { id }))
+        let found = self.look_up(&[id], "model", |known| known.status.identity);
+        // One that the log says nothing of is one that is not there.
+        found
+            .into_iter()
+            .flatten()
+            .next()
+            .ok_or(ServoError::NoAnswer {
+                id,
+                waited: Duration::ZERO,
+            })
+    }
+
+    fn scan(&mut self) -> Result<Vec<(ServoId, Identity)>, ServoError> {
+        let all: Vec<ServoId> = (0..=ServoId::MAX).filter_map(ServoId::new).collect();
+        let found = self.look_up(&all, "model", |known| known.status.identity);
+        let there = all.into_iter().zip(found);
+        Ok(there
+            .filter_map(|(id, found)| Some((id, found.ok()?)))
+            .collect())
     }
 }
 

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::forward::forward;
 use super::{
     CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
     Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
@@ -30,6 +29,26 @@ pub enum Record<'a> {
     Reboot(ServoId, &'a Result<(), ServoError>),
     /// A reading.
     Present(&'a [ServoId], &'a PerServo<Present>),
+    /// A servo asked what it is.
+    Ping(ServoId, &'a Result<Identity, ServoError>),
+    /// All servos that answered.
+    Scan(&'a [(ServoId, Identity)]),
+    /// Motors looked at.
+    TorqueRead(&'a [ServoId], &'a PerServo<Torque>),
+    /// Modes looked at.
+    ModeRead(&'a [ServoId], &'a PerServo<OperatingMode>),
+    /// Goals looked at.
+    GoalPositionsRead(&'a [ServoId], &'a PerServo<Ticks>),
+    /// Limits of currents (A) looked at.
+    CurrentLimitsRead(&'a [ServoId], &'a PerServo<f64>),
+    /// Temperatures (degrees Celsius).
+    Temperatures(&'a [ServoId], &'a PerServo<f64>),
+    /// Supply voltages (V).
+    Voltages(&'a [ServoId], &'a PerServo<f64>),
+    /// Faults looked at.
+    HardwareErrors(&'a [ServoId], &'a PerServo<HardwareErrors>),
+    /// Watchdogs looked at.
+    WatchdogRead(&'a [ServoId], &'a PerServo<WatchdogState>),
 }
 
 /// A bus that tells a sink of each goal, setting and reading, with the time at which the call returned.
@@ -52,7 +71,19 @@ impl<B, S: FnMut(Duration, Record<'_>)> Logged<B, S> {
     }
 }
 
-forward!([B, S] Ping for Logged<B, S>, |this| this.bus);
+impl<B: Ping, S: FnMut(Duration, Record<'_>)> Ping for Logged<B, S> {
+    fn ping(&mut self, id: ServoId) -> Result<Identity, ServoError> {
+        let result = self.bus.ping(id);
+        (self.sink)(self.clock.now(), Record::Ping(id, &result));
+        result
+    }
+
+    fn scan(&mut self) -> Result<Vec<(ServoId, Identity)>, ServoError> {
+        let found = self.bus.scan()?;
+        (self.sink)(self.clock.now(), Record::Scan(&found));
+        Ok(found)
+    }
+}
 
 impl<B: TorqueSwitch, S: FnMut(Duration, Record<'_>)> TorqueSwitch for Logged<B, S> {
     fn set_torque(&mut self, ids: &[ServoId], torque: Torque) -> PerServo<()> {
@@ -62,7 +93,9 @@ impl<B: TorqueSwitch, S: FnMut(Duration, Record<'_>)> TorqueSwitch for Logged<B,
     }
 
     fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque> {
-        self.bus.torque(ids)
+        let results = self.bus.torque(ids);
+        (self.sink)(self.clock.now(), Record::TorqueRead(ids, &results));
+        results
     }
 }
 
@@ -74,7 +107,9 @@ impl<B: Modes, S: FnMut(Duration, Record<'_>)> Modes for Logged<B, S> {
     }
 
     fn mode(&mut self, ids: &[ServoId]) -> PerServo<OperatingMode> {
-        self.bus.mode(ids)
+        let results = self.bus.mode(ids);
+        (self.sink)(self.clock.now(), Record::ModeRead(ids, &results));
+        results
     }
 }
 
@@ -86,7 +121,9 @@ impl<B: PositionGoals, S: FnMut(Duration, Record<'_>)> PositionGoals for Logged<
     }
 
     fn goal_positions(&mut self, ids: &[ServoId]) -> PerServo<Ticks> {
-        self.bus.goal_positions(ids)
+        let results = self.bus.goal_positions(ids);
+        (self.sink)(self.clock.now(), Record::GoalPositionsRead(ids, &results));
+        results
     }
 }
 
@@ -106,7 +143,9 @@ impl<B: CurrentLimits, S: FnMut(Duration, Record<'_>)> CurrentLimits for Logged<
     }
 
     fn current_limits(&mut self, ids: &[ServoId]) -> PerServo<f64> {
-        self.bus.current_limits(ids)
+        let results = self.bus.current_limits(ids);
+        (self.sink)(self.clock.now(), Record::CurrentLimitsRead(ids, &results));
+        results
     }
 }
 
@@ -120,15 +159,21 @@ impl<B: PresentState, S: FnMut(Duration, Record<'_>)> PresentState for Logged<B,
 
 impl<B: Health, S: FnMut(Duration, Record<'_>)> Health for Logged<B, S> {
     fn temperatures(&mut self, ids: &[ServoId]) -> PerServo<f64> {
-        self.bus.temperatures(ids)
+        let results = self.bus.temperatures(ids);
+        (self.sink)(self.clock.now(), Record::Temperatures(ids, &results));
+        results
     }
 
     fn voltages(&mut self, ids: &[ServoId]) -> PerServo<f64> {
-        self.bus.voltages(ids)
+        let results = self.bus.voltages(ids);
+        (self.sink)(self.clock.now(), Record::Voltages(ids, &results));
+        results
     }
 
     fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors> {
-        self.bus.hardware_errors(ids)
+        let results = self.bus.hardware_errors(ids);
+        (self.sink)(self.clock.now(), Record::HardwareErrors(ids, &results));
+        results
     }
 
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {
@@ -146,6 +191,8 @@ impl<B: Watchdog, S: FnMut(Duration, Record<'_>)> Watchdog for Logged<B, S> {
     }
 
     fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState> {
-        self.bus.watchdog(ids)
+        let results = self.bus.watchdog(ids);
+        (self.sink)(self.clock.now(), Record::WatchdogRead(ids, &results));
+        results
     }
 }

@@ -115,6 +115,7 @@ fn a_log_has_each_goal_and_reading_with_its_results() {
             Record::Present(ids, results) => {
                 format!("present {} {}", ids.len(), results[0].is_ok())
             }
+            Record::Ping(id, result) => format!("ping {id} {}", result.is_ok()),
             Record::Reboot(id, result) => format!("reboot {id} {}", result.is_ok()),
             other => format!("{other:?}"),
         };
@@ -128,10 +129,10 @@ fn a_log_has_each_goal_and_reading_with_its_results() {
     drop(bus.present(&ids()));
     bus.reboot(ids()[2]).unwrap();
     drop(bus);
-    // Pings and reads of settings are not logged.
     assert_eq!(
         lines.into_inner(),
         [
+            "ping 1 true",
             "torque 3 On",
             "goals 3 false",
             "present 3 true",

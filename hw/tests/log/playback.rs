@@ -44,6 +44,14 @@ fn program(
     let start = clock.now();
     let mut note = |what: String| seen.push(format!("{:?}: {what}", clock.now() - start));
     let ids = ids();
+    note(format!("{:?}", bus.scan()));
+    note(format!("{:?}", bus.ping(id(4))));
+    note(format!("{:?}", bus.torque(&ids)));
+    note(format!("{:?}", bus.set_current_limits(&[(id(5), 0.3)])));
+    note(format!("{:?}", bus.current_limits(&ids)));
+    let timeout = Some(Duration::from_secs(2));
+    note(format!("{:?}", bus.set_watchdog(&ids, timeout)));
+    note(format!("{:?}", bus.watchdog(&ids)));
     note(format!(
         "{:?}",
         bus.set_mode(&ids, OperatingMode::ExtendedPosition)
@@ -55,6 +63,20 @@ fn program(
             .map(|&id| (id, Ticks(2048 + 20 * step * i32::from(id.get() % 3))))
             .collect();
         note(format!("{:?}", bus.set_goal_positions(&goals)));
+        note(format!("{:?}", bus.set_goal_currents(&[(id(1), 0.2)])));
+        if step != 3 {
+            note(format!("{:?}", bus.temperatures(&ids)));
+            note(format!(
+                "{:?} {:?}",
+                bus.voltages(&ids),
+                bus.hardware_errors(&ids)
+            ));
+            note(format!(
+                "{:?} {:?}",
+                bus.mode(&ids),
+                bus.goal_positions(&ids)
+            ));
+        }
         for _ in 0..3 {
             let states = bus.present(&ids);
             // How long a program waits for an answer that does not come is not in the log.
@@ -211,7 +233,7 @@ fn a_recording_waits_for_its_time_and_ends() {
     for said in words(bus.present(&both)) {
         assert_eq!(said, "the bus failed: the recording ends at 9.000 s");
     }
-    assert!(bus.ping(id(3)).is_err());
+    assert!(matches!(bus.ping(id(3)), Err(ServoError::NoAnswer { .. })));
 }
 
 #[test]
@@ -308,4 +330,22 @@ fn pictures_come_in_order_within_the_patience_asked_for() {
     assert_eq!(grab(5).unwrap(), at(9));
     let ended = grab(5).unwrap_err().to_string();
     assert_eq!(ended, "camera d435-0 failed: the recording ends at 0.900 s");
+}
+
+#[test]
+fn a_recording_that_is_looked_at_shows_what_was_at_its_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("log.mcap");
+    short_log(&path);
+    let clock = Arc::new(VirtualClock::new());
+    let mut bus = RecordedBus::open(&path, clock.clone(), Orders::Refuse).unwrap();
+    clock.wait(Duration::from_millis(500));
+    assert_eq!(
+        bus.present(&[id(1)])[0].as_ref().unwrap().position,
+        Ticks(7)
+    );
+    assert_eq!(clock.now(), Duration::from_secs(2));
+    let mut bus = RecordedBus::open(&path, clock.clone(), Orders::Refuse).unwrap();
+    assert!(matches!(bus.temperatures(&[id(1)])[0], Ok(40.0)));
+    assert!(matches!(bus.goal_positions(&[id(2)])[0], Ok(Ticks(7))));
 }
