@@ -233,8 +233,9 @@ fn a_motion_ends_when_asked_to_and_a_panic_lets_go() {
 fn servos_that_lost_their_turns_are_refused_until_they_are_homed_again() {
     let folder = tempfile::tempdir().unwrap();
     let simulator = rig().simulator().unwrap().clone();
+    let text = SIMULATED.replace("[-1300, 6800]", "[-3000, 6800]");
     let open = || {
-        let file = file(SIMULATED).unwrap();
+        let file = file(&text).unwrap();
         let parts = Parts {
             bus: Box::new(Bus::new(simulator.bus(), BusSettings::default())),
             cameras: Vec::new(),
@@ -248,10 +249,11 @@ fn servos_that_lost_their_turns_are_refused_until_they_are_homed_again() {
     assert!(refused.contains("servo 1 was never homed"), "{refused}");
     rig.home_here().unwrap();
     rig.engage().unwrap();
-    // Beyond the turn that its home is in, and left there without the tension being taken.
+    // On the outside of a bend its tendon is let out, beyond the turn that its home is in, and not so tight that it would
+    // turn the servo without power.
     let mut program = Program::new(rig.file(), 1).unwrap();
     let rest = program.rest().clone();
-    let toward = std::f64::consts::TAU / 3.0;
+    let toward = std::f64::consts::TAU * 5.0 / 6.0;
     let bent = Shape(vec![
         Bend::new(toward, 0.6, 14.0),
         Bend::new(toward, 0.8, 14.0),
@@ -262,7 +264,7 @@ fn servos_that_lost_their_turns_are_refused_until_they_are_homed_again() {
     for _ in 0..20 {
         rig.poll().unwrap();
     }
-    assert!(rig.last_states().unwrap()[4].position.0 > 2100);
+    assert!(rig.last_states().unwrap()[4].position.0 < -2100);
     simulator.inject(Fault::PowerCycled(servo(5)));
     let stopped = (0..20).try_for_each(|_| rig.poll().map(drop));
     assert!(matches!(stopped, Err(RigError::Stopped(_))), "{stopped:?}");
