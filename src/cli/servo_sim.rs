@@ -88,7 +88,7 @@ enum Motion {
     /// The same, with friction of the tendons in their holes
     Friction,
     /// With inertia and damping
-    InMotion,
+    Dynamic,
 }
 
 /// What programs have to know to talk to the servos.
@@ -116,7 +116,7 @@ pub(super) fn run(args: &ServoSimArgs, console: &Console) -> anyhow::Result<()> 
         Motion::Friction => Physics::WithFriction {
             coefficient: args.friction,
         },
-        Motion::InMotion => Physics::InMotion { timestep: TIMESTEP },
+        Motion::Dynamic => Physics::InMotion { timestep: TIMESTEP },
     };
     for servo in &mut setup.servos {
         servo.model = args.model.into();
