@@ -297,9 +297,7 @@ class Rig:
         count, many = as_count(commands, "commands"), as_count(points, "points", 1, MOST)
         every = as_count(sentinel_every, "sentinel_every", 1)
         report = json.loads(
-            self._native.capture(
-                os.fspath(out), count, many, as_number(voxel, "voxel"), as_seed(seed), every, progress=progress
-            )
+            self._native.capture(os.fspath(out), count, many, as_number(voxel, "voxel"), as_seed(seed), every, progress=progress)
         )
         known = {name: report[name] for name in CaptureReport.__dataclass_fields__ if name != "data"}
         return CaptureReport(data=Dataset(out), **known)

@@ -10,8 +10,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from tdcr._arrays import Floats, as_count
-from tdcr.envs.tasks import TASKS, Infos, Rngs, Task
 from tdcr.envs.rig_world import RigWorld, world
+from tdcr.envs.tasks import TASKS, Infos, Rngs, Task
 from tdcr.envs.world import Bools, Settings
 from tdcr.errors import InputError
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from tdcr._arrays import Floats
 from tdcr.envs.world import Bools, Observed, Settings, World
 from tdcr.errors import InputError, RigError
 from tdcr.rig import Measured, Rig
+from tdcr.robot import Robot
 from tdcr.statics import settle
 
 
@@ -114,10 +114,8 @@ def world(count: int, settings: Settings) -> World:
     """The world of environments: simulated, or a rig."""
     if settings.rig is None:
         return World(count, settings)
-    if settings.robot != Settings.robot:
-        raise InputError("`robot` is given beside `rig`, whose file says which robot it has; expected one of them")
     rig = settings.rig if isinstance(settings.rig, Rig) else Rig(settings.rig)
+    tendons = Robot(settings.robot).tendons
+    if rig.robot.tendons != tendons:
+        raise InputError(f"the rig has {rig.robot.tendons} tendons; expected {tendons}, as the environment's robot has")
     return RigWorld(count, settings.of_robot(rig.robot), rig)
-
-
-__all__: Sequence[str] = ("RigWorld", "world")
