@@ -105,7 +105,7 @@ fn keys_jog_a_rig_and_capture_what_is_imported() {
     let out = folder.path().join("jog");
     let keys = folder.path().join("keys");
     // Module 2 bends, is captured, tensions far beyond what its limits allow, and is captured straight.
-    fs::write(&keys, format!("2wwwwddc{}hcq", "+".repeat(80))).unwrap();
+    fs::write(&keys, format!("2wwwwddc{}hcq", "+".repeat(200))).unwrap();
     let output = tdcr(&["jog", "--rig", text(&rig), "--out", text(&out), "--json"])
         .stdin(fs::File::open(&keys).unwrap())
         .output()
@@ -145,7 +145,7 @@ fn tendons_are_tensioned_alike() {
     refuse(
         &["pretension", "--rig", text(&rig), "--current", "5"],
         1,
-        "expected 5 A",
+        "may last that long",
     );
 }
 
@@ -154,7 +154,7 @@ fn wrong_rigs_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let rig = folder.path().join("rig.toml");
     refuse(&["scan", "--rig", text(&rig)], 1, "cannot read");
-    refuse(&["scan"], 2, "<PORT|--rig <FILE>>");
+    refuse(&["scan"], 2, "<PORT>");
     refuse(&["scan", "/dev/null"], 1, "/dev/null is not a serial port");
     fs::write(&rig, "name = \"mine\"\nrobot = 7\n").unwrap();
     refuse(&["home", "--rig", text(&rig)], 1, "line 2, column 9");
