@@ -58,11 +58,12 @@ impl Rig {
         self.short(py, |rig| Robot(rig.robot().clone()))
     }
 
-    /// Addresses of the servos, in the order of a command.
+    /// Addresses of the servos, in the order of a command: wider than they are, as bytes become `bytes` in Python.
     #[getter]
-    fn ids(&self, py: Python<'_>) -> Outcome<Vec<u8>> {
+    fn ids(&self, py: Python<'_>) -> Outcome<Vec<u16>> {
         self.short(py, |rig| {
-            rig.winches().iter().map(|winch| winch.id.get()).collect()
+            let winches = rig.winches().iter();
+            winches.map(|winch| winch.id.get().into()).collect()
         })
     }
 

@@ -54,7 +54,7 @@ fn a_rig_is_scanned_homed_and_captured_with_and_its_data_set_trains() {
     let recorded: Value = serde_json::from_str(line).unwrap();
     assert_eq!(recorded["entry"]["ticks"], planned["moves"][7]["ticks"]);
     let info = succeed_json(&["data", "info", text(&out)]);
-    let origin = info["origin"].as_str().unwrap();
+    let origin = info[0]["origin"].as_str().unwrap();
     assert_eq!(
         origin,
         "recording of robot paper robot on rig rig-sim, seed 0"
