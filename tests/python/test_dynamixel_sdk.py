@@ -139,6 +139,8 @@ def test_sync_writes_move_and_sync_reads_see_it(bus):
     for servo in servos:
         assert goals.addParam(servo, list((start[servo] + 400).to_bytes(4, "little")))
     assert goals.txPacket() == sdk.COMM_SUCCESS
+    # Motors that wind draw current.
+    assert any(bus.read(servo, PRESENT_CURRENT, 2) > 0 for servo in servos)
     time.sleep(1.0)
     for fast in (False, True):
         present = sdk.GroupSyncRead(bus.port, bus.packets, PRESENT_POSITION, 4)
@@ -149,8 +151,6 @@ def test_sync_writes_move_and_sync_reads_see_it(bus):
             assert present.isAvailable(servo, PRESENT_POSITION, 4)
             # The default gains leave an error under load.
             assert abs(present.getData(servo, PRESENT_POSITION, 4) - start[servo] - 400) < 60
-    # The tendons pull on the motors.
-    assert any(bus.read(servo, PRESENT_CURRENT, 2) > 0 for servo in servos)
 
 
 def test_bulk_reads_and_writes_name_an_address_for_each(bus):
