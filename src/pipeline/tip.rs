@@ -51,7 +51,7 @@ pub(super) fn tip_error(
 }
 
 /// The rigid motion (m) that takes the last disc from where it is in `settled`, whose cloud is `truth`, to where the cloud `seen`
-/// shows it, found as [`tip_error`] says. `None` where `truth` shows too little of the last disc.
+/// shows it, found as `tip_error` says. `None` where `truth` shows too little of the last disc.
 ///
 /// # Errors
 /// [`MetricError`] for clouds without points, or points that are not finite.
@@ -90,7 +90,7 @@ pub fn tip_motion(
 }
 
 /// Pose (m, world) of the last disc in a cloud (m) that cameras took of a robot which should stand as the simulator says under
-/// `command`: the simulated shape is laid onto the cloud, as [`tip_error`] says. `None` where it does not settle, or its own
+/// `command`: the simulated shape is laid onto the cloud, as for errors of tips. `None` where it does not settle, or its own
 /// cloud shows too little of the last disc.
 ///
 /// # Errors
