@@ -70,7 +70,6 @@ _Account = tuple[float, float, float, float, int, int]
 _Target = tuple[int, str, list[float], float, float]
 _Finding = tuple[str, float, float, tuple[float, float], list[int]]
 _Reading = tuple[int, tuple[int, float, float, float] | None, str | None]
-_Pictures = tuple[list[tuple[float, View]], float]
 _Cloud = tuple[NDArray[np.float32], NDArray[np.uint8]]
 
 def set_threads(count: int) -> None:
@@ -430,6 +429,8 @@ def emd_rows(
     group: int | None = None,
     progress: _Progress = None,
 ) -> tuple[_Floats, _Floats, NDArray[np.int64]]: ...
+
+_Pictures = tuple[list[tuple[float, View]], float]
 
 @final
 class Rig:
