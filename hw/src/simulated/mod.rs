@@ -48,14 +48,16 @@ mod motor;
 mod plant;
 mod profile;
 mod spool;
+mod tendon;
 mod terminal;
 mod wire;
 mod world;
 
 pub use bus::SimulatedBus;
 pub use fault::{Fault, LATENESS, ScheduledFault, UnknownFault};
-pub use plant::{Physics, PlantError, PlantSetup, TendonFault, TendonTruth};
+pub use plant::{Physics, PlantError, PlantSetup};
 pub use spool::{Spool, Winding};
+pub use tendon::{TendonFault, TendonTruth};
 pub use terminal::Terminal;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

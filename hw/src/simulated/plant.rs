@@ -17,6 +17,7 @@ use tdcr_sim::tendon_friction::FrictionPath;
 use thiserror::Error;
 
 use super::spool::Spool;
+use super::tendon::{Line, REACH, TendonFault, TendonTruth};
 
 /// Change of a tension (N) beyond which the robot is solved anew.
 const TENSION_STEP: f64 = 0.2;
@@ -24,10 +25,6 @@ const TENSION_STEP: f64 = 0.2;
 const RESOLUTION: f64 = 1e-8;
 /// Stiffness (N/m) of a tendon of which the robot's file gives none: nylon-coated steel of a few decimetres.
 const STIFFNESS: f64 = 2e4;
-/// Stiffness (N/m) of the short piece of a tendon between its spool and where it jams or ends.
-const JAMMED_STIFFNESS: f64 = 2e4;
-/// Rest lengths (m) that the robot is solved for: from a tendon that is wound up whole to one that is gone.
-const REACH: [f64; 2] = [0.0, 10.0];
 
 /// How the robot behind the spools follows them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -45,18 +42,6 @@ pub enum Physics {
         /// Time step (s).
         timestep: f64,
     },
-}
-
-/// What is wrong with a tendon.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum TendonFault {
-    /// Nothing.
-    #[default]
-    Whole,
-    /// It has snapped: it pulls neither at the robot nor at the servo.
-    Snapped,
-    /// It is stuck at the base: the robot feels no more of the spool, and the spool only the piece up to there.
-    Jammed,
 }
 
 /// What a plant is.
@@ -107,79 +92,6 @@ pub enum PlantError {
     /// It cannot stand at home.
     #[error("the robot does not settle at home: {0}")]
     Home(#[from] SimulationError),
-}
-
-/// One tendon between its spool and the robot.
-#[derive(Clone, Debug)]
-struct Line {
-    spool: Spool,
-    stiffness: f64,
-    /// Rest length at home (m).
-    home: f64,
-    fault: TendonFault,
-    /// Rest length and tension where it jammed.
-    jammed: (f64, f64),
-    /// Rest length of the last solve (m).
-    solved: f64,
-    /// Length in the robot as of the last solve (m).
-    length: f64,
-}
-
-impl Line {
-    /// Rest length by the spool (m).
-    fn rest(&self) -> f64 {
-        self.home - self.spool.wound()
-    }
-
-    /// Rest length as the robot feels it (m).
-    fn rest_at_robot(&self) -> f64 {
-        let rest = match self.fault {
-            TendonFault::Whole => self.rest(),
-            TendonFault::Snapped => REACH[1],
-            TendonFault::Jammed => self.jammed.0,
-        };
-        rest.clamp(REACH[0], REACH[1])
-    }
-
-    /// Tension at the robot (N).
-    fn tension_at_robot(&self) -> f64 {
-        match self.fault {
-            TendonFault::Snapped => 0.0,
-            _ => (self.stiffness * (self.length - self.rest_at_robot())).max(0.0),
-        }
-    }
-
-    /// Tension at the spool (N).
-    fn tension(&self) -> f64 {
-        match self.fault {
-            TendonFault::Snapped => 0.0,
-            // A tendon that is wound up whole stops the spool.
-            TendonFault::Whole => {
-                self.tension_at_robot() + JAMMED_STIFFNESS * (-self.rest()).max(0.0)
-            }
-            TendonFault::Jammed => {
-                let (rest, tension) = self.jammed;
-                (tension + JAMMED_STIFFNESS * (rest - self.rest())).max(0.0)
-            }
-        }
-    }
-}
-
-/// How a tendon is, in truth.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TendonTruth {
-    /// Rest length on the robot's side (m).
-    pub rest_length: f64,
-    /// Length in the robot (m).
-    pub length: f64,
-    /// Tension in the robot (N); never negative.
-    pub tension: f64,
-    /// Tension at the spool (N); another one where the tendon is jammed.
-    pub tension_at_spool: f64,
-    /// By how much it is longer than its way (m); 0 where it pulls, and for one that has snapped.
-    pub slack: f64,
-    /// What is wrong with it.
-    pub fault: TendonFault,
 }
 
 /// A robot behind spools.
@@ -237,15 +149,7 @@ impl Plant {
         let lines: Vec<Line> = (robot.tendons().iter().zip(spools).zip(straight))
             .map(|((tendon, spool), length)| {
                 let home = length - setup.tension_at_home / tendon.stiffness;
-                Line {
-                    spool: *spool,
-                    stiffness: tendon.stiffness,
-                    home,
-                    fault: TendonFault::Whole,
-                    jammed: (home, 0.0),
-                    solved: home,
-                    length,
-                }
+                Line::new(*spool, tendon.stiffness, home, length)
             })
             .collect();
         let rest: Vec<f64> = lines.iter().map(Line::rest_at_robot).collect();
@@ -316,26 +220,14 @@ impl Plant {
 
     /// The tendons, in truth.
     pub fn tendons(&self) -> Vec<TendonTruth> {
-        let truth = |line: &Line| TendonTruth {
-            rest_length: line.rest_at_robot(),
-            length: line.length,
-            tension: line.tension_at_robot(),
-            tension_at_spool: line.tension(),
-            slack: match line.fault {
-                TendonFault::Snapped => 0.0,
-                _ => (line.rest_at_robot() - line.length).max(0.0),
-            },
-            fault: line.fault,
-        };
-        self.lines.iter().map(truth).collect()
+        self.lines.iter().map(Line::truth).collect()
     }
 
     /// Breaks tendon `index`, or makes it whole; nothing for one that is not there.
     pub fn set_fault(&mut self, index: usize, fault: TendonFault) {
         self.refresh();
         if let Some(line) = self.lines.get_mut(index) {
-            line.jammed = (line.rest_at_robot(), line.tension_at_robot());
-            line.fault = fault;
+            line.set_fault(fault);
             self.changed = true;
         }
     }

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use super::device::{Device, PERIOD};
 use super::fault::{Fault, ScheduledFault};
-use super::plant::{Plant, TendonFault};
+use super::plant::Plant;
+use super::tendon::TendonFault;
 use super::wire::{Heard, Noise, Wire};
 use crate::dynamixel::joined::{self, JoinedWriter};
 use crate::dynamixel::{
