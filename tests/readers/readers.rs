@@ -4,20 +4,17 @@
 //! warrant. The tests beside this file and the fuzz targets in `fuzz/` call the same functions.
 
 use std::fs;
-use std::io::{self, Cursor};
+use std::io::Cursor;
 use std::ops::ControlFlow::Break;
 use std::path::Path;
-use std::sync::Arc;
-use std::time::Duration;
 
 use serde::Deserialize;
 use serde_json::json;
-use tdcr::hw::clock::{Clock, VirtualClock};
 use tdcr::hw::dynamixel::joined::sections;
 use tdcr::hw::dynamixel::{Bus, BusSettings, Decoder, Instruction, Item, Status};
 use tdcr::hw::log::{Contents, Entry, LogReader, LogRecord, repair};
 use tdcr::hw::servo::{Ping, PresentState, ServoId, Torque, TorqueSwitch};
-use tdcr::hw::transport::Transport;
+use tdcr::hw::transport::Babble;
 use tdcr::learn::data::{DataSet, ImportSettings, Split, import, merge, read_cloud};
 use tdcr::learn::train::{Model, TrainingState};
 use tdcr::pipeline::{PipelineError, Scores};
@@ -295,13 +292,8 @@ pub fn servo_frames(mut bytes: &[u8]) {
 
 /// What servos answer to a driver.
 pub fn servo_answers(bytes: &[u8]) {
-    let line = Babble {
-        clock: Arc::new(VirtualClock::new()),
-        bytes: bytes.to_vec(),
-        at: 0,
-    };
     let ids: Vec<ServoId> = servos().collect();
-    let mut bus = Bus::new(line, BusSettings::default());
+    let mut bus = Bus::new(Babble::new(bytes), BusSettings::default());
     drop(bus.scan());
     assert_eq!(bus.present(&ids).len(), ids.len());
     assert_eq!(bus.set_torque(&ids, Torque::On).len(), ids.len());
@@ -310,46 +302,6 @@ pub fn servo_answers(bytes: &[u8]) {
 
 fn servos() -> impl Iterator<Item = ServoId> {
     (1..4).filter_map(ServoId::new)
-}
-
-/// A line on which the same bytes come, whatever is sent, 16 at a time.
-struct Babble {
-    clock: Arc<dyn Clock>,
-    bytes: Vec<u8>,
-    at: usize,
-}
-
-impl Transport for Babble {
-    fn write(&mut self, _: &[u8]) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn read(&mut self, buffer: &mut [u8], deadline: Duration) -> io::Result<usize> {
-        let left = &self.bytes[self.at..];
-        let count = left.len().min(buffer.len()).min(16);
-        buffer[..count].copy_from_slice(&left[..count]);
-        self.at += count;
-        if count == 0 {
-            self.clock.wait_until(deadline);
-        }
-        Ok(count)
-    }
-
-    fn discard_input(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn clock(&self) -> &Arc<dyn Clock> {
-        &self.clock
-    }
-
-    fn baud_rate(&self) -> u32 {
-        1_000_000
-    }
-
-    fn latency(&self) -> Duration {
-        Duration::from_millis(1)
-    }
 }
 
 /// Has `read` read a file `name` of these bytes.

@@ -1,5 +1,7 @@
 //! Bytes to and from a bus of servos: over a serial port, a pseudo-terminal, or in memory.
 
+mod arriving;
+mod babble;
 mod script;
 
 use std::io;
@@ -8,6 +10,8 @@ use std::time::Duration;
 
 use crate::clock::Clock;
 
+pub use arriving::Arriving;
+pub use babble::Babble;
 pub use script::{Exchange, Script};
 
 /// A half-duplex line of bytes.

@@ -5,7 +5,7 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::Transport;
+use super::{Arriving, Transport};
 use crate::clock::{Clock, VirtualClock};
 
 /// What is to be written next, and what then arrives.
@@ -20,19 +20,16 @@ pub struct Exchange {
 /// A line in memory whose other end keeps to a script: each write must be the next one of it.
 #[derive(Debug)]
 pub struct Script {
-    clock: Arc<dyn Clock>,
     exchanges: VecDeque<Exchange>,
-    /// Bytes on their way, and when they arrive.
-    arriving: VecDeque<(Duration, u8)>,
+    arriving: Arriving,
 }
 
 impl Script {
     /// A line of 1 Mbaud and 1 ms of latency, whose time is virtual.
     pub fn new(exchanges: impl IntoIterator<Item = Exchange>) -> Self {
         Self {
-            clock: Arc::new(VirtualClock::new()),
             exchanges: exchanges.into_iter().collect(),
-            arriving: VecDeque::new(),
+            arriving: Arriving::new(Arc::new(VirtualClock::new())),
         }
     }
 
@@ -52,36 +49,26 @@ impl Transport for Script {
             let text = format!("{bytes:02X?} was written instead of {:02X?}", exchange.sent);
             return Err(io::Error::new(io::ErrorKind::InvalidData, text));
         }
-        let now = self.clock.now();
+        let now = self.clock().now();
         for (delay, bytes) in exchange.answers {
-            let bytes = bytes.into_iter().map(|byte| (now + delay, byte));
-            self.arriving.extend(bytes);
+            for byte in bytes {
+                self.arriving.push(now + delay, byte);
+            }
         }
         Ok(())
     }
 
     fn read(&mut self, buffer: &mut [u8], deadline: Duration) -> io::Result<usize> {
-        match self.arriving.front() {
-            Some(&(time, _)) if time <= deadline => self.clock.wait_until(time),
-            _ => self.clock.wait_until(deadline),
-        }
-        let now = self.clock.now();
-        let here = self.arriving.iter().take_while(|(time, _)| *time <= now);
-        let count = here.count().min(buffer.len());
-        for (place, (_, byte)) in buffer.iter_mut().zip(self.arriving.drain(..count)) {
-            *place = byte;
-        }
-        Ok(count)
+        Ok(self.arriving.read(buffer, deadline))
     }
 
     fn discard_input(&mut self) -> io::Result<()> {
-        let now = self.clock.now();
-        self.arriving.retain(|(time, _)| *time > now);
+        self.arriving.discard();
         Ok(())
     }
 
     fn clock(&self) -> &Arc<dyn Clock> {
-        &self.clock
+        self.arriving.clock()
     }
 
     fn baud_rate(&self) -> u32 {

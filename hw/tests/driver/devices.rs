@@ -1,6 +1,5 @@
 //! Servos that only remember: enough of the other end of a line to test a driver against.
 
-use std::collections::VecDeque;
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +11,7 @@ use tdcr_hw::dynamixel::{
     Status, bulk_read_rows, sync_rows,
 };
 use tdcr_hw::servo::ServoId;
-use tdcr_hw::transport::Transport;
+use tdcr_hw::transport::{Arriving, Transport};
 
 pub struct Device {
     pub id: ServoId,
@@ -115,10 +114,9 @@ impl Device {
 
 /// Servos on a line in memory.
 pub struct Devices {
-    clock: Arc<dyn Clock>,
     pub devices: Vec<Device>,
     decoder: Decoder,
-    arriving: VecDeque<(Duration, u8)>,
+    arriving: Arriving,
     /// How many bytes are lost or flipped from here on: every so many-th one.
     pub flip_every: Option<usize>,
     sent: usize,
@@ -129,10 +127,9 @@ pub struct Devices {
 impl Devices {
     pub fn new(devices: impl IntoIterator<Item = Device>) -> Self {
         Self {
-            clock: Arc::new(VirtualClock::new()),
             devices: devices.into_iter().collect(),
             decoder: Decoder::new(),
-            arriving: VecDeque::new(),
+            arriving: Arriving::new(Arc::new(VirtualClock::new())),
             flip_every: None,
             sent: 0,
             heard: Vec::new(),
@@ -153,8 +150,7 @@ impl Devices {
     }
 
     fn answer(&mut self, bytes: &[u8]) {
-        let last = self.arriving.back().map(|&(time, _)| time);
-        let mut time = last.unwrap_or_default().max(self.clock.now()) + Duration::from_micros(500);
+        let mut time = self.arriving.end() + Duration::from_micros(500);
         for &byte in bytes {
             time += Duration::from_micros(10);
             self.sent += 1;
@@ -162,7 +158,7 @@ impl Devices {
                 .flip_every
                 .is_some_and(|every| self.sent.is_multiple_of(every));
             self.arriving
-                .push_back((time, if flip { byte ^ 0x10 } else { byte }));
+                .push(time, if flip { byte ^ 0x10 } else { byte });
         }
     }
 
@@ -279,27 +275,16 @@ impl Transport for &mut Devices {
     }
 
     fn read(&mut self, buffer: &mut [u8], deadline: Duration) -> io::Result<usize> {
-        match self.arriving.front() {
-            Some(&(time, _)) if time <= deadline => self.clock.wait_until(time),
-            _ => self.clock.wait_until(deadline),
-        }
-        let now = self.clock.now();
-        let here = self.arriving.iter().take_while(|(time, _)| *time <= now);
-        let count = here.count().min(buffer.len());
-        for (place, (_, byte)) in buffer.iter_mut().zip(self.arriving.drain(..count)) {
-            *place = byte;
-        }
-        Ok(count)
+        Ok(self.arriving.read(buffer, deadline))
     }
 
     fn discard_input(&mut self) -> io::Result<()> {
-        let now = self.clock.now();
-        self.arriving.retain(|&(time, _)| time > now);
+        self.arriving.discard();
         Ok(())
     }
 
     fn clock(&self) -> &Arc<dyn Clock> {
-        &self.clock
+        self.arriving.clock()
     }
 
     fn baud_rate(&self) -> u32 {
