@@ -21,8 +21,11 @@ build:
 # The inner loop: minutes in a built checkout.
 check: format lint test-fast
 
-# Everything that must hold at every commit.
-test: setup format lint docs supply-chain lint-python test-rust test-mujoco test-python
+# Everything that must hold at every commit. The Python environment is fetched while the first checks compile: neither needs
+# the other.
+test:
+	@$(MAKE) setup & setup=$$!; checked=0; $(MAKE) format lint docs || checked=$$?; wait $$setup && exit $$checked
+	$(MAKE) supply-chain lint-python test-rust test-mujoco test-python
 
 setup:
 	@scripts/setup.sh
@@ -78,10 +81,10 @@ test-rust:
 
 # With the MuJoCo of MUJOCO_DIR, or else Debian's; then with the newer one of the Python environment.
 # With all packages chosen, the dependencies have the features that they were built with above.
-WITH_MUJOCO := --workspace --features tdcr/mujoco --release --locked
+WITH_MUJOCO := --workspace --features tdcr/mujoco,tdcr/joystick --release --locked
 TEST_MUJOCO := cargo test $(WITH_MUJOCO) --test mujoco --test closed_forms
 test-mujoco:
-	cargo clippy $(WITH_MUJOCO) --lib --test mujoco --test closed_forms --bench peers -- -D warnings
+	cargo clippy $(WITH_MUJOCO) --lib --bin tdcr --test mujoco --test closed_forms --bench peers -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc -p tdcr-mujoco --no-deps --release --locked
 	$(TEST_MUJOCO)
 	MUJOCO_DIR="$$($(PYTHON) -c 'import mujoco; print(mujoco.__path__[0])')" $(TEST_MUJOCO)

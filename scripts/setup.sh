@@ -21,6 +21,12 @@ python3 -c 'import ensurepip, venv' 2>/dev/null || missing+=(python3-venv)
 [ -n "${MUJOCO_DIR:-}" ] || [ -f /usr/include/mujoco/mujoco.h ] || missing+=(libmujoco-dev)
 [ -n "${LIBCLANG_PATH:-}" ] || compgen -G '/usr/lib/llvm-*/lib/libclang.so' >/dev/null || missing+=(libclang-dev)
 
+# The feature `joystick` is compiled and checked; gilrs links to libudev.
+if [ "$(uname -s)" = Linux ]; then
+    need pkg-config pkg-config
+    [ -f /usr/include/libudev.h ] || missing+=(libudev-dev)
+fi
+
 # Stands for processors without this one's vector units.
 [ "$(uname -m)" != x86_64 ] || need qemu-x86_64 qemu-user
 

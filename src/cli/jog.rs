@@ -34,9 +34,24 @@ pub(super) struct JogArgs {
     /// Tension of a key (N)
     #[arg(long, default_value_t = 0.5, value_name = "N", value_parser = super::positive)]
     tension: f64,
+    /// Bend by a game controller too: left stick or pad bends, bumpers choose a module, triggers change the tension, north
+    /// straightens, south captures, east ends
+    #[cfg(feature = "joystick")]
+    #[arg(long)]
+    joystick: bool,
     /// Folder of what is captured
     #[arg(long, default_value = "jog", value_name = "DIR")]
     out: PathBuf,
+}
+
+impl JogArgs {
+    fn keys(&self) -> anyhow::Result<Keys> {
+        #[cfg(feature = "joystick")]
+        if self.joystick {
+            return Keys::listen_with_joystick();
+        }
+        Ok(Keys::listen())
+    }
 }
 
 #[derive(Serialize)]
@@ -52,7 +67,7 @@ struct Jogged<'a> {
 
 pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for what is captured")?;
-    let keys = Keys::listen();
+    let keys = args.keys()?;
     // A person watches; a script of keys does not.
     let pace = match std::io::IsTerminal::is_terminal(&std::io::stdin()) {
         true => Pace::RealTime,

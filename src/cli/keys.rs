@@ -1,7 +1,7 @@
 //! Keys as they are pressed, while something else goes on.
 
 use std::io::{IsTerminal, Read};
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread;
 
 use console::{Key, Term};
@@ -20,9 +20,23 @@ pub(super) enum Pressed {
 }
 
 impl Keys {
+    /// Listens from now on: to keys, and to those that a game controller stands for.
+    #[cfg(feature = "joystick")]
+    pub fn listen_with_joystick() -> anyhow::Result<Self> {
+        let (sender, receiver) = channel();
+        super::joystick::device::listen(sender.clone())?;
+        Self::read(sender);
+        Ok(Self(receiver))
+    }
+
     /// Listens from now on.
     pub fn listen() -> Self {
         let (sender, receiver) = channel();
+        Self::read(sender);
+        Self(receiver)
+    }
+
+    fn read(sender: Sender<char>) {
         // The thread waits in a read and ends with the process, or where nobody listens any more.
         thread::spawn(move || {
             let terminal = std::io::stdin().is_terminal();
@@ -41,7 +55,6 @@ impl Keys {
                 }
             }
         });
-        Self(receiver)
     }
 
     /// The next key.

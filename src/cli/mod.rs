@@ -13,6 +13,8 @@ mod eval;
 mod export;
 mod home;
 mod jog;
+#[cfg(any(test, feature = "joystick"))]
+mod joystick;
 mod keys;
 mod loads;
 mod log;
