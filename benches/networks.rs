@@ -200,6 +200,7 @@ fn noise() -> CloudSet {
         conditions: numbers(clouds * MLP.condition_dim),
         points: numbers(clouds * CLOUD * 3),
         colors: None,
+        starts: None,
     }
 }
 

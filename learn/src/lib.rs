@@ -16,7 +16,7 @@
 //! // Eight "robots" that are points: command c, in [0, 0.04] m, puts them at x = 10 c.
 //! let conditions: Vec<f32> = (0..8).map(|k| k as f32 / 7.0).collect();
 //! let points = conditions.iter().flat_map(|c| [*c, 0.0, 0.0].repeat(16)).collect();
-//! let set = CloudSet { condition_dim: 1, points_per_cloud: 16, conditions, points, colors: None };
+//! let set = CloudSet { condition_dim: 1, points_per_cloud: 16, conditions, points, colors: None, starts: None };
 //! let normalisation = Normalisation { motor_min: vec![0.0], motor_max: vec![0.04], scale: 0.4 };
 //!
 //! let shape = MlpShape { width: 32, depth: 3, embedding: 32, condition_dim: 1, channels: Channels::Xyz };
@@ -54,6 +54,7 @@
 //! - [`data`]: data sets on disk (HDF5) and in memory; splits and normalisation.
 //! - [`net`]: the velocity networks, explicit layers with hand-derived backward passes.
 //! - [`flow`]: path, prior and flow times; samplers.
+//! - [`prior`]: noise or a simulated surface as the start of the flow.
 //! - [`predict`]: what turns a condition into a cloud: the trait, and the trivial predictors.
 //! - [`train`]: optimisers, schedule, weight average; models and resumable states on disk; distillation to few evaluations.
 //! - [`lock`]: folders that one process at a time writes to.
@@ -67,12 +68,14 @@
 mod channels;
 pub mod data;
 pub mod flow;
+mod hash;
 mod limits;
 pub mod lock;
 pub mod metrics;
 pub mod net;
 mod pool;
 pub mod predict;
+pub mod prior;
 pub mod train;
 
 pub use limits::OverLimit;

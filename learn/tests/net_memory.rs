@@ -174,5 +174,6 @@ fn large_clouds() -> CloudSet {
         conditions: vec![0.5; 3 * 2],
         points: points.collect(),
         colors: None,
+        starts: None,
     }
 }

@@ -1,12 +1,10 @@
 //! Scores of predicted clouds, and data sets beside each other.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use numpy::{PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use tdcr::learn::data::{PredictedClouds, Split, read_predictions};
-use tdcr::learn::train::FlowPredictor;
 use tdcr::pages::{Evaluated, comparison_page, evaluation_page};
 use tdcr::pipeline::{
     CompareSettings, Comparer, Counterpart, EvalSettings, Evaluator, Pairing, Results,
@@ -82,8 +80,7 @@ pub fn evaluate(
     let (results, page) = run::long(py, progress, |watch| {
         let evaluator = match (&model, clouds) {
             (Some((model, sampler)), _) => {
-                let predictor = FlowPredictor::new(model.clone(), *sampler);
-                Evaluator::new(Arc::new(predictor), &data, settings)
+                Evaluator::of_model(model.clone(), *sampler, &data, settings)
             }
             (None, clouds) => Evaluator::of_clouds(clouds.unwrap_or_default(), &data, settings),
         }?;

@@ -47,6 +47,8 @@ pub struct TrainOptions {
     patience: Option<u64>,
     coupling: String,
     time_exponent: f32,
+    surface_prior: Option<Py<Robot>>,
+    prior_deviation: Option<f32>,
     seed: u64,
 }
 
@@ -133,6 +135,8 @@ impl TrainOptions {
             patience: self.patience,
             coupling: self.coupling.parse()?,
             time_exponent: self.time_exponent,
+            surface_prior: (self.surface_prior.as_ref()).map(|robot| robot.get().0.spec().clone()),
+            prior_deviation: self.prior_deviation,
             seed: self.seed,
         })
     }

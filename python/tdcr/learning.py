@@ -83,6 +83,8 @@ def train(
     patience: int | None = None,
     coupling: str = "independent",
     time_exponent: float = 3.0,
+    surface_prior: Robot | PathLike | dict[str, Any] | None = None,
+    prior_deviation: float | None = None,
     init: PathLike | None = None,
     normalisation_from: PathLike | None = None,
     seed: int = 0,
@@ -129,6 +131,10 @@ def train(
         coupling: How noise is coupled to the points of a cloud: ``"independent"``, or ``"optimal-transport:K"``, matched within
             ``K`` points.
         time_exponent: Flow times are Beta(``time_exponent``, 1): 1 is uniform, above it they are mostly near the data.
+        surface_prior: A robot, or what :class:`tdcr.Robot` makes one of: the flow starts from its simulated surface under the same
+            command, not from noise. For a model of the robot that the data show, which needs few samples then.
+        prior_deviation: Standard deviation of the noise that the flow starts from, in units of the data's scale; 0.5 by default,
+            0.005 about a simulated surface.
         init: Model file, or run, whose weights the network starts at.
         normalisation_from: Model file, or run, whose normalisation takes the place of the data set's own.
         seed: Seed of weights, noise and subsets.
@@ -184,6 +190,8 @@ def train(
         "patience": maybe_count(patience, "patience"),
         "coupling": coupling,
         "time_exponent": as_number(time_exponent, "time_exponent"),
+        "surface_prior": None if surface_prior is None else Robot(surface_prior)._native,
+        "prior_deviation": maybe_number(prior_deviation, "prior_deviation"),
         "seed": as_seed(seed),
     }
     source: tuple[Any, ...]

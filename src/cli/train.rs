@@ -77,6 +77,14 @@ pub(super) struct TrainArgs {
     /// Flow times are Beta(ALPHA, 1): 1 is uniform, above it they are mostly near the data
     #[arg(long, default_value_t = FlowPath::default().time_exponent, value_name = "ALPHA", allow_hyphen_values = true)]
     time_exponent: f32,
+    /// Start the flow from the simulated surface of this robot (as `tdcr collect --robot`) under the same command, not from
+    /// noise: for a model of the robot that the data show, which needs few samples then
+    #[arg(long, value_name = "ROBOT", conflicts_with = "stream")]
+    surface_prior: Option<String>,
+    /// Standard deviation of the noise that the flow starts from, in units of the data's scale [default: 0.5; 0.005 about a
+    /// simulated surface]
+    #[arg(long, value_name = "SIGMA", allow_hyphen_values = true)]
+    prior_deviation: Option<f32>,
     /// Start from the weights of this model, which has the same shape, robot and normalisation: to continue a run with
     /// other settings [default: random weights]
     #[arg(long, value_name = "FILE")]
@@ -320,6 +328,12 @@ fn plan(args: &TrainArgs) -> anyhow::Result<TrainPlan> {
         patience: args.patience,
         coupling: args.coupling,
         time_exponent: args.time_exponent,
+        surface_prior: args
+            .surface_prior
+            .as_deref()
+            .map(super::load_robot)
+            .transpose()?,
+        prior_deviation: args.prior_deviation,
         seed: args.seed,
     })
 }

@@ -9,7 +9,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tdcr_learn::data::{DataSet, PredictedClouds, Sample, Split};
+use tdcr_learn::flow::Sampler;
 use tdcr_learn::predict::{About, MeanCommand, NearestCommand, Prediction, Predictor};
+use tdcr_learn::prior::{Prior, SurfacePrior};
+use tdcr_learn::train::{FlowPredictor, Model};
 use tdcr_sim::robot::Robot;
 
 use super::contestant::{Clouds, Contestant, require_commands};
@@ -68,6 +71,25 @@ impl Evaluator {
     ) -> Result<Self, PipelineError> {
         let contestant = Contestant::predictor(predictor, Extent::All);
         Self::of(contestant, data, settings)
+    }
+
+    /// Prepares to score `model` with `sampler`, beside the simulator alone where its flow starts from a simulated surface.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of_model(
+        model: Arc<Model>,
+        sampler: Sampler,
+        data: &Path,
+        settings: EvalSettings,
+    ) -> Result<Self, PipelineError> {
+        let prior = model.settings.prior.clone();
+        let predictor = FlowPredictor::new(model, sampler);
+        let mut evaluator = Self::new(Arc::new(predictor), data, settings)?;
+        if let Prior::Surface(recipe) = prior {
+            evaluator.compare(Arc::new(SurfacePrior::new(&recipe)?))?;
+        }
+        Ok(evaluator)
     }
 
     /// Prepares to score `clouds`, predicted by any program for the test commands of the data set in the folder `data`, in

@@ -54,6 +54,7 @@ use tdcr_learn::flow::FlowError;
 use tdcr_learn::lock::try_lock;
 use tdcr_learn::metrics::MetricError;
 use tdcr_learn::predict::PredictError;
+use tdcr_learn::prior::SurfaceError;
 use tdcr_learn::train::{FileError, Target, TrainError};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::SpecError;
@@ -89,6 +90,9 @@ pub enum PipelineError {
         /// What the operating system said.
         source: std::io::Error,
     },
+    /// The prior's robot cannot be simulated under the data set's conditions.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
     /// Training cannot start.
     #[error(transparent)]
     Train(#[from] TrainError),

@@ -1,9 +1,11 @@
 //! What a run is asked for, as names and numbers of its user, and what becomes of it.
 
-use tdcr_learn::data::{DataSet, Split};
+use tdcr_learn::data::{DataSet, Meta, Origin, Recipe, Split, Subject};
 use tdcr_learn::flow::{Coupling, FlowPath, Method, Sampler, TimeGrid};
 use tdcr_learn::net::{Channels, ContextShape, Precision};
+use tdcr_learn::prior::Prior;
 use tdcr_learn::train::{Optimizer, Target, TrainSettings};
+use tdcr_sim::robot::RobotSpec;
 
 use super::preset::{Length, Preset, Rates};
 use super::{NetworkSize, PipelineError, TrainingData};
@@ -47,6 +49,10 @@ pub struct TrainPlan {
     pub coupling: Coupling,
     /// Flow times are Beta(`time_exponent`, 1).
     pub time_exponent: f32,
+    /// The robot whose simulated surface the flow starts from; noise alone without it.
+    pub surface_prior: Option<RobotSpec>,
+    /// Standard deviation of the noise that the flow starts from, or of that about the surface, in normalised units.
+    pub prior_deviation: Option<f32>,
     /// Seed of weights, noise and subsets.
     pub seed: u64,
 }
@@ -74,6 +80,8 @@ impl Default for TrainPlan {
             patience: None,
             coupling: path.coupling,
             time_exponent: path.time_exponent,
+            surface_prior: None,
+            prior_deviation: None,
             seed: 0,
         }
     }
@@ -123,10 +131,14 @@ impl TrainPlan {
             patience: self.patience,
             optimizer: optimizer.scaled(rates.learning_rate / usual.learning_rate),
             path: FlowPath {
+                prior_deviation: self.prior_deviation.unwrap_or(match self.surface_prior {
+                    None => FlowPath::default().prior_deviation,
+                    Some(_) => Prior::SURFACE_DEVIATION,
+                }),
                 time_exponent: self.time_exponent,
                 coupling: self.coupling,
-                ..FlowPath::default()
             },
+            prior: self.prior(data)?,
             color_weight: self.color_weight,
             ..preset.settings(rates, preset.length.steps(rates.clouds, set))
         };
@@ -136,6 +148,35 @@ impl TrainPlan {
             ..preset.size()
         };
         Ok((size, settings))
+    }
+
+    /// The prior, seen as the data set is: with or without the base, in voxels of the same size.
+    fn prior(&self, data: &TrainingData) -> Result<Prior, PipelineError> {
+        let Some(robot) = self.surface_prior.clone() else {
+            return Ok(Prior::Gaussian);
+        };
+        let meta = match data {
+            TrainingData::Set(dir) | TrainingData::SetIn(dir, _) => {
+                DataSet::open(dir)?.meta().cloned()
+            }
+            TrainingData::Stream(_) => None,
+        };
+        let usual = Recipe::default();
+        let (base, voxel_size) = match meta.map(|meta: Meta| meta.origin) {
+            Some(Origin::Simulated { recipe, .. }) => (recipe.subject.base, recipe.voxel_size),
+            Some(Origin::Recorded { recording }) => (recording.base, recording.voxel_size),
+            _ => (usual.subject.base, usual.voxel_size),
+        };
+        let subject = Subject {
+            robot,
+            base,
+            payload: None,
+        };
+        Ok(Prior::Surface(Box::new(Recipe {
+            subject,
+            voxel_size,
+            sensor: None,
+        })))
     }
 }
 

@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use tdcr_learn::data::{CloudSet, DataSet, Meta, Normalisation, Split, StreamSpec};
+use tdcr_learn::data::{CloudSet, Condition, DataSet, Meta, Normalisation, Split, StreamSpec};
 use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape};
+use tdcr_learn::prior::{Prior, SurfaceError, SurfacePrior};
 use tdcr_learn::train::{
     Feed, Model, Provenance, Start, StreamWindow, Teacher, TrainError, TrainSettings, Trainer,
     TrainingState,
@@ -198,7 +199,11 @@ impl Run<'_> {
     ) -> Result<Trained, PipelineError> {
         let set = DataSet::open(dir)?;
         let units = units.unwrap_or(set.normalisation());
-        let read = |split| set.cloud_set_in(split, units, size.channels);
+        let read = |split| -> Result<CloudSet, PipelineError> {
+            let clouds = set.cloud_set_in(split, units, size.channels)?;
+            let starts = self.starts(&clouds, &set.conditions(split)?, units)?;
+            Ok(CloudSet { starts, ..clouds })
+        };
         let (training, validation) = (read(Split::Train)?, read(Split::Val)?);
         let provenance = Provenance {
             subject: set.meta().and_then(|meta| meta.subject().cloned()),
@@ -206,6 +211,32 @@ impl Run<'_> {
         };
         let start = start(initial, size.shape(training.condition_dim), &provenance)?;
         self.on(Feed::from(&training), &validation, start, provenance)
+    }
+
+    /// What the flow to each point of `clouds` under `conditions` starts from, where the prior is a surface.
+    fn starts(
+        &self,
+        clouds: &CloudSet,
+        conditions: &[Condition],
+        units: &Normalisation,
+    ) -> Result<Option<Vec<f32>>, PipelineError> {
+        let Prior::Surface(recipe) = &self.settings.prior else {
+            return Ok(None);
+        };
+        let prior = SurfacePrior::new(recipe)?;
+        let monitor = self.monitor;
+        monitor.begin("simulate the prior", conditions.len() as u64, 0);
+        let made = || {
+            monitor.advance(1);
+            !monitor.interrupted()
+        };
+        let starts = prior.starts(clouds, conditions, units, self.settings.seed, &made);
+        let starts = starts.map_err(|error| match error {
+            SurfaceError::Interrupted => PipelineError::Interrupted,
+            error => error.into(),
+        })?;
+        monitor.end();
+        Ok(Some(starts))
     }
 
     /// On a stream.

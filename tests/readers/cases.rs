@@ -399,6 +399,7 @@ fn training_state() -> Vec<u8> {
         conditions: vec![0.5; 60],
         points: vec![0.25; 120],
         colors: None,
+        starts: None,
     };
     let settings = TrainSettings {
         points: 4,

@@ -143,6 +143,7 @@ impl DataSet {
                 Channels::Xyz => None,
                 Channels::XyzRgb => Some(Vec::with_capacity(samples * points * 3)),
             },
+            starts: None,
         };
         for path in &shards.paths {
             let shard = ShardFile::open(path, &Array::SHARD)?;

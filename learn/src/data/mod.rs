@@ -81,6 +81,9 @@ pub struct CloudSet {
     pub points: Vec<f32>,
     /// Colours, row-major `(B, N, 3)`, 8 bits that stand for [0, 1]; `None` where they are not wanted.
     pub colors: Option<Vec<u8>>,
+    /// For each point, the one of a simulated surface that the flow to it starts from, dimensionless, row-major `(B, N, 3)`
+    /// (see [`Prior::Surface`](crate::prior::Prior::Surface)); `None` where the flow starts from noise alone.
+    pub starts: Option<Vec<f32>>,
 }
 
 impl CloudSet {
@@ -103,6 +106,14 @@ impl CloudSet {
     pub fn cloud(&self, index: usize) -> &[f32] {
         let stride = 3 * self.points_per_cloud;
         &self.points[index * stride..][..stride]
+    }
+
+    /// Points of the simulated surface that the flow to those of cloud `index` starts from, row-major `(N, 3)`, if it starts
+    /// from one.
+    pub fn start(&self, index: usize) -> Option<&[f32]> {
+        let stride = 3 * self.points_per_cloud;
+        let starts = self.starts.as_ref()?;
+        Some(&starts[index * stride..][..stride])
     }
 
     /// Appends points `which` of cloud `index` to `rows`, as rows of `channels`; a colour's channels in [0, 1].
@@ -160,6 +171,7 @@ mod tests {
             conditions: vec![0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0],
             points: vec![0.0; 12],
             colors: None,
+            starts: None,
         };
         assert_eq!(set.nearest_condition(&[0.9, 0.8]), Some(3));
         assert_eq!(set.nearest_condition(&[0.5, 0.0]), Some(0));
@@ -175,6 +187,7 @@ mod tests {
             conditions: vec![],
             points: vec![],
             colors: None,
+            starts: None,
         };
         assert_eq!(set.nearest_condition(&[0.5]), None);
     }

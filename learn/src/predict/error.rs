@@ -3,6 +3,7 @@
 use std::error::Error;
 
 use crate::data::{DataError, SimulateError};
+use crate::prior::SurfaceError;
 
 /// Why a predictor has no cloud for a condition.
 #[derive(Debug, thiserror::Error)]
@@ -14,6 +15,9 @@ pub enum PredictError {
     /// The robot does not settle under the condition, or is not seen.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
+    /// There is no surface to start from.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
     /// There is nothing to predict from.
     #[error("the training set has no clouds, expected at least one")]
     NoTraining,

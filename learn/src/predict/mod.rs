@@ -60,6 +60,7 @@ mod error;
 mod mean;
 mod nearest;
 mod prediction;
+mod simulated;
 
 pub use error::PredictError;
 pub use mean::MeanCommand;

@@ -91,6 +91,7 @@ mod tests {
             conditions: vec![],
             points: vec![],
             colors: None,
+            starts: None,
         };
         let refused = NearestCommand::new(empty.clone(), normalisation.clone());
         assert!(matches!(refused, Err(PredictError::NoTraining)));

@@ -6,10 +6,11 @@ use super::error::{SettingsError, TrainError};
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
 use super::start;
-use super::state::{fingerprint, hash};
+use super::state::fingerprint;
 use super::teacher::Teacher;
 use crate::channels::{Channels, DIM};
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
+use crate::hash::hash;
 use crate::net::NetworkShape;
 
 /// Samples that a stream's threads may be ahead of the run.
@@ -185,6 +186,7 @@ fn blank(clouds: usize, condition_dim: usize, points: usize, channels: Channels)
         conditions: vec![0.0; clouds * condition_dim],
         points: vec![0.0; components],
         colors: (channels == Channels::XyzRgb).then(|| vec![0; components]),
+        starts: None,
     }
 }
 
@@ -230,6 +232,10 @@ pub(super) fn check_feed(
 ) -> Result<(), TrainError> {
     let points = settings.points;
     let taught = matches!(feed, Feed::Teacher(_));
+    if !settings.prior.is_gaussian() && !matches!(feed, Feed::Set(_)) {
+        let expected = "gaussian: only the flow to a data set starts from a simulated surface";
+        return Err(SettingsError::new("prior", "surface", expected).into());
+    }
     if taught != (settings.target == Target::Steps) {
         let expected = match taught {
             true => "steps: a teacher teaches them",
@@ -238,7 +244,7 @@ pub(super) fn check_feed(
         return Err(SettingsError::new("target", settings.target.name(), expected).into());
     }
     let set = match feed {
-        Feed::Set(set) => return check_set("training", set, shape, points),
+        Feed::Set(set) => return check_set("training", set, shape, settings, points),
         Feed::Stream(window) => &window.set,
         Feed::Teacher(teacher) => return Ok(teacher.check(shape, settings)?),
     };
@@ -270,9 +276,11 @@ pub(super) fn check_set(
     name: &'static str,
     set: &CloudSet,
     shape: &NetworkShape,
+    settings: &TrainSettings,
     points: usize,
 ) -> Result<(), TrainError> {
     let refuse = |reason: String| Err(TrainError::Data { set: name, reason });
+    check_starts(set, settings).or_else(refuse)?;
     if set.condition_dim != shape.condition_dim() {
         let expected = shape.condition_dim();
         return refuse(format!(
@@ -314,6 +322,32 @@ pub(super) fn check_set(
     match shape.channels() {
         Channels::Xyz => Ok(()),
         Channels::XyzRgb => check_colors(name, set),
+    }
+}
+
+/// Returns what is wrong with the surfaces that the flow starts from.
+fn check_starts(set: &CloudSet, settings: &TrainSettings) -> Result<(), String> {
+    let Some(starts) = &set.starts else {
+        return match settings.prior.is_gaussian() {
+            true => Ok(()),
+            false => Err("no surfaces to start from, which the prior needs".to_owned()),
+        };
+    };
+    if settings.prior.is_gaussian() {
+        return Err("surfaces to start from, expected none with the Gaussian prior".to_owned());
+    }
+    let (found, expected) = (starts.len(), set.points.len());
+    if found != expected {
+        return Err(format!(
+            "{found} coordinates of surfaces to start from, expected {expected}, as many as the clouds have"
+        ));
+    }
+    match starts.iter().position(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(format!(
+            "surface coordinate {index} is {}, expected finite values",
+            starts[index]
+        )),
     }
 }
 

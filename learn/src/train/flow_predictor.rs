@@ -7,6 +7,7 @@ use crate::data::Condition;
 use crate::flow::Sampler;
 use crate::net::Channels;
 use crate::predict::{About, PredictError, Prediction, Predictor, TrainingCost};
+use crate::prior::Prior;
 
 /// Predicts by a model's network, whose flow is followed by a sampler.
 #[derive(Clone)]
@@ -37,11 +38,20 @@ impl Predictor for FlowPredictor {
             ("sampler", format!("{:?}", self.sampler)),
             ("precision", network.precision().name().to_owned()),
         ];
+        let facts = facts.map(|(name, value)| (name.to_owned(), value));
+        let prior = match &settings.prior {
+            Prior::Gaussian => None,
+            prior => Some(("prior".to_owned(), prior.fingerprint())),
+        };
         About {
             key: "network".to_owned(),
             name: "network".to_owned(),
-            method: "a network that carries noise to the robot's surface".to_owned(),
-            made_from: facts.map(|(name, value)| (name.to_owned(), value)).into(),
+            method: match settings.prior {
+                Prior::Gaussian => "a network that carries noise to the robot's surface",
+                _ => "a network that carries the simulated surface to the robot's",
+            }
+            .to_owned(),
+            made_from: facts.into_iter().chain(prior).collect(),
             subject: provenance.subject.clone(),
             colors: network.shape().channels() == Channels::XyzRgb,
             training: TrainingCost {

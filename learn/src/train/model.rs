@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use super::error::{FileError, FileProblem};
@@ -12,6 +13,7 @@ use crate::data::{Normalisation, Subject};
 use crate::flow::{Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape, NetworkShapeError, Precision};
 use crate::predict::{PredictError, Prediction};
+use crate::prior::{Prior, SurfaceError, SurfacePrior, start_from};
 
 /// What a network was trained on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -76,7 +78,12 @@ impl Model {
         let channels = self.network.shape().channels();
         let mut rows = vec![0.0; points * channels.count()];
         let rng = &mut rng(seed, Stream::Sample(0));
+        let surface = self.surface(command, points, rng)?;
         self.settings.path.sample_prior(rng, channels, &mut rows);
+        if let Some(surface) = surface {
+            let all: Vec<_> = (0..points).collect();
+            start_from(&surface, &all, channels, &mut rows);
+        }
         let evaluations = sampler.integrate(&self.network, &condition, &mut rows);
         let mut points = positions(&rows, channels);
         let components = points.as_flattened_mut();
@@ -87,6 +94,22 @@ impl Model {
             colors: colors(&rows, channels),
             evaluations,
         })
+    }
+
+    /// Points of the simulated surface under `command`, in normalised units, where the flow starts from one.
+    fn surface(
+        &self,
+        command: &[f64],
+        points: usize,
+        rng: &mut impl Rng,
+    ) -> Result<Option<Vec<f32>>, PredictError> {
+        let Prior::Surface(recipe) = &self.settings.prior else {
+            return Ok(None);
+        };
+        let prior = SurfacePrior::new(recipe).map_err(SurfaceError::from)?;
+        let mut surface = prior.points(command, points, rng)?;
+        self.provenance.normalisation.normalise_points(&mut surface);
+        Ok(Some(surface))
     }
 
     /// Returns an error if the `points` (m) of a cloud, or its `rows` as the network gives them, are not finite.

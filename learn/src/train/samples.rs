@@ -9,6 +9,7 @@ use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
 use crate::metrics::Matcher;
 use crate::net::Batch;
+use crate::prior::start_from;
 
 /// A step's batch: `B` clouds of `N` points.
 #[derive(Debug, Default)]
@@ -51,6 +52,9 @@ impl Samples {
             let subset = self.order[..settings.points].iter().copied();
             set.gather(cloud, subset, channels, &mut self.targets);
             settings.path.sample_prior(&mut rng, channels, points);
+            if let Some(surface) = set.start(cloud) {
+                start_from(surface, &self.order, channels, points);
+            }
             self.times.push(time);
             self.conditions.extend_from_slice(set.condition(cloud));
         }

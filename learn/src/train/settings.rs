@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::optimizer::Optimizer;
 use crate::flow::{FlowPath, Sampler};
 use crate::net::Precision;
+use crate::prior::Prior;
 
 /// The paper's weight of the colours' error (Eq. rgb_loss_tdcr): `lambda_rgb`.
 const COLOR_WEIGHT: f32 = 0.05;
@@ -44,8 +45,11 @@ pub struct TrainSettings {
     pub clip_norm: f64,
     /// Decay of the exponential moving average of the weights (EMA).
     pub average_decay: f64,
-    /// Prior, path and flow times.
+    /// Noise, path and flow times.
     pub path: FlowPath,
+    /// Where the flow starts; noise alone in older files, which do not say.
+    #[serde(skip_serializing_if = "Prior::is_gaussian")]
+    pub prior: Prior,
     /// Weight of the colours' loss beside the positions'; without effect on networks without colours.
     pub color_weight: f32,
     /// Seed of everything random in the run.
@@ -82,6 +86,7 @@ impl Default for TrainSettings {
             clip_norm: 1.0,
             average_decay: 0.999,
             path: FlowPath::default(),
+            prior: Prior::Gaussian,
             color_weight: COLOR_WEIGHT,
             seed: 0,
             validate_every: 700,

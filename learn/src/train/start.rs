@@ -4,8 +4,8 @@ use super::difference::require_same;
 use super::error::TrainError;
 use super::model::{Model, Provenance};
 use super::settings::Target;
-use super::state::hash;
 use crate::flow::{Stream, rng};
+use crate::hash::hash;
 use crate::net::{HybridShape, MlpShape, Network, NetworkShape, NetworkShapeError};
 
 /// Initial weights of a run.

@@ -9,6 +9,7 @@ use super::format::{Element, Kind, Reader, Writer, read};
 use super::model::{Provenance, check_header, put_params, take_params};
 use super::settings::{Target, TrainSettings};
 use crate::data::CloudSet;
+use crate::hash::hash;
 use crate::net::NetworkShape;
 
 /// The averaged weights with the smallest validation distance so far.
@@ -167,11 +168,4 @@ pub(super) fn fingerprint(set: &CloudSet) -> u64 {
         .map(|x| x.to_bits());
     let colors = set.colors.iter().flatten().copied().map(u32::from);
     hash(sizes.into_iter().chain(numbers).chain(colors))
-}
-
-/// FNV-1a over 32-bit words.
-pub(super) fn hash(words: impl Iterator<Item = u32>) -> u64 {
-    words.fold(0xcbf2_9ce4_8422_2325, |hash, word| {
-        (hash ^ u64::from(word)).wrapping_mul(0x0000_0100_0000_01b3)
-    })
 }

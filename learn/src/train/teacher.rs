@@ -33,8 +33,15 @@ impl Teacher {
     /// `model` as a teacher.
     ///
     /// # Errors
-    /// [`SettingsError`] where `model` is a student itself.
+    /// [`SettingsError`] where `model` is a student itself, or starts from a simulated surface.
     pub fn new(model: &Model) -> Result<Self, SettingsError> {
+        if !model.settings.prior.is_gaussian() {
+            return Err(SettingsError::new(
+                "the teacher's prior",
+                "surface",
+                "gaussian: a flow that starts from a simulated surface is not distilled",
+            ));
+        }
         match model.settings.target {
             Target::Velocity => Ok(Self {
                 network: model.network.clone(),

@@ -16,6 +16,7 @@ use crate::channels::DIM;
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
 use crate::net::{Network, Workspace};
+use crate::prior::start_from;
 
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
@@ -66,7 +67,13 @@ impl<'a> Trainer<'a> {
         settings.check()?;
         let training = training.into();
         check_feed(&training, &shape, &settings)?;
-        check_set("validation", validation, &shape, settings.validation_points)?;
+        check_set(
+            "validation",
+            validation,
+            &shape,
+            &settings,
+            settings.validation_points,
+        )?;
         if settings.validation_clouds > validation.len() {
             let expected = format!(
                 "at most the {} clouds of the validation set",
@@ -325,6 +332,12 @@ impl<'a> Trainer<'a> {
         let channels = self.average.shape().channels();
         let mut rows = vec![0.0; settings.validation_points * channels.count()];
         settings.path.sample_prior(&mut rng, channels, &mut rows);
+        if let Some(surface) = validation.start(cloud) {
+            // As many points of it as are wanted, at even distances in its order, which is random.
+            let of = |row| row * validation.points_per_cloud / settings.validation_points;
+            let chosen: Vec<_> = (0..settings.validation_points).map(of).collect();
+            start_from(surface, &chosen, channels, &mut rows);
+        }
         settings
             .sampler
             .integrate(&self.average, validation.condition(cloud), &mut rows);

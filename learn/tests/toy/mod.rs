@@ -83,6 +83,7 @@ pub fn bars(clouds: usize, seed: u64) -> CloudSet {
         points: points.collect(),
         conditions,
         colors: None,
+        starts: None,
     }
 }
 

@@ -76,6 +76,8 @@ class Model:
         if header["format"] != FORMAT:
             raise TrainError(f"{path}: format {header['format']}, expected {FORMAT}")
         content = header["content"]
+        if "prior" in content.get("settings", {}):
+            raise TrainError(f"{path}: its flow starts from a simulated surface; expected one that starts from noise")
         if (header["kind"] == OWN_KIND) != (own is not None):
             needed = "the module that its weights are of" if own is None else "no module: it holds one of tdcr's networks"
             raise TrainError(f"{path}: a file of kind {header['kind']!r}, expected {needed}")

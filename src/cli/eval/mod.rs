@@ -11,7 +11,7 @@ use anyhow::Context;
 use clap::Args;
 use tdcr::learn::data::read_predictions;
 use tdcr::learn::flow::Sampler;
-use tdcr::learn::train::{FlowPredictor, Model};
+use tdcr::learn::train::Model;
 use tdcr::pages::{Evaluated, evaluation_page};
 use tdcr::pipeline::{EvalSettings, Evaluator, Results};
 
@@ -111,8 +111,7 @@ fn prepare(args: &EvalArgs) -> anyhow::Result<(Scored, Evaluator)> {
     let sampler = args.scoring.sampler.sampler(&model.settings)?;
     let precision = (args.scoring.precision).of_width(model.network.shape().width());
     let model = Arc::new(model.with_precision(precision)?);
-    let predictor = FlowPredictor::new(model.clone(), sampler);
-    let evaluator = Evaluator::new(Arc::new(predictor), &args.data, settings)?;
+    let evaluator = Evaluator::of_model(model.clone(), sampler, &args.data, settings)?;
     Ok((Scored::Model(model, sampler), evaluator))
 }
 
