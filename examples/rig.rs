@@ -44,6 +44,7 @@ pub fn run(path: &Path) -> Result<Vec<Seen>> {
     let settings = SessionSettings {
         seed: 0,
         voxel_size: 0.002,
+        masks: None,
     };
     let mut go_on = || ControlFlow::Continue(());
     let mut session = Session::begin(&mut rig, &settings, None, &mut go_on)?;

@@ -155,6 +155,7 @@ impl From<PipelineError> for Failure {
             PipelineError::Predict(error) => error.into(),
             PipelineError::File(error) => error.into(),
             PipelineError::Sampler(error) => error.into(),
+            PipelineError::Capture(error) => Self::Of("RigError", error.to_string()),
             PipelineError::Metric(_)
             | PipelineError::OwnSampler { .. }
             | PipelineError::Endless { .. }

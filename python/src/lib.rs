@@ -86,7 +86,7 @@ mod _tdcr {
     #[pymodule_export]
     use crate::predictor::Predictor;
     #[pymodule_export]
-    use crate::rig::Rig;
+    use crate::rig::{Rig, record_background};
     #[pymodule_export]
     use crate::robot::Robot;
     #[pymodule_export]

@@ -9,7 +9,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use tdcr::hw::capture::{CaptureError, Fuser, Program};
 use tdcr::hw::rig::{Homing, Pace, Pictures, RigError, RigFile, WinchState};
-use tdcr::pipeline::{self, CaptureSettings, seen_tip};
+use tdcr::pipeline::{self, CaptureLog, CaptureSettings, seen_tip};
 use tdcr::sim::cloud::{PointCloud, VoxelGrid};
 use tdcr::sim::robot::Command;
 
@@ -237,7 +237,7 @@ impl Rig {
     }
 
     /// Makes a data set, or goes on with it.
-    #[pyo3(signature = (out, commands, points, voxel, seed, sentinel_every, progress = None))]
+    #[pyo3(signature = (out, commands, points, voxel, seed, sentinel_every, masks, log, progress = None))]
     #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
     fn capture(
         &self,
@@ -248,6 +248,8 @@ impl Rig {
         voxel: f64,
         seed: u64,
         sentinel_every: usize,
+        masks: Option<PathBuf>,
+        log: bool,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> Outcome<String> {
         let settings = CaptureSettings {
@@ -256,6 +258,11 @@ impl Rig {
             voxel_size: voxel,
             seed,
             sentinel_every,
+            masks,
+            log: match log {
+                true => CaptureLog::Written,
+                false => CaptureLog::Omitted,
+            },
         };
         let rig = &self.0;
         let report = run::long(py, progress, |watch| -> Outcome<_> {
@@ -269,6 +276,29 @@ impl Rig {
         })??;
         serde_json::to_string(&report).map_err(|error| Failure::Of("DataError", error.to_string()))
     }
+}
+
+/// Records the empty scene of the rig of a file.
+#[pyfunction]
+#[pyo3(signature = (path, out, pictures, progress = None))]
+pub fn record_background(
+    py: Python<'_>,
+    path: PathBuf,
+    out: PathBuf,
+    pictures: usize,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> Outcome<()> {
+    run::long(py, progress, |watch| -> Outcome<()> {
+        let mut begun = 0;
+        let mut next = || {
+            watch.advance(usize::from(begun > 0));
+            begun += 1;
+            go_on(watch)
+        };
+        RigFile::load(&path)?.record_background(&out, pictures, &mut next)?;
+        watch.advance(1);
+        Ok(())
+    })?
 }
 
 impl Rig {
@@ -307,11 +337,11 @@ fn grid(voxel: f64) -> Outcome<VoxelGrid> {
 /// Pictures of what is the robot, and their cloud.
 fn look(rig: &mut tdcr::hw::rig::Rig, grid: VoxelGrid) -> Outcome<(Pictures, PointCloud)> {
     let pictures = rig.grab()?;
-    let masker = rig.spec().masks.masker();
+    let masker = rig.masker()?;
     let fuser = Fuser { grid, masker };
     // Masks by sample number are of captures.
     let kept = fuser
-        .keep_robot(pictures, 0)
+        .keep_robot(&pictures, 0)
         .map_err(|error| Failure::Of("RigError", error.to_string()))?;
     let cloud = fuser.fuse(&kept);
     Ok((kept, cloud))

@@ -472,8 +472,12 @@ class Rig:
         voxel: float,
         seed: int,
         sentinel_every: int,
+        masks: str | None,
+        log: bool,
         progress: _Progress = None,
     ) -> str: ...
+
+def record_background(path: str, out: str, pictures: int, progress: _Progress = None) -> None: ...
 
 @final
 class BatchSimulation:

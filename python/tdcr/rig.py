@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
 
@@ -96,7 +97,10 @@ class CaptureReport:
         skew: Largest difference between the times of the pictures of a sample (s).
         drift: How far what is seen of the robot at home moved since the first look, at the most (m).
         current_drift: How much a servo's current at home changed since the first look, at the most (A).
+        rested: Time that servos rested because they were hot (s).
+        recalled: Times that a servo lost its turns, and its home was found again.
         rig_seconds: Time that the rig took, by its own clock (s).
+        log: The log of this call (MCAP), if one was written.
     """
 
     data: Dataset
@@ -106,7 +110,10 @@ class CaptureReport:
     skew: float
     drift: float
     current_drift: float
+    rested: float
+    recalled: int
     rig_seconds: float
+    log: Path | None
 
 
 class Rig:
@@ -274,6 +281,8 @@ class Rig:
         voxel: float = 0.002,
         seed: int = 0,
         sentinel_every: int = 25,
+        masks: PathLike | None = None,
+        log: bool = True,
         progress: Progress | None = None,
     ) -> CaptureReport:
         """Makes a data set: moves the robot, sees it, keeps the clouds; as ``tdcr capture``.
@@ -288,6 +297,10 @@ class Rig:
             voxel: Edge of the voxels that thin the fused clouds (m).
             seed: Seed of commands, samples and splits.
             sentinel_every: Samples between two looks at the robot in its home pose.
+            masks: Folder of masks that another program has written, ``camera0/000000.png`` and so on: they make the clouds, in
+                place of the masks of the rig's file.
+            log: Whether all that servos and cameras did is written to ``log.mcap`` in the folder, to ``log-2.mcap`` where the
+                capture is resumed.
             progress: Is called with the number of samples captured since its last call.
 
         Raises:
@@ -296,14 +309,38 @@ class Rig:
         """
         count, many = as_count(commands, "commands"), as_count(points, "points", 1, MOST)
         every = as_count(sentinel_every, "sentinel_every", 1)
+        size, folder = as_number(voxel, "voxel"), os.fspath(masks) if masks is not None else None
         report = json.loads(
-            self._native.capture(os.fspath(out), count, many, as_number(voxel, "voxel"), as_seed(seed), every, progress=progress)
+            self._native.capture(os.fspath(out), count, many, size, as_seed(seed), every, folder, bool(log), progress=progress)
         )
-        known = {name: report[name] for name in CaptureReport.__dataclass_fields__ if name != "data"}
-        return CaptureReport(data=Dataset(out), **known)
+        known = {name: report[name] for name in CaptureReport.__dataclass_fields__ if name not in ("data", "log")}
+        written = Path(report["log"]) if report["log"] is not None else None
+        return CaptureReport(data=Dataset(out), log=written, **known)
 
     def _take(self, command: Any) -> Floats:
         return as_float(command, "command", (self.robot.tendons,))
+
+
+def record_background(
+    rig: PathLike, out: PathLike = "background.mcap", *, pictures: int = 30, progress: Progress | None = None
+) -> Path:
+    """Records the empty scene, against which masks tell a robot; as ``tdcr background``. Returns ``out``.
+
+    The robot has to be out of sight; cameras in memory do not see it. The log is what ``masks.background`` of the rig's file then
+    names.
+
+    Args:
+        rig: The rig's file.
+        out: The log to write, an MCAP file. One that is there is left as it is.
+        pictures: Pictures by each camera, 5 to 1000.
+        progress: Is called with the number of pictures taken since its last call.
+
+    Raises:
+        RigError: For a file that describes no rig, cameras that give no pictures, and a log that cannot be written.
+    """
+    count = as_count(pictures, "pictures", 5, 1000)
+    _tdcr.record_background(os.fspath(rig), os.fspath(out), count, progress=progress)
+    return Path(out)
 
 
 def _states(

@@ -7,7 +7,7 @@ use serde::Serialize;
 use tdcr::hw::capture::{CaptureError, Program};
 use tdcr::hw::rig::{Pace, Rig, RigFile};
 use tdcr::learn::data::split_indices;
-use tdcr::pipeline::{CaptureReport, CaptureSettings, capture};
+use tdcr::pipeline::{CaptureLog, CaptureReport, CaptureSettings, capture};
 use tdcr::report::counted;
 
 use super::console::Console;
@@ -37,6 +37,13 @@ pub(super) struct CaptureArgs {
     /// Look at the robot in its home pose after so many samples, and say how far it drifts
     #[arg(long, default_value_t = CaptureSettings::default().sentinel_every, value_name = "N", value_parser = super::amount)]
     sentinel_every: usize,
+    /// Folder of masks that another program has written, DIR/camera0/000000.png and so on: they make the clouds, in place of
+    /// the masks of the rig's file
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
+    /// Write no log. Else DIR/log.mcap has all that servos and cameras did, log-2.mcap where the capture is resumed
+    #[arg(long)]
+    no_log: bool,
     /// Print what would move, and touch nothing
     #[arg(long)]
     dry_run: bool,
@@ -89,6 +96,11 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
         voxel_size: args.voxel,
         seed: args.seed,
         sentinel_every: args.sentinel_every,
+        masks: args.masks.clone(),
+        log: match args.no_log {
+            true => CaptureLog::Omitted,
+            false => CaptureLog::Written,
+        },
     };
     let mut rig = Rig::open_file(file, Pace::Computed)?;
     let report = capture(&mut rig, &settings, &args.out, console)?;

@@ -1,10 +1,10 @@
 //! `tdcr home`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
-use tdcr::hw::rig::{Homing, HomingReport, Pace, Rig, RigFile};
+use tdcr::hw::rig::{Homing, HomingReport, Pace, Rig, RigFile, ServoLink};
 
 use super::console::Console;
 
@@ -20,10 +20,15 @@ pub(super) struct HomeArgs {
     /// The robot is in its home pose now: straight, every tendon at its tension of home
     #[arg(long)]
     here: bool,
+    /// Write no log. Else what servos on a port said lies beside the rig's file, with the extension .home.mcap or .home-2.mcap
+    /// and so on
+    #[arg(long)]
+    no_log: bool,
 }
 
 #[derive(Serialize)]
 struct Homed {
+    log: Option<PathBuf>,
     servos: Vec<HomedServo>,
 }
 
@@ -38,6 +43,15 @@ struct HomedServo {
 
 pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
     let mut rig = Rig::open_file(RigFile::load(&args.rig)?, Pace::Computed)?;
+    // Servos in memory end with the program, and with them what their homing was about.
+    let lasting = matches!(rig.spec().servos.link, ServoLink::Serial(_));
+    let log = match (lasting && !args.no_log, args.rig.file_stem()) {
+        (true, Some(stem)) => {
+            let folder = args.rig.parent().unwrap_or(Path::new(""));
+            Some(rig.log_in(folder, &format!("{}.home", stem.display()))?)
+        }
+        _ => None,
+    };
     let reports = match args.here {
         true => {
             rig.meet()?;
@@ -45,6 +59,7 @@ pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
         }
         false => rig.home_recalled()?,
     };
+    rig.finish_log()?;
     let servo = |report: &HomingReport| HomedServo {
         id: report.id.get(),
         before: match report.before {
@@ -55,6 +70,7 @@ pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
         position: report.position.0,
     };
     let homed = Homed {
+        log,
         servos: reports.iter().map(servo).collect(),
     };
     console.result(&homed, |homed| {

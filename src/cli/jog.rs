@@ -42,6 +42,9 @@ pub(super) struct JogArgs {
     /// Folder of what is captured
     #[arg(long, default_value = "jog", value_name = "DIR")]
     out: PathBuf,
+    /// Write no log. Else DIR/log.mcap has all that servos and cameras did, log-2.mcap the next time
+    #[arg(long)]
+    no_log: bool,
 }
 
 impl JogArgs {
@@ -57,6 +60,7 @@ impl JogArgs {
 #[derive(Serialize)]
 struct Jogged<'a> {
     dir: &'a Path,
+    log: Option<PathBuf>,
     /// Moves that were made.
     moves: usize,
     /// Moves that were refused.
@@ -77,9 +81,19 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
     let settings = SessionSettings {
         seed: 0,
         voxel_size: CaptureSettings::default().voxel_size,
+        masks: None,
+    };
+    let log = match args.no_log {
+        true => None,
+        false => {
+            let out = &args.out;
+            fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
+            Some(rig.log_in(out, "log")?)
+        }
     };
     let mut go_on = || ControlFlow::Continue(());
     let mut session = Session::begin(&mut rig, &settings, None, &mut go_on)?;
+    session.check_tendons()?;
     let (mut module, mut moves, mut refused, mut captured) = (0, 0, 0, 0);
     say("1 to 9: module; w a s d: bend; + -: tension; h: straight; c: capture; q: let go and end");
     loop {
@@ -135,7 +149,9 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
         ));
     }
     session.end()?;
+    rig.finish_log()?;
     let jogged = Jogged {
+        log,
         dir: &args.out,
         moves,
         refused,

@@ -1,5 +1,6 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
+mod background;
 mod calibrate_cameras;
 mod capture;
 mod collect;
@@ -96,6 +97,7 @@ enum Command {
     Scan(scan::ScanArgs),
     Home(home::HomeArgs),
     Pretension(pretension::PretensionArgs),
+    Background(background::BackgroundArgs),
     Jog(jog::JogArgs),
     Capture(capture::CaptureArgs),
     Log(log::LogArgs),
@@ -279,6 +281,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Scan(args) => scan::run(args, &console),
         Command::Home(args) => home::run(args, &console),
         Command::Pretension(args) => pretension::run(args, &console),
+        Command::Background(args) => background::run(args, &console),
         Command::Jog(args) => jog::run(args, &console),
         Command::Capture(args) => capture::run(args, &console),
         Command::Log(args) => log::run(args, &console),

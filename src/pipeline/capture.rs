@@ -1,15 +1,15 @@
 //! From a rig to a data set of clouds.
 
-use std::ops::ControlFlow;
-use std::path::Path;
+use std::ops::{ControlFlow, Range};
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 use serde_json::json;
-use tdcr_hw::capture::{Captured, Sentinel, Session, SessionSettings, StillDepth};
+use tdcr_hw::capture::{CaptureError, Session, SessionSettings};
+use tdcr_hw::mask::MaskFolder;
 use tdcr_hw::rig::{Rig, RigSpec};
 use tdcr_learn::data::{Collector, Condition, DataError, Meta, Origin, Recording, Sample};
 
@@ -17,11 +17,19 @@ use super::collect::stage;
 use super::journal::Journal;
 use super::{Monitor, PipelineError};
 
+mod record;
+
+pub use record::CaptureReport;
+use record::{Entry, Record};
+
 /// Samples per file on disk.
 const SAMPLES_PER_SHARD: usize = 250;
 
 /// What was recorded besides the clouds: a file of JSON lines in the data set's folder.
 const JOURNAL: &str = "capture.jsonl";
+
+/// Stem of the names of logs in the data set's folder.
+const LOG: &str = "log";
 
 /// Layout of that file.
 const FORMAT: u32 = 1;
@@ -39,6 +47,21 @@ pub struct CaptureSettings {
     pub seed: u64,
     /// Samples between two looks at the robot in its home pose.
     pub sentinel_every: usize,
+    /// Folder of masks that another program has written, one for each sample and camera
+    /// ([`MaskFolder`]): what they show becomes the clouds. Those of the rig's file otherwise.
+    pub masks: Option<PathBuf>,
+    /// Whether a log is written.
+    pub log: CaptureLog,
+}
+
+/// Whether a capture writes a log (MCAP) of all that servos and cameras did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CaptureLog {
+    /// `log.mcap` in the data set's folder; `log-2.mcap` and so on where it is resumed.
+    #[default]
+    Written,
+    /// None.
+    Omitted,
 }
 
 /// 200 clouds of 10,000 points, with a look at the robot at home after every 25.
@@ -50,115 +73,8 @@ impl Default for CaptureSettings {
             voxel_size: 0.002,
             seed: 0,
             sentinel_every: 25,
-        }
-    }
-}
-
-/// How a capture went. Of a capture that was resumed, what is in its journal counts too.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct CaptureReport {
-    /// Samples of the data set.
-    pub samples: usize,
-    /// Samples that this run captured.
-    pub captured: usize,
-    /// Samples that were taken when patience came to its end and something still moved.
-    pub moving: usize,
-    /// Largest difference between the times of the pictures of a sample (s).
-    pub skew: f64,
-    /// Largest distance of a servo from its goal when pictures were taken (ticks).
-    pub lag: i32,
-    /// Looks at the robot in its home pose.
-    pub sentinels: usize,
-    /// How far the mean of what is seen at home moved since the first look, at the most (m).
-    pub drift: f64,
-    /// How much a servo's current at home changed since the first look, at the most (A).
-    pub current_drift: f64,
-    /// Time that servos rested because they were hot (s).
-    pub rested: f64,
-    /// Time that the rig took, by its own clock (s).
-    pub rig_seconds: f64,
-    /// Wall clock of this run (s).
-    pub seconds: f64,
-}
-
-/// A line of the journal.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
-enum Entry {
-    /// A sample was taken.
-    Sample(Record),
-    /// The robot was looked at at home, before sample `before`.
-    Sentinel {
-        before: usize,
-        #[serde(flatten)]
-        sentinel: Sentinel,
-    },
-    /// Servos rested before sample `before`.
-    Rest { before: usize, seconds: f64 },
-}
-
-/// What is known of a sample besides its cloud. One that was captured again is there again, the last one being that of the
-/// data set.
-#[derive(Debug, Serialize, Deserialize)]
-struct Record {
-    index: u64,
-    /// Time of the rig's clock (s).
-    time: f64,
-    /// The command (m): the sample's condition.
-    command: Vec<f64>,
-    /// The same as positions of the servos, from home (ticks).
-    ticks: Vec<i32>,
-    /// Where the servos were (ticks).
-    positions: Vec<i32>,
-    /// Currents, positive where they pull (A).
-    pulls: Vec<f64>,
-    /// Points before the sample was drawn.
-    points: usize,
-    /// Difference between the times of the pictures (s).
-    skew: f64,
-    /// How long one waited until all was still (s).
-    waited: f64,
-    /// Whether it was.
-    still: bool,
-}
-
-impl Record {
-    fn of(captured: &Captured) -> Self {
-        Self {
-            index: captured.index,
-            time: captured.time.as_secs_f64(),
-            command: captured.command.clone(),
-            ticks: captured.goals.iter().map(|goal| goal.0).collect(),
-            positions: captured
-                .states
-                .iter()
-                .map(|state| state.position.0)
-                .collect(),
-            pulls: captured.states.iter().map(|state| state.pull).collect(),
-            points: captured.cloud.len(),
-            skew: captured.skew.as_secs_f64(),
-            waited: captured.stillness.waited.as_secs_f64(),
-            still: captured.stillness.end == StillDepth::Still,
-        }
-    }
-}
-
-impl CaptureReport {
-    fn count(&mut self, entry: &Entry) {
-        match entry {
-            Entry::Sample(record) => {
-                self.moving += usize::from(!record.still);
-                self.skew = self.skew.max(record.skew);
-                let lags = record.ticks.iter().zip(&record.positions);
-                let lag = lags.map(|(goal, position)| (goal - position).abs()).max();
-                self.lag = self.lag.max(lag.unwrap_or(0));
-            }
-            Entry::Sentinel { sentinel, .. } => {
-                self.sentinels += 1;
-                self.drift = self.drift.max(sentinel.drift);
-                self.current_drift = self.current_drift.max(sentinel.current_drift);
-            }
-            Entry::Rest { seconds, .. } => self.rested += seconds,
+            masks: None,
+            log: CaptureLog::default(),
         }
     }
 }
@@ -179,7 +95,7 @@ impl CaptureSettings {
             .map(|camera| (&camera.serial, camera.sensor))
             .collect();
         // What a data set depends on: ports and speeds are none of it.
-        let settings = json!({
+        let mut settings = json!({
             "ids": servos.ids,
             "directions": servos.directions,
             "spool_radius": servos.spool_radius,
@@ -189,6 +105,9 @@ impl CaptureSettings {
             "masks": masks,
             "commands": commands,
         });
+        if self.masks.is_some() {
+            settings["masks_by"] = json!("another program");
+        }
         Meta {
             format: Meta::FORMAT,
             tdcr_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -256,32 +175,36 @@ pub fn capture(
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };
-        let session = Session::begin(
-            rig,
-            &SessionSettings {
-                seed: settings.seed,
-                voxel_size: settings.voxel_size,
-            },
-            reference,
-            &mut go_on,
-        )?;
-        let mut recorder = Recorder {
+        let masks = settings.masks.as_ref().map(MaskFolder::new);
+        if let Some(masks) = &masks {
+            // Before anything moves.
+            let wanted = blocks.iter().cloned().flatten();
+            let found = masks.must_have(rig.cameras().len(), wanted);
+            found.map_err(|error| PipelineError::Capture(error.into()))?;
+        }
+        if settings.log == CaptureLog::Written {
+            let log = rig.log_in(dir, LOG).map_err(CaptureError::from)?;
+            report.log = Some(log);
+        }
+        let session = SessionSettings {
+            seed: settings.seed,
+            voxel_size: settings.voxel_size,
+            masks,
+        };
+        let recorder = Recorder {
             settings,
             journal,
             report: &mut report,
             monitor,
         };
-        // The servos are looked after while blocks go to the disk.
-        let (blocks_out, blocks_in) = sync_channel(1);
-        std::thread::scope(|scope| {
-            let writer = scope.spawn(|| write(&collector, blocks_in));
-            let captured = recorder.run(session, blocks, blocks_out);
-            let written = writer
-                .join()
-                .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-            written?;
-            captured
-        })?;
+        let begun = Session::begin(rig, &session, reference, &mut go_on);
+        let captured = begun.map_err(PipelineError::from);
+        let captured = captured.and_then(|session| recorder.record(session, blocks, &collector));
+        // The clouds are worth more than the log.
+        if let Err(error) = rig.finish_log() {
+            monitor.note(&format!("the log is not whole: {error}"));
+        }
+        captured?;
         monitor.end();
     }
     collector.finish(stage("write shards", monitor))?;
@@ -308,10 +231,30 @@ struct Recorder<'a> {
 }
 
 impl Recorder<'_> {
+    /// Captures blocks, and writes each while the next is captured.
+    fn record(
+        mut self,
+        session: Session<'_>,
+        blocks: Vec<Range<usize>>,
+        collector: &Collector,
+    ) -> Result<(), PipelineError> {
+        // The servos are looked after while blocks go to the disk.
+        let (blocks_out, blocks_in) = sync_channel(1);
+        std::thread::scope(|scope| {
+            let writer = scope.spawn(|| write(collector, blocks_in));
+            let captured = self.run(session, blocks, blocks_out);
+            let written = writer
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            written?;
+            captured
+        })
+    }
+
     fn run(
         &mut self,
         mut session: Session<'_>,
-        blocks: Vec<std::ops::Range<usize>>,
+        blocks: Vec<Range<usize>>,
         out: SyncSender<Block>,
     ) -> Result<(), PipelineError> {
         let mut since = self.settings.sentinel_every;
@@ -332,6 +275,12 @@ impl Recorder<'_> {
                     since = 0;
                 }
                 samples.push(self.sample(&mut session, index)?);
+                for servo in session.restarted() {
+                    self.add(&Entry::Recalled {
+                        before: index,
+                        servo,
+                    })?;
+                }
                 (since, last) = (since + 1, index + 1);
                 self.monitor.advance(1);
             }

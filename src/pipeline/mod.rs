@@ -27,7 +27,7 @@ mod survey;
 mod tip;
 mod train;
 
-pub use capture::{CaptureReport, CaptureSettings, capture};
+pub use capture::{CaptureLog, CaptureReport, CaptureSettings, capture};
 pub use collect::{CollectSettings, CollectTimes, collect, merge};
 pub use compare::{
     CompareSettings, Comparer, Comparison, Configuration, Counterpart, Spread, TipSource,

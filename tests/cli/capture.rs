@@ -45,6 +45,18 @@ fn a_rig_is_scanned_homed_and_captured_with_and_its_data_set_trains() {
         (report["samples"].as_u64(), report["moving"].as_u64()),
         (Some(20), Some(0))
     );
+    // All of it is in a log.
+    let log = report["log"].as_str().unwrap();
+    assert!(log.ends_with("data/log.mcap"));
+    let logged = succeed_json(&["log", "info", log]);
+    assert_eq!(logged["whole"], true);
+    let topics = logged["topics"].as_array().unwrap().iter();
+    let topics: Vec<&str> = topics
+        .map(|topic| topic["topic"].as_str().unwrap())
+        .collect();
+    for topic in ["/servos/registers", "/command", "/cameras/east/depth"] {
+        assert!(topics.contains(&topic), "{topics:?}");
+    }
     // What was done is what was said.
     let journal = fs::read_to_string(out.join("capture.jsonl")).unwrap();
     let line = journal
@@ -92,6 +104,8 @@ fn a_capture_that_is_killed_is_resumed() {
     assert!(kills > 0);
     let report = succeed_json(&capture(&rig, &killed));
     assert_eq!(report["captured"], 0);
+    // Each run has a log of its own, and nothing is left to log.
+    assert!(killed.join("log-2.mcap").exists() && report["log"].is_null());
     // The same commands, in the same splits.
     let motors = |dir: &Path| succeed_json(&["data", "info", text(dir)])["motors"].clone();
     assert_eq!(motors(&whole), motors(&killed));
@@ -124,6 +138,8 @@ fn keys_jog_a_rig_and_capture_what_is_imported() {
     let motors: Value = serde_json::from_slice(&motors).unwrap();
     assert_eq!(motors["ctrl"].as_array().unwrap().len(), 6);
     assert!(out.join("jog-0001.ply").exists());
+    assert!(jogged["log"].as_str().unwrap().ends_with("jog/log.mcap"));
+    assert!(out.join("log.mcap").exists());
 }
 
 #[test]
@@ -147,6 +163,86 @@ fn tendons_are_tensioned_alike() {
         1,
         "may last that long",
     );
+    // Nobody is there to turn gears; tendons at 6 N take 58 mA on spools of 5 mm.
+    let by_hand = ["pretension", "--rig", text(&rig), "--by-hand"];
+    let output = tdcr(
+        &[
+            &by_hand[..],
+            &[
+                "--current",
+                "0.06,0.06,0.06,0.3,0.06,0.06",
+                "--patience",
+                "3",
+            ],
+        ]
+        .concat(),
+    )
+    .output()
+    .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let said = stderr(&output);
+    let told = "turn the bevel gear of tendon 4 further: servo 4 pulls with";
+    assert!(
+        said.contains(told) && said.contains("expected 0.3 A"),
+        "{said}"
+    );
+    refuse(
+        &[&by_hand[..], &["--current", "0.06,0.06"]].concat(),
+        1,
+        "a single one or 6",
+    );
+    refuse(
+        &[&by_hand[..], &["--current", "0.06", "--step", "5"]].concat(),
+        2,
+        "--step",
+    );
+    refuse(
+        &["pretension", "--rig", text(&rig), "--current", "0.1,0.2"],
+        1,
+        "--by-hand",
+    );
+}
+
+#[test]
+fn the_empty_scene_is_recorded_for_the_masks_of_a_rig() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let log = folder.path().join("empty.mcap");
+    let record = ["background", "--rig", text(&rig), "--out", text(&log)];
+    let recorded = succeed_json(&[&record[..], &["--pictures", "6"]].concat());
+    assert_eq!(
+        (&recorded["pictures"], &recorded["cameras"]),
+        (&6.into(), &2.into())
+    );
+    let info = succeed_json(&["log", "info", text(&log)]);
+    assert_eq!(info["whole"], true);
+    refuse(&record, 1, "empty.mcap: File exists");
+    let refused = [&record[..], &["--pictures", "4"]].concat();
+    refuse(&refused, 2, "4 is not in 5..=1000");
+    let masks = fs::read_to_string(&rig).unwrap();
+    let with = masks.replace(
+        "[masks]\n",
+        "[masks]\nbackground = { log = \"empty.mcap\" }\n",
+    );
+    fs::write(&rig, with).unwrap();
+    let out = folder.path().join("data");
+    let few = ["--commands", "10", "--points", "300", "--voxel", "0.004"];
+    let capture = ["capture", "--rig", text(&rig), "--out", text(&out)];
+    let report = succeed_json(&[&capture[..], &few, &["--no-log"]].concat());
+    assert_eq!(report["samples"], 10);
+    assert!(report["log"].is_null() && !out.join("log.mcap").exists());
+    let other = folder.path().join("other");
+    let masks = ["--masks", text(folder.path())];
+    let capture = ["capture", "--rig", text(&rig), "--out", text(&other)];
+    refuse(
+        &[&capture[..], &few, &masks].concat(),
+        1,
+        "camera0/000000.png",
+    );
+    fs::remove_file(&log).unwrap();
+    let third = folder.path().join("third");
+    let capture = ["capture", "--rig", text(&rig), "--out", text(&third)];
+    refuse(&[&capture[..], &few].concat(), 1, "masks.background.log");
 }
 
 #[test]

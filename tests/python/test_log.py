@@ -63,10 +63,10 @@ def log():
 
 
 def test_there_is_a_message_of_each_kind_10_ms_apart(log):
-    assert log.summary.statistics.message_count == len(log.order) == 14
+    assert log.summary.statistics.message_count == len(log.order) == 15
     assert log.order[:3] == ["/robot_description", "/cameras/0123/calibration", "/cameras/pinhole/calibration"]
     times = sorted(time for times in log.times.values() for time in times)
-    np.testing.assert_allclose(times, np.arange(14) * 0.01, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(times, np.arange(15) * 0.01, rtol=0, atol=1e-12)
 
 
 def test_servos(log):
@@ -99,6 +99,8 @@ def test_servos(log):
         "voltage": 5.1,
     }
     assert unknown == {"id": 252}
+    homes = log.one("/servos/homes", "tdcr.Homes")
+    assert homes == {"servos": [{"id": 3, "home": -4100, "last": 6789}]}
     registers = log.one("/servos/registers", "tdcr.Registers")
     assert registers == {"id": 3, "address": 0x7FFF, "bytes": [0, 255, 17]}
 

@@ -1,5 +1,7 @@
 //! From pictures to one cloud.
 
+use std::sync::Arc;
+
 use tdcr_sim::cloud::{PointCloud, VoxelGrid};
 
 use crate::camera::Stamped;
@@ -11,7 +13,30 @@ pub struct Fuser {
     /// The grid that thins the cloud.
     pub grid: VoxelGrid,
     /// What tells the robot from all else.
-    pub masker: Box<dyn Masker>,
+    pub masker: Arc<dyn Masker>,
+}
+
+/// The pictures without the depth of what `masker` does not take for the robot, of sample number `sample`.
+///
+/// # Errors
+/// [`MaskError`].
+pub(super) fn masked(
+    masker: &dyn Masker,
+    pictures: &Pictures,
+    sample: usize,
+) -> Result<Pictures, MaskError> {
+    let frames = pictures.frames.iter().enumerate();
+    let frames = frames.map(|(view, frame)| {
+        let mask = masker.mask(&frame.value, Shot { view, sample })?;
+        Ok(Stamped {
+            time: frame.time,
+            value: mask.applied(&frame.value)?,
+        })
+    });
+    Ok(Pictures {
+        frames: frames.collect::<Result<_, MaskError>>()?,
+        skew: pictures.skew,
+    })
 }
 
 impl Fuser {
@@ -19,19 +44,8 @@ impl Fuser {
     ///
     /// # Errors
     /// [`MaskError`].
-    pub fn keep_robot(&self, pictures: Pictures, sample: usize) -> Result<Pictures, MaskError> {
-        let frames = pictures.frames.into_iter().enumerate();
-        let frames = frames.map(|(view, frame)| {
-            let mask = self.masker.mask(&frame.value, Shot { view, sample })?;
-            Ok(Stamped {
-                time: frame.time,
-                value: mask.applied(&frame.value)?,
-            })
-        });
-        Ok(Pictures {
-            frames: frames.collect::<Result<_, MaskError>>()?,
-            skew: pictures.skew,
-        })
+    pub fn keep_robot(&self, pictures: &Pictures, sample: usize) -> Result<Pictures, MaskError> {
+        masked(&self.masker, pictures, sample)
     }
 
     /// The cloud of pictures in which all but the robot has no depth.

@@ -4,12 +4,16 @@
 //! home pose, which should not change ([`Sentinel`]), and waits there while servos are too hot. Whatever goes wrong ends with
 //! the tension released: see [`rig`](crate::rig).
 
+mod error;
 mod fuse;
 mod program;
+mod restart;
 mod session;
 mod still;
+mod tendons;
 
+pub use error::CaptureError;
 pub use fuse::Fuser;
 pub use program::Program;
-pub use session::{CaptureError, Captured, Sentinel, Session, SessionSettings};
+pub use session::{Captured, Sentinel, Session, SessionSettings};
 pub use still::{StillDepth, Stillness};

@@ -5,13 +5,14 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use tdcr_sim::cloud::{PointCloud, VoxelGrid};
-use thiserror::Error;
 
-use super::fuse::Fuser;
+use super::error::CaptureError;
+use super::fuse::{Fuser, masked};
 use super::program::Program;
 use super::still::{StillDepth, Stillness, change};
-use crate::mask::MaskError;
-use crate::plan::{PlanError, Shape};
+use crate::log::{Level, LogRecord};
+use crate::mask::MaskFolder;
+use crate::plan::Shape;
 use crate::rig::{Pictures, Rig, RigError, WinchState};
 use crate::servo::Ticks;
 
@@ -21,64 +22,16 @@ const COOLING: Duration = Duration::from_secs(1);
 /// Longest time that one waits for servos to cool.
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
-/// Why a capture ended.
-#[derive(Debug, Error)]
-#[non_exhaustive]
-pub enum CaptureError {
-    /// The rig did not do what it should.
-    #[error(transparent)]
-    Rig(#[from] RigError),
-    /// The robot cannot be told from what else is in a picture.
-    #[error(transparent)]
-    Mask(#[from] MaskError),
-    /// There is no command, or no way to it.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    /// No camera saw the robot.
-    #[error("no camera sees the robot under command {index}: are the masks right?")]
-    NotSeen {
-        /// Which command.
-        index: u64,
-    },
-    /// No camera saw the robot at home.
-    #[error("no camera sees the robot at home: are the masks right?")]
-    NotSeenAtHome,
-    /// The robot at home is not where it was.
-    #[error(
-        "the robot at home is seen {:.1} mm from where it was at first; safety.drift is {:.1} mm: has a tendon snapped or slipped, \
-         or a camera moved? Samples since the last look are not to be trusted",
-        1e3 * drift, 1e3 * limit
-    )]
-    Drift {
-        /// Distance of what is seen from where it was (m).
-        drift: f64,
-        /// What it may be (m).
-        limit: f64,
-    },
-    /// Servos stay hot.
-    #[error(
-        "servo {id} is still at {temperature} degrees Celsius after {} s of rest; safety.resume_below is {limit}",
-        waited.as_secs()
-    )]
-    Hot {
-        /// Address of the servo.
-        id: u8,
-        /// Its temperature (degrees Celsius).
-        temperature: f64,
-        /// What it should come to (degrees Celsius).
-        limit: f64,
-        /// How long one waited.
-        waited: Duration,
-    },
-}
-
 /// What a session captures.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SessionSettings {
     /// Seed of the commands.
     pub seed: u64,
     /// Edge of the voxel grid that thins the fused clouds (m).
     pub voxel_size: f64,
+    /// Masks of the samples that another program has written, for their clouds: those of the rig's file then only say whether
+    /// the robot is still, and where it is at home.
+    pub masks: Option<MaskFolder>,
 }
 
 /// A sample.
@@ -115,14 +68,26 @@ pub struct Sentinel {
     pub current_drift: f64,
 }
 
+/// What was seen at last of a robot that one waited for.
+struct Seen {
+    /// As the cameras gave it.
+    pictures: Pictures,
+    /// With the depth of the robot alone, by the rig's masks.
+    robot: Pictures,
+    stillness: Stillness,
+}
+
 /// A capture in progress: a rig that is engaged until the session ends.
 pub struct Session<'a> {
-    rig: &'a mut Rig,
-    program: Program,
+    pub(super) rig: &'a mut Rig,
+    pub(super) program: Program,
     fuser: Fuser,
+    masks: Option<MaskFolder>,
     /// Where the robot is.
-    at: Shape,
+    pub(super) at: Shape,
     reference: Option<Sentinel>,
+    /// Servos that restarted since that was last asked.
+    pub(super) restarted: Vec<u8>,
     go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
 }
 
@@ -140,17 +105,20 @@ impl<'a> Session<'a> {
         go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<Self, CaptureError> {
         let program = Program::new(rig.file(), settings.seed)?;
+        let fuser = Fuser {
+            grid: VoxelGrid::new(settings.voxel_size),
+            masker: rig.masker()?,
+        };
         rig.warm_up()?;
         rig.engage()?;
         rig.go_home()?;
         Ok(Self {
-            fuser: Fuser {
-                grid: VoxelGrid::new(settings.voxel_size),
-                masker: rig.spec().masks.masker(),
-            },
+            fuser,
+            masks: settings.masks.clone(),
             at: program.rest().clone(),
             program,
             reference,
+            restarted: Vec::new(),
             rig,
             go_on,
         })
@@ -177,9 +145,11 @@ impl<'a> Session<'a> {
     /// [`CaptureError`]; after one of the rig the tension is released.
     pub fn sample(&mut self, index: u64) -> Result<Captured, CaptureError> {
         let drawn = self.program.draw(index)?;
-        self.rig.poll()?;
-        self.visit(drawn.shape)?;
-        self.observe(index)
+        self.persist(|session| {
+            session.rig.poll()?;
+            session.visit(drawn.shape.clone())?;
+            session.observe(index)
+        })
     }
 
     /// Brings the robot into a shape.
@@ -198,13 +168,24 @@ impl<'a> Session<'a> {
     /// # Errors
     /// As [`sample`](Self::sample).
     pub fn observe(&mut self, index: u64) -> Result<Captured, CaptureError> {
-        let (pictures, stillness) = self.wait_until_still(index as usize)?;
+        let Seen {
+            pictures,
+            robot,
+            stillness,
+        } = self.wait_until_still(index as usize)?;
         let states = self.rig.poll()?.to_vec();
-        let cloud = self.fuser.fuse(&pictures);
+        let robot = match &self.masks {
+            Some(folder) => masked(folder, &pictures, index as usize)?,
+            None => robot,
+        };
+        self.rig.poll()?;
+        let cloud = self.fuser.fuse(&robot);
         self.rig.poll()?;
         if cloud.is_empty() {
             return Err(CaptureError::NotSeen { index });
         }
+        self.rig.log_event(Level::Info, format!("sample {index}"));
+        self.rig.log(|| LogRecord::Cloud(cloud.clone()));
         let goals = self.rig.held_goals().unwrap_or_default().to_vec();
         let winches = self.rig.winches().iter().zip(&goals);
         Ok(Captured {
@@ -226,19 +207,28 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// Goes home and looks at the robot there.
+    /// Goes home, makes sure that all tendons pull, and looks at the robot there.
     ///
     /// # Errors
-    /// [`CaptureError::Drift`]; as [`sample`](Self::sample).
+    /// [`CaptureError::Slack`], [`CaptureError::Drift`]; as [`sample`](Self::sample).
     pub fn sentinel(&mut self) -> Result<Sentinel, CaptureError> {
+        self.persist(|session| {
+            session.check_tendons()?;
+            session.look_home()
+        })
+    }
+
+    pub(super) fn look_home(&mut self) -> Result<Sentinel, CaptureError> {
         self.visit(self.program.rest().clone())?;
-        let (pictures, _) = self.wait_until_still(0)?;
+        let robot = self.wait_until_still(0)?.robot;
         let pulls: Vec<f64> = self.rig.poll()?.iter().map(|state| state.pull).collect();
-        let cloud = self.fuser.fuse(&pictures);
+        let cloud = self.fuser.fuse(&robot);
         self.rig.poll()?;
         if cloud.is_empty() {
             return Err(CaptureError::NotSeenAtHome);
         }
+        self.rig.log_event(Level::Info, "a look at home");
+        self.rig.log(|| LogRecord::Cloud(cloud.clone()));
         let count = cloud.len() as f64;
         let mean =
             |axis: usize| cloud.points.iter().map(|p| f64::from(p[axis])).sum::<f64>() / count;
@@ -270,6 +260,10 @@ impl<'a> Session<'a> {
     /// # Errors
     /// As [`sample`](Self::sample); [`CaptureError::Hot`] where they do not cool within an hour.
     pub fn cool(&mut self) -> Result<Option<Duration>, CaptureError> {
+        self.persist(Self::rest_hot_servos)
+    }
+
+    fn rest_hot_servos(&mut self) -> Result<Option<Duration>, CaptureError> {
         let safety = self.rig.spec().safety.clone();
         let (_, hottest) = self.rig.hottest()?;
         if hottest <= safety.pause_above {
@@ -319,7 +313,7 @@ impl<'a> Session<'a> {
     }
 
     /// Waits until servos and depth are still, as long as patience lasts; the last pictures.
-    fn wait_until_still(&mut self, sample: usize) -> Result<(Pictures, Stillness), CaptureError> {
+    fn wait_until_still(&mut self, sample: usize) -> Result<Seen, CaptureError> {
         let motion = self.rig.spec().motion.clone();
         let began = self.rig.clock().now();
         let deadline = began + Duration::from_secs_f64(motion.patience);
@@ -333,9 +327,10 @@ impl<'a> Session<'a> {
             if speed > motion.still_speed && !late {
                 continue;
             }
-            let pictures = self.fuser.keep_robot(self.rig.grab()?, sample)?;
+            let pictures = self.rig.grab()?;
+            let robot = self.fuser.keep_robot(&pictures, sample)?;
             let changes = before.as_ref().map(|before| {
-                let frames = before.frames.iter().zip(&pictures.frames);
+                let frames = before.frames.iter().zip(&robot.frames);
                 let changes = frames.filter_map(|(a, b)| change(&a.value, &b.value));
                 changes.fold(None, |most: Option<f64>, c| {
                     Some(most.map_or(c, |m| m.max(c)))
@@ -353,9 +348,13 @@ impl<'a> Session<'a> {
                         false => StillDepth::Moving,
                     },
                 };
-                return Ok((pictures, stillness));
+                return Ok(Seen {
+                    pictures,
+                    robot,
+                    stillness,
+                });
             }
-            before = Some(pictures);
+            before = Some(robot);
         }
     }
 }

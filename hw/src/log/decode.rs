@@ -12,7 +12,7 @@ use tdcr_sim::cloud::PointCloud;
 
 use super::error::DecodeError;
 use super::image::{RGB, depths, image, read_png};
-use super::json::{Command, Json, RegistersJson, StatusesJson, Text};
+use super::json::{Command, HomesJson, Json, RegistersJson, StatusesJson, Text};
 use super::read::Channel;
 use super::record::{Event, Goal, Image, Level, LogRecord, Reading, Transform};
 use super::topic::Topic;
@@ -35,6 +35,11 @@ impl LogRecord {
                 let StatusesJson { servos } = bytes.json()?;
                 let status = servos.into_iter().map(|servo| servo.status());
                 Self::Status(status.collect::<Option<_>>().ok_or_else(bad_id)?)
+            }
+            Topic::Homes => {
+                let HomesJson { servos } = bytes.json()?;
+                let homes = servos.into_iter().map(|servo| servo.home());
+                Self::Homes(homes.collect::<Option<_>>().ok_or_else(bad_id)?)
             }
             Topic::Registers => {
                 let json: RegistersJson = bytes.json()?;

@@ -11,7 +11,9 @@ use tdcr_sim::camera::Intrinsics;
 use tdcr_sim::cloud::PointCloud;
 
 use super::image::{RGB, depth_bytes, write_png};
-use super::json::{Command, Json, RegistersJson, StatusJson, StatusesJson, Text};
+use super::json::{
+    Command, HomeJson, HomesJson, Json, RegistersJson, StatusJson, StatusesJson, Text,
+};
 use super::record::{
     Event, Goal, Image, Level, LogRecord, Reading, Transform, WORLD, camera_frame,
 };
@@ -47,6 +49,10 @@ pub(super) fn encode(
         LogRecord::Status(servos) => {
             let servos = servos.iter().map(StatusJson::new).collect();
             json(Topic::Status, &StatusesJson { servos })?
+        }
+        LogRecord::Homes(servos) => {
+            let servos = servos.iter().map(HomeJson::new).collect();
+            json(Topic::Homes, &HomesJson { servos })?
         }
         LogRecord::Registers(registers) => json(Topic::Registers, &RegistersJson::new(registers))?,
         LogRecord::Command(values) => {

@@ -5,8 +5,10 @@ use std::time::Duration;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::record::{Registers, ServoStatus};
-use crate::servo::{HardwareErrors, Identity, OperatingMode, ServoId, Torque, WatchdogState};
+use super::record::{ServoHome, ServoStatus};
+use crate::servo::{
+    HardwareErrors, Identity, OperatingMode, Registers, ServoId, Ticks, Torque, WatchdogState,
+};
 
 /// A message of ours.
 pub(super) trait Json: Serialize + DeserializeOwned {
@@ -47,6 +49,61 @@ impl Json for Command {
   },
   "required": ["values"]
 }"#;
+}
+
+/// Where the homes of servos are.
+#[derive(Serialize, Deserialize)]
+pub(super) struct HomesJson {
+    pub servos: Vec<HomeJson>,
+}
+
+impl Json for HomesJson {
+    const NAME: &str = "tdcr.Homes";
+    const SCHEMA: &str = r#"{
+  "type": "object",
+  "properties": {
+    "servos": {
+      "type": "array",
+      "items": {
+        "type": "object",
+        "properties": {
+          "id": {"type": "integer", "description": "address of the servo"},
+          "home": {"type": "integer", "description": "home in the servo's own count (ticks)"},
+          "last": {"type": "integer", "description": "where it was last known to stand, in its own count (ticks)"}
+        },
+        "required": ["id", "home", "last"]
+      }
+    }
+  },
+  "required": ["servos"]
+}"#;
+}
+
+/// Where the home of a servo is.
+#[derive(Serialize, Deserialize)]
+pub(super) struct HomeJson {
+    id: u8,
+    home: i32,
+    last: i32,
+}
+
+impl HomeJson {
+    pub(super) fn new(home: &ServoHome) -> Self {
+        Self {
+            id: home.id.get(),
+            home: home.home.0,
+            last: home.last.0,
+        }
+    }
+
+    /// `None` for an address that no servo has.
+    pub(super) fn home(self) -> Option<ServoHome> {
+        Some(ServoHome {
+            id: ServoId::new(self.id)?,
+            home: Ticks(self.home),
+            last: Ticks(self.last),
+        })
+    }
 }
 
 /// Bytes of a control table.

@@ -10,6 +10,7 @@
 //! | `/servos/present` | `foxglove.JointStates` | positions (rad), velocities (rad/s), as `effort` the currents (A) |
 //! | `/servos/goals` | `foxglove.JointStates` | positions, as `effort` currents (A) |
 //! | `/servos/status` | `tdcr.ServoStatus` (JSON) | models, modes, temperatures, voltages, faults |
+//! | `/servos/homes` | `tdcr.Homes` (JSON) | where home is, in servos' own counts |
 //! | `/servos/registers` | `tdcr.Registers` (JSON) | bytes of control tables |
 //! | `/command` | `tdcr.Command` (JSON) | a value per tendon (m or N) |
 //! | `/events` | `foxglove.Log` | what happened, in words |
@@ -69,7 +70,7 @@ pub use contents::{Contents, TopicContents};
 pub use error::{DecodeError, LogError};
 pub use read::{Channel, Entry, LogReader, Message, Schema};
 pub use record::{
-    Event, Goal, Image, Level, LogRecord, Reading, Registers, ServoStatus, Transform, WORLD,
+    Event, Goal, Image, Level, LogRecord, Reading, ServoHome, ServoStatus, Transform, WORLD,
     camera_frame,
 };
 pub use recovery::{Damage, Problem, Recovery};

@@ -6,7 +6,8 @@ use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::pose::Pose;
 
 use crate::servo::{
-    HardwareErrors, Identity, OperatingMode, Present, ServoId, Ticks, Torque, WatchdogState,
+    HardwareErrors, Identity, OperatingMode, Present, Registers, ServoId, Ticks, Torque,
+    WatchdogState,
 };
 
 /// Name of the world's frame.
@@ -21,6 +22,8 @@ pub enum LogRecord {
     Goals(Vec<(ServoId, Goal)>),
     /// What is known of servos besides.
     Status(Vec<ServoStatus>),
+    /// Where the homes of servos are.
+    Homes(Vec<ServoHome>),
     /// Bytes of a servo's control table.
     Registers(Registers),
     /// What was asked of the robot's tendons: one value each, in the unit of the robot's commands (m, or N for a tension).
@@ -141,15 +144,15 @@ impl ServoStatus {
     }
 }
 
-/// Neighbouring bytes of a servo's control table.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Registers {
-    /// Whose.
+/// Where home is, which a servo does not know.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ServoHome {
+    /// Of which one.
     pub id: ServoId,
-    /// Address of the first byte.
-    pub address: u16,
-    /// The bytes.
-    pub bytes: Vec<u8>,
+    /// Home in its own count.
+    pub home: Ticks,
+    /// Where it was last known to stand, in its own count.
+    pub last: Ticks,
 }
 
 /// How much an event matters.

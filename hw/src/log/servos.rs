@@ -155,6 +155,13 @@ impl ServoSink {
                 let found = found.iter().map(|&(id, identity)| (id, Ok(identity)));
                 self.status(time, found, |s, identity| s.identity = Some(identity));
             }
+            Record::Registers(id, result) => {
+                self.answered(time, id, result.as_ref().err());
+                for registers in result.iter().flatten() {
+                    self.log
+                        .write(time, &LogRecord::Registers(registers.clone()));
+                }
+            }
             Record::Reboot(id, result) => self.reboot(time, id, result),
             Record::Present(ids, results) => {
                 let mut readings = Vec::new();

@@ -11,6 +11,8 @@ pub enum Topic {
     Goals,
     /// Models, modes, temperatures, voltages and faults of servos.
     Status,
+    /// Where the homes of servos are.
+    Homes,
     /// Bytes of servos' control tables.
     Registers,
     /// What was asked of the robot's tendons.
@@ -35,10 +37,11 @@ const CAMERAS: &str = "/cameras/";
 
 impl Topic {
     /// The topics of which a log has one each.
-    pub const SINGLE: [Self; 9] = [
+    pub const SINGLE: [Self; 10] = [
         Self::Present,
         Self::Goals,
         Self::Status,
+        Self::Homes,
         Self::Registers,
         Self::Command,
         Self::Events,
@@ -53,6 +56,7 @@ impl Topic {
             Self::Present => "/servos/present".to_owned(),
             Self::Goals => "/servos/goals".to_owned(),
             Self::Status => "/servos/status".to_owned(),
+            Self::Homes => "/servos/homes".to_owned(),
             Self::Registers => "/servos/registers".to_owned(),
             Self::Command => "/command".to_owned(),
             Self::Events => "/events".to_owned(),

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -107,6 +107,34 @@ impl LogWriter {
             channels: HashMap::new(),
             flushed: clock.now(),
         })
+    }
+
+    /// Begins a log in `folder` under the first of the names `STEM.mcap`, `STEM-2.mcap`, `STEM-3.mcap` and so on that is free; returns
+    /// its path too.
+    ///
+    /// # Errors
+    /// [`LogError::File`].
+    pub fn create_numbered(
+        folder: &Path,
+        stem: &str,
+        clock: &dyn Clock,
+        settings: LogSettings,
+    ) -> Result<(Self, PathBuf), LogError> {
+        let mut number = 1_u32;
+        loop {
+            let path = folder.join(match number {
+                1 => format!("{stem}.mcap"),
+                number => format!("{stem}-{number}.mcap"),
+            });
+            match Self::create(&path, clock, settings) {
+                Err(LogError::File { source, .. })
+                    if source.kind() == io::ErrorKind::AlreadyExists =>
+                {
+                    number += 1;
+                }
+                log => return Ok((log?, path)),
+            }
+        }
     }
 
     /// Logs `record` of a `time` of the clock.

@@ -15,7 +15,7 @@ const LARGEST: u64 = 64 << 20;
 
 /// A folder with an image for each camera and sample, `camera0/000000.png` for the first of each: PNG of 8 bits, grey or of
 /// indexed colours, 0 where the robot is not. `examples/python/masks_sam2.py` writes such folders.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MaskFolder {
     folder: PathBuf,
 }
@@ -34,6 +34,29 @@ impl MaskFolder {
         self.folder
             .join(format!("camera{view}"))
             .join(format!("{sample:06}.png"))
+    }
+
+    /// Makes sure that there is a file for each of these samples and so many views, without reading them.
+    ///
+    /// # Errors
+    /// [`MaskError::Read`] for the first that is missing.
+    pub fn must_have(
+        &self,
+        views: usize,
+        samples: impl IntoIterator<Item = usize>,
+    ) -> Result<(), MaskError> {
+        let shots = samples.into_iter();
+        let mut shots = shots.flat_map(|sample| (0..views).map(move |view| Shot { view, sample }));
+        shots.try_for_each(|shot| {
+            let path = self.path(shot);
+            let found = fs::metadata(&path);
+            found.map(drop).map_err(|source| MaskError::Read {
+                view: shot.view,
+                sample: shot.sample,
+                path,
+                source,
+            })
+        })
     }
 
     /// Writes a mask to its file.

@@ -1,6 +1,6 @@
 //! Foreground masks: which pixels of a picture show the robot.
 //!
-//! A [`Masker`] says so for each [`Shot`]; maskers combine by `and`, `or`, [`Not`] and [`Masker::keeping`]. What is masked
+//! A [`Masker`] says so for each [`Shot`]; maskers combine by `and`, `or`, [`Any`], [`Not`] and [`Masker::keeping`]. What is masked
 //! becomes a cloud like any other frame: [`Mask::applied`] takes the depth of all else.
 //!
 //! - [`Background`]: nearer than the empty scene was. Needs fixed cameras, and nothing else that moves.
@@ -38,7 +38,7 @@ mod workspace;
 
 pub use background::{Background, BackgroundLearner, BackgroundSetting};
 pub use color::ColorKey;
-pub use combine::{And, Not, Or};
+pub use combine::{And, Any, Not, Or};
 pub use components::{Components, Keep};
 pub use folder::MaskFolder;
 pub use pixels::{Mask, Overlap};
@@ -46,6 +46,7 @@ pub use workspace::WorkspaceBox;
 
 use std::io;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use tdcr_sim::render::RgbdFrame;
 use thiserror::Error;
@@ -157,6 +158,12 @@ pub trait Masker: Send + Sync {
 }
 
 impl<M: Masker + ?Sized> Masker for Box<M> {
+    fn mask(&self, frame: &RgbdFrame, shot: Shot) -> Result<Mask, MaskError> {
+        (**self).mask(frame, shot)
+    }
+}
+
+impl<M: Masker + ?Sized> Masker for Arc<M> {
     fn mask(&self, frame: &RgbdFrame, shot: Shot) -> Result<Mask, MaskError> {
         (**self).mask(frame, shot)
     }

@@ -8,11 +8,11 @@ use std::time::Duration;
 use super::order::Order;
 use super::stream::{RecordedError, Stream};
 use crate::clock::Clock;
-use crate::log::{Goal, LogRecord, Reading, ServoStatus, Topic};
+use crate::log::{Goal, LogRecord, Reading, ServoHome, ServoStatus, Topic};
 use crate::servo::{
     CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
-    Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
-    Watchdog, WatchdogState,
+    Ping, PositionGoals, Present, PresentState, Registers, ServoError, ServoId, Ticks, Torque,
+    TorqueSwitch, Watchdog, WatchdogState,
 };
 
 /// What a recording does with orders: it moves as it moved, whatever it is told.
@@ -232,6 +232,19 @@ impl RecordedBus {
     }
 }
 
+/// Where the homes of servos were when the log at `path` began; none where it does not say.
+///
+/// # Errors
+/// [`RecordedError`] where the log cannot be read.
+pub fn homes(path: &Path) -> Result<Vec<ServoHome>, RecordedError> {
+    let mut stream = Stream::open(path)?;
+    let of_start = |topic: &Topic| matches!(topic, Topic::Homes | Topic::Present | Topic::Goals);
+    match stream.next(of_start)? {
+        Some((_, LogRecord::Homes(homes))) => Ok(homes),
+        _ => Ok(Vec::new()),
+    }
+}
+
 /// One order to all of `ids`.
 fn all(ids: &[ServoId], order: Order) -> Vec<(ServoId, Order)> {
     ids.iter().map(|&id| (id, order)).collect()
@@ -365,6 +378,11 @@ impl Health for RecordedBus {
 
     fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors> {
         self.look_up(ids, "fault report", |known| known.status.hardware_errors)
+    }
+
+    /// A program that asks is answered nothing: what was logged of them changes nothing that a rig does.
+    fn registers(&mut self, _: ServoId) -> Result<Vec<Registers>, ServoError> {
+        Ok(Vec::new())
     }
 
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {

@@ -10,7 +10,7 @@ mod camera;
 mod order;
 mod stream;
 
-pub use bus::{Orders, RecordedBus};
+pub use bus::{Orders, RecordedBus, homes};
 pub use camera::RecordedCamera;
 pub use order::Order;
 pub use stream::RecordedError;

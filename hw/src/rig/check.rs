@@ -97,15 +97,7 @@ impl RigFile {
                 return Err(RigError::field(field, "\"simulated\"", expected));
             }
         }
-        if let Some(bounds) = self.spec.masks.workspace {
-            for axis in 0..3 {
-                let [low, high] = [bounds.low[axis], bounds.high[axis]];
-                if !(low.is_finite() && high.is_finite() && low < high) {
-                    let found = format!("{low} to {high} along axis {axis}");
-                    return Err(RigError::field("masks.box", found, "low below high (m)"));
-                }
-            }
-        }
+        self.spec.masks.check("masks", self.spec.cameras.len())?;
         let modules = self.robot.modules.len();
         if let Some((field, found, expected)) = self.spec.commands.fault(modules) {
             return Err(RigError::field(

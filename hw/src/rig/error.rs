@@ -10,6 +10,7 @@ use thiserror::Error;
 
 use super::stop::EmergencyStop;
 use crate::camera::CameraError;
+use crate::log::LogError;
 use crate::servo::{ServoError, ServoId, Ticks};
 
 /// Why a rig did not do what was asked of it.
@@ -108,6 +109,12 @@ pub enum RigError {
         /// What it should pull with (A).
         current: f64,
     },
+    /// Tendons were not tensioned in time.
+    #[error("not all tendons were tensioned in time: {}", .0.join("; "))]
+    Untensioned(
+        /// A line for each servo that is off.
+        Vec<String>,
+    ),
     /// Goals were given before the motors were switched on.
     #[error("the motors are off: engage the rig first")]
     Released,
@@ -117,9 +124,19 @@ pub enum RigError {
     /// The caller asked to stop, and the tension was released.
     #[error("interrupted; the tension was released")]
     Interrupted,
-    /// The file names something that this build or system does not have.
-    #[error("{0}")]
-    Unavailable(String),
+    /// The file names something that cannot be had.
+    #[error("{}{field}: {reason}", place.as_deref().unwrap_or_default())]
+    Unavailable {
+        /// File and line.
+        place: Option<String>,
+        /// The field that names it.
+        field: String,
+        /// Why it cannot.
+        reason: String,
+    },
+    /// A log could not be written.
+    #[error(transparent)]
+    Log(#[from] LogError),
 }
 
 impl RigError {
@@ -134,6 +151,15 @@ impl RigError {
             field: field.into(),
             found: found.to_string(),
             expected: expected.into(),
+        }
+    }
+
+    /// Something that a field names and that cannot be had.
+    pub(super) fn unavailable(field: impl Into<String>, reason: impl Display) -> Self {
+        Self::Unavailable {
+            place: None,
+            field: field.into(),
+            reason: reason.to_string(),
         }
     }
 
@@ -154,6 +180,11 @@ impl RigError {
                 field,
                 found,
                 expected,
+            },
+            Self::Unavailable { field, reason, .. } => Self::Unavailable {
+                place: at(&field),
+                field,
+                reason,
             },
             Self::Spec { source, .. } => Self::Spec {
                 place: match &source {

@@ -1,16 +1,17 @@
 //! What a rig consists of, as its file says it.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use tdcr_sim::files::read_text;
-use tdcr_sim::render::{BaseVisibility, RgbdFrame, Sensor};
+use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
 
+use super::masks::MasksSpec;
 use super::place::line_of;
 use super::settings::{MotionSettings, SafetySettings, SimulationSettings};
 use super::{RigError, Winch};
-use crate::mask::{ColorKey, Keep, Mask, MaskError, Masker, Shot, WorkspaceBox};
 use crate::plan::CommandSettings;
 use crate::servo::OperatingMode;
 
@@ -112,6 +113,15 @@ impl From<Direction> for i64 {
     }
 }
 
+impl From<Direction> for i32 {
+    fn from(direction: Direction) -> Self {
+        match direction {
+            Direction::Up => 1,
+            Direction::Down => -1,
+        }
+    }
+}
+
 /// The operating modes that drive tendons, both over several turns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -196,56 +206,6 @@ impl SensorModel {
     }
 }
 
-/// How the robot is told from what else the cameras see: where several are given, a pixel has to pass all.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct MasksSpec {
-    /// The robot is within this box.
-    #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
-    pub workspace: Option<WorkspaceBox>,
-    /// The robot has these colours.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub color: Option<ColorKey>,
-    /// Of what is left, the robot is what hangs together.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub largest: Option<LargestSpec>,
-}
-
-/// What hangs together.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LargestSpec {
-    /// Pixels hang together over gaps of so many others.
-    pub gap: u32,
-}
-
-/// All pixels with a depth: the start of other masks.
-#[derive(Clone, Copy, Debug)]
-struct Seen;
-
-impl Masker for Seen {
-    fn mask(&self, frame: &RgbdFrame, _: Shot) -> Result<Mask, MaskError> {
-        Ok(Mask::of_frame(frame, |index| frame.depth[index] > 0.0))
-    }
-}
-
-impl MasksSpec {
-    /// The masker of the file.
-    pub fn masker(&self) -> Box<dyn Masker> {
-        let mut masker: Box<dyn Masker> = Box::new(Seen);
-        if let Some(workspace) = self.workspace {
-            masker = Box::new(masker.and(workspace));
-        }
-        if let Some(color) = self.color {
-            masker = Box::new(masker.and(color));
-        }
-        if let Some(LargestSpec { gap }) = self.largest {
-            masker = Box::new(masker.keeping(Keep::Largest, gap));
-        }
-        masker
-    }
-}
-
 /// A rig file that was read: what it says, and the robot that it names.
 #[derive(Clone, Debug)]
 pub struct RigFile {
@@ -255,6 +215,8 @@ pub struct RigFile {
     pub spec: RigSpec,
     /// The robot, watched by the rig's cameras where it has any.
     pub robot: RobotSpec,
+    /// Its text, for the lines of what is wrong.
+    text: Arc<str>,
 }
 
 impl RigFile {
@@ -284,6 +246,7 @@ impl RigFile {
             path: path.to_owned(),
             robot: RobotSpec::load(&robot_name(&spec.robot, path))?,
             spec,
+            text: text.into(),
         };
         if !file.spec.cameras.is_empty() {
             let cameras = file.spec.cameras.iter();
@@ -291,8 +254,13 @@ impl RigFile {
         }
         file.check()
             .and_then(|()| Ok(file.robot.validate()?))
-            .map_err(|error| error.in_file(path, |field| line_of(text, field)))?;
+            .map_err(|error| file.located(error))?;
         Ok(file)
+    }
+
+    /// An error of a value in this file, with the file and the line.
+    pub(super) fn located(&self, error: RigError) -> RigError {
+        error.in_file(&self.path, |field| line_of(&self.text, field))
     }
 
     /// The robot, compiled.
@@ -308,7 +276,7 @@ impl RigFile {
     /// # Errors
     /// [`RigError::Field`] where the robot cannot stand at home with the tensions that the file gives.
     pub fn winches(&self, robot: &Robot) -> Result<Vec<Winch>, RigError> {
-        Winch::all(&self.spec.servos, robot)
+        Winch::all(&self.spec.servos, robot).map_err(|error| self.located(error))
     }
 
     /// A path that the file names.

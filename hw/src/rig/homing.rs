@@ -1,8 +1,20 @@
 //! Finding home: by hand, or from where servos were left.
 
+use std::time::Duration;
+
 use super::turns::{Homing, Turns};
 use super::{Rig, RigError};
+use crate::log::LogRecord;
 use crate::servo::{ServoId, Ticks};
+
+/// Time between looks at servos whose motors are off.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// How long tendons may turn servos whose motors were switched off.
+const LETTING_GO: Duration = Duration::from_secs(1);
+
+/// How long a servo may take until it answers after it got its power back.
+const RESTART: Duration = Duration::from_secs(5);
 
 /// What homing found for a servo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +85,30 @@ impl Rig {
         self.set_homes(&homes, &positions)
     }
 
+    /// The same after a servo was without power for a moment: waits until tendons have let go of the servos, whose motors are
+    /// off, and until all answer.
+    ///
+    /// # Errors
+    /// As [`home_recalled`](Self::home_recalled).
+    pub fn home_recalled_after_restart(&mut self) -> Result<Vec<HomingReport>, RigError> {
+        let began = self.clock.now();
+        loop {
+            self.clock.wait(LOOK);
+            // What a tendon still turns is followed, so that it does not count as lost.
+            self.note_positions();
+            let waited = self.clock.now().saturating_sub(began);
+            if waited < LETTING_GO {
+                continue;
+            }
+            match self.home_recalled() {
+                Err(RigError::Servo(error)) if waited < RESTART => {
+                    tracing::debug!("{error}");
+                }
+                recalled => return recalled,
+            }
+        }
+    }
+
     /// Sets homes in the servos' own counts, and where they stand.
     pub(super) fn set_homes(
         &mut self,
@@ -88,6 +124,7 @@ impl Rig {
             })
             .collect();
         self.turns.write(&turns)?;
+        self.log(|| LogRecord::Homes(self.known_homes()));
         let before = std::mem::replace(
             &mut self.homing,
             homes.iter().map(|&home| Homing::Homed(home)).collect(),

@@ -9,10 +9,15 @@
 //! Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
 //! whenever a rig is engaged.
 
+mod background;
+mod by_hand;
 mod check;
 mod error;
 mod file;
+mod gauge;
 mod homing;
+mod logging;
+mod masks;
 mod motion;
 mod open;
 mod place;
@@ -28,15 +33,19 @@ mod turns;
 mod watch;
 mod winch;
 
+pub use by_hand::{ByHand, Gauged, Turn};
 pub use error::RigError;
 pub use file::{
-    CameraLink, Direction, LargestSpec, MasksSpec, RigCameraSpec, RigFile, RigSpec, SensorModel,
-    ServoLink, ServosSpec, TendonMode,
+    CameraLink, Direction, RigCameraSpec, RigFile, RigSpec, SensorModel, ServoLink, ServosSpec,
+    TendonMode,
 };
 pub use homing::HomingReport;
+pub use masks::{BackgroundSpec, ComponentsSpec, LargestSpec, MasksSpec};
 pub use open::Pace;
 pub use pretension::{PretensionSettings, Pretensioned};
-pub use settings::{MotionSettings, Release, SafetySettings, SimulationSettings, Surroundings};
+pub use settings::{
+    LostTurns, MotionSettings, Release, SafetySettings, SimulationSettings, Surroundings,
+};
 pub use spool::Spool;
 pub use stop::{Cause, EmergencyStop, Released};
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
@@ -50,8 +59,10 @@ use tdcr_sim::robot::Robot;
 
 use crate::camera::{RgbdCamera, Soak, Stamped, grab_all};
 use crate::clock::Clock;
-use crate::servo::{PerServo, ServoBus, ServoId};
+use crate::mask::Masker;
+use crate::servo::{Logged, PerServo, ServoBus, ServoId};
 use crate::simulated::Simulator;
+use logging::{LogSlot, LoggedCamera};
 use motion::Drive;
 
 /// Servos, cameras and clock of a rig, however they came about.
@@ -78,6 +89,10 @@ pub struct Rig {
     turns: TurnsFile,
     homing: Vec<Homing>,
     drive: Drive,
+    /// What tells the robot from all else, once it was asked for.
+    masker: Option<Arc<dyn Masker>>,
+    /// Where it is logged what servos and cameras are told and say.
+    slot: LogSlot,
     /// What servos and cameras in memory are parts of.
     simulator: Option<Simulator>,
 }
@@ -106,6 +121,13 @@ impl Rig {
             clock,
             turns,
         } = parts;
+        let slot = LogSlot::default();
+        let bus = Box::new(Logged::new(bus, clock.clone(), slot.of_servos()));
+        let cameras = cameras.into_iter().map(|camera| {
+            let slot = slot.clone();
+            Box::new(LoggedCamera { camera, slot }) as Box<dyn RgbdCamera>
+        });
+        let cameras = cameras.collect();
         Ok(Self {
             ids: winches.iter().map(|winch| winch.id).collect(),
             homing: vec![Homing::Never; winches.len()],
@@ -117,6 +139,8 @@ impl Rig {
             clock,
             turns,
             drive: Drive::Released,
+            masker: None,
+            slot,
             simulator: None,
         })
     }
@@ -160,6 +184,19 @@ impl Rig {
     /// The cameras.
     pub fn cameras(&self) -> &[Box<dyn RgbdCamera>] {
         &self.cameras
+    }
+
+    /// What tells the robot from all else in the cameras' pictures: the masks of the rig's file, read once.
+    ///
+    /// # Errors
+    /// As [`RigFile::masker`].
+    pub fn masker(&mut self) -> Result<Arc<dyn Masker>, RigError> {
+        if let Some(masker) = &self.masker {
+            return Ok(masker.clone());
+        }
+        let masker: Arc<dyn Masker> = self.file.masker()?.into();
+        self.masker = Some(masker.clone());
+        Ok(masker)
     }
 
     /// Where the servos are, one result each.

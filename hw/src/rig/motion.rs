@@ -10,6 +10,7 @@ use super::turns::Turns;
 use super::watch::{Vitals, Watch};
 use super::winch::WinchState;
 use super::{Rig, RigError};
+use crate::log::{Level, LogRecord};
 use crate::servo::{OperatingMode, PerServo, ServoBus, ServoError, ServoId, Ticks, Torque};
 
 /// How often one asks how the servos fare.
@@ -59,6 +60,7 @@ impl Rig {
         }
         self.meet()?;
         let homes = self.homes()?;
+        self.log_registers();
         match self.switch_on(&homes) {
             Ok(states) => {
                 let now = self.clock.now();
@@ -70,6 +72,7 @@ impl Rig {
                     check_up: now,
                     states,
                 }));
+                self.log_event(Level::Info, "the motors are on");
                 self.poll().map(drop)
             }
             Err(error) => {
@@ -143,6 +146,7 @@ impl Rig {
     /// [`RigError::Stopped`] after the tension was released.
     pub fn step(&mut self, command: &Command) -> Result<&[WinchState], RigError> {
         let goals = self.goals(command)?;
+        self.log(|| LogRecord::Command(command.as_slice().to_vec()));
         self.step_to(&goals)
     }
 
@@ -210,7 +214,9 @@ impl Rig {
     /// Releases the tension because of `cause`.
     pub(super) fn stop(&mut self, cause: Cause) -> RigError {
         let release = self.release_at_once();
-        EmergencyStop { cause, release }.into()
+        let stop = EmergencyStop { cause, release };
+        self.log_event(Level::Error, stop.to_string());
+        stop.into()
     }
 
     /// Reads all servos and judges what they say.

@@ -1,5 +1,6 @@
 //! Opening what a rig's file names.
 
+use std::fmt::Display;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -14,10 +15,10 @@ use crate::camera::RgbdCamera;
 use crate::clock::{Clock, SystemClock, VirtualClock};
 use crate::dynamixel::{Bus, BusSettings};
 use crate::realsense::{RealSense, RealSenseSetup};
-use crate::recorded::{Orders, RecordedBus, RecordedCamera};
+use crate::recorded::{Orders, RecordedBus, RecordedCamera, homes};
 use crate::serial::{Serial, SerialSettings};
 use crate::servo::ServoBus;
-use crate::simulated::camera::{CameraSetup, SimulatedCamera, table};
+use crate::simulated::camera::{CameraSetup, SimulatedCamera, Subject, table};
 use crate::simulated::{PlantSetup, ServoSetup, Simulator, SimulatorSetup, Winding};
 
 impl Rig {
@@ -50,25 +51,31 @@ impl Rig {
                     ..SerialSettings::default()
                 };
                 let port = file.resolve(port);
-                let line = Serial::open(&port, settings, clock.clone()).map_err(unavailable)?;
+                let line = Serial::open(&port, settings, clock.clone());
+                let line = line.map_err(|error| unavailable(&file, "servos.link", error))?;
                 (Box::new(Bus::new(line, BusSettings::default())), None)
             }
             ServoLink::Recorded(log) => {
-                let bus = RecordedBus::open(&file.resolve(log), clock.clone(), Orders::Compare)
-                    .map_err(unavailable)?;
+                let bus = RecordedBus::open(&file.resolve(log), clock.clone(), Orders::Compare);
+                let bus = bus.map_err(|error| unavailable(&file, "servos.link", error))?;
                 (Box::new(bus), None)
             }
         };
-        let cameras = file.spec.cameras.iter().enumerate();
-        let cameras: Vec<_> = cameras
-            .map(|(number, camera)| open_camera(&file, number, camera, simulator.as_ref(), &clock))
-            .collect::<Result<_, _>>()?;
+        let subject = || -> Option<Box<dyn Subject>> { Some(Box::new(simulator.clone()?)) };
+        let cameras = open_cameras(&file, subject, &clock)?;
         let beside = TurnsFile::beside(&file.path);
         let turns = match &file.spec.servos.link {
             ServoLink::Simulated => TurnsFile::in_memory(),
             ServoLink::Serial(_) => TurnsFile::open(beside)?,
             // As they were known when it was recorded, and not to be changed by it.
-            ServoLink::Recorded(_) => TurnsFile::open(beside)?.kept_in_memory(),
+            ServoLink::Recorded(log) => {
+                let homes = homes(&file.resolve(log));
+                let homes = homes.map_err(|error| unavailable(&file, "servos.link", error))?;
+                match homes.is_empty() {
+                    true => TurnsFile::open(beside)?.kept_in_memory(),
+                    false => TurnsFile::of_log(&homes),
+                }
+            }
         };
         let parts = Parts {
             bus,
@@ -95,7 +102,7 @@ pub enum Pace {
     RealTime,
 }
 
-fn clock(file: &RigFile, pace: Pace) -> Arc<dyn Clock> {
+pub(super) fn clock(file: &RigFile, pace: Pace) -> Arc<dyn Clock> {
     let spec = &file.spec;
     let real = pace == Pace::RealTime
         || matches!(spec.servos.link, ServoLink::Serial(_))
@@ -116,7 +123,8 @@ fn simulator(file: &RigFile, clock: Arc<dyn Clock>) -> Result<Simulator, RigErro
     if winches.iter().any(|winch| winch.home_tension != tension) {
         let found = format!("{:?}", file.spec.servos.home_tension);
         let expected = "the same for all, as the servos are simulated";
-        return Err(RigError::field("servos.home_tension", found, expected));
+        let error = RigError::field("servos.home_tension", found, expected);
+        return Err(file.located(error));
     }
     let simulation = &file.spec.simulation;
     let setup = SimulatorSetup::of_robot(file.robot.clone());
@@ -144,22 +152,38 @@ fn simulator(file: &RigFile, clock: Arc<dyn Clock>) -> Result<Simulator, RigErro
         seed: simulation.seed,
         ..setup
     };
-    Simulator::new(&setup, clock).map_err(unavailable)
+    Simulator::new(&setup, clock).map_err(|error| unavailable(file, "servos.link", error))
+}
+
+/// The cameras of a rig; those in memory see a subject.
+pub(super) fn open_cameras(
+    file: &RigFile,
+    subject: impl Fn() -> Option<Box<dyn Subject>>,
+    clock: &Arc<dyn Clock>,
+) -> Result<Vec<Box<dyn RgbdCamera>>, RigError> {
+    let cameras = file.spec.cameras.iter().enumerate();
+    let open = |(number, spec)| {
+        open_camera(file, number, spec, subject(), clock).map_err(|error| file.located(error))
+    };
+    cameras.map(open).collect()
 }
 
 fn open_camera(
     file: &RigFile,
     number: usize,
     spec: &RigCameraSpec,
-    simulator: Option<&Simulator>,
+    subject: Option<Box<dyn Subject>>,
     clock: &Arc<dyn Clock>,
 ) -> Result<Box<dyn RgbdCamera>, RigError> {
-    match (&spec.link, simulator) {
-        (CameraLink::Simulated, Some(simulator)) => {
+    let field = || format!("cameras[{number}].link");
+    match (&spec.link, subject) {
+        (CameraLink::Simulated, Some(subject)) => {
             let simulation = &file.spec.simulation;
             let surroundings = match simulation.surroundings {
                 Surroundings::Nothing => Scene::default(),
-                Surroundings::Table => table(0.0).map_err(unavailable)?,
+                Surroundings::Table => {
+                    table(0.0).map_err(|error| RigError::unavailable(field(), error))?
+                }
             };
             let setup = CameraSetup {
                 sensor: spec
@@ -170,7 +194,6 @@ fn open_camera(
                 surroundings,
                 ..CameraSetup::d435(spec.serial.clone(), Camera::free(&spec.camera))
             };
-            let subject = Box::new(simulator.clone());
             Ok(Box::new(SimulatedCamera::new(
                 setup,
                 subject,
@@ -178,7 +201,7 @@ fn open_camera(
             )))
         }
         (CameraLink::Simulated, None) => Err(RigError::field(
-            format!("cameras[{number}].link"),
+            field(),
             "\"simulated\"",
             "\"simulated\" only where the servos are: it sees the robot behind them",
         )),
@@ -188,19 +211,21 @@ fn open_camera(
                 color: spec.camera.resolution,
                 ..RealSenseSetup::d435(spec.serial.clone(), pose)
             };
-            let library = RealSense::load().map_err(unavailable)?;
+            let camera = RealSense::load().and_then(|library| library.open(&setup, clock.clone()));
             Ok(Box::new(
-                library.open(&setup, clock.clone()).map_err(unavailable)?,
+                camera.map_err(|error| RigError::unavailable(field(), error))?,
             ))
         }
         (CameraLink::Recorded(log), _) => {
             let camera = RecordedCamera::open(&file.resolve(log), &spec.serial, clock.clone());
-            Ok(Box::new(camera.map_err(unavailable)?))
+            Ok(Box::new(
+                camera.map_err(|error| RigError::unavailable(field(), error))?,
+            ))
         }
     }
 }
 
 /// A part that cannot be opened says itself why.
-fn unavailable(error: impl std::error::Error) -> RigError {
-    RigError::Unavailable(error.to_string())
+fn unavailable(file: &RigFile, field: &str, error: impl Display) -> RigError {
+    file.located(RigError::unavailable(field, error))
 }

@@ -107,7 +107,7 @@ impl Rig {
                 }
             };
             let winch = &self.winches()[index];
-            let direction = i64::from(winch.spool.direction) as i32;
+            let direction = i32::from(winch.spool.direction);
             goals[index].0 += direction * ticks;
             if goals[index].0.abs() > settings.most.min(winch.limits[1].abs()) {
                 return Err(RigError::Pretension {

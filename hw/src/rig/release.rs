@@ -5,6 +5,7 @@ use super::settings::Release;
 use super::stop::Released;
 use super::turns::{Homing, Turns};
 use super::{Rig, RigError};
+use crate::log::Level;
 use crate::servo::{ServoId, Ticks, Torque};
 
 /// How often a servo is told to switch off its motor before one gives up.
@@ -86,6 +87,7 @@ impl Rig {
         {
             tracing::debug!("{error}");
         }
+        self.log_event(Level::Info, released.to_string());
         released
     }
 
@@ -105,7 +107,7 @@ impl Rig {
     }
 
     /// Notes where the servos are now, as far as that is known: without it, they are where they last were written down.
-    fn note_positions(&mut self) {
+    pub(super) fn note_positions(&mut self) {
         let present = self.bus.present(&self.ids);
         let servos = self.ids.iter().zip(&self.homing).zip(present);
         let turns: Vec<Turns> = servos

@@ -61,6 +61,19 @@ pub struct SafetySettings {
     pub drift: f64,
     /// How tension is released at the end of a motion.
     pub release: Release,
+    /// What a capture does where a servo lost its power, and with it its turns.
+    pub lost_turns: LostTurns,
+}
+
+/// What a capture does where a servo lost its power for a moment, and with it its turns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LostTurns {
+    /// It ends.
+    #[default]
+    Stop,
+    /// It finds home again from where the servos were left, looks whether the robot is there, and goes on.
+    Recall,
 }
 
 /// What there is besides the robot where parts are simulated.
@@ -110,6 +123,7 @@ impl Default for SafetySettings {
             lost_after: 3,
             drift: 0.005,
             release: Release::Home,
+            lost_turns: LostTurns::default(),
         }
     }
 }

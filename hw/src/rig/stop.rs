@@ -113,6 +113,14 @@ impl Cause {
         }
     }
 
+    /// Whether it is what a servo does that was without power for a moment.
+    pub fn may_be_restart(&self) -> bool {
+        matches!(
+            self,
+            Self::Restarted { .. } | Self::Jump { .. } | Self::Off { .. } | Self::Lost { .. }
+        )
+    }
+
     /// The servo that it happened to.
     pub fn id(&self) -> ServoId {
         match *self {

@@ -12,6 +12,9 @@ use crate::plan::{Bend, Shape};
 use crate::servo::Torque;
 use crate::simulated::Fault;
 
+mod masks;
+mod tendons;
+
 const SIMULATED: &str = include_str!("../../../examples/rig-sim.toml");
 const PAPER: &str = include_str!("../../../examples/rig-2m.toml");
 
@@ -152,6 +155,31 @@ fn a_wrong_file_is_refused_with_line_field_and_reason() {
             "low = [-0.20,",
             "low = [0.30,",
             "masks.box is 0.3 to 0.2 along axis 0",
+        ),
+        (
+            "largest = { gap = 6 }",
+            "color = { hue = [0.0, 400.0], saturation = [0.5, 1.0], value = [0.0, 1.0] }",
+            "rig.toml:41: masks.color.hue is [0, 400]; expected two numbers of 0 to 360",
+        ),
+        (
+            "largest = { gap = 6 }",
+            "any = [{ largest = { gap = 2 } }, { color = { hue = [0, 9], saturation = [0.5, 0.2], value = [0, 1] } }]",
+            "masks.any[1].color.saturation is [0.5, 0.2]",
+        ),
+        (
+            "largest = { gap = 6 }",
+            "not = {}",
+            "masks.not is empty; expected a table with one",
+        ),
+        (
+            "largest = { gap = 6 }",
+            "largest = { gap = 6 }\ncomponents = { pixels = 50, gap = 2 }",
+            "rig.toml:42: masks.components is there beside largest",
+        ),
+        (
+            "largest = { gap = 6 }",
+            "background = { log = \"empty.mcap\", margin = -0.1 }",
+            "masks.background.margin is -0.1; expected a number of 0 or more",
         ),
     ] {
         assert!(SIMULATED.contains(from), "{from}");

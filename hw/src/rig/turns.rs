@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use tdcr_sim::files::write_atomically;
 
 use super::RigError;
+use crate::log::ServoHome;
 use crate::servo::{ServoId, Ticks};
 
 /// Largest distance (ticks) between where a servo was left and where it is found for which its turns are known: a quarter of
@@ -118,6 +119,19 @@ impl TurnsFile {
         Self {
             path: None,
             written: Vec::new(),
+        }
+    }
+
+    /// Turns that a log has, kept in memory alone.
+    pub fn of_log(homes: &[ServoHome]) -> Self {
+        let turns = homes.iter().map(|home| Turns {
+            id: home.id.get(),
+            home: home.home.0,
+            last: home.last.0,
+        });
+        Self {
+            path: None,
+            written: turns.collect(),
         }
     }
 

@@ -9,8 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use super::forward::for_those;
 use super::{
     CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
-    Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
-    Watchdog, WatchdogState,
+    Ping, PositionGoals, Present, PresentState, Registers, ServoError, ServoId, Ticks, Torque,
+    TorqueSwitch, Watchdog, WatchdogState,
 };
 
 /// How often calls fail, for each servo on its own.
@@ -190,6 +190,10 @@ impl<B: Health> Health for Faulty<B> {
 
     fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors> {
         self.call(ids, |&id| id, B::hardware_errors)
+    }
+
+    fn registers(&mut self, id: ServoId) -> Result<Vec<Registers>, ServoError> {
+        self.call_one(id, |bus| bus.registers(id))
     }
 
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {

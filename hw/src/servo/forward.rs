@@ -2,8 +2,8 @@
 
 use super::{
     CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
-    Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
-    Watchdog, WatchdogState,
+    Ping, PositionGoals, Present, PresentState, Registers, ServoError, ServoId, Ticks, Torque,
+    TorqueSwitch, Watchdog, WatchdogState,
 };
 
 /// Implements traits by calling another bus.
@@ -73,6 +73,7 @@ macro_rules! forward {
                 fn temperatures(ids: &[ServoId]) -> PerServo<f64>;
                 fn voltages(ids: &[ServoId]) -> PerServo<f64>;
                 fn hardware_errors(ids: &[ServoId]) -> PerServo<HardwareErrors>;
+                fn registers(id: ServoId) -> Result<Vec<Registers>, ServoError>;
                 fn reboot(id: ServoId) -> Result<(), ServoError>;
             );
         }

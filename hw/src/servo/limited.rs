@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use super::forward::{for_those, forward};
 use super::{
     CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
-    Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
-    Watchdog, WatchdogState,
+    Ping, PositionGoals, Present, PresentState, Registers, ServoError, ServoId, Ticks, Torque,
+    TorqueSwitch, Watchdog, WatchdogState,
 };
 
 /// What a servo may be told.
@@ -189,6 +189,10 @@ impl<B: Health> Health for Limited<B> {
 
     fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors> {
         self.bus.hardware_errors(ids)
+    }
+
+    fn registers(&mut self, id: ServoId) -> Result<Vec<Registers>, ServoError> {
+        self.bus.registers(id)
     }
 
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {

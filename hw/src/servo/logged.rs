@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use super::{
     CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
-    Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch,
-    Watchdog, WatchdogState,
+    Ping, PositionGoals, Present, PresentState, Registers, ServoError, ServoId, Ticks, Torque,
+    TorqueSwitch, Watchdog, WatchdogState,
 };
 use crate::clock::Clock;
 
@@ -45,6 +45,8 @@ pub enum Record<'a> {
     Temperatures(&'a [ServoId], &'a PerServo<f64>),
     /// Supply voltages (V).
     Voltages(&'a [ServoId], &'a PerServo<f64>),
+    /// Bytes of a control table.
+    Registers(ServoId, &'a Result<Vec<Registers>, ServoError>),
     /// Faults looked at.
     HardwareErrors(&'a [ServoId], &'a PerServo<HardwareErrors>),
     /// Watchdogs looked at.
@@ -174,6 +176,12 @@ impl<B: Health, S: FnMut(Duration, Record<'_>)> Health for Logged<B, S> {
         let results = self.bus.hardware_errors(ids);
         (self.sink)(self.clock.now(), Record::HardwareErrors(ids, &results));
         results
+    }
+
+    fn registers(&mut self, id: ServoId) -> Result<Vec<Registers>, ServoError> {
+        let result = self.bus.registers(id);
+        (self.sink)(self.clock.now(), Record::Registers(id, &result));
+        result
     }
 
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {

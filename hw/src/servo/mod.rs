@@ -160,6 +160,17 @@ pub struct Present {
     pub errors: HardwareErrors,
 }
 
+/// Neighbouring bytes of a servo's control table.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Registers {
+    /// Whose.
+    pub id: ServoId,
+    /// Address of the first byte.
+    pub address: u16,
+    /// The bytes.
+    pub bytes: Vec<u8>,
+}
+
 /// One result per servo, in the order in which they were named.
 pub type PerServo<T> = Vec<Result<T, ServoError>>;
 
@@ -248,6 +259,12 @@ pub trait Health {
 
     /// Faults that they report.
     fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors>;
+
+    /// All that a servo keeps, byte by byte, in pieces without gaps. Of a servo that has no such table, nothing.
+    ///
+    /// # Errors
+    /// [`ServoError`] where it does not answer.
+    fn registers(&mut self, id: ServoId) -> Result<Vec<Registers>, ServoError>;
 
     /// Restarts a servo, which clears its faults and forgets its turns. Only for who asks for it.
     ///

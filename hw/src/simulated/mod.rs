@@ -311,6 +311,28 @@ impl Simulator {
         }
     }
 
+    /// Sets a servo's temperature (degrees Celsius), as if it had worked hard; nothing for one that is not there.
+    pub fn set_temperature(&self, id: ServoId, temperature: f64) {
+        for device in &mut self.now().devices {
+            if device.id() == id.get() {
+                device.motor.temperature = temperature;
+            }
+        }
+    }
+
+    /// Shortens the tendon of a servo by this (m) without it, as a gear between them does that is set by hand; nothing for a
+    /// servo that is not there.
+    pub fn shorten(&self, id: ServoId, length: f64) {
+        let mut world = self.now();
+        let index = world
+            .devices
+            .iter()
+            .position(|device| device.id() == id.get());
+        if let Some(index) = index {
+            world.plant.shorten(index, length);
+        }
+    }
+
     /// The world as of now.
     fn now(&self) -> MutexGuard<'_, World> {
         let now = self.clock.now();

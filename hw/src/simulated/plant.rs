@@ -232,6 +232,14 @@ impl Plant {
         }
     }
 
+    /// Shortens tendon `index` by this (m) beside its spool; nothing for one that is not there.
+    pub fn shorten(&mut self, index: usize, length: f64) {
+        if let Some(line) = self.lines.get_mut(index) {
+            line.shorten(length);
+            self.changed = true;
+        }
+    }
+
     /// Loads the robot.
     ///
     /// # Errors

@@ -73,6 +73,11 @@ impl Line {
         self.home - self.spool.wound()
     }
 
+    /// Shortens it by this (m), at the same angle of its spool.
+    pub fn shorten(&mut self, length: f64) {
+        self.home -= length;
+    }
+
     /// Rest length as the robot feels it (m).
     pub fn rest_at_robot(&self) -> f64 {
         let rest = match self.fault {

@@ -102,7 +102,9 @@ fn a_hole_in_a_log_costs_what_was_in_it() {
     );
     assert_eq!(recovery.stated, Some(messages.len() as u64));
     let begins = recovery.damage[0].at as usize;
-    assert!((middle - 3000..=middle).contains(&begins), "{recovery:?}");
+    // An index of messages, which nothing checks, may hide the first bytes of the hole.
+    let near = middle - 3000..=middle + 64;
+    assert!(near.contains(&begins), "{middle}: {recovery:?}");
     // Bytes that are missing altogether.
     let shorter = [&log[..middle], &log[middle + 3333..]].concat();
     let (found, _) = read(&shorter);

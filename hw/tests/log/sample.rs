@@ -7,10 +7,10 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tdcr_hw::clock::VirtualClock;
 use tdcr_hw::log::{
     Entry, Event, Goal, Image, ImageFormat, Level, LogReader, LogRecord, LogSettings, LogWriter,
-    Message, Reading, Recovery, Registers, ServoStatus, Transform,
+    Message, Reading, Recovery, ServoHome, ServoStatus, Transform,
 };
 use tdcr_hw::servo::{
-    HardwareErrors, Identity, OperatingMode, ServoId, Ticks, Torque, WatchdogState,
+    HardwareErrors, Identity, OperatingMode, Registers, ServoId, Ticks, Torque, WatchdogState,
 };
 use tdcr_sim::camera::{Distortion, Intrinsics};
 use tdcr_sim::cloud::PointCloud;
@@ -104,6 +104,11 @@ pub fn records() -> Vec<LogRecord> {
             (id(2), present(i32::MAX, 0.0, -1e-3)),
             (id(3), present(6789, 1e-300, 0.0)),
         ]),
+        LogRecord::Homes(vec![ServoHome {
+            id: id(3),
+            home: Ticks(-4100),
+            last: Ticks(6789),
+        }]),
         LogRecord::Registers(Registers {
             id: id(3),
             address: 0x7fff,

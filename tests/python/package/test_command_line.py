@@ -73,6 +73,11 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
     ),
     "eval": (tdcr.evaluate, {}),
     "compare": (tdcr.compare, {}),
+    "background": (tdcr.rig.record_background, {}),
+    "capture": (
+        tdcr.Rig.capture,
+        {"rig": "self", "dry-run": "Rig.draw and Rig.goals say what would move", "no-log": "log=False"},
+    ),
     "demo": (tdcr.demo, {}),
 }
 """Functions with the options of each command, and where those options are that they do not have."""

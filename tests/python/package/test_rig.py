@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import gymnasium
@@ -73,9 +76,54 @@ def test_a_capture_is_a_data_set_and_grows(small: Path, tmp_path: Path) -> None:
     report = rig.capture(out, commands=10, points=500, sentinel_every=5, progress=seen.append)
     assert (report.samples, report.captured, sum(seen)) == (10, 10, 10)
     assert report.drift < 0.005 and len(report.data) == 10
-    again = tdcr.Rig(small).capture(out, commands=12, points=500, sentinel_every=5)
+    assert report.log == out / "log.mcap" and report.log.exists()
+    again = tdcr.Rig(small).capture(out, commands=12, points=500, sentinel_every=5, log=False)
+    assert again.log is None and (again.rested, again.recalled) == (0.0, 0)
     # The last, unfinished block of samples is captured again.
     assert again.samples == 12 and 2 <= again.captured < 10
+
+
+def test_the_empty_scene_is_what_masks_tell_a_robot_from(small: Path, tmp_path: Path) -> None:
+    rig, seen = tmp_path / "rig.toml", list[int]()
+    shutil.copy(EXAMPLES / "paper-robot.toml", tmp_path)
+    log = tdcr.rig.record_background(small, tmp_path / "empty.mcap", pictures=6, progress=seen.append)
+    assert log.exists() and sum(seen) == 6
+    with pytest.raises(tdcr.errors.RigError, match=r"empty\.mcap"):
+        tdcr.rig.record_background(small, log)
+    with pytest.raises(tdcr.errors.InputError, match="pictures"):
+        tdcr.rig.record_background(small, log, pictures=2)
+    masks = 'background = { log = "empty.mcap" }\ncomponents = { pixels = 50, gap = 2 }'
+    text = small.read_text()
+    start, end = text.index("box = "), text.index("[simulation]")
+    rig.write_text(f"{text[:start]}{masks}\n{text[end:]}")
+    points = tdcr.Rig(rig).cloud().points
+    by_box = tdcr.Rig(small).cloud().points
+    assert len(points) > 0.9 * len(by_box)
+    assert np.mean(np.linalg.norm(points[:, :2], axis=1) < 0.05) > 0.9
+    log.unlink()
+    with pytest.raises(tdcr.errors.RigError, match=r"rig\.toml:\d+: masks\.background\.log"):
+        tdcr.Rig(rig).cloud()
+
+
+def test_masks_of_another_program_are_asked_for_before_anything_moves(small: Path, tmp_path: Path) -> None:
+    with pytest.raises(tdcr.errors.RigError, match=r"camera0/000000\.png"):
+        tdcr.Rig(small).capture(tmp_path / "data", commands=10, points=500, masks=tmp_path / "masks")
+
+
+def test_the_example_runs_on_the_rig_of_a_file(small: Path) -> None:
+    command = [sys.executable, EXAMPLES / "python/rig.py", small]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    found = [
+        re.search(r"at +(\d+) degrees: .*tip at \(([-\d.]+), ([-\d.]+), [-\d.]+\) mm, ([\d.]+) mm off", line) for line in lines
+    ]
+    sides = [(int(m[1]), float(m[2]), float(m[3]), float(m[4])) for m in found if m is not None]
+    assert [degrees for degrees, *_ in sides] == [0, 120, 240]
+    for degrees, x, y, off in sides:
+        # Bent by tens of millimetres towards the tendon that was wound up, and seen where it is.
+        toward = np.radians(degrees)
+        assert x * np.cos(toward) + y * np.sin(toward) > 10.0 and off < 5.0
 
 
 def test_an_environment_on_a_rig_reaches_what_its_actions_lead_to(small: Path) -> None:

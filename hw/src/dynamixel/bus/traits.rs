@@ -8,8 +8,8 @@ use super::items::count_of;
 use super::state::{ticks, watchdog_state};
 use crate::servo::{
     CurrentGoals, CurrentLimits, Fault, HardwareErrors, Health, Identity, Modes, OperatingMode,
-    PerServo, Ping, PositionGoals, Present, PresentState, ServoError, ServoId, Ticks, Torque,
-    TorqueSwitch, Watchdog, WatchdogState, for_those,
+    PerServo, Ping, PositionGoals, Present, PresentState, Registers, ServoError, ServoId, Ticks,
+    Torque, TorqueSwitch, Watchdog, WatchdogState, for_those,
 };
 use crate::transport::Transport;
 
@@ -260,6 +260,15 @@ impl<T: Transport> Health for Bus<T> {
         blocks
             .map(|block| block.map(|block| block.errors))
             .collect()
+    }
+
+    fn registers(&mut self, id: ServoId) -> Result<Vec<Registers>, ServoError> {
+        let pieces = self.meet(id)?.table().pieces();
+        let pieces = pieces.into_iter().map(|(address, length)| {
+            let bytes = self.read(id, address, length)?.data;
+            Ok(Registers { id, address, bytes })
+        });
+        pieces.collect()
     }
 
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {

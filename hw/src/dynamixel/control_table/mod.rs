@@ -147,6 +147,20 @@ impl ControlTable {
             .find(|entry| (entry.address..entry.end()).contains(&address))
     }
 
+    /// The addresses and lengths of items that lie one behind the other without a gap.
+    pub fn pieces(&self) -> Vec<(u16, u16)> {
+        let mut pieces: Vec<(u16, u16)> = Vec::new();
+        for entry in &self.entries {
+            match pieces.last_mut() {
+                Some((address, length)) if *address + *length == entry.address => {
+                    *length = entry.end() - *address;
+                }
+                _ => pieces.push((entry.address, entry.end() - entry.address)),
+            }
+        }
+        pieces
+    }
+
     /// The address behind the last item.
     pub fn end(&self) -> u16 {
         self.entry(Item::IndirectData).end()

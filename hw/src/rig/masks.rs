@@ -1,0 +1,243 @@
+//! How a rig's file tells the robot from what else the cameras see.
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use tdcr_sim::render::RgbdFrame;
+
+use super::{RigError, RigFile};
+use crate::camera::{CameraError, RgbdCamera};
+use crate::clock::VirtualClock;
+use crate::mask::{
+    Any, Background, BackgroundLearner, BackgroundSetting, ColorKey, Keep, Mask, MaskError, Masker,
+    Not, Shot, WorkspaceBox,
+};
+use crate::recorded::RecordedCamera;
+
+/// How the robot is told from what else the cameras see: a pixel has to pass all that is given. Of what is left, components may
+/// be kept. Tables nest in `any` and `not`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MasksSpec {
+    /// The robot is within this box.
+    #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
+    pub workspace: Option<WorkspaceBox>,
+    /// The robot has these colours.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub color: Option<ColorKey>,
+    /// The robot is nearer than the empty scene was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub background: Option<BackgroundSpec>,
+    /// The robot passes at least one of these.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub any: Vec<MasksSpec>,
+    /// The robot does not pass this.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub not: Option<Box<MasksSpec>>,
+    /// Of what is left, the robot is all that hangs together and is not small.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub components: Option<ComponentsSpec>,
+    /// Of what is left, the robot is the largest that hangs together.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub largest: Option<LargestSpec>,
+}
+
+/// The empty scene, as `tdcr background` records it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BackgroundSpec {
+    /// The log of its pictures, from the rig file's folder.
+    pub log: PathBuf,
+    /// The robot is nearer by so many standard deviations of a pixel's depth.
+    #[serde(default = "deviations")]
+    pub deviations: f64,
+    /// And by so much (m) than the pixel ever was.
+    #[serde(default = "margin")]
+    pub margin: f64,
+}
+
+fn deviations() -> f64 {
+    BackgroundSetting::default().deviations
+}
+
+fn margin() -> f64 {
+    BackgroundSetting::default().margin
+}
+
+/// What hangs together and is not small.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ComponentsSpec {
+    /// Fewest pixels.
+    pub pixels: usize,
+    /// Pixels hang together over gaps of so many others.
+    pub gap: u32,
+}
+
+/// What hangs together.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LargestSpec {
+    /// Pixels hang together over gaps of so many others.
+    pub gap: u32,
+}
+
+/// All pixels with a depth: the start of other masks.
+#[derive(Clone, Copy, Debug)]
+struct Seen;
+
+impl Masker for Seen {
+    fn mask(&self, frame: &RgbdFrame, _: Shot) -> Result<Mask, MaskError> {
+        Ok(Mask::of_frame(frame, |index| frame.depth[index] > 0.0))
+    }
+}
+
+impl MasksSpec {
+    /// Refuses values that make no sense, those of the table `field` of a rig with so many cameras.
+    pub(super) fn check(&self, field: &str, cameras: usize) -> Result<(), RigError> {
+        let within = |name: String, [low, high]: [f64; 2], [least, most]: [f64; 2]| {
+            let fits = least <= low && low <= high && high <= most;
+            let expected = format!("two numbers of {least} to {most}, the smaller first");
+            let found = format!("[{low}, {high}]");
+            fits.then_some(())
+                .ok_or_else(|| RigError::field(name, found, expected))
+        };
+        if let Some(bounds) = self.workspace {
+            for axis in 0..3 {
+                let [low, high] = [bounds.low[axis], bounds.high[axis]];
+                if !(low.is_finite() && high.is_finite() && low < high) {
+                    let found = format!("{low} to {high} along axis {axis}");
+                    let expected = "low below high (m)";
+                    return Err(RigError::field(format!("{field}.box"), found, expected));
+                }
+            }
+        }
+        if let Some(color) = self.color {
+            // A range of hues may go through 360.
+            let [from, to] = color.hue;
+            let hue = [from.min(to), from.max(to)];
+            within(format!("{field}.color.hue"), hue, [0.0, 360.0])?;
+            let unit = [0.0, 1.0];
+            within(format!("{field}.color.saturation"), color.saturation, unit)?;
+            within(format!("{field}.color.value"), color.value, unit)?;
+        }
+        if let Some(background) = &self.background {
+            for (name, value) in [
+                ("deviations", background.deviations),
+                ("margin", background.margin),
+            ] {
+                if !(value.is_finite() && value >= 0.0) {
+                    let name = format!("{field}.background.{name}");
+                    return Err(RigError::field(name, value, "a number of 0 or more"));
+                }
+            }
+            if cameras == 0 {
+                let (name, log) = (format!("{field}.background"), background.log.display());
+                let expected = "a background only where there are cameras";
+                return Err(RigError::field(name, log, expected));
+            }
+        }
+        if let (Some(_), Some(_)) = (self.components, self.largest) {
+            let found = "there beside largest";
+            let expected = "one of components and largest";
+            let name = format!("{field}.components");
+            return Err(RigError::field(name, found, expected));
+        }
+        let nested = self.any.iter().enumerate();
+        let nested = nested.map(|(k, masks)| (format!("{field}.any[{k}]"), masks));
+        let not = (self.not.iter()).map(|masks| (format!("{field}.not"), &**masks));
+        for (field, masks) in nested.chain(not) {
+            if *masks == Self::default() {
+                let expected = "a table with one at least of box, color, background, any, not, \
+                                components and largest";
+                return Err(RigError::field(field, "empty", expected));
+            }
+            masks.check(&field, cameras)?;
+        }
+        Ok(())
+    }
+
+    fn masker(&self, file: &RigFile, field: &str) -> Result<Box<dyn Masker>, RigError> {
+        let mut masker: Box<dyn Masker> = Box::new(Seen);
+        if let Some(workspace) = self.workspace {
+            masker = Box::new(masker.and(workspace));
+        }
+        if let Some(color) = self.color {
+            masker = Box::new(masker.and(color));
+        }
+        if let Some(background) = &self.background {
+            let field = format!("{field}.background");
+            masker = Box::new(masker.and(background.read(file, &field)?));
+        }
+        if !self.any.is_empty() {
+            let any = self.any.iter().enumerate();
+            let any = any.map(|(k, masks)| masks.masker(file, &format!("{field}.any[{k}]")));
+            masker = Box::new(masker.and(Any(any.collect::<Result<_, _>>()?)));
+        }
+        if let Some(not) = &self.not {
+            let not = not.masker(file, &format!("{field}.not"))?;
+            masker = Box::new(masker.and(Not(not)));
+        }
+        if let Some(ComponentsSpec { pixels, gap }) = self.components {
+            masker = Box::new(masker.keeping(Keep::AtLeast(pixels), gap));
+        }
+        if let Some(LargestSpec { gap }) = self.largest {
+            masker = Box::new(masker.keeping(Keep::Largest, gap));
+        }
+        Ok(masker)
+    }
+}
+
+impl BackgroundSpec {
+    /// Learns the background from the log.
+    fn read(&self, file: &RigFile, field: &str) -> Result<Background, RigError> {
+        let path = file.resolve(&self.log);
+        let field = format!("{field}.log");
+        let unavailable = |error: &dyn std::error::Error| {
+            let reason = format!(
+                "{error}; expected a log of the empty scene by all of the rig's cameras, as `tdcr background` writes it"
+            );
+            file.located(RigError::unavailable(&field, reason))
+        };
+        let mut learner = BackgroundLearner::new();
+        for (view, camera) in file.spec.cameras.iter().enumerate() {
+            let clock = Arc::new(VirtualClock::new());
+            let mut camera = RecordedCamera::open(&path, &camera.serial, clock)
+                .map_err(|error| unavailable(&error))?;
+            loop {
+                match camera.grab_after(Duration::ZERO, Duration::MAX) {
+                    Ok(picture) => {
+                        let added = learner.add(view, &picture.value);
+                        added.map_err(|error| unavailable(&error))?;
+                    }
+                    Err(CameraError::Device { source, .. })
+                        if source.kind() == io::ErrorKind::UnexpectedEof =>
+                    {
+                        break;
+                    }
+                    Err(error) => return Err(unavailable(&error)),
+                }
+            }
+        }
+        let setting = BackgroundSetting {
+            deviations: self.deviations,
+            margin: self.margin,
+        };
+        learner
+            .finish(&setting)
+            .map_err(|error| unavailable(&error))
+    }
+}
+
+impl RigFile {
+    /// What tells the robot from all else, with the empty scene read from its log where the file names one.
+    ///
+    /// # Errors
+    /// [`RigError::Unavailable`] for a log that cannot be read, or lacks a camera.
+    pub fn masker(&self) -> Result<Box<dyn Masker>, RigError> {
+        self.spec.masks.masker(self, "masks")
+    }
+}
