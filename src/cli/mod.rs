@@ -1,6 +1,7 @@
 //! Commands, and how they report: results on stdout, everything else on stderr.
 
 mod background;
+mod calibrate;
 mod calibrate_cameras;
 mod capture;
 mod collect;
@@ -92,6 +93,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Export(export::ExportArgs),
     Render(render::RenderArgs),
+    Calibrate(Box<calibrate::CalibrateArgs>),
     CalibrateCameras(calibrate_cameras::CalibrateCamerasArgs),
     ServoSim(servo_sim::ServoSimArgs),
     Scan(scan::ScanArgs),
@@ -276,6 +278,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Demo(args) => demo::run(args, &console),
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
+        Command::Calibrate(args) => calibrate::run(args, &console),
         Command::CalibrateCameras(args) => calibrate_cameras::run(args, &console),
         Command::ServoSim(args) => servo_sim::run(args, &console),
         Command::Scan(args) => scan::run(args, &console),

@@ -3,12 +3,14 @@
 //!
 //! Here the results of the [`pipeline`](crate::pipeline) become the plain data of a [`report`](crate::report).
 
+mod calibration;
 mod comparison;
 mod data_sets;
 mod demo;
 mod evaluation;
 mod set_info;
 
+pub use calibration::{CalibrationPage, Held};
 pub use comparison::comparison_page;
 pub use data_sets::{CLOUDS_SHOWN, DataDrawing};
 pub use demo::{Demo, DemoMetrics, DemoSettings, demo};

@@ -20,6 +20,7 @@ mod monitor;
 mod pairing;
 mod plan;
 mod preset;
+pub mod recording;
 mod scores;
 mod simulation;
 mod subject;

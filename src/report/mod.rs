@@ -6,6 +6,7 @@
 //! security policy forbids anything else.
 
 mod axis;
+mod calibration;
 mod chart;
 mod closing;
 mod color_scale;
@@ -25,6 +26,7 @@ mod sheet;
 mod viewer;
 
 pub use axis::Spacing;
+pub use calibration::CalibrationReport;
 pub use comparison::{ComparisonPage, Measure};
 pub use count::counted;
 pub use data_page::{DataPage, SetSummary};

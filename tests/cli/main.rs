@@ -2,6 +2,7 @@
 //! interrupted work.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod calibrate;
 mod calibrate_cameras;
 mod capture;
 mod colors;

@@ -22,6 +22,7 @@
 //! from one side to the other; those of the side where the equilibrium lies are given. Friction of
 //! tendons is left out.
 
+mod changed;
 mod tangent;
 mod tool;
 
@@ -38,6 +39,7 @@ use crate::pose::levers;
 use crate::robot::{Command, Drive, Loads, Parameter, ParameterError, Robot, joints_along};
 use crate::statics::{Equilibrium, Stability};
 use crate::tendon::{LENGTH_PENALTY, Posture};
+pub(crate) use changed::{Changed, DiscPoint};
 
 /// Why an equilibrium has no such derivative.
 #[non_exhaustive]

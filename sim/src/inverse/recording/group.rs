@@ -1,0 +1,91 @@
+//! Groups of unknowns that users choose by name.
+
+use std::fmt;
+
+use serde::Serialize;
+
+/// Unknowns of one kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum Group {
+    /// The servos' gains: one for each tendon.
+    SpoolRadius,
+    /// The servos' offsets, above 0 pretension, below 0 slack: one for each tendon.
+    Pretension,
+    /// The servos' play: one for each tendon.
+    Backlash,
+    /// How far positions are behind the servos: one for all.
+    Lag,
+    /// The turn of each tendon's holes about the axis, in all bodies alike.
+    HoleAngles,
+    /// The distance of the holes from the axis: one factor for each module, the base with the first.
+    HoleRadius,
+    /// The turn of the discs about the axis, even along each module.
+    Twist,
+    /// Bending stiffness: one factor for each module.
+    Stiffness,
+    /// Torsion stiffness: one factor for each module.
+    Torsion,
+    /// The bend at rest about the discs' x and y axes, even along each module.
+    RestBend,
+    /// Stiffness of tendons and drives in series: one for the tendons that end at the same module.
+    TendonStiffness,
+    /// The base's place and orientation in the world.
+    BasePose,
+    /// The markers' places on their discs.
+    MarkerOffset,
+    /// The direction of gravity.
+    Gravity,
+}
+
+impl Group {
+    /// All groups.
+    pub const ALL: [Self; 14] = [
+        Self::SpoolRadius,
+        Self::Pretension,
+        Self::Backlash,
+        Self::Lag,
+        Self::HoleAngles,
+        Self::HoleRadius,
+        Self::Twist,
+        Self::Stiffness,
+        Self::Torsion,
+        Self::RestBend,
+        Self::TendonStiffness,
+        Self::BasePose,
+        Self::MarkerOffset,
+        Self::Gravity,
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SpoolRadius => "spool_radius",
+            Self::Pretension => "pretension",
+            Self::Backlash => "backlash",
+            Self::Lag => "lag",
+            Self::HoleAngles => "hole_angles",
+            Self::HoleRadius => "hole_radius",
+            Self::Twist => "twist",
+            Self::Stiffness => "stiffness",
+            Self::Torsion => "torsion",
+            Self::RestBend => "rest_bend",
+            Self::TendonStiffness => "tendon_stiffness",
+            Self::BasePose => "base_pose",
+            Self::MarkerOffset => "marker_offset",
+            Self::Gravity => "gravity",
+        }
+    }
+
+    /// The group of a name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|group| group.name() == name)
+    }
+}
+
+impl fmt::Display for Group {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}

@@ -1,0 +1,88 @@
+//! What a fit says of each unknown, and what it cannot tell apart.
+
+use nalgebra::DMatrix;
+use serde::Serialize;
+
+use super::Group;
+use super::unknowns::Unknown;
+use nalgebra::DVector;
+
+/// Correlations from here on are told.
+const TOLD: f64 = 0.9;
+/// Largest number of correlations that are told.
+const MOST: usize = 20;
+/// Standard deviations of the 95 % interval: the normal distribution's quantile.
+const WIDTH: f64 = 1.959963984540054;
+/// Where this share of a prior's spread is left, the recording says little of the unknown.
+const LITTLE: f64 = 0.7;
+
+/// What was found of an unknown.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FittedUnknown {
+    /// Its name.
+    pub name: String,
+    /// Its group.
+    pub group: Group,
+    /// Its unit; empty for a factor.
+    pub unit: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Ends of its 95 % interval, of the linearised model and the prior.
+    pub interval: [f64; 2],
+    /// Whether the recording says little of it: the interval is nearly as wide as the prior's.
+    pub prior_only: bool,
+}
+
+/// Two unknowns whose effects are alike.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Correlation {
+    /// Their names.
+    pub names: [String; 2],
+    /// Correlation of their errors.
+    pub correlation: f64,
+}
+
+/// Covariance of the coordinates: the inverse of `J'J / error²`, in which the priors have rows of their own.
+pub(super) fn covariance(jacobian: &DMatrix<f64>, error: f64) -> DMatrix<f64> {
+    let information = jacobian.tr_mul(jacobian) / (error * error);
+    let n = information.nrows();
+    // Each prior has put a 1 on the diagonal.
+    (information.cholesky()).map_or_else(|| DMatrix::identity(n, n), |factor| factor.inverse())
+}
+
+pub(super) fn fitted(
+    unknowns: &[Unknown],
+    x: &DVector<f64>,
+    covariance: &DMatrix<f64>,
+) -> Vec<FittedUnknown> {
+    let one = |(i, unknown): (usize, &Unknown)| {
+        let deviation = covariance[(i, i)].max(0.0).sqrt();
+        let [low, high] = unknown.range();
+        let end = |sign: f64| unknown.value((x[i] + sign * WIDTH * deviation).clamp(low, high));
+        FittedUnknown {
+            name: unknown.name.clone(),
+            group: unknown.group,
+            unit: unknown.unit,
+            value: unknown.value(x[i]),
+            interval: [end(-1.0), end(1.0)],
+            prior_only: deviation > LITTLE,
+        }
+    };
+    unknowns.iter().enumerate().map(one).collect()
+}
+
+pub(super) fn correlations(unknowns: &[Unknown], covariance: &DMatrix<f64>) -> Vec<Correlation> {
+    let mut all = Vec::new();
+    for i in 0..unknowns.len() {
+        for j in 0..i {
+            let correlation = covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt();
+            if correlation.abs() >= TOLD {
+                let names = [j, i].map(|k| unknowns[k].name.clone());
+                all.push(Correlation { names, correlation });
+            }
+        }
+    }
+    all.sort_by(|a, b| b.correlation.abs().total_cmp(&a.correlation.abs()));
+    all.truncate(MOST);
+    all
+}

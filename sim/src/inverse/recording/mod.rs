@@ -1,0 +1,104 @@
+//! Calibration on a recording: what a robot did, in the order of time, under what its servos reported.
+//!
+//! A recording differs from the observations of [`calibration`](super::calibration) in what lies between it and the robot: servos
+//! that start anywhere ([`Servo::offset`]), play, a lag, markers somewhere on the discs, a base somewhere in the world. Those
+//! are unknowns as well as the robot's own, in [`Group`]s that are chosen by name.
+//!
+//! The fit minimises the pseudo-Huber loss of what the markers miss, and the squares of the unknowns' distances from what the
+//! robot file says, in units of prior standard deviations: a maximum a posteriori estimate (Bishop, Pattern Recognition and Machine
+//! Learning, 2006, ch. 3.3). Misses of neighbouring rows are alike, because what the model lacks changes as slowly as the
+//! robot moves. So a first fit says how large they are and over how many rows they are alike (their integrated
+//! autocorrelation: Sokal, Monte Carlo Methods in Statistical Mechanics, 1997, ch. 3), and the second fit counts so many rows
+//! as one: the priors then keep what the recording cannot tell, and intervals are as wide as they should be.
+//!
+//! Derivatives are those of the equilibria by the implicit function theorem, with the model taken as linear over a ten
+//! thousandth of a prior's standard deviation; those by the servos' backlash, whose play operator has kinks, and by the lag are
+//! differences of commands over that step. Each row is an equilibrium by itself: friction in the holes
+//! ([`tendon_friction`](crate::tendon_friction)) is left out, so the way counts through the servos' play only.
+
+mod error;
+mod explicit;
+mod fit;
+mod group;
+mod interval;
+mod priors;
+mod problem;
+mod replay;
+#[cfg(test)]
+mod tests;
+mod transmission;
+mod unknowns;
+
+pub use error::RecordingError;
+pub use fit::{Progress, RecordingFit, RecordingSettings, fit_recording};
+pub use group::Group;
+pub use interval::{Correlation, FittedUnknown};
+pub use replay::{Misses, Replay};
+pub use transmission::{Marker, Recording, Servo, Transmission};
+
+use crate::robot::RobotSpec;
+
+/// Refuses a recording or a transmission of another robot.
+fn check(
+    spec: &RobotSpec,
+    transmission: &Transmission,
+    recording: &Recording,
+) -> Result<(), RecordingError> {
+    let count = |what: String, found: usize, expected: usize| match found == expected {
+        true => Ok(()),
+        false => Err(RecordingError::Count {
+            what,
+            found,
+            expected,
+        }),
+    };
+    let (tendons, discs) = (spec.tendon_count(), spec.disc_count());
+    count(
+        "servos of the transmission".into(),
+        transmission.servos.len(),
+        tendons,
+    )?;
+    for (marker, at) in transmission.markers.iter().enumerate() {
+        if at.disc >= discs {
+            let last = discs.saturating_sub(1);
+            return Err(RecordingError::Marker {
+                marker,
+                disc: at.disc,
+                last,
+            });
+        }
+    }
+    let rows = recording.len();
+    count("rows of pulls".into(), recording.pulls.len(), rows)?;
+    count("rows of points".into(), recording.points.len(), rows)?;
+    for row in 0..rows {
+        count(
+            format!("pulls of row {row}"),
+            recording.pulls[row].len(),
+            tendons,
+        )?;
+        count(
+            format!("points of row {row}"),
+            recording.points[row].len(),
+            transmission.markers.len(),
+        )?;
+        let numbers = recording.points[row].iter().flatten().flatten();
+        if numbers
+            .chain(&recording.pulls[row])
+            .chain([&recording.times[row]])
+            .any(|x| !x.is_finite())
+        {
+            return Err(RecordingError::Row {
+                row,
+                reason: "a number is not finite",
+            });
+        }
+        if row > 0 && recording.times[row] < recording.times[row - 1] {
+            return Err(RecordingError::Row {
+                row,
+                reason: "it is earlier than the row before",
+            });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,262 @@
+//! Residuals of a recording, and their derivatives by the unknowns.
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use rayon::prelude::*;
+
+use super::explicit::Explicit;
+use super::unknowns::Unknown;
+use super::{Recording, RecordingError, Transmission};
+use crate::chain::Configuration;
+use crate::inverse::least_squares::{Evaluation, Limit};
+use crate::robot::{Loads, Robot, RobotSpec};
+use crate::sensitivity::{Changed, DiscPoint};
+use crate::statics::{Equilibrium, Settler};
+
+/// Step of a coordinate over which the model is taken as linear, in standard deviations of its prior.
+const STEP: f64 = 1e-4;
+/// Largest step of a coordinate in one iteration, in the same unit.
+const REACH: f64 = 3.0;
+
+/// What is to be explained, by which unknowns.
+pub(super) struct Problem<'a> {
+    pub explicit: &'a Explicit,
+    pub transmission: &'a Transmission,
+    pub recording: &'a Recording,
+    pub speeds: Vec<Vec<f64>>,
+    pub unknowns: &'a [Unknown],
+    /// Distance (m) from which a residual counts less than by its square.
+    pub loss: f64,
+}
+
+/// Which rows count, and how much they say beside the priors.
+#[derive(Clone, Debug)]
+pub(super) struct Weighing {
+    pub rows: Vec<usize>,
+    /// Residual (m) that weighs as much as a standard deviation of a prior.
+    pub error: f64,
+}
+
+/// Where each row was last at rest, and what it then missed; none before it has settled.
+pub(super) type Memory = Vec<Option<Settled>>;
+
+#[derive(Clone, Debug)]
+pub(super) struct Settled {
+    configuration: Configuration,
+    misses: Vec<Vector3<f64>>,
+}
+
+/// The model at some values of the unknowns.
+pub(super) struct Model {
+    pub robot: Robot,
+    pub transmission: Transmission,
+    pub commands: Vec<Vec<f64>>,
+}
+
+impl<'a> Problem<'a> {
+    /// The specification and the transmission at `x`.
+    pub fn values(&self, x: &DVector<f64>) -> (RobotSpec, Transmission) {
+        let (mut spec, mut transmission) = (self.explicit.spec.clone(), self.transmission.clone());
+        for (unknown, &x) in self.unknowns.iter().zip(x) {
+            unknown.set(x, self.explicit, &mut spec, &mut transmission);
+        }
+        (spec, transmission)
+    }
+
+    /// The model at `x`, its commands for all rows.
+    pub fn model(&self, x: &DVector<f64>) -> Result<Model, RecordingError> {
+        let (mut spec, transmission) = self.values(x);
+        for route in &mut spec.routes {
+            // Whatever the recording commands: ranges are for users.
+            route.tendon.range = [0.0, 1e6];
+        }
+        let robot = Robot::new(spec)?;
+        let commands = transmission.commands_at(&robot, self.recording, &self.speeds);
+        Ok(Model {
+            robot,
+            transmission,
+            commands,
+        })
+    }
+
+    pub fn limits(&self) -> Vec<Limit> {
+        let limit = |unknown: &Unknown| Limit {
+            range: unknown.range(),
+            reach: REACH,
+        };
+        self.unknowns.iter().map(limit).collect()
+    }
+
+    /// Weighted residuals (m) of the measured coordinates, then one row for each prior, with their Jacobian by the
+    /// coordinates; none where there is no such robot. A row that does not settle keeps its last residual, and does not change.
+    pub fn evaluate(
+        &self,
+        x: &DVector<f64>,
+        weighing: &Weighing,
+        memory: &Memory,
+    ) -> Option<Evaluation<Memory>> {
+        let here = self.model(x).ok()?;
+        let changed: Option<Vec<Model>> = (0..self.unknowns.len())
+            .into_par_iter()
+            .map(|i| {
+                let mut beside = x.clone();
+                beside[i] += STEP;
+                let mut model = self.model(&beside).ok()?;
+                if !self.unknowns[i].is_of_robot() {
+                    model.robot = here.robot.clone();
+                }
+                Some(model)
+            })
+            .collect();
+        let changed = changed?;
+        let parts: Vec<Part> = (weighing.rows.par_iter())
+            .map_init(
+                || (Settler::new(&here.robot), Changed::new(&here.robot)),
+                |(settler, storage), &row| {
+                    self.row(&here, &changed, row, memory[row].as_ref(), settler, storage)
+                },
+            )
+            .collect();
+        let counted: usize = parts.iter().map(|part| part.residuals.len()).sum();
+        let n = self.unknowns.len();
+        let mut residuals = DVector::zeros(counted + n);
+        let mut jacobian = DMatrix::zeros(counted + n, n);
+        let mut memory = memory.clone();
+        let mut at = 0;
+        for (&row, part) in weighing.rows.iter().zip(parts) {
+            let rows = part.residuals.len();
+            residuals.rows_mut(at, rows).copy_from(&part.residuals);
+            jacobian.rows_mut(at, rows).copy_from(&part.jacobian);
+            memory[row] = part.settled;
+            at += rows;
+        }
+        for i in 0..n {
+            residuals[at + i] = weighing.error * x[i];
+            jacobian[(at + i, i)] = weighing.error;
+        }
+        Some(Evaluation {
+            residuals,
+            jacobian,
+            memory,
+        })
+    }
+
+    /// The residuals of one row.
+    fn row(
+        &self,
+        here: &Model,
+        changed: &[Model],
+        row: usize,
+        last: Option<&Settled>,
+        settler: &mut Settler,
+        storage: &mut Changed,
+    ) -> Part {
+        let measured = &self.recording.points[row];
+        let seen: Vec<usize> = (0..measured.len())
+            .filter(|&m| measured[m].is_some())
+            .collect();
+        let n = self.unknowns.len();
+        let stale = || Part {
+            residuals: last.map_or_else(
+                || DVector::zeros(3 * seen.len()),
+                |last| self.weighted(&last.misses, None),
+            ),
+            jacobian: DMatrix::zeros(3 * seen.len(), n),
+            settled: last.cloned(),
+        };
+        let loads = Loads::default();
+        let Ok(command) = here.robot.command(&here.commands[row]) else {
+            return stale();
+        };
+        let settled = match last {
+            Some(last) => settler.settle_from(&last.configuration, &command, &loads),
+            None => settler.settle(&command, &loads),
+        };
+        let sensitivity = here.robot.sensitivity(&command, &loads, settled);
+        let (settled, Ok(sensitivity)) = (settled.clone(), sensitivity) else {
+            return stale();
+        };
+        let points = |model: &Model| -> Vec<DiscPoint> {
+            let markers = &model.transmission.markers;
+            seen.iter()
+                .map(|&m| DiscPoint {
+                    disc: markers[m].disc,
+                    place: markers[m].place,
+                })
+                .collect()
+        };
+        let own = points(here);
+        let misses: Vec<Vector3<f64>> = (seen.iter().zip(&own))
+            .map(|(&m, point)| place(&settled, point) - measured[m].unwrap_or_default())
+            .collect();
+        let mut slopes = vec![vec![Vector3::zeros(); seen.len()]; n];
+        for (slopes, changed) in slopes.iter_mut().zip(changed) {
+            let pairs: Vec<(DiscPoint, DiscPoint)> =
+                own.iter().copied().zip(points(changed)).collect();
+            sensitivity.towards(
+                &changed.robot,
+                &changed.commands[row],
+                &pairs,
+                storage,
+                slopes,
+            );
+            slopes.iter_mut().for_each(|slope| *slope /= STEP);
+        }
+        let mut jacobian = DMatrix::zeros(3 * seen.len(), n);
+        for (i, slopes) in slopes.iter().enumerate() {
+            jacobian.set_column(i, &self.weighted(slopes, Some(&misses)));
+        }
+        if jacobian.iter().any(|x| !x.is_finite()) {
+            return stale();
+        }
+        Part {
+            residuals: self.weighted(&misses, None),
+            jacobian,
+            settled: Some(Settled {
+                configuration: settled.configuration,
+                misses,
+            }),
+        }
+    }
+
+    /// Residuals whose squares are the pseudo-Huber loss `2 s² (sqrt(1 + |e|²/s²) - 1)` of the misses `e` (Hartley and Zisserman, Multiple
+    /// View Geometry, A6.8); or their derivatives along `vectors` where misses are given.
+    fn weighted(&self, vectors: &[Vector3<f64>], misses: Option<&[Vector3<f64>]>) -> DVector<f64> {
+        let mut all = DVector::zeros(3 * vectors.len());
+        for (k, vector) in vectors.iter().enumerate() {
+            let miss = misses.map_or(vector, |misses| &misses[k]);
+            let (weight, slope) = self.weight(miss.norm());
+            let out = match misses {
+                None => vector * weight,
+                Some(_) => vector * weight + miss * (slope * miss.dot(vector)),
+            };
+            all.fixed_rows_mut::<3>(3 * k).copy_from(&out);
+        }
+        all
+    }
+
+    /// What a miss of length `n` is multiplied by, and that factor's derivative by `n` over `n`.
+    fn weight(&self, n: f64) -> (f64, f64) {
+        let s = self.loss;
+        let ratio = n / s;
+        if !s.is_finite() || ratio < 1e-4 {
+            return (1.0, 0.0);
+        }
+        let root = (1.0 + ratio * ratio).sqrt();
+        let square = 2.0 * s * s * (root - 1.0);
+        let weight = square.sqrt() / n;
+        // d(rho)/dn = 2 n / root.
+        let slope = (2.0 * n / root / (2.0 * square.sqrt()) - weight) / n;
+        (weight, slope / n)
+    }
+}
+
+/// Where a point of a settled robot is (m).
+pub(super) fn place(settled: &Equilibrium, point: &DiscPoint) -> Vector3<f64> {
+    settled.positions[point.disc] + settled.orientations[point.disc] * point.place
+}
+
+struct Part {
+    residuals: DVector<f64>,
+    jacobian: DMatrix<f64>,
+    settled: Option<Settled>,
+}

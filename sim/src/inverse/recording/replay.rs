@@ -1,0 +1,116 @@
+//! A recording under a model: where the markers should have been.
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::problem::place;
+use super::{Recording, RecordingError, Transmission};
+use crate::robot::{Loads, Robot, RobotSpec};
+use crate::sensitivity::DiscPoint;
+use crate::statics::Settler;
+
+/// What a model says of each row of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Replay {
+    /// For each row where each marker should have been (m, world frame); none where the robot did not settle.
+    pub points: Vec<Option<Vec<Vector3<f64>>>>,
+    /// For each row the origin of each disc (m), in the same way.
+    pub discs: Vec<Option<Vec<Vector3<f64>>>>,
+}
+
+/// How far a replay is from what was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Misses {
+    /// For each row and marker what it missed (m), the marker's mean miss taken off; none where it was not measured, or the
+    /// robot did not settle.
+    pub misses: Vec<Vec<Option<Vector3<f64>>>>,
+    /// Mean miss of each marker (m).
+    pub means: Vec<Vector3<f64>>,
+    /// Root mean square of the misses' lengths, without the means (m).
+    pub rmse: f64,
+    /// Rows in which the robot did not settle.
+    pub unsettled: Vec<usize>,
+}
+
+impl Replay {
+    /// Replays `recording` on a robot, each row settled by itself: the way counts through the servos' backlash only.
+    ///
+    /// # Errors
+    /// [`RecordingError`] for a recording or a transmission of another robot.
+    pub fn new(
+        spec: &RobotSpec,
+        transmission: &Transmission,
+        recording: &Recording,
+    ) -> Result<Self, RecordingError> {
+        super::check(spec, transmission, recording)?;
+        let mut spec = super::explicit::Explicit::new(spec)?.spec;
+        for route in &mut spec.routes {
+            route.tendon.range = [0.0, 1e6];
+        }
+        let robot = Robot::new(spec)?;
+        let commands = transmission.commands(&robot, recording);
+        let markers: Vec<DiscPoint> = (transmission.markers.iter())
+            .map(|marker| DiscPoint {
+                disc: marker.disc,
+                place: marker.place,
+            })
+            .collect();
+        let rows: Vec<Option<_>> = (commands.par_iter())
+            .map_init(
+                || Settler::new(&robot),
+                |settler, command| {
+                    let command = robot.command(command).ok()?;
+                    let settled = settler.settle(&command, &Loads::default());
+                    let points: Vec<_> = markers
+                        .iter()
+                        .map(|marker| place(settled, marker))
+                        .collect();
+                    settled
+                        .converged
+                        .then(|| (points, settled.positions.clone()))
+                },
+            )
+            .collect();
+        let (mut points, mut discs) = (Vec::new(), Vec::new());
+        for row in rows {
+            let (point, disc) = row.unzip();
+            points.push(point);
+            discs.push(disc);
+        }
+        Ok(Self { points, discs })
+    }
+
+    /// What it misses of `recording`.
+    pub fn misses(&self, recording: &Recording) -> Misses {
+        let markers = recording.points.first().map_or(0, Vec::len);
+        let mut misses: Vec<Vec<Option<Vector3<f64>>>> =
+            (self.points.iter().zip(&recording.points))
+                .map(|(said, measured)| {
+                    let miss = |m: usize| Some(said.as_ref()?[m] - measured[m]?);
+                    (0..markers).map(miss).collect()
+                })
+                .collect();
+        let mean = |m: usize| {
+            let all: Vec<Vector3<f64>> = misses.iter().filter_map(|row| row[m]).collect();
+            all.iter().sum::<Vector3<f64>>() / all.len().max(1) as f64
+        };
+        let means: Vec<Vector3<f64>> = (0..markers).map(mean).collect();
+        let (mut sum, mut count) = (0.0, 0);
+        for row in &mut misses {
+            for (miss, mean) in row.iter_mut().zip(&means) {
+                if let Some(miss) = miss {
+                    *miss -= mean;
+                    sum += miss.norm_squared();
+                    count += 1;
+                }
+            }
+        }
+        let unsettled = (0..self.points.len()).filter(|&row| self.points[row].is_none());
+        Misses {
+            means,
+            rmse: (sum / f64::from(count.max(1))).sqrt(),
+            unsettled: unsettled.collect(),
+            misses,
+        }
+    }
+}

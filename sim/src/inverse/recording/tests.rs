@@ -1,0 +1,233 @@
+//! Recordings of simulated robots whose truth is known.
+
+use std::ops::ControlFlow;
+
+use nalgebra::Vector3;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+
+use super::*;
+use crate::robot::{Backbone, Drive, PerDisc, Pull, Robot, RobotSpec};
+
+const NOISE: f64 = 5e-4;
+
+/// Two modules on an elastic backbone, whose tendons only pull and stretch.
+fn robot() -> RobotSpec {
+    let mut spec = RobotSpec::standard("2m").expect("a standard robot");
+    for module in &mut spec.modules {
+        module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(0.3)));
+        if let Some(tendons) = &mut module.tendons {
+            tendons.drive = Drive::Gain(2000.0);
+            tendons.pull = Pull::TensionOnly;
+        }
+    }
+    spec
+}
+
+/// The servos go round, further and further, and back and forth on the way; the tip and a disc below are measured.
+fn recording(spec: &RobotSpec, truth: &Transmission, rows: usize) -> Recording {
+    let mut recording = Recording::default();
+    for row in 0..rows {
+        let t = row as f64;
+        let along = 0.13 * t + 0.6 * (0.45 * t).sin();
+        let pull = |tendon: usize| {
+            let phase = 2.1 * tendon as f64 + if tendon < 3 { along } else { -0.7 * along };
+            (0.004 + 0.01 * t / rows as f64) * phase.sin()
+        };
+        recording.times.push(0.5 * t);
+        recording.pulls.push((0..6).map(pull).collect());
+        recording.points.push(vec![None; truth.markers.len()]);
+    }
+    let replay = Replay::new(spec, truth, &recording).expect("a recording of the robot");
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let normal = Normal::new(0.0, NOISE).expect("a deviation above 0");
+    for (measured, said) in recording.points.iter_mut().zip(replay.points) {
+        for (measured, said) in measured.iter_mut().zip(said.expect("settled")) {
+            *measured = Some(said + Vector3::from_fn(|_, _| normal.sample(&mut rng)));
+        }
+    }
+    recording
+}
+
+fn markers() -> Vec<Marker> {
+    let at = |disc, x| Marker {
+        disc,
+        place: Vector3::new(x, 0.0, 0.0),
+    };
+    vec![at(9, 0.0), at(4, 0.01)]
+}
+
+/// The truth is drawn from about where the priors are.
+fn truth(first: &RobotSpec) -> (RobotSpec, Transmission) {
+    let mut transmission = Transmission::ideal(6, markers());
+    for (t, servo) in transmission.servos.iter_mut().enumerate() {
+        servo.offset = [3e-4, -2e-4, 1e-4, 4e-4, 0.0, -1e-4][t];
+        servo.backlash = 2e-4;
+    }
+    transmission.lag = 0.12;
+    let mut spec = first.clone();
+    for (module, stiffness) in spec.modules.iter_mut().zip([0.34, 0.27]) {
+        module.backbone = Some(PerDisc::Uniform(Backbone {
+            bending: [stiffness; 2],
+            torsion: 0.3,
+            rest: [0.0; 3],
+        }));
+    }
+    (spec, transmission)
+}
+
+fn settings() -> RecordingSettings {
+    RecordingSettings {
+        groups: vec![
+            Group::Pretension,
+            Group::Backlash,
+            Group::Lag,
+            Group::Stiffness,
+        ],
+        ..RecordingSettings::default()
+    }
+}
+
+fn onwards(_: Progress) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+#[test]
+fn pretension_backlash_lag_and_stiffness_are_found_within_their_intervals() {
+    let first = robot();
+    let (real, there) = truth(&first);
+    let recording = recording(&real, &there, 240);
+    let given = Transmission::ideal(6, markers());
+    let fit = fit_recording(&first, &given, &recording, &settings(), &mut onwards).expect("a fit");
+    let truth: Vec<f64> = (there.servos.iter().map(|servo| servo.offset))
+        .chain(there.servos.iter().map(|servo| servo.backlash))
+        .chain([there.lag, 0.34 / 0.3, 0.27 / 0.3])
+        .collect();
+    assert_eq!(fit.unknowns.len(), truth.len());
+    // Of fifteen 95 % intervals one may miss.
+    let missed: Vec<_> = (fit.unknowns.iter().zip(&truth))
+        .filter(|(unknown, truth)| !(unknown.interval[0]..=unknown.interval[1]).contains(truth))
+        .collect();
+    assert!(missed.len() <= 1, "{missed:?}");
+    for (unknown, truth) in fit.unknowns.iter().zip(&truth) {
+        let [low, high] = unknown.interval;
+        assert!(
+            (unknown.value - truth).abs() <= high - low,
+            "{unknown:?}, truth {truth}"
+        );
+    }
+    let independent = 3f64.sqrt() * NOISE;
+    assert!(
+        (fit.after.rmse / independent - 1.0).abs() < 0.1,
+        "{}",
+        fit.after.rmse
+    );
+    assert!(fit.before.rmse > 2.0 * fit.after.rmse && fit.alike_rows < 2.0);
+}
+
+/// Derivatives against differences of the residuals of two robots, of every group.
+#[test]
+fn derivatives_are_those_of_the_residuals() {
+    // Tendons that push too: where one goes slack, derivatives jump.
+    let mut first = robot();
+    for tendons in first.modules.iter_mut().filter_map(|m| m.tendons.as_mut()) {
+        tendons.pull = Pull::Bilateral;
+    }
+    let (real, there) = truth(&first);
+    let recording = recording(&real, &there, 8);
+    let explicit = explicit::Explicit::new(&first).expect("a robot");
+    let unknowns =
+        priors::unknowns(&Group::ALL, &explicit, &there, &recording).expect("all groups");
+    let problem = problem::Problem {
+        explicit: &explicit,
+        transmission: &there,
+        recording: &recording,
+        speeds: recording.speeds(),
+        unknowns: &unknowns,
+        loss: 2e-3,
+    };
+    let weighing = problem::Weighing {
+        rows: (0..8).collect(),
+        error: 1e-3,
+    };
+    let x = nalgebra::DVector::from_fn(unknowns.len(), |i, _| 0.1 * (i as f64).sin());
+    let at = |x: &nalgebra::DVector<f64>| {
+        problem
+            .evaluate(x, &weighing, &vec![None; 8])
+            .expect("settled")
+    };
+    let here = at(&x);
+    for i in 0..x.len() {
+        let h = 1e-3;
+        let [mut low, mut high] = [x.clone(), x.clone()];
+        (low[i], high[i]) = (x[i] - h, x[i] + h);
+        let slope = (at(&high).residuals - at(&low).residuals) / (2.0 * h);
+        let scale = slope.amax().max(1e-6);
+        let miss = (slope - here.jacobian.column(i)).amax() / scale;
+        assert!(miss < 5e-3, "{}: {miss}", unknowns[i].name);
+    }
+}
+
+#[test]
+fn a_watcher_stops_a_fit() {
+    let first = robot();
+    let (real, there) = truth(&first);
+    let recording = recording(&real, &there, 20);
+    let mut stop = |_| ControlFlow::Break(());
+    let stopped = fit_recording(&first, &there, &recording, &settings(), &mut stop);
+    assert_eq!(stopped.err(), Some(RecordingError::Interrupted));
+}
+
+#[test]
+fn what_makes_no_sense_is_named() {
+    let first = robot();
+    let (real, there) = truth(&first);
+    let recording = recording(&real, &there, 20);
+    let fit = |transmission: &Transmission, recording: &Recording, groups: Vec<Group>| {
+        let settings = RecordingSettings {
+            groups,
+            ..RecordingSettings::default()
+        };
+        let error = fit_recording(&first, transmission, recording, &settings, &mut onwards)
+            .expect_err("refused");
+        error.to_string()
+    };
+    let mut far = there.clone();
+    far.markers[1].disc = 10;
+    assert_eq!(
+        fit(&far, &recording, vec![Group::Lag]),
+        "marker 1 is on disc 10; the robot has discs 0 to 9"
+    );
+    let mut late = recording.clone();
+    late.times[7] = 0.0;
+    assert_eq!(
+        fit(&there, &late, vec![Group::Lag]),
+        "row 7 of the recording: it is earlier than the row before"
+    );
+    let mut weightless = first.clone();
+    weightless.gravity = [0.0; 3];
+    let settings = RecordingSettings {
+        groups: vec![Group::Gravity],
+        ..RecordingSettings::default()
+    };
+    let refused = fit_recording(&weightless, &there, &recording, &settings, &mut onwards)
+        .expect_err("refused");
+    assert!(
+        refused.to_string().starts_with("cannot fit gravity: "),
+        "{refused}"
+    );
+    let few = Recording {
+        times: recording.times[..1].to_vec(),
+        pulls: recording.pulls[..1].to_vec(),
+        points: recording.points[..1].to_vec(),
+    };
+    assert!(
+        fit(&there, &few, settings_groups()).starts_with("6 measured coordinates cannot tell ")
+    );
+    assert!(Robot::new(weightless).is_ok());
+}
+
+fn settings_groups() -> Vec<Group> {
+    settings().groups
+}

@@ -1,0 +1,199 @@
+//! From what servos report to what tendons are commanded.
+
+use nalgebra::{DVector, Vector3};
+
+use crate::chain::Configuration;
+use crate::robot::{Drive, Robot};
+
+/// What a robot did, in the order of time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recording {
+    /// When (s, ascending); without a clock the number of the row.
+    pub times: Vec<f64>,
+    /// For each time what the servo of each tendon reports: how far it has pulled its tendon (m), positive when it pulls;
+    /// of a tension drive the tension (N).
+    pub pulls: Vec<Vec<f64>>,
+    /// For each time where each marker was (m, world frame); none where it was not seen.
+    pub points: Vec<Vec<Option<Vector3<f64>>>>,
+}
+
+/// What lies between servos and tendons, and between discs and markers: numbers that are no part of the robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Transmission {
+    /// Of each tendon, in a command's order.
+    pub servos: Vec<Servo>,
+    /// How far positions are behind what servos report (s, or rows where the recording has no clock).
+    pub lag: f64,
+    /// What was measured.
+    pub markers: Vec<Marker>,
+}
+
+/// How a servo pulls its tendon: the tendon is pulled by `gain p + offset`, `p` what the servo reports after its backlash.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Servo {
+    /// Tendon pulled by what the servo reports: the radius of its spool by the one that it reckons with.
+    pub gain: f64,
+    /// Pull where the servo reports 0 (m; N of a tension drive): above 0 pretension, below 0 slack.
+    pub offset: f64,
+    /// Half the play between servo and tendon (m; N of a tension drive).
+    pub backlash: f64,
+}
+
+impl Default for Servo {
+    fn default() -> Self {
+        Self {
+            gain: 1.0,
+            offset: 0.0,
+            backlash: 0.0,
+        }
+    }
+}
+
+/// A measured point on a disc.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Marker {
+    /// The disc, from 0 at the base.
+    pub disc: usize,
+    /// The marker in the disc's frame (m).
+    pub place: Vector3<f64>,
+}
+
+/// Steps of time longer than this many medians are gaps, over which nothing is known of the servos' speed.
+const GAP: f64 = 2.5;
+
+impl Recording {
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.times.len()
+    }
+
+    /// Whether there is no row.
+    pub fn is_empty(&self) -> bool {
+        self.times.is_empty()
+    }
+
+    /// Median time between rows; 1 where there is none.
+    pub fn median_step(&self) -> f64 {
+        let mut steps: Vec<f64> = self.times.windows(2).map(|t| t[1] - t[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        steps.get(steps.len() / 2).copied().unwrap_or(1.0)
+    }
+
+    /// Speed of each servo at each row (1/s): from the row before, after a gap from the next one, between two gaps 0.
+    pub(super) fn speeds(&self) -> Vec<Vec<f64>> {
+        let longest = GAP * self.median_step();
+        let between = |a: usize, b: usize| -> Option<Vec<f64>> {
+            let step = self.times.get(b)? - self.times[a];
+            let pairs = self.pulls[a].iter().zip(&self.pulls[b]);
+            (step <= longest).then(|| pairs.map(|(a, b)| (b - a) / step).collect())
+        };
+        (0..self.len())
+            .map(|row| {
+                let before = row.checked_sub(1).and_then(|last| between(last, row));
+                let speed = before.or_else(|| between(row, row + 1));
+                speed.unwrap_or_else(|| vec![0.0; self.pulls[row].len()])
+            })
+            .collect()
+    }
+}
+
+impl Transmission {
+    /// Servos that pull as far as they report, at once, and markers in these places.
+    pub fn ideal(tendons: usize, markers: Vec<Marker>) -> Self {
+        Self {
+            servos: vec![Servo::default(); tendons],
+            lag: 0.0,
+            markers,
+        }
+    }
+
+    /// The command of each row (m, or N): a tendon that is pulled by `p` has the length `L - p`, `L` that in the straight
+    /// pose. Backlash is a play operator: the tendon rests until the servo has crossed the play, then follows (Visintin,
+    /// Differential Models of Hysteresis, 1994, ch. III.2). The lag takes the servo back by `lag` times its speed.
+    pub fn commands(&self, robot: &Robot, recording: &Recording) -> Vec<Vec<f64>> {
+        self.commands_at(robot, recording, &recording.speeds())
+    }
+
+    /// The same with the servos' speeds.
+    pub(super) fn commands_at(
+        &self,
+        robot: &Robot,
+        recording: &Recording,
+        speeds: &[Vec<f64>],
+    ) -> Vec<Vec<f64>> {
+        let (lengths, _) = robot.tendon_kinematics(&Configuration::straight(robot));
+        let mut played: Option<DVector<f64>> = None;
+        let rows = recording.pulls.iter().zip(speeds);
+        rows.map(|(reported, speed)| {
+            let delayed = reported.iter().zip(speed).map(|(p, v)| p - self.lag * v);
+            let mut pulls = DVector::from_iterator(reported.len(), delayed);
+            if let Some(last) = &played {
+                for (t, pull) in pulls.iter_mut().enumerate() {
+                    let play = self.servos[t].backlash;
+                    *pull = last[t].clamp(*pull - play, *pull + play);
+                }
+            }
+            let command = (0..pulls.len()).map(|t| {
+                let pull = self.servos[t].gain * pulls[t] + self.servos[t].offset;
+                match robot.tendons()[t].drive {
+                    Drive::Tension => pull.max(0.0),
+                    Drive::Gain(_) | Drive::Length => (lengths[t] - pull).max(0.0),
+                }
+            });
+            let command = command.collect();
+            played = Some(pulls);
+            command
+        })
+        .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn recording(pulls: &[f64], times: &[f64]) -> Recording {
+        Recording {
+            times: times.to_vec(),
+            pulls: pulls.iter().map(|&p| vec![p; 6]).collect(),
+            points: vec![Vec::new(); pulls.len()],
+        }
+    }
+
+    #[test]
+    fn a_tendon_rests_until_its_servo_has_crossed_the_play() {
+        let robot = Robot::load("2m").expect("a standard robot");
+        let mut transmission = Transmission::ideal(6, Vec::new());
+        transmission.servos[0].backlash = 1e-3;
+        let to_and_fro = recording(&[0.0, 0.5e-3, 3e-3, 2e-3, 0.0], &[0.0, 1.0, 2.0, 3.0, 4.0]);
+        let commands = transmission.commands(&robot, &to_and_fro);
+        let pulled: Vec<f64> = (commands.iter())
+            .map(|c| 1e3 * (commands[0][0] - c[0]))
+            .collect();
+        for (found, expected) in pulled.iter().zip([0.0, 0.0, 2.0, 2.0, 1.0]) {
+            assert!((found - expected).abs() < 1e-9, "{pulled:?}");
+        }
+    }
+
+    /// At constant speed a lag is that much time; over a gap the speed is that of the rows beyond it.
+    #[test]
+    fn a_lag_takes_a_servo_back_by_its_speed() {
+        let robot = Robot::load("2m").expect("a standard robot");
+        let mut transmission = Transmission::ideal(6, Vec::new());
+        transmission.lag = 0.25;
+        let moving = recording(
+            &[0.0, 1e-3, 2e-3, 3e-3, 8e-3, 8e-3],
+            &[0.0, 1.0, 2.0, 3.0, 60.0, 61.0],
+        );
+        let [late, prompt] = [0.25, 0.0].map(|lag| {
+            transmission.lag = lag;
+            transmission.commands(&robot, &moving)
+        });
+        let behind: Vec<f64> = (late.iter().zip(&prompt))
+            .map(|(a, b)| 1e3 * (a[2] - b[2]))
+            .collect();
+        for (found, expected) in behind.iter().zip([0.25, 0.25, 0.25, 0.25, 0.0, 0.0]) {
+            assert!((found - expected).abs() < 1e-9, "{behind:?}");
+        }
+    }
+}

@@ -1,0 +1,332 @@
+//! The page on a calibration: paths, errors, residuals, unknowns.
+
+use nalgebra::Vector3;
+use tdcr_sim::cloud::PointCloud;
+use tdcr_sim::inverse::recording::{Correlation, FittedUnknown, Misses, Replay};
+
+use crate::pipeline::recording::RecordingFile;
+use crate::report::{Aspect, CalibrationReport, Example, Figure, Ink, Mark, Panel, Scale, Shape};
+
+const MM: f64 = 1e3;
+/// Bins of the histogram of errors.
+const BINS: usize = 40;
+/// Motions that are named at most.
+const MOTIONS: usize = 14;
+/// Plots side by side.
+const PANELS: usize = 3;
+/// Axes of a path's plots.
+const VIEWS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// What the page is made of.
+#[derive(Debug)]
+pub struct CalibrationPage<'a> {
+    /// Name of the robot.
+    pub robot: String,
+    /// The recordings: of the training first.
+    pub held: Vec<Held<'a>>,
+    /// What was found.
+    pub unknowns: Vec<FittedUnknown>,
+    /// What the recording can hardly tell apart.
+    pub correlations: Vec<Correlation>,
+}
+
+/// A recording, and how far the robot is from it.
+#[derive(Debug)]
+pub struct Held<'a> {
+    /// What it is called.
+    pub name: &'a str,
+    /// The recording.
+    pub file: &'a RecordingFile,
+    /// What the robot as given misses.
+    pub before: &'a Misses,
+    /// What the calibrated robot misses.
+    pub after: &'a Misses,
+    /// Where the calibrated robot says the markers are.
+    pub replay: &'a Replay,
+}
+
+impl CalibrationPage<'_> {
+    /// The page as one self-contained HTML text, the same for the same data.
+    pub fn to_html(&self) -> String {
+        let mm = |rmse: f64| format!("{:.2} mm", MM * rmse);
+        let headline = (self.held.iter()).map(|held| {
+            format!(
+                "{}: {} before, {} after",
+                held.name,
+                mm(held.before.rmse),
+                mm(held.after.rmse)
+            )
+        });
+        let headline: Vec<String> = headline.collect();
+        CalibrationReport {
+            title: format!("Calibration of {}", self.robot),
+            headline: headline.join(". ") + ". Root mean square distances of the markers from where the robot says, mean offset taken off.",
+            figures: self.held.iter().flat_map(Held::figures).collect(),
+            examples: self.held.iter().map(Held::overlay).collect(),
+            unknowns: (self.unknowns.iter())
+                .map(|u| {
+                    let note = if u.prior_only { "the recording says little" } else { "" };
+                    let [low, high] = u.interval.map(|x| format!("{x:.5}"));
+                    [u.name.clone(), format!("{:.5}", u.value), format!("{low} to {high}"), u.unit.to_owned(), note.to_owned()]
+                })
+                .collect(),
+            correlations: (self.correlations.iter())
+                .map(|c| [c.names[0].clone(), c.names[1].clone(), format!("{:.3}", c.correlation)])
+                .collect(),
+        }
+        .to_html()
+    }
+}
+
+impl Held<'_> {
+    /// Measured and simulated places of the markers, row by row (m).
+    fn pairs(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let rows = self.file.recording.points.iter().zip(&self.replay.points);
+        let mut pairs = Vec::new();
+        for (measured, said) in rows {
+            let said = said.iter().flatten();
+            pairs.extend(
+                measured
+                    .iter()
+                    .zip(said)
+                    .filter_map(|(p, q)| Some(((*p)?, *q))),
+            );
+        }
+        pairs
+    }
+
+    /// Each row's largest error of a marker (mm); not finite where there is none.
+    fn errors(&self, misses: &Misses) -> Vec<f64> {
+        (misses.misses.iter())
+            .map(|row| {
+                row.iter()
+                    .flatten()
+                    .map(Vector3::norm)
+                    .fold(f64::NAN, f64::max)
+                    * MM
+            })
+            .collect()
+    }
+
+    fn overlay(&self) -> Example {
+        let cloud = |points: Vec<Vector3<f64>>| PointCloud {
+            points: points
+                .iter()
+                .map(|p| [p.x as f32, p.y as f32, p.z as f32])
+                .collect(),
+            ..PointCloud::default()
+        };
+        let (truth, prediction) = self.pairs().into_iter().unzip();
+        Example {
+            label: self.name.to_owned(),
+            truth: cloud(truth),
+            prediction: cloud(prediction),
+            ..Example::default()
+        }
+    }
+
+    fn figures(&self) -> Vec<Figure> {
+        vec![
+            self.paths(),
+            self.histogram(),
+            self.patterns(),
+            self.along(),
+        ]
+        .into_iter()
+        .chain(self.by_command())
+        .collect()
+    }
+
+    fn paths(&self) -> Figure {
+        let pairs = self.pairs();
+        let panel = |&(a, b): &(usize, usize)| Panel {
+            title: format!("{}{}", AXES[a], AXES[b]),
+            x: Scale::linear(&format!("{} (mm)", AXES[a])),
+            y: Scale::linear(&format!("{} (mm)", AXES[b])),
+            aspect: Aspect::Equal,
+            marks: vec![
+                mark(
+                    "measured",
+                    Shape::Specks,
+                    Ink::Black,
+                    pairs.iter().map(|(p, _)| [MM * p[a], MM * p[b]]).collect(),
+                ),
+                mark(
+                    "calibrated robot",
+                    Shape::Specks,
+                    Ink::Vermilion,
+                    pairs.iter().map(|(_, p)| [MM * p[a], MM * p[b]]).collect(),
+                ),
+            ],
+        };
+        Figure {
+            title: format!("{}: where the markers were", self.name),
+            caption: "Each row of the recording is a point, without the alignment of means.".into(),
+            panels: VIEWS.iter().map(panel).collect(),
+        }
+    }
+
+    fn histogram(&self) -> Figure {
+        let all = [self.before, self.after].map(|misses| self.errors(misses));
+        let most = all[1]
+            .iter()
+            .copied()
+            .filter(|x| x.is_finite())
+            .fold(1e-3, f64::max);
+        let curve = |errors: &[f64]| -> Vec<[f64; 2]> {
+            let width = most / BINS as f64;
+            let count = errors.iter().filter(|x| x.is_finite()).count().max(1) as f64;
+            (0..BINS)
+                .flat_map(|bin| {
+                    let [low, high] = [bin as f64 * width, (bin + 1) as f64 * width];
+                    let share =
+                        errors.iter().filter(|&&x| x >= low && x < high).count() as f64 / count;
+                    [[low, 100.0 * share], [high, 100.0 * share]]
+                })
+                .collect()
+        };
+        Figure {
+            title: format!("{}: how often which error", self.name),
+            caption: "Errors beyond the axis are left out.".into(),
+            panels: vec![Panel {
+                title: "Errors".into(),
+                x: Scale::linear("error (mm)"),
+                y: Scale::linear("share of the rows (%)"),
+                aspect: Aspect::Free,
+                marks: vec![
+                    mark("as given", Shape::Line, Ink::Grey, curve(&all[0])),
+                    mark("calibrated", Shape::Line, Ink::Vermilion, curve(&all[1])),
+                ],
+            }],
+        }
+    }
+
+    /// Root mean square error of each motion.
+    fn patterns(&self) -> Figure {
+        let errors = self.errors(self.after);
+        let mut names: Vec<&String> = Vec::new();
+        for name in &self.file.patterns {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        let points: Vec<[f64; 2]> = (names.iter().enumerate())
+            .map(|(k, name)| {
+                let own: Vec<f64> = (errors.iter().zip(&self.file.patterns))
+                    .filter(|(error, pattern)| error.is_finite() && pattern == name)
+                    .map(|(error, _)| error * error)
+                    .collect();
+                [
+                    (own.iter().sum::<f64>() / own.len().max(1) as f64).sqrt(),
+                    k as f64,
+                ]
+            })
+            .collect();
+        let worst = |k: &usize| points[*k][0];
+        let mut order: Vec<usize> = (0..names.len()).collect();
+        order.sort_by(|a, b| worst(b).total_cmp(&worst(a)));
+        order.truncate(MOTIONS);
+        let shown: Vec<[f64; 2]> = order
+            .iter()
+            .enumerate()
+            .map(|(k, &i)| [points[i][0], k as f64])
+            .collect();
+        let label = |&i: &usize| {
+            if names[i].is_empty() {
+                "all".to_owned()
+            } else {
+                names[i].clone()
+            }
+        };
+        Figure {
+            title: format!("{}: the motions with the largest errors", self.name),
+            caption: format!(
+                "Root mean square over the rows of a motion; {MOTIONS} motions at most."
+            ),
+            panels: vec![Panel {
+                title: "Error by motion".into(),
+                x: Scale::linear("error (mm)"),
+                y: Scale::Names(order.iter().map(label).collect()),
+                aspect: Aspect::Free,
+                marks: vec![mark("", Shape::Dots, Ink::Blue, shown)],
+            }],
+        }
+    }
+
+    /// Residuals against time, one plot for each axis.
+    fn along(&self) -> Figure {
+        let start = self.file.recording.times.first().copied().unwrap_or(0.0);
+        let panels = (0..3).map(|axis| {
+            let rows = self.file.recording.times.iter().zip(&self.after.misses);
+            let points = rows
+                .filter_map(|(t, row)| Some([t - start, MM * row.iter().flatten().next()?[axis]]));
+            residual_panel("time (s)", axis, points.collect())
+        });
+        Figure {
+            title: format!("{}: residuals against time", self.name),
+            caption: "Of the first marker, the mean taken off.".into(),
+            panels: panels.collect(),
+        }
+    }
+
+    /// Length of the residual against what each servo reports, pulling and letting go apart.
+    fn by_command(&self) -> Vec<Figure> {
+        let errors = self.errors(self.after);
+        let pulls = &self.file.recording.pulls;
+        let servos = pulls.first().map_or(0, Vec::len);
+        let panel = |servo: usize| {
+            let points = |pulling: bool| -> Vec<[f64; 2]> {
+                (1..pulls.len())
+                    .filter(|&row| (pulls[row][servo] > pulls[row - 1][servo]) == pulling)
+                    .map(|row| [MM * pulls[row][servo], errors[row]])
+                    .collect()
+            };
+            Panel {
+                title: format!("Servo {servo}"),
+                x: Scale::linear("reported (mm, or mN)"),
+                y: Scale::linear("error (mm)"),
+                aspect: Aspect::Free,
+                marks: vec![
+                    mark("pulling", Shape::Specks, Ink::Blue, points(true)),
+                    mark(
+                        "letting go, or at rest",
+                        Shape::Specks,
+                        Ink::Vermilion,
+                        points(false),
+                    ),
+                ],
+            }
+        };
+        let servos: Vec<usize> = (0..servos).collect();
+        (servos.chunks(PANELS).enumerate())
+            .map(|(k, chunk)| Figure {
+                title: match k {
+                    0 => format!("{}: errors against what servos report", self.name),
+                    _ => String::new(),
+                },
+                caption: String::new(),
+                panels: chunk.iter().map(|&servo| panel(servo)).collect(),
+            })
+            .collect()
+    }
+}
+
+fn residual_panel(x: &str, axis: usize, points: Vec<[f64; 2]>) -> Panel {
+    Panel {
+        title: format!("Along {}", AXES[axis]),
+        x: Scale::linear(x),
+        y: Scale::linear("residual (mm)"),
+        aspect: Aspect::Free,
+        marks: vec![mark("", Shape::Specks, Ink::Blue, points)],
+    }
+}
+
+fn mark(name: &str, shape: Shape, ink: Ink, points: Vec<[f64; 2]>) -> Mark {
+    Mark {
+        name: name.to_owned(),
+        shape,
+        ink,
+        points,
+    }
+}

@@ -1,0 +1,355 @@
+//! The column map beside a recording: which column holds what, in which unit, and what lies between servos and tendons.
+
+use std::path::Path;
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+use tdcr_sim::inverse::recording::{Marker, Servo, Transmission};
+use tdcr_sim::robot::RobotSpec;
+
+use super::RecordingFileError;
+
+/// A column map, as its TOML file has it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Columns {
+    /// Column with the name of the motion that a row belongs to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pattern: Option<String>,
+    /// How far positions are behind the servos (s; rows without a time).
+    #[serde(default)]
+    pub lag: f64,
+    /// Column with the time; without one, rows are one unit of time apart.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<TimeColumn>,
+    /// Pose of the recording's frame in the world; the world's where the file does not give it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<FramePose>,
+    /// One for each tendon of the robot, in the order of a command.
+    pub servos: Vec<ServoColumn>,
+    /// What was measured: one or more points.
+    pub markers: Vec<MarkerColumns>,
+}
+
+/// The column with the time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TimeColumn {
+    /// Its name.
+    pub column: String,
+    /// Its unit: `s`, `ms`, `us` or `min`.
+    #[serde(default = "second")]
+    pub unit: TimeUnit,
+}
+
+/// Units of time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TimeUnit {
+    /// Seconds.
+    S,
+    /// Milliseconds.
+    Ms,
+    /// Microseconds.
+    Us,
+    /// Minutes.
+    Min,
+}
+
+/// Where a recording's frame is in the world.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FramePose {
+    /// Its origin (m).
+    #[serde(default)]
+    pub position: [f64; 3],
+    /// Its orientation: a quaternion (w, x, y, z), normalised on use.
+    #[serde(default = "upright")]
+    pub orientation: [f64; 4],
+}
+
+/// The column of a servo, and what lies between the servo and its tendon.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServoColumn {
+    /// Its name.
+    pub column: String,
+    /// Its unit.
+    pub unit: PullUnit,
+    /// Whether positive values pull the tendon (1) or let it go (-1).
+    #[serde(default = "one")]
+    pub sign: f64,
+    /// Value at which the tendon is not pulled, in the column's unit.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub zero: f64,
+    /// Radius of the spool (m), for angles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spool_radius: Option<f64>,
+    /// Pull of the tendon by what the column says.
+    #[serde(default = "one")]
+    pub gain: f64,
+    /// Pull where the column says `zero` (m, or N).
+    #[serde(default)]
+    pub offset: f64,
+    /// Half the play (m, or N).
+    #[serde(default)]
+    pub backlash: f64,
+}
+
+/// Units of what servos report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PullUnit {
+    /// Metres of tendon.
+    M,
+    /// Centimetres.
+    Cm,
+    /// Millimetres.
+    Mm,
+    /// Micrometres.
+    Um,
+    /// Radians of a spool, which has a `spool_radius`.
+    Rad,
+    /// Degrees of a spool.
+    Deg,
+    /// Newtons, of a tendon driven by tension.
+    N,
+}
+
+/// The three columns of a measured point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MarkerColumns {
+    /// Where it is: `"tip"`, or a disc's number from 0 at the base.
+    pub disc: DiscName,
+    /// Columns of x, y and z.
+    pub columns: [String; 3],
+    /// Their unit: `m`, `cm`, `mm` or `um`.
+    pub unit: PullUnit,
+    /// The point in the disc's frame (m).
+    #[serde(default)]
+    pub place: [f64; 3],
+}
+
+/// A disc by its number, or the last one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected \"tip\" or a disc's number")]
+pub enum DiscName {
+    /// From 0 at the base.
+    Number(usize),
+    /// `"tip"`.
+    Name(String),
+}
+
+impl PullUnit {
+    /// The unit in metres, for lengths.
+    fn metres(self) -> Option<f64> {
+        match self {
+            Self::M => Some(1.0),
+            Self::Cm => Some(1e-2),
+            Self::Mm => Some(1e-3),
+            Self::Um => Some(1e-6),
+            Self::Rad | Self::Deg | Self::N => None,
+        }
+    }
+}
+
+impl TimeUnit {
+    /// The unit in seconds.
+    pub(super) fn seconds(self) -> f64 {
+        match self {
+            Self::S => 1.0,
+            Self::Ms => 1e-3,
+            Self::Us => 1e-6,
+            Self::Min => 60.0,
+        }
+    }
+}
+
+impl ServoColumn {
+    /// The pull that a value of the column is (m, or N).
+    pub(super) fn pull(&self, value: f64) -> f64 {
+        let unit = match (self.unit, self.spool_radius) {
+            (PullUnit::Rad, Some(radius)) => radius,
+            (PullUnit::Deg, Some(radius)) => radius.to_radians(),
+            (unit, _) => unit.metres().unwrap_or(1.0),
+        };
+        self.sign * unit * (value - self.zero)
+    }
+
+    fn check(&self, place: usize) -> Result<(), String> {
+        let at = |what: &str| format!("servos[{place}] ({}): {what}", self.column);
+        let angle = matches!(self.unit, PullUnit::Rad | PullUnit::Deg);
+        if self.sign.abs() != 1.0 {
+            return Err(at(
+                "`sign` is 1 where positive values pull, -1 where they let go",
+            ));
+        }
+        match (angle, self.spool_radius) {
+            (true, None) => return Err(at("an angle needs the `spool_radius` (m)")),
+            (false, Some(_)) => return Err(at("`spool_radius` is for the units rad and deg")),
+            (true, Some(radius)) if !(radius > 0.0 && radius.is_finite()) => {
+                return Err(at("`spool_radius` is a length above 0"));
+            }
+            _ => {}
+        }
+        let numbers = [self.zero, self.gain, self.offset, self.backlash];
+        if numbers.iter().any(|x| !x.is_finite()) || self.gain <= 0.0 || self.backlash < 0.0 {
+            return Err(at(
+                "expected finite numbers, `gain` above 0, `backlash` 0 or above",
+            ));
+        }
+        Ok(())
+    }
+}
+
+impl Columns {
+    /// Reads a column map for `robot`.
+    ///
+    /// # Errors
+    /// [`RecordingFileError`] for a file that cannot be read, or does not fit the robot.
+    pub fn load(path: &Path, robot: &RobotSpec) -> Result<Self, RecordingFileError> {
+        let text = std::fs::read_to_string(path).map_err(|source| RecordingFileError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let refuse = |reason: String| RecordingFileError::Columns {
+            path: path.to_owned(),
+            reason,
+        };
+        let columns: Self = toml::from_str(&text).map_err(|error| refuse(error.to_string()))?;
+        columns.check(robot).map_err(refuse)?;
+        Ok(columns)
+    }
+
+    fn check(&self, robot: &RobotSpec) -> Result<(), String> {
+        let (found, tendons) = (self.servos.len(), robot.tendon_count());
+        if found != tendons {
+            return Err(format!(
+                "{found} servos; expected one [[servos]] for each of the robot's {tendons} tendons, in the order of a command"
+            ));
+        }
+        if self.markers.is_empty() {
+            return Err("no [[markers]]; expected one or more measured points".to_owned());
+        }
+        if !(self.lag >= 0.0 && self.lag.is_finite()) {
+            return Err(format!("lag = {}; expected 0 or above", self.lag));
+        }
+        for (place, servo) in self.servos.iter().enumerate() {
+            servo.check(place)?;
+            let tension = robot.tendons()[place].drive == tdcr_sim::robot::Drive::Tension;
+            if tension != (servo.unit == PullUnit::N) {
+                return Err(format!(
+                    "servos[{place}] ({}): its unit is N where and only where the tendon's drive is a tension",
+                    servo.column
+                ));
+            }
+        }
+        for (place, marker) in self.markers.iter().enumerate() {
+            if marker.unit.metres().is_none() {
+                return Err(format!(
+                    "markers[{place}]: its unit is one of m, cm, mm and um"
+                ));
+            }
+            if marker.place.iter().any(|x| !x.is_finite()) {
+                return Err(format!(
+                    "markers[{place}]: `place` has a number that is not finite"
+                ));
+            }
+            let discs = robot.disc_count();
+            match &marker.disc {
+                DiscName::Name(name) if name != "tip" => {
+                    return Err(format!(
+                        "markers[{place}]: disc is `{name}`; expected \"tip\" or a disc's number"
+                    ));
+                }
+                DiscName::Number(disc) if *disc >= discs => {
+                    return Err(format!(
+                        "markers[{place}]: disc is {disc}; the robot has discs 0 to {}",
+                        discs - 1
+                    ));
+                }
+                _ => {}
+            }
+        }
+        if let Some(frame) = &self.frame {
+            let numbers = frame.position.iter().chain(&frame.orientation);
+            if numbers.clone().any(|x| !x.is_finite()) || frame.orientation == [0.0; 4] {
+                return Err(
+                    "frame: expected finite numbers, and a quaternion that is not 0".to_owned(),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// What lies between the recording and the robot.
+    pub fn transmission(&self, robot: &RobotSpec) -> Transmission {
+        let tip = robot.disc_count().saturating_sub(1);
+        Transmission {
+            servos: self
+                .servos
+                .iter()
+                .map(|servo| Servo {
+                    gain: servo.gain,
+                    offset: servo.offset,
+                    backlash: servo.backlash,
+                })
+                .collect(),
+            lag: self.lag,
+            markers: (self.markers.iter())
+                .map(|marker| Marker {
+                    disc: match marker.disc {
+                        DiscName::Number(disc) => disc,
+                        DiscName::Name(_) => tip,
+                    },
+                    place: marker.place.into(),
+                })
+                .collect(),
+        }
+    }
+
+    /// The same map with another transmission's numbers.
+    pub fn with(&self, transmission: &Transmission) -> Self {
+        let mut columns = self.clone();
+        columns.lag = transmission.lag;
+        for (column, servo) in columns.servos.iter_mut().zip(&transmission.servos) {
+            (column.gain, column.offset, column.backlash) =
+                (servo.gain, servo.offset, servo.backlash);
+        }
+        for (column, marker) in columns.markers.iter_mut().zip(&transmission.markers) {
+            column.place = marker.place.into();
+        }
+        columns
+    }
+
+    /// A measured point in the world (m).
+    pub(super) fn in_world(&self, marker: usize, values: [f64; 3]) -> Vector3<f64> {
+        let unit = self.markers[marker].unit.metres().unwrap_or(1.0);
+        let point = Vector3::from(values) * unit;
+        match &self.frame {
+            None => point,
+            Some(frame) => {
+                let [w, x, y, z] = frame.orientation;
+                let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+                turn * point + Vector3::from(frame.position)
+            }
+        }
+    }
+}
+
+fn second() -> TimeUnit {
+    TimeUnit::S
+}
+
+fn upright() -> [f64; 4] {
+    [1.0, 0.0, 0.0, 0.0]
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}

@@ -1,0 +1,88 @@
+//! Recordings of robots as files: tables of numbers, and the maps of their columns.
+
+mod columns;
+mod rows;
+
+pub use columns::{
+    Columns, DiscName, FramePose, MarkerColumns, PullUnit, ServoColumn, TimeColumn, TimeUnit,
+};
+pub use rows::RecordingFile;
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+/// Lines that a message names at most.
+const NAMED: usize = 5;
+
+/// A row that cannot be used.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BadRow {
+    /// Its line in the file, from 1.
+    pub line: usize,
+    /// What is wrong with it.
+    pub reason: String,
+}
+
+/// Why a recording could not be read.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum RecordingFileError {
+    /// The file could not be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// The column map is not one of the robot's.
+    #[error("{}: {reason}", path.display())]
+    Columns {
+        /// The map's file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A column that the map names is not there.
+    #[error("{} has no column `{column}`; its columns are {found}", path.display())]
+    NoColumn {
+        /// The table's file.
+        path: PathBuf,
+        /// The column.
+        column: String,
+        /// The columns that are there.
+        found: String,
+    },
+    /// There are no rows.
+    #[error("{} has no rows; expected a line with the columns' names and one for each moment", path.display())]
+    Empty {
+        /// The table's file.
+        path: PathBuf,
+    },
+    /// Rows that cannot be used.
+    #[error("{}", bad_rows(path, rows))]
+    BadRows {
+        /// The table's file.
+        path: PathBuf,
+        /// The rows.
+        rows: Vec<BadRow>,
+    },
+}
+
+fn bad_rows(path: &std::path::Path, rows: &[BadRow]) -> String {
+    let named = rows
+        .iter()
+        .take(NAMED)
+        .map(|bad| format!("\n  line {}: {}", bad.line, bad.reason));
+    let more = match rows.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!("\n  and {more} more"),
+    };
+    let named: String = named.collect();
+    format!(
+        "{} has {} bad rows (--skip-bad-rows leaves them out):{named}{more}",
+        path.display(),
+        rows.len()
+    )
+}

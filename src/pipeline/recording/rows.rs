@@ -1,0 +1,265 @@
+//! Rows of a recording as a table has them, and what is wrong with some.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+use tdcr_sim::inverse::recording::Recording;
+
+use super::{BadRow, Columns, RecordingFileError};
+
+/// A marker alone that far from both neighbours, in distances of these from each other, has jumped.
+const JUMP: f64 = 5.0;
+/// And as far as this share of what the markers' places extend over.
+const FAR: f64 = 0.1;
+
+/// A recording, and which line of the file each row is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordingFile {
+    /// The rows that are good.
+    pub recording: Recording,
+    /// The motion that each row belongs to; empty names without a pattern column.
+    pub patterns: Vec<String>,
+    /// The line of each row, from 1.
+    pub lines: Vec<usize>,
+    /// The rows that are not, by line.
+    pub bad: Vec<BadRow>,
+}
+
+impl RecordingFile {
+    /// Reads a table (CSV, its separator a comma, a semicolon or a tab).
+    ///
+    /// Bad are rows with a cell that is no finite number, with fewer cells than columns, earlier than the row before, and with a
+    /// marker that is far from where it was before and after. They are told, not refused: see [`RecordingFile::refuse_bad`].
+    ///
+    /// # Errors
+    /// [`RecordingFileError`] for a file that cannot be read, without the columns that the map names, or without rows.
+    pub fn load(path: &Path, columns: &Columns) -> Result<Self, RecordingFileError> {
+        let bytes = std::fs::read(path).map_err(|source| RecordingFileError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        Self::parse(&bytes, columns, path)
+    }
+
+    /// The same from bytes; `path` is for messages.
+    ///
+    /// # Errors
+    /// As [`RecordingFile::load`].
+    pub fn parse(bytes: &[u8], columns: &Columns, path: &Path) -> Result<Self, RecordingFileError> {
+        let text = String::from_utf8_lossy(bytes);
+        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+        let mut lines = (1..)
+            .zip(text.lines())
+            .filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
+        let Some((_, header)) = lines.next() else {
+            return Err(RecordingFileError::Empty {
+                path: path.to_owned(),
+            });
+        };
+        let separator = [',', ';', '\t']
+            .into_iter()
+            .max_by_key(|s| (header.matches(*s).count(), *s == ','))
+            .unwrap_or(',');
+        let names = cells(header, separator);
+        let places = Places::new(&names, columns, path)?;
+        let mut file = Self {
+            recording: Recording::default(),
+            patterns: Vec::new(),
+            lines: Vec::new(),
+            bad: Vec::new(),
+        };
+        for (line, text) in lines {
+            let cells = cells(text, separator);
+            match places.read(&cells, &names, columns, file.recording.len()) {
+                Ok(row) => {
+                    if file
+                        .recording
+                        .times
+                        .last()
+                        .is_some_and(|last| row.time < *last)
+                    {
+                        file.bad.push(BadRow {
+                            line,
+                            reason: "its time is before that of the row above".to_owned(),
+                        });
+                        continue;
+                    }
+                    file.recording.times.push(row.time);
+                    file.recording.pulls.push(row.pulls);
+                    file.recording
+                        .points
+                        .push(row.points.into_iter().map(Some).collect());
+                    file.patterns.push(row.pattern);
+                    file.lines.push(line);
+                }
+                Err(reason) => file.bad.push(BadRow { line, reason }),
+            }
+        }
+        file.drop_jumps(columns);
+        if file.recording.is_empty() && file.bad.is_empty() {
+            return Err(RecordingFileError::Empty {
+                path: path.to_owned(),
+            });
+        }
+        file.bad.sort_by_key(|bad| bad.line);
+        Ok(file)
+    }
+
+    /// Refuses a file with bad rows, the first of them by line; `skip` leaves them out, unless no row is left.
+    ///
+    /// # Errors
+    /// [`RecordingFileError::BadRows`].
+    pub fn refuse_bad(&self, path: &Path, skip: bool) -> Result<(), RecordingFileError> {
+        match self.bad.is_empty() || (skip && !self.recording.is_empty()) {
+            true => Ok(()),
+            false => Err(RecordingFileError::BadRows {
+                path: path.to_owned(),
+                rows: self.bad.clone(),
+            }),
+        }
+    }
+
+    /// Tells rows in which a marker alone is far from both neighbours, and takes its place out: the servos still count.
+    fn drop_jumps(&mut self, columns: &Columns) {
+        let rows = self.recording.len();
+        for marker in 0..columns.markers.len() {
+            let points: Vec<Vector3<f64>> = self
+                .recording
+                .points
+                .iter()
+                .filter_map(|row| row[marker])
+                .collect();
+            let extent = |axis: usize| {
+                let all = points.iter().map(|p| p[axis]);
+                all.clone().fold(f64::MIN, f64::max) - all.fold(f64::MAX, f64::min)
+            };
+            // Half of the places lie within their quartiles, whatever a few of them say.
+            let mut heights: Vec<f64> = points.iter().map(|p| (p - points[0]).norm()).collect();
+            heights.sort_by(f64::total_cmp);
+            let typical = heights
+                .get(3 * rows / 4)
+                .copied()
+                .unwrap_or(0.0)
+                .min((0..3).map(extent).fold(0.0, f64::max));
+            for row in 1..rows.saturating_sub(1) {
+                let (before, at, after) = (points[row - 1], points[row], points[row + 1]);
+                let alone = (at - before).norm().min((at - after).norm());
+                if alone > JUMP * (after - before).norm() + FAR * typical {
+                    self.recording.points[row][marker] = None;
+                    let name = columns.markers[marker].columns.join(", ");
+                    let reason = format!("{name} jumps by {:.1} mm and back", 1e3 * alone);
+                    self.bad.push(BadRow {
+                        line: self.lines[row],
+                        reason,
+                    });
+                }
+            }
+        }
+    }
+}
+
+/// Cells of a line, without quotes.
+fn cells(line: &str, separator: char) -> Vec<String> {
+    let (mut cells, mut cell, mut quoted) = (Vec::new(), String::new(), false);
+    for letter in line.trim_end_matches(['\r', '\n']).chars() {
+        match letter {
+            '"' => quoted = !quoted,
+            letter if letter == separator && !quoted => cells.push(std::mem::take(&mut cell)),
+            letter => cell.push(letter),
+        }
+    }
+    cells.push(cell);
+    cells.iter().map(|cell| cell.trim().to_owned()).collect()
+}
+
+/// Where each column is.
+struct Places {
+    time: Option<usize>,
+    pattern: Option<usize>,
+    servos: Vec<usize>,
+    markers: Vec<[usize; 3]>,
+}
+
+struct Row {
+    time: f64,
+    pattern: String,
+    pulls: Vec<f64>,
+    points: Vec<Vector3<f64>>,
+}
+
+impl Places {
+    fn new(names: &[String], columns: &Columns, path: &Path) -> Result<Self, RecordingFileError> {
+        let place = |wanted: &String| {
+            names.iter().position(|name| name == wanted).ok_or_else(|| {
+                RecordingFileError::NoColumn {
+                    path: path.to_owned(),
+                    column: wanted.clone(),
+                    found: names.join(", "),
+                }
+            })
+        };
+        Ok(Self {
+            time: columns
+                .time
+                .as_ref()
+                .map(|time| place(&time.column))
+                .transpose()?,
+            pattern: columns.pattern.as_ref().map(place).transpose()?,
+            servos: columns
+                .servos
+                .iter()
+                .map(|servo| place(&servo.column))
+                .collect::<Result<_, _>>()?,
+            markers: (columns.markers.iter())
+                .map(|marker| {
+                    let [x, y, z] = &marker.columns;
+                    Ok([place(x)?, place(y)?, place(z)?])
+                })
+                .collect::<Result<_, RecordingFileError>>()?,
+        })
+    }
+
+    /// A row's numbers, or what is wrong with it.
+    fn read(
+        &self,
+        cells: &[String],
+        names: &[String],
+        columns: &Columns,
+        row: usize,
+    ) -> Result<Row, String> {
+        if cells.len() < names.len() {
+            return Err(format!(
+                "{} cells; the header has {} columns",
+                cells.len(),
+                names.len()
+            ));
+        }
+        let number = |place: usize| match cells[place].parse::<f64>() {
+            Ok(number) if number.is_finite() => Ok(number),
+            _ => Err(format!(
+                "{} is `{}`; expected a finite number",
+                names[place], cells[place]
+            )),
+        };
+        let time = match (self.time, &columns.time) {
+            (Some(place), Some(time)) => number(place)? * time.unit.seconds(),
+            _ => row as f64,
+        };
+        let pulls: Result<Vec<f64>, String> = (self.servos.iter().zip(&columns.servos))
+            .map(|(&place, servo)| Ok(servo.pull(number(place)?)))
+            .collect();
+        let points: Result<Vec<_>, String> = (self.markers.iter().enumerate())
+            .map(|(marker, &[x, y, z])| {
+                Ok(columns.in_world(marker, [number(x)?, number(y)?, number(z)?]))
+            })
+            .collect();
+        Ok(Row {
+            time,
+            pattern: self
+                .pattern
+                .map_or_else(String::new, |place| cells[place].clone()),
+            pulls: pulls?,
+            points: points?,
+        })
+    }
+}
