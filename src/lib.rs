@@ -2,7 +2,8 @@
 //!
 //! The library behind the `tdcr` command line. [`sim`] settles robots and sees them with virtual
 //! RGB-D cameras; [`hw`] drives servos and RGB-D cameras, real or simulated; [`learn`] turns clouds into a shape predictor; [`pipeline`] joins the two into
-//! stages that resume where they were interrupted; [`report`] shows the result, and [`pages`] joins these two.
+//! stages that resume where they were interrupted; [`report`] shows the result, and [`pages`] joins these two. [`study`]
+//! sweeps designs, loads and commands.
 //!
 //! ```
 //! use tdcr::learn::train::TrainSettings;
@@ -28,6 +29,7 @@
 pub mod pages;
 pub mod pipeline;
 pub mod report;
+pub mod study;
 
 pub use tdcr_hw as hw;
 pub use tdcr_learn as learn;

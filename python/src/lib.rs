@@ -24,6 +24,7 @@
 //! | `scoring` | scores of predicted clouds, data sets beside each other |
 //! | `training` | training runs |
 //! | `pages` | drawings of data sets, and the demo |
+//! | `studies` | sweeps that one file describes |
 //! | `rig` | servos and cameras, in memory or on a desk |
 //! | `env` | many simulated robots, advanced by one call |
 //!
@@ -52,6 +53,7 @@ mod stage;
 mod statics;
 mod steps;
 mod stream;
+mod studies;
 mod tendon_friction;
 mod torch;
 mod training;
@@ -101,6 +103,8 @@ mod _tdcr {
     use crate::steps::Steps;
     #[pymodule_export]
     use crate::stream::Stream;
+    #[pymodule_export]
+    use crate::studies::{merge_study, study};
     #[pymodule_export]
     use crate::tendon_friction::FrictionPath;
     #[pymodule_export]

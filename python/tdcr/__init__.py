@@ -28,6 +28,7 @@ from tdcr.scoring import compare, evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
 from tdcr.stream import Stream
+from tdcr.studies import merge_study, study
 from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
 from tdcr.vision import Cloud, View, cloud, clouds, render
@@ -78,6 +79,7 @@ __all__ = [
     "jvp",
     "linearise",
     "merge",
+    "merge_study",
     "metrics",
     "render",
     "rollout",
@@ -86,6 +88,7 @@ __all__ = [
     "settle",
     "settle_batch",
     "simulate",
+    "study",
     "sweep",
     "threads",
     "train",

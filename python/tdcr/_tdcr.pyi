@@ -46,6 +46,7 @@ __all__ = [
     "jvp_rows",
     "linearise",
     "merge",
+    "merge_study",
     "presets",
     "read_cloud_set",
     "render",
@@ -55,6 +56,7 @@ __all__ = [
     "set_threads",
     "settle_rows",
     "start_noise",
+    "study",
     "threads",
     "train",
     "train_settings",
@@ -420,6 +422,8 @@ def compare(
 ) -> tuple[str, str | None]: ...
 def data_info(path: str) -> str: ...
 def draw_data(paths: list[str], out: str, clouds: int, progress: _Progress = None) -> bytes: ...
+def study(path: str, text: str | None, out: str, part: str | None = None, progress: _Progress = None) -> str: ...
+def merge_study(parts: list[str], out: str) -> str: ...
 def demo(out: str, options: dict[str, Any], progress: _Progress = None) -> str: ...
 def chamfer_rows(p: _Floats32, q: _Floats32, progress: _Progress = None) -> _Floats: ...
 def emd_rows(

@@ -131,8 +131,8 @@ def train(
         coupling: How noise is coupled to the points of a cloud: ``"independent"``, or ``"optimal-transport:K"``, matched within
             ``K`` points.
         time_exponent: Flow times are Beta(``time_exponent``, 1): 1 is uniform, above it they are mostly near the data.
-        surface_prior: A robot, or what :class:`tdcr.Robot` makes one of: the flow starts from its simulated surface under the same
-            command, not from noise. For a model of the robot that the data show, which needs few samples then.
+        surface_prior: A robot, or what :class:`tdcr.Robot` makes one of: the flow starts from its simulated surface under the
+            same command, not from noise. For a model of the robot that the data show, which needs few samples then.
         prior_deviation: Standard deviation of the noise that the flow starts from, in units of the data's scale; 0.5 by default,
             0.005 about a simulated surface.
         init: Model file, or run, whose weights the network starts at.

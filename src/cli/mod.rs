@@ -7,12 +7,14 @@ mod capture;
 mod collect;
 mod commands;
 mod compare;
+mod completions;
 mod console;
 mod data;
 mod demo;
 mod distill;
 mod eval;
 mod export;
+mod help;
 mod home;
 mod jog;
 #[cfg(any(test, feature = "joystick"))]
@@ -20,7 +22,9 @@ mod joystick;
 mod keys;
 mod loads;
 mod log;
+mod manual;
 mod output;
+mod picture;
 mod predict;
 mod pretension;
 mod printable;
@@ -31,6 +35,7 @@ mod servo_sim;
 mod settle;
 mod settle_many;
 mod simulate;
+mod study;
 mod train;
 mod units;
 
@@ -50,6 +55,7 @@ use tdcr::pages::PageError;
 use tdcr::pipeline::{PipelineError, SamplerPlan};
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
+use tdcr::study::StudyError;
 use tracing_subscriber::filter::LevelFilter;
 
 use console::{Console, Interrupted, Terminal, say};
@@ -83,6 +89,7 @@ enum Command {
     Settle(settle::SettleArgs),
     Reach(reach::ReachArgs),
     Simulate(simulate::SimulateArgs),
+    Study(study::StudyArgs),
     Collect(collect::CollectArgs),
     Data(data::DataArgs),
     Train(Box<train::TrainArgs>),
@@ -103,6 +110,8 @@ enum Command {
     Jog(jog::JogArgs),
     Capture(capture::CaptureArgs),
     Log(log::LogArgs),
+    Completions(completions::CompletionsArgs),
+    Manual(manual::ManualArgs),
 }
 
 /// Which robot.
@@ -200,7 +209,7 @@ const INTERRUPTED: u8 = 130;
 /// Runs the command line; the exit status is 0, 1 after an error, 2 for wrong usage, 130 when
 /// interrupted.
 pub fn run() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = help::parse();
     match execute(&cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if console::is_broken_pipe(&error) => ExitCode::SUCCESS,
@@ -224,7 +233,8 @@ fn is_interruption(error: &anyhow::Error) -> bool {
         stage,
         Some(PipelineError::Interrupted | PipelineError::Abandoned)
     );
-    stopped || error.is::<Interrupted>()
+    let study = matches!(error.downcast_ref(), Some(StudyError::Interrupted));
+    stopped || study || error.is::<Interrupted>()
 }
 
 /// An error and its causes, each said once: a message may quote its cause already.
@@ -268,6 +278,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Settle(args) => settle::run(args, &console),
         Command::Reach(args) => reach::run(args, &console),
         Command::Simulate(args) => simulate::run(args, &console),
+        Command::Study(args) => study::run(args, &console),
         Command::Collect(args) => collect::run(args, &console),
         Command::Data(args) => data::run(args, &console),
         Command::Train(args) => train::run(args, &console),
@@ -288,6 +299,8 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
         Command::Jog(args) => jog::run(args, &console),
         Command::Capture(args) => capture::run(args, &console),
         Command::Log(args) => log::run(args, &console),
+        Command::Completions(args) => completions::run(args, &console),
+        Command::Manual(args) => manual::run(args, &console),
     }
 }
 

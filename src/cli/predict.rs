@@ -11,11 +11,12 @@ use tdcr::learn::predict::Prediction;
 use tdcr::learn::train::Model;
 use tdcr::pipeline::{Monitor, Quantiles};
 use tdcr::report::counted;
-use tdcr::sim::cloud::{PlyError, PointProperty, write_ply_with};
+use tdcr::sim::cloud::{PlyError, PointCloud, PointProperty, write_ply_with};
 use tdcr::sim::robot::{Loads, Robot};
 
 use super::commands::read_commands;
 use super::console::{Console, Interrupted};
+use super::picture::{PictureArg, of_clouds};
 use super::{PrecisionArgs, SamplerArgs, output};
 
 /// Predict the clouds of a settled robot for one command or many, and write them as PLY or NPZ
@@ -59,6 +60,8 @@ pub(super) struct PredictArgs {
     /// [default: prediction.ply, with --commands predictions]
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    picture: PictureArg,
 }
 
 #[derive(Serialize)]
@@ -101,6 +104,10 @@ const UNCERTAINTY: &str = "uncertainty";
 
 pub(super) fn run(args: &PredictArgs, console: &Console) -> anyhow::Result<()> {
     check_out(args)?;
+    ensure!(
+        args.picture.wanted()?.is_none() || args.command.is_some(),
+        "--picture is of one command; expected --command beside it"
+    );
     let model = super::load_model(&args.model)?;
     let precision = args.precision.of_width(model.network.shape().width());
     let model = model.with_precision(precision)?;
@@ -143,6 +150,15 @@ fn one(
     let condition = condition(model, command, args.payload)?;
     let out = out(args);
     let (cloud, predicted) = predict(args, model, &condition, &out, "the command")?;
+    if let Some(picture) = args.picture.wanted()? {
+        let prediction = &cloud.prediction;
+        let points = prediction.points.clone();
+        let colors = prediction
+            .colors
+            .clone()
+            .unwrap_or_else(|| vec![COLOR; points.len()]);
+        of_clouds(picture, &[PointCloud { points, colors }])?;
+    }
     if is_npz(&out) {
         write_npz(&out, &cloud.arrays(&[cloud.prediction.points.len(), 3]))?;
     } else {

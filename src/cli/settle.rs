@@ -18,6 +18,7 @@ use tdcr::sim::statics::{Equilibrium, Settler, Stability};
 
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsSaid};
+use super::picture::{PictureArg, of_robot};
 use super::settle_many;
 use super::units::units;
 
@@ -54,6 +55,8 @@ pub(super) struct SettleArgs {
     /// Also print the compliance of the tip: its motion per force and moment on it
     #[arg(long, conflicts_with_all = ["random", "commands"])]
     compliance: bool,
+    #[command(flatten)]
+    picture: PictureArg,
 }
 
 #[derive(Serialize)]
@@ -100,6 +103,10 @@ struct Survey {
 }
 
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
+    let picture = args.picture.wanted()?;
+    if picture.is_some() && args.command.is_none() {
+        bail!("--picture is of one command; expected --command beside it");
+    }
     let robot = Robot::new(args.robot.load()?)?;
     if let Some(file) = &args.commands {
         return settle_many::run(&robot, file, &args.loads, args.out.as_deref(), console);
@@ -111,6 +118,9 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     let command = robot.command(args.command.as_deref().unwrap_or_default())?;
     let equilibrium = robot.settle(&command, &loads);
     let failure = equilibrium.failure(&robot, &command);
+    if let Some(picture) = picture {
+        of_robot(picture, &robot, equilibrium.pose(), &loads)?;
+    }
     let tip_compliance = match args.compliance && equilibrium.converged {
         true => Some(tip_compliance(&robot, &command, &loads, &equilibrium)?),
         false => None,

@@ -17,6 +17,7 @@ use tdcr::sim::robot::{Loads, Robot};
 use super::commands::read_commands;
 use super::console::{Console, Interrupted};
 use super::output;
+use super::picture::{MotionPicture, PictureArg};
 
 /// Move a robot through a sequence of commands, from the straight pose at rest
 #[derive(Debug, Args)]
@@ -48,6 +49,8 @@ pub(super) struct SimulateArgs {
     /// this JSON file: matrices a and b, in rows
     #[arg(long, value_name = "FILE")]
     linearise: Option<PathBuf>,
+    #[command(flatten)]
+    picture: PictureArg,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -102,6 +105,9 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         .as_deref()
         .map(|file| PathFile::create(file, &robot))
         .transpose()?;
+    let mut picture = (args.picture.wanted()?)
+        .map(|to| MotionPicture::new(to, &robot, &loads, commands.len(), args.dt))
+        .transpose()?;
     let mut state = State::straight(&robot);
     if let Some(first) = commands.first() {
         stepper.check_stable(&state, first, &loads)?;
@@ -115,9 +121,15 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         if let Some(path) = &mut path {
             path.write((step + 1) as f64 * args.dt, &state, &robot)?;
         }
+        if let Some(picture) = &mut picture {
+            picture.add(step, (step + 1) as f64 * args.dt, &state.configuration)?;
+        }
     }
     if let Some(path) = path {
         path.finish()?;
+    }
+    if let Some(picture) = picture {
+        picture.finish()?;
     }
     if let (Some(file), Some(command)) = (&args.linearise, commands.last()) {
         let linear = Lineariser::new(&robot, args.dt)?.linearise(&state, command, &loads)?;

@@ -77,6 +77,12 @@ pub enum Shape {
     Dots,
     /// Each by a small dot that lets others shine through: for thousands.
     Specks,
+    /// Corners of an area that lets others shine through.
+    Area,
+    /// Each two joined by a line.
+    Segments,
+    /// Not at all: the axes reach so far. For axes that plots share.
+    Unseen,
 }
 
 /// Colours that the colour-blind tell apart (Okabe and Ito).
@@ -206,12 +212,12 @@ impl Figure {
     }
 }
 
-const STYLE: &str = "text{font:12px system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,\
+pub(super) const STYLE: &str = "text{font:12px system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,\
      sans-serif;fill:#5a6370}.title{font-size:18px;font-weight:650;fill:#1c2128}.name{font-size:14px;\
      font-weight:600;fill:#1c2128}.axis{fill:#1c2128}.caption{font-size:13px}\
      line{stroke:#dfe3e8}path{fill:none;stroke-linejoin:round}";
 
-fn text(class: &str, x: f64, y: f64, anchor: &str, content: &str) -> String {
+pub(super) fn text(class: &str, x: f64, y: f64, anchor: &str, content: &str) -> String {
     let content = escape(content);
     format!(
         "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{content}</text>"
@@ -219,7 +225,7 @@ fn text(class: &str, x: f64, y: f64, anchor: &str, content: &str) -> String {
 }
 
 /// Breaks a text between words into lines of at most so many letters.
-fn wrap(text: &str, letters: usize) -> Vec<String> {
+pub(super) fn wrap(text: &str, letters: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
         match lines.last_mut() {
@@ -299,7 +305,12 @@ impl Mark {
     fn sample(&self, x: f64, y: f64) -> String {
         match self.shape {
             Shape::Dots | Shape::Specks => self.draw(&[[x + 12.0, y]]),
-            Shape::Line | Shape::Dashes => self.draw(&[[x, y], [x + 24.0, y]]),
+            Shape::Area => {
+                let (right, top, bottom) = (x + 24.0, y - 5.0, y + 5.0);
+                self.draw(&[[x, top], [right, top], [right, bottom], [x, bottom]])
+            }
+            Shape::Line | Shape::Dashes | Shape::Segments => self.draw(&[[x, y], [x + 24.0, y]]),
+            Shape::Unseen => String::new(),
         }
     }
 
@@ -318,6 +329,25 @@ impl Mark {
                 let specks: String = places.iter().map(speck).collect();
                 return format!("<g fill=\"{ink}\" fill-opacity=\"0.5\">{specks}</g>");
             }
+            Shape::Area => {
+                let corners: Vec<String> = places
+                    .iter()
+                    .map(|[x, y]| format!("{x:.1},{y:.1}"))
+                    .collect();
+                let corners = corners.join(" ");
+                return format!(
+                    "<polygon points=\"{corners}\" fill=\"{ink}\" fill-opacity=\"0.16\"/>"
+                );
+            }
+            Shape::Segments => {
+                let segment = |ends: &[[f64; 2]]| match ends {
+                    [[a, b], [c, d]] => format!("M{a:.1} {b:.1}L{c:.1} {d:.1}"),
+                    _ => String::new(),
+                };
+                let path: String = places.chunks(2).map(segment).collect();
+                return format!("<path d=\"{path}\" stroke=\"{ink}\" stroke-width=\"1.4\"/>");
+            }
+            Shape::Unseen => return String::new(),
             Shape::Line => "stroke-width=\"1.8\"",
             Shape::Dashes => "stroke-width=\"1.2\" stroke-dasharray=\"5 4\"",
         };

@@ -16,6 +16,7 @@ mod count;
 mod curves;
 mod data_page;
 mod figure;
+mod heat_map;
 mod html;
 mod lettering;
 mod motors;
@@ -23,6 +24,8 @@ mod picture;
 mod raster;
 mod sections;
 mod sheet;
+mod study_page;
+mod surface;
 mod viewer;
 
 pub use axis::Spacing;
@@ -31,8 +34,11 @@ pub use comparison::{ComparisonPage, Measure};
 pub use count::counted;
 pub use data_page::{DataPage, SetSummary};
 pub use figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
+pub use heat_map::{HeatMap, HeatPanel};
 pub use motors::MotorGroup;
 pub use sheet::{cloud_sheet, contact_sheet, scale_bar};
+pub use study_page::{StudyFigure, StudyPage};
+pub use surface::Surface;
 
 use tdcr_sim::cloud::PointCloud;
 

@@ -18,6 +18,7 @@ mod names;
 mod others;
 mod output;
 mod parts;
+mod picture;
 mod predict;
 mod reach;
 mod refusals;
@@ -30,6 +31,7 @@ mod signals;
 mod simulate;
 mod start;
 mod statics;
+mod study;
 mod training;
 mod units;
 

@@ -46,7 +46,7 @@ mod stream;
 
 pub use check::{Finding, check, check_with};
 pub use collector::Collector;
-pub use conditions::{Condition, Design, PayloadRange, conditions};
+pub use conditions::{Condition, Design, PayloadRange, UnitPoints, conditions};
 pub use dataset::DataSet;
 pub use error::DataError;
 pub use exchange::{

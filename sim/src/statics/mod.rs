@@ -18,6 +18,7 @@
 
 mod descent;
 mod following;
+mod potential;
 mod settler;
 mod stability;
 mod sweep;

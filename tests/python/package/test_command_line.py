@@ -36,13 +36,19 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
             "random": "Robot.random_commands",
             "seed": "of Robot.random_commands",
             "compliance": "jacobian by forces and moments",
+            "picture": "tdcr.plot",
         },
     ),
     "reach": (
         inverse.ShapeController,
         {"payload": "loads", **LOADS, "tip": "a target", "path": "of ShapePath", "out": "arrays are returned"},
     ),
-    "simulate": (tdcr.simulate, {"out": "arrays are returned", "linearise": "tdcr.linearise"}),
+    "study": (tdcr.study, {"new": "a file to start from"}),
+    "study merge": (tdcr.merge_study, {}),
+    "simulate": (
+        tdcr.simulate,
+        {"out": "arrays are returned", "linearise": "tdcr.linearise", "picture": "tdcr.plot"},
+    ),
     "render": (
         tdcr.render,
         {**LOADS, "command": "an equilibrium under it", "voxel": "of tdcr.cloud", "out": "arrays are returned"},
@@ -69,6 +75,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
             "commands": "conditions",
             "payload": "conditions",
             "out": "arrays are returned",
+            "picture": "tdcr.plot",
         },
     ),
     "eval": (tdcr.evaluate, {}),

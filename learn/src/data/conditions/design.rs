@@ -46,6 +46,24 @@ impl Design {
         }
     }
 
+    /// `count` points of the unit cube in so many `dimensions`, by this design and `seed`. Their first coordinates are those
+    /// of fewer dimensions, but in a grid.
+    ///
+    /// # Errors
+    /// [`DataError::Design`] where the design has no such number of points, or none of so many dimensions.
+    pub fn unit_points(
+        self,
+        dimensions: usize,
+        count: usize,
+        seed: u64,
+    ) -> Result<UnitPoints, DataError> {
+        Ok(UnitPoints {
+            points: self.points(dimensions, count, seed)?,
+            dimensions,
+            seed,
+        })
+    }
+
     /// The design's points; `None` where each is drawn by itself.
     pub(super) fn points(
         self,
@@ -107,6 +125,30 @@ fn grid_levels(dimensions: usize, count: usize) -> Result<usize, DataError> {
             size(next)
         ),
     })
+}
+
+/// Points of a unit cube, each by its number: [`Design::unit_points`].
+pub struct UnitPoints {
+    /// `None` where each is drawn by itself.
+    points: Option<Points>,
+    dimensions: usize,
+    seed: u64,
+}
+
+impl UnitPoints {
+    /// Point `index`, each coordinate from 0 to 1.
+    ///
+    /// # Panics
+    /// For an index that is not below the number of points.
+    pub fn point(&self, index: usize) -> Vec<f64> {
+        match &self.points {
+            Some(points) => points.point(index),
+            None => {
+                let mut rng = rng(self.seed, index as u64);
+                (0..self.dimensions).map(|_| rng.random()).collect()
+            }
+        }
+    }
 }
 
 /// Points of a unit cube.

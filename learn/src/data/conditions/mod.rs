@@ -3,7 +3,7 @@
 mod design;
 mod sobol;
 
-pub use design::Design;
+pub use design::{Design, UnitPoints};
 
 use std::collections::HashSet;
 use std::fmt;

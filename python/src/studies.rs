@@ -1,0 +1,63 @@
+//! Studies: sweeps that one file, or one dictionary, describes.
+
+use std::path::{Path, PathBuf};
+
+use pyo3::prelude::*;
+use tdcr::learn::data::Part;
+use tdcr::study::{Finished, Study, StudyError, merge, run as run_study};
+
+use crate::errors::{Failure, Outcome};
+use crate::run;
+use crate::stage::Stage;
+
+/// Runs the study in the file `path`, or that of the JSON `text`, into the folder `out`, or a part of it: what `tdcr study --json`
+/// says. `progress` is told of configurations.
+#[pyfunction]
+#[pyo3(signature = (path, text, out, part = None, progress = None))]
+pub fn study(
+    py: Python<'_>,
+    path: PathBuf,
+    text: Option<String>,
+    out: PathBuf,
+    part: Option<String>,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> Outcome<String> {
+    let part: Option<Part> = part.map(|part| part.parse()).transpose()?;
+    let study = match text {
+        None => Study::load(&path)?,
+        Some(text) => Study::from_json(&text, Path::new(""), &path)?,
+    };
+    let finished = run::long(py, progress, |watch| {
+        run_study(&study, &out, part, &Stage::new(&["study"], watch))
+    })??;
+    said(&finished)
+}
+
+/// Puts the parts of a study in folders together in the folder `out`.
+#[pyfunction]
+pub fn merge_study(py: Python<'_>, parts: Vec<PathBuf>, out: PathBuf) -> Outcome<String> {
+    let finished = run::long(py, None, |watch| {
+        merge(&parts, &out, &Stage::new(&[], watch))
+    })??;
+    said(&finished)
+}
+
+fn said(finished: &Finished) -> Outcome<String> {
+    let text = serde_json::to_string(finished);
+    text.map_err(|error| Failure::Of("TdcrError", error.to_string()))
+}
+
+impl From<StudyError> for Failure {
+    fn from(error: StudyError) -> Self {
+        let class = match error {
+            StudyError::Read { .. }
+            | StudyError::Parse { .. }
+            | StudyError::File { .. }
+            | StudyError::Design(_)
+            | StudyError::NoPart { .. }
+            | StudyError::OtherParts { .. } => "InputError",
+            _ => "DataError",
+        };
+        Self::Of(class, error.to_string())
+    }
+}

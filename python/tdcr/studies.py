@@ -1,0 +1,98 @@
+"""Studies: sweeps over designs, loads and commands that one file, or one dictionary, describes."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from tdcr import _tdcr
+from tdcr._arrays import Progress, as_count
+from tdcr.data import PathLike
+from tdcr.errors import InputError
+from tdcr.sweeps import sweep
+
+
+def study(
+    file: PathLike | dict[str, Any],
+    out: PathLike = "study",
+    *,
+    part: str | None = None,
+    engine: Literal["ray"] | None = None,
+    parts: int = 16,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Runs a study; as ``tdcr study``. The guide is :doc:`/studies`.
+
+    The folder gets ``table.csv`` and ``table.parquet`` (a row for each configuration), ``summary.csv``, ``study.json``,
+    ``report.html`` and ``figures/*.svg``. Interrupted by Ctrl-C, by an exception of ``progress``, or killed, the same call goes
+    on where it stopped.
+
+    Args:
+        file: The study's file, or what it holds as a dictionary. Robots that a dictionary names by path are looked for in the
+            working directory.
+        out: Folder of the results.
+        part: ``"I/N"`` runs the ``I``-th of ``N`` equal parts alone, in a folder of its own, for :func:`merge_study`.
+        engine: ``"ray"`` runs ``parts`` parts as tasks of the Ray cluster, into folders below ``out``, which all of its machines
+            must see, and merges them: the same files. Without it, the study runs on the threads of this process.
+        parts: Number of those parts.
+        progress: Is called with the number of configurations done since its last call; with ``engine="ray"``, of parts.
+
+    Returns:
+        What ``tdcr study --json`` prints: ``dir``, ``rows``, how many ``settled``, and ``seconds``.
+
+    Raises:
+        InputError: For a study that is none; its key, and what would be right, are said.
+        DataError: For a folder that holds something else, or cannot be written.
+    """
+    folder = os.fspath(out)
+    if engine is None:
+        return _run(file, folder, part, progress)
+    if engine != "ray":
+        raise InputError(f"engine is {engine!r}; expected None or 'ray'")
+    if part is not None:
+        raise InputError("part is given beside engine='ray', which runs all parts; expected one of them")
+    parts = as_count(parts, "parts", 1, 100_000)
+    folders = [os.path.join(folder, "parts", f"part-{number}-of-{parts}") for number in range(1, parts + 1)]
+    numbered = [(f"{number}/{parts}", place) for number, place in enumerate(folders, 1)]
+    sweep(functools.partial(_run_part, file), numbered, "ray", progress=progress)
+    return merge_study(folders, folder)
+
+
+def merge_study(parts: Sequence[PathLike], out: PathLike) -> dict[str, Any]:
+    """Puts the parts of a study together; as ``tdcr study merge``.
+
+    Args:
+        parts: Folders of all parts, in any order. They are only read.
+        out: Folder of the results: tables, summary and report byte for byte those of a run without parts.
+
+    Returns:
+        What :func:`study` returns.
+
+    Raises:
+        InputError: For folders that are not all parts of one study, each finished and there once.
+        DataError: For a folder that cannot be read or written.
+    """
+    said: dict[str, Any] = json.loads(_tdcr.merge_study([os.fspath(part) for part in parts], os.fspath(out)))
+    return said
+
+
+def _run(file: PathLike | dict[str, Any], out: str, part: str | None, progress: Progress | None = None) -> dict[str, Any]:
+    if isinstance(file, dict):
+        try:
+            path, text = "of a dictionary", json.dumps(file)
+        except TypeError as error:
+            raise InputError(
+                f"the study cannot be written as JSON: {error}; expected numbers, text, lists and dictionaries"
+            ) from error
+    else:
+        path, text = os.fspath(file), None
+    said: dict[str, Any] = json.loads(_tdcr.study(path, text, out, part, progress))
+    return said
+
+
+def _run_part(file: PathLike | dict[str, Any], numbered: tuple[str, str]) -> dict[str, Any]:
+    part, out = numbered
+    return _run(file, out, part)

@@ -1,0 +1,99 @@
+//! `tdcr --help`, by what one wants to do.
+
+use clap::{CommandFactory, FromArgMatches};
+
+use super::Cli;
+
+/// Commands by user story, in the order in which they are told.
+const STORIES: [(&str, &[&str]); 6] = [
+    (
+        "Robots in simulation",
+        &["settle", "reach", "simulate", "study", "render", "export"],
+    ),
+    (
+        "Learning",
+        &["collect", "train", "distill", "predict", "eval", "demo"],
+    ),
+    (
+        "Data, of others and of real robots",
+        &["data", "compare", "calibrate"],
+    ),
+    (
+        "A robot on the desk",
+        &[
+            "capture",
+            "jog",
+            "home",
+            "pretension",
+            "scan",
+            "background",
+            "calibrate-cameras",
+            "log",
+            "servo-sim",
+        ],
+    ),
+    ("The shell", &["completions", "manual"]),
+    ("", &["help"]),
+];
+
+/// The command line, its help grouped.
+pub(super) fn command() -> clap::Command {
+    let mut command = Cli::command();
+    command.build();
+    let mut groups = String::new();
+    for (story, names) in STORIES {
+        groups += "\n";
+        if !story.is_empty() {
+            groups += &format!("{story}:\n");
+        }
+        for name in names {
+            let about = command
+                .find_subcommand(name)
+                .and_then(clap::Command::get_about);
+            let about = about.map(ToString::to_string).unwrap_or_default();
+            groups += &format!("  {name:18} {about}\n");
+        }
+    }
+    // Built anew: what is built already cannot be changed.
+    Cli::command().help_template(format!(
+        "{{about}}\n\n{{usage-heading}} {{usage}}\n{groups}\nOptions:\n{{options}}\n"
+    ))
+}
+
+/// Parses the arguments; a wrong one ends the process with what would be right.
+pub(super) fn parse() -> Cli {
+    let matches = command().get_matches();
+    Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn help_tells_every_command_once() {
+        let mut command = Cli::command();
+        command.build();
+        let mut found: Vec<&str> = command
+            .get_subcommands()
+            .map(clap::Command::get_name)
+            .collect();
+        let mut told: Vec<&str> = STORIES
+            .iter()
+            .flat_map(|(_, names)| names.iter().copied())
+            .collect();
+        found.sort_unstable();
+        told.sort_unstable();
+        assert_eq!(told, found);
+        let help = super::command().render_help().to_string();
+        for (story, names) in STORIES {
+            assert!(help.contains(story));
+            assert!(
+                names
+                    .iter()
+                    .all(|name| help.contains(&format!("\n  {name} "))),
+                "{help}"
+            );
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! Figures of a study in which nothing runs along an axis: distributions.
+
+use super::Study;
+use super::axes::{readable, titled};
+use super::figures::{ACROSS, WIDE};
+use super::summary::quantile;
+use super::table::Column;
+use super::thinned::Thinned;
+use super::want::Want;
+use crate::report::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape, Spacing, StudyFigure};
+
+/// Points of a distribution's curve.
+const CURVE: usize = 200;
+
+/// The share of configurations below each value of an output, where nothing runs along an axis.
+pub(super) fn distributions(
+    study: &Study,
+    drawn: &[Column],
+    all: &[Thinned<f64>],
+    note: &str,
+) -> Vec<StudyFigure> {
+    let panel = |column: &Column, values: &Thinned<f64>| {
+        let sorted = values.sorted();
+        let (factor, unit) = readable(&column.unit, values.largest());
+        let points = (0..=CURVE).map(|k| {
+            let share = k as f64 / CURVE as f64;
+            [factor * quantile(&sorted, share), 100.0 * share]
+        });
+        let title = Want::title(&column.name).unwrap_or(&column.name);
+        let wide = sorted
+            .first()
+            .is_some_and(|least| *least > 0.0 && values.largest() / least > WIDE);
+        Panel {
+            title: String::new(),
+            x: Scale::Numbers {
+                title: titled(title, &unit),
+                spacing: if wide { Spacing::Log } else { Spacing::Linear },
+            },
+            y: Scale::linear("Configurations below (%)"),
+            aspect: Aspect::Free,
+            marks: vec![Mark {
+                name: String::new(),
+                shape: Shape::Line,
+                ink: Ink::Blue,
+                points: points.collect(),
+            }],
+        }
+    };
+    let limited = study.tension_limit.is_some();
+    let mut figures = Vec::new();
+    for want in Want::ALL {
+        let columns = want.columns(limited);
+        let of_want = drawn
+            .iter()
+            .zip(all)
+            .filter(|(column, _)| columns.contains(column));
+        let panels: Vec<Panel> = of_want
+            .map(|(column, values)| panel(column, values))
+            .collect();
+        for (part, panels) in panels.chunks(ACROSS).enumerate() {
+            let figure = Figure {
+                title: want.heading().to_owned(),
+                caption: format!(
+                    "The height of a curve is the share of configurations up to the value below it. {note}"
+                ),
+                panels: panels.to_vec(),
+            };
+            figures.push(StudyFigure {
+                name: match part {
+                    0 => want.name().to_owned(),
+                    part => format!("{}-{}", want.name(), part + 1),
+                },
+                svg: figure.to_svg(),
+            });
+        }
+    }
+    figures
+}

@@ -1,0 +1,137 @@
+//! From a finished table to everything else in the folder.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+
+use tdcr_sim::files::write_atomically;
+
+use super::StudyError;
+use super::cases::Cases;
+use super::parquet_file;
+use super::record::{RECORD, ROWS, Record, TABLE};
+use super::report;
+use super::summary;
+use super::table::{Column, cells, header};
+use super::worker::{SETTLED, STATUS, places};
+use crate::pipeline::Monitor;
+
+/// Writes the table as Parquet, the summary, the report and the record, which is last: a folder with it is whole. Of a part,
+/// the record alone. Returns how many rows settled.
+pub(super) fn finish(
+    cases: &Cases,
+    dir: &Path,
+    mut record: Record,
+    monitor: &dyn Monitor,
+) -> Result<usize, StudyError> {
+    record.settled = settled(&Table::new(dir, &record))?;
+    if record.part.is_none() {
+        let table = Table::new(dir, &record);
+        monitor.status("writing table.parquet");
+        parquet_file::write(&dir.join("table.parquet"), &table)?;
+        monitor.status("writing the summary");
+        summary::write(cases, &record, &table, dir)?;
+        monitor.status("drawing the report");
+        report::write(cases, &record, &table, dir)?;
+    }
+    let text = serde_json::to_string_pretty(&record).map_err(std::io::Error::from);
+    let path = dir.join(RECORD);
+    text.and_then(|text| write_atomically(&path, |file| writeln!(file, "{text}")))
+        .map_err(|source| StudyError::Write { path, source })?;
+    let unfinished = dir.join(ROWS);
+    if unfinished.exists() {
+        std::fs::remove_file(&unfinished).map_err(|source| StudyError::Write {
+            path: unfinished,
+            source,
+        })?;
+    }
+    Ok(record.settled)
+}
+
+fn settled(table: &Table) -> Result<usize, StudyError> {
+    let status = places(table.columns)
+        .get(STATUS)
+        .copied()
+        .unwrap_or_default();
+    let mut settled = 0;
+    table.rows(|_, cells| {
+        settled += usize::from(cells[status] == SETTLED);
+        Ok(())
+    })?;
+    Ok(settled)
+}
+
+/// A table on disk, read row by row.
+pub(super) struct Table<'a> {
+    path: std::path::PathBuf,
+    pub columns: &'a [Column],
+    first_row: usize,
+    rows: usize,
+}
+
+impl<'a> Table<'a> {
+    pub fn new(dir: &Path, record: &'a Record) -> Self {
+        Self {
+            path: dir.join(TABLE),
+            columns: &record.columns,
+            first_row: record.first_row,
+            rows: record.rows,
+        }
+    }
+
+    /// Hands each row's number and cells to `visit`.
+    ///
+    /// # Errors
+    /// [`StudyError::Table`] for a line that was not written here; those of `visit`.
+    pub fn rows(
+        &self,
+        mut visit: impl FnMut(usize, Vec<String>) -> Result<(), StudyError>,
+    ) -> Result<(), StudyError> {
+        let fail = |line: usize, reason: String| StudyError::Table {
+            path: self.path.clone(),
+            line,
+            reason,
+        };
+        let file = File::open(&self.path).map_err(|error| fail(1, error.to_string()))?;
+        let mut lines = BufReader::new(file).lines();
+        let first = lines
+            .next()
+            .transpose()
+            .map_err(|error| fail(1, error.to_string()))?;
+        if first.map(|line| line + "\n") != Some(header(self.columns)) {
+            return Err(fail(
+                1,
+                "these are not the columns of study.json".to_owned(),
+            ));
+        }
+        let mut read = 0;
+        for line in lines {
+            let number = read + 2;
+            let line = line.map_err(|error| fail(number, error.to_string()))?;
+            let cells = cells(&line);
+            if cells.len() != self.columns.len() {
+                let expected = self.columns.len();
+                return Err(fail(
+                    number,
+                    format!("{} cells, expected {expected}", cells.len()),
+                ));
+            }
+            let row = self.first_row + read;
+            if cells[0].parse() != Ok(row) {
+                return Err(fail(
+                    number,
+                    format!("row {}, expected row {row}", cells[0]),
+                ));
+            }
+            visit(row, cells)?;
+            read += 1;
+        }
+        match read == self.rows {
+            true => Ok(()),
+            false => Err(fail(
+                read + 1,
+                format!("{read} rows, expected {}", self.rows),
+            )),
+        }
+    }
+}

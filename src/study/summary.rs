@@ -1,0 +1,183 @@
+//! `summary.csv`: a row for each combination of levels, over all that is sampled.
+
+use std::io::Write;
+use std::path::Path;
+
+use nalgebra::Vector3;
+use tdcr_sim::files::AtomicFile;
+
+use super::cases::Cases;
+use super::finish::Table;
+use super::record::Record;
+use super::table::{Cell, Column, Kind, header, push_line};
+use super::thinned::Thinned;
+use super::worker::{SETTLED, STATUS, inputs, level_cells, outputs, places};
+use super::workspace::{self, Workspace};
+use super::{StudyError, Want};
+
+/// Quantiles of each output, with what its column's name ends in.
+const QUANTILES: [(&str, f64); 3] = [("p10", 0.1), ("median", 0.5), ("p90", 0.9)];
+/// Most tips that a workspace is made of, and most values that a quantile is of.
+pub(super) const MOST_TIPS: usize = 10_000;
+const MOST_VALUES: usize = 10_000;
+
+/// Writes the summary of a study that samples something.
+pub(super) fn write(
+    cases: &Cases,
+    record: &Record,
+    table: &Table,
+    dir: &Path,
+) -> Result<(), StudyError> {
+    let study = &record.study;
+    if study.sample.is_none() {
+        return Ok(());
+    }
+    let path = dir.join("summary.csv");
+    let fail = |source| StudyError::Write {
+        path: path.clone(),
+        source,
+    };
+    let mut file = AtomicFile::create(&path).map_err(fail)?;
+    let levels = study.levels.len();
+    let numbers: Vec<Column> = outputs(study).into_iter().filter(is_averaged).collect();
+    let mut columns: Vec<Column> = inputs(study)[..levels].to_vec();
+    columns.extend(["rows", "settled"].map(|name| Column::new(name, "", Kind::Whole)));
+    for column in &numbers {
+        let named = |(end, _)| {
+            Column::new(
+                &format!("{}_{end}", column.name),
+                &column.unit,
+                Kind::Number,
+            )
+        };
+        columns.extend(QUANTILES.map(named));
+    }
+    let wants_workspace = study.want.contains(&Want::Workspace);
+    if wants_workspace {
+        columns.extend(workspace::columns());
+    }
+    file.write_all(header(&columns).as_bytes()).map_err(fail)?;
+
+    let base = Vector3::from(study.robot.base.position);
+    let mut groups = Groups::new(table.columns, &numbers, study.samples());
+    let mut add = |group: &mut Group| {
+        let mut cells = level_cells(&cases.levels(group.combination));
+        cells.extend([group.rows, group.settled].map(|count| Cell::Whole(count as i64)));
+        for values in &mut group.values {
+            let sorted = values.sorted();
+            cells.extend(QUANTILES.map(|(_, share)| Cell::Number(quantile(&sorted, share))));
+        }
+        if wants_workspace {
+            let tips = group.tips.take();
+            cells.extend(Workspace::new(tips, study.alpha).cells(&base));
+        }
+        let mut line = String::new();
+        push_line(&mut line, &cells);
+        file.write_all(line.as_bytes()).map_err(fail)
+    };
+    table.rows(|row, cells| match groups.add(row, &cells) {
+        Some(mut finished) => add(&mut finished),
+        None => Ok(()),
+    })?;
+    if let Some(mut last) = groups.group.take() {
+        add(&mut last)?;
+    }
+    file.commit().map_err(fail)
+}
+
+/// Whether a column has quantiles: one of numbers, but for those of an orientation, which mean nothing apart.
+fn is_averaged(column: &Column) -> bool {
+    column.kind != Kind::Text && !column.name.starts_with("tip_q")
+}
+
+/// The value that a share of sorted values is below, interpolated; none of no values.
+pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
+    if sorted.is_empty() {
+        return f64::NAN;
+    }
+    let place = share * (sorted.len() - 1) as f64;
+    let (below, part) = (place.floor() as usize, place.fract());
+    let above = (below + 1).min(sorted.len() - 1);
+    sorted[below] + part * (sorted[above] - sorted[below])
+}
+
+/// The rows of one combination of levels.
+pub(super) struct Group {
+    pub combination: usize,
+    rows: usize,
+    settled: usize,
+    values: Vec<Thinned<f64>>,
+    /// Places of the tip (m).
+    pub tips: Thinned<Vector3<f64>>,
+}
+
+/// Rows put together by combinations, which follow one another.
+pub(super) struct Groups {
+    samples: usize,
+    status: usize,
+    values: Vec<usize>,
+    tip: Option<[usize; 3]>,
+    pub group: Option<Group>,
+}
+
+impl Groups {
+    /// Of rows with `columns`, of which `numbers` are put together.
+    pub fn new(columns: &[Column], numbers: &[Column], samples: usize) -> Self {
+        let places = places(columns);
+        let place = |name: &str| places.get(name).copied();
+        let tip = ["tip_x", "tip_y", "tip_z"].map(place);
+        Self {
+            samples,
+            status: place(STATUS).unwrap_or_default(),
+            values: numbers
+                .iter()
+                .filter_map(|column| place(&column.name))
+                .collect(),
+            tip: match tip {
+                [Some(x), Some(y), Some(z)] => Some([x, y, z]),
+                _ => None,
+            },
+            group: None,
+        }
+    }
+
+    /// Adds a row; returns the combination that ended before it.
+    pub fn add(&mut self, row: usize, cells: &[String]) -> Option<Group> {
+        let combination = row / self.samples;
+        let ended = self.group.take_if(|group| group.combination != combination);
+        let group = self.group.get_or_insert_with(|| Group {
+            combination,
+            rows: 0,
+            settled: 0,
+            values: vec![Thinned::new(MOST_VALUES); self.values.len()],
+            tips: Thinned::new(MOST_TIPS),
+        });
+        group.rows += 1;
+        group.settled += usize::from(cells[self.status] == SETTLED);
+        let number = |place: usize| cells[place].parse::<f64>().ok();
+        for (values, &place) in group.values.iter_mut().zip(&self.values) {
+            if let Some(value) = number(place) {
+                values.add(row, value);
+            }
+        }
+        if let Some([Some(x), Some(y), Some(z)]) = self.tip.map(|tip| tip.map(number)) {
+            group.tips.add(row, Vector3::new(x, y, z));
+        }
+        ended
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_interpolated_between_values() {
+        let values = [1.0, 2.0, 4.0];
+        assert_eq!(
+            [0.0, 0.25, 0.5, 1.0].map(|share| quantile(&values, share)),
+            [1.0, 1.5, 2.0, 4.0]
+        );
+        assert!(quantile(&[], 0.5).is_nan());
+    }
+}

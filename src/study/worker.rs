@@ -1,0 +1,193 @@
+//! From a configuration's number to its row.
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+use tdcr_sim::robot::Robot;
+use tdcr_sim::statics::Settler;
+
+use super::case::{self, Setting};
+use super::cases::{Case, Cases};
+use super::measure::{Settled, settle};
+use super::table::{Cell, Column, Kind};
+use super::variable::Target;
+use super::{Study, Want};
+
+/// What is in a row besides outputs.
+pub(super) const ROW: &str = "row";
+pub(super) const STATUS: &str = "status";
+/// What the status of a row that settled says.
+pub(super) const SETTLED: &str = "settled";
+
+/// Computes rows one after another; configurations of one robot share its compilation.
+pub(super) struct Worker<'a> {
+    study: &'a Study,
+    cases: &'a Cases<'a>,
+    columns: usize,
+    robot: Option<Compiled>,
+}
+
+/// A robot and its solver, or why there is none, and the values that it was made of.
+type Compiled = (Vec<Value>, Result<(Robot, Settler), String>);
+
+/// The columns of a study's table.
+pub(super) fn columns(study: &Study, cases: &Cases) -> Vec<Column> {
+    let mut columns = vec![Column::new(ROW, "", Kind::Whole)];
+    columns.extend(inputs(study));
+    if study.samples_command() {
+        let count = cases.case(0).command.map_or(0, |command| command.len());
+        let sampled = study
+            .sampled
+            .iter()
+            .find(|sampled| sampled.what.target == Target::Command);
+        let unit = sampled.map_or("", |sampled| study.unit(&sampled.what));
+        let named = |tendon: usize| Column::new(&format!("c{tendon}"), unit, Kind::Number);
+        columns.extend((0..count).map(named));
+    }
+    columns.push(Column::new(STATUS, "", Kind::Text));
+    columns.extend(outputs(study));
+    columns
+}
+
+/// Columns of the variables, but for a sampled command.
+pub(super) fn inputs(study: &Study) -> Vec<Column> {
+    let levels = study.levels.iter().map(|levels| {
+        let values = || levels.values.iter();
+        let kind = match () {
+            () if values().all(|value| value.as_i64().is_some()) => Kind::Whole,
+            () if values().all(Value::is_number) => Kind::Number,
+            () => Kind::Text,
+        };
+        Column::new(levels.what.name(), study.unit(&levels.what), kind)
+    });
+    let sampled = (study.scalars())
+        .map(|sampled| Column::new(sampled.what.name(), study.unit(&sampled.what), Kind::Number));
+    levels.chain(sampled).collect()
+}
+
+/// Columns of what is wanted. A workspace is made of the tips' places.
+pub(super) fn outputs(study: &Study) -> Vec<Column> {
+    let limited = study.tension_limit.is_some();
+    let mut wants = study.want.clone();
+    if wants.contains(&Want::Workspace) && !wants.contains(&Want::Tip) {
+        wants.insert(0, Want::Tip);
+    }
+    wants
+        .into_iter()
+        .flat_map(|want| want.columns(limited))
+        .collect()
+}
+
+impl<'a> Worker<'a> {
+    pub fn new(study: &'a Study, cases: &'a Cases<'a>) -> Self {
+        Self {
+            study,
+            cases,
+            columns: columns(study, cases).len(),
+            robot: None,
+        }
+    }
+
+    /// Row `index`: what cannot be computed is empty, and the status says why.
+    pub fn row(&mut self, index: usize) -> Vec<Cell> {
+        let case = self.cases.case(index);
+        let mut cells = Vec::with_capacity(self.columns);
+        cells.push(Cell::Whole(i64::try_from(index).unwrap_or(i64::MAX)));
+        let shown = self.study.levels.iter().map(|levels| &levels.what);
+        for what in shown.chain(self.study.scalars().map(|sampled| &sampled.what)) {
+            let setting = case.settings.iter().rev().find(|setting| setting.0 == what);
+            cells.push(setting.map_or(Cell::Empty, |setting| cell(&setting.1)));
+        }
+        let width = case.command.as_ref().map_or(0, Vec::len);
+        let rest = self.outcome(&case, width).unwrap_or_else(|reason| {
+            let mut rest = vec![Cell::Empty; width];
+            rest.push(Cell::Text(reason));
+            rest
+        });
+        cells.extend(rest);
+        cells.resize(self.columns, Cell::Empty);
+        cells
+    }
+
+    /// The command where it is sampled, in `width` cells, the status and the outputs.
+    fn outcome(&mut self, case: &Case, width: usize) -> Result<Vec<Cell>, String> {
+        let study = self.study;
+        let (robot, settler) = self.compiled(&case.settings)?;
+        let command = case::command(robot, &case.settings, case.command.as_deref())?;
+        let loads = case::loads(robot, &case.settings)?;
+        let mut cells: Vec<Cell> = Vec::with_capacity(width);
+        if width > 0 {
+            cells.extend(command.as_slice().iter().copied().map(Cell::Number));
+            cells.resize(width, Cell::Empty);
+        }
+        let seconds = settle(settler, &command, &loads);
+        let equilibrium = settler.equilibrium().clone();
+        if let Some(failure) = equilibrium.failure(robot, &command) {
+            cells.push(Cell::Text(failure.to_string()));
+            return Ok(cells);
+        }
+        cells.push(Cell::Text(SETTLED.to_owned()));
+        let settled = Settled {
+            study,
+            robot,
+            command: &command,
+            loads: &loads,
+            equilibrium: &equilibrium,
+            seconds,
+        };
+        let needs =
+            |want: &Want| matches!(want, Want::Compliance | Want::Manipulability | Want::Force);
+        let derivatives = match study.want.iter().any(needs) {
+            true => robot.sensitivity(&command, &loads, &equilibrium).ok(),
+            false => None,
+        };
+        let tip = Some(Want::Tip)
+            .filter(|tip| study.want.contains(&Want::Workspace) && !study.want.contains(tip));
+        for want in tip.into_iter().chain(study.want.iter().copied()) {
+            cells.extend(settled.cells(want, settler, derivatives.as_ref()));
+        }
+        Ok(cells)
+    }
+
+    /// The robot of the settings, and its solver.
+    fn compiled(&mut self, settings: &[Setting]) -> Result<(&Robot, &mut Settler), String> {
+        let of_robot = settings.iter().filter(|setting| setting.0.is_of_robot());
+        let key: Vec<Value> = of_robot.map(|setting| setting.1.clone()).collect();
+        if self.robot.as_ref().is_none_or(|(of, _)| *of != key) {
+            let compiled = case::robot(self.study, settings).map(|robot| {
+                let settler = Settler::new(&robot);
+                (robot, settler)
+            });
+            self.robot = Some((key, compiled));
+        }
+        match &mut self.robot {
+            Some((_, Ok((robot, settler)))) => Ok((robot, settler)),
+            Some((_, Err(reason))) => Err(reason.clone()),
+            None => Err("there is no robot".to_owned()),
+        }
+    }
+}
+
+/// Values of some levels as cells.
+pub(super) fn level_cells(settings: &[Setting]) -> Vec<Cell> {
+    // The seed of a study is a number as any other.
+    settings.iter().map(|setting| cell(&setting.1)).collect()
+}
+
+fn cell(value: &Value) -> Cell {
+    match (value.as_i64(), value.as_f64(), value) {
+        (Some(whole), ..) => Cell::Whole(whole),
+        (None, Some(number), _) => Cell::Number(number),
+        (_, _, Value::String(text)) => Cell::Text(text.clone()),
+        (_, _, other) => Cell::Text(other.to_string()),
+    }
+}
+
+/// Places of columns by name.
+pub(super) fn places(columns: &[Column]) -> BTreeMap<&str, usize> {
+    columns
+        .iter()
+        .enumerate()
+        .map(|(place, column)| (column.name.as_str(), place))
+        .collect()
+}

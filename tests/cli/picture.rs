@@ -1,0 +1,144 @@
+//! `--picture`, completions, manual pages and the help.
+
+use std::fs;
+use std::path::Path;
+
+use crate::{COMMAND, TINY_NETWORK, refuse, succeed, text};
+
+/// Width, height and pictures of a PNG, and the share of its first picture's pixels that are not white.
+fn png(path: &Path) -> ([u32; 2], u32, f64) {
+    let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(path).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let frames = reader
+        .info()
+        .animation_control()
+        .map_or(1, |control| control.num_frames);
+    let size = [reader.info().width, reader.info().height];
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    for _ in 0..frames {
+        reader.next_frame(&mut pixels).unwrap();
+    }
+    let inked = pixels.chunks(3).filter(|pixel| *pixel != [255; 3]).count();
+    (size, frames, inked as f64 / (pixels.len() / 3) as f64)
+}
+
+#[test]
+fn pictures_show_the_robot_that_was_settled_and_how_it_moved() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name);
+    succeed(&[
+        "settle",
+        "--command",
+        COMMAND,
+        "--picture",
+        text(&out("robot.png")),
+    ]);
+    let (size, frames, inked) = png(&out("robot.png"));
+    assert_eq!((size, frames), ([960, 480], 1));
+    assert!((0.02..0.5).contains(&inked), "{inked}");
+    succeed(&[
+        "settle",
+        "--command",
+        COMMAND,
+        "--picture",
+        text(&out("robot.svg")),
+    ]);
+    let svg = fs::read_to_string(out("robot.svg")).unwrap();
+    let tip = crate::succeed_json(&["settle", "--command", COMMAND])["positions"][9].clone();
+    let said = format!("z {:.1} mm", 1e3 * tip[2].as_f64().unwrap());
+    assert!(svg.contains(&said), "{said}");
+    let commands = out("commands.csv");
+    fs::write(&commands, format!("{COMMAND}\n").repeat(101)).unwrap();
+    let simulate = |picture: &str| {
+        succeed(&[
+            "simulate",
+            "--commands",
+            text(&commands),
+            "--picture",
+            text(&out(picture)),
+        ]);
+    };
+    simulate("film.png");
+    // 101 steps of 2 ms, a picture every 40 ms.
+    let (size, frames, inked) = png(&out("film.png"));
+    assert_eq!((size, frames), ([480, 480], 6));
+    assert!((0.02..0.5).contains(&inked), "{inked}");
+    simulate("course.svg");
+    let svg = fs::read_to_string(out("course.svg")).unwrap();
+    assert!(svg.contains("The tip over 101 steps"));
+    refuse(
+        &["settle", "--random", "5", "--picture", text(&out("x.png"))],
+        1,
+        "expected --command",
+    );
+    refuse(
+        &["settle", "--command", COMMAND, "--picture", "x.bmp"],
+        1,
+        "expected the extension .png or .svg",
+    );
+}
+
+#[test]
+fn a_predicted_cloud_is_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name);
+    let (data, run) = (out("data"), out("run"));
+    succeed(&[&crate::SMALL_SET[..], &["--out", text(&data)]].concat());
+    succeed(
+        &[
+            &TINY_NETWORK[..],
+            &["--data", text(&data), "--out", text(&run)],
+        ]
+        .concat(),
+    );
+    let model = run.join("model.safetensors");
+    for picture in ["cloud.png", "cloud.svg"] {
+        let (picture, cloud) = (out(picture), out("cloud.ply"));
+        succeed(&[
+            "predict",
+            "--model",
+            text(&model),
+            "--command",
+            COMMAND,
+            "--points",
+            "300",
+            "--out",
+            text(&cloud),
+            "--picture",
+            text(&picture),
+        ]);
+    }
+    assert!(png(&out("cloud.png")).2 > 0.001);
+    let svg = fs::read_to_string(out("cloud.svg")).unwrap();
+    assert_eq!(svg.matches("<circle").count(), 2 * 300);
+}
+
+#[test]
+fn shells_complete_commands_and_manuals_have_a_page_for_each() {
+    for (shell, expected) in [
+        ("bash", "complete -F _tdcr"),
+        ("zsh", "#compdef tdcr"),
+        ("fish", "complete -c tdcr"),
+    ] {
+        let script = succeed(&["completions", shell]);
+        assert!(
+            script.contains(expected) && script.contains("calibrate-cameras"),
+            "{shell}"
+        );
+    }
+    refuse(&["completions", "tcsh"], 2, "bash");
+    let folder = tempfile::tempdir().unwrap();
+    let man = folder.path().join("man");
+    succeed(&["manual", "--out", text(&man)]);
+    for (page, option) in [
+        ("tdcr.1", "settle"),
+        ("tdcr-settle.1", "payload"),
+        ("tdcr-data-merge.1", "out"),
+    ] {
+        let text = fs::read_to_string(man.join(page)).unwrap();
+        assert!(
+            text.starts_with(".ie") && text.contains(option),
+            "{page}: {text}"
+        );
+    }
+}
