@@ -17,6 +17,8 @@ import dynamixel_sdk as sdk
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 TDCR = ROOT / "target/release/tdcr"
+# Those of the tests, which share their build.
+PACKAGES = ["--locked", "--workspace", "--exclude", "tdcr-mujoco"]
 SERVOS = range(1, 16)
 RETURN_DELAY = 9
 GOAL = (116, 4)
@@ -37,7 +39,7 @@ def line_time(baud, joined):
 
 def rust(driver, port, baud, joined):
     """Median time (us) of a round trip through our driver or rustypot."""
-    command = ["cargo", "bench", "--quiet", "--locked", "-p", "tdcr-hw", "--bench", "bus", "--"]
+    command = ["cargo", "bench", "--quiet", *PACKAGES, "--bench", "bus", "--"]
     answers = "joined" if joined else "each"
     command += [port, str(baud), driver, answers, str(TRIPS)]
     run = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True, text=True)
@@ -107,7 +109,7 @@ def measure(baud):
 
 
 if __name__ == "__main__":
-    subprocess.run(["cargo", "build", "--quiet", "--release", "--locked"], cwd=ROOT, check=True)
+    subprocess.run(["cargo", "build", "--quiet", "--release", *PACKAGES, "--examples", "--bins"], cwd=ROOT, check=True)
     print("| sync write and read of 15 servos (us) | bytes on the line | ours | rustypot | dynamixel-sdk |")
     print("|---|---|---|---|---|")
     for rate in BAUD_RATES:

@@ -49,6 +49,7 @@ __all__ = [
     "merge_study",
     "presets",
     "read_cloud_set",
+    "record_background",
     "render",
     "rollout_rows",
     "rollout_vjp_rows",
