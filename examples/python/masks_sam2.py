@@ -1,10 +1,12 @@
 """Writes the robot's masks by SAM 2: prompted in one picture of each camera, propagated through all others.
 
     pip install sam2 pillow
+    tdcr log pictures DATA/log.mcap --out FRAMES
     python masks_sam2.py --frames FRAMES --prompts prompts.json --out MASKS
     tdcr capture ... --masks MASKS
 
-FRAMES has a folder per camera with its colour pictures in the order of the samples: camera0/000000.jpg, camera0/000001.jpg, ...
+FRAMES has a folder per camera with its colour pictures in the order of the samples: camera0/000000.png, camera0/000001.png, ...
+(or .jpg).
 The prompts say where the robot is in one sample of each camera, by points (columns and rows of pixels; labels 1 on the robot, 0
 beside it):
 
@@ -16,6 +18,7 @@ MASKS gets camera0/000000.png and so on: 8 bits, grey, 255 on the robot. Look th
 import argparse
 import json
 import sys
+import tempfile
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -36,22 +39,34 @@ def load(name: str):
     return SAM2VideoPredictor.from_pretrained(name)
 
 
-def samples(folder: Path) -> list[int]:
-    """The samples of a camera, by the names of its pictures, in their order."""
-    numbers = sorted(int(path.stem) for path in folder.glob("*.jpg") if path.stem.isdigit())
-    if not numbers:
-        raise MaskError(f"no pictures in {folder}; expected 000000.jpg, 000001.jpg, ...")
-    return numbers
+def samples(folder: Path) -> dict[int, Path]:
+    """The pictures of a camera by their samples, in their order."""
+    paths = [path for path in folder.glob("*") if path.suffix in (".png", ".jpg") and path.stem.isdigit()]
+    if not paths:
+        raise MaskError(f"no pictures in {folder}; expected 000000.png, 000001.png, ...")
+    return {int(path.stem): path for path in sorted(paths, key=lambda path: int(path.stem))}
+
+
+def as_video(pictures: dict[int, Path], folder: Path) -> None:
+    """Writes pictures as SAM 2 reads a video: JPEG files, numbered from 0."""
+    from PIL import Image
+
+    for frame, path in enumerate(pictures.values()):
+        with Image.open(path) as picture:
+            picture.convert("RGB").save(folder / f"{frame}.jpg", quality=95)
 
 
 def propagate(predictor, folder: Path, prompt: dict, out: Path) -> int:
     """Writes the masks of one camera; returns how many."""
     from PIL import Image
 
-    numbers = samples(folder)
-    if prompt["sample"] not in numbers:
+    pictures = samples(folder)
+    numbers = list(pictures)
+    if prompt["sample"] not in pictures:
         raise MaskError(f"sample {prompt['sample']} of the prompts is not in {folder}; there are {numbers[0]} to {numbers[-1]}")
-    state = predictor.init_state(video_path=str(folder))
+    with tempfile.TemporaryDirectory() as video:
+        as_video(pictures, Path(video))
+        state = predictor.init_state(video_path=video)
     predictor.add_new_points_or_box(
         inference_state=state,
         frame_idx=numbers.index(prompt["sample"]),

@@ -15,7 +15,7 @@ use rustypot::DynamixelProtocolHandler;
 use tdcr_hw::clock::SystemClock;
 use tdcr_hw::dynamixel::{Answers, Bus, BusSettings, Span};
 use tdcr_hw::serial::{Serial, SerialSettings};
-use tdcr_hw::servo::ServoId;
+use tdcr_hw::servo::{ServoId, TorqueSwitch};
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
@@ -81,6 +81,10 @@ fn ours(path: &str, baud_rate: u32, joined: bool, rounds: usize) -> Outcome<f64>
             length: PRESENT.1,
         })
         .collect();
+    // Servos are met: fast reads need to know their firmware.
+    for torque in bus.torque(&ids) {
+        torque?;
+    }
     median(rounds, |number| {
         let goal = (2048 + number).to_le_bytes();
         let rows: Vec<(ServoId, &[u8])> = ids.iter().map(|&id| (id, &goal[..])).collect();

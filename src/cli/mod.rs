@@ -16,6 +16,7 @@ mod eval;
 mod export;
 mod help;
 mod home;
+mod images;
 mod jog;
 #[cfg(any(test, feature = "joystick"))]
 mod joystick;

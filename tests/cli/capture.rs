@@ -266,3 +266,62 @@ fn wrong_rigs_are_refused() {
     fs::write(&rig, &real[..end]).unwrap();
     refuse(&["capture", "--rig", text(&rig)], 1, "not a serial port");
 }
+
+/// The way of SAM 2: pictures out of a log, masks made of them, and the log captured again by these.
+#[test]
+fn masks_of_a_logs_pictures_give_the_same_clouds() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let rig = small_rig(folder.path());
+    let file = fs::read_to_string(&rig).unwrap();
+    let (head, rest) = file.split_once("[masks]").unwrap();
+    let (_, rest) = rest.split_once("[simulation]").unwrap();
+    let alone = format!("{head}[simulation]{rest}").replace("\"table\"", "\"nothing\"");
+    fs::write(&rig, &alone).unwrap();
+    let few = ["--commands", "10", "--points", "200", "--voxel", "0.004"];
+    let capture = |rig: &Path, out: &str, more: &[&str]| {
+        let out = path(out);
+        let to = ["capture", "--rig", text(rig), "--out", text(&out)];
+        succeed_json(&[&to[..], &few, more].concat())
+    };
+    capture(&rig, "first", &[]);
+    let (log, frames, masks) = (path("first/log.mcap"), path("frames"), path("masks"));
+    let written = succeed_json(&["log", "pictures", text(&log), "--out", text(&frames)]);
+    assert_eq!(
+        written["pictures"],
+        serde_json::json!({ "camera0": 10, "camera1": 10 })
+    );
+    for camera in ["camera0", "camera1"] {
+        fs::create_dir_all(masks.join(camera)).unwrap();
+        for sample in 0..10 {
+            let name = format!("{camera}/{sample:06}.png");
+            mask_what_stands_out(&frames.join(&name), &masks.join(&name));
+        }
+    }
+    let replay = path("replay.toml");
+    let recorded = "link = { recorded = \"first/log.mcap\" }";
+    fs::write(&replay, alone.replace("link = \"simulated\"", recorded)).unwrap();
+    capture(&replay, "second", &["--no-log", "--masks", text(&masks)]);
+    let compared = succeed_json(&["compare", text(&path("second")), text(&path("first"))]);
+    assert_eq!(compared["pairs"], 10);
+    let distance = compared["cd"]["mean"].as_f64().unwrap();
+    assert!(distance < 1e-9, "{}", compared["cd"]);
+}
+
+/// A mask of what is of another colour than the picture's corner.
+fn mask_what_stands_out(picture: &Path, mask: &Path) {
+    let file = std::io::BufReader::new(fs::File::open(picture).unwrap());
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    let (colors, _) = pixels.as_chunks::<3>();
+    let grey: Vec<u8> = colors
+        .iter()
+        .map(|c| 255 * u8::from(*c != colors[0]))
+        .collect();
+    assert!(grey.contains(&255), "{}", picture.display());
+    let mut encoder = png::Encoder::new(fs::File::create(mask).unwrap(), info.width, info.height);
+    encoder.set_color(png::ColorType::Grayscale);
+    let mut writer = encoder.write_header().unwrap();
+    writer.write_image_data(&grey).unwrap();
+}

@@ -7,7 +7,7 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::{refuse, tdcr};
+use crate::{refuse, succeed_json, tdcr, text};
 
 /// The e-Manual's ping of servo 1.
 const PING: [u8; 10] = [0xFF, 0xFF, 0xFD, 0x00, 0x01, 0x03, 0x00, 0x01, 0x19, 0x4E];
@@ -175,4 +175,36 @@ fn wrong_options_are_named() {
         "expected a finite number above 0",
     );
     refuse(&["--robot", "4m"], 1, "unknown robot `4m`");
+}
+
+/// A log of what servos on a port said while they were homed lies beside the rig's file, one for each time.
+#[test]
+fn homing_servos_on_a_port_is_logged() {
+    let server = Server::start(&[]);
+    let folder = tempfile::tempdir().unwrap();
+    let file = include_str!("../../examples/rig-sim.toml");
+    let end = file.find("[[cameras]]").unwrap();
+    let on_port = format!("link = {{ serial = \"{}\" }}", server.port);
+    let file = file[..end].replace("link = \"simulated\"", &on_port);
+    let robot = include_str!("../../examples/paper-robot.toml");
+    std::fs::write(folder.path().join("paper-robot.toml"), robot).unwrap();
+    let rig = folder.path().join("desk.toml");
+    std::fs::write(&rig, file).unwrap();
+    for name in ["desk.home.mcap", "desk.home-2.mcap"] {
+        let homed = succeed_json(&["home", "--rig", text(&rig), "--here"]);
+        assert_eq!(homed["servos"].as_array().unwrap().len(), 6);
+        let log = folder.path().join(name);
+        assert_eq!(homed["log"], text(&log));
+        let info = succeed_json(&["log", "info", text(&log)]);
+        assert_eq!(info["whole"], true);
+        let topics = info["topics"].as_array().unwrap().iter();
+        let topics: Vec<&str> = topics
+            .map(|topic| topic["topic"].as_str().unwrap())
+            .collect();
+        for topic in ["/servos/present", "/servos/status", "/servos/homes"] {
+            assert!(topics.contains(&topic), "{topics:?}");
+        }
+    }
+    succeed_json(&["home", "--rig", text(&rig), "--here", "--no-log"]);
+    assert!(!folder.path().join("desk.home-3.mcap").exists());
 }

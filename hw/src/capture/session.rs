@@ -10,7 +10,7 @@ use super::error::CaptureError;
 use super::fuse::{Fuser, masked};
 use super::program::Program;
 use super::still::{StillDepth, Stillness, change};
-use crate::log::{Level, LogRecord};
+use crate::log::{Event, Level, LogRecord};
 use crate::mask::MaskFolder;
 use crate::plan::Shape;
 use crate::rig::{Pictures, Rig, RigError, WinchState};
@@ -184,7 +184,7 @@ impl<'a> Session<'a> {
         if cloud.is_empty() {
             return Err(CaptureError::NotSeen { index });
         }
-        self.rig.log_event(Level::Info, format!("sample {index}"));
+        self.rig.log_event(Level::Info, Event::sample_text(index));
         self.rig.log(|| LogRecord::Cloud(cloud.clone()));
         let goals = self.rig.held_goals().unwrap_or_default().to_vec();
         let winches = self.rig.winches().iter().zip(&goals);

@@ -179,6 +179,20 @@ pub struct Event {
     pub text: String,
 }
 
+const SAMPLE: &str = "sample ";
+
+impl Event {
+    /// The words with which a capture says that the pictures logged last are those of sample `index`; the sample's cloud follows.
+    pub fn sample_text(index: u64) -> String {
+        format!("{SAMPLE}{index}")
+    }
+
+    /// The sample of which this event is the word; none of any other event.
+    pub fn sample(&self) -> Option<u64> {
+        self.text.strip_prefix(SAMPLE)?.parse().ok()
+    }
+}
+
 /// Pose of a frame within another.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transform {

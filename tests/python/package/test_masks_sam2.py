@@ -38,7 +38,10 @@ class Predictor:
     """Finds a square that moves by a pixel with each picture, where a point on it was given."""
 
     def init_state(self, video_path):
-        return {"count": len(list(Path(video_path).glob("*.jpg")))}
+        # SAM 2 reads JPEG files in the order of their numbers.
+        frames = sorted(int(path.stem) for path in Path(video_path).glob("*.jpg"))
+        assert frames == list(range(len(frames)))
+        return {"count": len(frames)}
 
     def add_new_points_or_box(self, inference_state, frame_idx, obj_id, points, labels):
         assert points.dtype == np.float32 and points.shape == (2, 2) and labels.tolist() == [1, 0]
@@ -60,7 +63,8 @@ def arguments(tmp_path):
         folder = tmp_path / "frames" / camera
         folder.mkdir(parents=True)
         for sample in range(first, first + 4):
-            Image.new("RGB", (8, 6)).save(folder / f"{sample:06}.jpg")
+            # As `tdcr log pictures` writes them, and as other programs may.
+            Image.new("RGB", (8, 6)).save(folder / f"{sample:06}.{'jpg' if first else 'png'}")
         prompts[camera] = {"sample": first + 1, "points": [[2, 3], [7, 0]], "labels": [1, 0]}
     (tmp_path / "prompts.json").write_text(json.dumps(prompts))
     paths = {"frames": "frames", "prompts": "prompts.json", "out": "masks"}

@@ -39,7 +39,8 @@ pub struct BusSettings {
     pub attempts: u32,
     /// Wait before the second attempt; it doubles before each further one.
     pub pause: Duration,
-    /// How several servos are asked to answer. Joined answers need firmware 46; servos that miss theirs are asked again.
+    /// How several servos are asked to answer. Joined answers need servos of firmware 46 or newer that have been met: by a call
+    /// of any trait, which asks what they are. Servos that miss theirs are asked again.
     pub answers: Answers,
     /// Whether factory resets and backups are sent.
     pub lasting_changes: LastingChanges,
@@ -239,7 +240,8 @@ impl<T: Transport> Bus<T> {
         result.map(drop)
     }
 
-    /// Reads something of each of several servos: in one exchange where all answer. Each is named once.
+    /// Reads something of each of several servos: in one exchange where all answer. Each is named once. Of servos that have not
+    /// been met each sends an answer of its own, whatever [`BusSettings::answers`] says.
     pub fn read_many(&mut self, spans: &[Span]) -> PerServo<Reply> {
         self.gather(spans, |_, error, data| Ok(reply(error, data)))
     }

@@ -1,7 +1,5 @@
 //! `tdcr render`.
 
-mod files;
-
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -17,7 +15,7 @@ use tdcr::sim::robot::Robot;
 
 use super::console::Console;
 use super::loads::{LoadArgs, LoadsSaid};
-use super::{CommandArg, output};
+use super::{CommandArg, images, output};
 
 /// Render a settled robot with its cameras: colour, depth and mask images, and the fused cloud
 #[derive(Debug, Args)]
@@ -205,11 +203,11 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
     // `as` saturates: what is farther than 65.535 m has that depth.
     let millimetres = frame.depth.iter().map(|z| (1e3 * z).round() as u16);
     let values = frame.mask.iter().map(|instance| instance.value());
-    let color = files::rgb_png(size, frame.color.as_flattened())?;
+    let color = images::rgb_png(size, frame.color.as_flattened())?;
     output::write(&folder.join(&view.color), &color)?;
     output::write(
         &folder.join(&view.depth_png),
-        &files::grey_png(size, millimetres)?,
+        &images::grey_png(size, millimetres)?,
     )?;
     let depth = NpzArray {
         name: "depth",
@@ -217,7 +215,7 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbdFrame) -> anyhow::Result
         values: NpzValues::Floats(&frame.depth),
     };
     write_npy(&folder.join(&view.depth_npy), &depth)?;
-    output::write(&folder.join(&view.mask), &files::grey_png(size, values)?)?;
+    output::write(&folder.join(&view.mask), &images::grey_png(size, values)?)?;
     Ok(view)
 }
 

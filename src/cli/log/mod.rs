@@ -1,4 +1,4 @@
-//! `tdcr log`: inspects and repairs logs of a rig.
+//! `tdcr log`: inspects and repairs logs of a rig, and takes pictures out of them.
 
 use std::path::PathBuf;
 
@@ -10,7 +10,10 @@ use tdcr::report::counted;
 
 use super::console::Console;
 
-/// Inspect and repair logs of a rig
+mod pictures;
+use pictures::PicturesArgs;
+
+/// Inspect and repair logs of a rig, take pictures out of them
 #[derive(Debug, Args)]
 pub(super) struct LogArgs {
     #[command(subcommand)]
@@ -21,6 +24,7 @@ pub(super) struct LogArgs {
 enum LogCommand {
     Info(InfoArgs),
     Repair(RepairArgs),
+    Pictures(PicturesArgs),
 }
 
 /// Summarise a log: topics, times, and what is damaged
@@ -49,6 +53,7 @@ pub(super) fn run(args: &LogArgs, console: &Console) -> anyhow::Result<()> {
     match &args.command {
         LogCommand::Info(args) => info(args, console),
         LogCommand::Repair(args) => mend(args, console),
+        LogCommand::Pictures(args) => pictures::run(args, console),
     }
 }
 
