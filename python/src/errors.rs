@@ -10,6 +10,7 @@ use tdcr::learn::predict::PredictError;
 use tdcr::learn::train::{FileError, SettingsError};
 use tdcr::pages::PageError;
 use tdcr::pipeline::PipelineError;
+use tdcr::pipeline::recording::RecordingFileError;
 use tdcr::sim::dynamics::DynamicsError;
 use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
 use tdcr::sim::inverse::calibration::CalibrationError;
@@ -129,6 +130,16 @@ impl From<DataError> for Failure {
             | DataError::TooFewSamples { .. }
             | DataError::TooManySamples { .. }
             | DataError::NoSample { .. } => "InputError",
+            _ => "DataError",
+        };
+        Self::Of(class, error.to_string())
+    }
+}
+
+impl From<RecordingFileError> for Failure {
+    fn from(error: RecordingFileError) -> Self {
+        let class = match error {
+            RecordingFileError::Columns { .. } => "InputError",
             _ => "DataError",
         };
         Self::Of(class, error.to_string())

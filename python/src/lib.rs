@@ -44,6 +44,7 @@ mod metrics;
 mod moving_robot;
 mod pages;
 mod predictor;
+mod recordings;
 mod rig;
 mod robot;
 mod run;
@@ -87,6 +88,8 @@ mod _tdcr {
     use crate::pages::{data_info, demo, draw_data};
     #[pymodule_export]
     use crate::predictor::Predictor;
+    #[pymodule_export]
+    use crate::recordings::{RecordingCalibration, ReplayedRecording, calibrate_recording};
     #[pymodule_export]
     use crate::rig::{Rig, record_background};
     #[pymodule_export]

@@ -22,6 +22,7 @@ from tdcr.learning import Run, demo, distill, train
 from tdcr.loads import Loads, Wrench
 from tdcr.moving_robot import MovingRobot
 from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
+from tdcr.recordings import RecordingCalibration, calibrate_recording
 from tdcr.rig import Rig
 from tdcr.robot import Robot
 from tdcr.scoring import compare, evaluate
@@ -48,6 +49,7 @@ __all__ = [
     "Normalisation",
     "Prediction",
     "Predictor",
+    "RecordingCalibration",
     "Rig",
     "Robot",
     "RolloutGradients",
@@ -62,6 +64,7 @@ __all__ = [
     "Wrench",
     "__version__",
     "calibrate",
+    "calibrate_recording",
     "cloud",
     "clouds",
     "collect",

@@ -17,6 +17,8 @@ __all__ = [
     "MotionRows",
     "MovingRobot",
     "Predictor",
+    "RecordingCalibration",
+    "ReplayedRecording",
     "Rig",
     "Robot",
     "RolloutGradientRows",
@@ -28,6 +30,7 @@ __all__ = [
     "View",
     "__version__",
     "calibrate",
+    "calibrate_recording",
     "chamfer_rows",
     "check_data",
     "clouds",
@@ -229,6 +232,46 @@ def calibrate(
     discs: list[int],
     positions: _Floats,
 ) -> Calibration: ...
+
+@final
+class ReplayedRecording:
+    @property
+    def times(self) -> _Floats: ...
+    @property
+    def patterns(self) -> list[str]: ...
+    @property
+    def lines(self) -> list[int]: ...
+    @property
+    def pulls(self) -> _Floats: ...
+    @property
+    def measured(self) -> _Floats: ...
+    @property
+    def predicted(self) -> _Floats: ...
+
+@final
+class RecordingCalibration:
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def columns(self) -> str: ...
+    @property
+    def found(self) -> str: ...
+    @property
+    def train(self) -> ReplayedRecording: ...
+    @property
+    def validation(self) -> ReplayedRecording | None: ...
+    @property
+    def notes(self) -> list[str]: ...
+
+def calibrate_recording(
+    robot: Robot,
+    data: str,
+    columns: str | tuple[str],
+    validate: str | None,
+    report: str | None,
+    options: dict[str, Any],
+    progress: _Progress = None,
+) -> RecordingCalibration: ...
 
 @final
 class View:

@@ -1,22 +1,18 @@
 //! `tdcr calibrate`.
 
 use std::fmt::Write;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, ensure};
+use anyhow::ensure;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use serde::Serialize;
-use tdcr::pages::{CalibrationPage, Held};
-use tdcr::pipeline::Monitor;
-use tdcr::pipeline::recording::{Columns, RecordingFile};
-use tdcr::report::counted;
-use tdcr::sim::inverse::recording::{
-    Correlation, FittedUnknown, Group, Misses, RecordingError, RecordingFit, RecordingSettings,
-    Replay, Transmission, fit_recording,
+use tdcr::pages::CalibrationPage;
+use tdcr::pipeline::recording::{
+    BadRows, CalibrateError, CalibrateSettings, Calibrated, Columns, FoundServos, ServoOrder,
+    calibrate,
 };
-use tdcr::sim::robot::RobotSpec;
+use tdcr::report::counted;
+use tdcr::sim::inverse::recording::Group;
 
 use super::console::{Console, Interrupted};
 use super::output;
@@ -41,7 +37,8 @@ pub(super) struct CalibrateArgs {
     #[arg(long, value_name = "FILE")]
     validate: Option<PathBuf>,
     /// Groups of unknowns, separated by commas, or none [default: pretension, spool_radius, backlash, lag, hole_angles, twist, stiffness,
-    /// torsion, rest_bend, tendon_stiffness, base_pose, marker_offset, those of them that the robot has]
+    /// torsion, rest_bend, tendon_stiffness, base_pose, marker_offset, those of them that the robot has]. With servo_map, which servo pulls
+    /// which tendon, and which way, is found first, from rows in which one moves alone
     #[arg(long, value_delimiter = ',', value_name = "GROUP,..", value_parser = choice())]
     fit: Option<Vec<Choice>>,
     /// Distance (m) from which a marker's miss counts less than by its square [default: a fortieth of the robot's length]
@@ -68,52 +65,59 @@ pub(super) struct CalibrateArgs {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Choice {
     Group(Group),
+    ServoMap,
     None,
 }
 
+/// The name of [`Choice::ServoMap`].
+const SERVO_MAP: &str = "servo_map";
+
 fn choice() -> impl TypedValueParser<Value = Choice> {
-    let names = Group::ALL.map(Group::name).into_iter().chain(["none"]);
-    PossibleValuesParser::new(names)
-        .map(|name| Group::named(&name).map_or(Choice::None, Choice::Group))
+    let names = Group::ALL.map(Group::name).into_iter();
+    PossibleValuesParser::new(names.chain([SERVO_MAP, "none"])).map(|name| {
+        match Group::named(&name) {
+            Some(group) => Choice::Group(group),
+            None if name == SERVO_MAP => Choice::ServoMap,
+            None => Choice::None,
+        }
+    })
 }
 
-#[derive(Serialize)]
-struct Calibrated {
-    tdcr_version: &'static str,
-    /// Name of the robot.
-    robot: String,
-    /// Root mean square distance of the markers from where the robot says, mean offset aligned (m).
-    train_rmse: f64,
-    validation_rmse: Option<f64>,
-    /// The same of the robot as it was given.
-    uncalibrated_rmse: f64,
-    uncalibrated_validation_rmse: Option<f64>,
-    rows: usize,
-    validation_rows: Option<usize>,
-    /// Lines of rows that were left out.
-    bad_lines: Vec<usize>,
-    validation_bad_lines: Vec<usize>,
-    /// Lines of rows in which the calibrated robot does not settle, which count in no figure.
-    unsettled_lines: Vec<usize>,
-    validation_unsettled_lines: Vec<usize>,
-    /// Half the mean square difference, as a root, of what the calibrated robot misses in rows of nearly the same pulls, at other
-    /// times (m): what no model can explain in which the way does not count.
-    repeatability: Option<f64>,
-    validation_repeatability: Option<f64>,
-    /// Neighbouring rows whose errors are alike.
-    alike_rows: Option<f64>,
-    iterations: usize,
-    parameters: Vec<FittedUnknown>,
-    /// What the recording can hardly tell apart.
-    correlations: Vec<Correlation>,
+impl CalibrateArgs {
+    fn chose(&self, choice: Choice) -> bool {
+        (self.fit.iter().flatten()).any(|chosen| *chosen == choice)
+    }
 }
 
-/// A recording, and how far the robot was and is from it.
-struct Compared {
-    file: RecordingFile,
-    before: Misses,
-    after: Misses,
-    replay: Replay,
+impl CalibrateArgs {
+    fn settings(&self) -> anyhow::Result<CalibrateSettings> {
+        let choices = self.fit.as_deref();
+        ensure!(
+            choices.is_none_or(|choices| choices.len() == 1 || !choices.contains(&Choice::None)),
+            "--fit none stands alone"
+        );
+        let groups = |choices: &[Choice]| -> Vec<Group> {
+            let groups = choices.iter().filter_map(|choice| match choice {
+                Choice::Group(group) => Some(*group),
+                Choice::ServoMap | Choice::None => None,
+            });
+            groups.collect()
+        };
+        Ok(CalibrateSettings {
+            groups: choices.map(groups),
+            servos: match choices.is_some_and(|choices| choices.contains(&Choice::ServoMap)) {
+                true => ServoOrder::Found,
+                false => ServoOrder::AsGiven,
+            },
+            loss: self.loss,
+            starts: self.starts.into(),
+            seed: self.seed,
+            bad_rows: match self.skip_bad_rows {
+                true => BadRows::LeftOut,
+                false => BadRows::Refused,
+            },
+        })
+    }
 }
 
 pub(super) fn run(args: &CalibrateArgs, console: &Console) -> anyhow::Result<()> {
@@ -125,204 +129,28 @@ pub(super) fn run(args: &CalibrateArgs, console: &Console) -> anyhow::Result<()>
             output::format(option, file, &[format])?;
         }
     }
+    let settings = args.settings()?;
     let robot = super::load_robot(&args.robot)?;
     let columns = Columns::load(&args.columns, &robot)?;
-    let load = |path: &Path| -> anyhow::Result<RecordingFile> {
-        let file = RecordingFile::load(path, &columns)?;
-        file.refuse_bad(path, args.skip_bad_rows)?;
-        if !file.bad.is_empty() {
-            let lines: Vec<String> = file
-                .bad
-                .iter()
-                .map(|bad| format!("line {}: {}", bad.line, bad.reason))
-                .collect();
-            tracing::warn!(
-                "{}: {} left out; {}",
-                path.display(),
-                counted(lines.len(), "bad row"),
-                lines.join("; ")
-            );
-        }
-        Ok(file)
+    let validate = args.validate.as_deref();
+    let calibration = match calibrate(&robot, &columns, &args.data, validate, &settings, console) {
+        Err(CalibrateError::Interrupted) => return Err(Interrupted.into()),
+        calibration => calibration?,
     };
-    let train = load(&args.data)?;
-    let validation = args.validate.as_deref().map(load).transpose()?;
-    let given = columns.transmission(&robot);
-    let fit = fit(args, &robot, &given, &train, console)?;
-    let (spec, transmission) = match &fit {
-        Some(fit) => (&fit.spec, &fit.transmission),
-        None => (&robot, &given),
-    };
-    let compare = |file: RecordingFile| -> anyhow::Result<Compared> {
-        let replay = Replay::new(spec, transmission, &file.recording)?;
-        Ok(Compared {
-            before: Replay::new(&robot, &given, &file.recording)?.misses(&file.recording),
-            after: replay.misses(&file.recording),
-            replay,
-            file,
-        })
-    };
-    let train = compare(train)?;
-    let validation = validation.map(compare).transpose()?;
-    let calibrated = calibrated(&robot, fit.as_ref(), &train, validation.as_ref());
+    for note in &calibration.notes {
+        tracing::warn!("{note}");
+    }
     if let Some(out) = &args.out {
-        output::write(out, toml::to_string(spec)?)?;
-        let map = toml::to_string(&columns.with(transmission))?;
+        output::write(out, toml::to_string(&calibration.spec)?)?;
+        let map = toml::to_string(&calibration.columns)?;
         output::write(&out.with_extension("columns.toml"), map)?;
     }
     if let Some(report) = &args.report {
-        output::write(
-            report,
-            page(&calibrated, &train, validation.as_ref()).to_html(),
-        )?;
+        output::write(report, CalibrationPage::new(&calibration).to_html())?;
     }
-    console.result(&calibrated, |found| table(found, args.out.as_deref()))
-}
-
-/// The fit; none where nothing is to be fitted.
-fn fit(
-    args: &CalibrateArgs,
-    robot: &RobotSpec,
-    given: &Transmission,
-    train: &RecordingFile,
-    console: &Console,
-) -> anyhow::Result<Option<RecordingFit>> {
-    let mut settings = RecordingSettings {
-        loss: args.loss,
-        starts: args.starts.into(),
-        seed: args.seed,
-        ..RecordingSettings::of(robot)
-    };
-    if let Some(choices) = &args.fit {
-        settings.groups = (choices.iter())
-            .filter_map(|choice| match choice {
-                Choice::Group(group) => Some(*group),
-                Choice::None => None,
-            })
-            .collect();
-        ensure!(
-            settings.groups.is_empty() || !choices.contains(&Choice::None),
-            "--fit none stands alone"
-        );
-    }
-    if settings.groups.is_empty() {
-        return Ok(None);
-    }
-    let mut begun = false;
-    let mut done = 0;
-    let fit = fit_recording(robot, given, &train.recording, &settings, &mut |progress| {
-        if !begun {
-            console.begin("calibrate", progress.most as u64, 0);
-            begun = true;
-        }
-        console.advance((progress.done - done) as u64);
-        done = progress.done;
-        console.status(&format!("misses {:.2} mm", 1e3 * progress.rms));
-        match console.interrupted() {
-            true => ControlFlow::Break(()),
-            false => ControlFlow::Continue(()),
-        }
-    });
-    if begun {
-        console.end();
-    }
-    match fit {
-        Err(RecordingError::Interrupted) => Err(Interrupted.into()),
-        fit => Ok(Some(fit.with_context(|| {
-            format!("cannot calibrate on {}", args.data.display())
-        })?)),
-    }
-}
-
-fn calibrated(
-    robot: &RobotSpec,
-    fit: Option<&RecordingFit>,
-    train: &Compared,
-    validation: Option<&Compared>,
-) -> Calibrated {
-    let bad = |compared: &Compared| compared.file.bad.iter().map(|bad| bad.line).collect();
-    let unsettled = |compared: &Compared| {
-        compared
-            .after
-            .unsettled
-            .iter()
-            .map(|&row| compared.file.lines[row])
-            .collect()
-    };
-    Calibrated {
-        tdcr_version: env!("CARGO_PKG_VERSION"),
-        robot: robot.name.clone(),
-        train_rmse: train.after.rmse,
-        validation_rmse: validation.map(|compared| compared.after.rmse),
-        uncalibrated_rmse: train.before.rmse,
-        uncalibrated_validation_rmse: validation.map(|compared| compared.before.rmse),
-        rows: train.file.recording.len(),
-        validation_rows: validation.map(|compared| compared.file.recording.len()),
-        bad_lines: bad(train),
-        validation_bad_lines: validation.map(bad).unwrap_or_default(),
-        unsettled_lines: unsettled(train),
-        validation_unsettled_lines: validation.map(unsettled).unwrap_or_default(),
-        repeatability: repeatability(train),
-        validation_repeatability: validation.and_then(repeatability),
-        alike_rows: fit.map(|fit| fit.alike_rows),
-        iterations: fit.map_or(0, |fit| fit.steps),
-        parameters: fit.map(|fit| fit.unknowns.clone()).unwrap_or_default(),
-        correlations: fit.map(|fit| fit.correlations.clone()).unwrap_or_default(),
-    }
-}
-
-/// Pulls are nearly the same where none differs by more than this share of the widest range of a servo.
-const NEARLY: f64 = 0.01;
-/// Rows between two that count as at other times.
-const APART: usize = 8;
-/// Rows that are compared with each other at most.
-const MOST_ROWS: usize = 5000;
-
-/// The share of the first marker's misses that does not repeat (m); none where no pulls come again.
-fn repeatability(compared: &Compared) -> Option<f64> {
-    let pulls = &compared.file.recording.pulls;
-    let range = |servo: usize| {
-        let all = pulls.iter().map(|row| row[servo]);
-        all.clone().fold(f64::MIN, f64::max) - all.fold(f64::MAX, f64::min)
-    };
-    let nearly = NEARLY * (0..pulls.first()?.len()).map(range).fold(0.0, f64::max);
-    let (mut sum, mut count) = (0.0, 0);
-    for a in 0..pulls.len().min(MOST_ROWS) {
-        for b in a + APART..pulls.len().min(MOST_ROWS) {
-            let mut pairs = pulls[a].iter().zip(&pulls[b]);
-            let misses = [a, b].map(|row| compared.after.misses[row].iter().flatten().next());
-            if let [Some(one), Some(other)] = misses
-                && pairs.all(|(p, q)| (p - q).abs() < nearly)
-            {
-                sum += (one - other).norm_squared();
-                count += 1;
-            }
-        }
-    }
-    (count > 0).then(|| (0.5 * sum / f64::from(count)).sqrt())
-}
-
-fn page<'a>(
-    found: &Calibrated,
-    train: &'a Compared,
-    validation: Option<&'a Compared>,
-) -> CalibrationPage<'a> {
-    let held = |name, compared: &'a Compared| Held {
-        name,
-        file: &compared.file,
-        before: &compared.before,
-        after: &compared.after,
-        replay: &compared.replay,
-    };
-    let train = held("Training", train);
-    CalibrationPage {
-        robot: found.robot.clone(),
-        held: std::iter::once(train)
-            .chain(validation.map(|v| held("Validation", v)))
-            .collect(),
-        unknowns: found.parameters.clone(),
-        correlations: found.correlations.clone(),
-    }
+    console.result(&calibration.found, |found| {
+        table(found, args.out.as_deref())
+    })
 }
 
 fn table(found: &Calibrated, out: Option<&Path>) -> String {
@@ -376,6 +204,9 @@ fn table(found: &Calibrated, out: Option<&Path>) -> String {
             );
         }
     }
+    if let Some(found) = &found.servo_map {
+        text += &servos(found);
+    }
     if !found.parameters.is_empty() {
         text.push_str("\nunknown                                        value   95 % interval\n");
     }
@@ -401,4 +232,21 @@ fn table(found: &Calibrated, out: Option<&Path>) -> String {
         );
     }
     text
+}
+
+/// Which servo pulls which tendon.
+fn servos(found: &FoundServos) -> String {
+    let mut text =
+        String::from("\ntendon   servo                      sign   missed of its pulls\n");
+    for servo in &found.servos {
+        let percent = 100.0 * servo.misfit.sqrt();
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "{:6}   {:24} {:6}   {percent:.0} %",
+            servo.tendon, servo.column, servo.sign
+        );
+    }
+    let degrees = found.turn.to_degrees();
+    text + &format!("the recording's frame is turned by {degrees:.1} degrees about the base\n")
 }

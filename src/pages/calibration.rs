@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::inverse::recording::{Correlation, FittedUnknown, Misses, Replay};
 
-use crate::pipeline::recording::RecordingFile;
+use crate::pipeline::recording::{Calibration, Compared, RecordingFile};
 use crate::report::{Aspect, CalibrationReport, Example, Figure, Ink, Mark, Panel, Scale, Shape};
 
 const MM: f64 = 1e3;
@@ -22,31 +22,50 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 #[derive(Debug)]
 pub struct CalibrationPage<'a> {
     /// Name of the robot.
-    pub robot: String,
+    robot: String,
     /// The recordings: of the training first.
-    pub held: Vec<Held<'a>>,
+    held: Vec<Held<'a>>,
     /// What was found.
-    pub unknowns: Vec<FittedUnknown>,
+    unknowns: Vec<FittedUnknown>,
     /// What the recording can hardly tell apart.
-    pub correlations: Vec<Correlation>,
+    correlations: Vec<Correlation>,
 }
 
 /// A recording, and how far the robot is from it.
 #[derive(Debug)]
-pub struct Held<'a> {
+struct Held<'a> {
     /// What it is called.
-    pub name: &'a str,
+    name: &'a str,
     /// The recording.
-    pub file: &'a RecordingFile,
+    file: &'a RecordingFile,
     /// What the robot as given misses.
-    pub before: &'a Misses,
+    before: &'a Misses,
     /// What the calibrated robot misses.
-    pub after: &'a Misses,
+    after: &'a Misses,
     /// Where the calibrated robot says the markers are.
-    pub replay: &'a Replay,
+    replay: &'a Replay,
 }
 
-impl CalibrationPage<'_> {
+impl<'a> CalibrationPage<'a> {
+    /// The page of a calibrated robot.
+    pub fn new(calibration: &'a Calibration) -> Self {
+        let held = |name, compared: &'a Compared| Held {
+            name,
+            file: &compared.file,
+            before: &compared.before,
+            after: &compared.after,
+            replay: &compared.replay,
+        };
+        let train = std::iter::once(held("Training", &calibration.train));
+        let validation = calibration.validation.iter().map(|v| held("Validation", v));
+        Self {
+            robot: calibration.found.robot.clone(),
+            held: train.chain(validation).collect(),
+            unknowns: calibration.found.parameters.clone(),
+            correlations: calibration.found.correlations.clone(),
+        }
+    }
+
     /// The page as one self-contained HTML text, the same for the same data.
     pub fn to_html(&self) -> String {
         let mm = |rmse: f64| format!("{:.2} mm", MM * rmse);

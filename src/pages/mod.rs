@@ -10,7 +10,7 @@ mod demo;
 mod evaluation;
 mod set_info;
 
-pub use calibration::{CalibrationPage, Held};
+pub use calibration::CalibrationPage;
 pub use comparison::comparison_page;
 pub use data_sets::{CLOUDS_SHOWN, DataDrawing};
 pub use demo::{Demo, DemoMetrics, DemoSettings, demo};

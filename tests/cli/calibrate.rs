@@ -4,8 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
+use tdcr::sim::chain::Configuration;
+use tdcr::sim::robot::{Loads, Robot, RobotSpec};
 
-use crate::{refuse, succeed_json, text};
+use crate::{refuse, stderr, succeed_json, tdcr, text};
 
 fn example(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -190,4 +192,130 @@ fn angles_of_spools_in_other_units_and_signs_are_read() {
     let found = succeed_json(&[&on(&data, &robot, &columns)[..], &["--fit", "none"]].concat());
     assert_eq!(found["rows"], 12);
     assert!(found["train_rmse"].as_f64().unwrap() > 0.0);
+}
+
+/// Columns in another order and of other signs than the tendons': single pulls tell the right ones.
+#[test]
+fn single_pulls_tell_which_servo_pulls_which_tendon() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = example("robot.toml");
+    let map = fs::read_to_string(example("columns.toml")).unwrap();
+    let columns: Vec<&str> = (map.match_indices("servo_"))
+        .map(|(at, _)| &map[at..at + "servo_4_mm".len()])
+        .collect();
+    let [head, tail] = [
+        map.find("[[servos]]").unwrap(),
+        map.find("[[markers]]").unwrap(),
+    ];
+    // The order of the servos' numbers, and the one of tendon 3 the other way round.
+    let mut sorted = columns.clone();
+    sorted.sort_unstable();
+    let servo = |column: &&str| {
+        let sign = if **column == *columns[3] {
+            "sign = -1\n"
+        } else {
+            ""
+        };
+        format!("[[servos]]\ncolumn = \"{column}\"\nunit = \"mm\"\n{sign}\n")
+    };
+    let servos: String = sorted.iter().map(servo).collect();
+    let shuffled = folder.path().join("columns.toml");
+    fs::write(
+        &shuffled,
+        format!("{}{servos}{}", &map[..head], &map[tail..]),
+    )
+    .unwrap();
+    let data = example("real_robot_v4_tendon_pull.csv");
+    let doubted = tdcr(&[&on(&data, &robot, &shuffled)[..], &["--fit", "none"]].concat()).output();
+    let said = stderr(&doubted.unwrap());
+    assert!(said.contains("--fit servo_map finds which"), "{said}");
+    let out = folder.path().join("mapped.toml");
+    let fit = ["--fit", "servo_map", "--out", text(&out)];
+    let found = succeed_json(&[&on(&data, &robot, &shuffled)[..], &fit].concat());
+    let servos = found["servo_map"]["servos"].as_array().unwrap();
+    let names: Vec<&str> = servos
+        .iter()
+        .map(|s| s["column"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, columns);
+    assert!(
+        servos.iter().all(|servo| servo["sign"] == 1.0),
+        "{servos:?}"
+    );
+    assert!(found["servo_map"]["turn"].as_f64().unwrap().abs() < 0.3);
+    // What was found is a column map, with which nothing is in doubt.
+    let mapped = out.with_extension("columns.toml");
+    let again = tdcr(&[&on(&data, &robot, &mapped)[..], &["--fit", "none"]].concat()).output();
+    let said = stderr(&again.unwrap());
+    assert!(!said.contains("servo_map"), "{said}");
+}
+
+/// A disc's orientation, where it was measured too, tells what the tip's place does not: how far the tip is turned.
+#[test]
+fn orientations_count_beside_places() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let mut spec = RobotSpec::standard("2m").unwrap();
+    for tendons in spec
+        .modules
+        .iter_mut()
+        .filter_map(|module| module.tendons.as_mut())
+    {
+        tendons.range = [0.0, 1.0];
+    }
+    let robot = Robot::new(spec).unwrap();
+    let (lengths, _) = robot.tendon_kinematics(&Configuration::straight(&robot));
+    let mut table = String::from("a,b,c,d,e,f,x,y,z,w,i,j,k\n");
+    for row in 0..40 {
+        let pull = |t: usize| 4e-3 + 4e-3 * (0.7 * f64::from(row) + 2.1 * t as f64).sin();
+        let command: Vec<f64> = (0..6).map(|t| lengths[t] - pull(t)).collect();
+        let settled = robot.settle(&robot.command(&command).unwrap(), &Loads::default());
+        let (place, turn) = (
+            settled.positions.last().unwrap(),
+            settled.orientations.last().unwrap(),
+        );
+        let numbers = (0..6).map(pull).chain(place.iter().copied());
+        let numbers: Vec<String> = (numbers.chain([turn.w, turn.i, turn.j, turn.k]))
+            .map(|number| number.to_string())
+            .collect();
+        table += &(numbers.join(",") + "\n");
+    }
+    let data = path("recording.csv");
+    fs::write(&data, table).unwrap();
+    let servos: String = ["a", "b", "c", "d", "e", "f"]
+        .iter()
+        .map(|column| format!("[[servos]]\ncolumn = \"{column}\"\nunit = \"m\"\n"))
+        .collect();
+    let marker = "[[markers]]\ndisc = \"tip\"\ncolumns = [\"x\", \"y\", \"z\"]\nunit = \"m\"\n\
+        orientation = [\"w\", \"i\", \"j\", \"k\"]\n";
+    let columns = path("columns.toml");
+    fs::write(&columns, format!("{servos}{marker}")).unwrap();
+    let robot = PathBuf::from("2m");
+    let none = ["--fit", "none"];
+    let right = succeed_json(&[&on(&data, &robot, &columns)[..], &none].concat());
+    assert!(right["train_rmse"].as_f64().unwrap() < 1e-6, "{right}");
+    // Turned by 0.2 rad about z: 0.02 m of lever misses 4 mm at two of three points, less their mean.
+    let turned = format!("{servos}{marker}turn = [0.995004165, 0.0, 0.0, 0.0998334166]\n");
+    fs::write(&columns, turned).unwrap();
+    let wrong = succeed_json(&[&on(&data, &robot, &columns)[..], &none].concat());
+    assert!(wrong["train_rmse"].as_f64().unwrap() > 1e-4, "{wrong}");
+    let out = path("found.toml");
+    let fit = ["--fit", "marker_offset", "--out", text(&out)];
+    succeed_json(&[&on(&data, &robot, &columns)[..], &fit].concat());
+    let found = fs::read_to_string(out.with_extension("columns.toml")).unwrap();
+    let found: toml::Table = found.parse().unwrap();
+    let marker = &found["markers"][0];
+    let turn = marker
+        .get("turn")
+        .map_or(0.0, |turn| turn[3].as_float().unwrap());
+    assert!(turn.abs() < 0.02, "{marker:?}");
+    let broken = fs::read_to_string(&columns)
+        .unwrap()
+        .replace("\"k\"", "\"q\"");
+    fs::write(&columns, broken).unwrap();
+    refuse(
+        &[&on(&data, &robot, &columns)[..], &none].concat(),
+        1,
+        "no column `q`",
+    );
 }

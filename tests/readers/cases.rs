@@ -75,6 +75,12 @@ pub fn sound(name: &str) -> Vec<Case> {
             ("csv", b"# m\n0.01, 0.02\n\n3e-2,-0\n".to_vec()),
             ("json", b"[[0.01, 0.02], [3e-2, -0]]".to_vec()),
         ],
+        "columns" => vec![("all", include_bytes!("columns.toml").to_vec())],
+        "recording" => vec![
+            ("commas", recording(",")),
+            ("tabs", recording("\t")),
+            ("bad_rows", BAD_ROWS.into()),
+        ],
         "servo_frames" => vec![("instructions", instructions()), ("statuses", statuses())],
         "servo_answers" => vec![("statuses", statuses())],
         _ => vec![],
@@ -90,6 +96,21 @@ pub fn hostile(name: &str) -> Vec<Case> {
         json_of(&meta)
     };
     match name {
+        "columns" => vec![
+            ("deep", format!("pattern = {}", "[".repeat(100_000)).into()),
+            ("many", "[[markers]]\n".repeat(200_000).into()),
+        ],
+        "recording" => vec![
+            ("wide", ",".repeat(3_000_000).into()),
+            (
+                "long",
+                format!("{NAMES}\n{}", "1,\n".repeat(1_000_000)).into(),
+            ),
+            (
+                "quoted",
+                format!("{NAMES}\n{}", "\"".repeat(3_000_000)).into(),
+            ),
+        ],
         "robot_toml" => vec![
             (
                 "overflowing_norm",
@@ -492,3 +513,26 @@ fn statuses() -> Vec<u8> {
     }
     bytes
 }
+
+/// Names of the columns of `columns.toml`.
+const NAMES: &str = "t,motion,a,b,c,d,e,f,x,y,z,mx,my,mz,qw,qx,qy,qz";
+
+/// A recording with these columns.
+fn recording(separator: &str) -> Vec<u8> {
+    let row =
+        |k: usize| format!("{k},up and down,1,180,0,0.1,-3,{k}e-3,0,0,2{k}0,0,0,0.1,1,0,0,0.1");
+    let rows = std::iter::once(NAMES.to_owned()).chain((0..6).map(row));
+    let rows: Vec<String> = rows.map(|row| row.replace(',', separator)).collect();
+    rows.join("\n").into_bytes()
+}
+
+/// Each row is bad in another way.
+const BAD_ROWS: &str = "\u{feff}# by hand
+t,motion,a,b,c,d,e,f,x,y,z,mx,my,mz,qw,qx,qy,qz
+1,\"a, b\",1,2,3,4,5,6,0,0,0,0,0,0,1,0,0,0
+0,back,1,2,3,4,5,6,0,0,0,0,0,0,1,0,0,0
+2,nan,nan,2,3,4,5,6,0,0,0,0,0,0,1,0,0,0
+3,short,1,2
+4,no turn,1,2,3,4,5,6,0,0,0,0,0,0,0,0,0,0
+5,far,1,2,3,4,5,6,1e300,-1e300,0,0,0,0,1e200,1e200,0,0
+";

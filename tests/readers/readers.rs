@@ -17,6 +17,7 @@ use tdcr::hw::servo::{Ping, PresentState, ServoId, Torque, TorqueSwitch};
 use tdcr::hw::transport::Babble;
 use tdcr::learn::data::{DataSet, ImportSettings, Split, import, merge, read_cloud};
 use tdcr::learn::train::{Model, TrainingState};
+use tdcr::pipeline::recording::{Columns, RecordingFile};
 use tdcr::pipeline::{PipelineError, Scores};
 use tdcr::sim::geometry::Shape;
 use tdcr::sim::robot::{Robot, RobotSpec};
@@ -33,7 +34,7 @@ mod journal;
 pub type Reader = (&'static str, fn(&[u8]));
 
 /// All readers.
-pub const READERS: [Reader; 23] = [
+pub const READERS: [Reader; 25] = [
     ("robot_toml", robot_toml),
     ("robot_json", robot_json),
     ("mjcf", mjcf),
@@ -57,6 +58,8 @@ pub const READERS: [Reader; 23] = [
     ("servo_frames", servo_frames),
     ("servo_answers", servo_answers),
     ("rig_log", rig_log),
+    ("columns", columns),
+    ("recording", recording),
 ];
 
 /// Robot files (TOML).
@@ -336,4 +339,28 @@ pub fn rig_log(bytes: &[u8]) {
             assert!(repaired.recovery.is_whole(), "{:?}", repaired.recovery);
         }
     });
+}
+
+/// Column maps of recordings.
+pub fn columns(bytes: &[u8]) {
+    let robot = RobotSpec::standard("2m").expect("a standard robot");
+    in_file("columns.toml", bytes, |path| {
+        // What is read has what lies between servos and tendons.
+        if let Ok(columns) = Columns::load(path, &robot) {
+            drop(columns.transmission(&robot));
+        }
+    });
+}
+
+/// A column map of all kinds of columns.
+const COLUMNS: &str = include_str!("columns.toml");
+
+/// Recordings.
+pub fn recording(bytes: &[u8]) {
+    let columns: Columns = toml::from_str(COLUMNS).expect("a column map");
+    drop(RecordingFile::parse(
+        bytes,
+        &columns,
+        Path::new("recording.csv"),
+    ));
 }

@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
-use tdcr_sim::inverse::recording::{Marker, Servo, Transmission};
+use tdcr_sim::inverse::recording::{Servo, ServoMap, Transmission};
 use tdcr_sim::robot::RobotSpec;
 
 use super::RecordingFileError;
+use super::markers::MarkerColumns;
 
 /// A column map, as its TOML file has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -116,34 +117,9 @@ pub enum PullUnit {
     N,
 }
 
-/// The three columns of a measured point.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MarkerColumns {
-    /// Where it is: `"tip"`, or a disc's number from 0 at the base.
-    pub disc: DiscName,
-    /// Columns of x, y and z.
-    pub columns: [String; 3],
-    /// Their unit: `m`, `cm`, `mm` or `um`.
-    pub unit: PullUnit,
-    /// The point in the disc's frame (m).
-    #[serde(default)]
-    pub place: [f64; 3],
-}
-
-/// A disc by its number, or the last one.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged, expecting = "expected \"tip\" or a disc's number")]
-pub enum DiscName {
-    /// From 0 at the base.
-    Number(usize),
-    /// `"tip"`.
-    Name(String),
-}
-
 impl PullUnit {
     /// The unit in metres, for lengths.
-    fn metres(self) -> Option<f64> {
+    pub(super) fn metres(self) -> Option<f64> {
         match self {
             Self::M => Some(1.0),
             Self::Cm => Some(1e-2),
@@ -222,6 +198,21 @@ impl Columns {
         Ok(columns)
     }
 
+    /// A column map for `robot` from JSON text of the same keys.
+    ///
+    /// # Errors
+    /// [`RecordingFileError::Columns`].
+    pub fn from_json(text: &str, robot: &RobotSpec) -> Result<Self, RecordingFileError> {
+        let refuse = |reason: String| RecordingFileError::Columns {
+            path: "columns".into(),
+            reason,
+        };
+        let columns: Self =
+            serde_json::from_str(text).map_err(|error| refuse(error.to_string()))?;
+        columns.check(robot).map_err(refuse)?;
+        Ok(columns)
+    }
+
     fn check(&self, robot: &RobotSpec) -> Result<(), String> {
         let (found, tendons) = (self.servos.len(), robot.tendon_count());
         if found != tendons {
@@ -246,31 +237,9 @@ impl Columns {
             }
         }
         for (place, marker) in self.markers.iter().enumerate() {
-            if marker.unit.metres().is_none() {
-                return Err(format!(
-                    "markers[{place}]: its unit is one of m, cm, mm and um"
-                ));
-            }
-            if marker.place.iter().any(|x| !x.is_finite()) {
-                return Err(format!(
-                    "markers[{place}]: `place` has a number that is not finite"
-                ));
-            }
-            let discs = robot.disc_count();
-            match &marker.disc {
-                DiscName::Name(name) if name != "tip" => {
-                    return Err(format!(
-                        "markers[{place}]: disc is `{name}`; expected \"tip\" or a disc's number"
-                    ));
-                }
-                DiscName::Number(disc) if *disc >= discs => {
-                    return Err(format!(
-                        "markers[{place}]: disc is {disc}; the robot has discs 0 to {}",
-                        discs - 1
-                    ));
-                }
-                _ => {}
-            }
+            marker
+                .check(robot.disc_count())
+                .map_err(|wrong| format!("markers[{place}]: {wrong}"))?;
         }
         if let Some(frame) = &self.frame {
             let numbers = frame.position.iter().chain(&frame.orientation);
@@ -298,13 +267,7 @@ impl Columns {
                 .collect(),
             lag: self.lag,
             markers: (self.markers.iter())
-                .map(|marker| Marker {
-                    disc: match marker.disc {
-                        DiscName::Number(disc) => disc,
-                        DiscName::Name(_) => tip,
-                    },
-                    place: marker.place.into(),
-                })
+                .flat_map(|marker| marker.points(tip))
                 .collect(),
         }
     }
@@ -317,32 +280,55 @@ impl Columns {
             (column.gain, column.offset, column.backlash) =
                 (servo.gain, servo.offset, servo.backlash);
         }
-        for (column, marker) in columns.markers.iter_mut().zip(&transmission.markers) {
-            column.place = marker.place.into();
+        let mut places = transmission.markers.iter().map(|marker| marker.place);
+        for column in &mut columns.markers {
+            column.set_points(&mut places);
         }
         columns
     }
 
-    /// A measured point in the world (m).
-    pub(super) fn in_world(&self, marker: usize, values: [f64; 3]) -> Vector3<f64> {
-        let unit = self.markers[marker].unit.metres().unwrap_or(1.0);
-        let point = Vector3::from(values) * unit;
-        match &self.frame {
-            None => point,
-            Some(frame) => {
-                let [w, x, y, z] = frame.orientation;
-                let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-                turn * point + Vector3::from(frame.position)
-            }
-        }
+    /// The same map with the servos in the order, and of the signs, that `map` found for `robot`, and the recording's frame turned
+    /// as they ask.
+    pub fn mapped(&self, map: &ServoMap, robot: &RobotSpec) -> Self {
+        let mut columns = self.clone();
+        columns.servos = (map.servos.iter())
+            .map(|mapped| {
+                let mut servo = self.servos[mapped.servo].clone();
+                servo.sign *= mapped.sign;
+                servo
+            })
+            .collect();
+        let base = quaternion(robot.base.orientation);
+        let about = Unit::new_normalize(base * Vector3::z());
+        let turn = UnitQuaternion::from_axis_angle(&about, map.turn);
+        let (place, frame) = (Vector3::from(robot.base.position), self.pose());
+        let orientation = turn * frame.rotation;
+        columns.frame = Some(FramePose {
+            position: (place + turn * (frame.translation.vector - place)).into(),
+            orientation: [orientation.w, orientation.i, orientation.j, orientation.k],
+        });
+        columns
     }
+
+    /// The pose of the recording's frame in the world (m).
+    pub(super) fn pose(&self) -> Isometry3<f64> {
+        self.frame.map_or_else(Isometry3::identity, |frame| {
+            let [x, y, z] = frame.position;
+            Isometry3::from_parts(Translation3::new(x, y, z), quaternion(frame.orientation))
+        })
+    }
+}
+
+/// The rotation of numbers w, x, y, z.
+pub(super) fn quaternion([w, x, y, z]: [f64; 4]) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
 }
 
 fn second() -> TimeUnit {
     TimeUnit::S
 }
 
-fn upright() -> [f64; 4] {
+pub(super) fn upright() -> [f64; 4] {
     [1.0, 0.0, 0.0, 0.0]
 }
 

@@ -1,16 +1,26 @@
-//! Recordings of robots as files: tables of numbers, and the maps of their columns.
+//! Recordings of robots as files: tables of numbers, the maps of their columns, and robots [calibrated](calibrate()) on them.
 
+mod calibrate;
 mod columns;
+mod markers;
+mod repeat;
 mod rows;
+mod servos;
 
-pub use columns::{
-    Columns, DiscName, FramePose, MarkerColumns, PullUnit, ServoColumn, TimeColumn, TimeUnit,
+pub use calibrate::{
+    BadRows, CalibrateError, CalibrateSettings, Calibrated, Calibration, Compared, ServoOrder,
+    calibrate,
 };
+pub use columns::{Columns, FramePose, PullUnit, ServoColumn, TimeColumn, TimeUnit};
+pub use markers::{DiscName, MarkerColumns};
 pub use rows::RecordingFile;
+pub use servos::{FoundServo, FoundServos};
 
 use std::path::PathBuf;
 
 use thiserror::Error;
+
+use crate::report::counted;
 
 /// Lines that a message names at most.
 const NAMED: usize = 5;
@@ -81,8 +91,8 @@ fn bad_rows(path: &std::path::Path, rows: &[BadRow]) -> String {
     };
     let named: String = named.collect();
     format!(
-        "{} has {} bad rows (--skip-bad-rows leaves them out):{named}{more}",
+        "{} has {} (--skip-bad-rows leaves them out):{named}{more}",
         path.display(),
-        rows.len()
+        counted(rows.len(), "bad row")
     )
 }

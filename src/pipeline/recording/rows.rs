@@ -122,7 +122,10 @@ impl RecordingFile {
     /// Tells rows in which a marker alone is far from both neighbours, and takes its place out: the servos still count.
     fn drop_jumps(&mut self, columns: &Columns) {
         let rows = self.recording.len();
-        for marker in 0..columns.markers.len() {
+        let names: Vec<String> = (columns.markers.iter())
+            .flat_map(|marker| vec![marker.columns.join(", "); marker.arms().len()])
+            .collect();
+        for (marker, name) in names.iter().enumerate() {
             let points: Vec<Vector3<f64>> = self
                 .recording
                 .points
@@ -146,7 +149,6 @@ impl RecordingFile {
                 let alone = (at - before).norm().min((at - after).norm());
                 if alone > JUMP * (after - before).norm() + FAR * typical {
                     self.recording.points[row][marker] = None;
-                    let name = columns.markers[marker].columns.join(", ");
                     let reason = format!("{name} jumps by {:.1} mm and back", 1e3 * alone);
                     self.bad.push(BadRow {
                         line: self.lines[row],
@@ -177,7 +179,12 @@ struct Places {
     time: Option<usize>,
     pattern: Option<usize>,
     servos: Vec<usize>,
-    markers: Vec<[usize; 3]>,
+    markers: Vec<MarkerPlaces>,
+}
+
+struct MarkerPlaces {
+    position: [usize; 3],
+    orientation: Option<[usize; 4]>,
 }
 
 struct Row {
@@ -213,7 +220,14 @@ impl Places {
             markers: (columns.markers.iter())
                 .map(|marker| {
                     let [x, y, z] = &marker.columns;
-                    Ok([place(x)?, place(y)?, place(z)?])
+                    let orientation = match &marker.orientation {
+                        Some([w, x, y, z]) => Some([place(w)?, place(x)?, place(y)?, place(z)?]),
+                        None => None,
+                    };
+                    Ok(MarkerPlaces {
+                        position: [place(x)?, place(y)?, place(z)?],
+                        orientation,
+                    })
                 })
                 .collect::<Result<_, RecordingFileError>>()?,
         })
@@ -248,18 +262,24 @@ impl Places {
         let pulls: Result<Vec<f64>, String> = (self.servos.iter().zip(&columns.servos))
             .map(|(&place, servo)| Ok(servo.pull(number(place)?)))
             .collect();
-        let points: Result<Vec<_>, String> = (self.markers.iter().enumerate())
-            .map(|(marker, &[x, y, z])| {
-                Ok(columns.in_world(marker, [number(x)?, number(y)?, number(z)?]))
-            })
-            .collect();
+        let frame = columns.pose();
+        let mut points = Vec::new();
+        for (places, marker) in self.markers.iter().zip(&columns.markers) {
+            let [x, y, z] = places.position;
+            let orientation = match places.orientation {
+                Some([w, x, y, z]) => Some([number(w)?, number(x)?, number(y)?, number(z)?]),
+                None => None,
+            };
+            let position = [number(x)?, number(y)?, number(z)?];
+            points.extend(marker.measured(&frame, position, orientation)?);
+        }
         Ok(Row {
             time,
             pattern: self
                 .pattern
                 .map_or_else(String::new, |place| cells[place].clone()),
             pulls: pulls?,
-            points: points?,
+            points,
         })
     }
 }

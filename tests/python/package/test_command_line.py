@@ -78,6 +78,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
             "picture": "tdcr.plot",
         },
     ),
+    "calibrate": (tdcr.calibrate_recording, {"out": "RecordingCalibration.save"}),
     "eval": (tdcr.evaluate, {}),
     "compare": (tdcr.compare, {}),
     "background": (tdcr.rig.record_background, {}),

@@ -58,6 +58,15 @@ pub enum RecordingError {
         /// Unknowns asked for.
         unknowns: usize,
     },
+    /// Servos that never move alone, whose tendons cannot be told so.
+    #[error(
+        "servos {} never move alone; to find which tendons they pull, the recording needs each of them pulled while all others rest",
+        numbers(servos)
+    )]
+    NeverAlone {
+        /// Their numbers in the recording, from 0.
+        servos: Vec<usize>,
+    },
     /// The robot settles under hardly any row.
     #[error(
         "the robot settles in {settled} of {rows} rows; expected at least half. Are the commands in the right unit, and do they pull the tendons that the robot file says?"
@@ -71,4 +80,9 @@ pub enum RecordingError {
     /// The watcher asked to stop.
     #[error("interrupted")]
     Interrupted,
+}
+
+fn numbers(servos: &[usize]) -> String {
+    let numbers: Vec<String> = servos.iter().map(usize::to_string).collect();
+    numbers.join(", ")
 }

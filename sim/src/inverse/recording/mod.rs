@@ -24,6 +24,7 @@ mod interval;
 mod priors;
 mod problem;
 mod replay;
+mod servo_map;
 #[cfg(test)]
 mod tests;
 mod transmission;
@@ -34,9 +35,19 @@ pub use fit::{Progress, RecordingFit, RecordingSettings, fit_recording};
 pub use group::Group;
 pub use interval::{Correlation, FittedUnknown};
 pub use replay::{Misses, Replay};
+pub use servo_map::{MappedServo, ServoMap, find_servo_map};
 pub use transmission::{Marker, Recording, Servo, Transmission};
 
 use crate::robot::RobotSpec;
+
+/// The robot with a route of its own for each tendon, and commands of any size: ranges are for users, not for what happened.
+fn without_ranges(spec: &RobotSpec) -> Result<RobotSpec, RecordingError> {
+    let mut spec = explicit::Explicit::new(spec)?.spec;
+    for route in &mut spec.routes {
+        route.tendon.range = [0.0, 1e6];
+    }
+    Ok(spec)
+}
 
 /// Refuses a recording or a transmission of another robot.
 fn check(

@@ -43,11 +43,7 @@ impl Replay {
         recording: &Recording,
     ) -> Result<Self, RecordingError> {
         super::check(spec, transmission, recording)?;
-        let mut spec = super::explicit::Explicit::new(spec)?.spec;
-        for route in &mut spec.routes {
-            route.tendon.range = [0.0, 1e6];
-        }
-        let robot = Robot::new(spec)?;
+        let robot = Robot::new(super::without_ranges(spec)?)?;
         let commands = transmission.commands(&robot, recording);
         let markers: Vec<DiscPoint> = (transmission.markers.iter())
             .map(|marker| DiscPoint {

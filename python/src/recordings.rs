@@ -1,0 +1,194 @@
+//! Robots calibrated on recordings of them.
+
+use std::path::PathBuf;
+
+use numpy::{PyArray1, PyArray2, PyArray3};
+use pyo3::prelude::*;
+use tdcr::pages::CalibrationPage;
+use tdcr::pipeline::recording::{
+    BadRows, CalibrateError, CalibrateSettings, Calibration, Columns, Compared, ServoOrder,
+    calibrate,
+};
+use tdcr::sim::inverse::recording::Group;
+
+use crate::arrays::array;
+use crate::errors::{Failure, Outcome};
+use crate::robot::Robot;
+use crate::run;
+use crate::stage::Stage;
+
+/// What `fit` calls the search for which servo pulls which tendon.
+const SERVO_MAP: &str = "servo_map";
+
+/// What `tdcr.calibrate_recording` is told besides the robot and the files.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct Options {
+    fit: Option<Vec<String>>,
+    loss: Option<f64>,
+    starts: usize,
+    seed: u64,
+    skip_bad_rows: bool,
+}
+
+impl Options {
+    fn settings(&self) -> Outcome<CalibrateSettings> {
+        if self
+            .loss
+            .is_some_and(|loss| !(loss > 0.0 && loss.is_finite()))
+        {
+            return Err(Failure::input("loss is no length above 0 (m)".to_owned()));
+        }
+        let group = |name: &String| {
+            Group::named(name).ok_or_else(|| {
+                let names = Group::ALL.map(Group::name).join(", ");
+                Failure::input(format!(
+                    "fit has {name:?}; expected some of {names}, {SERVO_MAP}"
+                ))
+            })
+        };
+        let chosen = self.fit.as_ref();
+        let groups = |names: &Vec<String>| -> Outcome<Vec<Group>> {
+            let groups = names.iter().filter(|name| *name != SERVO_MAP);
+            groups.map(group).collect()
+        };
+        Ok(CalibrateSettings {
+            groups: chosen.map(groups).transpose()?,
+            servos: match chosen.is_some_and(|names| names.iter().any(|name| name == SERVO_MAP)) {
+                true => ServoOrder::Found,
+                false => ServoOrder::AsGiven,
+            },
+            loss: self.loss,
+            starts: self.starts,
+            seed: self.seed,
+            bad_rows: match self.skip_bad_rows {
+                true => BadRows::LeftOut,
+                false => BadRows::Refused,
+            },
+        })
+    }
+}
+
+/// A recording beside what the calibrated robot says of it; points that were not measured, or have no answer, are not numbers.
+#[pyclass(frozen, get_all, module = "tdcr._tdcr")]
+pub struct ReplayedRecording {
+    times: Py<PyArray1<f64>>,
+    patterns: Vec<String>,
+    lines: Vec<usize>,
+    pulls: Py<PyArray2<f64>>,
+    measured: Py<PyArray3<f64>>,
+    predicted: Py<PyArray3<f64>>,
+}
+
+impl ReplayedRecording {
+    fn new(py: Python<'_>, compared: &Compared) -> Outcome<Self> {
+        let file = &compared.file;
+        let recording = &file.recording;
+        let rows = recording.len();
+        let servos = recording.pulls.first().map_or(0, Vec::len);
+        let points = recording.points.first().map_or(0, Vec::len);
+        let nan = nalgebra::Vector3::repeat(f64::NAN);
+        let measured = recording.points.iter().flatten();
+        let measured = measured.flat_map(|point| point.unwrap_or(nan).data.0[0]);
+        let predicted = compared.replay.points.iter().flat_map(|row| match row {
+            Some(row) => row.clone(),
+            None => vec![nan; points],
+        });
+        let predicted = predicted.flat_map(|point| point.data.0[0]);
+        Ok(Self {
+            times: array(py, recording.times.clone(), [rows])?.unbind(),
+            patterns: file.patterns.clone(),
+            lines: file.lines.clone(),
+            pulls: array(py, recording.pulls.concat(), [rows, servos])?.unbind(),
+            measured: array(py, measured.collect(), [rows, points, 3])?.unbind(),
+            predicted: array(py, predicted.collect(), [rows, points, 3])?.unbind(),
+        })
+    }
+}
+
+/// A robot calibrated on a recording.
+#[pyclass(frozen, get_all, module = "tdcr._tdcr")]
+pub struct RecordingCalibration {
+    robot: Py<Robot>,
+    /// The column map as TOML text.
+    columns: String,
+    /// What `tdcr calibrate --json` prints.
+    found: String,
+    train: Py<ReplayedRecording>,
+    validation: Option<Py<ReplayedRecording>>,
+    notes: Vec<String>,
+}
+
+/// Calibrates a robot on the recording `data`; `columns` is the file of a column map, or the JSON text of one. Writes the page `report`.
+#[pyfunction]
+#[pyo3(signature = (robot, data, columns, validate, report, options, progress = None))]
+#[allow(clippy::too_many_arguments, reason = "the arguments of a command")]
+pub fn calibrate_recording(
+    py: Python<'_>,
+    robot: &Robot,
+    data: PathBuf,
+    columns: MapArgument,
+    validate: Option<PathBuf>,
+    report: Option<PathBuf>,
+    options: Options,
+    progress: Option<&Bound<'_, PyAny>>,
+) -> Outcome<RecordingCalibration> {
+    let spec = robot.0.spec().clone();
+    let settings = options.settings()?;
+    let columns = match columns {
+        MapArgument::File(path) => Columns::load(&path, &spec)?,
+        MapArgument::Json((text,)) => Columns::from_json(&text, &spec)?,
+    };
+    let calibration = run::long(py, progress, |watch| {
+        let stage = Stage::new(&["calibrate"], watch);
+        let calibration = calibrate(
+            &spec,
+            &columns,
+            &data,
+            validate.as_deref(),
+            &settings,
+            &stage,
+        )?;
+        if let Some(report) = &report {
+            let page = CalibrationPage::new(&calibration).to_html();
+            tdcr::sim::files::write_atomically(report, |file| {
+                std::io::Write::write_all(file, page.as_bytes())
+            })
+            .map_err(|error| {
+                Failure::Of(
+                    "DataError",
+                    format!("cannot write {}: {error}", report.display()),
+                )
+            })?;
+        }
+        Ok::<Calibration, Failure>(calibration)
+    })??;
+    let text = |error: &dyn std::fmt::Display| Failure::Of("TdcrError", error.to_string());
+    let replayed = |compared: &Compared| -> Outcome<Py<ReplayedRecording>> {
+        Ok(Py::new(py, ReplayedRecording::new(py, compared)?)?)
+    };
+    Ok(RecordingCalibration {
+        columns: toml::to_string(&calibration.columns).map_err(|error| text(&error))?,
+        found: serde_json::to_string(&calibration.found).map_err(|error| text(&error))?,
+        train: replayed(&calibration.train)?,
+        validation: calibration.validation.as_ref().map(replayed).transpose()?,
+        notes: calibration.notes,
+        robot: Py::new(py, Robot::new(calibration.spec)?)?,
+    })
+}
+
+/// A column map: its file, or its JSON text.
+#[derive(FromPyObject)]
+pub enum MapArgument {
+    Json((String,)),
+    File(PathBuf),
+}
+
+impl From<CalibrateError> for Failure {
+    fn from(error: CalibrateError) -> Self {
+        match error {
+            CalibrateError::File(error) => error.into(),
+            other => Self::input(other.to_string()),
+        }
+    }
+}

@@ -1,0 +1,320 @@
+//! Calibrating a robot on a recording of it, and holding it against another.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use tdcr_sim::inverse::recording::{
+    Correlation, FittedUnknown, Group, Misses, RecordingError, RecordingFit, RecordingSettings,
+    Replay, Transmission, fit_recording,
+};
+use tdcr_sim::robot::RobotSpec;
+use thiserror::Error;
+
+use super::repeat::repeatability;
+use super::servos::{self, FoundServos};
+use super::{Columns, RecordingFile, RecordingFileError};
+use crate::pipeline::Monitor;
+use crate::report::counted;
+
+/// What is fitted, and how.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CalibrateSettings {
+    /// Groups of unknowns; those that the robot has, of the default ones, where none are given. Nothing is fitted where the list
+    /// is empty.
+    pub groups: Option<Vec<Group>>,
+    /// Which servo pulls which tendon.
+    pub servos: ServoOrder,
+    /// Distance (m) from which a marker's miss counts less than by its square; a fortieth of the robot's length where not given.
+    pub loss: Option<f64>,
+    /// Starts of the fit: the robot's own values, then others at random.
+    pub starts: usize,
+    /// Seed of the random starts.
+    pub seed: u64,
+    /// Rows that cannot be used.
+    pub bad_rows: BadRows,
+}
+
+/// Which servo pulls which tendon.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ServoOrder {
+    /// As the column map says.
+    #[default]
+    AsGiven,
+    /// As the markers move in rows in which one servo moves alone.
+    Found,
+}
+
+/// What happens to rows that cannot be used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BadRows {
+    /// The recording is refused.
+    #[default]
+    Refused,
+    /// They are left out, and noted.
+    LeftOut,
+}
+
+/// Why a robot could not be calibrated.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum CalibrateError {
+    /// A file that cannot be used.
+    #[error(transparent)]
+    File(#[from] RecordingFileError),
+    /// Servos that never move alone.
+    #[error(
+        "cannot tell which servo pulls which tendon: {} never moves alone; the recording needs each servo pulled while all others rest",
+        columns.join(", ")
+    )]
+    NeverAlone {
+        /// Their columns.
+        columns: Vec<String>,
+    },
+    /// The recording says too little, or the robot does not follow it.
+    #[error("cannot calibrate on {}: {source}", path.display())]
+    Recording {
+        /// The recording.
+        path: PathBuf,
+        /// Why.
+        source: RecordingError,
+    },
+    /// The monitor asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// A recording, and how far the robot was and is from it.
+#[derive(Clone, Debug)]
+pub struct Compared {
+    /// The recording.
+    pub file: RecordingFile,
+    /// What the robot as given misses.
+    pub before: Misses,
+    /// What the calibrated robot misses.
+    pub after: Misses,
+    /// Where the calibrated robot says that the markers are.
+    pub replay: Replay,
+}
+
+/// All that `tdcr calibrate --json` says.
+#[derive(Clone, Debug, Serialize)]
+pub struct Calibrated {
+    tdcr_version: &'static str,
+    /// Name of the robot.
+    pub robot: String,
+    /// Root mean square distance of the markers from where the robot says, mean offset aligned (m).
+    pub train_rmse: f64,
+    /// The same of the other recording.
+    pub validation_rmse: Option<f64>,
+    /// The same of the robot as it was given.
+    pub uncalibrated_rmse: f64,
+    /// And of the other recording.
+    pub uncalibrated_validation_rmse: Option<f64>,
+    /// Rows.
+    pub rows: usize,
+    /// Rows of the other recording.
+    pub validation_rows: Option<usize>,
+    /// Lines of rows that were left out.
+    pub bad_lines: Vec<usize>,
+    /// The same of the other recording.
+    pub validation_bad_lines: Vec<usize>,
+    /// Lines of rows in which the calibrated robot does not settle, which count in no figure.
+    pub unsettled_lines: Vec<usize>,
+    /// The same of the other recording.
+    pub validation_unsettled_lines: Vec<usize>,
+    /// Half the mean square difference, as a root, of what the calibrated robot misses in rows of nearly the same pulls, at other
+    /// times (m): what no model can explain in which the way does not count.
+    pub repeatability: Option<f64>,
+    /// The same of the other recording.
+    pub validation_repeatability: Option<f64>,
+    /// The servos, where they were sought.
+    pub servo_map: Option<FoundServos>,
+    /// Neighbouring rows whose errors are alike.
+    pub alike_rows: Option<f64>,
+    /// Iterations of the fit.
+    pub iterations: usize,
+    /// What was found.
+    pub parameters: Vec<FittedUnknown>,
+    /// What the recording can hardly tell apart.
+    pub correlations: Vec<Correlation>,
+}
+
+/// A calibrated robot.
+#[derive(Clone, Debug)]
+pub struct Calibration {
+    /// The robot.
+    pub spec: RobotSpec,
+    /// The column map with what was found of servos and markers.
+    pub columns: Columns,
+    /// What is said of it.
+    pub found: Calibrated,
+    /// The recording that it was fitted to.
+    pub train: Compared,
+    /// The recording that it was held against.
+    pub validation: Option<Compared>,
+    /// What one should know besides.
+    pub notes: Vec<String>,
+}
+
+/// Calibrates `robot` on the recording `data`, read by the column map `columns`, and holds it, before and after, against the
+/// recording `validate`.
+///
+/// # Errors
+/// [`CalibrateError`].
+pub fn calibrate(
+    robot: &RobotSpec,
+    columns: &Columns,
+    data: &Path,
+    validate: Option<&Path>,
+    settings: &CalibrateSettings,
+    monitor: &dyn Monitor,
+) -> Result<Calibration, CalibrateError> {
+    let mut notes = Vec::new();
+    let mut columns = columns.clone();
+    let mut train = load(data, &columns, settings.bad_rows, &mut notes)?;
+    let mut servo_map = None;
+    match settings.servos {
+        ServoOrder::Found => {
+            let (mapped, found) = servos::find(robot, &columns, &train, data)?;
+            train = load(data, &mapped, settings.bad_rows, &mut Vec::new())?;
+            (columns, servo_map) = (mapped, Some(found));
+        }
+        ServoOrder::AsGiven => notes.extend(servos::doubt(robot, &columns, &train)),
+    }
+    let validation = match validate {
+        Some(path) => Some(load(path, &columns, settings.bad_rows, &mut notes)?),
+        None => None,
+    };
+    let given = columns.transmission(robot);
+    let failed = |source: RecordingError| match source {
+        RecordingError::Interrupted => CalibrateError::Interrupted,
+        source => CalibrateError::Recording {
+            path: data.to_owned(),
+            source,
+        },
+    };
+    let fit = fit(robot, &given, &train, settings, monitor).map_err(failed)?;
+    let (spec, transmission) = match &fit {
+        Some(fit) => (&fit.spec, &fit.transmission),
+        None => (robot, &given),
+    };
+    let compare = |file: RecordingFile| -> Result<Compared, RecordingError> {
+        let replay = Replay::new(spec, transmission, &file.recording)?;
+        Ok(Compared {
+            before: Replay::new(robot, &given, &file.recording)?.misses(&file.recording),
+            after: replay.misses(&file.recording),
+            replay,
+            file,
+        })
+    };
+    let train = compare(train).map_err(failed)?;
+    let validation = validation.map(compare).transpose().map_err(failed)?;
+    let mut found = said(robot, fit.as_ref(), &train, validation.as_ref());
+    found.servo_map = servo_map;
+    Ok(Calibration {
+        spec: spec.clone(),
+        columns: columns.with(transmission),
+        found,
+        train,
+        validation,
+        notes,
+    })
+}
+
+fn load(
+    path: &Path,
+    columns: &Columns,
+    bad_rows: BadRows,
+    notes: &mut Vec<String>,
+) -> Result<RecordingFile, RecordingFileError> {
+    let file = RecordingFile::load(path, columns)?;
+    file.refuse_bad(path, bad_rows == BadRows::LeftOut)?;
+    if !file.bad.is_empty() {
+        let lines: Vec<String> = (file.bad.iter())
+            .map(|bad| format!("line {}: {}", bad.line, bad.reason))
+            .collect();
+        notes.push(format!(
+            "{}: {} left out; {}",
+            path.display(),
+            counted(lines.len(), "bad row"),
+            lines.join("; ")
+        ));
+    }
+    Ok(file)
+}
+
+/// The fit; none where nothing is to be fitted.
+fn fit(
+    robot: &RobotSpec,
+    given: &Transmission,
+    train: &RecordingFile,
+    settings: &CalibrateSettings,
+    monitor: &dyn Monitor,
+) -> Result<Option<RecordingFit>, RecordingError> {
+    let mut of_fit = RecordingSettings {
+        loss: settings.loss,
+        starts: settings.starts.max(1),
+        seed: settings.seed,
+        ..RecordingSettings::of(robot)
+    };
+    if let Some(groups) = &settings.groups {
+        of_fit.groups.clone_from(groups);
+    }
+    if of_fit.groups.is_empty() {
+        return Ok(None);
+    }
+    let mut begun = false;
+    let mut done = 0;
+    let fit = fit_recording(robot, given, &train.recording, &of_fit, &mut |progress| {
+        if !begun {
+            monitor.begin("calibrate", progress.most as u64, 0);
+            begun = true;
+        }
+        monitor.advance((progress.done - done) as u64);
+        done = progress.done;
+        monitor.status(&format!("misses {:.2} mm", 1e3 * progress.rms));
+        match monitor.interrupted() {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        }
+    });
+    if begun {
+        monitor.end();
+    }
+    fit.map(Some)
+}
+
+fn said(
+    robot: &RobotSpec,
+    fit: Option<&RecordingFit>,
+    train: &Compared,
+    validation: Option<&Compared>,
+) -> Calibrated {
+    let bad = |compared: &Compared| compared.file.bad.iter().map(|bad| bad.line).collect();
+    let unsettled = |compared: &Compared| {
+        let rows = compared.after.unsettled.iter();
+        rows.map(|&row| compared.file.lines[row]).collect()
+    };
+    Calibrated {
+        tdcr_version: env!("CARGO_PKG_VERSION"),
+        robot: robot.name.clone(),
+        train_rmse: train.after.rmse,
+        validation_rmse: validation.map(|compared| compared.after.rmse),
+        uncalibrated_rmse: train.before.rmse,
+        uncalibrated_validation_rmse: validation.map(|compared| compared.before.rmse),
+        rows: train.file.recording.len(),
+        validation_rows: validation.map(|compared| compared.file.recording.len()),
+        bad_lines: bad(train),
+        validation_bad_lines: validation.map(bad).unwrap_or_default(),
+        unsettled_lines: unsettled(train),
+        validation_unsettled_lines: validation.map(unsettled).unwrap_or_default(),
+        repeatability: repeatability(train),
+        validation_repeatability: validation.and_then(repeatability),
+        servo_map: None,
+        alike_rows: fit.map(|fit| fit.alike_rows),
+        iterations: fit.map_or(0, |fit| fit.steps),
+        parameters: fit.map(|fit| fit.unknowns.clone()).unwrap_or_default(),
+        correlations: fit.map(|fit| fit.correlations.clone()).unwrap_or_default(),
+    }
+}
