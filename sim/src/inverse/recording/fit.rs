@@ -12,7 +12,7 @@ use super::priors::{length, unknowns};
 use super::problem::{Memory, Problem, Weighing};
 use super::{Group, Misses, Recording, RecordingError, Replay, Transmission, check};
 use crate::inverse::least_squares::{Evaluation, minimise};
-use crate::robot::{Drive, ModuleSpec, RobotSpec, TendonSpec};
+use crate::robot::{ModuleSpec, RobotSpec};
 
 /// Rows of the first fit.
 const FEW_ROWS: usize = 300;
@@ -70,18 +70,13 @@ impl RecordingSettings {
     /// elasticity.
     pub fn of(robot: &RobotSpec) -> Self {
         let mut settings = Self::default();
-        let stretches = |tendon: &&TendonSpec| match tendon.drive {
-            Drive::Gain(_) => true,
-            Drive::Length => tendon.axial_stiffness.is_some(),
-            Drive::Tension => false,
-        };
         let elastic = |module: &ModuleSpec| module.backbone.is_some() || module.rod.is_some();
         let (stretches, elastic) = (
-            robot.tendons().iter().any(stretches),
+            robot.tendons().iter().any(|tendon| tendon.stretches()),
             robot.modules.iter().any(elastic),
         );
         settings.groups.retain(|group| match group {
-            Group::TendonStiffness => stretches,
+            Group::TendonStiffness | Group::TendonStiffening => stretches,
             Group::Twist | Group::Stiffness | Group::Torsion | Group::RestBend => elastic,
             _ => true,
         });
