@@ -300,7 +300,11 @@ impl ContactLu {
             for s in 0..slots {
                 let row = &self.onward[(at + s) * slots..][..slots];
                 let comes = tensions.iter().zip(&self.lost[at..][..slots]);
-                let goes: f64 = row.iter().zip(comes).map(|(x, (t, lost))| x * (t - lost)).sum();
+                let goes: f64 = row
+                    .iter()
+                    .zip(comes)
+                    .map(|(x, (t, lost))| x * (t - lost))
+                    .sum();
                 onward[s] = goes - own[s].by_turn.dot(&step) - own[s].by_below.dot(&turn);
             }
             tensions = onward;
@@ -317,7 +321,11 @@ impl ContactLu {
         let mut beyond = vec![0.0; n * slots];
         for at in (0..n * slots).rev() {
             let goes_on = |next: usize| next < n * slots && self.inflows[next].before != 0.0;
-            let above = if goes_on(at + slots) { beyond[at + slots] } else { 0.0 };
+            let above = if goes_on(at + slots) {
+                beyond[at + slots]
+            } else {
+                0.0
+            };
             beyond[at] = expansion.slopes[at].dot(&turns[at / slots]) + above;
         }
         // Tensions, up the chain.
@@ -326,7 +334,8 @@ impl ContactLu {
             let (joint, inflow) = (at / slots, &self.inflows[at]);
             let mut tension = -inflow.own.dot(&turns[joint]) - inflow.beyond * beyond[at];
             if joint > 0 {
-                tension += inflow.before * tensions[at - slots] - inflow.below.dot(&turns[joint - 1]);
+                tension +=
+                    inflow.before * tensions[at - slots] - inflow.below.dot(&turns[joint - 1]);
             }
             tensions[at] = tension;
             out[joint] += expansion.slopes[at] * tension;
@@ -349,7 +358,11 @@ fn answers<const A: usize>(
             for r in 0..slots {
                 let answer = own[s].beyond * sums[s][r] * next[r].before;
                 // Columns of rows that are not eliminated change their sign.
-                out[s][r] += if own[r].beyond == 0.0 { -answer } else { answer };
+                out[s][r] += if own[r].beyond == 0.0 {
+                    -answer
+                } else {
+                    answer
+                };
             }
         }
     }

@@ -138,6 +138,11 @@ pub(crate) struct Span {
 }
 
 impl Robot {
+    /// Whether the other one is a clone of this.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+
     /// The specification that this robot was compiled from.
     pub fn spec(&self) -> &RobotSpec {
         &self.0.spec

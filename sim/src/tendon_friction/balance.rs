@@ -42,27 +42,27 @@ enum SlipRule {
 /// The balance of one robot under one command and load, in one configuration.
 #[derive(Clone, Debug)]
 pub(super) struct Balance {
-    robot: Robot,
+    pub(super) robot: Robot,
     /// Largest residual (N m); of the robot without loads, `own_tolerance`.
     pub tolerance: f64,
     own_tolerance: f64,
     /// Largest error of a commanded length (m).
     length_tolerance: f64,
-    loads: Loads,
+    pub(super) loads: Loads,
     /// The dead forces among the loads.
     weight: DeadForces,
     /// Besides those, the following forces as they are in this configuration.
     dead: DeadForces,
     /// The command, with the rest lengths of tendons whose length is commanded corrected.
-    rest: Vec<f64>,
+    pub(super) rest: Vec<f64>,
     /// What holds the joints back while the robot snaps.
     pub drag: Option<Drag>,
     pub iterate: Iterate,
     pub lines: Vec<Line>,
     pub profiles: Vec<TendonProfile>,
-    expansion: Expansion,
-    assumed: Vec<Vec<SlipState>>,
-    linear: Linear,
+    pub(super) expansion: Expansion,
+    pub(super) assumed: Vec<Vec<SlipState>>,
+    pub(super) linear: Linear,
 }
 
 impl Balance {
@@ -175,11 +175,21 @@ impl Balance {
                 }
             }
         }
+        self.expand();
+    }
+
+    /// Takes these tensions along the tendons, and evaluates the balance with them.
+    pub fn take(&mut self, profiles: &[TendonProfile]) {
+        self.profiles.clone_from_slice(profiles);
+        self.expand();
+    }
+
+    /// Residual and second derivatives under the tensions of the profiles.
+    fn expand(&mut self) {
         // Following forces as they are here.
         self.dead.clone_from(&self.weight);
         let (q, posture) = (&self.iterate.configuration, &self.iterate.posture);
         following::add_forces(&self.loads, 1.0, posture, &mut self.dead);
-        // Residual and second derivatives.
         let potential = Potential {
             robot: &self.robot,
             command: &self.rest,
@@ -227,7 +237,10 @@ impl System for Substep<'_> {
         balance.evaluate(self.before, SlipRule::Assumed);
         balance.linearise();
         balance.newton_step();
-        balance.iterate.step.copy_from_slice(&balance.linear.solution);
+        balance
+            .iterate
+            .step
+            .copy_from_slice(&balance.linear.solution);
         Step {
             size: largest_turn(&balance.linear.solution),
             limit: balance.iterate.limit_step(MAX_TURN),

@@ -106,7 +106,8 @@ impl Line {
             return [Vector3::zeros(); 2];
         };
         let [hole, above] = [place + 1, place + 2].map(|hole| &self.points[hole]);
-        let [first, second] = [place, place + 1].map(|hole| &chain.centres[self.route[hole].joints]);
+        let [first, second] =
+            [place, place + 1].map(|hole| &chain.centres[self.route[hole].joints]);
         [
             (hole - first).cross(&by_first) + (above - hole).cross(&by_second),
             (above - second).cross(&by_second),

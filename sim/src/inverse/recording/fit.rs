@@ -8,11 +8,12 @@ use rand_chacha::ChaCha8Rng;
 
 use super::explicit::Explicit;
 use super::interval::{Correlation, FittedUnknown, correlations, fitted};
+use super::path::rubs;
 use super::priors::{length, unknowns};
 use super::problem::{Memory, Problem, Weighing};
 use super::{Group, Misses, Recording, RecordingError, Replay, Transmission, check};
 use crate::inverse::least_squares::{Evaluation, minimise};
-use crate::robot::{ModuleSpec, RobotSpec};
+use crate::robot::{ModuleSpec, Robot, RobotSpec};
 
 /// Rows of the first fit.
 const FEW_ROWS: usize = 300;
@@ -147,6 +148,8 @@ pub fn fit_recording(
         });
     }
     let length = length(first);
+    let friction =
+        settings.groups.contains(&Group::Friction) || rubs(&Robot::new(explicit.spec.clone())?);
     let problem = Problem {
         explicit: &explicit,
         transmission,
@@ -154,6 +157,7 @@ pub fn fit_recording(
         speeds: recording.speeds(),
         unknowns: &unknowns,
         loss: settings.loss.unwrap_or(length / 40.0),
+        friction: false,
     };
     let starts = settings.starts.max(1);
     let mut fitting = Fitting {
@@ -209,6 +213,11 @@ pub fn fit_recording(
         rows: (0..rows).collect(),
         error: error.max(1e-9 * length),
     };
+    let along = Problem {
+        friction,
+        ..problem.clone()
+    };
+    fitting.problem = &along;
     let found = fitting.descend(found.x, &all, &found.at.memory, STEPS[1])?;
     let steps = fitting.progress.done;
     let (spec, there) = problem.values(&found.x);

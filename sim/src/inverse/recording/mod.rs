@@ -21,6 +21,7 @@ mod explicit;
 mod fit;
 mod group;
 mod interval;
+mod path;
 mod priors;
 mod problem;
 mod replay;

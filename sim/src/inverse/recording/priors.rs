@@ -259,7 +259,10 @@ impl Maker<'_> {
                     let Some(t) = (0..tendons).find(|&t| self.explicit.ends[t] == m) else {
                         continue;
                     };
-                    let given = spec.routes[t].tendon.friction.map_or(0.0, |f| f.coefficient);
+                    let given = spec.routes[t]
+                        .tendon
+                        .friction
+                        .map_or(0.0, |f| f.coefficient);
                     self.add(
                         format!("friction of the tendons of module {m}"),
                         "",

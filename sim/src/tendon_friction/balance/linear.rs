@@ -16,7 +16,7 @@ const INACCURATE: f64 = 1e-8;
 
 /// Factors of a balance's Jacobian, and a solution with them.
 #[derive(Clone, Debug)]
-pub(super) struct Linear {
+pub(in crate::tendon_friction) struct Linear {
     /// In O(n); none for robots whose tendons it is not made for.
     pub chain: Option<Box<ContactLu>>,
     /// The dense ones where those are not of the present Jacobian.
@@ -83,10 +83,18 @@ impl Linear {
 impl Balance {
     /// Prepares to solve with the Jacobian of the balance with the assumed contacts, where it was last evaluated with them.
     pub(super) fn linearise(&mut self) {
+        self.linearise_with(|_, _, inflow, _| inflow);
+    }
+
+    /// The same with `changed` inflows, by tendon and place of the segment.
+    pub(in crate::tendon_friction) fn linearise_with(
+        &mut self,
+        changed: impl Fn(&Self, usize, Inflow, usize) -> Inflow,
+    ) {
         self.linear.dense = None;
         let follows = self.loads.wrenches().iter().any(following::follows);
         if !follows {
-            self.set_inflows();
+            self.set_inflows(changed);
             if self.linear.factorise(&self.expansion) {
                 return;
             }
@@ -102,41 +110,43 @@ impl Balance {
         self.linear.solve();
     }
 
-    /// How the tension of each segment follows from what is before it.
-    fn set_inflows(&mut self) {
-        let Some(chain) = &mut self.linear.chain else {
+    /// Sets how the tension of each segment follows from what is before it.
+    fn set_inflows(&mut self, changed: impl Fn(&Self, usize, Inflow, usize) -> Inflow) {
+        let Some(mut chain) = self.linear.chain.take() else {
             return;
         };
-        let posture = &self.iterate.posture.chain;
         for segment in self.robot.segments() {
-            let (t, line) = (segment.tendon, &self.lines[segment.tendon]);
-            let at = chain.place(segment.joint, t);
-            chain.inflows[at] = match segment.place.checked_sub(1) {
-                // The drive: the longer the tendon, the larger.
-                None => {
-                    let state = self.robot.tendons()[t].state(line.length(), self.rest[t]);
-                    Inflow {
-                        beyond: -state.stiffness,
-                        ..Inflow::NONE
-                    }
-                }
-                // The capstan law.
-                Some(hole) => {
-                    let contact = self.assumed[t][hole];
-                    let [by_tension, by_angle, by_beyond] =
-                        self.profiles[t].slopes(line, hole, contact);
-                    let [below, own] = match by_angle {
-                        0.0 => [Vector3::zeros(); 2],
-                        slope => line.wrap_slopes(posture, hole).map(|turn| turn * slope),
-                    };
-                    Inflow {
-                        before: 1.0 - by_tension,
-                        below,
-                        own,
-                        beyond: by_beyond,
-                    }
-                }
+            let inflow = self.inflow(segment.tendon, segment.place);
+            let at = chain.place(segment.joint, segment.tendon);
+            chain.inflows[at] = changed(self, segment.tendon, inflow, segment.place);
+        }
+        self.linear.chain = Some(chain);
+    }
+
+    /// How the tension of a segment follows from what is before it.
+    fn inflow(&self, tendon: usize, place: usize) -> Inflow {
+        let line = &self.lines[tendon];
+        let Some(hole) = place.checked_sub(1) else {
+            // The drive: the longer the tendon, the larger.
+            let state = self.robot.tendons()[tendon].state(line.length(), self.rest[tendon]);
+            return Inflow {
+                beyond: -state.stiffness,
+                ..Inflow::NONE
             };
+        };
+        // The capstan law.
+        let contact = self.assumed[tendon][hole];
+        let [by_tension, by_angle, beyond] = self.profiles[tendon].slopes(line, hole, contact);
+        let posture = &self.iterate.posture.chain;
+        let [below, own] = match by_angle {
+            0.0 => [Vector3::zeros(); 2],
+            slope => line.wrap_slopes(posture, hole).map(|turn| turn * slope),
+        };
+        Inflow {
+            before: 1.0 - by_tension,
+            below,
+            own,
+            beyond,
         }
     }
 

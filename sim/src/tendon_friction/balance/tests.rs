@@ -202,9 +202,15 @@ fn solving_in_linear_time_gives_what_the_dense_jacobian_does() {
         let n = balance.linear.rhs.len();
         let product = |row: usize| -> f64 {
             let turn = |column: usize| balance.linear.solution[column / 3][column % 3];
-            (0..3 * n).map(|column| dense[(row, column)] * turn(column)).sum()
+            (0..3 * n)
+                .map(|column| dense[(row, column)] * turn(column))
+                .sum()
         };
-        let size = balance.linear.rhs.iter().fold(0.0, |size: f64, moment| size.max(moment.norm()));
+        let size = balance
+            .linear
+            .rhs
+            .iter()
+            .fold(0.0, |size: f64, moment| size.max(moment.norm()));
         for row in 0..3 * n {
             let error = (product(row) - balance.linear.rhs[row / 3][row % 3]).abs();
             assert!(error < 1e-8 * size, "row {row}: {error}");
