@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::robot::{Backbone, Frame, Friction, Payload, PerDisc, RobotSpec, Wrench};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -194,6 +194,8 @@ fn solving_in_linear_time_gives_what_the_dense_jacobian_does() {
         balance.evaluate(&before, SlipRule::Assumed);
         balance.linearise();
         if !balance.linear.is_in_chain() {
+            // Random tendons pass discs by; those of standard robots do not.
+            assert!(robots.iter().all(|standard| !standard.is_same(robot)));
             continue;
         }
         in_chain += 1;
@@ -216,5 +218,5 @@ fn solving_in_linear_time_gives_what_the_dense_jacobian_does() {
             assert!(error < 1e-8 * size, "row {row}: {error}");
         }
     }
-    assert!(in_chain >= 10, "{in_chain} robots solved in linear time");
+    assert!(in_chain > 5, "{in_chain} robots solved in linear time");
 }
