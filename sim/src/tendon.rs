@@ -195,6 +195,12 @@ impl Tendon {
         stretch * (1.0 + self.stiffening * stretch.max(0.0))
     }
 
+    /// Stretch (m) at which the tendon pulls with `tension` (N), not negative: the inverse of the law of its energy.
+    pub fn stretch_under(&self, tension: f64) -> f64 {
+        let linear = tension / self.stiffness;
+        2.0 * linear / (1.0 + (1.0 + 4.0 * self.stiffening * linear).sqrt())
+    }
+
     /// Energy, tension and stiffness at `length` (m) under `command` (m or N).
     pub(crate) fn state(&self, length: f64, command: f64) -> TendonState {
         if let Drive::Tension = self.drive {
