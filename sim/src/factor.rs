@@ -18,9 +18,11 @@
     reason = "an index names one joint or slot in several arrays"
 )]
 
+mod contact;
 mod loaded;
 mod unsymmetric;
 
+pub(crate) use contact::{ContactLu, Inflow};
 pub(crate) use loaded::{LoadedFactor, has_positive_part};
 pub(crate) use unsymmetric::{ChainLu, ChainMatrix, Side};
 

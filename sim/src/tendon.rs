@@ -190,6 +190,17 @@ impl Tendon {
         }
     }
 
+    /// Tension per stiffness (m) at a stretch (m): the stretch, and what a tendon that stiffens adds.
+    pub(crate) fn per_stiffness(&self, stretch: f64) -> f64 {
+        stretch * (1.0 + self.stiffening * stretch.max(0.0))
+    }
+
+    /// Stretch (m) at which the tendon pulls with `tension` (N), not negative: the inverse of the law of its energy.
+    pub fn stretch_under(&self, tension: f64) -> f64 {
+        let linear = tension / self.stiffness;
+        2.0 * linear / (1.0 + (1.0 + 4.0 * self.stiffening * linear).sqrt())
+    }
+
     /// Energy, tension and stiffness at `length` (m) under `command` (m or N).
     pub(crate) fn state(&self, length: f64, command: f64) -> TendonState {
         if let Drive::Tension = self.drive {
@@ -204,10 +215,11 @@ impl Tendon {
             return TendonState::default();
         }
         let stiffness = self.spring();
+        let growth = self.stiffening * stretch.max(0.0);
         TendonState {
-            energy: 0.5 * stiffness * stretch * stretch,
-            tension: stiffness * stretch,
-            stiffness,
+            energy: stiffness * stretch * stretch * (0.5 + growth / 3.0),
+            tension: stiffness * self.per_stiffness(stretch),
+            stiffness: stiffness * (1.0 + 2.0 * growth),
         }
     }
 }

@@ -191,6 +191,7 @@ fn driven(drive: Drive, range: [f64; 2], pull: Pull) -> Robot {
             range,
             pull,
             axial_stiffness: None,
+            stiffening: 0.0,
             friction: None,
         });
     }

@@ -63,6 +63,7 @@ impl Field {
             "youngs" => "Pa",
             "bending" | "torsion" => "N m/rad",
             "gain" | "axial_stiffness" | "contact_stiffness" => "N/m",
+            "stiffening" => "1/m",
             _ => "",
         }
     }

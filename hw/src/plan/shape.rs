@@ -144,7 +144,7 @@ impl Shaper {
         let lengths = self.robot.pose().tendon_lengths;
         let tendons = self.robot.robot().tendons().iter().zip(lengths).enumerate();
         tendons
-            .map(|(index, (tendon, length))| length - tension(index) / tendon.stiffness)
+            .map(|(index, (tendon, length))| length - tendon.stretch_under(tension(index)))
             .collect()
     }
 }

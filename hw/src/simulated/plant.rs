@@ -302,6 +302,8 @@ fn driven_by_spools(setup: &PlantSetup) -> Result<Robot, PlantError> {
         let stiffness = setup.stiffness.unwrap_or_else(|| own_stiffness(tendon));
         tendon.drive = Drive::Gain(stiffness);
         tendon.axial_stiffness = None;
+        // The lines at the spools are springs.
+        tendon.stiffening = 0.0;
         tendon.range = REACH;
         tendon.pull = Pull::TensionOnly;
         if let Physics::WithFriction { coefficient } = setup.physics {

@@ -16,9 +16,6 @@ impl Potential<'_> {
         tensions: &mut [f64],
         out: &mut [Vector3<f64>],
     ) {
-        // Dead forces.
-        self.dead_gradient(posture, out);
-        // Tensions, on segments and spans.
         let pulled = self
             .robot
             .tendons()
@@ -28,12 +25,26 @@ impl Potential<'_> {
         for (tension, ((tendon, length), command)) in tensions.iter_mut().zip(pulled) {
             *tension = tendon.state(*length, *command).tension;
         }
+        self.gradient_pulled(q, posture, |tendon, _| tensions[tendon], out);
+    }
+
+    /// The same where the tension (N) of each piece of each tendon is given, as in [`Potential::expand_pulled`].
+    pub fn gradient_pulled(
+        &self,
+        q: &Configuration,
+        posture: &Posture,
+        tension: impl Fn(usize, usize) -> f64,
+        out: &mut [Vector3<f64>],
+    ) {
+        // Dead forces.
+        self.dead_gradient(posture, out);
+        // Tensions, on segments and spans.
         for (segment, stretch) in self.robot.segments().iter().zip(&posture.stretches) {
-            out[segment.joint] += stretch.gradient() * tensions[segment.tendon];
+            out[segment.joint] += stretch.gradient() * tension(segment.tendon, segment.place);
         }
         for span in self.robot.spans() {
             let (_, upper, stretch) = span.stretch(self.robot, &posture.chain);
-            let pull = stretch.direction * tensions[span.tendon];
+            let pull = stretch.direction * tension(span.tendon, span.place);
             let joints = span.lower.map_or(0, |disc| disc + 1)..=span.upper;
             let centres = &posture.chain.centres[joints.clone()];
             for (out, centre) in out[joints].iter_mut().zip(centres) {

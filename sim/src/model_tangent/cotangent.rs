@@ -86,7 +86,7 @@ impl Expanded<'_> {
                     _ => {
                         let stretch = self.posture.lengths[t] - self.command[t];
                         out.command[t] -= weight * pulls[t];
-                        out.stiffness[t] += stretch * pulls[t];
+                        out.stiffness[t] += tendon.per_stiffness(stretch) * pulls[t];
                         weight * pulls[t]
                     }
                 }

@@ -120,7 +120,8 @@ impl Expanded<'_> {
                 _ if weight == 0.0 => 0.0,
                 _ => {
                     let stretch = self.posture.lengths[t] - self.command[t];
-                    weight * (lengths[t] - tangent.command[t]) + tangent.stiffness[t] * stretch
+                    weight * (lengths[t] - tangent.command[t])
+                        + tangent.stiffness[t] * tendon.per_stiffness(stretch)
                 }
             }
         };

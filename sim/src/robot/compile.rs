@@ -276,6 +276,7 @@ fn tendon(spec: &TendonSpec, route: Vec<Waypoint>) -> Tendon {
         range: spec.range,
         pull: spec.pull,
         stiffness,
+        stiffening: spec.stiffening,
         friction: spec.friction,
         route,
         fixed_length: 0.0,

@@ -95,6 +95,8 @@ pub struct Tendon {
     /// Stiffness of drive and tendon in series (N/m); infinite for a length drive on an
     /// inextensible tendon, 0 for a tension drive.
     pub stiffness: f64,
+    /// Growth of that stiffness per stretch (1/m): see [`TendonSpec::stiffening`].
+    pub stiffening: f64,
     /// Friction in its holes.
     pub friction: Option<Friction>,
     /// The holes it goes through, from the servo to where it is fastened.
@@ -136,6 +138,11 @@ pub(crate) struct Span {
 }
 
 impl Robot {
+    /// Whether the other one is a clone of this.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+
     /// The specification that this robot was compiled from.
     pub fn spec(&self) -> &RobotSpec {
         &self.0.spec

@@ -17,6 +17,10 @@ pub struct TendonSpec {
     /// the file does not give it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axial_stiffness: Option<f64>,
+    /// Growth of that stiffness, in series with the servo's, per stretch (1/m): stretched by `s`, the tendon pulls with
+    /// `k s (1 + stiffening s)`.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub stiffening: f64,
     /// Friction in the holes; none where the file does not give it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub friction: Option<Friction>,
@@ -56,6 +60,25 @@ pub struct Friction {
     /// force divided by this.
     #[serde(default = "contact_stiffness")]
     pub contact_stiffness: f64,
+}
+
+impl Friction {
+    /// None, on contacts as stiff as where the file does not say.
+    pub const NONE: Self = Self {
+        coefficient: 0.0,
+        contact_stiffness: CONTACT_STIFFNESS,
+    };
+}
+
+impl TendonSpec {
+    /// Whether a command leaves the tendon a stretch: by its drive's gain, or by its own axial stiffness.
+    pub fn stretches(&self) -> bool {
+        match self.drive {
+            Drive::Gain(_) => true,
+            Drive::Length => self.axial_stiffness.is_some(),
+            Drive::Tension => false,
+        }
+    }
 }
 
 /// A tendon with a route of its own.
@@ -116,6 +139,13 @@ fn is_bilateral(pull: &Pull) -> bool {
     *pull == Pull::Bilateral
 }
 
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+/// Stiffness of contacts where the file does not give it (N/m).
+const CONTACT_STIFFNESS: f64 = 1e5;
+
 fn contact_stiffness() -> f64 {
-    1e5
+    CONTACT_STIFFNESS
 }

@@ -397,6 +397,15 @@ impl TendonSpec {
         if let Some(stiffness) = self.axial_stiffness {
             positive(&at("axial_stiffness"), stiffness)?;
         }
+        not_negative(&at("stiffening"), self.stiffening)?;
+        if self.stiffening > 0.0 && !self.stretches() {
+            let found = self.stiffening.to_string();
+            return Err(refuse(
+                &at("stiffening"),
+                found,
+                "0, or a drive with a gain, or an axial_stiffness",
+            ));
+        }
         if let Some(friction) = &self.friction {
             not_negative(&at("friction.coefficient"), friction.coefficient)?;
             let stiffness = friction.contact_stiffness;

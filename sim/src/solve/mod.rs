@@ -7,7 +7,7 @@
 //! |---|---|---|---|
 //! | `statics::descent` | gradient of the energy | factor in O(n), the Hessian made positive definite | energy |
 //! | `statics::following` | the same, and loads without a potential | LU in O(n), dense where that is inaccurate | squared residual |
-//! | `tendon_friction::balance` | moments with friction of the tendons | dense LU | next simplified step |
+//! | `tendon_friction::balance` | moments with friction of the tendons | LU in O(n), dense where that is inaccurate | next simplified step |
 
 mod continuation;
 mod iterate;
@@ -18,12 +18,6 @@ pub(crate) use iterate::{Iterate, largest_turn};
 pub(crate) use lengths::{MAX_CORRECTIONS, length_errors};
 
 use std::iter::successors;
-
-use faer::Mat;
-use faer::linalg::solvers::{PartialPivLu, Solve};
-use nalgebra::Vector3;
-
-use crate::energy::Expansion;
 
 /// Equations for the configuration of a robot.
 pub(crate) trait System {
@@ -75,16 +69,4 @@ fn line_search<S: System>(system: &mut S) -> bool {
         system.iterate().move_back();
     }
     accepted
-}
-
-/// Newton's step `-J⁻¹ r` by the factors of a dense Jacobian `3 n x 3 n`, for the residual `r` that is the
-/// gradient of `expansion`: the turn of each joint, world axes (rad).
-pub(crate) fn dense_step(jacobian: &PartialPivLu<f64>, expansion: &Expansion) -> Vec<Vector3<f64>> {
-    let n = expansion.joint_blocks.len();
-    let mut residual = vec![Vector3::zeros(); n];
-    expansion.gradient(&mut residual);
-    let rhs = Mat::from_fn(3 * n, 1, |i, _| -residual[i / 3][i % 3]);
-    let solution = jacobian.solve(&rhs);
-    let turn = |joint| Vector3::from_fn(|axis, _| solution[(3 * joint + axis, 0)]);
-    (0..n).map(turn).collect()
 }

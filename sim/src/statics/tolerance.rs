@@ -109,7 +109,9 @@ fn largest_tension(tendon: &Tendon, length: f64) -> f64 {
     match tendon.drive {
         Drive::Tension => high,
         Drive::Gain(_) | Drive::Length => {
-            tendon.spring() * f64::max((length - low).abs(), (length - high).abs())
+            let tension = |command: f64| tendon.state(length, command).tension.abs();
+            let slack = tendon.spring() * (length - high).abs();
+            f64::max(tension(low), slack)
         }
     }
 }

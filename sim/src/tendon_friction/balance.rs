@@ -14,9 +14,7 @@
 #[cfg(test)]
 mod tests;
 
-use faer::Mat;
-use faer::linalg::solvers::PartialPivLu;
-use nalgebra::Vector3;
+mod linear;
 
 use super::line::Line;
 use super::snap::Drag;
@@ -24,9 +22,8 @@ use super::{SlipState, TendonProfile};
 use crate::chain::Configuration;
 use crate::energy::{DeadForces, Expansion, Potential, following};
 use crate::robot::{Loads, Robot};
-use crate::solve::{
-    Iterate, MAX_CORRECTIONS, System, dense_step, largest_turn, length_errors, newton,
-};
+use crate::solve::{Iterate, MAX_CORRECTIONS, System, largest_turn, length_errors, newton};
+use linear::Linear;
 
 /// Largest turn of a joint in one Newton step (rad).
 const MAX_TURN: f64 = 0.2;
@@ -45,26 +42,27 @@ enum SlipRule {
 /// The balance of one robot under one command and load, in one configuration.
 #[derive(Clone, Debug)]
 pub(super) struct Balance {
-    robot: Robot,
+    pub(super) robot: Robot,
     /// Largest residual (N m); of the robot without loads, `own_tolerance`.
     pub tolerance: f64,
     own_tolerance: f64,
     /// Largest error of a commanded length (m).
     length_tolerance: f64,
-    loads: Loads,
+    pub(super) loads: Loads,
     /// The dead forces among the loads.
     weight: DeadForces,
     /// Besides those, the following forces as they are in this configuration.
     dead: DeadForces,
     /// The command, with the rest lengths of tendons whose length is commanded corrected.
-    rest: Vec<f64>,
+    pub(super) rest: Vec<f64>,
     /// What holds the joints back while the robot snaps.
     pub drag: Option<Drag>,
     pub iterate: Iterate,
     pub lines: Vec<Line>,
     pub profiles: Vec<TendonProfile>,
-    expansion: Expansion,
-    assumed: Vec<Vec<SlipState>>,
+    pub(super) expansion: Expansion,
+    pub(super) assumed: Vec<Vec<SlipState>>,
+    pub(super) linear: Linear,
 }
 
 impl Balance {
@@ -86,6 +84,7 @@ impl Balance {
             iterate: Iterate::new(robot),
             expansion: Expansion::new(robot),
             assumed: profiles.iter().map(|p| p.slip_states.clone()).collect(),
+            linear: Linear::new(robot),
             lines,
             profiles,
         }
@@ -176,11 +175,21 @@ impl Balance {
                 }
             }
         }
+        self.expand();
+    }
+
+    /// Takes these tensions along the tendons, and evaluates the balance with them.
+    pub fn take(&mut self, profiles: &[TendonProfile]) {
+        self.profiles.clone_from_slice(profiles);
+        self.expand();
+    }
+
+    /// Residual and second derivatives under the tensions of the profiles.
+    fn expand(&mut self) {
         // Following forces as they are here.
         self.dead.clone_from(&self.weight);
         let (q, posture) = (&self.iterate.configuration, &self.iterate.posture);
         following::add_forces(&self.loads, 1.0, posture, &mut self.dead);
-        // Residual and second derivatives.
         let potential = Potential {
             robot: &self.robot,
             command: &self.rest,
@@ -193,63 +202,6 @@ impl Balance {
             drag.add_moments(q, posture, &mut self.expansion);
         }
     }
-
-    /// The Jacobian of the balance with the assumed contacts, where it was last evaluated with them.
-    fn jacobian(&self) -> Mat<f64> {
-        // The expansion's weights of the tendons are zero: it holds the second derivatives alone.
-        let mut jacobian =
-            following::jacobian(&self.loads, 1.0, &self.iterate.posture, &self.expansion);
-        for tendon in 0..self.lines.len() {
-            self.add_tension_slopes(tendon, &mut jacobian);
-        }
-        jacobian
-    }
-
-    /// Adds `sum_j dl_j dT_j'` of one tendon.
-    fn add_tension_slopes(&self, tendon: usize, jacobian: &mut Mat<f64>) {
-        let (line, profile) = (&self.lines[tendon], &self.profiles[tendon]);
-        let chain = &self.iterate.posture.chain;
-        let n = chain.centres.len();
-        let segments = line.lengths.len();
-        // `dl_j` of each segment.
-        let by_length: Vec<Vec<Vector3<f64>>> = (0..segments)
-            .map(|segment| {
-                let mut slope = vec![Vector3::zeros(); n];
-                line.add_length_slope(chain, segment, &mut slope);
-                slope
-            })
-            .collect();
-        // The same of the tendon beyond each segment's first hole.
-        let mut beyond = by_length.clone();
-        for segment in (0..segments - 1).rev() {
-            let (here, above) = beyond.split_at_mut(segment + 1);
-            add_scaled(&mut here[segment], 1.0, &above[0]);
-        }
-        // `dT_0`, by the drive; then from hole to hole, by the capstan law, `dT_j`.
-        let state = self.robot.tendons()[tendon].state(line.length(), self.rest[tendon]);
-        let mut tension: Vec<_> = beyond[0].iter().map(|b| b * state.stiffness).collect();
-        for segment in 0..segments {
-            if let Some(hole) = segment.checked_sub(1) {
-                let contact = self.assumed[tendon][hole];
-                let [by_tension, by_angle, by_beyond] = profile.slopes(line, hole, contact);
-                tension.iter_mut().for_each(|t| *t *= 1.0 - by_tension);
-                let mut angle = vec![Vector3::zeros(); n];
-                line.add_wrap_slope(chain, hole, &mut angle);
-                add_scaled(&mut tension, -by_angle, &angle);
-                add_scaled(&mut tension, -by_beyond, &beyond[segment]);
-            }
-            for joint in line.joints(segment) {
-                let row = &by_length[segment][joint];
-                for (other, slope) in tension.iter().enumerate() {
-                    for c in 0..3 {
-                        for r in 0..3 {
-                            jacobian[(3 * joint + r, 3 * other + c)] += row[r] * slope[c];
-                        }
-                    }
-                }
-            }
-        }
-    }
 }
 
 /// The solve of one substep of a path.
@@ -258,9 +210,8 @@ struct Substep<'a> {
     before: &'a [TendonProfile],
 }
 
-/// The balance to first order, and Newton's step by it.
-struct Linear {
-    jacobian: PartialPivLu<f64>,
+/// A Newton step.
+struct Step {
     /// Largest turn of a joint in the whole step (rad).
     size: f64,
     /// Share of the whole step that is taken at most.
@@ -268,7 +219,7 @@ struct Linear {
 }
 
 impl System for Substep<'_> {
-    type Model = Linear;
+    type Model = Step;
     const MAX_STEPS: usize = 40;
     const MAX_TRIALS: usize = 12;
 
@@ -281,28 +232,32 @@ impl System for Substep<'_> {
         self.balance.residual() <= self.balance.tolerance
     }
 
-    fn newton_step(&mut self) -> Linear {
+    fn newton_step(&mut self) -> Step {
         let balance = &mut *self.balance;
         balance.evaluate(self.before, SlipRule::Assumed);
-        let jacobian = balance.jacobian().partial_piv_lu();
-        balance.iterate.step = dense_step(&jacobian, &balance.expansion);
-        Linear {
-            jacobian,
-            size: largest_turn(&balance.iterate.step),
+        balance.linearise();
+        balance.newton_step();
+        balance
+            .iterate
+            .step
+            .copy_from_slice(&balance.linear.solution);
+        Step {
+            size: largest_turn(&balance.linear.solution),
             limit: balance.iterate.limit_step(MAX_TURN),
         }
     }
 
     /// Where the simplified correction, by the Jacobian at the start of the step, is smaller than the step.
     /// Then revises the assumptions on the contacts.
-    fn accepts(&mut self, model: &Linear, share: f64) -> bool {
+    fn accepts(&mut self, model: &Step, share: f64) -> bool {
         let balance = &mut *self.balance;
         if !model.size.is_finite() {
             return false;
         }
         balance.lay();
         balance.evaluate(self.before, SlipRule::Assumed);
-        let next = largest_turn(&dense_step(&model.jacobian, &balance.expansion));
+        balance.newton_step();
+        let next = largest_turn(&balance.linear.solution);
         let accepted = next <= (1.0 - 0.25 * share * model.limit) * model.size
             || model.size * share < ROUNDING;
         if accepted {
@@ -311,11 +266,5 @@ impl System for Substep<'_> {
             }
         }
         accepted
-    }
-}
-
-fn add_scaled(to: &mut [Vector3<f64>], factor: f64, from: &[Vector3<f64>]) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to += from * factor;
     }
 }

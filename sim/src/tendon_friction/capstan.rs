@@ -180,4 +180,16 @@ impl TendonProfile {
             ],
         }
     }
+
+    /// Derivative of the friction force at `hole` by the coefficient of friction when its contact is as `contact` (N).
+    pub(super) fn slope_by_coefficient(&self, line: &Line, hole: usize, contact: SlipState) -> f64 {
+        let theta = self.wrap_angles[hole];
+        let mu_theta = line.friction.coefficient * theta;
+        let pull = self.tensions[hole].max(0.0) * theta;
+        match contact {
+            SlipState::Sticks => 0.0,
+            SlipState::SlipsToServo => pull * (-mu_theta).exp(),
+            SlipState::SlipsToEnd => -pull * mu_theta.exp(),
+        }
+    }
 }

@@ -93,16 +93,35 @@ impl Line {
     /// the turn of each joint. Where the tendon goes straight on the angle has a kink, like the norm
     /// of a vector at zero; there the derivative 0 is taken.
     pub fn add_wrap_slope(&self, chain: &Chain, place: usize, out: &mut [Vector3<f64>]) {
+        if let Some([by_first, by_second]) = self.wrap_by_ends(place) {
+            self.add_slope(chain, place, &by_first, out);
+            self.add_slope(chain, place + 1, &by_second, out);
+        }
+    }
+
+    /// The same where both segments pass one joint each, that of the second above that of the first: by the turns of those two.
+    /// A turn of what is below carries both along.
+    pub fn wrap_slopes(&self, chain: &Chain, place: usize) -> [Vector3<f64>; 2] {
+        let Some([by_first, by_second]) = self.wrap_by_ends(place) else {
+            return [Vector3::zeros(); 2];
+        };
+        let [hole, above] = [place + 1, place + 2].map(|hole| &self.points[hole]);
+        let [first, second] =
+            [place, place + 1].map(|hole| &chain.centres[self.route[hole].joints]);
+        [
+            (hole - first).cross(&by_first) + (above - hole).cross(&by_second),
+            (above - second).cross(&by_second),
+        ]
+    }
+
+    /// Derivatives of the wrap angle by the spans of the two segments (rad/m); none where the tendon goes straight on.
+    fn wrap_by_ends(&self, place: usize) -> Option<[Vector3<f64>; 2]> {
         let (u, v) = (&self.directions[place], &self.directions[place + 1]);
         let (sin, cos) = (u.cross(v).norm(), u.dot(v));
-        if sin == 0.0 {
-            return;
-        }
         // d theta = -(v - cos u) / sin . du - (u - cos v) / sin . dv.
         let by_first = (u * cos - v) / (sin * self.lengths[place]);
         let by_second = (v * cos - u) / (sin * self.lengths[place + 1]);
-        self.add_slope(chain, place, &by_first, out);
-        self.add_slope(chain, place + 1, &by_second, out);
+        (sin != 0.0).then_some([by_first, by_second])
     }
 
     /// Adds the derivative of `along . (b - a)`, `a` and `b` the ends of a segment.

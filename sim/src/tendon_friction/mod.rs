@@ -61,6 +61,7 @@ mod balance;
 mod capstan;
 mod line;
 mod snap;
+mod tangent;
 
 use crate::chain::Configuration;
 use crate::robot::{Command, Loads, Robot};
@@ -68,6 +69,8 @@ use crate::solve::Continuation;
 use crate::statics::{Equilibrium, Settler};
 use balance::Balance;
 use capstan::Work;
+use tangent::Law;
+pub(crate) use tangent::Tangents;
 
 /// Turn of a joint in one substep (rad) unless another is asked for.
 const RESOLUTION: f64 = 0.02;
@@ -138,6 +141,8 @@ pub struct FrictionPath {
     /// The command (m or N) and the loads of the last equilibrium; none before the start.
     reached: Option<(Vec<f64>, Loads)>,
     state: FrictionState,
+    /// How it changes with what it depends on.
+    pub(crate) tangents: Option<Tangents>,
 }
 
 impl FrictionPath {
@@ -159,6 +164,7 @@ impl FrictionPath {
             balance,
             resolution: RESOLUTION,
             reached: None,
+            tangents: None,
         }
     }
 
@@ -190,6 +196,10 @@ impl FrictionPath {
         self.state.stored = 0.0;
         (self.state.snaps, self.state.snapped) = (0, 0.0);
         self.state.servo_work = 0.0;
+        self.begin_tangents(command.as_slice(), loads);
+        if let Some(tangents) = &mut self.tangents {
+            tangents.arrive(1.0);
+        }
         &self.state
     }
 
@@ -206,7 +216,7 @@ impl FrictionPath {
     pub fn advance(&mut self, command: &Command, loads: &Loads) -> &FrictionState {
         match self.reached.take() {
             None => self.start(command, loads),
-            Some(_) if self.is_frictionless() => {
+            Some(_) if self.is_frictionless() && self.tangents.is_none() => {
                 self.settle(command, loads);
                 let before = self.state.tendons.clone();
                 let tensions = &self.state.equilibrium.tendon_tensions;
@@ -255,6 +265,7 @@ impl FrictionPath {
         let aim = 0.8 * self.resolution;
         let mut continuation = Continuation::new(1.0, MIN_SUBSTEP);
         let mut reached = from.clone();
+        let mut arrived = 0.0;
         (self.state.substeps, self.state.equilibrium.iterations) = (0, 0);
         self.state.equilibrium.converged = true;
         self.state.equilibrium.stability = None;
@@ -270,6 +281,7 @@ impl FrictionPath {
                 Some(turn) if turn <= self.resolution => {
                     continuation.succeed(f64::clamp(aim / turn, 1.0, 2.0));
                     self.accept();
+                    self.carry(part, Law::Capstan);
                 }
                 _ if continuation.is_least() => {
                     if !self.snap(&between, &loaded) {
@@ -277,6 +289,7 @@ impl FrictionPath {
                         break;
                     }
                     continuation.succeed(1.0);
+                    self.carry(part, Law::Given);
                 }
                 turn => {
                     self.retreat();
@@ -286,6 +299,10 @@ impl FrictionPath {
                 }
             }
             reached = (between, loaded);
+            arrived = part;
+        }
+        if let Some(tangents) = &mut self.tangents {
+            tangents.arrive(arrived);
         }
         self.reached = Some(reached);
         &self.state

@@ -117,6 +117,7 @@ fn random_tendon(kind: Kind, rng: &mut impl Rng) -> TendonSpec {
         range: [0.0, 0.04],
         pull: Pull::Bilateral,
         axial_stiffness: rng.random::<bool>().then(|| within(1e3, 1e4, rng)),
+        stiffening: 0.0,
         friction: None,
     };
     if kind == Kind::Mujoco {

@@ -170,6 +170,7 @@ fn random_tendon(rng: &mut ChaCha8Rng) -> TendonSpec {
             Pull::Bilateral
         },
         axial_stiffness: needs_axial.then(|| rng.random_range(100.0..1e4)),
+        stiffening: 0.0,
         friction: None,
     }
 }

@@ -102,6 +102,7 @@ impl Rod {
                     range: [0.0, 100.0],
                     pull: Pull::Bilateral,
                     axial_stiffness: None,
+                    stiffening: 0.0,
                     friction: None,
                 },
             })

@@ -19,6 +19,7 @@ fn robot_with_a_fixed_wrap(coefficient: f64) -> (Robot, f64) {
             range: [0.0, 20.0],
             pull: Pull::Bilateral,
             axial_stiffness: None,
+            stiffening: 0.0,
             friction: rough(coefficient),
         },
     });

@@ -165,6 +165,7 @@ impl<'a> BodyReader<'a> {
             range,
             pull,
             axial_stiffness: None,
+            stiffening: 0.0,
             friction: None,
         };
         Ok((tendon, strongest))

@@ -155,6 +155,14 @@ fn check_tendon(field: &str, tendon: &TendonSpec) -> Result<(), ExportError> {
             expected,
         ));
     }
+    if tendon.stiffening > 0.0 {
+        let expected = "0: its actuators pull in proportion to the stretch";
+        return Err(refuse(
+            &format!("{field}.stiffening"),
+            tendon.stiffening,
+            expected,
+        ));
+    }
     if tendon.drive == Drive::Length && tendon.axial_stiffness.is_none() {
         let expected = "an `axial_stiffness` with it: it has no drive that sets a length exactly";
         return Err(refuse(&format!("{field}.drive"), "`length`", expected));

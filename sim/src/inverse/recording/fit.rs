@@ -8,11 +8,12 @@ use rand_chacha::ChaCha8Rng;
 
 use super::explicit::Explicit;
 use super::interval::{Correlation, FittedUnknown, correlations, fitted};
+use super::path::rubs;
 use super::priors::{length, unknowns};
 use super::problem::{Memory, Problem, Weighing};
 use super::{Group, Misses, Recording, RecordingError, Replay, Transmission, check};
 use crate::inverse::least_squares::{Evaluation, minimise};
-use crate::robot::{Drive, ModuleSpec, RobotSpec, TendonSpec};
+use crate::robot::{ModuleSpec, Robot, RobotSpec};
 
 /// Rows of the first fit.
 const FEW_ROWS: usize = 300;
@@ -70,18 +71,13 @@ impl RecordingSettings {
     /// elasticity.
     pub fn of(robot: &RobotSpec) -> Self {
         let mut settings = Self::default();
-        let stretches = |tendon: &&TendonSpec| match tendon.drive {
-            Drive::Gain(_) => true,
-            Drive::Length => tendon.axial_stiffness.is_some(),
-            Drive::Tension => false,
-        };
         let elastic = |module: &ModuleSpec| module.backbone.is_some() || module.rod.is_some();
         let (stretches, elastic) = (
-            robot.tendons().iter().any(stretches),
+            robot.tendons().iter().any(|tendon| tendon.stretches()),
             robot.modules.iter().any(elastic),
         );
         settings.groups.retain(|group| match group {
-            Group::TendonStiffness => stretches,
+            Group::TendonStiffness | Group::TendonStiffening => stretches,
             Group::Twist | Group::Stiffness | Group::Torsion | Group::RestBend => elastic,
             _ => true,
         });
@@ -152,6 +148,8 @@ pub fn fit_recording(
         });
     }
     let length = length(first);
+    let friction =
+        settings.groups.contains(&Group::Friction) || rubs(&Robot::new(explicit.spec.clone())?);
     let problem = Problem {
         explicit: &explicit,
         transmission,
@@ -159,6 +157,7 @@ pub fn fit_recording(
         speeds: recording.speeds(),
         unknowns: &unknowns,
         loss: settings.loss.unwrap_or(length / 40.0),
+        friction: false,
     };
     let starts = settings.starts.max(1);
     let mut fitting = Fitting {
@@ -214,6 +213,11 @@ pub fn fit_recording(
         rows: (0..rows).collect(),
         error: error.max(1e-9 * length),
     };
+    let along = Problem {
+        friction,
+        ..problem.clone()
+    };
+    fitting.problem = &along;
     let found = fitting.descend(found.x, &all, &found.at.memory, STEPS[1])?;
     let steps = fitting.progress.done;
     let (spec, there) = problem.values(&found.x);

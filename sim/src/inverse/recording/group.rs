@@ -31,6 +31,10 @@ pub enum Group {
     RestBend,
     /// Stiffness of tendons and drives in series: one for the tendons that end at the same module.
     TendonStiffness,
+    /// How tendons stiffen as they are stretched: one for the tendons that end at the same module.
+    TendonStiffening,
+    /// Friction in the holes: one coefficient for the tendons that end at the same module. The recording is then replayed as a path.
+    Friction,
     /// The base's place and orientation in the world.
     BasePose,
     /// The markers' places on their discs.
@@ -41,7 +45,7 @@ pub enum Group {
 
 impl Group {
     /// All groups.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 16] = [
         Self::SpoolRadius,
         Self::Pretension,
         Self::Backlash,
@@ -53,6 +57,8 @@ impl Group {
         Self::Torsion,
         Self::RestBend,
         Self::TendonStiffness,
+        Self::TendonStiffening,
+        Self::Friction,
         Self::BasePose,
         Self::MarkerOffset,
         Self::Gravity,
@@ -72,6 +78,8 @@ impl Group {
             Self::Torsion => "torsion",
             Self::RestBend => "rest_bend",
             Self::TendonStiffness => "tendon_stiffness",
+            Self::TendonStiffening => "tendon_stiffening",
+            Self::Friction => "friction",
             Self::BasePose => "base_pose",
             Self::MarkerOffset => "marker_offset",
             Self::Gravity => "gravity",

@@ -13,14 +13,16 @@
 //!
 //! Derivatives are those of the equilibria by the implicit function theorem, with the model taken as linear over a ten
 //! thousandth of a prior's standard deviation; those by the servos' backlash, whose play operator has kinks, and by the lag are
-//! differences of commands over that step. Each row is an equilibrium by itself: friction in the holes
-//! ([`tendon_friction`](crate::tendon_friction)) is left out, so the way counts through the servos' play only.
+//! differences of commands over that step. Without friction each row is an equilibrium by itself, and the way counts through the servos' play only. With friction
+//! in the holes ([`Group::Friction`], or in the robot file) rows are those of a [path](crate::tendon_friction), along which
+//! derivatives are carried; the first fit leaves it out.
 
 mod error;
 mod explicit;
 mod fit;
 mod group;
 mod interval;
+mod path;
 mod priors;
 mod problem;
 mod replay;

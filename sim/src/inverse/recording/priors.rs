@@ -18,6 +18,8 @@ const REST: f64 = 0.15;
 const BENDING: f64 = 0.2;
 const TORSION: f64 = 0.3;
 const TENDON_STIFFNESS: f64 = 0.5;
+const TENDON_STIFFENING: f64 = 1.0;
+const FRICTION: f64 = 0.1;
 const TURN: f64 = 0.2;
 const PLACE: f64 = 0.1;
 
@@ -67,7 +69,10 @@ impl Maker<'_> {
         [first, spread]: [f64; 2],
     ) {
         let least = match target {
-            Target::Backlash(_) | Target::Lag => 0.0,
+            Target::Backlash(_)
+            | Target::Lag
+            | Target::TendonStiffening(_)
+            | Target::Friction(_) => 0.0,
             _ => f64::NEG_INFINITY,
         };
         self.made.push(Unknown {
@@ -216,12 +221,8 @@ impl Maker<'_> {
                     }
                 }
             }
-            Group::TendonStiffness => {
-                let stretches = |t: &usize| {
-                    let tendon = &spec.routes[*t].tendon;
-                    matches!(tendon.drive, Drive::Gain(_))
-                        || (tendon.drive == Drive::Length && tendon.axial_stiffness.is_some())
-                };
+            Group::TendonStiffness | Group::TendonStiffening => {
+                let stretches = |t: &usize| spec.routes[*t].tendon.stretches();
                 let soft: Vec<usize> = (0..tendons).filter(stretches).collect();
                 if soft.is_empty() {
                     return refuse(
@@ -229,16 +230,46 @@ impl Maker<'_> {
                     );
                 }
                 for m in 0..modules {
-                    if soft.iter().any(|&t| self.explicit.ends[t] == m) {
-                        let name = format!("stiffness factor of the tendons of module {m}");
+                    let Some(&t) = soft.iter().find(|&&t| self.explicit.ends[t] == m) else {
+                        continue;
+                    };
+                    if group == Group::TendonStiffness {
                         self.add(
-                            name,
+                            format!("stiffness factor of the tendons of module {m}"),
                             "",
                             Target::TendonStiffness(m),
                             Logarithmic,
                             [1.0, TENDON_STIFFNESS],
                         );
+                    } else {
+                        let spread = TENDON_STIFFENING / radius;
+                        let first = spec.routes[t].tendon.stiffening.max(0.5 * spread);
+                        self.add(
+                            format!("stiffening of the tendons of module {m}"),
+                            "1/m",
+                            Target::TendonStiffening(m),
+                            Linear,
+                            [first, spread],
+                        );
                     }
+                }
+            }
+            Group::Friction => {
+                for m in 0..modules {
+                    let Some(t) = (0..tendons).find(|&t| self.explicit.ends[t] == m) else {
+                        continue;
+                    };
+                    let given = spec.routes[t]
+                        .tendon
+                        .friction
+                        .map_or(0.0, |f| f.coefficient);
+                    self.add(
+                        format!("friction of the tendons of module {m}"),
+                        "",
+                        Target::Friction(m),
+                        Linear,
+                        [given.max(0.5 * FRICTION), FRICTION],
+                    );
                 }
             }
             Group::BasePose => {

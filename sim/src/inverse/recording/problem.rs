@@ -18,6 +18,7 @@ const STEP: f64 = 1e-4;
 const REACH: f64 = 3.0;
 
 /// What is to be explained, by which unknowns.
+#[derive(Clone)]
 pub(super) struct Problem<'a> {
     pub explicit: &'a Explicit,
     pub transmission: &'a Transmission,
@@ -26,6 +27,8 @@ pub(super) struct Problem<'a> {
     pub unknowns: &'a [Unknown],
     /// Distance (m) from which a residual counts less than by its square.
     pub loss: f64,
+    /// Whether rows follow one another with friction in the holes; otherwise each is an equilibrium by itself.
+    pub friction: bool,
 }
 
 /// Which rows count, and how much they say beside the priors.
@@ -41,8 +44,8 @@ pub(super) type Memory = Vec<Option<Settled>>;
 
 #[derive(Clone, Debug)]
 pub(super) struct Settled {
-    configuration: Configuration,
-    misses: Vec<Vector3<f64>>,
+    pub(super) configuration: Configuration,
+    pub(super) misses: Vec<Vector3<f64>>,
 }
 
 /// The model at some values of the unknowns.
@@ -108,14 +111,18 @@ impl<'a> Problem<'a> {
             })
             .collect();
         let changed = changed?;
-        let parts: Vec<Part> = (weighing.rows.par_iter())
-            .map_init(
-                || (Settler::new(&here.robot), Changed::new(&here.robot)),
-                |(settler, storage), &row| {
-                    self.row(&here, &changed, row, memory[row].as_ref(), settler, storage)
-                },
-            )
-            .collect();
+        let parts = match self.friction {
+            true => {
+                let mut all: Vec<Option<Part>> = self
+                    .paths(&here, &changed, memory)
+                    .into_iter()
+                    .map(Some)
+                    .collect();
+                let counted = weighing.rows.iter();
+                counted.filter_map(|&row| all[row].take()).collect()
+            }
+            false => self.rows(&here, &changed, weighing, memory),
+        };
         let counted: usize = parts.iter().map(|part| part.residuals.len()).sum();
         let n = self.unknowns.len();
         let mut residuals = DVector::zeros(counted + n);
@@ -140,6 +147,71 @@ impl<'a> Problem<'a> {
         })
     }
 
+    /// What rows that are equilibria by themselves say.
+    fn rows(
+        &self,
+        here: &Model,
+        changed: &[Model],
+        weighing: &Weighing,
+        memory: &Memory,
+    ) -> Vec<Part> {
+        (weighing.rows.par_iter())
+            .map_init(
+                || (Settler::new(&here.robot), Changed::new(&here.robot)),
+                |(settler, storage), &row| {
+                    self.row(here, changed, row, memory[row].as_ref(), settler, storage)
+                },
+            )
+            .collect()
+    }
+
+    /// The markers that were seen in a row.
+    pub fn seen(&self, row: usize) -> Vec<usize> {
+        let measured = &self.recording.points[row];
+        let markers = 0..measured.len();
+        markers.filter(|&m| measured[m].is_some()).collect()
+    }
+
+    /// A row that does not settle: its last residual, which does not change.
+    pub fn stale(&self, row: usize, last: Option<&Settled>) -> Part {
+        let coordinates = 3 * self.seen(row).len();
+        Part {
+            residuals: last.map_or_else(
+                || DVector::zeros(coordinates),
+                |last| self.weighted(&last.misses, None),
+            ),
+            jacobian: DMatrix::zeros(coordinates, self.unknowns.len()),
+            settled: last.cloned(),
+        }
+    }
+
+    /// A row by what it misses, and by what each unknown moves by its step.
+    pub fn part(
+        &self,
+        row: usize,
+        last: Option<&Settled>,
+        misses: Vec<Vector3<f64>>,
+        mut slopes: Vec<Vec<Vector3<f64>>>,
+        configuration: Configuration,
+    ) -> Part {
+        let mut jacobian = DMatrix::zeros(3 * misses.len(), self.unknowns.len());
+        for (i, slopes) in slopes.iter_mut().enumerate() {
+            slopes.iter_mut().for_each(|slope| *slope /= STEP);
+            jacobian.set_column(i, &self.weighted(slopes, Some(&misses)));
+        }
+        if jacobian.iter().any(|x| !x.is_finite()) {
+            return self.stale(row, last);
+        }
+        Part {
+            residuals: self.weighted(&misses, None),
+            jacobian,
+            settled: Some(Settled {
+                configuration,
+                misses,
+            }),
+        }
+    }
+
     /// The residuals of one row.
     fn row(
         &self,
@@ -151,21 +223,10 @@ impl<'a> Problem<'a> {
         storage: &mut Changed,
     ) -> Part {
         let measured = &self.recording.points[row];
-        let seen: Vec<usize> = (0..measured.len())
-            .filter(|&m| measured[m].is_some())
-            .collect();
-        let n = self.unknowns.len();
-        let stale = || Part {
-            residuals: last.map_or_else(
-                || DVector::zeros(3 * seen.len()),
-                |last| self.weighted(&last.misses, None),
-            ),
-            jacobian: DMatrix::zeros(3 * seen.len(), n),
-            settled: last.cloned(),
-        };
+        let seen = self.seen(row);
         let loads = Loads::default();
         let Ok(command) = here.robot.command(&here.commands[row]) else {
-            return stale();
+            return self.stale(row, last);
         };
         let settled = match last {
             Some(last) => settler.settle_from(&last.configuration, &command, &loads),
@@ -173,49 +234,24 @@ impl<'a> Problem<'a> {
         };
         let sensitivity = here.robot.sensitivity(&command, &loads, settled);
         let (settled, Ok(sensitivity)) = (settled.clone(), sensitivity) else {
-            return stale();
+            return self.stale(row, last);
         };
         let points = |model: &Model| -> Vec<DiscPoint> {
             let markers = &model.transmission.markers;
-            seen.iter()
-                .map(|&m| DiscPoint {
-                    disc: markers[m].disc,
-                    place: markers[m].place,
-                })
-                .collect()
+            seen.iter().map(|&m| markers[m].point()).collect()
         };
         let own = points(here);
         let misses: Vec<Vector3<f64>> = (seen.iter().zip(&own))
             .map(|(&m, point)| place(&settled, point) - measured[m].unwrap_or_default())
             .collect();
-        let mut slopes = vec![vec![Vector3::zeros(); seen.len()]; n];
+        let mut slopes = vec![vec![Vector3::zeros(); seen.len()]; changed.len()];
         for (slopes, changed) in slopes.iter_mut().zip(changed) {
             let pairs: Vec<(DiscPoint, DiscPoint)> =
                 own.iter().copied().zip(points(changed)).collect();
-            sensitivity.towards(
-                &changed.robot,
-                &changed.commands[row],
-                &pairs,
-                storage,
-                slopes,
-            );
-            slopes.iter_mut().for_each(|slope| *slope /= STEP);
+            let commands = &changed.commands[row];
+            sensitivity.towards(&changed.robot, commands, &pairs, storage, slopes);
         }
-        let mut jacobian = DMatrix::zeros(3 * seen.len(), n);
-        for (i, slopes) in slopes.iter().enumerate() {
-            jacobian.set_column(i, &self.weighted(slopes, Some(&misses)));
-        }
-        if jacobian.iter().any(|x| !x.is_finite()) {
-            return stale();
-        }
-        Part {
-            residuals: self.weighted(&misses, None),
-            jacobian,
-            settled: Some(Settled {
-                configuration: settled.configuration,
-                misses,
-            }),
-        }
+        self.part(row, last, misses, slopes, settled.configuration)
     }
 
     /// Residuals whose squares are the pseudo-Huber loss `2 s² (sqrt(1 + |e|²/s²) - 1)` of the misses `e` (Hartley and Zisserman, Multiple
@@ -255,7 +291,7 @@ pub(super) fn place(settled: &Equilibrium, point: &DiscPoint) -> Vector3<f64> {
     settled.positions[point.disc] + settled.orientations[point.disc] * point.place
 }
 
-struct Part {
+pub(super) struct Part {
     residuals: DVector<f64>,
     jacobian: DMatrix<f64>,
     settled: Option<Settled>,

@@ -3,11 +3,11 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::path::{self, rubs};
 use super::problem::place;
 use super::{Recording, RecordingError, Transmission};
 use crate::robot::{Loads, Robot, RobotSpec};
-use crate::sensitivity::DiscPoint;
-use crate::statics::Settler;
+use crate::statics::{Equilibrium, Settler};
 
 /// What a model says of each row of a recording.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,7 +33,8 @@ pub struct Misses {
 }
 
 impl Replay {
-    /// Replays `recording` on a robot, each row settled by itself: the way counts through the servos' backlash only.
+    /// Replays `recording` on a robot. With friction in its holes the rows are paths, cut where the servos have moved far in a gap;
+    /// without, each row is settled by itself, and the way counts through the servos' backlash only.
     ///
     /// # Errors
     /// [`RecordingError`] for a recording or a transmission of another robot.
@@ -45,28 +46,27 @@ impl Replay {
         super::check(spec, transmission, recording)?;
         let robot = Robot::new(super::without_ranges(spec)?)?;
         let commands = transmission.commands(&robot, recording);
-        let markers: Vec<DiscPoint> = (transmission.markers.iter())
-            .map(|marker| DiscPoint {
-                disc: marker.disc,
-                place: marker.place,
-            })
-            .collect();
-        let rows: Vec<Option<_>> = (commands.par_iter())
-            .map_init(
-                || Settler::new(&robot),
-                |settler, command| {
-                    let command = robot.command(command).ok()?;
-                    let settled = settler.settle(&command, &Loads::default());
-                    let points: Vec<_> = markers
-                        .iter()
-                        .map(|marker| place(settled, marker))
-                        .collect();
-                    settled
-                        .converged
-                        .then(|| (points, settled.positions.clone()))
-                },
-            )
-            .collect();
+        let see = |settled: &Equilibrium| {
+            let markers = transmission.markers.iter();
+            let points: Vec<_> = markers
+                .map(|marker| place(settled, &marker.point()))
+                .collect();
+            (points, settled.positions.clone())
+        };
+        let rows: Vec<Option<_>> = if rubs(&robot) {
+            path::replay(&robot, recording, &commands, see)
+        } else {
+            (commands.par_iter())
+                .map_init(
+                    || Settler::new(&robot),
+                    |settler, command| {
+                        let command = robot.command(command).ok()?;
+                        let settled = settler.settle(&command, &Loads::default());
+                        settled.converged.then(|| see(settled))
+                    },
+                )
+                .collect()
+        };
         let (mut points, mut discs) = (Vec::new(), Vec::new());
         for row in rows {
             let (point, disc) = row.unzip();

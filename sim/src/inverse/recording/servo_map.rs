@@ -6,7 +6,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::problem::place;
-use super::{Recording, RecordingError, Transmission, without_ranges};
+use super::{Marker, Recording, RecordingError, Transmission, without_ranges};
 use crate::robot::{Loads, Robot, RobotSpec};
 use crate::sensitivity::DiscPoint;
 use crate::statics::Settler;
@@ -209,12 +209,7 @@ fn overlaps(
     pulls: &[Pull],
     tendons: usize,
 ) -> Vec<Vec<[Overlap; 2]>> {
-    let markers: Vec<DiscPoint> = (transmission.markers.iter())
-        .map(|marker| DiscPoint {
-            disc: marker.disc,
-            place: marker.place,
-        })
-        .collect();
+    let markers: Vec<DiscPoint> = transmission.markers.iter().map(Marker::point).collect();
     let [w, x, y, z] = robot.spec().base.orientation;
     let base = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
     let axis = base * Vector3::z();
@@ -358,7 +353,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, Normal};
 
-    use super::super::{Marker, Replay, Servo};
+    use super::super::{Replay, Servo};
     use super::*;
     use crate::robot::{Backbone, Drive, PerDisc, Pull as Pulls};
 

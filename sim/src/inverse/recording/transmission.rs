@@ -4,6 +4,7 @@ use nalgebra::{DVector, Vector3};
 
 use crate::chain::Configuration;
 use crate::robot::{Drive, Robot};
+use crate::sensitivity::DiscPoint;
 
 /// What a robot did, in the order of time.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -56,6 +57,15 @@ pub struct Marker {
     pub disc: usize,
     /// The marker in the disc's frame (m).
     pub place: Vector3<f64>,
+}
+
+impl Marker {
+    pub(super) fn point(&self) -> DiscPoint {
+        DiscPoint {
+            disc: self.disc,
+            place: self.place,
+        }
+    }
 }
 
 /// Steps of time longer than this many medians are gaps, over which nothing is known of the servos' speed.

@@ -4,7 +4,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::explicit::{Explicit, change_joints};
 use super::{Group, Transmission};
-use crate::robot::{Axis, Drive, Holes, RobotSpec};
+use crate::robot::{Axis, Drive, Friction, Holes, RobotSpec};
 
 /// An unknown, and what was known of it before: in its coordinate `x` it has a normal distribution of mean 0 and standard deviation
 /// 1. Its value is `first + spread x`, or of sizes `first exp(spread x)`.
@@ -40,6 +40,8 @@ pub(super) enum Target {
     Bending(usize),
     Torsion(usize),
     TendonStiffness(usize),
+    TendonStiffening(usize),
+    Friction(usize),
     BaseTurn(Axis),
     BasePlace(Axis),
     MarkerPlace(usize, Axis),
@@ -130,6 +132,21 @@ impl Unknown {
                     if let Some(axial) = &mut route.tendon.axial_stiffness {
                         *axial *= value;
                     }
+                }
+            }
+            Target::TendonStiffening(module) => {
+                let ends = spec.routes.iter_mut().zip(&explicit.ends);
+                for (route, _) in ends.filter(|(_, end)| **end == module) {
+                    if route.tendon.stretches() {
+                        route.tendon.stiffening = value;
+                    }
+                }
+            }
+            Target::Friction(module) => {
+                let ends = spec.routes.iter_mut().zip(&explicit.ends);
+                for (route, _) in ends.filter(|(_, end)| **end == module) {
+                    let friction = route.tendon.friction.get_or_insert(Friction::NONE);
+                    friction.coefficient = value;
                 }
             }
             Target::BaseTurn(axis) => {

@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 use super::*;
-use crate::robot::{Frame, Friction, Payload, RobotSpec, Wrench};
-use nalgebra::Matrix3;
+use crate::robot::{Backbone, Frame, Friction, Payload, PerDisc, RobotSpec, Wrench};
+use nalgebra::{Matrix3, Vector3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -154,4 +154,69 @@ fn a_load_on_the_way_to_another_is_a_superposition() {
     let mixed = 0.75 * energy(&from) + 0.25 * energy(&to);
     assert!((energy(&from.towards(&to, 0.25)) - mixed).abs() < 1e-15);
     assert!((energy(&from) - energy(&to)).abs() > 1e-4);
+}
+
+/// A standard robot on elastic joints, with friction in its holes.
+fn rough_standard(name: &str, rng: &mut impl Rng) -> Robot {
+    let mut spec = RobotSpec::standard(name).unwrap();
+    for module in &mut spec.modules {
+        module.backbone = Some(PerDisc::Uniform(Backbone::isotropic(0.2)));
+        if let Some(tendons) = &mut module.tendons {
+            tendons.friction = Some(Friction {
+                coefficient: within(0.05, 0.4, rng),
+                contact_stiffness: within(1e3, 1e5, rng),
+            });
+        }
+    }
+    Robot::new(spec).unwrap()
+}
+
+#[test]
+fn solving_in_linear_time_gives_what_the_dense_jacobian_does() {
+    let mut rng = ChaCha8Rng::seed_from_u64(33);
+    let robots = ["2m", "3m", "5m"].map(|name| rough_standard(name, &mut rng));
+    let random: Vec<Robot> = (0..30).map(|_| rough_robot(&mut rng)).collect();
+    let mut in_chain = 0;
+    for robot in robots.iter().chain(&random) {
+        let mut balance = Balance::new(robot);
+        let q = bent(robot, &Configuration::straight(robot), 0.2, &mut rng);
+        balance.start_at(&bent(robot, &q, 0.05, &mut rng));
+        let mut before = balance.profiles.clone();
+        for (line, profile) in balance.lines.iter().zip(&mut before) {
+            profile.relax(line, 1.0);
+        }
+        for slip_states in &mut balance.assumed {
+            slip_states.fill_with(|| random_slip_state(&mut rng));
+        }
+        let command = robot.random_command(&mut rng);
+        balance.load(command.as_slice(), &Loads::payload(0.02).unwrap(), &before);
+        balance.start_at(&q);
+        balance.evaluate(&before, SlipRule::Assumed);
+        balance.linearise();
+        if !balance.linear.is_in_chain() {
+            // Random tendons pass discs by; those of standard robots do not.
+            assert!(robots.iter().all(|standard| !standard.is_same(robot)));
+            continue;
+        }
+        in_chain += 1;
+        balance.newton_step();
+        let dense = balance.jacobian();
+        let n = balance.linear.rhs.len();
+        let product = |row: usize| -> f64 {
+            let turn = |column: usize| balance.linear.solution[column / 3][column % 3];
+            (0..3 * n)
+                .map(|column| dense[(row, column)] * turn(column))
+                .sum()
+        };
+        let size = balance
+            .linear
+            .rhs
+            .iter()
+            .fold(0.0, |size: f64, moment| size.max(moment.norm()));
+        for row in 0..3 * n {
+            let error = (product(row) - balance.linear.rhs[row / 3][row % 3]).abs();
+            assert!(error < 1e-8 * size, "row {row}: {error}");
+        }
+    }
+    assert!(in_chain > 5, "{in_chain} robots solved in linear time");
 }
