@@ -5,11 +5,13 @@
 //! started has found its exposure, [`Fresh`] finds cameras that repeat themselves, and [`UsbVersion::warning`] says what is
 //! wrong with a slow cable.
 
+mod forward;
 mod fresh;
 mod soak;
 mod together;
 mod usb;
 
+pub(crate) use forward::described_by;
 pub use fresh::Fresh;
 pub use soak::{Soak, Soaked};
 pub use together::{Together, grab_all};
@@ -131,25 +133,7 @@ pub trait RgbdCamera: Send {
 }
 
 impl<C: RgbdCamera + ?Sized> RgbdCamera for Box<C> {
-    fn serial(&self) -> &str {
-        (**self).serial()
-    }
-
-    fn camera(&self) -> &Camera {
-        (**self).camera()
-    }
-
-    fn depth_to_color(&self) -> Isometry3<f64> {
-        (**self).depth_to_color()
-    }
-
-    fn usb(&self) -> Option<UsbVersion> {
-        (**self).usb()
-    }
-
-    fn clock(&self) -> &Arc<dyn Clock> {
-        (**self).clock()
-    }
+    described_by!(|this| (**this));
 
     fn grab_after(
         &mut self,

@@ -23,7 +23,7 @@ const SERVO_MAP: &str = "servo_map";
 /// What `tdcr.calibrate_recording` is told besides the robot and the files.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-struct Options {
+pub struct Options {
     fit: Option<Vec<String>>,
     loss: Option<f64>,
     starts: usize,

@@ -85,12 +85,6 @@ fn choice() -> impl TypedValueParser<Value = Choice> {
 }
 
 impl CalibrateArgs {
-    fn chose(&self, choice: Choice) -> bool {
-        (self.fit.iter().flatten()).any(|chosen| *chosen == choice)
-    }
-}
-
-impl CalibrateArgs {
     fn settings(&self) -> anyhow::Result<CalibrateSettings> {
         let choices = self.fit.as_deref();
         ensure!(

@@ -1,15 +1,11 @@
 //! Cameras that repeat themselves.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::sync::Arc;
 use std::time::Duration;
 
-use nalgebra::Isometry3;
-use tdcr_sim::camera::Camera;
 use tdcr_sim::render::RgbdFrame;
 
-use super::{CameraError, RgbdCamera, Stamped, UsbVersion};
-use crate::clock::Clock;
+use super::{CameraError, RgbdCamera, Stamped, described_by};
 
 /// A camera whose picture freezes fails, instead of showing a robot that has long moved on.
 ///
@@ -45,25 +41,7 @@ fn fingerprint(frame: &RgbdFrame) -> u64 {
 }
 
 impl<C: RgbdCamera> RgbdCamera for Fresh<C> {
-    fn serial(&self) -> &str {
-        self.camera.serial()
-    }
-
-    fn camera(&self) -> &Camera {
-        self.camera.camera()
-    }
-
-    fn depth_to_color(&self) -> Isometry3<f64> {
-        self.camera.depth_to_color()
-    }
-
-    fn usb(&self) -> Option<UsbVersion> {
-        self.camera.usb()
-    }
-
-    fn clock(&self) -> &Arc<dyn Clock> {
-        self.camera.clock()
-    }
+    described_by!(|this| this.camera);
 
     fn grab_after(
         &mut self,

@@ -4,14 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use nalgebra::Isometry3;
-use tdcr_sim::camera::Camera;
 use tdcr_sim::formats::urdf;
 use tdcr_sim::render::RgbdFrame;
 
 use super::{Rig, RigError};
-use crate::camera::{CameraError, RgbdCamera, Stamped, UsbVersion};
-use crate::clock::Clock;
+use crate::camera::{CameraError, RgbdCamera, Stamped, described_by};
 use crate::log::{
     Event, Level, LogRecord, LogSettings, LogWriter, ServoHome, SharedLog, servo_sink,
 };
@@ -68,25 +65,7 @@ pub(super) struct LoggedCamera {
 }
 
 impl RgbdCamera for LoggedCamera {
-    fn serial(&self) -> &str {
-        self.camera.serial()
-    }
-
-    fn camera(&self) -> &Camera {
-        self.camera.camera()
-    }
-
-    fn depth_to_color(&self) -> Isometry3<f64> {
-        self.camera.depth_to_color()
-    }
-
-    fn usb(&self) -> Option<UsbVersion> {
-        self.camera.usb()
-    }
-
-    fn clock(&self) -> &Arc<dyn Clock> {
-        self.camera.clock()
-    }
+    described_by!(|this| this.camera);
 
     fn grab_after(
         &mut self,

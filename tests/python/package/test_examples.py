@@ -100,3 +100,13 @@ def test_a_network_is_trained_and_asked(tmp_path: Path) -> None:
     run("flow_model", tmp_path)
     assert (tmp_path / "run/log.csv").read_bytes() == log
     assert read_json(tmp_path / "flow_model.json") == scores
+
+
+def test_a_network_learns_what_a_calibrated_simulator_misses(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    printed = run("residual", tmp_path)
+    (row,) = read_json(tmp_path / "residual.json")
+    assert row["rows"] >= row["samples"] == 60
+    # Physics from a few motions tells others better than a network from the same.
+    assert 0.0 < row["calibrated simulator"] < row["network"] and 0.0 < row["simulator and network"] < row["network"]
+    assert f"{row['calibrated simulator']:.2f}" in printed
