@@ -223,3 +223,33 @@ impl Tendon {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::robot::{Drive, Pull, Robot, RobotSpec};
+
+    #[test]
+    fn a_tendon_that_stiffens_pulls_by_the_slopes_of_its_energy() {
+        let mut spec = RobotSpec::standard("2m").expect("a standard robot");
+        for tendons in spec.modules.iter_mut().filter_map(|m| m.tendons.as_mut()) {
+            tendons.drive = Drive::Gain(2000.0);
+            tendons.stiffening = 250.0;
+            tendons.pull = Pull::TensionOnly;
+        }
+        let robot = Robot::new(spec).expect("a valid robot");
+        let tendon = &robot.tendons()[0];
+        let (rest, h) = (0.05, 1e-6);
+        for stretch in [1e-3, 4e-3, 0.02] {
+            let at = |by: f64| tendon.state(rest + stretch + by, rest);
+            let (low, here, high) = (at(-h), at(0.0), at(h));
+            let expected = 2000.0 * stretch * (1.0 + 250.0 * stretch);
+            assert!((here.tension - expected).abs() < 1e-9 * expected);
+            let slope = (high.energy - low.energy) / (2.0 * h);
+            assert!((slope - here.tension).abs() < 1e-6 * here.tension);
+            let slope = (high.tension - low.tension) / (2.0 * h);
+            assert!((slope - here.stiffness).abs() < 1e-6 * here.stiffness);
+            assert!((tendon.stretch_under(here.tension) - stretch).abs() < 1e-12);
+        }
+        assert_eq!(tendon.state(rest - 1e-3, rest).tension, 0.0);
+    }
+}

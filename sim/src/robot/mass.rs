@@ -23,6 +23,20 @@ pub enum MassSpec {
     Rigid(PerDisc<RigidMass>),
 }
 
+impl MassSpec {
+    /// Multiplies masses and moments of inertia.
+    pub(crate) fn scale(&mut self, factor: f64) {
+        match self {
+            Self::Density(density) => density.change(|density| *density *= factor),
+            Self::Solid(solid) => solid.change(|solid| solid.density *= factor),
+            Self::Rigid(rigid) => rigid.change(|rigid| {
+                rigid.mass *= factor;
+                rigid.inertia = rigid.inertia.map(|moment| factor * moment);
+            }),
+        }
+    }
+}
+
 /// Mass of a solid cylinder of the disc's radius and height.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

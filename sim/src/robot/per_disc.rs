@@ -25,6 +25,14 @@ impl<T> PerDisc<T> {
             Self::Each(values) => values.get(index),
         }
     }
+
+    /// Changes each value.
+    pub(crate) fn change(&mut self, change: impl FnMut(&mut T)) {
+        match self {
+            Self::Uniform(value) => std::slice::from_mut(value).iter_mut().for_each(change),
+            Self::Each(values) => values.iter_mut().for_each(change),
+        }
+    }
 }
 
 // A list holds one value per disc, anything else is the one value, so that an error within either

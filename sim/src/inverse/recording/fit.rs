@@ -58,6 +58,8 @@ impl Default for RecordingSettings {
                 Group::TendonStiffness,
                 Group::BasePose,
                 Group::MarkerOffset,
+                Group::Gravity,
+                Group::Mass,
             ],
             loss: None,
             starts: 1,
@@ -67,8 +69,8 @@ impl Default for RecordingSettings {
 }
 
 impl RecordingSettings {
-    /// The default, without the groups that a robot does not have: of tendons that do not stretch, and of joints without
-    /// elasticity.
+    /// The default, without the groups that a robot does not have: of tendons that do not stretch, of joints without
+    /// elasticity, and of weight where there is no gravity.
     pub fn of(robot: &RobotSpec) -> Self {
         let mut settings = Self::default();
         let elastic = |module: &ModuleSpec| module.backbone.is_some() || module.rod.is_some();
@@ -79,6 +81,7 @@ impl RecordingSettings {
         settings.groups.retain(|group| match group {
             Group::TendonStiffness | Group::TendonStiffening => stretches,
             Group::Twist | Group::Stiffness | Group::Torsion | Group::RestBend => elastic,
+            Group::Gravity | Group::Mass => robot.gravity != [0.0; 3],
             _ => true,
         });
         settings

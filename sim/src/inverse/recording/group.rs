@@ -41,11 +41,13 @@ pub enum Group {
     MarkerOffset,
     /// The direction of gravity.
     Gravity,
+    /// The mass of the discs, the rod's included: one factor for each module.
+    Mass,
 }
 
 impl Group {
     /// All groups.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::SpoolRadius,
         Self::Pretension,
         Self::Backlash,
@@ -62,6 +64,7 @@ impl Group {
         Self::BasePose,
         Self::MarkerOffset,
         Self::Gravity,
+        Self::Mass,
     ];
 
     /// Its name.
@@ -83,6 +86,7 @@ impl Group {
             Self::BasePose => "base_pose",
             Self::MarkerOffset => "marker_offset",
             Self::Gravity => "gravity",
+            Self::Mass => "mass",
         }
     }
 

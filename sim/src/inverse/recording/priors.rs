@@ -20,6 +20,7 @@ const TORSION: f64 = 0.3;
 const TENDON_STIFFNESS: f64 = 0.5;
 const TENDON_STIFFENING: f64 = 1.0;
 const FRICTION: f64 = 0.1;
+const MASS: f64 = 0.5;
 const TURN: f64 = 0.2;
 const PLACE: f64 = 0.1;
 
@@ -317,11 +318,24 @@ impl Maker<'_> {
                     }
                 }
             }
+            Group::Gravity | Group::Mass if spec.gravity == [0.0; 3] => {
+                return refuse(
+                    "the robot's gravity is zero, which has no direction, and pulls on no mass",
+                );
+            }
+            Group::Mass => {
+                for m in 0..modules {
+                    self.add(
+                        format!("mass factor of module {m}"),
+                        "",
+                        Target::Mass(m),
+                        Logarithmic,
+                        [1.0, MASS],
+                    );
+                }
+            }
             Group::Gravity => {
                 let gravity = Vector3::from(spec.gravity);
-                if gravity == Vector3::zeros() {
-                    return refuse("the robot's gravity is zero, which has no direction");
-                }
                 // A turn about gravity itself changes nothing.
                 let along = gravity.iamax();
                 for axis in Axis::ALL.into_iter().filter(|axis| axis.index() != along) {

@@ -46,6 +46,7 @@ pub(super) enum Target {
     BasePlace(Axis),
     MarkerPlace(usize, Axis),
     GravityTurn(Axis),
+    Mass(usize),
 }
 
 /// Coordinates are sought within so many standard deviations.
@@ -156,6 +157,7 @@ impl Unknown {
                 spec.base.orientation = [turned.w, turned.i, turned.j, turned.k];
             }
             Target::BasePlace(axis) => spec.base.position[axis.index()] = value,
+            Target::Mass(module) => spec.modules[module].mass.scale(value),
             Target::GravityTurn(axis) => {
                 let turn = UnitQuaternion::from_scaled_axis(axis.unit() * value);
                 spec.gravity = (turn * Vector3::from(spec.gravity)).into();
