@@ -19,9 +19,11 @@
 )]
 
 mod loaded;
+mod softest;
 mod unsymmetric;
 
 pub(crate) use loaded::{LoadedFactor, has_positive_part};
+pub(crate) use softest::smallest_eigenvalue;
 pub(crate) use unsymmetric::{ChainLu, ChainMatrix, Side};
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};

@@ -128,7 +128,7 @@ impl PlotAxis {
             false => Spacing::Linear,
         };
         let middle = |bin: usize| {
-            factor * super::file::place_in(range, spacing, (bin as f64 + 0.5) / BINS as f64)
+            factor * super::vary::place_in(range, spacing, (bin as f64 + 0.5) / BINS as f64)
         };
         let values: Vec<f64> = (0..BINS).map(middle).collect();
         Self {
