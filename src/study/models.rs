@@ -31,10 +31,20 @@ const VALIDATION: &str = "validation_cd";
 #[serde(deny_unknown_fields)]
 pub(super) struct ModelsInFile {
     file: String,
-    points: Option<usize>,
-    emd_points: Option<usize>,
+    #[serde(default = "points")]
+    points: usize,
+    #[serde(default = "emd_points")]
+    emd_points: usize,
     #[serde(default = "voxels_of_the_paper")]
     voxel: f64,
+}
+
+fn points() -> usize {
+    2000
+}
+
+fn emd_points() -> usize {
+    500
 }
 
 fn voxels_of_the_paper() -> f64 {
@@ -83,10 +93,9 @@ impl ModelsInFile {
         levels: &[Levels],
         folder: &Path,
     ) -> Result<Models, Refusal> {
-        let defaults = EvalSettings::default();
         let mut models = Models {
-            points: self.points.unwrap_or(defaults.points),
-            emd_points: self.emd_points.unwrap_or(defaults.emd_points),
+            points: self.points,
+            emd_points: self.emd_points,
             file: self.file,
             voxel: self.voxel,
             found: BTreeMap::new(),
