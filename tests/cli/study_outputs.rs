@@ -79,8 +79,6 @@ fn trained_models_are_scored_beside_the_sampling_floor() {
     fs::copy(at("one/model.safetensors"), at("other/model.safetensors")).unwrap();
     let again = ["study", text(&file), "--out", text(&whole)];
     refuse(&again, 1, "holds another study");
-    fs::remove_file(at("other/model.safetensors")).unwrap();
-    refuse(&again, 1, "other/model.safetensors, which is not there");
     for (from, to, expected) in [
         ("{run}/", "{walk}/", "a path with {run}"),
         ("{run}/", "{run}/{x}", "{NAME} is the value of a variable"),
@@ -99,6 +97,8 @@ fn trained_models_are_scored_beside_the_sampling_floor() {
         let changed = write(folder.path(), "changed.toml", &MODELS.replace(from, to));
         refuse(&["study", text(&changed)], 1, expected);
     }
+    fs::remove_file(at("other/model.safetensors")).unwrap();
+    refuse(&again, 1, "other/model.safetensors, which is not there");
 }
 
 #[test]
@@ -130,12 +130,10 @@ fn what_a_model_is_not_told_counts_as_its_error() {
     // A command of nine tendons is none of a model of six.
     let others: Vec<_> = rows.iter().filter(|row| !fits(row)).collect();
     assert_eq!(others.len(), 3);
-    assert!(
-        others
-            .iter()
-            .all(|row| row["status"].contains('6') && row["model_cd"].is_empty()),
-        "{others:?}"
-    );
+    let refused = |row: &&std::collections::BTreeMap<String, String>| {
+        row["status"].contains("9 values") && row["model_emd"].is_empty()
+    };
+    assert!(others.iter().all(refused), "{others:?}");
 }
 
 #[test]
