@@ -82,7 +82,7 @@ pub(super) fn titled(name: &str, unit: &str) -> String {
 impl PlotAxis {
     fn of_levels(place: usize, levels: &Levels, unit: &str) -> Self {
         let numbers: Option<Vec<f64>> = levels.values.iter().map(Value::as_f64).collect();
-        let name = levels.what.name().to_owned();
+        let name = levels.what.shown().to_owned();
         let count = levels.values.len();
         let source = Source::Levels { place, count };
         let Some(numbers) = numbers else {

@@ -317,10 +317,16 @@ impl Variable {
         self.target == Target::Model
     }
 
-    /// How the path of a model names it: `{base}` for `model.base`.
+    /// Its name in figures, and in the path of a model: `base` for `model.base`.
+    pub(super) fn shown(&self) -> &str {
+        self.name()
+            .strip_prefix(MODEL_PREFIX)
+            .unwrap_or(self.name())
+    }
+
+    /// How the path of a model names it.
     fn in_braces(&self) -> String {
-        let name = self.name();
-        format!("{{{}}}", name.strip_prefix(MODEL_PREFIX).unwrap_or(name))
+        format!("{{{}}}", self.shown())
     }
 }
 

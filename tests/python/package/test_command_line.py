@@ -78,7 +78,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
             "picture": "tdcr.plot",
         },
     ),
-    "eval": (tdcr.evaluate, {}),
+    "eval": (tdcr.evaluate, {"picture": "the report has the pictures"}),
     "compare": (tdcr.compare, {}),
     "background": (tdcr.rig.record_background, {}),
     "capture": (
