@@ -20,10 +20,12 @@
 
 mod contact;
 mod loaded;
+mod softest;
 mod unsymmetric;
 
 pub(crate) use contact::{ContactLu, Inflow};
 pub(crate) use loaded::{LoadedFactor, has_positive_part};
+pub(crate) use softest::smallest_eigenvalue;
 pub(crate) use unsymmetric::{ChainLu, ChainMatrix, Side};
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};

@@ -14,6 +14,7 @@ mod demo;
 mod distill;
 mod eval;
 mod export;
+mod film;
 mod help;
 mod home;
 mod images;

@@ -1,10 +1,7 @@
 //! Pictures of results: as a camera sees them (PNG), or as lines (SVG).
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
-use anyhow::Context;
 use clap::Args;
 use nalgebra::{UnitQuaternion, Vector3};
 use tdcr::report::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape, cloud_sheet};
@@ -16,19 +13,18 @@ use tdcr::sim::pose::Pose;
 use tdcr::sim::render::{BaseVisibility, RgbdFrame, Scene};
 use tdcr::sim::robot::{Aim, CameraSpec, Lens, Loads, Robot};
 
+use super::film::{FRAME_TIME, Film};
 use super::output;
 
 /// Edge of a view (pixels).
 const EDGE: u32 = 480;
 /// Field of view (degrees): little perspective.
 const FOVY: f64 = 20.0;
-/// Time between the pictures of a motion (s), shown as fast as it is.
-const FRAME_TIME: f64 = 0.04;
 
 /// A picture of the result.
 #[derive(Debug, Args)]
 pub(super) struct PictureArg {
-    /// Draw the result in this file: .png as a camera sees it, .svg as lines
+    /// Draw the result in this file: .png as a camera sees it, .svg as lines; of simulate also .mp4, by ffmpeg
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
 }
@@ -40,16 +36,28 @@ pub(super) enum Format {
     Png,
     /// Lines.
     Svg,
+    /// A video.
+    Mp4,
 }
 
 impl PictureArg {
     /// The file and its format, asked before the work is done.
     pub fn wanted(&self) -> anyhow::Result<Option<(&Path, Format)>> {
+        self.one_of(&["png", "svg"])
+    }
+
+    /// The same of a motion, which may be a video.
+    pub fn wanted_of_motion(&self) -> anyhow::Result<Option<(&Path, Format)>> {
+        self.one_of(&["png", "svg", "mp4"])
+    }
+
+    fn one_of(&self, formats: &[&str]) -> anyhow::Result<Option<(&Path, Format)>> {
         let Some(path) = self.picture.as_deref() else {
             return Ok(None);
         };
-        let format = match output::format("--picture", path, &["png", "svg"])? {
+        let format = match output::format("--picture", path, formats)? {
             "svg" => Format::Svg,
+            "mp4" => Format::Mp4,
             _ => Format::Png,
         };
         Ok(Some((path, format)))
@@ -100,15 +108,15 @@ pub(super) fn of_robot(
 ) -> anyhow::Result<()> {
     match format {
         Format::Svg => output::write(path, side_views(robot, pose).to_svg()),
-        Format::Png => {
+        Format::Png | Format::Mp4 => {
             let views = cameras(robot).map(|camera| view(robot, pose, loads, &camera));
             let rows = views[0]
                 .chunks(EDGE as usize)
                 .zip(views[1].chunks(EDGE as usize));
             let pixels: Vec<u8> = rows.flat_map(|(a, b)| [a, b].concat()).flatten().collect();
-            let mut film = Film::new([2 * EDGE, EDGE], 1)?;
+            let mut film = Film::png(path, [2 * EDGE, EDGE], 1)?;
             film.add(&pixels)?;
-            output::write(path, film.finish()?)
+            film.finish()
         }
     }
 }
@@ -172,7 +180,7 @@ pub(super) fn of_clouds(
     clouds: &[PointCloud],
 ) -> anyhow::Result<()> {
     match format {
-        Format::Png => output::write(
+        Format::Png | Format::Mp4 => output::write(
             path,
             cloud_sheet(clouds, clouds.len().clamp(1, 4), EDGE as usize).0,
         ),
@@ -239,7 +247,8 @@ impl<'a> MotionPicture<'a> {
             loads: loads.clone(),
             stride,
             film: match to.1 {
-                Format::Png => Some(Film::new([EDGE, EDGE], steps.div_ceil(stride))?),
+                Format::Png => Some(Film::png(to.0, [EDGE; 2], steps.div_ceil(stride))?),
+                Format::Mp4 => Some(Film::mp4(to.0, [EDGE; 2])?),
                 Format::Svg => None,
             },
             tips: Vec::new(),
@@ -277,7 +286,7 @@ impl<'a> MotionPicture<'a> {
     pub fn finish(self) -> anyhow::Result<()> {
         let path = self.to.0;
         if let Some(film) = self.film {
-            return output::write(path, film.finish()?);
+            return film.finish();
         }
         let course = |axis: usize, name: &str, ink| Mark {
             name: name.to_owned(),
@@ -305,60 +314,5 @@ impl<'a> MotionPicture<'a> {
             }],
         };
         output::write(path, figure.to_svg())
-    }
-}
-
-/// A PNG of one picture, or an animated one of several, encoded as they come.
-struct Film {
-    bytes: Arc<Mutex<Vec<u8>>>,
-    writer: png::Writer<Shared>,
-}
-
-/// Bytes that the writer and the film share.
-struct Shared(Arc<Mutex<Vec<u8>>>);
-
-impl Write for Shared {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        all.extend_from_slice(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
-
-impl Film {
-    /// Of `count` pictures of a width and a height.
-    fn new([width, height]: [u32; 2], count: usize) -> anyhow::Result<Self> {
-        let bytes = Arc::new(Mutex::new(Vec::new()));
-        let mut encoder = png::Encoder::new(Shared(bytes.clone()), width, height);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        if count > 1 {
-            let frames = u32::try_from(count).context("the motion has too many pictures")?;
-            encoder
-                .set_animated(frames, 0)
-                .context("cannot encode a PNG")?;
-            let [numerator, denominator] = [(1e3 * FRAME_TIME) as u16, 1000];
-            encoder
-                .set_frame_delay(numerator, denominator)
-                .context("cannot encode a PNG")?;
-        }
-        let writer = encoder.write_header().context("cannot encode a PNG")?;
-        Ok(Self { bytes, writer })
-    }
-
-    fn add(&mut self, rgb: &[u8]) -> anyhow::Result<()> {
-        self.writer
-            .write_image_data(rgb)
-            .context("cannot encode a PNG")
-    }
-
-    fn finish(self) -> anyhow::Result<Vec<u8>> {
-        self.writer.finish().context("cannot encode a PNG")?;
-        let mut bytes = self.bytes.lock().unwrap_or_else(PoisonError::into_inner);
-        Ok(std::mem::take(&mut *bytes))
     }
 }

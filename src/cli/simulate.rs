@@ -105,7 +105,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         .as_deref()
         .map(|file| PathFile::create(file, &robot))
         .transpose()?;
-    let mut picture = (args.picture.wanted()?)
+    let mut picture = (args.picture.wanted_of_motion()?)
         .map(|to| MotionPicture::new(to, &robot, &loads, commands.len(), args.dt))
         .transpose()?;
     let mut state = State::straight(&robot);

@@ -1,25 +1,23 @@
 //! A file of finished pieces of work, from which an interrupted stage resumes.
 
-use std::fs::{File, OpenOptions};
-use std::io::{BufRead, BufReader, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::PipelineError;
+use super::line_file::LineFile;
 
 /// A growing file of JSON lines: the first says whose work it is, each other is a finished piece with its checksum.
 ///
 /// A line that a killed process left unfinished is dropped, and so are all lines of other work. So are a line that was
 /// edited or damaged, by its checksum, and those behind it. The checksum guards against damage, not against forgery.
 pub(super) struct Journal {
-    path: PathBuf,
     /// The first line, which all checksums begin with.
     key: String,
-    file: Mutex<File>,
+    file: Mutex<LineFile>,
 }
 
 /// Text of a line around its checksum and its piece: before the checksum, between the two, after the piece.
@@ -31,43 +29,15 @@ impl Journal {
         path: &Path,
         key: &Value,
     ) -> Result<(Self, Vec<T>), PipelineError> {
-        let fail = |source| PipelineError::Write {
-            path: path.to_owned(),
-            source,
-        };
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)
-            .map_err(fail)?;
-        let (mut entries, mut whole) = (Vec::new(), 0);
         let key_line = key.to_string();
-        let mut reader = BufReader::new(&file);
-        let mut line = String::new();
-        while reader.read_line(&mut line).is_ok_and(|length| length > 0) && line.ends_with('\n') {
-            if whole == 0 {
-                if serde_json::from_str::<Value>(&line).ok().as_ref() != Some(key) {
-                    break;
-                }
-            } else {
-                let Some(entry) = entry(&key_line, &line) else {
-                    break;
-                };
-                entries.push(entry);
-            }
-            whole += line.len() as u64;
-            line.clear();
-        }
-        file.set_len(whole)
-            .and_then(|()| file.seek(SeekFrom::End(0)))
-            .map_err(fail)?;
-        if whole == 0 {
-            writeln!(file, "{key_line}").map_err(fail)?;
-        }
+        let mut entries = Vec::new();
+        let file = LineFile::open(path, key, |line| {
+            let entry = entry(&key_line, line);
+            let found = entry.is_some();
+            entries.extend(entry);
+            found
+        })?;
         let journal = Self {
-            path: path.to_owned(),
             key: key_line,
             file: Mutex::new(file),
         };
@@ -79,16 +49,8 @@ impl Journal {
         let entry = serde_json::to_string(entry).expect("plain values serialise");
         let [before, between, behind] = FRAME;
         let sum = checksum(&self.key, &entry);
-        let line = format!("{before}{sum}{between}{entry}{behind}");
-        let mut file = self
-            .file
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
-        file.write_all(line.as_bytes())
-            .map_err(|source| PipelineError::Write {
-                path: self.path.clone(),
-                source,
-            })
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        file.add(&format!("{before}{sum}{between}{entry}{behind}"))
     }
 }
 

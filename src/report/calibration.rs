@@ -1,6 +1,7 @@
 //! The page on a calibration.
 
-use super::html::{escape, fill};
+use super::frame::PageFrame;
+use super::html::escape;
 use super::sections::{self, CloudBox};
 use super::{Example, Figure};
 
@@ -38,12 +39,14 @@ impl CalibrationReport {
                 .to_owned(),
             false => table(["One", "Other", "Correlation"], &self.correlations),
         };
-        fill(
+        let frame = PageFrame {
+            title: &self.title,
+            lead: &self.headline,
+            style: include_str!("calibration_page.css"),
+        };
+        frame.fill(
             include_str!("calibration_page.html"),
             &[
-                ("title", &escape(&self.title)),
-                ("headline", &escape(&self.headline)),
-                ("style", &sections::style()),
                 ("viewer", &sections::viewer(&self.examples, &boxes)),
                 ("figures", &figures),
                 ("unknowns", &unknowns),

@@ -1,7 +1,8 @@
 //! The page on two data sets beside each other.
 
 use super::figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
-use super::html::{base64, column_decimals, escape, fill, fixed};
+use super::frame::PageFrame;
+use super::html::{base64, column_decimals, escape, fixed};
 use super::motors::{MotorGroup, command_text};
 use super::picture::{Framing, Subject};
 use super::sections::{self, CloudBox};
@@ -68,12 +69,14 @@ impl ComparisonPage {
             CloudBox::new("truth", "truth", a),
             CloudBox::new("prediction", "network", b),
         ];
-        fill(
+        let frame = PageFrame {
+            title: &format!("{a} beside {b}"),
+            lead: &self.headline,
+            style: include_str!("comparison_page.css"),
+        };
+        frame.fill(
             include_str!("comparison_page.html"),
             &[
-                ("title", &escape(&format!("{a} beside {b}"))),
-                ("headline", &escape(&self.headline)),
-                ("style", &sections::style()),
                 ("distances", &self.distances()),
                 ("viewer", &sections::viewer(&self.examples, &boxes)),
                 ("pictures", &self.pictures()),

@@ -3,7 +3,8 @@
 use super::axis::Spacing;
 use super::count::counted;
 use super::figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
-use super::html::{base64, escape, fill};
+use super::frame::PageFrame;
+use super::html::{base64, escape};
 use super::motors::MotorGroup;
 use super::sections;
 use super::sheet::cloud_sheet;
@@ -54,14 +55,14 @@ impl DataPage {
         let names: Vec<&str> = self.sets.iter().map(|set| set.name.as_str()).collect();
         let title = format!("Data sets: {}", names.join(", "));
         let sets: String = self.sets.iter().map(SetSummary::section).collect();
-        fill(
+        let frame = PageFrame {
+            title: &title,
+            lead: "",
+            style: ".figures svg { display: block; height: auto; max-width: 100%; }\n",
+        };
+        frame.fill(
             include_str!("data_page.html"),
-            &[
-                ("title", &escape(&title)),
-                ("style", &sections::style()),
-                ("workspace", &self.workspace().to_svg()),
-                ("sets", &sets),
-            ],
+            &[("workspace", &self.workspace().to_svg()), ("sets", &sets)],
         )
     }
 

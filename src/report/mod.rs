@@ -16,6 +16,7 @@ mod count;
 mod curves;
 mod data_page;
 mod figure;
+mod frame;
 mod heat_map;
 mod html;
 mod lettering;
@@ -182,12 +183,14 @@ impl Report {
     ///
     /// Eight examples make about one megabyte: the viewer holds at most 3,000 points of each cloud.
     pub fn to_html(&self) -> String {
-        html::fill(
+        let frame = frame::PageFrame {
+            title: &self.title,
+            lead: &self.headline,
+            style: "",
+        };
+        frame.fill(
             include_str!("page.html"),
             &[
-                ("title", &html::escape(&self.title)),
-                ("headline", &html::escape(&self.headline)),
-                ("style", &sections::style()),
                 ("scores", &sections::scores(self)),
                 (
                     "viewer",

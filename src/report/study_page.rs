@@ -1,6 +1,7 @@
 //! The page on a study.
 
-use super::html::{escape, fill};
+use super::frame::PageFrame;
+use super::html::escape;
 use super::sections;
 use super::surface::{self, Surface};
 
@@ -42,12 +43,14 @@ impl StudyPage {
                 )
             })
             .collect();
-        fill(
+        let frame = PageFrame {
+            title: &self.title,
+            lead: &self.headline,
+            style: include_str!("study_page.css"),
+        };
+        frame.fill(
             include_str!("study_page.html"),
             &[
-                ("title", &escape(&self.title)),
-                ("headline", &escape(&self.headline)),
-                ("style", &sections::style()),
                 ("figures", &figures),
                 (
                     "surfaces",

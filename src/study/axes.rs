@@ -82,7 +82,7 @@ pub(super) fn titled(name: &str, unit: &str) -> String {
 impl PlotAxis {
     fn of_levels(place: usize, levels: &Levels, unit: &str) -> Self {
         let numbers: Option<Vec<f64>> = levels.values.iter().map(Value::as_f64).collect();
-        let name = levels.what.name().to_owned();
+        let name = levels.what.shown().to_owned();
         let count = levels.values.len();
         let source = Source::Levels { place, count };
         let Some(numbers) = numbers else {
@@ -128,7 +128,7 @@ impl PlotAxis {
             false => Spacing::Linear,
         };
         let middle = |bin: usize| {
-            factor * super::file::place_in(range, spacing, (bin as f64 + 0.5) / BINS as f64)
+            factor * super::vary::place_in(range, spacing, (bin as f64 + 0.5) / BINS as f64)
         };
         let values: Vec<f64> = (0..BINS).map(middle).collect();
         Self {

@@ -21,7 +21,10 @@ pub(super) type Setting<'a> = (&'a Variable, Value);
 /// # Errors
 /// What is wrong, as text.
 pub(super) fn robot(study: &Study, settings: &[Setting]) -> Result<Robot, String> {
-    let mut spec = study.robot.clone();
+    let mut spec = match &study.models {
+        Some(models) => models.of(settings)?.subject.robot.clone(),
+        None => study.robot.clone(),
+    };
     let mut of_robot: Vec<&Setting> = settings.iter().filter(|s| s.0.is_of_robot()).collect();
     of_robot.sort_by_key(|setting| setting.0.rank());
     for (variable, value) in of_robot {
@@ -76,7 +79,8 @@ fn change(
             let all = [(*parameter, number(value)?)];
             spec = spec.with(&all).map_err(|error| error.to_string())?;
         }
-        Target::Seed
+        Target::Model
+        | Target::Seed
         | Target::Command
         | Target::Tendon(_)
         | Target::Payload

@@ -8,8 +8,8 @@ use tdcr_learn::data::UnitPoints;
 use tdcr_sim::robot::Robot;
 
 use super::case::{self, Setting};
-use super::file::place_in;
 use super::variable::Target;
+use super::vary::place_in;
 use super::{Refusal, Study};
 
 /// Most configurations of a study.
@@ -155,9 +155,13 @@ impl<'a> Cases<'a> {
         if !self.study.samples_command() {
             return 0;
         }
-        // Only the number of modules, or another robot, gives other tendons.
-        let structural =
-            |target: &Target| matches!(target, Target::Robot | Target::Modules | Target::Field(_));
+        // Only the number of modules, or another robot, as a model may have one, gives other tendons.
+        let structural = |target: &Target| {
+            matches!(
+                target,
+                Target::Model | Target::Robot | Target::Modules | Target::Field(_)
+            )
+        };
         let mut most = 0;
         let mut variants: Vec<Vec<Setting>> = vec![
             (self.study.set.iter())

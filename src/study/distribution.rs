@@ -53,7 +53,7 @@ pub(super) fn distributions(
         let of_want = drawn
             .iter()
             .zip(all)
-            .filter(|(column, _)| columns.contains(column));
+            .filter(|(column, _)| columns.contains(column) && !Want::is_reference(&column.name));
         let panels: Vec<Panel> = of_want
             .map(|(column, values)| panel(column, values))
             .collect();

@@ -15,9 +15,13 @@ use crate::report::{
 
 /// Values that a median and a band are of, at most.
 const MOST_VALUES: usize = 1000;
+/// What a dashed line is.
+const DASHED: &str =
+    "Dashed: another sample of the true surface, which no predictor can be expected to beat.";
 /// Lines of at most so many places have dots.
 const DOTTED: usize = 40;
-const INKS: [Ink; 6] = [
+/// Colours of lines, which are no more than so many.
+pub(super) const INKS: [Ink; 6] = [
     Ink::Blue,
     Ink::Vermilion,
     Ink::Green,
@@ -164,7 +168,7 @@ impl Drawing {
                 svg: map.to_svg(),
             }
         };
-        self.outputs.iter().map(map).collect()
+        self.drawn().map(map).collect()
     }
 
     /// Curves: outputs of one kind side by side, or the plots of one output.
@@ -177,10 +181,10 @@ impl Drawing {
                     .collect();
                 self.figure(title, &output.column.name, panels, &[output], note)
             };
-            return self.outputs.iter().map(figure).collect();
+            return self.drawn().map(figure).collect();
         }
         let mut figures = Vec::new();
-        for (want, outputs) in by_want(study, &self.outputs) {
+        for (want, outputs) in by_want(study, self.drawn()) {
             for (part, outputs) in outputs.chunks(ACROSS).enumerate() {
                 let panels = outputs
                     .iter()
@@ -193,6 +197,18 @@ impl Drawing {
             }
         }
         figures
+    }
+
+    /// Outputs that have figures of their own.
+    fn drawn(&self) -> impl Iterator<Item = &Output> {
+        let own = |output: &&Output| !Want::is_reference(&output.column.name);
+        self.outputs.iter().filter(own)
+    }
+
+    /// The output that a figure on another shows as a dashed line.
+    fn reference(&self, output: &Output) -> Option<&Output> {
+        let name = Want::reference(&output.column.name)?;
+        self.outputs.iter().find(|other| other.column.name == name)
     }
 
     fn figure(
@@ -211,7 +227,13 @@ impl Drawing {
         let said = said.max_by_key(String::len).unwrap_or_default();
         let figure = Figure {
             title: title.to_owned(),
-            caption: format!("{said} {note}"),
+            caption: match outputs
+                .iter()
+                .any(|output| self.reference(output).is_some())
+            {
+                true => format!("{said} {DASHED} {note}"),
+                false => format!("{said} {note}"),
+            },
             panels,
         };
         StudyFigure {
@@ -229,6 +251,16 @@ impl Drawing {
         let along = self.axes.x.title.split(" (").next().unwrap_or_default();
         let along: String = along.chars().map(plain).collect();
         format!("{name}-over-{}", along.trim_matches('-'))
+    }
+
+    /// Medians of an output along the axis, times a factor.
+    fn medians(&self, output: &Output, factor: f64, plot: usize, line: usize) -> Vec<[f64; 2]> {
+        let values = self.axes.x.values.iter().enumerate();
+        let medians = values.map(|(place, x)| {
+            let sorted = output.values[self.index(plot, line, place)].sorted();
+            [*x, factor * quantile(&sorted, 0.5)]
+        });
+        medians.filter(|point| point[1].is_finite()).collect()
     }
 
     /// One plot of an output.
@@ -257,13 +289,24 @@ impl Drawing {
                 };
                 let (low, middle, high) = (at(0.1), at(0.5), at(0.9));
                 for value in low.iter().chain(&high).map(|point| point[1]) {
-                    let [least, most] = ends.unwrap_or([value, value]);
-                    ends = Some([least.min(value), most.max(value)]);
+                    ends = Some(reach(ends, value));
                 }
                 if other != plot {
                     continue;
                 }
                 let ink = INKS[line % INKS.len()];
+                if let Some(reference) = self.reference(output) {
+                    let points = self.medians(reference, factor, plot, line);
+                    ends = points
+                        .iter()
+                        .fold(ends, |ends, point| Some(reach(ends, point[1])));
+                    lines.push(Mark {
+                        name: String::new(),
+                        shape: Shape::Dashes,
+                        ink,
+                        points,
+                    });
+                }
                 let mark = |name: String, shape, points| Mark {
                     name,
                     shape,
@@ -324,6 +367,12 @@ impl Drawing {
     }
 }
 
+/// The ends of a range that holds a value, too.
+fn reach(ends: Option<[f64; 2]>, value: f64) -> [f64; 2] {
+    let [least, most] = ends.unwrap_or([value, value]);
+    [least.min(value), most.max(value)]
+}
+
 impl Output {
     /// The unit in which its values are easy to read.
     fn readable(&self) -> (f64, String) {
@@ -342,12 +391,17 @@ impl Output {
 }
 
 /// Outputs by what was wanted.
-fn by_want<'a>(study: &Study, outputs: &'a [Output]) -> Vec<(Want, Vec<&'a Output>)> {
+fn by_want<'a>(
+    study: &Study,
+    outputs: impl Iterator<Item = &'a Output>,
+) -> Vec<(Want, Vec<&'a Output>)> {
     let limited = study.tension_limit.is_some();
+    let outputs: Vec<&Output> = outputs.collect();
     let of = |want: Want| {
         let columns = want.columns(limited);
         let of_want = outputs
             .iter()
+            .copied()
             .filter(|output| columns.iter().any(|c| c.name == output.column.name));
         (want, of_want.collect::<Vec<_>>())
     };

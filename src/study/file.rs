@@ -5,27 +5,26 @@ use std::path::Path;
 
 use serde::Deserialize;
 use serde_json::Value;
-use tdcr_learn::data::Design;
+use tdcr_learn::data::{Design, Subject};
 use tdcr_sim::files::read_text;
 use tdcr_sim::robot::RobotSpec;
 
 use super::cases::Cases;
+use super::models::{Models, ModelsInFile};
 use super::variable::{NAMES, Target, Variable};
+use super::vary::Vary;
 use super::{HysteresisLoop, Levels, Refusal, Sample, Sampled, Study, StudyError, Want};
-use crate::report::Spacing;
 
 /// Largest file of a study (bytes).
 const LARGEST: u64 = 1 << 20;
-/// Most values of one variable.
-const MOST_VALUES: usize = 1_000_000;
 
 /// A study as its file has it.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct InFile {
     title: Option<String>,
-    #[serde(default = "two_modules")]
-    robot: String,
+    robot: Option<String>,
+    model: Option<ModelsInFile>,
     #[serde(default)]
     seed: u64,
     want: Vec<String>,
@@ -36,25 +35,10 @@ struct InFile {
     sample: Option<SampleInFile>,
     tension_limit: Option<f64>,
     alpha: Option<f64>,
+    #[serde(default = "centimetres")]
+    dexterity_radius: f64,
     #[serde(default)]
     hysteresis: HysteresisLoop,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Vary {
-    what: String,
-    values: Option<Vec<Value>>,
-    range: Option<[f64; 2]>,
-    steps: Option<usize>,
-    spacing: Option<SpacingInFile>,
-}
-
-#[derive(Clone, Copy, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum SpacingInFile {
-    Linear,
-    Log,
 }
 
 #[derive(Deserialize)]
@@ -65,8 +49,8 @@ struct SampleInFile {
     count: usize,
 }
 
-fn two_modules() -> String {
-    "2m".to_owned()
+fn centimetres() -> f64 {
+    0.02
 }
 
 fn sobol() -> String {
@@ -123,7 +107,6 @@ impl InFile {
 
     fn study(self, folder: &Path) -> Result<Study, Refusal> {
         let mut robots = BTreeMap::new();
-        let robot = load_robot("robot", &self.robot, folder)?;
         let set = (self.set.into_iter())
             .map(|(name, value)| {
                 let key = format!("set.\"{name}\"");
@@ -175,7 +158,19 @@ impl InFile {
             }
         };
         let want = wanted(&self.want, sample.is_some())?;
-        for (key, value) in [("tension_limit", self.tension_limit), ("alpha", self.alpha)] {
+        let of_model = self.model.map(|model| model.read(&set, &levels, folder));
+        let models = of_model.transpose()?;
+        check_models(&models, &want, &self.robot, &set, &levels)?;
+        let robot_name = self.robot.unwrap_or_else(|| Subject::ROBOT.to_owned());
+        let robot = match models.as_ref().and_then(Models::first) {
+            Some(model) => model.subject.robot.clone(),
+            None => load_robot("robot", &robot_name, folder)?,
+        };
+        for (key, value) in [
+            ("tension_limit", self.tension_limit),
+            ("alpha", self.alpha),
+            ("dexterity_radius", Some(self.dexterity_radius)),
+        ] {
             if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0)) {
                 return Err(Refusal::value(key, value, "a finite number above 0"));
             }
@@ -183,10 +178,14 @@ impl InFile {
         let study = Study {
             title: self
                 .title
-                .unwrap_or_else(|| format!("Study of {}", self.robot)),
-            robot_name: self.robot,
+                .unwrap_or_else(|| format!("Study of {}", robot.name)),
+            robot_name: match models {
+                Some(_) => robot.name.clone(),
+                None => robot_name,
+            },
             robot,
             robots,
+            models,
             seed: self.seed,
             set,
             levels,
@@ -195,6 +194,7 @@ impl InFile {
             want,
             tension_limit: self.tension_limit,
             alpha: self.alpha,
+            dexterity_radius: self.dexterity_radius,
             hysteresis: self.hysteresis.checked()?,
         };
         Cases::new(&study)?.check(&study)?;
@@ -216,6 +216,47 @@ impl HysteresisLoop {
             ));
         }
         Ok(self)
+    }
+}
+
+/// Refuses an output of models without any, models without their output, and robots beside those of models.
+fn check_models(
+    models: &Option<Models>,
+    want: &[Want],
+    robot: &Option<String>,
+    set: &[(Variable, Value)],
+    levels: &[Levels],
+) -> Result<(), Refusal> {
+    let variables = || {
+        set.iter()
+            .map(|(what, _)| what)
+            .chain(levels.iter().map(|l| &l.what))
+    };
+    match (models, want.contains(&Want::Model)) {
+        (None, true) => {
+            let expected =
+                "a table with `file`, the path of a trained model, for the output `model`";
+            return Err(Refusal::value("model", "missing", expected));
+        }
+        (Some(_), false) => {
+            let expected = "an entry \"model\" in `want`, or no table `model`";
+            return Err(Refusal::value("model", "there", expected));
+        }
+        _ => {}
+    }
+    let named = variables().find(|what| what.names_model());
+    if let (None, Some(what)) = (models, named) {
+        let expected = "a table `model` whose `file` names it";
+        return Err(Refusal::value(what.name(), "a variable", expected));
+    }
+    let robots = robot.is_some() || variables().any(|what| what.target == Target::Robot);
+    match models.is_some() && robots {
+        true => Err(Refusal::value(
+            "robot",
+            "there",
+            "no other robot than the model's own, beside a table `model`",
+        )),
+        false => Ok(()),
     }
 }
 
@@ -253,9 +294,9 @@ fn wanted(names: &[String], sampled: bool) -> Result<Vec<Want>, Refusal> {
                 "each output once",
             ));
         }
-        if found == Want::Workspace && !sampled {
-            let expected = "an output of single configurations, or a sampled `command`: a workspace is of many commands";
-            return Err(Refusal::value(key, "\"workspace\"", expected));
+        if found.is_of_tips() && !sampled {
+            let expected = "an output of single configurations, or a sampled `command`: this one is of many commands";
+            return Err(Refusal::value(key, format!("\"{name}\""), expected));
         }
         want.push(found);
     }
@@ -290,111 +331,5 @@ impl SampleInFile {
             design,
             count: self.count,
         })
-    }
-}
-
-impl Vary {
-    /// The levels of the variable; `None` for one that is sampled.
-    fn values(&self, key: &str, what: &Variable) -> Result<Option<Vec<Value>>, Refusal> {
-        match (&self.values, self.range, self.steps) {
-            (Some(values), None, None) => {
-                if !(1..=MOST_VALUES).contains(&values.len()) {
-                    let expected = format!("1 to {MOST_VALUES} values");
-                    return Err(Refusal::value(
-                        format!("{key}.values"),
-                        values.len(),
-                        expected,
-                    ));
-                }
-                for (place, value) in values.iter().enumerate() {
-                    let whole = value.as_u64().is_some();
-                    if what.is_whole() && !whole {
-                        let key = format!("{key}.values[{place}]");
-                        return Err(Refusal::value(key, value, "a whole number"));
-                    }
-                }
-                Ok(Some(values.clone()))
-            }
-            (None, Some(range), Some(steps)) => {
-                if !(2..=MOST_VALUES).contains(&steps) {
-                    let expected = format!("2 to {MOST_VALUES}, the two ends included");
-                    return Err(Refusal::value(format!("{key}.steps"), steps, expected));
-                }
-                let spacing = self.checked_range(key, range)?;
-                let level = |step: usize| {
-                    let value = rounded(place_in(range, spacing, step as f64 / (steps - 1) as f64));
-                    match what.is_whole() && value.fract() == 0.0 && value >= 0.0 {
-                        true => Value::from(value as u64),
-                        false => Value::from(value),
-                    }
-                };
-                let values: Vec<Value> = (0..steps).map(level).collect();
-                if let Some(value) = values.iter().find(|v| what.is_whole() && !v.is_u64()) {
-                    let expected = format!(
-                        "as many as make all values of `{what}` whole, which {value} is not"
-                    );
-                    return Err(Refusal::value(format!("{key}.steps"), steps, expected));
-                }
-                Ok(Some(values))
-            }
-            (None, Some(_), None) => Ok(None),
-            (None, None, None) if what.target == Target::Command => Ok(None),
-            _ => {
-                let expected = "either `values = [...]`, or `range = [LOW, HIGH]` with `steps = N`, or `range` alone for \
-                     a variable that is sampled (`command` needs none)";
-                Err(Refusal::value(key, "neither", expected))
-            }
-        }
-    }
-
-    fn checked_range(&self, key: &str, range: [f64; 2]) -> Result<Spacing, Refusal> {
-        let [low, high] = range;
-        let spacing = match self.spacing {
-            None | Some(SpacingInFile::Linear) => Spacing::Linear,
-            Some(SpacingInFile::Log) => Spacing::Log,
-        };
-        let ordered = low.is_finite() && high.is_finite() && low < high;
-        if !ordered || spacing == Spacing::Log && low <= 0.0 {
-            let expected = match spacing {
-                Spacing::Linear => "[LOW, HIGH], finite, LOW below HIGH",
-                Spacing::Log => "[LOW, HIGH], finite, LOW below HIGH and above 0",
-            };
-            return Err(Refusal::value(
-                format!("{key}.range"),
-                format!("[{low}, {high}]"),
-                expected,
-            ));
-        }
-        Ok(spacing)
-    }
-
-    fn sampled(self, key: &str, what: Variable) -> Result<Sampled, Refusal> {
-        if what.is_whole() || what.target == Target::Robot {
-            let expected = "`values`, or `range` with `steps`: it is not sampled";
-            return Err(Refusal::value(
-                key,
-                format!("`{what}` without them"),
-                expected,
-            ));
-        }
-        let Some(range) = self.range else {
-            return Ok(Sampled::new(what, None));
-        };
-        let spacing = self.checked_range(key, range)?;
-        Ok(Sampled::new(what, Some((range, spacing))))
-    }
-}
-
-/// A value without the last digits of floating-point noise, so that tables are short.
-fn rounded(value: f64) -> f64 {
-    format!("{value:.12e}").parse().unwrap_or(value)
-}
-
-/// The value at a share of the way from one end of a range to the other.
-pub(super) fn place_in([low, high]: [f64; 2], spacing: Spacing, share: f64) -> f64 {
-    match spacing {
-        _ if share == 1.0 => high,
-        Spacing::Linear => low + (high - low) * share,
-        Spacing::Log => low * (high / low).powf(share),
     }
 }

@@ -10,10 +10,11 @@ use tdcr_sim::pose::ToolFrame;
 use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::sensitivity::Sensitivity;
 use tdcr_sim::statics::{Equilibrium, Settler, Stability};
-use tdcr_sim::tendon_friction::FrictionPath;
 
+use super::hysteresis::TipLoop;
 use super::table::Cell;
-use super::{HysteresisLoop, Study, Want};
+use super::{Study, Want};
+use crate::pipeline::Probed;
 
 /// Random poses that equilibria are sought from.
 const STARTS: usize = 16;
@@ -31,6 +32,8 @@ pub(super) struct Settled<'a> {
     pub equilibrium: &'a Equilibrium,
     /// Time that settling took (s).
     pub seconds: f64,
+    /// What the model scores on it.
+    pub probed: Option<Probed>,
 }
 
 /// Settles; returns the time that it took (s).
@@ -105,16 +108,26 @@ impl Settled<'_> {
                 vec![Cell::Whole(count), Cell::Number(apart)]
             }
             Want::Hysteresis => {
-                let [width, loss] = self
-                    .hysteresis(self.study.hysteresis)
-                    .unwrap_or([f64::NAN; 2]);
-                numbers(&[width, loss])
+                let about = self.study.hysteresis;
+                let found = TipLoop::new(self.robot, self.command, self.loads, about);
+                let told = found.map(|found| [found.width(), found.area(), found.dissipated]);
+                numbers(&told.unwrap_or([f64::NAN; 3]))
             }
             Want::Cost => {
                 let steps = i64::try_from(self.equilibrium.iterations).unwrap_or(i64::MAX);
                 vec![Cell::Whole(steps), Cell::Number(self.seconds)]
             }
-            Want::Workspace => Vec::new(),
+            Want::Model => match &self.probed {
+                Some(probed) => numbers(&[
+                    probed.distances.cd,
+                    probed.distances.emd,
+                    probed.tip.unwrap_or(f64::NAN),
+                    probed.floor.cd,
+                    probed.floor.emd,
+                ]),
+                None => Vec::new(),
+            },
+            Want::Workspace | Want::Dexterity => Vec::new(),
         }
     }
 
@@ -169,55 +182,6 @@ impl Settled<'_> {
             .fold(0.0, f64::max);
         (i64::try_from(found.len()).unwrap_or(i64::MAX), apart)
     }
-
-    /// Largest distance between the tips on the way out and back under the same command (m), and the energy that friction
-    /// takes on both (J); `None` where the path breaks off or leaves a tendon's range.
-    fn hysteresis(&self, about: HysteresisLoop) -> Option<[f64; 2]> {
-        let tips = friction_loop(self.robot, self.command, self.loads, about)?;
-        // Commands 0 to n on the way out, n - 1 to 0 on the way back.
-        let (out, back) = tips.tips.split_at(about.points);
-        let out = std::iter::once(&tips.first).chain(out);
-        let apart = out.zip(back.iter().rev()).map(|(a, b)| (a - b).norm());
-        Some([apart.fold(0.0, f64::max), tips.dissipated])
-    }
-}
-
-/// Where the tip comes on a loop.
-struct TipLoop {
-    /// At its start (m).
-    first: Vector3<f64>,
-    /// On the way out and on the way back, as many commands each (m).
-    tips: Vec<Vector3<f64>>,
-    /// Energy lost in friction (J).
-    dissipated: f64,
-}
-
-/// Leads one tendon's command out and back.
-fn friction_loop(
-    robot: &Robot,
-    command: &Command,
-    loads: &Loads,
-    about: HysteresisLoop,
-) -> Option<TipLoop> {
-    let at = |part: usize| {
-        let mut values = command.as_slice().to_vec();
-        *values.get_mut(about.tendon)? += about.by * part as f64 / about.points as f64;
-        robot.command(&values).ok()
-    };
-    let mut path = FrictionPath::new(robot);
-    let tip = |equilibrium: &Equilibrium| {
-        (equilibrium.converged).then(|| equilibrium.pose().tip().translation.vector)
-    };
-    let first = tip(&path.start(&at(0)?, loads).equilibrium)?;
-    let mut tips = Vec::with_capacity(2 * about.points);
-    for part in (1..=about.points).chain((0..about.points).rev()) {
-        tips.push(tip(&path.advance(&at(part)?, loads).equilibrium)?);
-    }
-    Some(TipLoop {
-        first,
-        tips,
-        dissipated: path.state().dissipated,
-    })
 }
 
 /// Compliance of the tip's face to forces (m/N).

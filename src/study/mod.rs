@@ -36,6 +36,7 @@ mod axes;
 mod case;
 mod cases;
 mod delaunay;
+mod dexterity;
 mod distribution;
 mod drawing;
 mod error;
@@ -43,8 +44,10 @@ mod field;
 mod figures;
 mod file;
 mod finish;
+mod hysteresis;
 mod measure;
 mod merge;
+mod models;
 mod parquet_file;
 mod progress;
 mod record;
@@ -54,7 +57,9 @@ mod starter;
 mod summary;
 mod table;
 mod thinned;
+mod training;
 mod variable;
+mod vary;
 mod want;
 mod worker;
 mod workspace;
@@ -75,6 +80,7 @@ use tdcr_learn::data::Design;
 use tdcr_sim::robot::{Drive, RobotSpec};
 
 use crate::report::Spacing;
+use models::Models;
 use variable::Target;
 
 /// A study: which configurations, and what is wanted of them. With all that it needs: robots are not read again.
@@ -88,6 +94,9 @@ pub struct Study {
     pub robot: RobotSpec,
     /// Robots that take its place, by the names or paths that the file gives.
     robots: BTreeMap<String, RobotSpec>,
+    /// Trained models that are tried, whose robots are then those of the study.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    models: Option<Models>,
     /// Seed of what is sampled.
     pub seed: u64,
     /// What is other than in the robot's file, in all configurations.
@@ -104,6 +113,8 @@ pub struct Study {
     pub tension_limit: Option<f64>,
     /// Radius of the balls that carve a workspace's boundary (m); `None` for the smallest that leaves it in one piece.
     pub alpha: Option<f64>,
+    /// Distance (m) within which tips count as at one place, of the output `dexterity`.
+    dexterity_radius: f64,
     /// The loop of the output `hysteresis`.
     hysteresis: HysteresisLoop,
 }
@@ -176,11 +187,12 @@ impl Study {
         self.sample.map_or(1, |sample| sample.count)
     }
 
-    /// Which robot it is, as captions say it; nothing where robots are varied.
+    /// Which robot it is, as captions say it, or how models are compared; nothing where robots are varied.
     fn robot_said(&self) -> String {
-        match self.robots.is_empty() {
-            true => format!("Robot {}.", self.robot_name),
-            false => String::new(),
+        match (&self.models, self.robots.is_empty()) {
+            (Some(models), _) => models.said(),
+            (None, true) => format!("Robot {}.", self.robot_name),
+            (None, false) => String::new(),
         }
     }
 
@@ -190,18 +202,26 @@ impl Study {
         if !matches!(what.target, Target::Command | Target::Tendon(_)) {
             return what.unit();
         }
-        let robots = std::iter::once(&self.robot).chain(self.robots.values());
+        let of_models = self.models.iter().flat_map(Models::all);
+        let of_models = of_models.map(|(_, model)| &model.subject.robot);
+        let robots: Vec<&RobotSpec> = std::iter::once(&self.robot)
+            .chain(self.robots.values())
+            .chain(of_models)
+            .collect();
         let all = |tension: bool| {
-            let drives = robots.clone().flat_map(|robot| robot.tendons());
-            drives
-                .into_iter()
-                .all(|tendon| (tendon.drive == Drive::Tension) == tension)
+            let mut drives = robots.iter().flat_map(|robot| robot.tendons());
+            drives.all(|tendon| (tendon.drive == Drive::Tension) == tension)
         };
         match (all(false), all(true)) {
             (true, _) => "m",
             (_, true) => "N",
             _ => what.unit(),
         }
+    }
+
+    /// Unit of a whole command's numbers, as of [`unit`](Self::unit).
+    fn command_unit(&self) -> &'static str {
+        "command".parse().map_or("", |what| self.unit(&what))
     }
 
     /// Sampled variables with a range.

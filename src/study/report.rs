@@ -7,10 +7,14 @@ use nalgebra::Vector3;
 use tdcr_sim::files::write_atomically;
 
 use super::cases::Cases;
+use super::dexterity::{self, Dexterity};
 use super::figures::draw;
 use super::finish::Table;
+use super::hysteresis;
+use super::models::Models;
 use super::record::Record;
 use super::summary::{Group, Groups};
+use super::training;
 use super::workspace::{Workspace, bounds};
 use super::{StudyError, Want};
 use crate::report::{
@@ -19,6 +23,8 @@ use crate::report::{
 
 /// Workspaces that are drawn, at most.
 const WORKSPACES: usize = 6;
+/// Maps of dexterity beside each other, at most.
+const DEXTERITIES: usize = 3;
 /// Thickness of the slice whose tips are drawn, as a share of the extent.
 const SLICE: f64 = 0.06;
 
@@ -32,11 +38,19 @@ pub(super) fn write(
     let study = &record.study;
     let mut figures = Vec::new();
     let mut surfaces = Vec::new();
-    if study.want.contains(&Want::Workspace) {
-        for group in workspaces(record, table)? {
-            let name = combination(cases, group.combination);
-            let mut tips = group.tips;
-            let workspace = Workspace::new(tips.take(), study.alpha);
+    let mut dexterities = Vec::new();
+    let groups = match study.want.iter().any(|want| want.is_of_tips()) {
+        true => groups(record, table)?,
+        false => Vec::new(),
+    };
+    for mut group in groups {
+        let name = combination(cases, group.combination);
+        if study.want.contains(&Want::Dexterity) && dexterities.len() < DEXTERITIES {
+            let found = Dexterity::new(group.axes.take(), study.dexterity_radius);
+            dexterities.push((name.clone(), found));
+        }
+        if study.want.contains(&Want::Workspace) {
+            let workspace = Workspace::new(group.tips.take(), study.alpha);
             figures.push(section_figure(
                 &workspace,
                 &name,
@@ -55,7 +69,12 @@ pub(super) fn write(
             });
         }
     }
+    figures.extend(dexterity::figure(&dexterities, &study.robot_said()));
     figures.extend(draw(cases, record, table)?);
+    if study.want.contains(&Want::Hysteresis) {
+        figures.extend(hysteresis::figure(study, cases, &study.robot_said()));
+    }
+    figures.extend(training::figure(study));
     let folder = dir.join("figures");
     let fail = |path: &Path| {
         let path = path.to_owned();
@@ -95,6 +114,9 @@ fn summary(record: &Record) -> Vec<(String, String)> {
         "" => what.name().to_owned(),
         unit => format!("{what} ({unit})"),
     };
+    for (path, model) in study.models.iter().flat_map(Models::all) {
+        rows.push((format!("Model: {path}"), model.said()));
+    }
     for (what, value) in &study.set {
         rows.push((format!("Fixed: {}", name(what)), value.to_string()));
     }
@@ -145,7 +167,7 @@ fn plain(value: &serde_json::Value) -> String {
 }
 
 /// The tips of the first combinations of levels.
-fn workspaces(record: &Record, table: &Table) -> Result<Vec<Group>, StudyError> {
+fn groups(record: &Record, table: &Table) -> Result<Vec<Group>, StudyError> {
     let mut groups = Groups::new(table.columns, &[], record.study.samples());
     let mut found: Vec<Group> = Vec::new();
     table.rows(|row, cells| {
@@ -163,7 +185,7 @@ fn workspaces(record: &Record, table: &Table) -> Result<Vec<Group>, StudyError> 
 }
 
 /// The values of a combination, said.
-fn combination(cases: &Cases, combination: usize) -> String {
+pub(super) fn combination(cases: &Cases, combination: usize) -> String {
     let said = |(what, value): (&super::Variable, serde_json::Value)| {
         let value = plain(&value);
         match what.unit() {

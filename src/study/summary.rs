@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use tdcr_sim::files::AtomicFile;
 
 use super::cases::Cases;
+use super::dexterity::{self, Dexterity, TipAxis};
 use super::finish::Table;
 use super::record::Record;
 use super::table::{Cell, Column, Kind, header, push_line};
@@ -17,9 +18,15 @@ use super::{StudyError, Want};
 
 /// Quantiles of each output, with what its column's name ends in.
 const QUANTILES: [(&str, f64); 3] = [("p10", 0.1), ("median", 0.5), ("p90", 0.9)];
+/// Columns of the tip's pose.
+const TIP: [&str; 7] = [
+    "tip_x", "tip_y", "tip_z", "tip_qw", "tip_qx", "tip_qy", "tip_qz",
+];
 /// Most tips that a workspace is made of, and most values that a quantile is of.
 pub(super) const MOST_TIPS: usize = 10_000;
 const MOST_VALUES: usize = 10_000;
+/// Most tips that a dexterity is of.
+const MOST_AXES: usize = 200_000;
 
 /// Writes the summary of a study that samples something.
 pub(super) fn write(
@@ -56,6 +63,10 @@ pub(super) fn write(
     if wants_workspace {
         columns.extend(workspace::columns());
     }
+    let wants_dexterity = study.want.contains(&Want::Dexterity);
+    if wants_dexterity {
+        columns.extend(dexterity::columns());
+    }
     file.write_all(header(&columns).as_bytes()).map_err(fail)?;
 
     let base = Vector3::from(study.robot.base.position);
@@ -70,6 +81,10 @@ pub(super) fn write(
         if wants_workspace {
             let tips = group.tips.take();
             cells.extend(Workspace::new(tips, study.alpha).cells(&base));
+        }
+        if wants_dexterity {
+            let axes = group.axes.take();
+            cells.extend(Dexterity::new(axes, study.dexterity_radius).cells());
         }
         let mut line = String::new();
         push_line(&mut line, &cells);
@@ -109,6 +124,8 @@ pub(super) struct Group {
     values: Vec<Thinned<f64>>,
     /// Places of the tip (m).
     pub tips: Thinned<Vector3<f64>>,
+    /// The same with the tip's axis.
+    pub axes: Thinned<TipAxis>,
 }
 
 /// Rows put together by combinations, which follow one another.
@@ -116,7 +133,7 @@ pub(super) struct Groups {
     samples: usize,
     status: usize,
     values: Vec<usize>,
-    tip: Option<[usize; 3]>,
+    tip: Option<[usize; 7]>,
     pub group: Option<Group>,
 }
 
@@ -125,7 +142,7 @@ impl Groups {
     pub fn new(columns: &[Column], numbers: &[Column], samples: usize) -> Self {
         let places = places(columns);
         let place = |name: &str| places.get(name).copied();
-        let tip = ["tip_x", "tip_y", "tip_z"].map(place);
+        let tip = TIP.map(place).into_iter().collect::<Option<Vec<_>>>();
         Self {
             samples,
             status: place(STATUS).unwrap_or_default(),
@@ -133,10 +150,7 @@ impl Groups {
                 .iter()
                 .filter_map(|column| place(&column.name))
                 .collect(),
-            tip: match tip {
-                [Some(x), Some(y), Some(z)] => Some([x, y, z]),
-                _ => None,
-            },
+            tip: tip.and_then(|tip| tip.try_into().ok()),
             group: None,
         }
     }
@@ -151,6 +165,7 @@ impl Groups {
             settled: 0,
             values: vec![Thinned::new(MOST_VALUES); self.values.len()],
             tips: Thinned::new(MOST_TIPS),
+            axes: Thinned::new(MOST_AXES),
         });
         group.rows += 1;
         group.settled += usize::from(cells[self.status] == SETTLED);
@@ -160,8 +175,22 @@ impl Groups {
                 values.add(row, value);
             }
         }
-        if let Some([Some(x), Some(y), Some(z)]) = self.tip.map(|tip| tip.map(number)) {
-            group.tips.add(row, Vector3::new(x, y, z));
+        let tip = self.tip.map(|tip| tip.map(number));
+        if let Some(
+            [
+                Some(x),
+                Some(y),
+                Some(z),
+                Some(qw),
+                Some(qx),
+                Some(qy),
+                Some(qz),
+            ],
+        ) = tip
+        {
+            let place = Vector3::new(x, y, z);
+            group.tips.add(row, place);
+            group.axes.add(row, TipAxis::new(place, [qw, qx, qy, qz]));
         }
         ended
     }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use tdcr_sim::robot::{Axis, Body, Parameter, RobotSpec};
 
 use super::field::Field;
+use super::models::MODEL_PREFIX;
 
 /// Something that a configuration consists of, by name: of the robot, its command, its loads, or the seed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -19,6 +20,8 @@ pub struct Variable {
 /// What a name means.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Target {
+    /// A part of the path of a trained model.
+    Model,
     /// The robot, by name or path.
     Robot,
     /// The number of modules.
@@ -131,7 +134,12 @@ impl Variable {
     /// Unit of its values; empty for names and numbers without one.
     pub fn unit(&self) -> &'static str {
         match &self.target {
-            Target::Robot | Target::Modules | Target::Discs | Target::Friction | Target::Seed => "",
+            Target::Model
+            | Target::Robot
+            | Target::Modules
+            | Target::Discs
+            | Target::Friction
+            | Target::Seed => "",
             Target::Stiffness => "N m/rad",
             Target::Field(field) => field.unit(),
             Target::Every(family) => family.unit(),
@@ -156,7 +164,7 @@ impl Variable {
     /// The order in which variables are applied: a number of modules before what the modules have.
     pub(super) fn rank(&self) -> usize {
         match self.target {
-            Target::Robot => 0,
+            Target::Model | Target::Robot => 0,
             Target::Modules => 1,
             Target::Discs => 2,
             Target::Field(_) => 3,
@@ -175,7 +183,7 @@ const RANK_OF_COMMAND: usize = 6;
 
 /// What names there are.
 pub(super) const NAMES: &str = "robot, modules, discs, stiffness, friction, payload, command, seed, force[tip].x, \
-     moment[tip].x, a parameter of all (gain, pitch, density, hole_radius, ...), one of a tendon, module or disc \
+     moment[tip].x, model.NAME (in the path of a model), a parameter of all (gain, pitch, density, hole_radius, ...), one of a tendon, module or disc \
      (gain[2], pitch[1], command[0], force[9].x), or a field of a robot file (modules[*].radius, gravity[2])";
 
 impl FromStr for Variable {
@@ -190,6 +198,7 @@ impl FromStr for Variable {
             "friction" => Some(Target::Friction),
             "command" => Some(Target::Command),
             "seed" => Some(Target::Seed),
+            _ if is_part_of_path(name) => Some(Target::Model),
             _ => (FAMILIES.iter())
                 .find(|(family, _)| *family == name)
                 .map(|(_, family)| Target::Every(*family))
@@ -206,6 +215,13 @@ impl FromStr for Variable {
             },
         )
     }
+}
+
+/// Whether it is `model.` and a word, which the path of a model may name.
+fn is_part_of_path(name: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let word = name.strip_prefix(MODEL_PREFIX);
+    word.is_some_and(|word| !word.is_empty() && word.chars().all(plain))
 }
 
 /// What the key of a parameter means; a disc may be the tip.

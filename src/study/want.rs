@@ -31,8 +31,12 @@ pub enum Want {
     Hysteresis,
     /// Newton steps, and time on the clock.
     Cost,
+    /// How far the clouds of a trained model are from those that cameras see.
+    Model,
     /// The reachable workspace of all sampled commands: a row of `summary.csv`.
     Workspace,
+    /// The share of directions that the tip takes at a place, over all sampled commands: a row of `summary.csv`.
+    Dexterity,
 }
 
 /// Whether the tension has a limit.
@@ -40,7 +44,7 @@ pub(super) type Limited = bool;
 
 impl Want {
     /// All outputs.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 14] = [
         Self::Tip,
         Self::Deflection,
         Self::Tension,
@@ -52,7 +56,9 @@ impl Want {
         Self::Equilibria,
         Self::Hysteresis,
         Self::Cost,
+        Self::Model,
         Self::Workspace,
+        Self::Dexterity,
     ];
 
     /// Its name in files.
@@ -69,11 +75,18 @@ impl Want {
             Self::Equilibria => "equilibria",
             Self::Hysteresis => "hysteresis",
             Self::Cost => "cost",
+            Self::Model => "model",
             Self::Workspace => "workspace",
+            Self::Dexterity => "dexterity",
         }
     }
 
-    /// Its columns in the table; a workspace needs the tip's place.
+    /// Whether it is of all sampled commands together, as the tips of their rows tell.
+    pub(super) fn is_of_tips(self) -> bool {
+        matches!(self, Self::Workspace | Self::Dexterity)
+    }
+
+    /// Its columns in the table; what [is of tips](Self::is_of_tips) needs those of the tip.
     pub(super) fn columns(self, limited: Limited) -> Vec<Column> {
         let number = |name, unit| Column::new(name, unit, Kind::Number);
         let whole = |name| Column::new(name, "", Kind::Whole);
@@ -117,9 +130,20 @@ impl Want {
                 number("force_max", "N per command"),
             ],
             Self::Equilibria => vec![whole("equilibria"), number("equilibria_apart", "m")],
-            Self::Hysteresis => vec![number("loop_width", "m"), number("loop_loss", "J")],
+            Self::Hysteresis => vec![
+                number("loop_width", "m"),
+                number("loop_area", "m x command"),
+                number("loop_loss", "J"),
+            ],
             Self::Cost => vec![whole("newton_steps"), number("settle_time", "s")],
-            Self::Workspace => Vec::new(),
+            Self::Model => vec![
+                number("model_cd", "m\u{b2}"),
+                number("model_emd", "m"),
+                number("model_tip", "m"),
+                number("floor_cd", "m\u{b2}"),
+                number("floor_emd", "m"),
+            ],
+            Self::Workspace | Self::Dexterity => Vec::new(),
         }
     }
 
@@ -137,7 +161,9 @@ impl Want {
             Self::Equilibria => "Equilibria",
             Self::Hysteresis => "Hysteresis",
             Self::Cost => "Cost of settling",
+            Self::Model => "Error of the trained model",
             Self::Workspace => "Workspace",
+            Self::Dexterity => "Dexterity",
         }
     }
 
@@ -167,11 +193,29 @@ impl Want {
             "equilibria" => "Equilibria found",
             "equilibria_apart" => "Largest distance between equilibria",
             "loop_width" => "Width of the hysteresis loop",
+            "loop_area" => "Area of the hysteresis loop",
             "loop_loss" => "Energy lost in a hysteresis loop",
             "newton_steps" => "Newton steps",
             "settle_time" => "Time to settle",
+            "model_cd" => "Chamfer distance",
+            "model_emd" => "Earth mover's distance",
+            "model_tip" => "Error of the predicted tip",
             "volume" => "Volume of the workspace",
             _ => return None,
         })
+    }
+
+    /// The column whose values a figure on this one shows as a dashed line: what no better predictor would be below.
+    pub(super) fn reference(column: &str) -> Option<&'static str> {
+        match column {
+            "model_cd" => Some("floor_cd"),
+            "model_emd" => Some("floor_emd"),
+            _ => None,
+        }
+    }
+
+    /// Whether a column is such a reference.
+    pub(super) fn is_reference(column: &str) -> bool {
+        matches!(column, "floor_cd" | "floor_emd")
     }
 }

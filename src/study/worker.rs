@@ -12,6 +12,7 @@ use super::measure::{Settled, settle};
 use super::table::{Cell, Column, Kind};
 use super::variable::Target;
 use super::{Study, Want};
+use crate::pipeline::Probe;
 
 /// What is in a row besides outputs.
 pub(super) const ROW: &str = "row";
@@ -28,7 +29,15 @@ pub(super) struct Worker<'a> {
 }
 
 /// A robot and its solver, or why there is none, and the values that it was made of.
-type Compiled = (Vec<Value>, Result<(Robot, Settler), String>);
+type Compiled = (Vec<Value>, Result<Ready, String>);
+
+/// What configurations are computed with.
+struct Ready {
+    robot: Robot,
+    settler: Settler,
+    /// The model that is tried on the robot.
+    probe: Option<Probe>,
+}
 
 /// The columns of a study's table.
 pub(super) fn columns(study: &Study, cases: &Cases) -> Vec<Column> {
@@ -69,13 +78,18 @@ pub(super) fn inputs(study: &Study) -> Vec<Column> {
 pub(super) fn outputs(study: &Study) -> Vec<Column> {
     let limited = study.tension_limit.is_some();
     let mut wants = study.want.clone();
-    if wants.contains(&Want::Workspace) && !wants.contains(&Want::Tip) {
+    if needs_tip(study) {
         wants.insert(0, Want::Tip);
     }
     wants
         .into_iter()
         .flat_map(|want| want.columns(limited))
         .collect()
+}
+
+/// Whether the tips are computed though the study does not ask for them.
+fn needs_tip(study: &Study) -> bool {
+    study.want.iter().any(|want| want.is_of_tips()) && !study.want.contains(&Want::Tip)
 }
 
 impl<'a> Worker<'a> {
@@ -99,7 +113,7 @@ impl<'a> Worker<'a> {
             cells.push(setting.map_or(Cell::Empty, |setting| cell(&setting.1)));
         }
         let width = case.command.as_ref().map_or(0, Vec::len);
-        let rest = self.outcome(&case, width).unwrap_or_else(|reason| {
+        let rest = self.outcome(&case, width, index).unwrap_or_else(|reason| {
             let mut rest = vec![Cell::Empty; width];
             rest.push(Cell::Text(reason));
             rest
@@ -110,9 +124,13 @@ impl<'a> Worker<'a> {
     }
 
     /// The command where it is sampled, in `width` cells, the status and the outputs.
-    fn outcome(&mut self, case: &Case, width: usize) -> Result<Vec<Cell>, String> {
+    fn outcome(&mut self, case: &Case, width: usize, index: usize) -> Result<Vec<Cell>, String> {
         let study = self.study;
-        let (robot, settler) = self.compiled(&case.settings)?;
+        let Ready {
+            robot,
+            settler,
+            probe,
+        } = self.compiled(&case.settings)?;
         let command = case::command(robot, &case.settings, case.command.as_deref())?;
         let loads = case::loads(robot, &case.settings)?;
         let mut cells: Vec<Cell> = Vec::with_capacity(width);
@@ -126,6 +144,12 @@ impl<'a> Worker<'a> {
             cells.push(Cell::Text(failure.to_string()));
             return Ok(cells);
         }
+        // Before all else, which then is not computed in vain.
+        let sample = (index % study.samples()) as u64;
+        let probed = (probe.as_ref())
+            .map(|probe| probe.score(&command, &loads, &equilibrium, sample))
+            .transpose()
+            .map_err(|error| error.to_string())?;
         cells.push(Cell::Text(SETTLED.to_owned()));
         let settled = Settled {
             study,
@@ -134,6 +158,7 @@ impl<'a> Worker<'a> {
             loads: &loads,
             equilibrium: &equilibrium,
             seconds,
+            probed,
         };
         let needs =
             |want: &Want| matches!(want, Want::Compliance | Want::Manipulability | Want::Force);
@@ -141,31 +166,38 @@ impl<'a> Worker<'a> {
             true => robot.sensitivity(&command, &loads, &equilibrium).ok(),
             false => None,
         };
-        let tip = Some(Want::Tip)
-            .filter(|tip| study.want.contains(&Want::Workspace) && !study.want.contains(tip));
+        let tip = needs_tip(study).then_some(Want::Tip);
         for want in tip.into_iter().chain(study.want.iter().copied()) {
             cells.extend(settled.cells(want, settler, derivatives.as_ref()));
         }
         Ok(cells)
     }
 
-    /// The robot of the settings, and its solver.
-    fn compiled(&mut self, settings: &[Setting]) -> Result<(&Robot, &mut Settler), String> {
+    /// The robot of the settings, its solver and its model.
+    fn compiled(&mut self, settings: &[Setting]) -> Result<&mut Ready, String> {
         let of_robot = settings.iter().filter(|setting| setting.0.is_of_robot());
         let key: Vec<Value> = of_robot.map(|setting| setting.1.clone()).collect();
         if self.robot.as_ref().is_none_or(|(of, _)| *of != key) {
-            let compiled = case::robot(self.study, settings).map(|robot| {
-                let settler = Settler::new(&robot);
-                (robot, settler)
-            });
-            self.robot = Some((key, compiled));
+            self.robot = Some((key, ready(self.study, settings)));
         }
         match &mut self.robot {
-            Some((_, Ok((robot, settler)))) => Ok((robot, settler)),
+            Some((_, Ok(ready))) => Ok(ready),
             Some((_, Err(reason))) => Err(reason.clone()),
             None => Err("there is no robot".to_owned()),
         }
     }
+}
+
+/// What the configurations of some settings are computed with.
+fn ready(study: &Study, settings: &[Setting]) -> Result<Ready, String> {
+    let robot = case::robot(study, settings)?;
+    let models = study.models.as_ref();
+    let probe = models.map(|models| models.probe(settings, &robot, study.seed));
+    Ok(Ready {
+        settler: Settler::new(&robot),
+        probe: probe.transpose()?,
+        robot,
+    })
 }
 
 /// Values of some levels as cells.

@@ -32,6 +32,7 @@ mod simulate;
 mod start;
 mod statics;
 mod study;
+mod study_outputs;
 mod training;
 mod units;
 

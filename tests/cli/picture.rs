@@ -114,6 +114,89 @@ fn a_predicted_cloud_is_drawn() {
 }
 
 #[test]
+fn an_evaluation_is_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name);
+    let (data, run) = (out("data"), out("run"));
+    succeed(&[&crate::SMALL_SET[..], &["--out", text(&data)]].concat());
+    let options = ["--data", text(&data), "--out", text(&run)];
+    succeed(&[&TINY_NETWORK[..], &options].concat());
+    let model = run.join("model.safetensors");
+    let evaluate = crate::eval_small(text(&model), &data);
+    for picture in ["scores.png", "scores.svg"] {
+        succeed(&[&evaluate[..], &["--picture", text(&out(picture))]].concat());
+    }
+    assert!(png(&out("scores.png")).2 > 0.01);
+    let svg = fs::read_to_string(out("scores.svg")).unwrap();
+    for row in ["network", "sampling floor", "Of 2 test commands"] {
+        assert!(svg.contains(row), "{row}");
+    }
+    let wrong = [&evaluate[..], &["--picture", "scores.mp4"]].concat();
+    refuse(&wrong, 1, "expected the extension .png or .svg");
+}
+
+/// A program in the place of ffmpeg: it counts the bytes of its pictures into the file that it is asked for.
+#[cfg(unix)]
+const COUNTER: &str = "#!/bin/sh\nfor last; do :; done\nwc -c > \"$last\"\n";
+
+#[cfg(unix)]
+#[test]
+fn a_motion_is_a_video_where_ffmpeg_is_there_and_refused_where_not() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name);
+    let (commands, video) = (out("commands.csv"), out("video.mp4"));
+    fs::write(&commands, format!("{COMMAND}\n").repeat(101)).unwrap();
+    let (commands, picture) = (text(&commands), text(&video));
+    let arguments = ["simulate", "--commands", commands, "--picture", picture];
+    let without = crate::tdcr(&arguments)
+        .env("PATH", folder.path())
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&without.stderr).into_owned();
+    assert!(
+        !without.status.success() && said.contains("takes the program ffmpeg"),
+        "{said}"
+    );
+    assert!(!video.exists());
+    let path =
+        |programs: &Path| format!("{}:{}", programs.display(), std::env::var("PATH").unwrap());
+    let programs = out("programs");
+    fs::create_dir(&programs).unwrap();
+    let program = programs.join("ffmpeg");
+    let install = |script: &str| {
+        fs::write(&program, script).unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    };
+    install(COUNTER);
+    let with = crate::tdcr(&arguments)
+        .env("PATH", path(&programs))
+        .output()
+        .unwrap();
+    assert!(
+        with.status.success(),
+        "{}",
+        String::from_utf8_lossy(&with.stderr)
+    );
+    // 101 steps of 2 ms, a picture every 40 ms.
+    let bytes: usize = fs::read_to_string(&video).unwrap().trim().parse().unwrap();
+    assert_eq!(bytes, 6 * 480 * 480 * 3);
+    // One that fails leaves the old video and nothing beside it.
+    install("#!/bin/sh\ncat > /dev/null\nexit 3\n");
+    let failed = crate::tdcr(&arguments)
+        .env("PATH", path(&programs))
+        .output()
+        .unwrap();
+    assert!(String::from_utf8_lossy(&failed.stderr).contains("could not make"));
+    assert_eq!(
+        fs::read_to_string(&video).unwrap().trim(),
+        bytes.to_string()
+    );
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
+}
+
+#[test]
 fn shells_complete_commands_and_manuals_have_a_page_for_each() {
     for (shell, expected) in [
         ("bash", "complete -F _tdcr"),

@@ -34,14 +34,14 @@ range = [400.0, 600.0]
 count = 40
 "#;
 
-fn write(folder: &Path, name: &str, text: &str) -> std::path::PathBuf {
+pub(crate) fn write(folder: &Path, name: &str, text: &str) -> std::path::PathBuf {
     let path = folder.join(name);
     fs::write(&path, text).unwrap();
     path
 }
 
 /// The files of a study's folder that do not tell the time, by name.
-fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+pub(crate) fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     for part in [folder.to_owned(), folder.join("figures")] {
         for entry in fs::read_dir(part).into_iter().flatten() {
@@ -56,7 +56,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 /// The cells of a table, by the names in its first line without units. No cell that is looked at here holds a comma.
-fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
+pub(crate) fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
     let text = fs::read_to_string(path).unwrap();
     let mut lines = text.lines();
     let names: Vec<&str> = lines
@@ -72,7 +72,7 @@ fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
     lines.map(row).collect()
 }
 
-fn number(row: &BTreeMap<String, String>, name: &str) -> f64 {
+pub(crate) fn number(row: &BTreeMap<String, String>, name: &str) -> f64 {
     row[name].parse().unwrap()
 }
 

@@ -1,7 +1,7 @@
 //! What kind of equilibrium a robot is in.
 //!
-//! A descent decides by the inertia of the Hessian ([`Factor::definiteness`]), which takes O(n); the
-//! smallest stiffness is an eigenvalue of the dense one. Where lengths are commanded, what counts is
+//! A descent decides by the inertia of the Hessian ([`Factor::definiteness`]), and the smallest stiffness is its smallest
+//! eigenvalue ([`smallest_eigenvalue`]): both take O(n). Where lengths are commanded, what counts is
 //! the Hessian on the turns that keep them: the second-order conditions of constrained minimisation
 //! (Nocedal and Wright, Numerical Optimization, ch. 12.5), with the tensions as multipliers. The
 //! descent asks more: its Hessian is that of the augmented Lagrangian, the same on these turns.
@@ -16,7 +16,7 @@ use super::Equilibrium;
 use super::descent::Descent;
 use crate::energy::following::{add_forces, add_moments, follows, jacobian};
 use crate::energy::{DeadForces, Expansion, Potential};
-use crate::factor::{Definiteness, MARGIN, has_positive_part};
+use crate::factor::{Definiteness, MARGIN, has_positive_part, smallest_eigenvalue};
 use crate::robot::{Command, Drive, Loads, Pull, Robot, Tendon};
 use crate::tendon::Posture;
 
@@ -208,7 +208,8 @@ impl Robot {
     /// stable equilibrium, infinite where commanded lengths leave the joints no freedom, `NaN` if it
     /// cannot be computed.
     ///
-    /// The tensions of the tendons whose length is commanded are those of the equilibrium.
+    /// The tensions of the tendons whose length is commanded are those of the equilibrium. Takes O(n) but for commanded lengths
+    /// and for moments or forces that turn with their disc, which take O(n³).
     ///
     /// # Panics
     /// As [`Robot::settle`], or if the equilibrium is of a robot with other numbers of discs or tendons.
@@ -218,6 +219,35 @@ impl Robot {
         loads: &Loads,
         equilibrium: &Equilibrium,
     ) -> f64 {
+        let (posture, expansion) = self.expanded(command, loads, equilibrium);
+        let held = |t: &usize| {
+            self.tendons()[*t].holds_length() && !equilibrium.is_slack(*t, &self.tendons()[*t])
+        };
+        let held: Vec<usize> = (0..self.tendons().len()).filter(held).collect();
+        let symmetric = !loads.wrenches().iter().any(follows);
+        if symmetric && held.is_empty() {
+            return smallest_eigenvalue(&expansion).unwrap_or(f64::NAN);
+        }
+        let stiffness = jacobian(loads, 1.0, &posture, &expansion);
+        let Some(reduced) = reduce(stiffness, &expansion, &held) else {
+            return f64::NAN;
+        };
+        if reduced.nrows() == 0 {
+            return f64::INFINITY;
+        }
+        match symmetric {
+            true => smallest_of_dense(&reduced),
+            false => smallest_real_part(&reduced),
+        }
+    }
+
+    /// The potential's expansion in an equilibrium, with the tensions of held tendons.
+    fn expanded(
+        &self,
+        command: &Command,
+        loads: &Loads,
+        equilibrium: &Equilibrium,
+    ) -> (Posture, Expansion) {
         let mut posture = Posture::new(self);
         posture.place(self, &equilibrium.configuration);
         let mut dead = DeadForces::new(self);
@@ -246,23 +276,14 @@ impl Robot {
             &mut expansion,
         );
         add_moments(loads, 1.0, &posture, &mut expansion);
-        let held = |t: &usize| {
-            self.tendons()[*t].holds_length() && !equilibrium.is_slack(*t, &self.tendons()[*t])
-        };
-        let held: Vec<usize> = (0..self.tendons().len()).filter(held).collect();
-        let stiffness = jacobian(loads, 1.0, &posture, &expansion);
-        let Some(reduced) = reduce(stiffness, &expansion, &held) else {
-            return f64::NAN;
-        };
-        if reduced.nrows() == 0 {
-            return f64::INFINITY;
-        }
-        if loads.wrenches().iter().any(follows) {
-            return smallest_real_part(&reduced);
-        }
-        let eigenvalues = reduced.self_adjoint_eigenvalues(Side::Lower);
-        eigenvalues.map_or(f64::NAN, |values| values[0])
+        (posture, expansion)
     }
+}
+
+/// Smallest eigenvalue of a symmetric matrix; `NaN` if it cannot be computed.
+fn smallest_of_dense(matrix: &Mat<f64>) -> f64 {
+    let eigenvalues = matrix.self_adjoint_eigenvalues(Side::Lower);
+    eigenvalues.map_or(f64::NAN, |values| values[0])
 }
 
 /// A matrix `3 n x 3 n` by the joints' turns on those turns that keep the lengths of the tendons
@@ -284,4 +305,61 @@ fn reduce(matrix: Mat<f64>, expansion: &Expansion, held: &[usize]) -> Option<Mat
         .count();
     let free = svd.U().subcols(rank, matrix.nrows() - rank);
     Some(free.transpose() * &matrix * free)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    use super::*;
+    use crate::chain::Configuration;
+    use crate::robot::RobotSpec;
+
+    /// Poses from straight to strongly bent, in equilibrium or not: the Hessian is positive definite in some and not in others.
+    #[test]
+    fn the_smallest_stiffness_in_o_n_is_that_of_the_dense_hessian() {
+        let mut signs = [0; 2];
+        for (name, modules) in [("2m", 1), ("2m", 2), ("5m", 5), ("5m", 12)] {
+            let mut spec = RobotSpec::standard(name).unwrap();
+            let last = spec.modules[spec.modules.len() - 1].clone();
+            spec.modules.resize(modules, last);
+            let robot = Robot::new(spec).unwrap();
+            for (place, payload) in [0.0, 0.03, 0.5, 20.0].into_iter().enumerate() {
+                let share = 0.2 * place as f64;
+                let values: Vec<f64> = (robot.tendons().iter().enumerate())
+                    .map(|(t, tendon)| {
+                        let [low, high] = tendon.range;
+                        let part = 0.5 + share * (1.7 * t as f64 + share).sin();
+                        low + (high - low) * part.clamp(0.0, 1.0)
+                    })
+                    .collect();
+                let command = robot.command(&values).unwrap();
+                let loads = Loads::payload(payload).unwrap();
+                let settled = robot.settle(&command, &loads);
+                let bent = (0..robot.discs().len()).map(|disc| {
+                    let turn = Vector3::new(0.3, -0.2, 0.1) * (share * (disc as f64).cos());
+                    UnitQuaternion::from_scaled_axis(turn)
+                });
+                let thrown = Equilibrium {
+                    configuration: Configuration(bent.collect()),
+                    ..settled.clone()
+                };
+                for pose in [&settled, &thrown] {
+                    let (posture, expansion) = robot.expanded(&command, &loads, pose);
+                    let dense = jacobian(&loads, 1.0, &posture, &expansion);
+                    let expected = smallest_of_dense(&dense);
+                    let found = robot.smallest_stiffness(&command, &loads, pose);
+                    let rounding = 1e-12 * expansion.scale();
+                    assert!(
+                        (found - expected).abs() <= 1e-9 * expected.abs() + rounding,
+                        "{name}, {modules} modules, {payload} kg: {found:e}, not {expected:e}"
+                    );
+                    signs[usize::from(expected > 0.0)] += 1;
+                }
+            }
+        }
+        assert!(signs.iter().all(|count| *count > 3), "{signs:?}");
+    }
 }

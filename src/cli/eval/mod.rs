@@ -1,5 +1,6 @@
 //! `tdcr eval`.
 
+mod picture;
 mod tables;
 #[cfg(test)]
 mod tests;
@@ -47,6 +48,10 @@ pub(super) struct EvalArgs {
     /// Write an HTML page of the scores: table, distribution, pictures of the worst predictions
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+    /// Draw the scores in this file: .png the worst predictions against the true clouds, .svg the Chamfer distances of all test
+    /// commands
+    #[arg(long, value_name = "FILE")]
+    picture: Option<PathBuf>,
 }
 
 /// How clouds are compared.
@@ -119,6 +124,9 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(path) = &args.report {
         output::format("--report", path, &["html"])?;
     }
+    if let Some(path) = &args.picture {
+        output::format("--picture", path, &["png", "svg"])?;
+    }
     let (scored, evaluator) = prepare(args)?;
     let evaluated = scored.told(args);
     if evaluator.lacks_colors() {
@@ -151,8 +159,14 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
         )
     })?;
     // After the result: a page that cannot be written costs nothing but the page.
+    if args.report.is_none() && args.picture.is_none() {
+        return Ok(());
+    }
+    let page = evaluation_page(&evaluated, &args.data, &evaluator, &evaluation, &results)?;
+    if let Some(path) = &args.picture {
+        picture::write(path, &evaluation, &page.examples)?;
+    }
     if let Some(path) = &args.report {
-        let page = evaluation_page(&evaluated, &args.data, &evaluator, &evaluation, &results)?;
         output::write(path, page.to_html())?;
     }
     Ok(())

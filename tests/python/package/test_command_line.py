@@ -79,7 +79,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
         },
     ),
     "calibrate": (tdcr.calibrate_recording, {"out": "RecordingCalibration.save"}),
-    "eval": (tdcr.evaluate, {}),
+    "eval": (tdcr.evaluate, {"picture": "the report has the pictures"}),
     "compare": (tdcr.compare, {}),
     "background": (tdcr.rig.record_background, {}),
     "capture": (
