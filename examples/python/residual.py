@@ -4,7 +4,8 @@
 
 A robot is calibrated on some motions of a recording (`tdcr.calibrate_recording`); a small network then learns what the calibrated
 robot misses, from the servos' pulls, those of the rows before, and where the simulator says that the tip is. Beside it stands the
-same network without physics, which learns the tip's place from the same pulls. Both are held against a recording of other motions.
+same network without physics, which learns the place of the tip from the same pulls. Both are held against a recording of other
+motions.
 Motions are drawn whole: rows of one motion are too alike to be learned from and tested on.
 """
 
@@ -52,22 +53,30 @@ def features(recording: Replayed, simulated: bool) -> Floats:
     return np.concatenate(columns, axis=1)
 
 
+RIDGES = (1e-2, 1e-1, 1.0, 10.0, 100.0, np.inf)
+"""Penalties of the linear part, of which motions kept aside choose; the last leaves it out."""
+
+
 class Ensemble:
-    """Small networks from inputs to millimetres, each trained until motions kept aside are told no better."""
+    """From inputs to millimetres: a linear part, and small networks for the rest.
+
+    The penalty of the linear part, and when a network's training ends, are where motions that are kept aside are told best.
+    """
 
     def __init__(self, inputs: Floats, outputs: Floats, motions: NDArray[np.str_], steps: int, seed: int) -> None:
         self.mean, self.scale = inputs.mean(0), inputs.std(0) + 0.1
         self.offset, self.size = outputs.mean(0), float(outputs.std()) + 1e-6
-        x, y = self._input(inputs), torch.tensor((outputs - self.offset) / self.size, dtype=torch.float32)
-        self.networks: list[nn.Module] = []
+        x, y = (inputs - self.mean) / self.scale, (outputs - self.offset) / self.size
         names = np.unique(motions)
-        for member in range(MEMBERS):
-            chance = np.random.default_rng([seed, member])
-            aside = np.isin(motions, chance.choice(names, max(1, len(names) // 5), replace=False))
-            self.networks.append(self._train(x, y, torch.tensor(aside), steps, 1000 * seed + member))
-
-    def _input(self, inputs: Floats) -> torch.Tensor:
-        return torch.tensor((inputs - self.mean) / self.scale, dtype=torch.float32)
+        draws = [np.random.default_rng([seed, member]) for member in range(MEMBERS)]
+        asides = [np.isin(motions, draw.choice(names, max(1, len(names) // 5), replace=False)) for draw in draws]
+        errors = [sum(((y - x @ linear(x[~a], y[~a], ridge))[a] ** 2).mean() for a in asides) for ridge in RIDGES]
+        self.linear = linear(x, y, RIDGES[int(np.argmin(errors))])
+        rest = torch.tensor(y - x @ self.linear, dtype=torch.float32)
+        x32 = torch.tensor(x, dtype=torch.float32)
+        self.networks = [
+            self._train(x32, rest, torch.tensor(aside), steps, 1000 * seed + member) for member, aside in enumerate(asides)
+        ]
 
     @staticmethod
     def _train(x: torch.Tensor, y: torch.Tensor, aside: torch.Tensor, steps: int, seed: int) -> nn.Module:
@@ -94,10 +103,19 @@ class Ensemble:
         return network
 
     def __call__(self, inputs: Floats) -> Floats:
-        """The networks' mean (mm)."""
+        """The linear part and the networks' mean (mm)."""
+        x = (inputs - self.mean) / self.scale
         with torch.no_grad():
-            outputs = torch.stack([network(self._input(inputs)) for network in self.networks]).mean(0)
-        return self.offset + self.size * outputs.numpy().astype(float)
+            x32 = torch.tensor(x, dtype=torch.float32)
+            rest = torch.stack([network(x32) for network in self.networks]).mean(0)
+        return self.offset + self.size * (x @ self.linear + rest.numpy().astype(float))
+
+
+def linear(x: Floats, y: Floats, ridge: float) -> Floats:
+    """Coefficients of ridge regression."""
+    if np.isinf(ridge):
+        return np.zeros((x.shape[1], y.shape[1]))
+    return np.linalg.solve(x.T @ x + ridge * len(x) / 100 * np.eye(x.shape[1]), x.T @ y)
 
 
 def rmse(misses: Floats) -> float:
