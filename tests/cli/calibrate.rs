@@ -59,7 +59,7 @@ fn a_recording_calibrates_a_robot_that_the_same_command_reads_again() {
     let files = ["--out", text(&out), "--report", text(&page)];
     let found = succeed_json(&[&on(&data, &robot, &columns)[..], &fit, &files].concat());
     let number = |key: &str| found[key].as_f64().unwrap();
-    assert!(number("train_rmse") < 0.7 * number("uncalibrated_rmse"));
+    assert!(number("train_rmse") < 0.8 * number("uncalibrated_rmse"));
     assert!(number("validation_rmse") < number("uncalibrated_validation_rmse"));
     assert_eq!(
         (&found["rows"], &found["validation_rows"]),
