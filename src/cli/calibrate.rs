@@ -37,7 +37,7 @@ pub(super) struct CalibrateArgs {
     #[arg(long, value_name = "FILE")]
     validate: Option<PathBuf>,
     /// Groups of unknowns, separated by commas, or none [default: pretension, spool_radius, backlash, lag, hole_angles, twist, stiffness,
-/// torsion, rest_bend, tendon_stiffness, base_pose, marker_offset, gravity, mass, those of them that the robot has; besides these
+    /// torsion, rest_bend, tendon_stiffness, base_pose, marker_offset, gravity, mass, those of them that the robot has; besides these
     /// hole_radius, tendon_stiffening, friction]. With servo_map, which servo pulls which tendon, and which way, is found first, from rows
     /// in which one moves alone
     #[arg(long, value_delimiter = ',', value_name = "GROUP,..", value_parser = choice())]

@@ -14,6 +14,7 @@ use super::problem::{Memory, Problem, Weighing};
 use super::{Group, Misses, Recording, RecordingError, Replay, Transmission, check};
 use crate::inverse::least_squares::{Evaluation, minimise};
 use crate::robot::{ModuleSpec, Robot, RobotSpec};
+use crate::tendon_friction::Tangents;
 
 /// Rows of the first fit.
 const FEW_ROWS: usize = 300;
@@ -151,8 +152,14 @@ pub fn fit_recording(
         });
     }
     let length = length(first);
-    let friction =
-        settings.groups.contains(&Group::Friction) || rubs(&Robot::new(explicit.spec.clone())?);
+    let robot = Robot::new(explicit.spec.clone())?;
+    let friction = settings.groups.contains(&Group::Friction) || rubs(&robot);
+    if friction && Tangents::new(&robot, Vec::new()).is_none() {
+        return Err(RecordingError::Group {
+            group: Group::Friction,
+            reason: "a tendon skips discs, along which derivatives of paths with friction are not carried",
+        });
+    }
     let problem = Problem {
         explicit: &explicit,
         transmission,

@@ -311,6 +311,16 @@ fn what_makes_no_sense_is_named() {
         refused.to_string().starts_with("cannot fit gravity: "),
         "{refused}"
     );
+    // The fourth hole of the first tendon is left out.
+    let mut skipping = explicit::Explicit::new(&first).expect("a robot").spec;
+    skipping.routes[0].through.remove(3);
+    let settings = RecordingSettings {
+        groups: vec![Group::Friction],
+        ..RecordingSettings::default()
+    };
+    let refused = fit_recording(&skipping, &there, &recording, &settings, &mut onwards);
+    let refused = refused.expect_err("refused").to_string();
+    assert!(refused.contains("a tendon skips discs"), "{refused}");
     let few = Recording {
         times: recording.times[..1].to_vec(),
         pulls: recording.pulls[..1].to_vec(),
