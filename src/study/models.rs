@@ -1,6 +1,7 @@
 //! Trained models whose errors a study tells.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -128,9 +129,9 @@ impl ModelsInFile {
         }
         for settings in combinations {
             let name = models.path(&settings);
-            if !models.found.contains_key(&name) {
-                let model = TrainedModel::read(&folder.join(&name), &name)?;
-                models.found.insert(name, model);
+            if let Entry::Vacant(place) = models.found.entry(name) {
+                let model = TrainedModel::read(&folder.join(place.key()), place.key())?;
+                place.insert(model);
             }
         }
         Ok(models)

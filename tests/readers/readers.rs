@@ -29,6 +29,9 @@ mod commands;
 #[path = "../../src/pipeline/journal.rs"]
 #[allow(dead_code, reason = "the program needs more of it")]
 mod journal;
+#[path = "../../src/pipeline/line_file.rs"]
+#[allow(dead_code, reason = "the program needs more of it")]
+mod line_file;
 
 /// A reader's name, and the reader.
 pub type Reader = (&'static str, fn(&[u8]));
