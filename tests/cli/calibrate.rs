@@ -200,8 +200,9 @@ fn single_pulls_tell_which_servo_pulls_which_tendon() {
     let folder = tempfile::tempdir().unwrap();
     let robot = example("robot.toml");
     let map = fs::read_to_string(example("columns.toml")).unwrap();
-    let columns: Vec<&str> = (map.match_indices("servo_"))
-        .map(|(at, _)| &map[at..at + "servo_4_mm".len()])
+    let columns: Vec<&str> = (map.lines())
+        .filter_map(|line| line.strip_prefix("column = \"servo_"))
+        .map(|rest| rest.trim_end_matches('"'))
         .collect();
     let [head, tail] = [
         map.find("[[servos]]").unwrap(),
@@ -216,7 +217,7 @@ fn single_pulls_tell_which_servo_pulls_which_tendon() {
         } else {
             ""
         };
-        format!("[[servos]]\ncolumn = \"{column}\"\nunit = \"mm\"\n{sign}\n")
+        format!("[[servos]]\ncolumn = \"servo_{column}\"\nunit = \"mm\"\n{sign}\n")
     };
     let servos: String = sorted.iter().map(servo).collect();
     let shuffled = folder.path().join("columns.toml");
@@ -228,7 +229,10 @@ fn single_pulls_tell_which_servo_pulls_which_tendon() {
     let data = example("real_robot_v4_tendon_pull.csv");
     let doubted = tdcr(&[&on(&data, &robot, &shuffled)[..], &["--fit", "none"]].concat()).output();
     let said = stderr(&doubted.unwrap());
-    assert!(said.contains("--fit servo_map finds which"), "{said}");
+    assert!(
+        said.contains("servo_map among what is fitted finds which"),
+        "{said}"
+    );
     let out = folder.path().join("mapped.toml");
     let fit = ["--fit", "servo_map", "--out", text(&out)];
     let found = succeed_json(&[&on(&data, &robot, &shuffled)[..], &fit].concat());
