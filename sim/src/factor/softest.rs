@@ -18,6 +18,10 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// The smallest eigenvalue of the Hessian of `expansion` (N m/rad); `None` for numbers that are not finite.
 pub(crate) fn smallest_eigenvalue(expansion: &Expansion) -> Option<f64> {
+    // Without springs and loads nothing resists a turn, and no shift has a size.
+    if expansion.scale() == 0.0 {
+        return Some(0.0);
+    }
     let mut factor = Factor::new(expansion);
     let shift = factorise_shifted(&mut factor, expansion)?;
     let largest = largest_of_inverse(&factor, expansion.joint_blocks.len())?;

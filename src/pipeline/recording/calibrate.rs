@@ -13,9 +13,8 @@ use thiserror::Error;
 
 use super::repeat::repeatability;
 use super::servos::{self, FoundServos};
-use super::{Columns, RecordingFile, RecordingFileError};
+use super::{Columns, RecordingFile, RecordingFileError, bad_row_count};
 use crate::pipeline::Monitor;
-use crate::report::counted;
 
 /// What is fitted, and how.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -237,7 +236,7 @@ fn load(
         notes.push(format!(
             "{}: {} left out; {}",
             path.display(),
-            counted(lines.len(), "bad row"),
+            bad_row_count(lines.len()),
             lines.join("; ")
         ));
     }

@@ -20,8 +20,6 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::report::counted;
-
 /// Lines that a message names at most.
 const NAMED: usize = 5;
 
@@ -93,6 +91,14 @@ fn bad_rows(path: &std::path::Path, rows: &[BadRow]) -> String {
     format!(
         "{} has {} (--skip-bad-rows leaves them out):{named}{more}",
         path.display(),
-        counted(rows.len(), "bad row")
+        bad_row_count(rows.len())
     )
+}
+
+/// So many bad rows, in words.
+fn bad_row_count(rows: usize) -> String {
+    match rows {
+        1 => "1 bad row".to_owned(),
+        rows => format!("{rows} bad rows"),
+    }
 }
