@@ -127,12 +127,22 @@ pub fn find_servo_map(
     if !missing.is_empty() {
         return Err(RecordingError::NeverAlone { servos: missing });
     }
-    let overlaps = overlaps(&robot, transmission, &pulls, tendons);
-    let map = (0..TURNS)
-        .map(|k| assign(&overlaps, 2.0 * PI * (k as f64 / TURNS as f64 - 0.5)))
-        .min_by(|a, b| a.cost().total_cmp(&b.cost()));
-    // There is a turn to start from.
-    Ok(map.unwrap_or_else(|| assign(&overlaps, 0.0)))
+    // Servos at rest report what they report whichever of them moves: most of them count the same way, up or down.
+    let found = [1.0, -1.0].map(|rest| {
+        let overlaps = overlaps(&robot, transmission, &pulls, rest);
+        let turns = (0..TURNS).map(|k| 2.0 * PI * (k as f64 / TURNS as f64 - 0.5));
+        let maps = turns.map(|turn| assign(&overlaps, turn));
+        // There are turns to start from.
+        (maps.min_by(|a, b| a.cost().total_cmp(&b.cost())))
+            .unwrap_or_else(|| assign(&overlaps, 0.0))
+    });
+    let [up, down] = found;
+    let misfit_as_given = up.misfit_as_given;
+    let better = if up.cost() <= down.cost() { up } else { down };
+    Ok(ServoMap {
+        misfit_as_given,
+        ..better
+    })
 }
 
 /// The widest pulls of each servo alone.
@@ -202,13 +212,14 @@ fn pull(recording: &Recording, rows: std::ops::Range<usize>, servo: usize) -> Op
     })
 }
 
-/// For each servo and tendon what the robot's markers would do, for both signs.
+/// For each servo and tendon what the robot's markers would do, for both signs; what servos at rest report counts with the sign `rest`.
 fn overlaps(
     robot: &Robot,
     transmission: &Transmission,
     pulls: &[Pull],
-    tendons: usize,
+    rest: f64,
 ) -> Vec<Vec<[Overlap; 2]>> {
+    let tendons = transmission.servos.len();
     let markers: Vec<DiscPoint> = transmission.markers.iter().map(Marker::point).collect();
     let [w, x, y, z] = robot.spec().base.orientation;
     let base = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
@@ -216,7 +227,7 @@ fn overlaps(
     let one = |settler: &mut Settler, pull: &Pull, tendon: usize, sign: f64| {
         let mut overlap = Overlap::default();
         let mut at = |level: f64| -> Option<Vec<Vector3<f64>>> {
-            let mut reported = vec![sign * pull.others; tendons];
+            let mut reported = vec![rest * pull.others; tendons];
             reported[tendon] = sign * level;
             let still = Recording {
                 times: vec![0.0],
