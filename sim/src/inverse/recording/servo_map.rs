@@ -222,6 +222,7 @@ fn overlaps(
                 times: vec![0.0],
                 pulls: vec![reported],
                 points: vec![Vec::new()],
+                ..Recording::default()
             };
             let command = transmission.commands(robot, &still).pop()?;
             let settled = settler.settle(&robot.command(&command).ok()?, &Loads::default());
