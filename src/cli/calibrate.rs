@@ -157,7 +157,7 @@ pub(super) fn run(args: &CalibrateArgs, console: &Console) -> anyhow::Result<()>
 }
 
 fn table(found: &Calibrated, out: Option<&Path>) -> String {
-    let mut text = String::from("recording    before (mm)   after (mm)   rows\n");
+    let mut text = String::from("recording           before (mm)   after (mm)   rows\n");
     let rows = [
         (
             "training",
@@ -171,13 +171,25 @@ fn table(found: &Calibrated, out: Option<&Path>) -> String {
             found.validation_rmse,
             found.validation_rows,
         ),
+        (
+            "training median",
+            found.uncalibrated_median,
+            found.train_median,
+            Some(found.rows),
+        ),
+        (
+            "validation median",
+            found.uncalibrated_validation_median,
+            found.validation_median,
+            found.validation_rows,
+        ),
     ];
     for (name, before, after, rows) in rows {
         if let (Some(before), Some(after), Some(rows)) = (before, after, rows) {
             // Writing to a string cannot fail.
             let _ = writeln!(
                 text,
-                "{name:11} {:12.2} {:12.2} {rows:6}",
+                "{name:18} {:12.2} {:12.2} {rows:6}",
                 1e3 * before,
                 1e3 * after
             );
@@ -185,7 +197,7 @@ fn table(found: &Calibrated, out: Option<&Path>) -> String {
     }
     if found.measured == Measured::Clouds {
         text.push_str(
-            "distances of the clouds' points from the robot's surface, root mean square\n",
+            "distances of the clouds' points from the robot's surface: root mean square, and the median, which stray points hardly change\n",
         );
     }
     if found.validated_on_splits {

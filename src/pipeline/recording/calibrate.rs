@@ -147,6 +147,14 @@ pub struct Calibrated {
     pub uncalibrated_rmse: f64,
     /// And of the other recording.
     pub uncalibrated_validation_rmse: Option<f64>,
+    /// Median distance of the clouds' points from the robot's surface (m), which stray points hardly change; none of markers.
+    pub train_median: Option<f64>,
+    /// The same of the other recording.
+    pub validation_median: Option<f64>,
+    /// The same of the robot as it was given.
+    pub uncalibrated_median: Option<f64>,
+    /// And of the other recording.
+    pub uncalibrated_validation_median: Option<f64>,
     /// Rows.
     pub rows: usize,
     /// Rows of the other recording.
@@ -359,6 +367,10 @@ fn said(
         validation_rmse: validation.map(|compared| compared.after.rmse),
         uncalibrated_rmse: train.before.rmse,
         uncalibrated_validation_rmse: validation.map(|compared| compared.before.rmse),
+        train_median: train.after.median,
+        validation_median: validation.and_then(|compared| compared.after.median),
+        uncalibrated_median: train.before.median,
+        uncalibrated_validation_median: validation.and_then(|compared| compared.before.median),
         rows: train.file.recording.len(),
         validation_rows: validation.map(|compared| compared.file.recording.len()),
         validated_on_splits: false,

@@ -128,12 +128,13 @@ impl RecordingFile {
 }
 
 /// Whether a data set's clouds show the base.
-fn base_of(meta: Option<&Meta>) -> BaseVisibility {
-    match meta.map(|meta| &meta.origin) {
+fn base_of(meta: Option<&Meta>) -> bool {
+    let base = match meta.map(|meta| &meta.origin) {
         Some(Origin::Simulated { recipe, .. }) => recipe.subject.base,
         Some(Origin::Recorded { recording }) => recording.base,
         _ => BaseVisibility::Hidden,
-    }
+    };
+    base == BaseVisibility::Shown
 }
 
 /// Leaves [`CLOUD_POINTS`] points at most, evenly spread over the cloud.
@@ -155,7 +156,7 @@ struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    fn new(robot: &'a Robot, frame: Isometry3<f64>, base: BaseVisibility) -> Self {
+    fn new(robot: &'a Robot, frame: Isometry3<f64>, base: bool) -> Self {
         let straight = Configuration::straight(robot);
         Self {
             robot,

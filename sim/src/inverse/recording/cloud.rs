@@ -7,7 +7,6 @@
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use crate::geometry::{Shape, base_pose, base_solids, disc_solids, rod_pieces};
-use crate::render::BaseVisibility;
 use crate::robot::{Robot, RobotSpec};
 use crate::sensitivity::DiscPoint;
 use crate::statics::Equilibrium;
@@ -22,11 +21,11 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// What cameras see of a robot.
-    pub fn of(spec: &RobotSpec, base: BaseVisibility) -> Self {
+    /// What cameras see of a robot, with or without its `base`.
+    pub fn of(spec: &RobotSpec, base: bool) -> Self {
         let radius = |disc: usize| Some(spec.modules[spec.module_of(disc)?].rod?.radius);
         Self {
-            base: base == BaseVisibility::Shown,
+            base,
             rods: (0..spec.disc_count()).map(radius).collect(),
         }
     }
@@ -215,8 +214,13 @@ mod tests {
             ..Recording::default()
         };
         for _ in 0..rows {
-            let pulls = (0..6).map(|_| rng.random_range(-0.012..0.012));
-            recording.pulls.push(pulls.collect());
+            // Each module bends some way, and all of its tendons pull.
+            let ways = [(); 2].map(|()| (rng.random_range(0.0..0.01), rng.random_range(0.0..TAU)));
+            let pull = |t: usize| {
+                let (bend, way): (f64, f64) = ways[t / 3];
+                0.003 + bend * (way + TAU / 3.0 * t as f64).sin()
+            };
+            recording.pulls.push((0..6).map(pull).collect());
         }
         let robot = Robot::new(super::super::without_ranges(spec).expect("a robot")).expect("one");
         let commands = there.commands(&robot, &recording);
@@ -269,9 +273,9 @@ mod tests {
             let [low, high] = unknown.interval;
             assert!((low..=high).contains(&truth), "{unknown:?}, truth {truth}");
             let near = if unknown.group == Group::Stiffness {
-                0.03
+                0.05
             } else {
-                1e-4
+                2.5e-4
             };
             assert!(
                 (unknown.value - truth).abs() < near,
@@ -324,16 +328,16 @@ mod tests {
             found.expect("settled")
         };
         let here = at(&x);
-        let h = 1e-3;
+        let h = 1e-4;
         for i in 0..x.len() {
             let [mut low, mut high] = [x.clone(), x.clone()];
             (low[i], high[i]) = (x[i] - h, x[i] + h);
             let slope = (at(&high).residuals - at(&low).residuals) / (2.0 * h);
             let miss = slope.clone() - here.jacobian.column(i);
-            // A point may change from one solid to the next within the step, where its distance has a kink.
+            // A point may change from one face to the next within the step, where its distance has a kink.
             let far = 1e-2 * slope.amax().max(1e-6);
             let missed = miss.iter().filter(|miss| miss.abs() > far).count();
-            assert!(missed <= 1, "{}: {}", unknowns[i].name, miss.amax());
+            assert!(missed <= 2, "{}: {}", unknowns[i].name, miss.amax());
         }
     }
 
@@ -376,7 +380,7 @@ mod tests {
             replay.misses(recording).rmse
         };
         let hidden = rmse(&recording);
-        recording.shown = Shown::of(&spec, BaseVisibility::Shown);
+        recording.shown = Shown::of(&spec, true);
         let shown = rmse(&recording);
         assert!(
             shown < 2.0 * NOISE && hidden > 5.0 * shown,

@@ -209,9 +209,8 @@ pub fn fit_recording(
     let (spec, there) = problem.values(&found.x);
     let misses = Replay::new(&spec, &there, recording)?.misses(recording);
     let alike_rows = alike(&misses);
-    let per_row = misses.measured().max(1) as f64 / rows as f64;
     // Per coordinate, in so many rows that count as one; markers and points of one row miss alike too.
-    let error = misses.rmse / 3f64.sqrt() * (alike_rows * per_row).sqrt();
+    let error = (misses.squares() / 3.0 * alike_rows / rows as f64).sqrt();
     let all = Weighing {
         rows: (0..rows).collect(),
         error: error.max(1e-9 * length),

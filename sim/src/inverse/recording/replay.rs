@@ -34,6 +34,8 @@ pub struct Misses {
     pub means: Vec<Vector3<f64>>,
     /// Root mean square of the misses' lengths, without the means, and of the distances, which have none (m).
     pub rmse: f64,
+    /// Median of the distances (m); none where there are none. Points that are not of the robot hardly move it.
+    pub median: Option<f64>,
     /// Rows in which the robot did not settle.
     pub unsettled: Vec<usize>,
 }
@@ -131,6 +133,7 @@ impl Replay {
         Misses {
             means,
             rmse: (sum / f64::from(count.max(1))).sqrt(),
+            median: median(distances.iter().flatten().copied().collect()),
             unsettled: unsettled.collect(),
             distances,
             misses,
@@ -138,10 +141,23 @@ impl Replay {
     }
 }
 
+/// Standard deviation of a normal distribution by the median of its absolute values (Rousseeuw and Croux, 1993).
+const DEVIATION_BY_MEDIAN: f64 = 1.4826;
+
 impl Misses {
-    /// Number of markers and points that were measured where the robot settled.
-    pub(super) fn measured(&self) -> usize {
+    /// Sum of the squared misses of markers (m²), and for the points of clouds what it would be without those that are far from
+    /// the robot, as points of other things are.
+    pub(super) fn squares(&self) -> f64 {
+        let markers: f64 = (self.misses.iter().flatten().flatten())
+            .map(Vector3::norm_squared)
+            .sum();
         let points: usize = self.distances.iter().map(Vec::len).sum();
-        self.misses.iter().flatten().flatten().count() + points
+        let deviation = DEVIATION_BY_MEDIAN * self.median.unwrap_or(0.0);
+        markers + points as f64 * deviation * deviation
     }
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
 }
