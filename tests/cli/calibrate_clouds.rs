@@ -76,7 +76,7 @@ fn a_data_set_gives_the_stiffness_of_its_robot_back() {
     assert!(
         fs::read_to_string(&page)
             .unwrap()
-            .contains("points from the robot's surface")
+            .contains("Root mean square distances of the clouds")
     );
     // What was written says the same when nothing more is fitted, and the folder itself may be named for validation.
     let map = path("calibrated.columns.toml");
