@@ -119,7 +119,7 @@ pub struct RecordingCalibration {
     notes: Vec<String>,
 }
 
-/// Calibrates a robot on the recording `data`; `columns` is the file of a column map, or the JSON text of one. Writes the page `report`.
+/// Calibrates a robot on the recording `data`; `columns` is the file of a column map, the JSON text of one, or none. Writes the page `report`.
 #[pyfunction]
 #[pyo3(signature = (robot, data, columns, validate, report, options, progress = None))]
 #[allow(clippy::too_many_arguments, reason = "the arguments of a command")]
@@ -127,7 +127,7 @@ pub fn calibrate_recording(
     py: Python<'_>,
     robot: &Robot,
     data: PathBuf,
-    columns: MapArgument,
+    columns: Option<MapArgument>,
     validate: Option<PathBuf>,
     report: Option<PathBuf>,
     options: Options,
@@ -136,14 +136,15 @@ pub fn calibrate_recording(
     let spec = robot.0.spec().clone();
     let settings = options.settings()?;
     let columns = match columns {
-        MapArgument::File(path) => Columns::load(&path, &spec)?,
-        MapArgument::Json((text,)) => Columns::from_json(&text, &spec)?,
+        Some(MapArgument::File(path)) => Some(Columns::load(&path, &spec)?),
+        Some(MapArgument::Json((text,))) => Some(Columns::from_json(&text, &spec)?),
+        None => None,
     };
     let calibration = run::long(py, progress, |watch| {
         let stage = Stage::new(&["calibrate"], watch);
         let calibration = calibrate(
             &spec,
-            &columns,
+            columns.as_ref(),
             &data,
             validate.as_deref(),
             &settings,

@@ -266,7 +266,7 @@ class RecordingCalibration:
 def calibrate_recording(
     robot: Robot,
     data: str,
-    columns: str | tuple[str],
+    columns: str | tuple[str] | None,
     validate: str | None,
     report: str | None,
     options: dict[str, Any],

@@ -26,9 +26,10 @@ class Replayed:
     Attributes:
         times: When each row was recorded, shape (rows,) (s).
         patterns: The motion that each row belongs to.
-        lines: The line of each row in its file.
+        lines: The line of each row in its file; of clouds the number of the sample, from 0.
         pulls: What the servos reported, shape (rows, tendons) (m or N).
-        measured: Measured points, shape (rows, points, 3), world frame (m); NaN where not measured.
+        measured: Measured markers, shape (rows, markers, 3), world frame (m); NaN where not measured. There are none beside
+            clouds.
         predicted: The same points by the calibrated robot; NaN where it did not settle.
     """
 
@@ -47,7 +48,8 @@ class RecordingCalibration:
     Attributes:
         robot: The calibrated robot.
         columns: The column map with what was found of servos and markers.
-        train_rmse: Root mean square distance of the markers from where the robot says, mean offset aligned (m).
+        train_rmse: Root mean square distance of the markers from where the robot says, mean offset aligned, or of the clouds'
+            points from its surface (m).
         validation_rmse: The same of the other recording, if there was one.
         parameters: What was found: ``name``, ``value``, ``interval`` (95 %), ``unit`` and so on of each unknown.
         found: All that ``tdcr calibrate --json`` prints.
@@ -79,7 +81,7 @@ class RecordingCalibration:
 def calibrate_recording(
     robot: Robot | str,
     data: PathLike,
-    columns: PathLike | Mapping[str, Any],
+    columns: PathLike | Mapping[str, Any] | None = None,
     *,
     validate: PathLike | None = None,
     fit: Sequence[str] | None = None,
@@ -90,18 +92,20 @@ def calibrate_recording(
     report: PathLike | None = None,
     progress: Progress | None = None,
 ) -> RecordingCalibration:
-    """Calibrates a robot on a recording of what its servos and markers did; as ``tdcr calibrate``.
+    """Calibrates a robot on a recording of what its servos and markers did, or on clouds of it; as ``tdcr calibrate``.
 
     The guide is :doc:`/sim-to-real`.
 
     Args:
         robot: The robot as it was designed.
-        data: The recording (CSV with a header).
-        columns: Which column holds what: a TOML file, or a dictionary of the same keys.
-        validate: Another recording with the same columns, to hold the calibrated robot against.
+        data: The recording: a table of markers (CSV with a header), the folder of a data set, whose train split is fitted to, or
+            the log of a capture (``.mcap``).
+        columns: Which column holds what: a TOML file, or a dictionary of the same keys. Data sets and logs need none.
+        validate: Another recording with the same columns, or of clouds where ``data`` has clouds, to hold the calibrated robot
+            against; where not given, of a data set its val and test splits.
         fit: Groups of unknowns; those of the default ones that the robot has, where none are given. ``[]`` fits nothing.
             With ``"servo_map"``, which servo pulls which tendon, and which way, is found first.
-        loss: Distance (m) from which a marker's miss counts less than by its square; a fortieth of the robot's length.
+        loss: Distance (m) from which a marker's or a point's miss counts less than by its square; a fortieth of the robot's length.
         starts: Starts of the fit: the robot's own values, then others at random.
         seed: Seed of the random starts.
         skip_bad_rows: Leave out rows that cannot be used, with a warning; without it, they are named and refused.
@@ -110,15 +114,16 @@ def calibrate_recording(
 
     Raises:
         DataError: For a recording that cannot be read, or has bad rows.
-        InputError: For a column map that does not fit, or a recording that says too little.
+        InputError: For a column map that does not fit or is missing, or a recording that says too little.
     """
     robot = Robot(robot) if isinstance(robot, str) else robot
+    chosen: Any = None
     if isinstance(columns, Mapping):
         try:
-            chosen: Any = (json.dumps(dict(columns)),)
+            chosen = (json.dumps(dict(columns)),)
         except TypeError as error:
             raise InputError(f"columns cannot be written as JSON: {error}") from error
-    else:
+    elif columns is not None:
         chosen = os.fspath(columns)
     options = {
         "fit": None if fit is None else list(fit),

@@ -8,8 +8,8 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use tdcr::pages::CalibrationPage;
 use tdcr::pipeline::recording::{
-    BadRows, CalibrateError, CalibrateSettings, Calibrated, Columns, FoundServos, ServoOrder,
-    calibrate,
+    BadRows, CalibrateError, CalibrateSettings, Calibrated, Columns, FoundServos, Measured,
+    ServoOrder, calibrate,
 };
 use tdcr::report::counted;
 use tdcr::sim::inverse::recording::Group;
@@ -17,9 +17,9 @@ use tdcr::sim::inverse::recording::Group;
 use super::console::{Console, Interrupted};
 use super::output;
 
-/// Calibrate a robot on a recording: what its servos and markers did, in the order of time
+/// Calibrate a robot on a recording: what its servos and markers did in the order of time, or clouds of it at rest
 ///
-/// Finds the groups of unknowns of --fit that explain the markers best, and says how far the robot is from the recording before
+/// Finds the groups of unknowns of --fit that explain the markers or clouds best, and says how far the robot is from the recording before
 /// and after, and from another recording that it was not fitted to. The calibrated robot is a robot file; the column map with
 /// what was found of servos and markers is written beside it, as NAME.columns.toml. With --fit none, nothing is fitted.
 #[derive(Debug, Args)]
@@ -27,22 +27,26 @@ pub(super) struct CalibrateArgs {
     /// The robot as it was designed: 2m, 3m, 5m, or the path of a robot file
     #[arg(long, value_name = "ROBOT")]
     robot: String,
-    /// The recording (CSV with a header)
+    /// The recording: a table of markers (CSV with a header), the folder of a data set, whose train split is fitted to, or the log
+    /// of a capture (.mcap)
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
-    /// Which column holds what (TOML; docs/sim-to-real.md)
+    /// Which column holds what (TOML; docs/sim-to-real.md). Data sets and logs need none: of one that is given, servos' gains and
+    /// offsets and the frame are used
     #[arg(long, value_name = "FILE")]
-    columns: PathBuf,
-    /// Another recording with the same columns, to hold the calibrated robot against
+    columns: Option<PathBuf>,
+    /// Another recording with the same columns, or of clouds where --data has clouds, to hold the calibrated robot against [default:
+    /// of a data set its val and test splits; else none]
     #[arg(long, value_name = "FILE")]
     validate: Option<PathBuf>,
     /// Groups of unknowns, separated by commas, or none [default: pretension, spool_radius, backlash, lag, hole_angles, twist, stiffness,
-    /// torsion, rest_bend, tendon_stiffness, base_pose, marker_offset, gravity, mass, those of them that the robot has; besides these
+    /// torsion, rest_bend, tendon_stiffness, base_pose, marker_offset, gravity, mass, those of them that the robot has, without backlash and
+    /// lag where the recording has clouds; besides these
     /// hole_radius, tendon_stiffening, friction]. With servo_map, which servo pulls which tendon, and which way, is found first, from rows
     /// in which one moves alone
     #[arg(long, value_delimiter = ',', value_name = "GROUP,..", value_parser = choice())]
     fit: Option<Vec<Choice>>,
-    /// Distance (m) from which a marker's miss counts less than by its square [default: a fortieth of the robot's length]
+    /// Distance (m) from which a marker's or a point's miss counts less than by its square [default: a fortieth of the robot's length]
     #[arg(long, value_name = "M", value_parser = super::positive)]
     loss: Option<f64>,
     /// Starts of the fit: the robot's own values, then others at random
@@ -126,9 +130,13 @@ pub(super) fn run(args: &CalibrateArgs, console: &Console) -> anyhow::Result<()>
     }
     let settings = args.settings()?;
     let robot = super::load_robot(&args.robot)?;
-    let columns = Columns::load(&args.columns, &robot)?;
+    let columns = match &args.columns {
+        Some(columns) => Some(Columns::load(columns, &robot)?),
+        None => None,
+    };
+    let (columns, data) = (columns.as_ref(), &args.data);
     let validate = args.validate.as_deref();
-    let calibration = match calibrate(&robot, &columns, &args.data, validate, &settings, console) {
+    let calibration = match calibrate(&robot, columns, data, validate, &settings, console) {
         Err(CalibrateError::Interrupted) => return Err(Interrupted.into()),
         calibration => calibration?,
     };
@@ -149,7 +157,7 @@ pub(super) fn run(args: &CalibrateArgs, console: &Console) -> anyhow::Result<()>
 }
 
 fn table(found: &Calibrated, out: Option<&Path>) -> String {
-    let mut text = String::from("recording    before (mm)   after (mm)   rows\n");
+    let mut text = String::from("recording           before (mm)   after (mm)   rows\n");
     let rows = [
         (
             "training",
@@ -163,17 +171,37 @@ fn table(found: &Calibrated, out: Option<&Path>) -> String {
             found.validation_rmse,
             found.validation_rows,
         ),
+        (
+            "training median",
+            found.uncalibrated_median,
+            found.train_median,
+            Some(found.rows),
+        ),
+        (
+            "validation median",
+            found.uncalibrated_validation_median,
+            found.validation_median,
+            found.validation_rows,
+        ),
     ];
     for (name, before, after, rows) in rows {
         if let (Some(before), Some(after), Some(rows)) = (before, after, rows) {
             // Writing to a string cannot fail.
             let _ = writeln!(
                 text,
-                "{name:11} {:12.2} {:12.2} {rows:6}",
+                "{name:18} {:12.2} {:12.2} {rows:6}",
                 1e3 * before,
                 1e3 * after
             );
         }
+    }
+    if found.measured == Measured::Clouds {
+        text.push_str(
+            "distances of the clouds' points from the robot's surface: root mean square, and the median, which stray points hardly change\n",
+        );
+    }
+    if found.validated_on_splits {
+        text.push_str("validation: the val and test splits of the same data set\n");
     }
     for (name, repeated) in [
         ("training", found.repeatability),

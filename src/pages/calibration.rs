@@ -4,12 +4,14 @@ use nalgebra::Vector3;
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::inverse::recording::{Correlation, FittedUnknown, Misses, Replay};
 
-use crate::pipeline::recording::{Calibration, Compared, RecordingFile};
+use crate::pipeline::recording::{Calibration, Compared, Measured, RecordingFile};
 use crate::report::{Aspect, CalibrationReport, Example, Figure, Ink, Mark, Panel, Scale, Shape};
 
 const MM: f64 = 1e3;
 /// Bins of the histogram of errors.
 const BINS: usize = 40;
+/// Points of clouds that are shown at most.
+const CLOUD_POINTS: usize = 4000;
 /// Motions that are named at most.
 const MOTIONS: usize = 14;
 /// Plots side by side.
@@ -23,6 +25,8 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub struct CalibrationPage<'a> {
     /// Name of the robot.
     robot: String,
+    /// What was measured.
+    measured: Measured,
     /// The recordings: of the training first.
     held: Vec<Held<'a>>,
     /// What was found.
@@ -60,6 +64,7 @@ impl<'a> CalibrationPage<'a> {
         let validation = calibration.validation.iter().map(|v| held("Validation", v));
         Self {
             robot: calibration.found.robot.clone(),
+            measured: calibration.found.measured,
             held: train.chain(validation).collect(),
             unknowns: calibration.found.parameters.clone(),
             correlations: calibration.found.correlations.clone(),
@@ -80,7 +85,10 @@ impl<'a> CalibrationPage<'a> {
         let headline: Vec<String> = headline.collect();
         CalibrationReport {
             title: format!("Calibration of {}", self.robot),
-            headline: headline.join(". ") + ". Root mean square distances of the markers from where the robot says, mean offset taken off.",
+            headline: headline.join(". ") + match self.measured {
+                Measured::Markers => ". Root mean square distances of the markers from where the robot says, mean offset taken off.",
+                Measured::Clouds => ". Root mean square distances of the clouds' points from the robot's surface.",
+            },
             figures: self.held.iter().flat_map(Held::figures).collect(),
             examples: self.held.iter().map(Held::overlay).collect(),
             unknowns: (self.unknowns.iter())
@@ -99,7 +107,8 @@ impl<'a> CalibrationPage<'a> {
 }
 
 impl Held<'_> {
-    /// Measured and simulated places of the markers, row by row (m).
+    /// Measured and simulated places of the markers, row by row, or points of clouds and the places of the surface nearest to
+    /// them (m).
     fn pairs(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let rows = self.file.recording.points.iter().zip(&self.replay.points);
         let mut pairs = Vec::new();
@@ -112,18 +121,28 @@ impl Held<'_> {
                     .filter_map(|(p, q)| Some(((*p)?, *q))),
             );
         }
+        let mut of_clouds = Vec::new();
+        for (row, nearest) in self.replay.surface.iter().enumerate() {
+            let cloud = self.file.recording.cloud(row).iter().copied();
+            of_clouds.extend(cloud.zip(nearest.iter().flatten().copied()));
+        }
+        let stride = of_clouds.len().div_ceil(CLOUD_POINTS).max(1);
+        pairs.extend(of_clouds.into_iter().step_by(stride));
         pairs
     }
 
-    /// Each row's largest error of a marker (mm); not finite where there is none.
+    /// Each row's largest error of a marker, or root mean square distance of its cloud (mm); not finite where there is none.
     fn errors(&self, misses: &Misses) -> Vec<f64> {
-        (misses.misses.iter())
-            .map(|row| {
-                row.iter()
+        (misses.misses.iter().zip(&misses.distances))
+            .map(|(row, distances)| {
+                let largest = row
+                    .iter()
                     .flatten()
                     .map(Vector3::norm)
-                    .fold(f64::NAN, f64::max)
-                    * MM
+                    .fold(f64::NAN, f64::max);
+                let squares: f64 = distances.iter().map(|d| d * d).sum();
+                // Of no point this is not finite.
+                largest.max((squares / distances.len() as f64).sqrt()) * MM
             })
             .collect()
     }
@@ -180,8 +199,10 @@ impl Held<'_> {
             ],
         };
         Figure {
-            title: format!("{}: where the markers were", self.name),
-            caption: "Each row of the recording is a point, without the alignment of means.".into(),
+            title: format!("{}: what was measured, and where the robot is", self.name),
+            caption: "Each marker of a row is a point, without the alignment of means. Of clouds some points are shown, and the \
+                places of the robot's surface nearest to them."
+                .into(),
             panels: VIEWS.iter().map(panel).collect(),
         }
     }

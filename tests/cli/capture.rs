@@ -11,7 +11,7 @@ use serde_json::Value;
 use crate::{refuse, stderr, succeed, succeed_json, tdcr, text};
 
 /// The example's rig with two small cameras, which are quick.
-fn small_rig(folder: &Path) -> PathBuf {
+pub(crate) fn small_rig(folder: &Path) -> PathBuf {
     let whole = include_str!("../../examples/rig-sim.toml");
     let end = whole.match_indices("[[cameras]]").nth(2).unwrap().0;
     let path = folder.join("rig.toml");
@@ -21,7 +21,7 @@ fn small_rig(folder: &Path) -> PathBuf {
     path
 }
 
-fn capture<'a>(rig: &'a Path, out: &'a Path) -> Vec<&'a str> {
+pub(crate) fn capture<'a>(rig: &'a Path, out: &'a Path) -> Vec<&'a str> {
     let size = ["--commands", "20", "--points", "300", "--voxel", "0.004"];
     let where_to = ["capture", "--rig", text(rig), "--out", text(out)];
     [&where_to[..], &size].concat()

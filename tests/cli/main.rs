@@ -4,6 +4,7 @@
 
 mod calibrate;
 mod calibrate_cameras;
+mod calibrate_clouds;
 mod capture;
 mod colors;
 mod compare;

@@ -11,6 +11,7 @@
 //! # Ok::<(), tdcr_sim::geometry::ShapeError>(())
 //! ```
 
+mod nearest;
 mod primitives;
 mod robot;
 mod shape;
@@ -19,7 +20,9 @@ mod stl;
 
 pub(crate) use primitives::{Capsule, Cuboid, Cylinder, Mesh, Sphere};
 pub use robot::disc_color;
-pub(crate) use robot::{BASE_COLOR, base_pose, base_solids, between, disc_solids, rod_solids};
+pub(crate) use robot::{
+    BASE_COLOR, base_pose, base_solids, between, disc_solids, rod_pieces, rod_solids,
+};
 pub(crate) use shape::Kind;
 pub use shape::{Shape, ShapeError};
 pub use solid::{Instance, Solid};

@@ -48,38 +48,49 @@ pub(crate) fn between([from, to]: [Point3<f64>; 2], radius: f64) -> (Shape, Isom
     (shape, Isometry3::from_parts(middle.into(), turn))
 }
 
-/// The rods through the discs at these poses. A disc's joint stands for its module's rod from the origin of the body below to that of the
-/// disc: each body carries the part on its side of the joint.
+/// The rods through the discs at these poses.
 pub(crate) fn rod_solids(robot: &Robot, pose_of: impl Fn(usize) -> Isometry3<f64>) -> Vec<Solid> {
     let spec = robot.spec();
-    let mut below = base_pose(robot);
-    let mut solids = Vec::new();
+    let radius = |disc: usize| Some(spec.modules[spec.module_of(disc)?].rod?.radius);
+    let solid = |(_, shape, pose)| Solid {
+        shape,
+        pose,
+        color: ROD_COLOR,
+        instance: Instance::Rod,
+    };
+    (rod_pieces(robot, radius, pose_of).into_iter())
+        .map(solid)
+        .collect()
+}
+
+/// Rods of a radius (m) at each disc's joint, at these poses: the body that carries each piece, from 0 the discs, none for the
+/// base; its shape, and its pose in the world. A disc's joint stands for its module's rod from the origin of the body below to
+/// that of the disc: each body carries the part on its side of the joint.
+pub(crate) fn rod_pieces(
+    robot: &Robot,
+    radius_of: impl Fn(usize) -> Option<f64>,
+    pose_of: impl Fn(usize) -> Isometry3<f64>,
+) -> Vec<(Option<usize>, Shape, Isometry3<f64>)> {
+    let mut below = (None, base_pose(robot));
+    let mut pieces = Vec::new();
     for (index, disc) in robot.discs().iter().enumerate() {
-        let pose = pose_of(index);
-        let rod = spec
-            .module_of(index)
-            .and_then(|module| spec.modules[module].rod);
-        if let Some(rod) = rod {
-            let joint = pose * Point3::from(-disc.origin);
-            for ends in [
-                [below * Point3::origin(), joint],
-                [joint, pose * Point3::origin()],
+        let own = (Some(index), pose_of(index));
+        if let Some(radius) = radius_of(index) {
+            let joint = own.1 * Point3::from(-disc.origin);
+            for (body, ends) in [
+                (below.0, [below.1 * Point3::origin(), joint]),
+                (own.0, [joint, own.1 * Point3::origin()]),
             ] {
                 // A joint at the origin of its disc leaves no rod above it.
                 if ends[0] != ends[1] {
-                    let (shape, pose) = between(ends, rod.radius);
-                    solids.push(Solid {
-                        shape,
-                        pose,
-                        color: ROD_COLOR,
-                        instance: Instance::Rod,
-                    });
+                    let (shape, pose) = between(ends, radius);
+                    pieces.push((body, shape, pose));
                 }
             }
         }
-        below = pose;
+        below = own;
     }
-    solids
+    pieces
 }
 
 /// Colour of disc `index` of `count`: a ramp of hues from red at the base to violet at the tip.

@@ -4,16 +4,19 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use tdcr_learn::data::Split;
 use tdcr_sim::inverse::recording::{
-    Correlation, FittedUnknown, Group, Misses, RecordingError, RecordingFit, RecordingSettings,
-    Replay, Transmission, fit_recording,
+    Correlation, FittedUnknown, Group, Misses, Order, RecordingError, RecordingFit,
+    RecordingSettings, Replay, Transmission, fit_recording,
 };
-use tdcr_sim::robot::RobotSpec;
+use tdcr_sim::robot::{Robot, RobotSpec};
 use thiserror::Error;
 
+use super::clouds::Source;
+use super::reader::{Reader, own_columns, same};
 use super::repeat::repeatability;
 use super::servos::{self, FoundServos};
-use super::{Columns, RecordingFile, RecordingFileError, bad_row_count};
+use super::{Columns, RecordingFile, RecordingFileError};
 use crate::pipeline::Monitor;
 
 /// What is fitted, and how.
@@ -24,7 +27,7 @@ pub struct CalibrateSettings {
     pub groups: Option<Vec<Group>>,
     /// Which servo pulls which tendon.
     pub servos: ServoOrder,
-    /// Distance (m) from which a marker's miss counts less than by its square; a fortieth of the robot's length where not given.
+    /// Distance (m) from which a marker's or a point's miss counts less than by its square; a fortieth of the robot's length where not given.
     pub loss: Option<f64>,
     /// Starts of the fit: the robot's own values, then others at random.
     pub starts: usize,
@@ -70,6 +73,27 @@ pub enum CalibrateError {
         /// Their columns.
         columns: Vec<String>,
     },
+    /// Clouds tell no servos apart.
+    #[error(
+        "cannot tell which servo pulls which tendon from {}, whose rows are clouds; expected a table of markers",
+        path.display()
+    )]
+    NoMarkers {
+        /// The recording.
+        path: PathBuf,
+    },
+    /// A recording of markers beside one of clouds.
+    #[error(
+        "cannot hold a robot that is calibrated on {} against {}: one has markers, the other clouds",
+        data.display(),
+        validate.display()
+    )]
+    OtherKind {
+        /// The one.
+        data: PathBuf,
+        /// The other.
+        validate: PathBuf,
+    },
     /// The recording says too little, or the robot does not follow it.
     #[error("cannot calibrate on {}: {source}", path.display())]
     Recording {
@@ -96,13 +120,26 @@ pub struct Compared {
     pub replay: Replay,
 }
 
+/// What a recording's rows are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Measured {
+    /// Places of markers, in the order of time.
+    Markers,
+    /// Points of the surface of the robot at rest.
+    Clouds,
+}
+
 /// All that `tdcr calibrate --json` says.
 #[derive(Clone, Debug, Serialize)]
 pub struct Calibrated {
     tdcr_version: &'static str,
     /// Name of the robot.
     pub robot: String,
-    /// Root mean square distance of the markers from where the robot says, mean offset aligned (m).
+    /// What was measured.
+    pub measured: Measured,
+    /// Root mean square distance of the markers from where the robot says, mean offset aligned, or of the clouds' points from its
+    /// surface (m).
     pub train_rmse: f64,
     /// The same of the other recording.
     pub validation_rmse: Option<f64>,
@@ -110,11 +147,21 @@ pub struct Calibrated {
     pub uncalibrated_rmse: f64,
     /// And of the other recording.
     pub uncalibrated_validation_rmse: Option<f64>,
+    /// Median distance of the clouds' points from the robot's surface (m), which stray points hardly change; none of markers.
+    pub train_median: Option<f64>,
+    /// The same of the other recording.
+    pub validation_median: Option<f64>,
+    /// The same of the robot as it was given.
+    pub uncalibrated_median: Option<f64>,
+    /// And of the other recording.
+    pub uncalibrated_validation_median: Option<f64>,
     /// Rows.
     pub rows: usize,
     /// Rows of the other recording.
     pub validation_rows: Option<usize>,
-    /// Lines of rows that were left out.
+    /// Whether the other recording are the `val` and `test` splits of the data set that the robot was fitted to.
+    pub validated_on_splits: bool,
+    /// Lines of rows that were left out; of data sets and logs the numbers of samples, here and below.
     pub bad_lines: Vec<usize>,
     /// The same of the other recording.
     pub validation_bad_lines: Vec<usize>,
@@ -156,36 +203,23 @@ pub struct Calibration {
     pub notes: Vec<String>,
 }
 
-/// Calibrates `robot` on the recording `data`, read by the column map `columns`, and holds it, before and after, against the
-/// recording `validate`.
+/// Calibrates `robot` on the recording `data`, and holds it, before and after, against the recording `validate`.
+///
+/// A recording is a table, read by the column map `columns`, the folder of a data set, or the log of a rig (MCAP). Data sets and
+/// logs have clouds and commands, and need no map; of one that is given the gains, the offsets and the frame are used. The robot is
+/// fitted to a data set's `train` split, and held against its `val` and `test` splits where `validate` is the same folder or none.
 ///
 /// # Errors
 /// [`CalibrateError`].
 pub fn calibrate(
     robot: &RobotSpec,
-    columns: &Columns,
+    columns: Option<&Columns>,
     data: &Path,
     validate: Option<&Path>,
     settings: &CalibrateSettings,
     monitor: &dyn Monitor,
 ) -> Result<Calibration, CalibrateError> {
     let mut notes = Vec::new();
-    let mut columns = columns.clone();
-    let mut train = load(data, &columns, settings.bad_rows, &mut notes)?;
-    let mut servo_map = None;
-    match settings.servos {
-        ServoOrder::Found => {
-            let (mapped, found) = servos::find(robot, &columns, &train, data)?;
-            train = load(data, &mapped, settings.bad_rows, &mut Vec::new())?;
-            (columns, servo_map) = (mapped, Some(found));
-        }
-        ServoOrder::AsGiven => notes.extend(servos::doubt(robot, &columns, &train)),
-    }
-    let validation = match validate {
-        Some(path) => Some(load(path, &columns, settings.bad_rows, &mut notes)?),
-        None => None,
-    };
-    let given = columns.transmission(robot);
     let failed = |source: RecordingError| match source {
         RecordingError::Interrupted => CalibrateError::Interrupted,
         source => CalibrateError::Recording {
@@ -193,6 +227,51 @@ pub fn calibrate(
             source,
         },
     };
+    let built = Robot::new(robot.clone()).map_err(|error| failed(error.into()))?;
+    let source = Source::of(data);
+    let mut columns = match columns {
+        Some(columns) => columns.clone(),
+        None => own_columns(robot, data)?,
+    };
+    let train_splits = &[Split::Train];
+    let reader = Reader {
+        robot: &built,
+        bad_rows: settings.bad_rows,
+    };
+    let mut train = reader.load(data, &columns, train_splits, &mut notes)?;
+    let mut servo_map = None;
+    match settings.servos {
+        ServoOrder::Found if source.has_clouds() => {
+            return Err(CalibrateError::NoMarkers {
+                path: data.to_owned(),
+            });
+        }
+        ServoOrder::Found => {
+            let (mapped, found) = servos::find(robot, &columns, &train, data)?;
+            train = reader.load(data, &mapped, train_splits, &mut Vec::new())?;
+            (columns, servo_map) = (mapped, Some(found));
+        }
+        ServoOrder::AsGiven if source.has_clouds() => {}
+        ServoOrder::AsGiven => notes.extend(servos::doubt(robot, &columns, &train)),
+    }
+    let own_splits = source == Source::DataSet && validate.is_none_or(|other| same(data, other));
+    let validation = match validate {
+        _ if own_splits => {
+            Some(reader.load(data, &columns, &[Split::Val, Split::Test], &mut notes)?)
+        }
+        Some(path) if Source::of(path).has_clouds() != source.has_clouds() => {
+            return Err(CalibrateError::OtherKind {
+                data: data.to_owned(),
+                validate: path.to_owned(),
+            });
+        }
+        Some(path) => Some(reader.load(path, &columns, &Split::ALL, &mut notes)?),
+        None => None,
+    };
+    let mut given = columns.transmission(robot);
+    if source.has_clouds() {
+        given.markers.clear();
+    }
     let fit = fit(robot, &given, &train, settings, monitor).map_err(failed)?;
     let (spec, transmission) = match &fit {
         Some(fit) => (&fit.spec, &fit.transmission),
@@ -211,6 +290,10 @@ pub fn calibrate(
     let validation = validation.map(compare).transpose().map_err(failed)?;
     let mut found = said(robot, fit.as_ref(), &train, validation.as_ref());
     found.servo_map = servo_map;
+    found.validated_on_splits = own_splits;
+    if source.has_clouds() {
+        found.measured = Measured::Clouds;
+    }
     Ok(Calibration {
         spec: spec.clone(),
         columns: columns.with(transmission),
@@ -219,28 +302,6 @@ pub fn calibrate(
         validation,
         notes,
     })
-}
-
-fn load(
-    path: &Path,
-    columns: &Columns,
-    bad_rows: BadRows,
-    notes: &mut Vec<String>,
-) -> Result<RecordingFile, RecordingFileError> {
-    let file = RecordingFile::load(path, columns)?;
-    file.refuse_bad(path, bad_rows == BadRows::LeftOut)?;
-    if !file.bad.is_empty() {
-        let lines: Vec<String> = (file.bad.iter())
-            .map(|bad| format!("line {}: {}", bad.line, bad.reason))
-            .collect();
-        notes.push(format!(
-            "{}: {} left out; {}",
-            path.display(),
-            bad_row_count(lines.len()),
-            lines.join("; ")
-        ));
-    }
-    Ok(file)
 }
 
 /// The fit; none where nothing is to be fitted.
@@ -259,6 +320,9 @@ fn fit(
     };
     if let Some(groups) = &settings.groups {
         of_fit.groups.clone_from(groups);
+    } else if train.recording.order == Order::AtRest {
+        let of_motion = [Group::Backlash, Group::Lag];
+        of_fit.groups.retain(|group| !of_motion.contains(group));
     }
     if of_fit.groups.is_empty() {
         return Ok(None);
@@ -298,12 +362,18 @@ fn said(
     Calibrated {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.name.clone(),
+        measured: Measured::Markers,
         train_rmse: train.after.rmse,
         validation_rmse: validation.map(|compared| compared.after.rmse),
         uncalibrated_rmse: train.before.rmse,
         uncalibrated_validation_rmse: validation.map(|compared| compared.before.rmse),
+        train_median: train.after.median,
+        validation_median: validation.and_then(|compared| compared.after.median),
+        uncalibrated_median: train.before.median,
+        uncalibrated_validation_median: validation.and_then(|compared| compared.before.median),
         rows: train.file.recording.len(),
         validation_rows: validation.map(|compared| compared.file.recording.len()),
+        validated_on_splits: false,
         bad_lines: bad(train),
         validation_bad_lines: validation.map(bad).unwrap_or_default(),
         unsettled_lines: unsettled(train),

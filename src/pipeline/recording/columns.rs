@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use tdcr_sim::inverse::recording::{Servo, ServoMap, Transmission};
-use tdcr_sim::robot::RobotSpec;
+use tdcr_sim::robot::{Drive, RobotSpec, TendonSpec};
 
 use super::RecordingFileError;
 use super::markers::MarkerColumns;
@@ -28,7 +28,8 @@ pub struct Columns {
     pub frame: Option<FramePose>,
     /// One for each tendon of the robot, in the order of a command.
     pub servos: Vec<ServoColumn>,
-    /// What was measured: one or more points.
+    /// What a table's rows measured: one or more points. Data sets and logs have clouds instead.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub markers: Vec<MarkerColumns>,
 }
 
@@ -213,6 +214,31 @@ impl Columns {
         Ok(columns)
     }
 
+    /// The map of a data set or a log, whose conditions are `robot`'s commands.
+    pub fn of_commands(robot: &RobotSpec) -> Self {
+        let servo = |(t, tendon): (usize, &TendonSpec)| ServoColumn {
+            column: format!("command {t}"),
+            unit: match tendon.drive {
+                Drive::Tension => PullUnit::N,
+                Drive::Gain(_) | Drive::Length => PullUnit::M,
+            },
+            sign: 1.0,
+            zero: 0.0,
+            spool_radius: None,
+            gain: 1.0,
+            offset: 0.0,
+            backlash: 0.0,
+        };
+        Self {
+            pattern: None,
+            lag: 0.0,
+            time: None,
+            frame: None,
+            servos: robot.tendons().into_iter().enumerate().map(servo).collect(),
+            markers: Vec::new(),
+        }
+    }
+
     fn check(&self, robot: &RobotSpec) -> Result<(), String> {
         let (found, tendons) = (self.servos.len(), robot.tendon_count());
         if found != tendons {
@@ -220,15 +246,12 @@ impl Columns {
                 "{found} servos; expected one [[servos]] for each of the robot's {tendons} tendons, in the order of a command"
             ));
         }
-        if self.markers.is_empty() {
-            return Err("no [[markers]]; expected one or more measured points".to_owned());
-        }
         if !(self.lag >= 0.0 && self.lag.is_finite()) {
             return Err(format!("lag = {}; expected 0 or above", self.lag));
         }
         for (place, servo) in self.servos.iter().enumerate() {
             servo.check(place)?;
-            let tension = robot.tendons()[place].drive == tdcr_sim::robot::Drive::Tension;
+            let tension = robot.tendons()[place].drive == Drive::Tension;
             if tension != (servo.unit == PullUnit::N) {
                 return Err(format!(
                     "servos[{place}] ({}): its unit is N where and only where the tendon's drive is a tension",

@@ -1,15 +1,18 @@
-//! Recordings of robots as files: tables of numbers, the maps of their columns, and robots [calibrated](calibrate()) on them.
+//! Recordings of robots as files: tables of numbers, the maps of their columns, data sets and logs of clouds, and robots
+//! [calibrated](calibrate()) on them.
 
 mod calibrate;
+mod clouds;
 mod columns;
 mod markers;
+mod reader;
 mod repeat;
 mod rows;
 mod servos;
 
 pub use calibrate::{
-    BadRows, CalibrateError, CalibrateSettings, Calibrated, Calibration, Compared, ServoOrder,
-    calibrate,
+    BadRows, CalibrateError, CalibrateSettings, Calibrated, Calibration, Compared, Measured,
+    ServoOrder, calibrate,
 };
 pub use columns::{Columns, FramePose, PullUnit, ServoColumn, TimeColumn, TimeUnit};
 pub use markers::{DiscName, MarkerColumns};
@@ -18,6 +21,8 @@ pub use servos::{FoundServo, FoundServos};
 
 use std::path::PathBuf;
 
+use tdcr_hw::recorded::RecordedError;
+use tdcr_learn::data::DataError;
 use thiserror::Error;
 
 /// Lines that a message names at most.
@@ -26,7 +31,7 @@ const NAMED: usize = 5;
 /// A row that cannot be used.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BadRow {
-    /// Its line in the file, from 1.
+    /// Its line in the file, from 1; of a cloud the number of its sample, from 0.
     pub line: usize,
     /// What is wrong with it.
     pub reason: String,
@@ -67,6 +72,28 @@ pub enum RecordingFileError {
     Empty {
         /// The table's file.
         path: PathBuf,
+    },
+    /// A data set that cannot be used.
+    #[error(transparent)]
+    DataSet(#[from] DataError),
+    /// A log that cannot be used.
+    #[error(transparent)]
+    Log(#[from] RecordedError),
+    /// A log without clouds.
+    #[error("{} has no cloud after a command; expected the log of a capture", path.display())]
+    NoClouds {
+        /// The log.
+        path: PathBuf,
+    },
+    /// Commands of another robot.
+    #[error("{} has commands of {found} tendons; the robot has {tendons}", path.display())]
+    Commands {
+        /// The data set or log.
+        path: PathBuf,
+        /// Values of a command there.
+        found: usize,
+        /// Tendons of the robot.
+        tendons: usize,
     },
     /// Rows that cannot be used.
     #[error("{}", bad_rows(path, rows))]

@@ -17,9 +17,9 @@ const FAR: f64 = 0.1;
 pub struct RecordingFile {
     /// The rows that are good.
     pub recording: Recording,
-    /// The motion that each row belongs to; empty names without a pattern column.
+    /// The motion that each row belongs to; empty names without a pattern column. Of a data set the split.
     pub patterns: Vec<String>,
-    /// The line of each row, from 1.
+    /// The line of each row, from 1; of a data set's or a log's sample its number in its split or the log, from 0.
     pub lines: Vec<usize>,
     /// The rows that are not, by line.
     pub bad: Vec<BadRow>,
@@ -46,6 +46,12 @@ impl RecordingFile {
     /// # Errors
     /// As [`RecordingFile::load`].
     pub fn parse(bytes: &[u8], columns: &Columns, path: &Path) -> Result<Self, RecordingFileError> {
+        if columns.markers.is_empty() {
+            return Err(RecordingFileError::Columns {
+                path: path.to_owned(),
+                reason: "it is a table, and the column map has no [[markers]]; expected one or more measured points".to_owned(),
+            });
+        }
         let text = String::from_utf8_lossy(bytes);
         let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let mut lines = (1..)

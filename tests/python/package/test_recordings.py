@@ -51,11 +51,25 @@ def test_columns_may_be_a_dictionary_and_servos_may_be_found() -> None:
     assert found.validation_rmse == found.train_rmse and found.parameters == ()
 
 
+def test_clouds_of_a_data_set_need_no_columns(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    tdcr.collect("2m", data, samples=10, points=100)
+    fit = tdcr.calibrate_recording("2m", data, fit=[])
+    assert fit.found == command_line("calibrate", "--robot", "2m", "--data", data, "--fit", "none")
+    assert fit.found["measured"] == "clouds" and fit.train_rmse < 1e-3 and fit.validation_rmse is not None
+    assert fit.train.measured.shape == (8, 0, 3) and fit.train.pulls.shape == (8, 6)
+    assert set(fit.train.patterns) == {"train"} and fit.train.lines == tuple(range(8))
+
+
 def test_what_cannot_be_used_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match='fit has "gravitation"; expected some of spool_radius'):
         tdcr.calibrate_recording("2m", PULLS, COLUMNS, fit=["gravitation"])
     with pytest.raises(InputError, match="9 servos; expected one"):
         tdcr.calibrate_recording("2m", PULLS, COLUMNS)
+    with pytest.raises(InputError, match="it is a table, which needs a column map"):
+        tdcr.calibrate_recording(str(ROBOT), PULLS)
+    with pytest.raises(DataError, match=r"there is no data set in"):
+        tdcr.calibrate_recording("2m", tmp_path)
     with pytest.raises(DataError, match=r"cannot read .*nowhere\.csv"):
         tdcr.calibrate_recording(str(ROBOT), tmp_path / "nowhere.csv", COLUMNS)
     with pytest.raises(InputError, match=r"expected a name that ends in \.html"):

@@ -11,7 +11,7 @@ use super::interval::{Correlation, FittedUnknown, correlations, fitted};
 use super::path::rubs;
 use super::priors::{length, unknowns};
 use super::problem::{Memory, Problem, Weighing};
-use super::{Group, Misses, Recording, RecordingError, Replay, Transmission, check};
+use super::{Group, Misses, Order, Recording, RecordingError, Replay, Transmission, check};
 use crate::inverse::least_squares::{Evaluation, minimise};
 use crate::robot::{ModuleSpec, Robot, RobotSpec};
 use crate::tendon_friction::Tangents;
@@ -34,7 +34,7 @@ const LONGEST: f64 = 0.2;
 pub struct RecordingSettings {
     /// What is unknown.
     pub groups: Vec<Group>,
-    /// Distance from which a marker's miss counts less than by its square (m); none for a fortieth of the robot's
+    /// Distance from which a marker's or a point's miss counts less than by its square (m); none for a fortieth of the robot's
     /// length, infinite for least squares.
     pub loss: Option<f64>,
     /// Starts of the first fit: the robot file's values, then others at random. The best goes on.
@@ -144,7 +144,7 @@ pub fn fit_recording(
         return Err(RecordingError::Unsettled { settled, rows });
     }
     let unknowns = unknowns(&settings.groups, &explicit, transmission, recording)?;
-    let coordinates = 3 * recording.points.iter().flatten().flatten().count();
+    let coordinates = recording.coordinates();
     if coordinates <= unknowns.len() {
         return Err(RecordingError::TooFew {
             coordinates,
@@ -153,7 +153,8 @@ pub fn fit_recording(
     }
     let length = length(first);
     let robot = Robot::new(explicit.spec.clone())?;
-    let friction = settings.groups.contains(&Group::Friction) || rubs(&robot);
+    let rubs = settings.groups.contains(&Group::Friction) || rubs(&robot);
+    let friction = rubs && recording.order == Order::Motion;
     if friction && Tangents::new(&robot, Vec::new()).is_none() {
         return Err(RecordingError::Group {
             group: Group::Friction,
@@ -215,10 +216,8 @@ pub fn fit_recording(
     let (spec, there) = problem.values(&found.x);
     let misses = Replay::new(&spec, &there, recording)?.misses(recording);
     let alike_rows = alike(&misses);
-    let measured = misses.misses.iter().flatten().flatten().count().max(1);
-    let per_row = measured as f64 / rows as f64;
-    // Per coordinate, in so many rows that count as one; markers of one row miss alike too.
-    let error = misses.rmse / 3f64.sqrt() * (alike_rows * per_row).sqrt();
+    // Per coordinate, in so many rows that count as one; markers and points of one row miss alike too.
+    let error = (misses.squares() / 3.0 * alike_rows / rows as f64).sqrt();
     let all = Weighing {
         rows: (0..rows).collect(),
         error: error.max(1e-9 * length),
@@ -270,7 +269,7 @@ impl Fitting<'_> {
         let Some(first) = first else {
             return Err(RecordingError::Unsettled { settled: 0, rows });
         };
-        let measured = (first.residuals.len() - x.len()) as f64 / 3.0;
+        let measured = self.problem.measured(&weighing.rows) as f64;
         let mut last = f64::INFINITY;
         let mut stopped = false;
         let (progress, watch) = (&mut self.progress, &mut self.watch);

@@ -4,12 +4,16 @@
 //! that start anywhere ([`Servo::offset`]), play, a lag, markers somewhere on the discs, a base somewhere in the world. Those
 //! are unknowns as well as the robot's own, in [`Group`]s that are chosen by name.
 //!
-//! The fit minimises the pseudo-Huber loss of what the markers miss, and the squares of the unknowns' distances from what the
+//! What was measured are markers, or points of the robot's surface: a [cloud](Recording::clouds) in each row, whose points miss the
+//! surface by their distance from it. Clouds of data sets are of a robot [at rest](Order::AtRest).
+//!
+//! The fit minimises the pseudo-Huber loss of what the markers and points miss, and the squares of the unknowns' distances from what the
 //! robot file says, in units of prior standard deviations: a maximum a posteriori estimate (Bishop, Pattern Recognition and Machine
 //! Learning, 2006, ch. 3.3). Misses of neighbouring rows are alike, because what the model lacks changes as slowly as the
 //! robot moves. So a first fit says how large they are and over how many rows they are alike (their integrated
 //! autocorrelation: Sokal, Monte Carlo Methods in Statistical Mechanics, 1997, ch. 3), and the second fit counts so many rows
-//! as one: the priors then keep what the recording cannot tell, and intervals are as wide as they should be.
+//! as one: the priors then keep what the recording cannot tell, and intervals are as wide as they should be. Markers of one row
+//! miss alike too, and count as one; so do all points of one cloud, together as one marker.
 //!
 //! Derivatives are those of the equilibria by the implicit function theorem, with the model taken as linear over a ten
 //! thousandth of a prior's standard deviation; those by the servos' backlash, whose play operator has kinks, and by the lag are
@@ -17,6 +21,7 @@
 //! in the holes ([`Group::Friction`], or in the robot file) rows are those of a [path](crate::tendon_friction), along which
 //! derivatives are carried; the first fit leaves it out.
 
+mod cloud;
 mod error;
 mod explicit;
 mod fit;
@@ -32,13 +37,14 @@ mod tests;
 mod transmission;
 mod unknowns;
 
+pub use cloud::Shown;
 pub use error::RecordingError;
 pub use fit::{Progress, RecordingFit, RecordingSettings, fit_recording};
 pub use group::Group;
 pub use interval::{Correlation, FittedUnknown};
 pub use replay::{Misses, Replay};
 pub use servo_map::{MappedServo, ServoMap, find_servo_map};
-pub use transmission::{Marker, Recording, Servo, Transmission};
+pub use transmission::{Marker, Order, Recording, Servo, Transmission};
 
 use crate::robot::RobotSpec;
 
@@ -82,6 +88,12 @@ fn check(
         }
     }
     let rows = recording.len();
+    if !recording.clouds.is_empty() {
+        count("rows of clouds".into(), recording.clouds.len(), rows)?;
+    }
+    if !recording.payloads.is_empty() {
+        count("rows of payloads".into(), recording.payloads.len(), rows)?;
+    }
     count("rows of pulls".into(), recording.pulls.len(), rows)?;
     count("rows of points".into(), recording.points.len(), rows)?;
     for row in 0..rows {
@@ -95,7 +107,8 @@ fn check(
             recording.points[row].len(),
             transmission.markers.len(),
         )?;
-        let numbers = recording.points[row].iter().flatten().flatten();
+        let points = recording.points[row].iter().flatten();
+        let numbers = points.chain(recording.cloud(row)).flatten();
         if numbers
             .chain(&recording.pulls[row])
             .chain([&recording.times[row]])
@@ -104,6 +117,13 @@ fn check(
             return Err(RecordingError::Row {
                 row,
                 reason: "a number is not finite",
+            });
+        }
+        let mass = recording.payloads.get(row).copied().unwrap_or(0.0);
+        if !(mass >= 0.0 && mass.is_finite()) {
+            return Err(RecordingError::Row {
+                row,
+                reason: "its payload is no mass: expected 0 kg or above",
             });
         }
         if row > 0 && recording.times[row] < recording.times[row - 1] {

@@ -5,10 +5,9 @@ use std::ops::Range;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::problem::{Model, Part, Problem, Settled, place};
-use super::{Recording, Transmission};
-use crate::robot::{Command, Loads, Robot};
-use crate::sensitivity::DiscPoint;
+use super::Recording;
+use super::problem::{Model, Part, Place, Problem, Settled};
+use crate::robot::{Command, Robot};
 use crate::statics::Equilibrium;
 use crate::tendon_friction::{FrictionPath, Tangents};
 
@@ -65,6 +64,7 @@ impl Run {
     fn follow(
         &self,
         path: &mut FrictionPath,
+        recording: &Recording,
         commands: &[Vec<f64>],
         mut aim: impl FnMut(&mut FrictionPath, usize),
         mut visit: impl FnMut(&mut FrictionPath, usize, bool),
@@ -72,10 +72,10 @@ impl Run {
         let command =
             |robot: &Robot, row: usize| -> Option<Command> { robot.command(&commands[row]).ok() };
         let mut started = false;
-        let loads = Loads::default();
         for row in self.lead.into_iter().chain(self.rows.clone()) {
             let settled = command(path.robot(), row).is_some_and(|command| {
                 aim(path, row);
+                let loads = recording.loads(row);
                 let state = match started {
                     true => path.advance(&command, &loads),
                     false => path.start(&command, &loads),
@@ -95,7 +95,7 @@ pub(super) fn replay<T: Send>(
     robot: &Robot,
     recording: &Recording,
     commands: &[Vec<f64>],
-    see: impl Fn(&Equilibrium) -> T + Sync,
+    see: impl Fn(usize, &Equilibrium) -> T + Sync,
 ) -> Vec<Option<T>> {
     let runs: Vec<Vec<Option<T>>> = (recording.runs().par_iter())
         .map(|run| {
@@ -103,9 +103,12 @@ pub(super) fn replay<T: Send>(
             let mut rows = Vec::with_capacity(run.rows.len());
             run.follow(
                 &mut path,
+                recording,
                 commands,
                 |_, _| {},
-                |path, _, settled| rows.push(settled.then(|| see(&path.state().equilibrium))),
+                |path, row, settled| {
+                    rows.push(settled.then(|| see(row, &path.state().equilibrium)));
+                },
             );
             rows
         })
@@ -139,8 +142,10 @@ impl Problem<'_> {
                         tangents.aim(changed.iter().map(difference));
                     }
                 };
-                run.follow(&mut path, &here.commands, aim, |path, row, settled| {
-                    parts.push(self.visit(here, changed, row, memory[row].as_ref(), path, settled));
+                let (rows, commands) = (self.recording, &here.commands);
+                run.follow(&mut path, rows, commands, aim, |path, row, settled| {
+                    let last = memory[row].as_ref();
+                    parts.push(self.visit(here, changed, Place { row, last }, path, settled));
                 });
                 parts
             })
@@ -152,30 +157,18 @@ impl Problem<'_> {
         &self,
         here: &Model,
         changed: &[Model],
-        row: usize,
-        last: Option<&Settled>,
+        at: Place<'_>,
         path: &mut FrictionPath,
         settled: bool,
     ) -> Part {
-        let seen = self.seen(row);
         let Some(mut tangents) = path.tangents.take().filter(|_| settled) else {
-            return self.stale(row, last);
+            return self.stale(at.row, at.last);
         };
-        let points = |transmission: &Transmission| -> Vec<DiscPoint> {
-            seen.iter()
-                .map(|&m| transmission.markers[m].point())
-                .collect()
-        };
-        let own = points(&here.transmission);
         let state = &path.state().equilibrium;
-        let misses: Vec<Vector3<f64>> = (seen.iter().zip(&own))
-            .map(|(&m, point)| {
-                place(state, point) - self.recording.points[row][m].unwrap_or_default()
-            })
-            .collect();
-        let slopes: Vec<Vec<Vector3<f64>>> = (changed.iter().enumerate())
+        let sight = self.sight(here, at.row, state);
+        let moved: Vec<Vec<Vector3<f64>>> = (changed.iter().enumerate())
             .map(|(i, model)| {
-                let ends = own.iter().zip(points(&model.transmission));
+                let ends = sight.points.iter().zip(sight.towards(model));
                 ends.map(|(from, to)| {
                     tangents.displacement(i, path, from.disc, [from.place, to.place])
                 })
@@ -184,6 +177,6 @@ impl Problem<'_> {
             .collect();
         let configuration = state.configuration.clone();
         path.tangents = Some(tangents);
-        self.part(row, last, misses, slopes, configuration)
+        self.part(at, here, changed, sight, moved, configuration)
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::explicit::Explicit;
 use super::unknowns::{Scale, Target, Unknown};
-use super::{Group, Recording, RecordingError, Transmission};
+use super::{Group, Order, Recording, RecordingError, Transmission};
 use crate::robot::{Axis, Drive, ModuleSpec, RobotSpec};
 
 /// Widths of the priors. Those of lengths are shares of the holes' distance from the axis or of the robot's length.
@@ -104,6 +104,11 @@ impl Maker<'_> {
         ) && elastic.is_empty()
         {
             return refuse("no module has a backbone or a rod");
+        }
+        if matches!(group, Group::Backlash | Group::Lag | Group::Friction)
+            && self.recording.order == Order::AtRest
+        {
+            return refuse("each row is the robot at rest, which does not tell how it came there");
         }
         match group {
             Group::SpoolRadius => {

@@ -3,12 +3,13 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
+use super::cloud::{Surface, Touch, corners};
 use super::explicit::Explicit;
 use super::unknowns::Unknown;
 use super::{Recording, RecordingError, Transmission};
 use crate::chain::Configuration;
 use crate::inverse::least_squares::{Evaluation, Limit};
-use crate::robot::{Loads, Robot, RobotSpec};
+use crate::robot::{Robot, RobotSpec};
 use crate::sensitivity::{Changed, DiscPoint};
 use crate::statics::{Equilibrium, Settler};
 
@@ -45,7 +46,27 @@ pub(super) type Memory = Vec<Option<Settled>>;
 #[derive(Clone, Debug)]
 pub(super) struct Settled {
     pub(super) configuration: Configuration,
-    pub(super) misses: Vec<Vector3<f64>>,
+    pub(super) misses: Missed,
+}
+
+/// What a row misses, or what that changes by.
+#[derive(Clone, Debug)]
+pub(super) struct Missed {
+    /// Of each marker that was seen, its vector (m).
+    pub markers: Vec<Vector3<f64>>,
+    /// Of each point of the cloud, its distance (m).
+    pub distances: Vec<f64>,
+}
+
+/// Where a settled robot is in a row.
+pub(super) struct Sight {
+    /// The markers that were seen.
+    seen: Vec<usize>,
+    /// These, then the discs' [`corners`].
+    pub points: Vec<DiscPoint>,
+    /// The places nearest to the points of the cloud.
+    touches: Vec<Touch>,
+    missed: Missed,
 }
 
 /// The model at some values of the unknowns.
@@ -172,9 +193,15 @@ impl<'a> Problem<'a> {
         markers.filter(|&m| measured[m].is_some()).collect()
     }
 
+    /// Number of markers and points that were measured in some rows.
+    pub fn measured(&self, rows: &[usize]) -> usize {
+        let of_row = |&row: &usize| self.seen(row).len() + self.recording.cloud(row).len();
+        rows.iter().map(of_row).sum()
+    }
+
     /// A row that does not settle: its last residual, which does not change.
     pub fn stale(&self, row: usize, last: Option<&Settled>) -> Part {
-        let coordinates = 3 * self.seen(row).len();
+        let coordinates = 3 * self.seen(row).len() + self.recording.cloud(row).len();
         Part {
             residuals: last.map_or_else(
                 || DVector::zeros(coordinates),
@@ -185,29 +212,67 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// A row by what it misses, and by what each unknown moves by its step.
+    /// What is seen of a settled robot, and what that misses.
+    pub fn sight(&self, here: &Model, row: usize, settled: &Equilibrium) -> Sight {
+        let measured = &self.recording.points[row];
+        let seen = self.seen(row);
+        let mut points = markers(&here.transmission, &seen);
+        let misses = (seen.iter().zip(&points))
+            .map(|(&m, point)| place(settled, point) - measured[m].unwrap_or_default());
+        let cloud = self.recording.cloud(row);
+        let touches = match cloud {
+            [] => Vec::new(),
+            cloud => Surface::new(&here.robot, &self.recording.shown, settled).touches(
+                &here.robot,
+                settled,
+                cloud,
+            ),
+        };
+        let missed = Missed {
+            markers: misses.collect(),
+            distances: touches.iter().map(|touch| touch.distance).collect(),
+        };
+        points.extend(corners(here.robot.discs().len(), cloud.len()));
+        Sight {
+            seen,
+            points,
+            touches,
+            missed,
+        }
+    }
+
+    /// A row by what is seen in it, and by what each unknown moves its points by (m) over a step.
     pub fn part(
         &self,
-        row: usize,
-        last: Option<&Settled>,
-        misses: Vec<Vector3<f64>>,
-        mut slopes: Vec<Vec<Vector3<f64>>>,
+        Place { row, last }: Place<'_>,
+        here: &Model,
+        changed: &[Model],
+        sight: Sight,
+        moved: Vec<Vec<Vector3<f64>>>,
         configuration: Configuration,
     ) -> Part {
-        let mut jacobian = DMatrix::zeros(3 * misses.len(), self.unknowns.len());
-        for (i, slopes) in slopes.iter_mut().enumerate() {
-            slopes.iter_mut().for_each(|slope| *slope /= STEP);
-            jacobian.set_column(i, &self.weighted(slopes, Some(&misses)));
+        let coordinates = 3 * sight.seen.len() + sight.touches.len();
+        let mut jacobian = DMatrix::zeros(coordinates, self.unknowns.len());
+        for (i, (mut moved, changed)) in moved.into_iter().zip(changed).enumerate() {
+            moved.iter_mut().for_each(|point| *point /= STEP);
+            let corners = moved.split_off(sight.seen.len());
+            let growth =
+                |touch: &Touch| touch.growth(&corners, STEP, [&here.robot, &changed.robot]);
+            let slopes = Missed {
+                markers: moved,
+                distances: sight.touches.iter().map(growth).collect(),
+            };
+            jacobian.set_column(i, &self.weighted(&slopes, Some(&sight.missed)));
         }
         if jacobian.iter().any(|x| !x.is_finite()) {
             return self.stale(row, last);
         }
         Part {
-            residuals: self.weighted(&misses, None),
+            residuals: self.weighted(&sight.missed, None),
             jacobian,
             settled: Some(Settled {
                 configuration,
-                misses,
+                misses: sight.missed,
             }),
         }
     }
@@ -222,9 +287,7 @@ impl<'a> Problem<'a> {
         settler: &mut Settler,
         storage: &mut Changed,
     ) -> Part {
-        let measured = &self.recording.points[row];
-        let seen = self.seen(row);
-        let loads = Loads::default();
+        let loads = self.recording.loads(row);
         let Ok(command) = here.robot.command(&here.commands[row]) else {
             return self.stale(row, last);
         };
@@ -236,36 +299,40 @@ impl<'a> Problem<'a> {
         let (settled, Ok(sensitivity)) = (settled.clone(), sensitivity) else {
             return self.stale(row, last);
         };
-        let points = |model: &Model| -> Vec<DiscPoint> {
-            let markers = &model.transmission.markers;
-            seen.iter().map(|&m| markers[m].point()).collect()
-        };
-        let own = points(here);
-        let misses: Vec<Vector3<f64>> = (seen.iter().zip(&own))
-            .map(|(&m, point)| place(&settled, point) - measured[m].unwrap_or_default())
-            .collect();
-        let mut slopes = vec![vec![Vector3::zeros(); seen.len()]; changed.len()];
-        for (slopes, changed) in slopes.iter_mut().zip(changed) {
-            let pairs: Vec<(DiscPoint, DiscPoint)> =
-                own.iter().copied().zip(points(changed)).collect();
+        let sight = self.sight(here, row, &settled);
+        let mut moved = vec![vec![Vector3::zeros(); sight.points.len()]; changed.len()];
+        for (moved, changed) in moved.iter_mut().zip(changed) {
+            let pairs: Vec<(DiscPoint, DiscPoint)> = (sight.points.iter().copied())
+                .zip(sight.towards(changed))
+                .collect();
             let commands = &changed.commands[row];
-            sensitivity.towards(&changed.robot, commands, &pairs, storage, slopes);
+            sensitivity.towards(&changed.robot, commands, &pairs, storage, moved);
         }
-        self.part(row, last, misses, slopes, settled.configuration)
+        let at = Place { row, last };
+        self.part(at, here, changed, sight, moved, settled.configuration)
     }
 
     /// Residuals whose squares are the pseudo-Huber loss `2 s² (sqrt(1 + |e|²/s²) - 1)` of the misses `e` (Hartley and Zisserman, Multiple
-    /// View Geometry, A6.8); or their derivatives along `vectors` where misses are given.
-    fn weighted(&self, vectors: &[Vector3<f64>], misses: Option<&[Vector3<f64>]>) -> DVector<f64> {
-        let mut all = DVector::zeros(3 * vectors.len());
+    /// View Geometry, A6.8); or their derivatives along `change` where misses are given.
+    fn weighted(&self, change: &Missed, misses: Option<&Missed>) -> DVector<f64> {
+        let (vectors, distances) = (&change.markers, &change.distances);
+        let mut all = DVector::zeros(3 * vectors.len() + distances.len());
         for (k, vector) in vectors.iter().enumerate() {
-            let miss = misses.map_or(vector, |misses| &misses[k]);
+            let miss = misses.map_or(vector, |misses| &misses.markers[k]);
             let (weight, slope) = self.weight(miss.norm());
             let out = match misses {
                 None => vector * weight,
                 Some(_) => vector * weight + miss * (slope * miss.dot(vector)),
             };
             all.fixed_rows_mut::<3>(3 * k).copy_from(&out);
+        }
+        for (k, &distance) in distances.iter().enumerate() {
+            let miss = misses.map_or(distance, |misses| misses.distances[k]);
+            let (weight, slope) = self.weight(miss.abs());
+            all[3 * vectors.len() + k] = match misses {
+                None => distance * weight,
+                Some(_) => distance * (weight + slope * miss * miss),
+            };
         }
         all
     }
@@ -286,9 +353,30 @@ impl<'a> Problem<'a> {
     }
 }
 
+/// The markers of a transmission that were seen.
+fn markers(transmission: &Transmission, seen: &[usize]) -> Vec<DiscPoint> {
+    let points = seen.iter().map(|&m| transmission.markers[m].point());
+    points.collect()
+}
+
+impl Sight {
+    /// Its points, those on discs where they are in a changed model.
+    pub fn towards(&self, changed: &Model) -> Vec<DiscPoint> {
+        let mut points = markers(&changed.transmission, &self.seen);
+        points.extend_from_slice(&self.points[self.seen.len()..]);
+        points
+    }
+}
+
 /// Where a point of a settled robot is (m).
 pub(super) fn place(settled: &Equilibrium, point: &DiscPoint) -> Vector3<f64> {
     settled.positions[point.disc] + settled.orientations[point.disc] * point.place
+}
+
+/// A row, and where it was last at rest.
+pub(super) struct Place<'a> {
+    pub row: usize,
+    pub last: Option<&'a Settled>,
 }
 
 pub(super) struct Part {

@@ -3,10 +3,11 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::cloud::Surface;
 use super::path::{self, rubs};
 use super::problem::place;
-use super::{Recording, RecordingError, Transmission};
-use crate::robot::{Loads, Robot, RobotSpec};
+use super::{Order, Recording, RecordingError, Transmission};
+use crate::robot::{Robot, RobotSpec};
 use crate::statics::{Equilibrium, Settler};
 
 /// What a model says of each row of a recording.
@@ -16,6 +17,8 @@ pub struct Replay {
     pub points: Vec<Option<Vec<Vector3<f64>>>>,
     /// For each row the origin of each disc (m), in the same way.
     pub discs: Vec<Option<Vec<Vector3<f64>>>>,
+    /// For each row and point of its cloud the nearest place on the robot's surface (m), in the same way.
+    pub surface: Vec<Option<Vec<Vector3<f64>>>>,
 }
 
 /// How far a replay is from what was measured.
@@ -24,10 +27,15 @@ pub struct Misses {
     /// For each row and marker what it missed (m), the marker's mean miss taken off; none where it was not measured, or the
     /// robot did not settle.
     pub misses: Vec<Vec<Option<Vector3<f64>>>>,
+    /// For each row the distance of each point of its cloud from the robot's surface (m); empty where it was not measured, or the
+    /// robot did not settle.
+    pub distances: Vec<Vec<f64>>,
     /// Mean miss of each marker (m).
     pub means: Vec<Vector3<f64>>,
-    /// Root mean square of the misses' lengths, without the means (m).
+    /// Root mean square of the misses' lengths, without the means, and of the distances, which have none (m).
     pub rmse: f64,
+    /// Median of the distances (m); none where there are none. Points that are not of the robot hardly move it.
+    pub median: Option<f64>,
     /// Rows in which the robot did not settle.
     pub unsettled: Vec<usize>,
 }
@@ -46,34 +54,43 @@ impl Replay {
         super::check(spec, transmission, recording)?;
         let robot = Robot::new(super::without_ranges(spec)?)?;
         let commands = transmission.commands(&robot, recording);
-        let see = |settled: &Equilibrium| {
+        let see = |row: usize, settled: &Equilibrium| {
             let markers = transmission.markers.iter();
             let points: Vec<_> = markers
                 .map(|marker| place(settled, &marker.point()))
                 .collect();
-            (points, settled.positions.clone())
+            let surface = Surface::new(&robot, &recording.shown, settled);
+            let touches = surface.touches(&robot, settled, recording.cloud(row));
+            let nearest: Vec<_> = touches.iter().map(|touch| touch.place).collect();
+            (points, (settled.positions.clone(), nearest))
         };
-        let rows: Vec<Option<_>> = if rubs(&robot) {
+        let rows: Vec<Option<_>> = if rubs(&robot) && recording.order == Order::Motion {
             path::replay(&robot, recording, &commands, see)
         } else {
-            (commands.par_iter())
+            (commands.par_iter().enumerate())
                 .map_init(
                     || Settler::new(&robot),
-                    |settler, command| {
+                    |settler, (row, command)| {
                         let command = robot.command(command).ok()?;
-                        let settled = settler.settle(&command, &Loads::default());
-                        settled.converged.then(|| see(settled))
+                        let settled = settler.settle(&command, &recording.loads(row));
+                        settled.converged.then(|| see(row, settled))
                     },
                 )
                 .collect()
         };
-        let (mut points, mut discs) = (Vec::new(), Vec::new());
+        let mut replay = Self {
+            points: Vec::new(),
+            discs: Vec::new(),
+            surface: Vec::new(),
+        };
         for row in rows {
-            let (point, disc) = row.unzip();
-            points.push(point);
-            discs.push(disc);
+            let (points, bodies) = row.unzip();
+            let (discs, surface) = bodies.unzip();
+            replay.points.push(points);
+            replay.discs.push(discs);
+            replay.surface.push(surface);
         }
-        Ok(Self { points, discs })
+        Ok(replay)
     }
 
     /// What it misses of `recording`.
@@ -101,12 +118,46 @@ impl Replay {
                 }
             }
         }
+        let rows = self.surface.iter().enumerate();
+        let distances: Vec<Vec<f64>> = rows
+            .map(|(row, nearest)| {
+                let pairs = recording.cloud(row).iter().zip(nearest.iter().flatten());
+                pairs.map(|(point, place)| (point - place).norm()).collect()
+            })
+            .collect();
+        for distance in distances.iter().flatten() {
+            sum += distance * distance;
+            count += 1;
+        }
         let unsettled = (0..self.points.len()).filter(|&row| self.points[row].is_none());
         Misses {
             means,
             rmse: (sum / f64::from(count.max(1))).sqrt(),
+            median: median(distances.iter().flatten().copied().collect()),
             unsettled: unsettled.collect(),
+            distances,
             misses,
         }
     }
+}
+
+/// Standard deviation of a normal distribution by the median of its absolute values (Rousseeuw and Croux, 1993).
+const DEVIATION_BY_MEDIAN: f64 = 1.4826;
+
+impl Misses {
+    /// Sum of the squared misses of markers (m²), and for the points of clouds what it would be without those that are far from
+    /// the robot, as points of other things are.
+    pub(super) fn squares(&self) -> f64 {
+        let markers: f64 = (self.misses.iter().flatten().flatten())
+            .map(Vector3::norm_squared)
+            .sum();
+        let points: usize = self.distances.iter().map(Vec::len).sum();
+        let deviation = DEVIATION_BY_MEDIAN * self.median.unwrap_or(0.0);
+        markers + points as f64 * deviation * deviation
+    }
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
 }

@@ -19,6 +19,8 @@ const PULLED: f64 = 0.15;
 const PULLS: usize = 4;
 /// Turns of the robot about its base from which maps are sought.
 const TURNS: usize = 12;
+/// Rounds of servos by the turn and the turn by servos: they may go to and fro between maps that miss alike.
+const ROUNDS: usize = 20;
 /// What half a turn of the robot about its base costs, as the share of a pull's motion that is missed. A robot whose tendons stand
 /// evenly around its axis looks the same after a part of a turn: of such maps the one that turns the least is right.
 const TURN_COST: f64 = 0.1;
@@ -233,6 +235,7 @@ fn overlaps(
                 times: vec![0.0],
                 pulls: vec![reported],
                 points: vec![Vec::new()],
+                ..Recording::default()
             };
             let command = transmission.commands(robot, &still).pop()?;
             let settled = settler.settle(&robot.command(&command).ok()?, &Loads::default());
@@ -278,7 +281,7 @@ fn overlaps(
 fn assign(overlaps: &[Vec<[Overlap; 2]>], first: f64) -> ServoMap {
     let mut turn = first;
     let mut servos = Vec::new();
-    loop {
+    for _ in 0..ROUNDS {
         let next = servos_at(overlaps, turn);
         let chosen = next.iter().enumerate();
         turn = best_turn(chosen.map(|(tendon, &servo)| better(&overlaps[servo][tendon], turn).1));

@@ -325,6 +325,7 @@ fn what_makes_no_sense_is_named() {
         times: recording.times[..1].to_vec(),
         pulls: recording.pulls[..1].to_vec(),
         points: recording.points[..1].to_vec(),
+        ..Recording::default()
     };
     assert!(
         fit(&there, &few, settings_groups()).starts_with("6 measured coordinates cannot tell ")

@@ -2,8 +2,9 @@
 
 use nalgebra::{DVector, Vector3};
 
+use super::cloud::Shown;
 use crate::chain::Configuration;
-use crate::robot::{Drive, Robot};
+use crate::robot::{Drive, Loads, Robot};
 use crate::sensitivity::DiscPoint;
 
 /// What a robot did, in the order of time.
@@ -16,6 +17,24 @@ pub struct Recording {
     pub pulls: Vec<Vec<f64>>,
     /// For each time where each marker was (m, world frame); none where it was not seen.
     pub points: Vec<Vec<Option<Vector3<f64>>>>,
+    /// For each time points of the robot's surface that were seen (m, world frame); empty where no row has any.
+    pub clouds: Vec<Vec<Vector3<f64>>>,
+    /// For each time the mass that hung from the tip (kg); empty where nothing did in any row.
+    pub payloads: Vec<f64>,
+    /// What of the robot the clouds show.
+    pub shown: Shown,
+    /// Whether rows follow one another.
+    pub order: Order,
+}
+
+/// Whether the way from row to row counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Order {
+    /// Rows are moments of one motion.
+    #[default]
+    Motion,
+    /// Each row is the robot at rest under commands of its own: servos have no speed, nor play, and tendons no friction.
+    AtRest,
 }
 
 /// What lies between servos and tendons, and between discs and markers: numbers that are no part of the robot.
@@ -82,6 +101,31 @@ impl Recording {
         self.times.is_empty()
     }
 
+    /// The points of a row's cloud (m, world frame).
+    pub fn cloud(&self, row: usize) -> &[Vector3<f64>] {
+        self.clouds.get(row).map_or(&[], Vec::as_slice)
+    }
+
+    /// What the robot bears in a row.
+    pub(super) fn loads(&self, row: usize) -> Loads {
+        let mass = self.payloads.get(row).copied().unwrap_or(0.0);
+        Loads::payload(mass).unwrap_or_default()
+    }
+
+    /// Coordinates that were measured: three of each marker, and the distance of each point of a cloud.
+    pub(super) fn coordinates(&self) -> usize {
+        let markers = self.points.iter().flatten().flatten().count();
+        3 * markers + self.clouds.iter().map(Vec::len).sum::<usize>()
+    }
+
+    /// Leaves at most so many points in each cloud, evenly spread over it.
+    pub fn thin_clouds(&mut self, most: usize) {
+        for cloud in self.clouds.iter_mut().filter(|cloud| cloud.len() > most) {
+            let points = cloud.len();
+            *cloud = (0..most).map(|k| cloud[k * points / most]).collect();
+        }
+    }
+
     /// Median time between rows; 1 where there is none.
     pub fn median_step(&self) -> f64 {
         let mut steps: Vec<f64> = self.times.windows(2).map(|t| t[1] - t[0]).collect();
@@ -91,6 +135,10 @@ impl Recording {
 
     /// Speed of each servo at each row (1/s): from the row before, after a gap from the next one, between two gaps 0.
     pub(super) fn speeds(&self) -> Vec<Vec<f64>> {
+        if self.order == Order::AtRest {
+            let still = |pulls: &Vec<f64>| vec![0.0; pulls.len()];
+            return self.pulls.iter().map(still).collect();
+        }
         let longest = GAP * self.median_step();
         let between = |a: usize, b: usize| -> Option<Vec<f64>> {
             let step = self.times.get(b)? - self.times[a];
@@ -151,7 +199,7 @@ impl Transmission {
                 }
             });
             let command = command.collect();
-            played = Some(pulls);
+            played = (recording.order == Order::Motion).then_some(pulls);
             command
         })
         .collect()
@@ -167,6 +215,7 @@ mod tests {
             times: times.to_vec(),
             pulls: pulls.iter().map(|&p| vec![p; 6]).collect(),
             points: vec![Vec::new(); pulls.len()],
+            ..Recording::default()
         }
     }
 
@@ -183,6 +232,36 @@ mod tests {
         for (found, expected) in pulled.iter().zip([0.0, 0.0, 2.0, 2.0, 1.0]) {
             assert!((found - expected).abs() < 1e-9, "{pulled:?}");
         }
+    }
+
+    #[test]
+    fn rows_at_rest_have_neither_play_nor_lag() {
+        let robot = Robot::load("2m").expect("a standard robot");
+        let mut still = recording(&[0.0, 0.5e-3, 3e-3], &[0.0, 1.0, 2.0]);
+        let mut transmission = Transmission::ideal(6, Vec::new());
+        let plain = transmission.commands(&robot, &still);
+        (transmission.lag, transmission.servos[0].backlash) = (0.3, 1e-3);
+        assert_ne!(transmission.commands(&robot, &still), plain);
+        still.order = Order::AtRest;
+        assert_eq!(transmission.commands(&robot, &still), plain);
+    }
+
+    #[test]
+    fn clouds_are_thinned_evenly() {
+        let cloud = |points: u8| -> Vec<Vector3<f64>> {
+            (0..points).map(|k| Vector3::x() * f64::from(k)).collect()
+        };
+        let mut recording = Recording {
+            clouds: vec![cloud(9), cloud(2), Vec::new()],
+            ..Recording::default()
+        };
+        recording.thin_clouds(3);
+        let kept: Vec<f64> = recording.clouds[0].iter().map(|point| point.x).collect();
+        assert_eq!(kept, [0.0, 3.0, 6.0]);
+        assert_eq!(
+            (recording.clouds[1].len(), recording.clouds[2].len()),
+            (2, 0)
+        );
     }
 
     /// At constant speed a lag is that much time; over a gap the speed is that of the rows beyond it.
