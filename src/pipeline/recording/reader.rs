@@ -6,7 +6,7 @@ use tdcr_learn::data::Split;
 use tdcr_sim::robot::{Robot, RobotSpec};
 
 use super::clouds::Source;
-use super::{BadRows, Columns, RecordingFile, RecordingFileError};
+use super::{BadRows, Columns, RecordingFile, RecordingFileError, bad_row_count};
 
 /// The columns of a recording that needs no map.
 pub(super) fn own_columns(robot: &RobotSpec, data: &Path) -> Result<Columns, RecordingFileError> {
