@@ -237,11 +237,11 @@ fn single_pulls_tell_which_servo_pulls_which_tendon() {
     let fit = ["--fit", "servo_map", "--out", text(&out)];
     let found = succeed_json(&[&on(&data, &robot, &shuffled)[..], &fit].concat());
     let servos = found["servo_map"]["servos"].as_array().unwrap();
-    let names: Vec<&str> = servos
-        .iter()
-        .map(|s| s["column"].as_str().unwrap())
+    let names = servos.iter().map(|servo| servo["column"].as_str().unwrap());
+    let expected: Vec<String> = (columns.iter())
+        .map(|column| format!("servo_{column}"))
         .collect();
-    assert_eq!(names, columns);
+    assert_eq!(names.collect::<Vec<_>>(), expected);
     assert!(
         servos.iter().all(|servo| servo["sign"] == 1.0),
         "{servos:?}"
