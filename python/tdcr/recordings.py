@@ -105,7 +105,7 @@ def calibrate_recording(
             against; where not given, of a data set its val and test splits.
         fit: Groups of unknowns; those of the default ones that the robot has, where none are given. ``[]`` fits nothing.
             With ``"servo_map"``, which servo pulls which tendon, and which way, is found first.
-        loss: Distance (m) from which a marker's or a point's miss counts less than by its square; a fortieth of the robot's length.
+        loss: Distance (m) from which a miss counts less than by its square; a fortieth of the robot's length.
         starts: Starts of the fit: the robot's own values, then others at random.
         seed: Seed of the random starts.
         skip_bad_rows: Leave out rows that cannot be used, with a warning; without it, they are named and refused.
