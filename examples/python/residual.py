@@ -160,7 +160,7 @@ def draw(rows: list[dict[str, float]], out: Path) -> None:
         values = [[row[name] for row in rows if row["samples"] == size] for size in sizes]
         axes.plot(sizes, [np.median(v) for v in values], "o-", label=name)
         axes.fill_between(sizes, [min(v) for v in values], [max(v) for v in values], alpha=0.2)
-    axes.set(xscale="log", xlabel="rows to learn from", ylabel="tip error on other motions (mm)", ylim=(0.0, None))
+    axes.set(xscale="log", yscale="log", xlabel="rows to learn from", ylabel="tip error on other motions (mm)")
     axes.legend(frameon=False)
     figure.savefig(out, dpi=150)
     plt.close(figure)
