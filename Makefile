@@ -94,13 +94,20 @@ test-python: wheel site
 	cargo build $(WITH_EXAMPLES) --bins --release --locked
 	TDCR=$(TDCR) OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile tests/python
 
-# Ours alone, then the tables of ours beside MuJoCo's and, where they are installed, PyTorch's and Gymnasium's.
+# Ours alone, then the tables of ours beside MuJoCo's and, where they are installed, PyTorch's and Gymnasium's; a flow from a
+# simulated surface, the real robot of examples/opencr, and what a network adds to it.
 bench: setup wheel
 	cargo bench --locked --bench sim --bench metrics
 	$(PYTHON) benches/peers.py
 	$(PYTHON) benches/networks.py
 	$(PYTHON) benches/envs.py
 	$(PYTHON) benches/bus.py
+	$(PYTHON) benches/settling.py
+	$(PYTHON) benches/priors.py target/priors
+	$(TDCR) calibrate --robot examples/opencr/robot.toml --columns examples/opencr/columns.toml \
+		--data examples/opencr/real_robot_v4_train.csv --validate examples/opencr/real_robot_v4_val.csv \
+		--report target/calibration.html
+	$(PYTHON) examples/python/residual.py --out target/residual
 
 clean:
 	cargo clean
