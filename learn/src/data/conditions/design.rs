@@ -1,9 +1,9 @@
 //! Designs of experiments: how points are spread over a unit cube.
 
 use rand::RngExt;
-use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
+use super::permutation::Permutation;
 use super::rng;
 use super::sobol::{MAX_DIMENSIONS, Sobol};
 use crate::data::DataError;
@@ -75,17 +75,13 @@ impl Design {
         let rng = |dimension: usize| rng(seed, u64::MAX - dimension as u64);
         let points = match self {
             Self::Uniform => return Ok(None),
-            Self::LatinHypercube => {
-                let stratified = |dimension| {
-                    let mut rng = rng(dimension);
-                    let mut strata: Vec<usize> = (0..count).collect();
-                    strata.shuffle(&mut rng);
-                    let place =
-                        |stratum: usize| (stratum as f64 + rng.random::<f64>()) / count as f64;
-                    strata.into_iter().map(place).collect()
-                };
-                Points::Columns((0..dimensions).map(stratified).collect())
-            }
+            Self::LatinHypercube => Points::LatinHypercube {
+                count,
+                strata: (0..dimensions)
+                    .map(|dimension| Permutation::new(count, &mut rng(dimension)))
+                    .collect(),
+                seed,
+            },
             Self::Sobol if dimensions > MAX_DIMENSIONS => {
                 return Err(DataError::Design {
                     problem: format!(
@@ -153,8 +149,13 @@ impl UnitPoints {
 
 /// Points of a unit cube.
 pub(super) enum Points {
-    /// Coordinates of all points, by dimension.
-    Columns(Vec<Vec<f64>>),
+    LatinHypercube {
+        count: usize,
+        /// Which stratum each point is in, by dimension.
+        strata: Vec<Permutation>,
+        /// Of the places within the strata.
+        seed: u64,
+    },
     Sobol {
         sequence: Sobol,
         shift: Vec<u32>,
@@ -168,7 +169,17 @@ pub(super) enum Points {
 impl Points {
     pub fn point(&self, index: usize) -> Vec<f64> {
         match self {
-            Self::Columns(columns) => columns.iter().map(|column| column[index]).collect(),
+            Self::LatinHypercube {
+                count,
+                strata,
+                seed,
+            } => {
+                let mut rng = rng(*seed, index as u64);
+                let place = |strata: &Permutation| {
+                    (strata.place(index) as f64 + rng.random::<f64>()) / *count as f64
+                };
+                strata.iter().map(place).collect()
+            }
             Self::Sobol { sequence, shift } => {
                 let index = u32::try_from(index).expect("amounts are far below 2^32");
                 let coordinate = |(dimension, shift): (usize, &u32)| {

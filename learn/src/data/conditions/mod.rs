@@ -1,6 +1,7 @@
 //! What is asked of a robot: commands and payloads, and the designs by which they are chosen.
 
 mod design;
+mod permutation;
 mod sobol;
 
 pub use design::{Design, UnitPoints};
