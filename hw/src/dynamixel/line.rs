@@ -4,7 +4,7 @@ use std::io;
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use super::frame::{Decoder, PacketId};
+use super::frame::{Decoder, PREFIX, PacketId};
 use super::instruction::Instruction;
 use super::joined::{self, Section, sections};
 use super::status::Status;
@@ -128,11 +128,13 @@ impl<T: Transport> Line<T> {
         mut take: impl FnMut(Section),
     ) -> io::Result<Heard> {
         let mut heard = Heard::Silence;
+        let whole = PREFIX + joined::length_field(asked.iter().map(|&(_, size)| size));
         loop {
             let pending = self.decoder.pending();
             let begun = joined::begins(pending);
             let complete = || sections(pending, asked.iter().copied()).count() == asked.len();
-            if begun && complete() {
+            // Checksums are computed once all bytes are there.
+            if begun && pending.len() >= whole && complete() {
                 sections(pending, asked.iter().copied()).for_each(&mut take);
                 self.decoder.clear();
                 return Ok(heard);
