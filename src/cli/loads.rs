@@ -16,10 +16,11 @@ pub(super) struct LoadArgs {
     )]
     pub payload: f64,
     /// Force (N) and moment (N m) on a disc, a number from 0 at the base or `tip`: in the world's frame, or with @disc in
-    /// the disc's, turning with it. May be given several times
+    /// the disc's, turning with it. The force acts on the disc's origin, or on the point @X,Y,Z of its frame (m). May be given several
+    /// times
     #[arg(
         long = "wrench",
-        value_name = "DISC:FX,FY,FZ[,MX,MY,MZ][@disc|@world]",
+        value_name = "DISC[@X,Y,Z]:FX,FY,FZ[,MX,MY,MZ][@disc|@world]",
         value_parser = wrench
     )]
     wrenches: Vec<DiscWrench>,
@@ -48,6 +49,8 @@ pub(super) struct LoadsSaid {
 #[derive(Serialize)]
 struct WrenchSaid {
     disc: usize,
+    /// In the disc's frame (m).
+    point: [f64; 3],
     /// N.
     force: [f64; 3],
     /// N m.
@@ -83,6 +86,7 @@ impl LoadsSaid {
     pub fn new(loads: &Loads) -> Self {
         let said = |wrench: &Wrench| WrenchSaid {
             disc: wrench.disc,
+            point: wrench.point,
             force: wrench.force,
             moment: wrench.moment,
             frame: match wrench.frame {
@@ -98,10 +102,17 @@ impl LoadsSaid {
     }
 }
 
-/// Parses `DISC:FX,FY,FZ[,MX,MY,MZ][@disc|@world]`.
+/// Parses `DISC[@X,Y,Z]:FX,FY,FZ[,MX,MY,MZ][@disc|@world]`.
 fn wrench(text: &str) -> Result<DiscWrench, String> {
     let (place, rest) =
         (text.split_once(':')).ok_or("expected DISC:FX,FY,FZ, a disc's number and a force in N")?;
+    let (place, point) = match place.split_once('@') {
+        None => (place, [0.0; 3]),
+        Some((place, point)) => {
+            let point = vector(point).map_err(|wrong| format!("the point of the disc: {wrong}"))?;
+            (place, point)
+        }
+    };
     let (numbers, frame) = match rest.split_once('@') {
         None | Some((_, "world")) => (rest.split('@').next().unwrap_or(rest), Frame::World),
         Some((numbers, "disc")) => (numbers, Frame::Disc),
@@ -125,6 +136,7 @@ fn wrench(text: &str) -> Result<DiscWrench, String> {
         }
     };
     let wrench = Wrench {
+        point,
         force,
         moment,
         ..Wrench::none(disc, frame)

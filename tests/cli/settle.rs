@@ -164,6 +164,13 @@ fn a_line_load_and_a_wrench_that_turns_with_its_disc_are_felt() {
     for axis in 0..3 {
         assert!((twice[axis] - world[axis]).abs() < 1e-9);
     }
+    // A force beside a disc's origin has the moment of its arm.
+    let beside = loaded(&["--wrench", "tip@0,0.01,0:0,0,0.2@disc"]);
+    let moment = loaded(&["--wrench", "tip:0,0,0.2,0.002,0,0@disc"]);
+    for axis in 0..3 {
+        assert!((beside[axis] - moment[axis]).abs() < 1e-9);
+    }
+    assert!((beside[1] - disc[1]).abs() > 1e-4);
 }
 
 #[test]
@@ -181,6 +188,12 @@ fn wrong_loads_are_named() {
         "expected 3 numbers (N), or 6 with a moment (N m), found 2",
     );
     wrong("--wrench", "9:0,0,NaN", 2, "`NaN` is not a finite number");
+    wrong(
+        "--wrench",
+        "9@0,1:0,0,1",
+        2,
+        "the point of the disc: expected 3 numbers, found 2",
+    );
     wrong(
         "--wrench",
         "9:0,0,1@base",
