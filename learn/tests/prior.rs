@@ -108,6 +108,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 3,
     embedding: 16,
     condition_dim: 6,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 

@@ -33,6 +33,8 @@ pub struct SamplerOptions {
     sampler_steps: Option<usize>,
     sampler_power: Option<f32>,
     sampler_tolerance: Option<f32>,
+    sampler_denoise: Option<f32>,
+    sampler_spare: Option<f32>,
 }
 
 /// What is predicted of each condition, as `tdcr predict` asks for it.
@@ -232,6 +234,8 @@ impl SamplerOptions {
             steps: self.sampler_steps,
             power: self.sampler_power,
             tolerance: self.sampler_tolerance,
+            denoise: self.sampler_denoise,
+            spare: self.sampler_spare,
         };
         Ok(plan.settle(&model.settings)?)
     }

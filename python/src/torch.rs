@@ -3,12 +3,13 @@
 
 use std::path::PathBuf;
 
-use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 use tdcr::learn::data::{CloudSet, DataSet, Meta, Normalisation, Split};
 use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
 use tdcr::learn::net::Channels;
+use tdcr::learn::predict::Prediction;
 use tdcr::learn::train::{Model, Provenance, TrainSettings};
 use tdcr::pipeline::{Length, Preset};
 
@@ -49,6 +50,7 @@ pub fn presets() -> Outcome<String> {
             "width": preset.width,
             "depth": preset.depth,
             "embedding": preset.embedding,
+            "octaves": preset.octaves,
             "steps": steps,
             "epochs": epochs,
             "networks": {"mlp": settings(mlp)?, "hybrid": settings(hybrid)?},
@@ -118,6 +120,7 @@ pub fn read_cloud_set<'py>(
 pub fn start_noise(
     py: Python<'_>,
     prior_deviation: f32,
+    prior_cut: Option<f32>,
     points: usize,
     colors: bool,
     seed: u64,
@@ -128,11 +131,33 @@ pub fn start_noise(
     };
     let path = FlowPath {
         prior_deviation,
-        ..FlowPath::default()
+        prior_cut,
+        ..FlowPath::PAPER
     };
+    path.check()?;
     let mut rows = vec![0.0; points * channels.count()];
     path.sample_prior(&mut rng(seed, Stream::Sample(0)), channels, &mut rows);
     Ok(array(py, rows, [points, channels.count()])?)
+}
+
+/// Indices of the `count` points of a cloud (N, 3) (m) that lie in the least uncertain places.
+#[pyfunction]
+pub fn most_certain<'py>(
+    py: Python<'py>,
+    points: PyReadonlyArray2<'py, f32>,
+    count: usize,
+) -> Outcome<Bound<'py, PyArray1<usize>>> {
+    let rows = numpy::PyUntypedArrayMethods::shape(&*points)[0];
+    let (points, _) = contiguous(&points, "points", &[rows, 3])?.as_chunks::<3>();
+    let prediction = Prediction {
+        points: points.to_vec(),
+        colors: None,
+        evaluations: 0,
+    };
+    Ok(PyArray1::from_vec(
+        py,
+        py.detach(|| prediction.most_certain(count)),
+    ))
 }
 
 /// Velocities (B, N, C) of the network in the model file `model`, in float32, of points (B, N, C) at flow times (B,) under

@@ -33,6 +33,7 @@ pub struct TrainOptions {
     width: Option<usize>,
     depth: Option<usize>,
     embedding: Option<usize>,
+    octaves: Option<usize>,
     context: Option<Context>,
     colors: bool,
     color_weight: Option<f32>,
@@ -47,6 +48,8 @@ pub struct TrainOptions {
     patience: Option<u64>,
     coupling: String,
     time_exponent: f32,
+    late_times: Option<f32>,
+    prior_cut: Option<f32>,
     surface_prior: Option<Py<Robot>>,
     prior_deviation: Option<f32>,
     seed: u64,
@@ -118,6 +121,7 @@ impl TrainOptions {
             width: self.width,
             depth: self.depth,
             embedding: self.embedding,
+            octaves: self.octaves,
             context: self.context.as_ref().map(Context::shape),
             channels: match self.colors {
                 true => Channels::XyzRgb,
@@ -135,6 +139,8 @@ impl TrainOptions {
             patience: self.patience,
             coupling: self.coupling.parse()?,
             time_exponent: self.time_exponent,
+            late_times: self.late_times,
+            prior_cut: self.prior_cut,
             surface_prior: (self.surface_prior.as_ref()).map(|robot| robot.get().0.spec().clone()),
             prior_deviation: self.prior_deviation,
             seed: self.seed,
@@ -229,6 +235,8 @@ pub fn distill<'py>(
             method: Method::Euler,
             steps: options.evaluations,
             grid: TimeGrid::Power(options.power),
+            denoise: None,
+            ..Sampler::DEFAULT
         };
         let width = teacher.network.shape().width();
         let settings = TrainSettings {

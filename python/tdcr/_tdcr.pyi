@@ -50,6 +50,7 @@ __all__ = [
     "linearise",
     "merge",
     "merge_study",
+    "most_certain",
     "presets",
     "read_cloud_set",
     "record_background",
@@ -578,7 +579,10 @@ def train_settings(changes: str) -> str: ...
 def read_cloud_set(
     folder: str, split: str, normalisation: str | None, colors: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None, str]: ...
-def start_noise(prior_deviation: float, points: int, colors: bool, seed: int) -> NDArray[np.float32]: ...
+def most_certain(points: NDArray[np.float32], count: int) -> NDArray[np.uintp]: ...
+def start_noise(
+    prior_deviation: float, prior_cut: float | None, points: int, colors: bool, seed: int
+) -> NDArray[np.float32]: ...
 def velocities(
     model: str, points: NDArray[np.float32], times: NDArray[np.float32], conditions: NDArray[np.float32]
 ) -> NDArray[np.float32]: ...

@@ -159,6 +159,14 @@ struct SamplerArgs {
     /// exponential3)
     #[arg(long, value_name = "TOL", conflicts_with = "sampler_power")]
     sampler_tolerance: Option<f32>,
+    /// Flow time T, below 1, of a last evaluation that takes the points to the data predicted there; 1: no such evaluation
+    /// [default: the model's own]
+    #[arg(long, value_name = "T")]
+    sampler_denoise: Option<f32>,
+    /// Points to draw beyond those asked for, as a share of these; so many of the most uncertain are left out [default: the
+    /// model's own]
+    #[arg(long, value_name = "SHARE")]
+    sampler_spare: Option<f32>,
 }
 
 impl SamplerArgs {
@@ -169,6 +177,8 @@ impl SamplerArgs {
             steps: self.sampler_steps,
             power: self.sampler_power,
             tolerance: self.sampler_tolerance,
+            denoise: self.sampler_denoise,
+            spare: self.sampler_spare,
         };
         Ok(plan.settle(settings)?)
     }

@@ -1,6 +1,6 @@
 //! Networks and settings of training that fit together.
 
-use tdcr_learn::flow::Sampler;
+use tdcr_learn::flow::{FlowPath, Sampler};
 use tdcr_learn::net::Channels;
 use tdcr_learn::train::{Optimizer, Target, TrainSettings};
 
@@ -19,6 +19,8 @@ pub struct Preset {
     pub depth: usize,
     /// Features of the embedding of time and condition.
     pub embedding: usize,
+    /// Octaves of the positions' Fourier features.
+    pub octaves: usize,
     /// How long the run is.
     pub length: Length,
     /// Points per cloud and step, or all of a cloud where it has fewer.
@@ -27,6 +29,8 @@ pub struct Preset {
     pub validate_every: u64,
     /// Sampler of the validation's predictions.
     pub sampler: Sampler,
+    /// Prior and flow times.
+    pub path: FlowPath,
     /// How gradients move the weights.
     pub optimizer: Optimizer,
     /// What differs between the networks: an MLP's, a hybrid's.
@@ -69,10 +73,12 @@ impl Preset {
             width: 96,
             depth: 6,
             embedding: 128,
+            octaves: 6,
             length: Length::Steps(7000),
             points: 256,
             validate_every: 700,
             sampler: Sampler::DEFAULT,
+            path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
             rates: [FEW_POINTS; 2],
         },
@@ -82,10 +88,12 @@ impl Preset {
             width: 128,
             depth: 6,
             embedding: 128,
+            octaves: 6,
             length: Length::Steps(20_000),
             points: 256,
             validate_every: 2000,
             sampler: Sampler::DEFAULT,
+            path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
             rates: [FEW_POINTS; 2],
         },
@@ -95,10 +103,12 @@ impl Preset {
             width: 512,
             depth: 6,
             embedding: 256,
+            octaves: 0,
             length: Length::Epochs(500),
             points: 20_000,
             validate_every: 5000,
             sampler: Sampler::PAPER,
+            path: FlowPath::PAPER,
             optimizer: Optimizer::AdamW,
             rates: [
                 Rates {
@@ -164,6 +174,7 @@ impl Preset {
             width: self.width,
             depth: self.depth,
             embedding: self.embedding,
+            octaves: self.octaves,
             context: None,
             channels: Channels::Xyz,
         }
@@ -180,6 +191,7 @@ impl Preset {
             validate_every: self.validate_every,
             sampler: self.sampler,
             optimizer: self.optimizer,
+            path: self.path,
             ..TrainSettings::default()
         }
     }

@@ -28,6 +28,8 @@ pub struct NetworkSize {
     pub depth: usize,
     /// Features of the embedding of time and condition.
     pub embedding: usize,
+    /// Octaves of the positions' Fourier features.
+    pub octaves: usize,
     /// The context network of a hybrid; none makes an MLP.
     pub context: Option<ContextShape>,
     /// What points consist of.
@@ -49,6 +51,7 @@ impl NetworkSize {
             depth: self.depth,
             embedding: self.embedding,
             condition_dim,
+            octaves: self.octaves,
             channels: self.channels,
         };
         match self.context {

@@ -376,6 +376,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 4,
     condition_dim: 6,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 

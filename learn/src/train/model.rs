@@ -56,7 +56,7 @@ impl Model {
     /// its last value is the payload (kg).
     ///
     /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts
-    /// from is a function of `seed`. Commands outside the training range are extrapolated, without any guarantee.
+    /// from is a function of `seed`. Where the sampler draws spare points, the most uncertain ones are left out. Commands outside the training range are extrapolated, without any guarantee.
     ///
     /// # Errors
     /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity, and where
@@ -76,24 +76,27 @@ impl Model {
             });
         }
         let channels = self.network.shape().channels();
-        let mut rows = vec![0.0; points * channels.count()];
+        let drawn = sampler.drawn(points);
+        let mut rows = vec![0.0; drawn * channels.count()];
         let rng = &mut rng(seed, Stream::Sample(0));
-        let surface = self.surface(command, points, rng)?;
+        let surface = self.surface(command, drawn, rng)?;
         self.settings.path.sample_prior(rng, channels, &mut rows);
         if let Some(surface) = surface {
-            let all: Vec<_> = (0..points).collect();
+            let all: Vec<_> = (0..drawn).collect();
             start_from(&surface, &all, channels, &mut rows);
         }
         let evaluations = sampler.integrate(&self.network, &condition, &mut rows);
-        let mut points = positions(&rows, channels);
-        let components = points.as_flattened_mut();
+        let mut positions = positions(&rows, channels);
+        let components = positions.as_flattened_mut();
         self.provenance.normalisation.denormalise_points(components);
-        self.require_cloud(command, &points, &rows)?;
-        Ok(Prediction {
-            points,
+        self.require_cloud(command, &positions, &rows)?;
+        let prediction = Prediction {
+            points: positions,
             colors: colors(&rows, channels),
             evaluations,
-        })
+        };
+        let certain = prediction.most_certain(points);
+        Ok(prediction.keep(&certain))
     }
 
     /// Points of the simulated surface under `command`, in normalised units, where the flow starts from one.

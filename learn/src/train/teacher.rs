@@ -27,6 +27,8 @@ const TEACHER_STEPS: usize = 16;
 pub struct Teacher {
     network: Network,
     path: FlowPath,
+    /// [`Sampler::denoise`] of its own predictions.
+    denoise: Option<f32>,
 }
 
 impl Teacher {
@@ -46,6 +48,7 @@ impl Teacher {
             Target::Velocity => Ok(Self {
                 network: model.network.clone(),
                 path: model.settings.path,
+                denoise: model.settings.sampler.denoise,
             }),
             Target::Steps => Err(SettingsError::new(
                 "the teacher's target",
@@ -117,7 +120,7 @@ impl Teacher {
             self.path
                 .sample_prior(&mut rng, channels, &mut points[..cloud]);
         }
-        let fine = fine(settings.sampler);
+        let fine = self.sampler(settings.sampler);
         let conditions = samples.conditions.par_chunks_exact(steps * dim);
         let trajectories = samples.points.par_chunks_exact_mut(steps * cloud);
         let trajectories = trajectories.zip(samples.targets.par_chunks_exact_mut(steps * cloud));
@@ -126,6 +129,17 @@ impl Teacher {
             .for_each(|((points, targets), condition)| {
                 self.walk(&fine, &condition[..dim], &times, points, targets);
             });
+    }
+
+    /// The teacher's sampler for a student's: on its grid, through all the times at which its steps end; and a denoising, which
+    /// the student's last step includes.
+    fn sampler(&self, student: Sampler) -> Sampler {
+        Sampler {
+            method: Method::Exponential,
+            steps: student.steps * TEACHER_STEPS.div_ceil(student.steps),
+            denoise: self.denoise,
+            ..student
+        }
     }
 
     /// One trajectory by the sampler `fine`. `points` `(n, N C)` begins with samples of the prior and receives the points at
@@ -160,15 +174,6 @@ impl Teacher {
     }
 }
 
-/// The teacher's sampler: on the student's grid, and through all the times at which the student's steps end.
-fn fine(student: Sampler) -> Sampler {
-    Sampler {
-        method: Method::Exponential,
-        steps: student.steps * TEACHER_STEPS.div_ceil(student.steps),
-        grid: student.grid,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -183,6 +188,7 @@ mod tests {
             depth: 2,
             embedding: 8,
             condition_dim: 2,
+            octaves: 0,
             channels: Channels::Xyz,
         };
         let network = Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape");
@@ -190,6 +196,7 @@ mod tests {
         let teacher = Teacher {
             network,
             path: FlowPath::default(),
+            denoise: Some(0.99),
         };
         let settings = TrainSettings {
             clouds: 6,
@@ -198,6 +205,7 @@ mod tests {
                 method: Method::Euler,
                 steps: 3,
                 grid,
+                ..Sampler::PAPER
             },
             ..TrainSettings::default()
         };
@@ -209,7 +217,8 @@ mod tests {
             let first = 3 * way;
             let condition = &samples.conditions[2 * first..2 * first + 2];
             let mut end = samples.points[first * cloud..(first + 1) * cloud].to_vec();
-            fine(settings.sampler).integrate(&teacher.network, condition, &mut end);
+            let fine = teacher.sampler(settings.sampler);
+            fine.integrate(&teacher.network, condition, &mut end);
             for start in 0..3 {
                 let place = first + start;
                 let mut x = samples.points[place * cloud..(place + 1) * cloud].to_vec();

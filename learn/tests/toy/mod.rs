@@ -13,6 +13,7 @@ pub const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 8,
     condition_dim: 2,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 
@@ -43,6 +44,7 @@ pub fn settings() -> TrainSettings {
             method: Method::Heun,
             steps: 3,
             grid: TimeGrid::Power(2.0),
+            ..Sampler::PAPER
         },
         ..TrainSettings::default()
     }

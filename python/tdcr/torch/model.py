@@ -149,12 +149,14 @@ class Model:
         clouds = []
         # One by one: a cloud of many points fills a device, and few clouds of a large network fit into its memory.
         for condition, own_seed in zip(conditions, seeds, strict=True):
-            noise = torch.from_numpy(_tdcr.start_noise(path.prior_deviation, points, self.colors, own_seed))
-            rows = integrate(self.network, noise[None].to(place), condition[None].to(place), sampler)
-            clouds.append(rows[0].float().cpu().numpy())
+            drawn = sampler.drawn(points)
+            noise = _tdcr.start_noise(path.prior_deviation, path.prior_cut, drawn, self.colors, own_seed)
+            start = torch.from_numpy(noise)[None].to(place)
+            rows = integrate(self.network, start, condition[None].to(place), sampler)[0].float().cpu().numpy()
+            if not np.isfinite(rows).all():
+                raise TrainError("the network's cloud is not finite")
+            clouds.append(rows[_tdcr.most_certain(rows[:, :3].copy(), points)])
         rows_of_all = np.stack(clouds)
-        if not np.isfinite(rows_of_all).all():
-            raise TrainError("the network's cloud is not finite")
         metres = rows_of_all[..., :3].astype(np.float64) * self.provenance["normalisation"]["scale"]
         colors = np.clip(np.rint(255 * rows_of_all[..., 3:]), 0, 255).astype(np.uint8) if self.colors else None
         return Clouds(metres.astype(np.float32), colors)

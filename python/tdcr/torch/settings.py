@@ -74,6 +74,8 @@ class Preset:
     depth: int
     #: Features of the embedding of time and condition.
     embedding: int
+    #: Octaves of the Fourier features of the points' positions.
+    octaves: int
     #: Optimiser steps; None where the length is in `epochs`.
     steps: int | None
     #: Times that as many clouds are drawn as the training set has; None where the length is in `steps`.
@@ -93,6 +95,7 @@ class Preset:
             "depth": self.depth,
             "embedding": self.embedding,
             "condition_dim": condition_dim,
+            "octaves": self.octaves,
             "channels": "xyz-rgb" if colors else "xyz",
         }
         return head if net == "mlp" else {"head": head, "context": CONTEXT | (context or {})}

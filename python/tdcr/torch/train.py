@@ -72,6 +72,9 @@ def parser() -> argparse.ArgumentParser:
     add("--warmup", type=int, metavar="N", help=by_network("steps of warm-up, at most a tenth of all", "warmup_steps"))
     add("--validate-every", type=int, metavar="N", help=by_network("steps between validations", "validate_every"))
     add("--patience", type=int, metavar="N", help="end the run after so many validations without a better one")
+    add("--octaves", type=int, metavar="N", help=by_preset("octaves of the Fourier features of the points' positions", "octaves"))
+    add("--late-times", type=float, metavar="SHARE", help="share of the flow times that are drawn near the data [default: the preset's]")
+    add("--prior-cut", type=float, metavar="R", help="where the noise is cut off, in deviations; 0: nowhere [default: the preset's]")
     add("--time-exponent", type=float, metavar="ALPHA", help="flow times are Beta(ALPHA, 1) [default: 3]")
     add("--init", type=Path, metavar="FILE", help="start from the weights of this model")
     add("--normalisation-from", type=Path, metavar="FILE", help="normalise commands and points as this model does")
@@ -140,7 +143,7 @@ def context(args: argparse.Namespace) -> dict[str, Any]:
 
 def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.device) -> tuple[Preset, Settings]:
     """Network and settings: the preset's, but for what is asked for."""
-    sizes = {name: getattr(args, name) for name in ("width", "depth", "embedding") if getattr(args, name) is not None}
+    sizes = {name: getattr(args, name) for name in ("width", "depth", "embedding", "octaves") if getattr(args, name) is not None}
     preset = replace(presets()[args.preset], **sizes)
     fields = {
         "color_weight": args.color_weight,
@@ -158,8 +161,12 @@ def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.devi
     changes = {name: value for name, value in fields.items() if value is not None}
     if args.precision is None and device.type == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False):
         changes["precision"] = "bfloat16"
-    if args.time_exponent is not None:
-        changes["path"] = presets()[args.preset].networks[args.net]["path"] | {"time_exponent": args.time_exponent}
+    path = {"time_exponent": args.time_exponent, "late_times": args.late_times, "prior_cut": args.prior_cut}
+    given = {name: value for name, value in path.items() if value is not None}
+    if given.get("prior_cut") == 0:
+        given["prior_cut"] = None
+    if given:
+        changes["path"] = presets()[args.preset].networks[args.net]["path"] | given
     return preset, preset.settings(net=args.net, clouds_in_set=clouds_in_set, **changes)
 
 
