@@ -273,7 +273,7 @@ def demo(
     out: PathLike = "demo_out",
     *,
     samples: int = 2000,
-    steps: int = 7000,
+    steps: int = 5500,
     precision: Precision | None = None,
     seed: int = 0,
     progress: Progress | None = None,

@@ -35,7 +35,7 @@ impl Default for DemoSettings {
     fn default() -> Self {
         Self {
             samples: 2000,
-            steps: 7000,
+            steps: 5500,
             precision: None,
             seed: 0,
         }

@@ -59,7 +59,7 @@ pub enum Length {
 
 /// Many clouds of few points and a high rate: learns a small network fast on a CPU.
 const FEW_POINTS: Rates = Rates {
-    clouds: 64,
+    clouds: 128,
     learning_rate: 2e-2,
     warmup_steps: 500,
 };
@@ -74,9 +74,9 @@ impl Preset {
             depth: 6,
             embedding: 128,
             octaves: 6,
-            length: Length::Steps(7000),
-            points: 256,
-            validate_every: 700,
+            length: Length::Steps(5500),
+            points: 128,
+            validate_every: 550,
             sampler: Sampler::DEFAULT,
             path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
@@ -90,7 +90,7 @@ impl Preset {
             embedding: 128,
             octaves: 6,
             length: Length::Steps(20_000),
-            points: 256,
+            points: 128,
             validate_every: 2000,
             sampler: Sampler::DEFAULT,
             path: FlowPath::DEFAULT,

@@ -73,10 +73,10 @@ pub struct TrainSettings {
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
-            steps: 7000,
+            steps: 5500,
             earlier: Vec::new(),
-            clouds: 64,
-            points: 256,
+            clouds: 128,
+            points: 128,
             optimizer: Optimizer::MUON,
             precision: Precision::Float32,
             learning_rate: 2e-2,
@@ -89,7 +89,7 @@ impl Default for TrainSettings {
             prior: Prior::Gaussian,
             color_weight: COLOR_WEIGHT,
             seed: 0,
-            validate_every: 700,
+            validate_every: 550,
             validation_clouds: 16,
             validation_points: 2048,
             sampler: Sampler::default(),
