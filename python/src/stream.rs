@@ -3,7 +3,10 @@
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use tdcr::learn::data::{Normalisation, Recipe, Sample, Simulator, StreamSpec, Subject};
+use tdcr::learn::net::Channels;
+use tdcr::learn::symmetry::representative;
 use tdcr::learn::train::Provenance;
+use tdcr::sim::symmetry::Symmetries;
 
 use crate::arrays::array;
 use crate::data::{payload_range, sensor, visibility};
@@ -25,6 +28,8 @@ type Arrays<'py> = (
 pub struct Stream {
     spec: StreamSpec,
     units: Normalisation,
+    /// Samples are representatives of their classes under them.
+    symmetries: Symmetries,
     simulator: Simulator,
     index: u64,
     stride: u64,
@@ -44,6 +49,7 @@ impl Stream {
         seed: u64,
         index: u64,
         stride: u64,
+        symmetries: Option<&str>,
     ) -> Outcome<Self> {
         let recipe = Recipe {
             subject: Subject {
@@ -60,8 +66,11 @@ impl Stream {
             points,
             seed,
         };
+        let units = spec.normalisation()?;
+        let symmetries = symmetries.map(|text| read_symmetries(text, units.motor_min.len()));
         Ok(Self {
-            units: spec.normalisation()?,
+            units,
+            symmetries: symmetries.transpose()?.unwrap_or_default(),
             simulator: Simulator::new(&robot.0, &spec.recipe),
             spec,
             index,
@@ -85,7 +94,22 @@ impl Stream {
         text(serde_json::to_string(&Provenance {
             subject: Some(self.spec.recipe.subject.clone()),
             normalisation: self.units.clone(),
+            symmetries: self.symmetries.clone(),
         }))
+    }
+
+    /// The symmetries that samples have, with or without their colours, as JSON, and the same in words.
+    fn find_symmetries(&self, py: Python<'_>, colors: bool) -> Outcome<(String, String)> {
+        let channels = match colors {
+            true => Channels::XyzRgb,
+            false => Channels::Xyz,
+        };
+        let recipe = &self.spec.recipe;
+        let found = py.detach(|| recipe.symmetries(channels))?;
+        Ok((
+            text(serde_json::to_string(&found.symmetries))?,
+            found.to_string(),
+        ))
     }
 
     /// The next sample, in physical units and then in those of the normalisation: condition, points, colours. After one that
@@ -94,7 +118,8 @@ impl Stream {
         let (spec, simulator, index) = (&self.spec, &mut self.simulator, self.index);
         // Past the end of 64 bits it starts over, which no run reaches.
         self.index = self.index.wrapping_add(self.stride);
-        let Sample { condition, cloud } = run::long(py, None, |_| spec.sample(simulator, index))??;
+        let sample = run::long(py, None, |_| spec.sample(simulator, index))??;
+        let Sample { condition, cloud } = representative(sample, &self.symmetries);
         let dimensionless = self.units.condition(&condition.to_vec())?;
         let metres = cloud.points.into_flattened();
         let mut normalised = metres.clone();
@@ -113,6 +138,15 @@ impl Stream {
             arrays(dimensionless, normalised)?,
         ))
     }
+}
+
+/// Symmetries from JSON, of at most so many tendons, checked.
+pub fn read_symmetries(text: &str, tendons: usize) -> Outcome<Symmetries> {
+    let refuse = |problem: String| Failure::input(format!("the symmetries: {problem}"));
+    let symmetries: Symmetries =
+        serde_json::from_str(text).map_err(|error| refuse(error.to_string()))?;
+    symmetries.check(tendons).map_err(refuse)?;
+    Ok(symmetries)
 }
 
 /// JSON that was written.

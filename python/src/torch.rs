@@ -9,13 +9,14 @@ use serde_json::{Value, json};
 use tdcr::learn::data::{CloudSet, DataSet, Meta, Normalisation, Split};
 use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
 use tdcr::learn::net::Channels;
+use tdcr::learn::symmetry::to_representatives;
 use tdcr::learn::train::{Model, Provenance, TrainSettings};
-use tdcr::pipeline::{Length, Preset};
+use tdcr::pipeline::{self, Length, Preset};
 
 use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome, choice};
 use crate::run;
-use crate::stream::text;
+use crate::stream::{read_symmetries, text};
 
 /// Conditions (B, D), points (B, N, 3) and, where they are wanted, colours (B, N, 3), and the provenance as JSON.
 type CloudArrays<'py> = (
@@ -67,13 +68,59 @@ pub fn train_settings(changes: &str) -> Outcome<String> {
     text(serde_json::to_string(&settings))
 }
 
-/// A split of a data set in memory, in the units of `normalisation` (JSON) or in its own.
+/// The symmetries that the clouds of a data set have, with or without their colours, as JSON, and the same in words, or why
+/// there are none.
+#[pyfunction]
+pub fn set_symmetries(py: Python<'_>, folder: PathBuf, colors: bool) -> Outcome<(String, String)> {
+    let found = py.detach(|| {
+        let set = DataSet::open(&folder)?;
+        let recipe = set.meta().and_then(|meta| meta.origin.recipe());
+        pipeline::seen_symmetries(recipe, channels(colors)).map_err(Failure::from)
+    })?;
+    Ok((
+        text(serde_json::to_string(&found.symmetries))?,
+        found.to_string(),
+    ))
+}
+
+/// The representatives of commands (B, D) under symmetries (JSON), and for each the index of the symmetry that leads to it.
+#[pyfunction]
+pub fn representatives<'py>(
+    py: Python<'py>,
+    symmetries: &str,
+    commands: PyReadonlyArray2<'py, f64>,
+) -> Outcome<(Bound<'py, PyArray2<f64>>, Vec<usize>)> {
+    let [count, dimension] = *numpy::PyUntypedArrayMethods::shape(&*commands) else {
+        return Err(Failure::input("commands have no two axes"));
+    };
+    let symmetries = read_symmetries(symmetries, dimension)?;
+    let commands = contiguous(&commands, "commands", &[count, dimension])?;
+    let (mut found, mut which) = (Vec::with_capacity(commands.len()), Vec::new());
+    for command in commands.chunks_exact(dimension.max(1)) {
+        let (symmetry, representative) = symmetries.canonical(command);
+        let index = symmetries.elements().iter().position(|one| one == symmetry);
+        which.push(index.unwrap_or(0));
+        found.extend(representative);
+    }
+    Ok((array(py, found, [count, dimension])?, which))
+}
+
+fn channels(colors: bool) -> Channels {
+    match colors {
+        true => Channels::XyzRgb,
+        false => Channels::Xyz,
+    }
+}
+
+/// A split of a data set in memory, in the units of `normalisation` (JSON) or in its own; each cloud the representative of its
+/// class under `symmetries` (JSON), if there are any.
 #[pyfunction]
 pub fn read_cloud_set<'py>(
     py: Python<'py>,
     folder: PathBuf,
     split: &str,
     normalisation: Option<&str>,
+    symmetries: Option<&str>,
     colors: bool,
 ) -> Outcome<CloudArrays<'py>> {
     let splits = Split::ALL.map(|split| (split.folder(), split));
@@ -82,18 +129,23 @@ pub fn read_cloud_set<'py>(
         .map(serde_json::from_str)
         .transpose()
         .map_err(|error| Failure::input(format!("the normalisation: {error}")))?;
-    let channels = match colors {
-        true => Channels::XyzRgb,
-        false => Channels::Xyz,
-    };
     let (provenance, set) = py.detach(|| {
         let set = DataSet::open(&folder)?;
         let units = units.unwrap_or_else(|| set.normalisation().clone());
-        let clouds = set.cloud_set_in(split, &units, channels)?;
+        let symmetries = symmetries.map(|text| read_symmetries(text, units.motor_min.len()));
+        let symmetries = symmetries.transpose()?.unwrap_or_default();
+        let mut clouds = set.cloud_set_in(split, &units, channels(colors))?;
+        to_representatives(
+            &mut clouds,
+            &mut set.conditions(split)?,
+            &symmetries,
+            &units,
+        )?;
         let subject = set.meta().and_then(Meta::subject).cloned();
         let provenance = Provenance {
             subject,
             normalisation: units,
+            symmetries,
         };
         Ok::<_, Failure>((provenance, clouds))
     })?;
@@ -122,10 +174,7 @@ pub fn start_noise(
     colors: bool,
     seed: u64,
 ) -> Outcome<Bound<'_, PyArray2<f32>>> {
-    let channels = match colors {
-        true => Channels::XyzRgb,
-        false => Channels::Xyz,
-    };
+    let channels = channels(colors);
     let path = FlowPath {
         prior_deviation,
         ..FlowPath::default()

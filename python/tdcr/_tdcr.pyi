@@ -54,9 +54,11 @@ __all__ = [
     "read_cloud_set",
     "record_background",
     "render",
+    "representatives",
     "rollout_rows",
     "rollout_vjp_rows",
     "save_ply",
+    "set_symmetries",
     "set_threads",
     "settle_rows",
     "start_noise",
@@ -566,7 +568,9 @@ class Stream:
         seed: int,
         index: int,
         stride: int,
+        symmetries: str | None,
     ) -> Stream: ...
+    def find_symmetries(self, colors: bool) -> tuple[str, str]: ...
     @property
     def index(self) -> int: ...
     def spec(self) -> str: ...
@@ -575,8 +579,10 @@ class Stream:
 
 def presets() -> str: ...
 def train_settings(changes: str) -> str: ...
+def set_symmetries(folder: str, colors: bool) -> tuple[str, str]: ...
+def representatives(symmetries: str, commands: _Floats) -> tuple[_Floats, list[int]]: ...
 def read_cloud_set(
-    folder: str, split: str, normalisation: str | None, colors: bool
+    folder: str, split: str, normalisation: str | None, symmetries: str | None, colors: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None, str]: ...
 def start_noise(prior_deviation: float, points: int, colors: bool, seed: int) -> NDArray[np.float32]: ...
 def velocities(

@@ -84,6 +84,7 @@ def train(
     coupling: str = "independent",
     time_exponent: float = 3.0,
     surface_prior: Robot | PathLike | dict[str, Any] | None = None,
+    symmetry: Literal["auto", "none"] | None = None,
     prior_deviation: float | None = None,
     init: PathLike | None = None,
     normalisation_from: PathLike | None = None,
@@ -133,6 +134,9 @@ def train(
         time_exponent: Flow times are Beta(``time_exponent``, 1): 1 is uniform, above it they are mostly near the data.
         surface_prior: A robot, or what :class:`tdcr.Robot` makes one of: the flow starts from its simulated surface under the
             same command, not from noise. For a model of the robot that the data show, which needs few samples then.
+        symmetry: ``"auto"`` learns one representative of all commands that the robot's symmetries make alike, such as permuted
+            tendons, where robot, base and cameras have them; ``"none"`` learns every command. By default ``"auto"``, of the
+            preset ``"paper"`` ``"none"``.
         prior_deviation: Standard deviation of the noise that the flow starts from, in units of the data's scale; 0.5 by default,
             0.005 about a simulated surface.
         init: Model file, or run, whose weights the network starts at.
@@ -191,6 +195,7 @@ def train(
         "coupling": coupling,
         "time_exponent": as_number(time_exponent, "time_exponent"),
         "surface_prior": None if surface_prior is None else Robot(surface_prior)._native,
+        "symmetry": symmetry,
         "prior_deviation": maybe_number(prior_deviation, "prior_deviation"),
         "seed": as_seed(seed),
     }
@@ -266,6 +271,7 @@ def demo(
     samples: int = 2000,
     steps: int = 7000,
     precision: Precision | None = None,
+    symmetry: Literal["auto", "none"] = "auto",
     seed: int = 0,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -278,6 +284,7 @@ def demo(
         samples: Commands to simulate, split 80/10/10.
         steps: Optimiser steps.
         precision: Operand type of the network's matrix products.
+        symmetry: ``"auto"`` uses the robot's symmetries, ``"none"`` does not: see :func:`train`.
         seed: Seed of everything random.
         progress: Is called with the number of samples made, steps taken and test commands scored since its last call:
             ``samples + steps + samples / 10`` in all.
@@ -293,6 +300,7 @@ def demo(
         "samples": as_count(samples, "samples", 1, MOST),
         "steps": as_count(steps, "steps"),
         "precision": precision,
+        "symmetry": symmetry,
         "seed": as_seed(seed),
     }
     metrics: dict[str, Any] = json.loads(_tdcr.demo(os.fspath(out), options, progress=progress))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -34,6 +34,8 @@ class Stream(Iterator[Sample]):
         seed: Seed of commands, points and faults.
         start: Index of the first sample.
         stride: From one sample to the next.
+        symmetries: Symmetries that the samples have, as :meth:`find_symmetries` finds them: each sample is replaced by the
+            representative of its class.
 
     Raises:
         RobotError: If there is no such robot.
@@ -53,6 +55,7 @@ class Stream(Iterator[Sample]):
         seed: int = 0,
         start: int = 0,
         stride: int = 1,
+        symmetries: Sequence[dict[str, Any]] | None = None,
     ) -> None:
         own = Robot(robot)
         self._settings: dict[str, Any] = {
@@ -63,6 +66,7 @@ class Stream(Iterator[Sample]):
             "voxel": as_number(voxel, "voxel"),
             "noise": noise,
             "seed": as_seed(seed),
+            "symmetries": None if symmetries is None else list(symmetries),
         }
         self._stride = as_count(stride, "stride", 1, LARGEST_INDEX)
         self._native = _tdcr.Stream(
@@ -75,6 +79,7 @@ class Stream(Iterator[Sample]):
             self._settings["seed"],
             as_count(start, "start", 0, LARGEST_INDEX),
             self._stride,
+            None if symmetries is None else json.dumps(list(symmetries)),
         )
 
     @property
@@ -100,7 +105,8 @@ class Stream(Iterator[Sample]):
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What samples are of, as model files have it: ``subject`` (robot, base and payloads) and ``normalisation``."""
+        """What samples are of, as model files have it: ``subject`` (robot, base and payloads), ``normalisation``, and
+        ``symmetries`` where they are reduced by any."""
         provenance: dict[str, Any] = json.loads(self._native.provenance())
         return provenance
 
@@ -113,6 +119,20 @@ class Stream(Iterator[Sample]):
     def at(self, start: int, stride: int = 1) -> Stream:
         """The same stream from sample ``start`` on, every ``stride``-th sample."""
         return Stream(**self._settings, start=start, stride=stride)
+
+    def find_symmetries(self, colors: bool = False) -> tuple[list[dict[str, Any]], str]:
+        """The robot's symmetries that the samples have, with or without their colours, and the same in words.
+
+        They are isometries of space (``matrix``, ``translation`` (m)) that map the robot to itself, with the permutation
+        ``tendons`` of its tendons; the identity is the first. The words say as well why there are no more.
+        """
+        found, words = self._native.find_symmetries(bool(colors))
+        return json.loads(found), words
+
+    def reduced(self, symmetries: Sequence[dict[str, Any]]) -> Stream:
+        """The same stream of the representatives of its samples' classes: of all images of a sample under its ``symmetries``,
+        the one whose command is the smallest in lexicographic order."""
+        return Stream(**{**self._settings, "symmetries": list(symmetries)}, start=self.index, stride=self._stride)
 
     def __next__(self) -> Sample:
         """Makes the next sample.

@@ -2,6 +2,7 @@
 
 use tdcr_learn::flow::Sampler;
 use tdcr_learn::net::Channels;
+use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{Optimizer, Target, TrainSettings};
 
 use super::NetworkSize;
@@ -29,6 +30,8 @@ pub struct Preset {
     pub sampler: Sampler,
     /// How gradients move the weights.
     pub optimizer: Optimizer,
+    /// Whether it learns representatives of symmetric conditions.
+    pub symmetry: SymmetryUse,
     /// What differs between the networks: an MLP's, a hybrid's.
     pub rates: [Rates; 2],
 }
@@ -74,6 +77,7 @@ impl Preset {
             validate_every: 700,
             sampler: Sampler::DEFAULT,
             optimizer: Optimizer::MUON,
+            symmetry: SymmetryUse::Auto,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -87,6 +91,7 @@ impl Preset {
             validate_every: 2000,
             sampler: Sampler::DEFAULT,
             optimizer: Optimizer::MUON,
+            symmetry: SymmetryUse::Auto,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -100,6 +105,7 @@ impl Preset {
             validate_every: 5000,
             sampler: Sampler::PAPER,
             optimizer: Optimizer::AdamW,
+            symmetry: SymmetryUse::None,
             rates: [
                 Rates {
                     clouds: 8,
@@ -143,6 +149,7 @@ pub fn distillation(teacher: &TrainSettings, sampler: Sampler, steps: u64) -> Tr
         learning_rate: 5e-3,
         warmup_steps: (steps / 10).min(100),
         path: teacher.path,
+        symmetry: teacher.symmetry,
         color_weight: teacher.color_weight,
         sampler,
         target: Target::Steps,
@@ -180,6 +187,7 @@ impl Preset {
             validate_every: self.validate_every,
             sampler: self.sampler,
             optimizer: self.optimizer,
+            symmetry: self.symmetry,
             ..TrainSettings::default()
         }
     }

@@ -14,6 +14,7 @@ use tdcr_learn::train::{
 use super::log::RunLog;
 use super::preset::Preset;
 use super::subject::require_same;
+use super::symmetry::{representatives, symmetries};
 use super::{Divergence, Monitor, PipelineError, lock_folder};
 
 /// Steps between two words on the loss.
@@ -167,7 +168,13 @@ pub fn distill(
         require_same(subject, found)?;
     }
     let channels = teacher.network.shape().channels();
-    let validation = set.cloud_set_in(Split::Val, &provenance.normalisation, channels)?;
+    let (validation, _) = representatives(
+        &set,
+        Split::Val,
+        &provenance.normalisation,
+        channels,
+        &provenance.symmetries,
+    )?;
     let precise = teacher.clone().with_precision(settings.precision);
     let precise = precise.map_err(TrainError::from)?;
     let training = Teacher::new(&precise).map_err(TrainError::from)?;
@@ -199,15 +206,19 @@ impl Run<'_> {
     ) -> Result<Trained, PipelineError> {
         let set = DataSet::open(dir)?;
         let units = units.unwrap_or(set.normalisation());
+        let recipe = set.meta().and_then(|meta| meta.origin.recipe());
+        let symmetries = symmetries(self.settings, recipe, size.channels, self.monitor)?;
         let read = |split| -> Result<CloudSet, PipelineError> {
-            let clouds = set.cloud_set_in(split, units, size.channels)?;
-            let starts = self.starts(&clouds, &set.conditions(split)?, units)?;
+            let (clouds, conditions) =
+                representatives(&set, split, units, size.channels, &symmetries)?;
+            let starts = self.starts(&clouds, &conditions, units)?;
             Ok(CloudSet { starts, ..clouds })
         };
         let (training, validation) = (read(Split::Train)?, read(Split::Val)?);
         let provenance = Provenance {
             subject: set.meta().and_then(|meta| meta.subject().cloned()),
             normalisation: units.clone(),
+            symmetries,
         };
         let start = start(initial, size.shape(training.condition_dim), &provenance)?;
         self.on(Feed::from(&training), &validation, start, provenance)
@@ -254,19 +265,24 @@ impl Run<'_> {
             rayon::current_num_threads(),
             size.channels,
         )?;
-        let subject = &stream.spec.recipe.subject;
+        let recipe = &stream.spec.recipe;
+        let symmetries = symmetries(self.settings, Some(recipe), size.channels, self.monitor)?;
+        let window = window.with_symmetries(symmetries.clone());
+        let subject = &recipe.subject;
         let validation = match &stream.validation {
             None => window.validation(self.settings.validation_clouds)?,
             Some(dir) => {
                 let set = DataSet::open(dir)?;
                 let found = set.meta().and_then(Meta::subject);
                 found.map_or(Ok(()), |found| require_same(subject, found))?;
-                set.cloud_set_in(Split::Val, window.normalisation(), size.channels)?
+                let units = window.normalisation();
+                representatives(&set, Split::Val, units, size.channels, &symmetries)?.0
             }
         };
         let provenance = Provenance {
             subject: Some(subject.clone()),
             normalisation: window.normalisation().clone(),
+            symmetries,
         };
         let training = Feed::Stream(Box::new(window));
         let start = start(initial, size.shape(training.condition_dim()), &provenance)?;

@@ -16,6 +16,7 @@ use tdcr::learn::net::{Channels, MlpShape, Network};
 use tdcr::learn::train::{Model, Provenance, TrainSettings, Trainer};
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::RobotSpec;
+use tdcr::sim::symmetry::Symmetries;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
@@ -391,6 +392,7 @@ fn provenance() -> Provenance {
             motor_max: vec![0.04; 6],
             scale: 0.4,
         },
+        symmetries: Symmetries::default(),
     }
 }
 

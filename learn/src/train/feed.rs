@@ -1,6 +1,7 @@
 //! Sources of training clouds.
 
 use tdcr_sim::robot::SpecError;
+use tdcr_sim::symmetry::Symmetries;
 
 use super::error::{SettingsError, TrainError};
 use super::samples::Samples;
@@ -12,6 +13,7 @@ use crate::channels::{Channels, DIM};
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
 use crate::hash::hash;
 use crate::net::NetworkShape;
+use crate::symmetry::representative;
 
 /// Samples that a stream's threads may be ahead of the run.
 const AHEAD: usize = 32;
@@ -37,6 +39,8 @@ pub struct StreamWindow {
     fresh: usize,
     threads: usize,
     normalisation: Normalisation,
+    /// Samples are reduced to representatives by them.
+    symmetries: Symmetries,
     /// Sample `i` is in place `i mod clouds`.
     set: CloudSet,
     clouds: usize,
@@ -91,7 +95,11 @@ impl Feed<'_> {
             Self::Set(set) => fingerprint(set),
             Self::Stream(window) => {
                 let key = (&window.spec, window.clouds, window.fresh);
-                let json = serde_json::to_string(&key).expect("plain values serialise");
+                let mut json = serde_json::to_string(&key).expect("plain values serialise");
+                if !window.symmetries.is_trivial() {
+                    json +=
+                        &serde_json::to_string(&window.symmetries).expect("plain values serialise");
+                }
                 hash(json.bytes().map(u32::from))
             }
             Self::Teacher(teacher) => start::fingerprint(teacher.network()),
@@ -120,9 +128,16 @@ impl StreamWindow {
             fresh: fresh.max(1),
             threads,
             normalisation,
+            symmetries: Symmetries::default(),
             clouds,
             stream: None,
         })
+    }
+
+    /// The same of the representatives of the samples' classes under `symmetries`, which the samples have.
+    #[must_use]
+    pub fn with_symmetries(self, symmetries: Symmetries) -> Self {
+        Self { symmetries, ..self }
     }
 
     /// The normalisation of the clouds: [`StreamSpec::normalisation`].
@@ -142,7 +157,8 @@ impl StreamWindow {
         let mut set = blank(clouds, self.set.condition_dim, self.spec.points, channels);
         let mut stream = self.open(1 << 62)?;
         for place in 0..clouds {
-            put(&mut set, place, next(&mut stream)?, &self.normalisation)?;
+            let sample = representative(next(&mut stream)?, &self.symmetries);
+            put(&mut set, place, sample, &self.normalisation)?;
         }
         Ok(set)
     }
@@ -160,12 +176,8 @@ impl StreamWindow {
         };
         while index < first + self.clouds as u64 {
             let place = (index % self.clouds as u64) as usize;
-            put(
-                &mut self.set,
-                place,
-                next(&mut stream)?,
-                &self.normalisation,
-            )?;
+            let sample = representative(next(&mut stream)?, &self.symmetries);
+            put(&mut self.set, place, sample, &self.normalisation)?;
             index += 1;
         }
         self.stream = Some((stream, index));

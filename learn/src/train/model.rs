@@ -4,6 +4,7 @@ use std::path::Path;
 
 use rand::Rng;
 use serde::{Deserialize, Serialize};
+use tdcr_sim::symmetry::Symmetries;
 
 use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
@@ -23,6 +24,10 @@ pub struct Provenance {
     pub subject: Option<Subject>,
     /// The data set's normalisation.
     pub normalisation: Normalisation,
+    /// The symmetries that its conditions and clouds are reduced by, before normalisation, to one representative of each
+    /// class; the identity alone where they are not, as in older files, which do not say.
+    #[serde(default, skip_serializing_if = "Symmetries::is_trivial")]
+    pub symmetries: Symmetries,
 }
 
 /// A trained shape predictor.
@@ -68,17 +73,20 @@ impl Model {
         seed: u64,
         sampler: &Sampler,
     ) -> Result<Prediction, PredictError> {
-        let condition = self.provenance.normalisation.condition(command)?;
+        self.provenance.normalisation.condition(command)?;
         if let Some(index) = command.iter().position(|value| !value.is_finite()) {
             return Err(PredictError::NotFinite {
                 index,
                 found: command[index],
             });
         }
+        // The network knows one representative of each class of commands: its cloud is moved back.
+        let (symmetry, representative) = self.provenance.symmetries.canonical(command);
+        let condition = self.provenance.normalisation.condition(&representative)?;
         let channels = self.network.shape().channels();
         let mut rows = vec![0.0; points * channels.count()];
         let rng = &mut rng(seed, Stream::Sample(0));
-        let surface = self.surface(command, points, rng)?;
+        let surface = self.surface(&representative, points, rng)?;
         self.settings.path.sample_prior(rng, channels, &mut rows);
         if let Some(surface) = surface {
             let all: Vec<_> = (0..points).collect();
@@ -88,6 +96,9 @@ impl Model {
         let mut points = positions(&rows, channels);
         let components = points.as_flattened_mut();
         self.provenance.normalisation.denormalise_points(components);
+        if !self.provenance.symmetries.is_trivial() {
+            symmetry.inverse().move_points(&mut points, 1.0);
+        }
         self.require_cloud(command, &points, &rows)?;
         Ok(Prediction {
             points,
@@ -237,6 +248,9 @@ pub(super) fn check_header(
         )));
     }
     normalisation.check_motors().map_err(FileProblem::header)?;
+    (provenance.symmetries)
+        .check(shape.condition_dim())
+        .map_err(FileProblem::header)?;
     normalisation.check_scale().map_err(FileProblem::header)
 }
 

@@ -1,6 +1,6 @@
 //! Initial weights of a run.
 
-use super::difference::require_same;
+use super::difference::{Difference, require_same};
 use super::error::TrainError;
 use super::model::{Model, Provenance};
 use super::settings::Target;
@@ -46,8 +46,9 @@ impl<'a> Start<'a> {
     /// The weights of `model`, for a run of a network of `shape` on data of `provenance`.
     ///
     /// # Errors
-    /// [`TrainError::OtherStart`] where the model has another shape, was distilled, or was trained on data of another
-    /// normalisation, in which the same numbers mean other commands and points. Subjects are not compared.
+    /// [`TrainError::OtherStart`] where the model has another shape, was distilled, was trained on data of another
+    /// normalisation, in which the same numbers mean other commands and points, or on representatives by symmetries that
+    /// the data do not have, so that it knows nothing of other commands. Subjects are not compared.
     pub fn at(
         model: &'a Model,
         shape: NetworkShape,
@@ -57,6 +58,19 @@ impl<'a> Start<'a> {
         require_same("shape", &model.network.shape(), &shape)
             .and_then(|()| require_same("normalisation", of_model, &provenance.normalisation))
             .and_then(|()| require_same("target", &model.settings.target, &Target::Velocity))
+            .and_then(|()| {
+                let (of_model, of_data) = (&model.provenance.symmetries, &provenance.symmetries);
+                match of_model.are_among(of_data) {
+                    true => Ok(()),
+                    false => Err(Difference {
+                        what: "symmetry".to_owned(),
+                        found: of_model.to_string(),
+                        expected: format!(
+                            "no more than the data's {of_data}: a model of none suits all data"
+                        ),
+                    }),
+                }
+            })
             .map_err(TrainError::other_start)?;
         Ok(Self::Network(&model.network))
     }

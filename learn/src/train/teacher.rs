@@ -6,11 +6,13 @@
 
 use rand::RngExt;
 use rayon::prelude::*;
+use tdcr_sim::symmetry::Symmetries;
 
 use super::error::SettingsError;
 use super::model::Model;
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
+use crate::data::Normalisation;
 use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape};
 
@@ -22,11 +24,14 @@ const TEACHER_STEPS: usize = 16;
 /// At the points `X(t_k)` of a teacher trajectory, the student learns the mean velocity
 /// `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` over each step of its own sampler, Euler's method ([`TrainSettings::sampler`]):
 /// with these velocities it follows the trajectory exactly. This is distillation as by Salimans and Ho (ICLR 2022), but to
-/// the final number of steps at once. Conditions are uniform in the teacher's training range; no data are needed.
+/// the final number of steps at once. Conditions are uniform in the teacher's training range, reduced by the symmetries that it
+/// was trained with; no data are needed.
 #[derive(Clone, Debug)]
 pub struct Teacher {
     network: Network,
     path: FlowPath,
+    normalisation: Normalisation,
+    symmetries: Symmetries,
 }
 
 impl Teacher {
@@ -46,6 +51,8 @@ impl Teacher {
             Target::Velocity => Ok(Self {
                 network: model.network.clone(),
                 path: model.settings.path,
+                normalisation: model.provenance.normalisation.clone(),
+                symmetries: model.provenance.symmetries.clone(),
             }),
             Target::Steps => Err(SettingsError::new(
                 "the teacher's target",
@@ -112,7 +119,7 @@ impl Teacher {
         samples.targets.resize(settings.clouds * cloud, 0.0);
         let mut rng = rng(settings.seed, Stream::Step(step));
         for points in samples.points.chunks_exact_mut(steps * cloud) {
-            let condition: Vec<f32> = (0..dim).map(|_| rng.random()).collect();
+            let condition = self.representative((0..dim).map(|_| rng.random()).collect());
             samples.conditions.extend(condition.repeat(steps));
             self.path
                 .sample_prior(&mut rng, channels, &mut points[..cloud]);
@@ -126,6 +133,17 @@ impl Teacher {
             .for_each(|((points, targets), condition)| {
                 self.walk(&fine, &condition[..dim], &times, points, targets);
             });
+    }
+
+    /// The representative of a dimensionless condition's class.
+    fn representative(&self, condition: Vec<f32>) -> Vec<f32> {
+        if self.symmetries.is_trivial() {
+            return condition;
+        }
+        let command = self.normalisation.command(&condition);
+        let (_, representative) = self.symmetries.canonical(&command);
+        let condition = self.normalisation.condition(&representative);
+        condition.expect("a condition of the teacher's dimension")
     }
 
     /// One trajectory by the sampler `fine`. `points` `(n, N C)` begins with samples of the prior and receives the points at
@@ -190,6 +208,12 @@ mod tests {
         let teacher = Teacher {
             network,
             path: FlowPath::default(),
+            normalisation: Normalisation {
+                motor_min: vec![0.0; 2],
+                motor_max: vec![1.0; 2],
+                scale: 1.0,
+            },
+            symmetries: Symmetries::default(),
         };
         let settings = TrainSettings {
             clouds: 6,
@@ -221,6 +245,48 @@ mod tests {
                 let error = x.iter().zip(&end).map(|(a, b)| (a - b).abs());
                 assert!(error.fold(0.0, f32::max) < 1e-5, "way {way} from {start}");
             }
+        }
+    }
+
+    /// The teacher knows representatives alone.
+    #[test]
+    fn conditions_are_representatives_where_the_teacher_has_symmetries() {
+        let shape = MlpShape {
+            width: 16,
+            depth: 2,
+            embedding: 8,
+            condition_dim: 2,
+            channels: Channels::Xyz,
+        };
+        let swap = serde_json::json!([
+            {"tendons": [0, 1], "matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "translation": [0.0, 0.0, 0.0]},
+            {"tendons": [1, 0], "matrix": [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "translation": [0.0, 0.0, 0.0]},
+        ]);
+        let teacher = Teacher {
+            network: Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape"),
+            path: FlowPath::default(),
+            normalisation: Normalisation {
+                motor_min: vec![0.01, 0.0],
+                motor_max: vec![0.03, 0.04],
+                scale: 0.4,
+            },
+            symmetries: serde_json::from_value(swap).expect("symmetries"),
+        };
+        let settings = TrainSettings {
+            clouds: 64,
+            points: 2,
+            sampler: Sampler {
+                method: Method::Euler,
+                steps: 1,
+                grid: TimeGrid::Uniform,
+            },
+            ..TrainSettings::default()
+        };
+        let mut samples = Samples::default();
+        teacher.draw_batch(&settings, 1, &mut samples);
+        for condition in samples.conditions.as_chunks::<2>().0 {
+            let command = teacher.normalisation.command(condition);
+            assert!(command[0] <= command[1] + 1e-9, "{command:?}");
         }
     }
 }

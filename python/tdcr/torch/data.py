@@ -11,7 +11,7 @@ turn, a rank sees its samples in their order whatever the number of workers.
 import hashlib
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -42,21 +42,32 @@ class CloudSet:
     conditions: Tensor
     #: Rows (B, N, C), float32.
     rows: Tensor
-    #: What the clouds are of: `subject` (robot, base and payloads, or None) and `normalisation`.
+    #: What the clouds are of: `subject` (robot, base and payloads, or None), `normalisation`, and `symmetries` where they are
+    #: reduced by any.
     provenance: dict[str, Any]
 
     @classmethod
-    def read(cls, folder: str | Path, split: str = "train", *, colors: bool = False, units: dict[str, Any] | None = None) -> Self:
+    def read(
+        cls,
+        folder: str | Path,
+        split: str = "train",
+        *,
+        colors: bool = False,
+        units: dict[str, Any] | None = None,
+        symmetries: Sequence[dict[str, Any]] | None = None,
+    ) -> Self:
         """Reads the split `train`, `val` or `test` of a data set of `tdcr collect` or `tdcr data import`.
 
         `units` is the normalisation of a model, to train on in its units, as `--normalisation-from` does; by default it is
-        the data set's own.
+        the data set's own. With the `symmetries` of the data set (`find_symmetries`) each cloud is replaced by the
+        representative of its class, as `--symmetry auto` does.
 
         Raises:
             tdcr.errors.TdcrError: for whatever is wrong with the folder, by file.
         """
         normalisation = None if units is None else json.dumps(units)
-        conditions, points, rgb, provenance = _tdcr.read_cloud_set(str(folder), split, normalisation, colors)
+        reduced = None if symmetries is None else json.dumps(list(symmetries))
+        conditions, points, rgb, provenance = _tdcr.read_cloud_set(str(folder), split, normalisation, reduced, colors)
         return cls(torch.from_numpy(conditions), to_rows(points, rgb), json.loads(provenance))
 
     def __len__(self) -> int:
@@ -87,6 +98,15 @@ class CloudSet:
             found.update(str(tuple(values.shape)).encode())
             found.update(np.ascontiguousarray(values.cpu().numpy()).data)
         return found.hexdigest()
+
+
+def find_symmetries(folder: str | Path, colors: bool = False) -> tuple[list[dict[str, Any]], str]:
+    """The robot's symmetries that the clouds of a data set have, with or without their colours, and the same in words.
+
+    They are as `tdcr.Stream.find_symmetries` has them; none besides the identity where the clouds are not simulated.
+    """
+    found, words = _tdcr.set_symmetries(str(folder), colors)
+    return json.loads(found), words
 
 
 def to_rows(points: npt.NDArray[np.float32], rgb: npt.NDArray[np.uint8] | None) -> Tensor:
@@ -205,7 +225,9 @@ class StreamWindow:
 
     def fingerprint(self) -> str:
         """What the clouds are functions of."""
-        return json.dumps([self.stream.spec, self.stream.index, self.clouds, self.fresh], sort_keys=True)
+        of = [self.stream.spec, self.stream.index, self.clouds, self.fresh]
+        reduced = self.provenance.get("symmetries")
+        return json.dumps(of if reduced is None else [*of, reduced], sort_keys=True)
 
     def validation(self, clouds: int) -> CloudSet:
         """Clouds for validation, which no step sees."""

@@ -22,7 +22,7 @@ import torch
 
 from tdcr.errors import InputError, TdcrError
 from tdcr.stream import Stream
-from tdcr.torch.data import CloudSet, StreamWindow
+from tdcr.torch.data import CloudSet, StreamWindow, find_symmetries
 from tdcr.torch.model import Model
 from tdcr.torch.networks import Shape, network
 from tdcr.torch.ranks import distributed, group
@@ -73,6 +73,7 @@ def parser() -> argparse.ArgumentParser:
     add("--validate-every", type=int, metavar="N", help=by_network("steps between validations", "validate_every"))
     add("--patience", type=int, metavar="N", help="end the run after so many validations without a better one")
     add("--time-exponent", type=float, metavar="ALPHA", help="flow times are Beta(ALPHA, 1) [default: 3]")
+    add("--symmetry", choices=["auto", "none"], help=by_network("learn representatives of symmetric commands, or all", "symmetry"))
     add("--init", type=Path, metavar="FILE", help="start from the weights of this model")
     add("--normalisation-from", type=Path, metavar="FILE", help="normalise commands and points as this model does")
     add("--seed", type=int, default=0, help="seed of weights, noise and subsets")
@@ -153,6 +154,7 @@ def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.devi
         "validate_every": args.validate_every,
         "patience": args.patience,
         "precision": args.precision,
+        "symmetry": args.symmetry,
         "seed": args.seed,
     }
     changes = {name: value for name, value in fields.items() if value is not None}
@@ -163,13 +165,27 @@ def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.devi
     return preset, preset.settings(net=args.net, clouds_in_set=clouds_in_set, **changes)
 
 
+def symmetries(args: argparse.Namespace, source: Stream | Path) -> list[dict[str, Any]] | None:
+    """By which symmetries the samples of a stream, or of the data set in a folder, are reduced; says so."""
+    use = args.symmetry or presets()[args.preset].networks[args.net]["symmetry"]
+    found, words = None, "none, as asked for"
+    if use == "auto":
+        found, words = source.find_symmetries(args.colors) if isinstance(source, Stream) else find_symmetries(source, args.colors)
+    if group()[0] == 0 and not args.quiet:
+        print(f"symmetry: {words}", file=sys.stderr)
+    return found
+
+
 def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]:
     """What is trained on, and what validates."""
     if args.stream is None:
         units = None
         if args.normalisation_from is not None:
             units = Model.load(args.normalisation_from).provenance["normalisation"]
-        training, validation = (CloudSet.read(args.data, split, colors=args.colors, units=units) for split in ("train", "val"))
+        reduced = symmetries(args, args.data)
+        training, validation = (
+            CloudSet.read(args.data, split, colors=args.colors, units=units, symmetries=reduced) for split in ("train", "val")
+        )
         return training, validation
     stream = Stream(
         args.stream,
@@ -180,19 +196,25 @@ def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]
         noise=args.noise,
         seed=args.seed,
     )
+    reduced = symmetries(args, stream)
+    stream = stream if reduced is None else stream.reduced(reduced)
     window = StreamWindow(stream, clouds=args.window, fresh=args.fresh, workers=args.workers, colors=args.colors)
     if args.validation is None:
         return window, window.validation(16)
-    return window, CloudSet.read(args.validation, "val", colors=args.colors, units=stream.provenance["normalisation"])
+    units = stream.provenance["normalisation"]
+    return window, CloudSet.read(args.validation, "val", colors=args.colors, units=units, symmetries=reduced)
 
 
 def initial(path: Path, shape: Shape, provenance: dict[str, Any]) -> torch.nn.Module:
-    """The network of the model `path`, which must have this shape and these units."""
+    """The network of the model `path`, which must have this shape, these units, and these symmetries or none."""
     model = Model.load(path)
     if model.shape != shape:
         raise InputError(f"{path} has the shape {model.shape}, expected {shape}")
     if model.provenance["normalisation"] != provenance["normalisation"]:
         raise InputError(f"{path} is of other units: give it to --normalisation-from too")
+    own = model.provenance.get("symmetries")
+    if own is not None and own != provenance.get("symmetries"):
+        raise InputError(f"{path} knows representatives by symmetries that these data do not have: train it with --symmetry none")
     return model.network
 
 
