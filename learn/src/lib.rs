@@ -11,8 +11,8 @@
 //! use tdcr_learn::flow::Sampler;
 //! use tdcr_learn::metrics::chamfer;
 //! use tdcr_learn::net::{Channels, MlpShape};
+//! use tdcr_learn::symmetry::Reduction;
 //! use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
-//! use tdcr_sim::symmetry::Symmetries;
 //!
 //! // Eight "robots" that are points: command c, in [0, 0.04] m, puts them at x = 10 c.
 //! let conditions: Vec<f32> = (0..8).map(|k| k as f32 / 7.0).collect();
@@ -35,7 +35,7 @@
 //!     trainer.step()?;
 //! }
 //! trainer.validate(&|a, b| chamfer(a, b).unwrap_or(f64::NAN))?;
-//! let provenance = Provenance { subject: None, normalisation, symmetries: Symmetries::default() };
+//! let provenance = Provenance { subject: None, normalisation, reduction: Reduction::default() };
 //! let model = trainer.model(provenance).expect("just validated");
 //!
 //! let cloud = model.predict(&[0.03], 100, 0, &Sampler::default())?;

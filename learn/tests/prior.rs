@@ -6,9 +6,9 @@ use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::predict::Predictor;
 use tdcr_learn::prior::{Prior, SurfaceError, SurfacePrior};
+use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{Model, Provenance, StreamWindow, Teacher, TrainSettings, Trainer};
 use tdcr_sim::robot::{Cameras, RobotSpec};
-use tdcr_sim::symmetry::Symmetries;
 
 /// How far the real robot stands from where the model says (m): what there is to learn.
 const OFF: f32 = 0.02;
@@ -122,7 +122,7 @@ fn trained(steps: u64, set: &CloudSet) -> Model {
     let provenance = Provenance {
         subject: None,
         normalisation: normalisation(),
-        symmetries: Symmetries::default(),
+        reduction: Reduction::default(),
     };
     trainer.model(provenance).expect("a validated run")
 }

@@ -13,7 +13,7 @@ use tdcr_learn::data::{
 use tdcr_learn::flow::{Method, Sampler, Stream, TimeGrid, rng};
 use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, MlpShape, Network};
-use tdcr_learn::symmetry::{Loss, SymmetryUse, representative, to_representatives};
+use tdcr_learn::symmetry::{Agreement, Loss, Reduction, SymmetryUse};
 use tdcr_learn::train::{Model, Provenance, Start, StreamWindow, TrainSettings, Trainer};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::render::{BaseVisibility, Sensor};
@@ -56,12 +56,14 @@ fn clouds_of_the_papers_robots_have_their_symmetries() {
         assert!(
             seen.views
                 .iter()
-                .all(|view| view.positions > 0.9 && view.colors.is_none())
+                .all(|view| view.1.positions > 0.9 && view.1.colors.is_none())
         );
+        // The paper's 8 cameras are mirrored into each other by one reflection, and turned by 120 degrees stand elsewhere.
         assert_eq!(
             seen.to_string(),
-            "6 tendon permutations (3 rotations, 3 reflections)"
+            "6 tendon permutations (3 rotations, 3 reflections), seen in 3 views"
         );
+        assert_eq!(seen.reduction().view_numbers(), 3);
         recipe.subject.payload = Some(PayloadRange {
             min: 0.0,
             max: 0.03,
@@ -79,15 +81,16 @@ fn cameras_that_do_not_look_from_all_sides_break_symmetries_and_it_is_said() {
     ring(&mut six).count = 6;
     let seen = six.symmetries(Channels::Xyz).unwrap();
     assert!(
-        seen.views.iter().all(|view| view.positions < 1.15),
+        seen.views.iter().all(|view| view.1.positions < 1.1),
         "{seen:?}"
     );
+    assert_eq!(seen.reduction().view_numbers(), 0);
 
     let mut three = recipe("2m", BaseVisibility::Hidden);
     (ring(&mut three).count, ring(&mut three).resolution) = (3, [1280, 720]);
     let seen = three.symmetries(Channels::Xyz).unwrap();
     let counted =
-        "3 tendon permutations (3 rotations, 0 reflections), no more because the cameras do not";
+        "3 tendon permutations (3 rotations, 0 reflections); no more because the cameras do not";
     assert!(seen.to_string().starts_with(counted), "{seen}");
 
     let mut one_side = recipe("2m", BaseVisibility::Hidden);
@@ -217,14 +220,15 @@ fn assert_near(a: &[f32], b: &[f32]) {
 
 #[test]
 fn a_set_and_its_image_have_the_same_representatives() {
-    let symmetries = of_2m();
+    let reduction = in_one_view(of_2m());
     for index in 1..6 {
         let [of_samples, of_images] = samples_and_images(index).map(|samples| {
             let (mut set, mut conditions) = set_of(&samples);
-            to_representatives(&mut set, &mut conditions, &symmetries, &units()).unwrap();
+            reduction.set(&mut set, &mut conditions, &units()).unwrap();
             for (sample, (k, condition)) in zip(&samples, conditions.iter().enumerate()) {
-                let moved = representative(sample.clone(), &symmetries);
+                let (moved, told) = reduction.sample(sample.clone(), &units()).unwrap();
                 assert_eq!(moved.condition, *condition);
+                assert_eq!(set.condition(k), told);
                 let mut points = moved.cloud.points.into_flattened();
                 units().normalise_points(&mut points);
                 assert_near(set.cloud(k), &points);
@@ -251,16 +255,20 @@ fn a_stream_of_representatives_is_that_of_its_samples() {
     };
     let window = || StreamWindow::new(spec.clone(), 4, 1, 2, Channels::Xyz).unwrap();
     let plain = window().validation(2).unwrap();
-    let reduced = window().with_symmetries(of_2m());
+    let reduction = Reduction::new(of_2m(), &Symmetries::default());
+    let reduced = window().with_reduction(reduction.clone());
     let units = reduced.normalisation().clone();
     let reduced = reduced.validation(2).unwrap();
     let samples = SimStream::open(&spec, 1 << 62, 1, 2).unwrap();
     for (k, sample) in samples.take(2).enumerate() {
-        let moved = representative(sample.unwrap(), &of_2m());
+        let (moved, told) = reduction.sample(sample.unwrap(), &units).unwrap();
+        // Six numbers for the tendons, and one of six views.
+        assert_eq!(reduced.condition(k), told);
         assert_eq!(
-            reduced.condition(k),
+            told[..6],
             units.condition(&moved.condition.to_vec()).unwrap()
         );
+        assert_eq!((told.len(), told[6..].iter().sum::<f32>()), (12, 1.0));
         let mut points = moved.cloud.points.into_flattened();
         units.normalise_points(&mut points);
         assert_near(reduced.cloud(k), &points);
@@ -276,28 +284,37 @@ const SHAPE: MlpShape = MlpShape {
     channels: Channels::Xyz,
 };
 
-fn provenance(symmetries: Symmetries) -> Provenance {
+/// By symmetries whose images are all seen alike.
+fn in_one_view(symmetries: Symmetries) -> Reduction {
+    Reduction::new(symmetries.clone(), &symmetries)
+}
+
+fn provenance(reduction: Reduction) -> Provenance {
     Provenance {
         subject: None,
         normalisation: units(),
-        symmetries,
+        reduction,
     }
 }
 
-/// A network of random weights, with or without symmetries.
-fn model(symmetries: Symmetries) -> Model {
+/// A network of random weights.
+fn model(reduction: Reduction) -> Model {
+    let shape = MlpShape {
+        condition_dim: 6 + reduction.view_numbers(),
+        ..SHAPE
+    };
     Model {
-        provenance: provenance(symmetries),
+        provenance: provenance(reduction),
         settings: TrainSettings::default(),
         step: 0,
         validation_distance: 0.0,
-        network: Network::new(SHAPE, &mut rng(3, Stream::Parameters)).unwrap(),
+        network: Network::new(shape, &mut rng(3, Stream::Parameters)).unwrap(),
     }
 }
 
 #[test]
 fn predictions_are_equivariant() {
-    let model = model(of_2m());
+    let model = model(in_one_view(of_2m()));
     let predict = |command: &[f64]| {
         model
             .predict(command, 200, 5, &Sampler::default())
@@ -306,14 +323,14 @@ fn predictions_are_equivariant() {
     };
     let command = [0.03, 0.01, 0.02, 0.0, 0.02, 0.015];
     let cloud = predict(&command);
-    for symmetry in model.provenance.symmetries.elements() {
+    for symmetry in model.provenance.reduction.symmetries().elements() {
         let mut expected = cloud.clone();
         symmetry.move_points(&mut expected, 1.0);
         let found = predict(&symmetry.command(&command));
         assert_near(found.as_flattened(), expected.as_flattened());
     }
     // Of a model without symmetries they are not.
-    let plain = self::model(Symmetries::default());
+    let plain = self::model(Reduction::default());
     let predict = |command: &[f64]| {
         plain
             .predict(command, 200, 5, &Sampler::default())
@@ -330,7 +347,9 @@ fn predictions_are_equivariant() {
 fn a_model_file_keeps_its_symmetries_and_older_ones_have_none() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("model.safetensors");
-    let with = model(of_2m());
+    let same = of_2m().subgroup(|one| one.tendons[0] == 0);
+    let with = model(Reduction::new(of_2m(), &same));
+    assert_eq!(with.provenance.reduction.view_numbers(), 3);
     with.save(&file).unwrap();
     let loaded = Model::load(&file).unwrap();
     assert_eq!(loaded.provenance, with.provenance);
@@ -339,26 +358,26 @@ fn a_model_file_keeps_its_symmetries_and_older_ones_have_none() {
     assert_eq!(predict(&loaded), predict(&with));
 
     // As a version before symmetries wrote it: a file of none differs in the settings alone.
-    model(Symmetries::default()).save(&file).unwrap();
+    model(Reduction::default()).save(&file).unwrap();
     let bytes = std::fs::read(&file).unwrap();
     let (length, rest) = bytes.split_at(8);
     let length = u64::from_le_bytes(length.try_into().unwrap()) as usize;
     let (header, tensors) = rest.split_at(length);
     let header = String::from_utf8(header.to_vec()).unwrap();
-    assert!(!header.contains("symmetries"));
+    assert!(!header.contains("reduction"));
     let old = header.replace(r#"\"symmetry\":\"auto\","#, "");
     assert!(old.len() < header.len());
     let length = (old.len() as u64).to_le_bytes();
     std::fs::write(&file, [&length, old.as_bytes(), tensors].concat()).unwrap();
     let loaded = Model::load(&file).unwrap();
-    assert!(loaded.provenance.symmetries.is_trivial());
+    assert!(loaded.provenance.reduction.is_trivial());
     assert_eq!(loaded.settings.symmetry, SymmetryUse::None);
 
     let mut damaged = with;
     damaged.provenance.normalisation.motor_min.pop();
     damaged.provenance.normalisation.motor_max.pop();
     let shape = MlpShape {
-        condition_dim: 5,
+        condition_dim: 5 + 3,
         ..SHAPE
     };
     damaged.network = Network::new(shape, &mut rng(3, Stream::Parameters)).unwrap();
@@ -374,22 +393,69 @@ fn a_model_file_keeps_its_symmetries_and_older_ones_have_none() {
 fn a_run_starts_at_a_model_of_its_symmetries_or_of_fewer() {
     let all = of_2m();
     let turns = all.subgroup(|one| !one.is_reflection());
-    let none = Symmetries::default();
-    let start = |of_model: &Symmetries, of_data: &Symmetries| {
+    let in_views = Reduction::new(turns.clone(), &Symmetries::default());
+    let none = Reduction::default();
+    let (all, turns) = (in_one_view(all), in_one_view(turns));
+    let start = |of_model: &Reduction, of_data: &Reduction| {
         let model = model(of_model.clone());
-        let started = Start::at(&model, SHAPE.into(), &provenance(of_data.clone()));
+        let shape = model.network.shape();
+        let started = Start::at(&model, shape, &provenance(of_data.clone()));
         started.map(drop).map_err(|error| error.to_string())
     };
-    for (of_model, of_data) in [(&none, &all), (&turns, &all), (&all, &all), (&none, &none)] {
+    for (of_model, of_data) in [
+        (&none, &all),
+        (&turns, &all),
+        (&all, &all),
+        (&none, &none),
+        (&in_views, &in_views),
+    ] {
         assert_eq!(start(of_model, of_data), Ok(()));
     }
     assert_eq!(
         start(&all, &turns).unwrap_err(),
         "the run cannot start at the weights of this model: its symmetry is 6 tendon permutations (3 rotations, 3 \
-         reflections), expected no more than the data's 3 tendon permutations (3 rotations, 0 reflections): a model of none suits \
-         all data"
+         reflections), expected the data's 3 tendon permutations (3 rotations, 0 reflections)"
     );
-    assert!(start(&turns, &none).is_err());
+    for (of_model, of_data) in [(&turns, &none), (&in_views, &turns), (&turns, &in_views)] {
+        assert!(start(of_model, of_data).is_err());
+    }
+}
+
+#[test]
+fn symmetries_that_turn_the_cameras_to_the_same_places_have_one_view() {
+    let all = of_2m();
+    let reflection = all.subgroup(|one| one.tendons[0] == 0);
+    assert_eq!(reflection.elements().len(), 2);
+    let reduction = Reduction::new(all.clone(), &reflection);
+    let command = [0.01, 0.02, 0.03, 0.01, 0.02, 0.03];
+    let view = |values: &[f64]| {
+        let reduced = reduction.reduce(values, &units()).unwrap();
+        let told = &reduced.condition[6..];
+        told.iter().position(|&number| number == 1.0).unwrap()
+    };
+    let mut counts = [0; 3];
+    for symmetry in all.elements() {
+        // A command, and its mirror image in the plane that mirrors the cameras into each other.
+        let values = symmetry.command(&command);
+        counts[view(&values)] += 1;
+        let mirrored = reflection.elements()[1].command(&values);
+        assert_eq!(view(&values), view(&mirrored));
+    }
+    assert_eq!(counts, [2, 2, 2]);
+    let json = serde_json::to_value(&reduction).unwrap();
+    let damaged = |views: serde_json::Value| {
+        let mut json = json.clone();
+        json["views"] = views;
+        serde_json::from_value::<Reduction>(json).unwrap().check(6)
+    };
+    assert_eq!(damaged(json["views"].clone()), Ok(()));
+    for views in [
+        serde_json::json!([0, 1, 2]),
+        serde_json::json!([0, 1, 3, 0, 1, 3]),
+        serde_json::json!([0, 1, u64::MAX, 0, 1, 2]),
+    ] {
+        assert!(damaged(views).unwrap_err().contains("numbered from 0"));
+    }
 }
 
 /// Few clouds of a robot of one module, which teach more where each stands for six.
@@ -398,8 +464,8 @@ fn representatives_teach_more_than_as_many_commands() {
     let mut recipe = recipe("2m", BaseVisibility::Hidden);
     recipe.subject.robot.modules.truncate(1);
     let robot = Robot::new(recipe.subject.robot.clone()).unwrap();
-    let symmetries = recipe.symmetries(Channels::Xyz).unwrap().symmetries;
-    assert_eq!(symmetries.elements().len(), 6);
+    let reduction = recipe.symmetries(Channels::Xyz).unwrap().reduction();
+    assert_eq!(reduction.symmetries().elements().len(), 6);
     let mut simulator = Simulator::new(&robot, &recipe);
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut sample = |_| {
@@ -421,7 +487,7 @@ fn representatives_teach_more_than_as_many_commands() {
         motor_max: vec![0.04; 3],
         scale: 0.3,
     };
-    let trained = |symmetries: &Symmetries| {
+    let trained = |reduction: &Reduction| {
         let sets = [&samples[..8], &samples[8..]].map(|samples| {
             let mut set = CloudSet {
                 condition_dim: 3,
@@ -440,14 +506,14 @@ fn representatives_teach_more_than_as_many_commands() {
                 row.copy_from_slice(&units.condition(&condition.to_vec()).unwrap());
             }
             units.normalise_points(&mut set.points);
-            to_representatives(&mut set, &mut conditions, symmetries, &units).unwrap();
+            reduction.set(&mut set, &mut conditions, &units).unwrap();
             set
         });
         let shape = MlpShape {
             width: 48,
             depth: 3,
             embedding: 32,
-            condition_dim: 3,
+            condition_dim: 3 + reduction.view_numbers(),
             channels: Channels::Xyz,
         };
         let settings = TrainSettings {
@@ -470,7 +536,7 @@ fn representatives_teach_more_than_as_many_commands() {
         }
         trainer.validate(&|a, b| chamfer(a, b).unwrap()).unwrap()
     };
-    let (with, without) = (trained(&symmetries), trained(&Symmetries::default()));
+    let (with, without) = (trained(&reduction), trained(&Reduction::default()));
     println!("with {with:e}, without {without:e}");
     assert!(with < 0.8 * without, "{with} with, {without} without");
 }
@@ -500,11 +566,11 @@ fn what_perfect_predictors_of_representatives_score() {
         };
         ring(&mut recipe).count = count;
         let seen = recipe.symmetries(Channels::XyzRgb).unwrap();
-        let ratios = |of: fn(&tdcr_learn::symmetry::Agreement) -> f64| {
+        let ratios = |of: fn(&Agreement) -> f64| {
             let ratios: Vec<String> = seen
                 .views
                 .iter()
-                .map(|view| format!("{:.2}", of(view)))
+                .map(|view| format!("{:.2}", of(&view.1)))
                 .collect();
             ratios.join(" ")
         };

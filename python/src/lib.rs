@@ -112,8 +112,7 @@ mod _tdcr {
     use crate::tendon_friction::FrictionPath;
     #[pymodule_export]
     use crate::torch::{
-        presets, read_cloud_set, representatives, set_symmetries, start_noise, train_settings,
-        velocities,
+        presets, read_cloud_set, reduce, set_reduction, start_noise, train_settings, velocities,
     };
     #[pymodule_export]
     use crate::training::{distill, train};

@@ -4,9 +4,8 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use tdcr::learn::data::{Normalisation, Recipe, Sample, Simulator, StreamSpec, Subject};
 use tdcr::learn::net::Channels;
-use tdcr::learn::symmetry::representative;
+use tdcr::learn::symmetry::Reduction;
 use tdcr::learn::train::Provenance;
-use tdcr::sim::symmetry::Symmetries;
 
 use crate::arrays::array;
 use crate::data::{payload_range, sensor, visibility};
@@ -28,8 +27,7 @@ type Arrays<'py> = (
 pub struct Stream {
     spec: StreamSpec,
     units: Normalisation,
-    /// Samples are representatives of their classes under them.
-    symmetries: Symmetries,
+    reduction: Reduction,
     simulator: Simulator,
     index: u64,
     stride: u64,
@@ -49,7 +47,7 @@ impl Stream {
         seed: u64,
         index: u64,
         stride: u64,
-        symmetries: Option<&str>,
+        reduction: Option<&str>,
     ) -> Outcome<Self> {
         let recipe = Recipe {
             subject: Subject {
@@ -67,10 +65,10 @@ impl Stream {
             seed,
         };
         let units = spec.normalisation()?;
-        let symmetries = symmetries.map(|text| read_symmetries(text, units.motor_min.len()));
+        let reduction = reduction.map(|text| read_reduction(text, units.motor_min.len()));
         Ok(Self {
             units,
-            symmetries: symmetries.transpose()?.unwrap_or_default(),
+            reduction: reduction.transpose()?.unwrap_or_default(),
             simulator: Simulator::new(&robot.0, &spec.recipe),
             spec,
             index,
@@ -94,12 +92,12 @@ impl Stream {
         text(serde_json::to_string(&Provenance {
             subject: Some(self.spec.recipe.subject.clone()),
             normalisation: self.units.clone(),
-            symmetries: self.symmetries.clone(),
+            reduction: self.reduction.clone(),
         }))
     }
 
-    /// The symmetries that samples have, with or without their colours, as JSON, and the same in words.
-    fn find_symmetries(&self, py: Python<'_>, colors: bool) -> Outcome<(String, String)> {
+    /// How samples are reduced by the symmetries that they have, with or without their colours, as JSON, and the same in words.
+    fn find_reduction(&self, py: Python<'_>, colors: bool) -> Outcome<(String, String)> {
         let channels = match colors {
             true => Channels::XyzRgb,
             false => Channels::Xyz,
@@ -107,7 +105,7 @@ impl Stream {
         let recipe = &self.spec.recipe;
         let found = py.detach(|| recipe.symmetries(channels))?;
         Ok((
-            text(serde_json::to_string(&found.symmetries))?,
+            text(serde_json::to_string(&found.reduction()))?,
             found.to_string(),
         ))
     }
@@ -119,8 +117,8 @@ impl Stream {
         // Past the end of 64 bits it starts over, which no run reaches.
         self.index = self.index.wrapping_add(self.stride);
         let sample = run::long(py, None, |_| spec.sample(simulator, index))??;
-        let Sample { condition, cloud } = representative(sample, &self.symmetries);
-        let dimensionless = self.units.condition(&condition.to_vec())?;
+        let (Sample { condition, cloud }, dimensionless) =
+            self.reduction.sample(sample, &self.units)?;
         let metres = cloud.points.into_flattened();
         let mut normalised = metres.clone();
         self.units.normalise_points(&mut normalised);
@@ -140,13 +138,13 @@ impl Stream {
     }
 }
 
-/// Symmetries from JSON, of at most so many tendons, checked.
-pub fn read_symmetries(text: &str, tendons: usize) -> Outcome<Symmetries> {
-    let refuse = |problem: String| Failure::input(format!("the symmetries: {problem}"));
-    let symmetries: Symmetries =
+/// A reduction from JSON, of conditions of so many values, checked.
+pub fn read_reduction(text: &str, values: usize) -> Outcome<Reduction> {
+    let refuse = |problem: String| Failure::input(format!("the reduction: {problem}"));
+    let reduction: Reduction =
         serde_json::from_str(text).map_err(|error| refuse(error.to_string()))?;
-    symmetries.check(tendons).map_err(refuse)?;
-    Ok(symmetries)
+    reduction.check(values).map_err(refuse)?;
+    Ok(reduction)
 }
 
 /// JSON that was written.

@@ -9,14 +9,13 @@ use serde_json::{Value, json};
 use tdcr::learn::data::{CloudSet, DataSet, Meta, Normalisation, Split};
 use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
 use tdcr::learn::net::Channels;
-use tdcr::learn::symmetry::to_representatives;
 use tdcr::learn::train::{Model, Provenance, TrainSettings};
 use tdcr::pipeline::{self, Length, Preset};
 
 use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome, choice};
 use crate::run;
-use crate::stream::{read_symmetries, text};
+use crate::stream::{read_reduction, text};
 
 /// Conditions (B, D), points (B, N, 3) and, where they are wanted, colours (B, N, 3), and the provenance as JSON.
 type CloudArrays<'py> = (
@@ -68,41 +67,50 @@ pub fn train_settings(changes: &str) -> Outcome<String> {
     text(serde_json::to_string(&settings))
 }
 
-/// The symmetries that the clouds of a data set have, with or without their colours, as JSON, and the same in words, or why
-/// there are none.
+/// How the clouds of a data set are reduced by the symmetries that they have, with or without their colours, as JSON, and the
+/// same in words, or why there are none.
 #[pyfunction]
-pub fn set_symmetries(py: Python<'_>, folder: PathBuf, colors: bool) -> Outcome<(String, String)> {
+pub fn set_reduction(py: Python<'_>, folder: PathBuf, colors: bool) -> Outcome<(String, String)> {
     let found = py.detach(|| {
         let set = DataSet::open(&folder)?;
         let recipe = set.meta().and_then(|meta| meta.origin.recipe());
         pipeline::seen_symmetries(recipe, channels(colors)).map_err(Failure::from)
     })?;
     Ok((
-        text(serde_json::to_string(&found.symmetries))?,
+        text(serde_json::to_string(&found.reduction()))?,
         found.to_string(),
     ))
 }
 
-/// The representatives of commands (B, D) under symmetries (JSON), and for each the index of the symmetry that leads to it.
+/// What a network of this provenance (JSON) is told of commands (B, D), and for each the index of the symmetry that leads to its
+/// representative.
 #[pyfunction]
-pub fn representatives<'py>(
+pub fn reduce<'py>(
     py: Python<'py>,
-    symmetries: &str,
+    provenance: &str,
     commands: PyReadonlyArray2<'py, f64>,
-) -> Outcome<(Bound<'py, PyArray2<f64>>, Vec<usize>)> {
+) -> Outcome<(Bound<'py, PyArray2<f32>>, Vec<usize>)> {
     let [count, dimension] = *numpy::PyUntypedArrayMethods::shape(&*commands) else {
         return Err(Failure::input("commands have no two axes"));
     };
-    let symmetries = read_symmetries(symmetries, dimension)?;
+    let refuse = |problem: String| Failure::input(format!("the provenance: {problem}"));
+    let Provenance {
+        normalisation,
+        reduction,
+        ..
+    } = serde_json::from_str(provenance).map_err(|error| refuse(error.to_string()))?;
+    reduction.check(dimension).map_err(refuse)?;
     let commands = contiguous(&commands, "commands", &[count, dimension])?;
-    let (mut found, mut which) = (Vec::with_capacity(commands.len()), Vec::new());
+    let elements = reduction.symmetries().elements();
+    let (mut conditions, mut which) = (Vec::new(), Vec::new());
     for command in commands.chunks_exact(dimension.max(1)) {
-        let (symmetry, representative) = symmetries.canonical(command);
-        let index = symmetries.elements().iter().position(|one| one == symmetry);
+        let reduced = reduction.reduce(command, &normalisation)?;
+        let index = elements.iter().position(|one| one == reduced.symmetry);
         which.push(index.unwrap_or(0));
-        found.extend(representative);
+        conditions.extend(reduced.condition);
     }
-    Ok((array(py, found, [count, dimension])?, which))
+    let told = dimension + reduction.view_numbers();
+    Ok((array(py, conditions, [count, told])?, which))
 }
 
 fn channels(colors: bool) -> Channels {
@@ -112,15 +120,15 @@ fn channels(colors: bool) -> Channels {
     }
 }
 
-/// A split of a data set in memory, in the units of `normalisation` (JSON) or in its own; each cloud the representative of its
-/// class under `symmetries` (JSON), if there are any.
+/// A split of a data set in memory, in the units of `normalisation` (JSON) or in its own; reduced by `reduction` (JSON), if
+/// there is one.
 #[pyfunction]
 pub fn read_cloud_set<'py>(
     py: Python<'py>,
     folder: PathBuf,
     split: &str,
     normalisation: Option<&str>,
-    symmetries: Option<&str>,
+    reduction: Option<&str>,
     colors: bool,
 ) -> Outcome<CloudArrays<'py>> {
     let splits = Split::ALL.map(|split| (split.folder(), split));
@@ -132,20 +140,15 @@ pub fn read_cloud_set<'py>(
     let (provenance, set) = py.detach(|| {
         let set = DataSet::open(&folder)?;
         let units = units.unwrap_or_else(|| set.normalisation().clone());
-        let symmetries = symmetries.map(|text| read_symmetries(text, units.motor_min.len()));
-        let symmetries = symmetries.transpose()?.unwrap_or_default();
+        let reduction = reduction.map(|text| read_reduction(text, units.motor_min.len()));
+        let reduction = reduction.transpose()?.unwrap_or_default();
         let mut clouds = set.cloud_set_in(split, &units, channels(colors))?;
-        to_representatives(
-            &mut clouds,
-            &mut set.conditions(split)?,
-            &symmetries,
-            &units,
-        )?;
+        reduction.set(&mut clouds, &mut set.conditions(split)?, &units)?;
         let subject = set.meta().and_then(Meta::subject).cloned();
         let provenance = Provenance {
             subject,
             normalisation: units,
-            symmetries,
+            reduction,
         };
         Ok::<_, Failure>((provenance, clouds))
     })?;

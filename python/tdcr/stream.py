@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -34,8 +34,7 @@ class Stream(Iterator[Sample]):
         seed: Seed of commands, points and faults.
         start: Index of the first sample.
         stride: From one sample to the next.
-        symmetries: Symmetries that the samples have, as :meth:`find_symmetries` finds them: each sample is replaced by the
-            representative of its class.
+        reduction: How samples are reduced, as :meth:`find_reduction` finds it: each is replaced by its class's representative.
 
     Raises:
         RobotError: If there is no such robot.
@@ -55,7 +54,7 @@ class Stream(Iterator[Sample]):
         seed: int = 0,
         start: int = 0,
         stride: int = 1,
-        symmetries: Sequence[dict[str, Any]] | None = None,
+        reduction: dict[str, Any] | None = None,
     ) -> None:
         own = Robot(robot)
         self._settings: dict[str, Any] = {
@@ -66,7 +65,7 @@ class Stream(Iterator[Sample]):
             "voxel": as_number(voxel, "voxel"),
             "noise": noise,
             "seed": as_seed(seed),
-            "symmetries": None if symmetries is None else list(symmetries),
+            "reduction": reduction,
         }
         self._stride = as_count(stride, "stride", 1, LARGEST_INDEX)
         self._native = _tdcr.Stream(
@@ -79,7 +78,7 @@ class Stream(Iterator[Sample]):
             self._settings["seed"],
             as_count(start, "start", 0, LARGEST_INDEX),
             self._stride,
-            None if symmetries is None else json.dumps(list(symmetries)),
+            None if reduction is None else json.dumps(reduction),
         )
 
     @property
@@ -106,7 +105,7 @@ class Stream(Iterator[Sample]):
     @property
     def provenance(self) -> dict[str, Any]:
         """What samples are of, as model files have it: ``subject`` (robot, base and payloads), ``normalisation``, and
-        ``symmetries`` where they are reduced by any."""
+        ``reduction`` where they are reduced."""
         provenance: dict[str, Any] = json.loads(self._native.provenance())
         return provenance
 
@@ -120,19 +119,21 @@ class Stream(Iterator[Sample]):
         """The same stream from sample ``start`` on, every ``stride``-th sample."""
         return Stream(**self._settings, start=start, stride=stride)
 
-    def find_symmetries(self, colors: bool = False) -> tuple[list[dict[str, Any]], str]:
-        """The robot's symmetries that the samples have, with or without their colours, and the same in words.
+    def find_reduction(self, colors: bool = False) -> tuple[dict[str, Any], str]:
+        """How samples are reduced by the robot's symmetries that they have, with or without their colours, and that in words.
 
-        They are isometries of space (``matrix``, ``translation`` (m)) that map the robot to itself, with the permutation
-        ``tendons`` of its tendons; the identity is the first. The words say as well why there are no more.
+        ``symmetries`` are isometries of space (``matrix``, ``translation`` (m)) that map the robot to itself, with the
+        permutation ``tendons`` of its tendons; the identity is the first. Where cameras see images of the robot not quite alike,
+        ``views`` has the number of each symmetry's view. The words say as well why there are no more.
         """
-        found, words = self._native.find_symmetries(bool(colors))
+        found, words = self._native.find_reduction(bool(colors))
         return json.loads(found), words
 
-    def reduced(self, symmetries: Sequence[dict[str, Any]]) -> Stream:
-        """The same stream of the representatives of its samples' classes: of all images of a sample under its ``symmetries``,
-        the one whose command is the smallest in lexicographic order."""
-        return Stream(**{**self._settings, "symmetries": list(symmetries)}, start=self.index, stride=self._stride)
+    def reduced(self, reduction: dict[str, Any]) -> Stream:
+        """The same stream of the representatives of its samples' classes: of all images of a sample under its symmetries, the one
+        whose command is the smallest in lexicographic order. The normalised condition is followed by a 1 for its view among
+        zeros, where there are several."""
+        return Stream(**{**self._settings, "reduction": reduction}, start=self.index, stride=self._stride)
 
     def __next__(self) -> Sample:
         """Makes the next sample.

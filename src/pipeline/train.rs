@@ -2,10 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use tdcr_learn::data::{CloudSet, Condition, DataSet, Meta, Normalisation, Split, StreamSpec};
+use tdcr_learn::data::{
+    CloudSet, Condition, DataSet, Meta, Normalisation, Recipe, Split, StreamSpec,
+};
 use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape};
 use tdcr_learn::prior::{Prior, SurfaceError, SurfacePrior};
+use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{
     Feed, Model, Provenance, Start, StreamWindow, Teacher, TrainError, TrainSettings, Trainer,
     TrainingState,
@@ -14,7 +17,7 @@ use tdcr_learn::train::{
 use super::log::RunLog;
 use super::preset::Preset;
 use super::subject::require_same;
-use super::symmetry::{representatives, symmetries};
+use super::symmetry::{reduced, reduction};
 use super::{Divergence, Monitor, PipelineError, lock_folder};
 
 /// Steps between two words on the loss.
@@ -168,12 +171,12 @@ pub fn distill(
         require_same(subject, found)?;
     }
     let channels = teacher.network.shape().channels();
-    let (validation, _) = representatives(
+    let (validation, _) = reduced(
         &set,
         Split::Val,
         &provenance.normalisation,
         channels,
-        &provenance.symmetries,
+        &provenance.reduction,
     )?;
     let precise = teacher.clone().with_precision(settings.precision);
     let precise = precise.map_err(TrainError::from)?;
@@ -207,10 +210,9 @@ impl Run<'_> {
         let set = DataSet::open(dir)?;
         let units = units.unwrap_or(set.normalisation());
         let recipe = set.meta().and_then(|meta| meta.origin.recipe());
-        let symmetries = symmetries(self.settings, recipe, size.channels, self.monitor)?;
+        let reduction = self.reduction(recipe, size.channels, initial)?;
         let read = |split| -> Result<CloudSet, PipelineError> {
-            let (clouds, conditions) =
-                representatives(&set, split, units, size.channels, &symmetries)?;
+            let (clouds, conditions) = reduced(&set, split, units, size.channels, &reduction)?;
             let starts = self.starts(&clouds, &conditions, units)?;
             Ok(CloudSet { starts, ..clouds })
         };
@@ -218,10 +220,20 @@ impl Run<'_> {
         let provenance = Provenance {
             subject: set.meta().and_then(|meta| meta.subject().cloned()),
             normalisation: units.clone(),
-            symmetries,
+            reduction,
         };
         let start = start(initial, size.shape(training.condition_dim), &provenance)?;
         self.on(Feed::from(&training), &validation, start, provenance)
+    }
+
+    /// How clouds of `recipe`, where they are simulated, are reduced.
+    fn reduction(
+        &self,
+        recipe: Option<&Recipe>,
+        channels: Channels,
+        initial: Option<&Model>,
+    ) -> Result<Reduction, PipelineError> {
+        reduction(self.settings, recipe, channels, initial, self.monitor)
     }
 
     /// What the flow to each point of `clouds` under `conditions` starts from, where the prior is a surface.
@@ -266,8 +278,8 @@ impl Run<'_> {
             size.channels,
         )?;
         let recipe = &stream.spec.recipe;
-        let symmetries = symmetries(self.settings, Some(recipe), size.channels, self.monitor)?;
-        let window = window.with_symmetries(symmetries.clone());
+        let reduction = self.reduction(Some(recipe), size.channels, initial)?;
+        let window = window.with_reduction(reduction.clone());
         let subject = &recipe.subject;
         let validation = match &stream.validation {
             None => window.validation(self.settings.validation_clouds)?,
@@ -276,13 +288,13 @@ impl Run<'_> {
                 let found = set.meta().and_then(Meta::subject);
                 found.map_or(Ok(()), |found| require_same(subject, found))?;
                 let units = window.normalisation();
-                representatives(&set, Split::Val, units, size.channels, &symmetries)?.0
+                reduced(&set, Split::Val, units, size.channels, &reduction)?.0
             }
         };
         let provenance = Provenance {
             subject: Some(subject.clone()),
             normalisation: window.normalisation().clone(),
-            symmetries,
+            reduction,
         };
         let training = Feed::Stream(Box::new(window));
         let start = start(initial, size.shape(training.condition_dim()), &provenance)?;

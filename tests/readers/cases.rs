@@ -13,10 +13,10 @@ use tdcr::hw::dynamixel::{Answers, Backup, ErrorByte, Instruction, PacketId, Res
 use tdcr::hw::servo::ServoId;
 use tdcr::learn::data::{CloudSet, Normalisation, Subject};
 use tdcr::learn::net::{Channels, MlpShape, Network};
+use tdcr::learn::symmetry::Reduction;
 use tdcr::learn::train::{Model, Provenance, TrainSettings, Trainer};
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::RobotSpec;
-use tdcr::sim::symmetry::Symmetries;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
@@ -392,7 +392,7 @@ fn provenance() -> Provenance {
             motor_max: vec![0.04; 6],
             scale: 0.4,
         },
-        symmetries: Symmetries::default(),
+        reduction: Reduction::default(),
     }
 }
 

@@ -47,30 +47,27 @@ impl<'a> Start<'a> {
     ///
     /// # Errors
     /// [`TrainError::OtherStart`] where the model has another shape, was distilled, was trained on data of another
-    /// normalisation, in which the same numbers mean other commands and points, or on representatives by symmetries that
-    /// the data do not have, so that it knows nothing of other commands. Subjects are not compared.
+    /// normalisation, in which the same numbers mean other commands and points, or on representatives by other symmetries
+    /// than those of the data, so that it knows nothing of other commands. Subjects are not compared.
     pub fn at(
         model: &'a Model,
         shape: NetworkShape,
         provenance: &Provenance,
     ) -> Result<Self, TrainError> {
         let of_model = &model.provenance.normalisation;
-        require_same("shape", &model.network.shape(), &shape)
+        let (by_model, by_data) = (&model.provenance.reduction, &provenance.reduction);
+        let reduced = match by_model.suits(by_data) {
+            true => Ok(()),
+            false => Err(Difference {
+                what: "symmetry".to_owned(),
+                found: by_model.to_string(),
+                expected: format!("the data's {by_data}"),
+            }),
+        };
+        reduced
+            .and_then(|()| require_same("shape", &model.network.shape(), &shape))
             .and_then(|()| require_same("normalisation", of_model, &provenance.normalisation))
             .and_then(|()| require_same("target", &model.settings.target, &Target::Velocity))
-            .and_then(|()| {
-                let (of_model, of_data) = (&model.provenance.symmetries, &provenance.symmetries);
-                match of_model.are_among(of_data) {
-                    true => Ok(()),
-                    false => Err(Difference {
-                        what: "symmetry".to_owned(),
-                        found: of_model.to_string(),
-                        expected: format!(
-                            "no more than the data's {of_data}: a model of none suits all data"
-                        ),
-                    }),
-                }
-            })
             .map_err(TrainError::other_start)?;
         Ok(Self::Network(&model.network))
     }

@@ -6,7 +6,6 @@
 
 use rand::RngExt;
 use rayon::prelude::*;
-use tdcr_sim::symmetry::Symmetries;
 
 use super::error::SettingsError;
 use super::model::Model;
@@ -15,6 +14,7 @@ use super::settings::{Target, TrainSettings};
 use crate::data::Normalisation;
 use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape};
+use crate::symmetry::Reduction;
 
 /// Fewest steps of a teacher trajectory: more do not make the teacher's own predictions better.
 const TEACHER_STEPS: usize = 16;
@@ -31,7 +31,7 @@ pub struct Teacher {
     network: Network,
     path: FlowPath,
     normalisation: Normalisation,
-    symmetries: Symmetries,
+    reduction: Reduction,
 }
 
 impl Teacher {
@@ -52,7 +52,7 @@ impl Teacher {
                 network: model.network.clone(),
                 path: model.settings.path,
                 normalisation: model.provenance.normalisation.clone(),
-                symmetries: model.provenance.symmetries.clone(),
+                reduction: model.provenance.reduction.clone(),
             }),
             Target::Steps => Err(SettingsError::new(
                 "the teacher's target",
@@ -119,7 +119,8 @@ impl Teacher {
         samples.targets.resize(settings.clouds * cloud, 0.0);
         let mut rng = rng(settings.seed, Stream::Step(step));
         for points in samples.points.chunks_exact_mut(steps * cloud) {
-            let condition = self.representative((0..dim).map(|_| rng.random()).collect());
+            let values = dim - self.reduction.view_numbers();
+            let condition = self.reduced((0..values).map(|_| rng.random()).collect());
             samples.conditions.extend(condition.repeat(steps));
             self.path
                 .sample_prior(&mut rng, channels, &mut points[..cloud]);
@@ -135,15 +136,15 @@ impl Teacher {
             });
     }
 
-    /// The representative of a dimensionless condition's class.
-    fn representative(&self, condition: Vec<f32>) -> Vec<f32> {
-        if self.symmetries.is_trivial() {
+    /// What the teacher is told of a dimensionless condition.
+    fn reduced(&self, condition: Vec<f32>) -> Vec<f32> {
+        if self.reduction.is_trivial() {
             return condition;
         }
         let command = self.normalisation.command(&condition);
-        let (_, representative) = self.symmetries.canonical(&command);
-        let condition = self.normalisation.condition(&representative);
-        condition.expect("a condition of the teacher's dimension")
+        let reduced = self.reduction.reduce(&command, &self.normalisation);
+        let reduced = reduced.expect("a condition of the teacher's dimension");
+        reduced.condition
     }
 
     /// One trajectory by the sampler `fine`. `points` `(n, N C)` begins with samples of the prior and receives the points at
@@ -192,6 +193,7 @@ mod tests {
     use super::*;
     use crate::flow::TimeGrid;
     use crate::net::{Channels, MlpShape};
+    use tdcr_sim::symmetry::Symmetries;
 
     /// From the beginning of any step, the remaining steps lead to the end of the teacher trajectory.
     #[test]
@@ -213,7 +215,7 @@ mod tests {
                 motor_max: vec![1.0; 2],
                 scale: 1.0,
             },
-            symmetries: Symmetries::default(),
+            reduction: Reduction::default(),
         };
         let settings = TrainSettings {
             clouds: 6,
@@ -255,13 +257,14 @@ mod tests {
             width: 16,
             depth: 2,
             embedding: 8,
-            condition_dim: 2,
+            condition_dim: 4,
             channels: Channels::Xyz,
         };
         let swap = serde_json::json!([
             {"tendons": [0, 1], "matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "translation": [0.0, 0.0, 0.0]},
             {"tendons": [1, 0], "matrix": [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "translation": [0.0, 0.0, 0.0]},
         ]);
+        let symmetries: Symmetries = serde_json::from_value(swap).expect("symmetries");
         let teacher = Teacher {
             network: Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape"),
             path: FlowPath::default(),
@@ -270,7 +273,7 @@ mod tests {
                 motor_max: vec![0.03, 0.04],
                 scale: 0.4,
             },
-            symmetries: serde_json::from_value(swap).expect("symmetries"),
+            reduction: Reduction::new(symmetries, &Symmetries::default()),
         };
         let settings = TrainSettings {
             clouds: 64,
@@ -284,9 +287,15 @@ mod tests {
         };
         let mut samples = Samples::default();
         teacher.draw_batch(&settings, 1, &mut samples);
-        for condition in samples.conditions.as_chunks::<2>().0 {
-            let command = teacher.normalisation.command(condition);
+        let mut seen = [0; 2];
+        for condition in samples.conditions.as_chunks::<4>().0 {
+            let command = teacher.normalisation.command(&condition[..2]);
             assert!(command[0] <= command[1] + 1e-9, "{command:?}");
+            let view = [[1.0, 0.0], [0.0, 1.0]]
+                .iter()
+                .position(|one| condition[2..] == *one);
+            seen[view.expect("one view")] += 1;
         }
+        assert!(seen.iter().all(|&count| count > 10), "{seen:?}");
     }
 }

@@ -11,7 +11,7 @@ turn, a rank sees its samples in their order whatever the number of workers.
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -42,8 +42,8 @@ class CloudSet:
     conditions: Tensor
     #: Rows (B, N, C), float32.
     rows: Tensor
-    #: What the clouds are of: `subject` (robot, base and payloads, or None), `normalisation`, and `symmetries` where they are
-    #: reduced by any.
+    #: What the clouds are of: `subject` (robot, base and payloads, or None), `normalisation`, and `reduction` where they are
+    #: reduced by symmetries.
     provenance: dict[str, Any]
 
     @classmethod
@@ -54,19 +54,19 @@ class CloudSet:
         *,
         colors: bool = False,
         units: dict[str, Any] | None = None,
-        symmetries: Sequence[dict[str, Any]] | None = None,
+        reduction: dict[str, Any] | None = None,
     ) -> Self:
         """Reads the split `train`, `val` or `test` of a data set of `tdcr collect` or `tdcr data import`.
 
         `units` is the normalisation of a model, to train on in its units, as `--normalisation-from` does; by default it is
-        the data set's own. With the `symmetries` of the data set (`find_symmetries`) each cloud is replaced by the
+        the data set's own. With the `reduction` of the data set (`find_reduction`) each cloud is replaced by the
         representative of its class, as `--symmetry auto` does.
 
         Raises:
             tdcr.errors.TdcrError: for whatever is wrong with the folder, by file.
         """
         normalisation = None if units is None else json.dumps(units)
-        reduced = None if symmetries is None else json.dumps(list(symmetries))
+        reduced = None if reduction is None else json.dumps(reduction)
         conditions, points, rgb, provenance = _tdcr.read_cloud_set(str(folder), split, normalisation, reduced, colors)
         return cls(torch.from_numpy(conditions), to_rows(points, rgb), json.loads(provenance))
 
@@ -100,12 +100,12 @@ class CloudSet:
         return found.hexdigest()
 
 
-def find_symmetries(folder: str | Path, colors: bool = False) -> tuple[list[dict[str, Any]], str]:
-    """The robot's symmetries that the clouds of a data set have, with or without their colours, and the same in words.
+def find_reduction(folder: str | Path, colors: bool = False) -> tuple[dict[str, Any], str]:
+    """How the clouds of a data set are reduced by the robot's symmetries that they have, and that in words.
 
-    They are as `tdcr.Stream.find_symmetries` has them; none besides the identity where the clouds are not simulated.
+    As `tdcr.Stream.find_reduction`; by none where the clouds are not simulated.
     """
-    found, words = _tdcr.set_symmetries(str(folder), colors)
+    found, words = _tdcr.set_reduction(str(folder), colors)
     return json.loads(found), words
 
 
@@ -211,7 +211,8 @@ class StreamWindow:
         self.provenance = stream.provenance
         self.clouds, self.own = clouds, clouds // self.ranks
         self.device = torch.device("cpu")
-        self.condition_dim = len(stream.normalisation.condition_min)
+        views = self.provenance.get("reduction", {}).get("views", [])
+        self.condition_dim = len(stream.normalisation.condition_min) + (max(views) + 1 if views else 0)
         self.points_per_cloud = stream.points
         self.window: CloudSet | None = None
         self.samples: Iterator[Sample] | None = None
@@ -226,7 +227,7 @@ class StreamWindow:
     def fingerprint(self) -> str:
         """What the clouds are functions of."""
         of = [self.stream.spec, self.stream.index, self.clouds, self.fresh]
-        reduced = self.provenance.get("symmetries")
+        reduced = self.provenance.get("reduction")
         return json.dumps(of if reduced is None else [*of, reduced], sort_keys=True)
 
     def validation(self, clouds: int) -> CloudSet:

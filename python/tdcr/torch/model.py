@@ -47,7 +47,7 @@ class Model:
     shape: Shape | None
     #: Whether points have colours: C is 6, else 3.
     colors: bool
-    #: What it was trained on: `subject` (robot, base and payloads, or None), `normalisation`, and `symmetries` where it learned
+    #: What it was trained on: `subject` (robot, base and payloads, or None), `normalisation`, and `reduction` where it learned
     #: representatives of symmetric commands.
     provenance: dict[str, Any]
     #: How it was trained.
@@ -113,7 +113,8 @@ class Model:
     def conditions(self, commands: npt.ArrayLike) -> Tensor:
         """Conditions (B, D) of commands (B, D) in physical units (m or N; a payload, kg, is the last value).
 
-        Of a model that learned representatives of symmetric commands these are those of the representatives.
+        Of a model that learned representatives of symmetric commands these are those of the representatives, and have a 1 for the
+        view among zeros in the end, where there are several.
         """
         return self._conditions(commands)[0]
 
@@ -126,13 +127,12 @@ class Model:
             raise InputError(f"commands have the shape {values.shape}, expected (B, {len(low)})")
         if not np.isfinite(values).all():
             raise InputError("commands hold a NaN or an infinity, expected finite numbers")
-        reduced = self.provenance.get("symmetries")
-        moved: list[dict[str, Any] | None] = [None] * len(values)
+        reduced = self.provenance.get("reduction")
         if reduced is not None:
-            values, which = _tdcr.representatives(json.dumps(reduced), np.ascontiguousarray(values))
-            moved = [reduced[index] for index in which]
+            conditions, which = _tdcr.reduce(json.dumps(self.provenance), np.ascontiguousarray(values))
+            return torch.from_numpy(conditions), [reduced["symmetries"][index] for index in which]
         span = np.where(high > low, high - low, 1.0)
-        return torch.from_numpy(((values - low) / span).astype(np.float32)), moved
+        return torch.from_numpy(((values - low) / span).astype(np.float32)), [None] * len(values)
 
     @torch.no_grad()
     def predict(

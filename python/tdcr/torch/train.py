@@ -22,7 +22,7 @@ import torch
 
 from tdcr.errors import InputError, TdcrError
 from tdcr.stream import Stream
-from tdcr.torch.data import CloudSet, StreamWindow, find_symmetries
+from tdcr.torch.data import CloudSet, StreamWindow, find_reduction
 from tdcr.torch.model import Model
 from tdcr.torch.networks import Shape, network
 from tdcr.torch.ranks import distributed, group
@@ -73,7 +73,8 @@ def parser() -> argparse.ArgumentParser:
     add("--validate-every", type=int, metavar="N", help=by_network("steps between validations", "validate_every"))
     add("--patience", type=int, metavar="N", help="end the run after so many validations without a better one")
     add("--time-exponent", type=float, metavar="ALPHA", help="flow times are Beta(ALPHA, 1) [default: 3]")
-    add("--symmetry", choices=["auto", "none"], help=by_network("learn representatives of symmetric commands, or all", "symmetry"))
+    about = by_network("learn one of all commands that symmetries make alike, or every one", "symmetry")
+    add("--symmetry", choices=["auto", "none"], help=about)
     add("--init", type=Path, metavar="FILE", help="start from the weights of this model")
     add("--normalisation-from", type=Path, metavar="FILE", help="normalise commands and points as this model does")
     add("--seed", type=int, default=0, help="seed of weights, noise and subsets")
@@ -165,12 +166,19 @@ def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.devi
     return preset, preset.settings(net=args.net, clouds_in_set=clouds_in_set, **changes)
 
 
-def symmetries(args: argparse.Namespace, source: Stream | Path) -> list[dict[str, Any]] | None:
-    """By which symmetries the samples of a stream, or of the data set in a folder, are reduced; says so."""
+def reduction(args: argparse.Namespace, source: Stream | Path) -> dict[str, Any] | None:
+    """How the samples of a stream, or of the data set in a folder, are reduced by symmetries; says so.
+
+    A run that starts at a model without symmetries has none.
+    """
     use = args.symmetry or presets()[args.preset].networks[args.net]["symmetry"]
-    found, words = None, "none, as asked for"
-    if use == "auto":
-        found, words = source.find_symmetries(args.colors) if isinstance(source, Stream) else find_symmetries(source, args.colors)
+    found: dict[str, Any] | None = None
+    if use == "none":
+        words = "none, as asked for"
+    elif args.init is not None and "reduction" not in Model.load(args.init).provenance:
+        words = "none, as the initial model has none"
+    else:
+        found, words = source.find_reduction(args.colors) if isinstance(source, Stream) else find_reduction(source, args.colors)
     if group()[0] == 0 and not args.quiet:
         print(f"symmetry: {words}", file=sys.stderr)
     return found
@@ -182,9 +190,9 @@ def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]
         units = None
         if args.normalisation_from is not None:
             units = Model.load(args.normalisation_from).provenance["normalisation"]
-        reduced = symmetries(args, args.data)
+        reduced = reduction(args, args.data)
         training, validation = (
-            CloudSet.read(args.data, split, colors=args.colors, units=units, symmetries=reduced) for split in ("train", "val")
+            CloudSet.read(args.data, split, colors=args.colors, units=units, reduction=reduced) for split in ("train", "val")
         )
         return training, validation
     stream = Stream(
@@ -196,25 +204,24 @@ def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]
         noise=args.noise,
         seed=args.seed,
     )
-    reduced = symmetries(args, stream)
+    reduced = reduction(args, stream)
     stream = stream if reduced is None else stream.reduced(reduced)
     window = StreamWindow(stream, clouds=args.window, fresh=args.fresh, workers=args.workers, colors=args.colors)
     if args.validation is None:
         return window, window.validation(16)
     units = stream.provenance["normalisation"]
-    return window, CloudSet.read(args.validation, "val", colors=args.colors, units=units, symmetries=reduced)
+    return window, CloudSet.read(args.validation, "val", colors=args.colors, units=units, reduction=reduced)
 
 
 def initial(path: Path, shape: Shape, provenance: dict[str, Any]) -> torch.nn.Module:
-    """The network of the model `path`, which must have this shape, these units, and these symmetries or none."""
+    """The network of the model `path`, which must have this shape, these units and these symmetries."""
     model = Model.load(path)
+    if model.provenance.get("reduction") != provenance.get("reduction"):
+        raise InputError(f"{path} learned by other symmetries than these data have: train it with --symmetry none")
     if model.shape != shape:
         raise InputError(f"{path} has the shape {model.shape}, expected {shape}")
     if model.provenance["normalisation"] != provenance["normalisation"]:
         raise InputError(f"{path} is of other units: give it to --normalisation-from too")
-    own = model.provenance.get("symmetries")
-    if own is not None and own != provenance.get("symmetries"):
-        raise InputError(f"{path} knows representatives by symmetries that these data do not have: train it with --symmetry none")
     return model.network
 
 

@@ -1,28 +1,19 @@
-//! A robot's symmetries in what cameras see of it, and data by one representative of each class.
-//!
-//! All images of a condition under a robot's symmetries are one class, and their clouds are images of each other. A network
-//! that learns one representative of each class learns all: a condition is replaced by its class's representative
-//! ([`Symmetries::canonical`]) and its cloud is moved alike, before normalisation; a predicted cloud is moved back. For the
-//! paper's robots, whose three tendons may be permuted, that makes the task six times smaller.
-//!
-//! That holds where cameras see images of the robot as images of each other: where the base in sight is symmetric too, and
-//! the cameras look from all sides. Whether they do is measured ([`Recipe::symmetries`]).
+//! Which of a robot's symmetries its clouds have: measured on views.
 
 use std::fmt;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Loads, Robot, SpecError};
 use tdcr_sim::symmetry::{Symmetries, Symmetry};
 
-use crate::channels::{Channels, DIM};
-use crate::data::{
-    CloudSet, Condition, DataError, Normalisation, Recipe, Sample, Simulator, StreamSpec,
-};
+use super::Reduction;
+use super::reduction::with_values;
+use crate::channels::Channels;
+use crate::data::{Condition, Recipe, Simulator, StreamSpec};
 use crate::metrics::{chamfer, color_error};
 
 /// Conditions whose views are compared.
@@ -33,35 +24,12 @@ const SEED: u64 = 0x5ee;
 
 /// Largest ratio of the distance between an image of a view and the view of the image to that of two views of one robot.
 ///
-/// The paper's ring of 8 cameras is not symmetric under turns by 120 degrees: it gives 1.2 to 1.6, by which a perfect predictor
-/// of representatives scores 1.02 to 1.2 of a perfect predictor (`docs/learning.md` has the table). That is far less than what
-/// the smaller task gains while training is short. Cameras on one side give a multiple.
+/// The paper's ring of 8 cameras is not symmetric under turns by 120 degrees: it gives 1.2 to 1.6 (`docs/learning.md` has the
+/// table). Cameras on one side give a multiple.
 const MOST_FLOORS: f64 = 1.75;
 
-/// Whether a network learns one representative of each class of conditions that a robot's symmetries make alike.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum SymmetryUse {
-    /// Where the clouds have the symmetries.
-    Auto,
-    /// No: it learns every condition.
-    #[default]
-    None,
-}
-
-impl SymmetryUse {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::Auto, Self::None];
-
-    /// Its name in files and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::None => "none",
-        }
-    }
-}
+/// Largest such ratio of views that are taken for the same: what symmetric cameras give, and more than 6 conditions scatter.
+const ALIKE: f64 = 1.1;
 
 /// The symmetries that clouds of a recipe have, and why there are no more.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,8 +38,8 @@ pub struct SeenSymmetries {
     pub symmetries: Symmetries,
     /// What symmetries of the robot were lost to; `None` where none were.
     pub lost: Option<Loss>,
-    /// For each symmetry of robot and base besides the identity: how well its views agree.
-    pub views: Vec<Agreement>,
+    /// Each symmetry of robot and base besides the identity, and how well its views agree.
+    pub views: Vec<(Symmetry, Agreement)>,
 }
 
 /// How well views agree with a symmetry: ratios of distances between images of views and views of images to those of two
@@ -128,14 +96,20 @@ impl fmt::Display for Loss {
     }
 }
 
-/// One line: `6 tendon permutations (3 rotations, 3 reflections)`, or `none, because ...`.
+/// One line: `6 tendon permutations (3 rotations, 3 reflections), seen in 3 views`, or `none, because ...`.
 impl fmt::Display for SeenSymmetries {
     fn fmt(&self, out: &mut fmt::Formatter) -> fmt::Result {
-        match (self.symmetries.is_trivial(), &self.lost) {
-            (true, None) => out.write_str("none"),
-            (true, Some(loss)) => write!(out, "none, because {loss}"),
-            (false, None) => self.symmetries.fmt(out),
-            (false, Some(loss)) => write!(out, "{}, no more because {loss}", self.symmetries),
+        if self.symmetries.is_trivial() {
+            out.write_str("none")?;
+            return match &self.lost {
+                None => Ok(()),
+                Some(loss) => write!(out, ", because {loss}"),
+            };
+        }
+        self.reduction().fmt(out)?;
+        match &self.lost {
+            None => Ok(()),
+            Some(loss) => write!(out, "; no more because {loss}"),
         }
     }
 }
@@ -172,14 +146,12 @@ impl Recipe {
             return Ok(seen);
         };
         let others = seen.symmetries.elements()[1..].iter();
-        let found: Vec<_> = (others.cloned())
-            .map(|symmetry| (views.agreement(&symmetry), symmetry))
-            .collect();
+        let found = others.map(|symmetry| (symmetry.clone(), views.agreement(symmetry)));
+        seen.views = found.collect();
         let positions = |agreement: &Agreement| agreement.positions;
-        seen.require(&found, positions, Loss::Positions);
+        seen.require(positions, Loss::Positions);
         let colors = |agreement: &Agreement| agreement.colors.unwrap_or(0.0);
-        seen.require(&found, colors, Loss::Colors);
-        seen.views = found.into_iter().map(|(agreement, _)| agreement).collect();
+        seen.require(colors, Loss::Colors);
         Ok(seen)
     }
 }
@@ -204,21 +176,33 @@ impl SeenSymmetries {
     }
 
     /// Goes on with those whose views agree, by a ratio of theirs.
-    fn require(
-        &mut self,
-        found: &[(Agreement, Symmetry)],
-        ratio: impl Fn(&Agreement) -> f64,
-        loss: impl Fn(f64) -> Loss,
-    ) {
-        let largest = (found.iter()).fold(0.0, |largest, (one, _)| ratio(one).max(largest));
-        let disagrees = |symmetry: &Symmetry| {
-            let mut same = found.iter().filter(|(_, other)| other.is_alike(symmetry));
-            same.any(|(agreement, _)| ratio(agreement) > MOST_FLOORS)
-        };
+    fn require(&mut self, ratio: impl Fn(&Agreement) -> f64, loss: impl Fn(f64) -> Loss) {
+        let largest = (self.views.iter()).fold(0.0, |largest, (_, one)| ratio(one).max(largest));
+        let views = self.views.clone();
         self.keep(loss(largest), |symmetries| {
-            symmetries.subgroup(|symmetry| !disagrees(symmetry))
+            symmetries.subgroup(|symmetry| agree(&views, symmetry, |one| ratio(one) <= MOST_FLOORS))
         });
     }
+
+    /// How conditions are reduced by them.
+    pub fn reduction(&self) -> Reduction {
+        let same = self.symmetries.subgroup(|symmetry| {
+            agree(&self.views, symmetry, |one| {
+                one.positions <= ALIKE && one.colors.unwrap_or(0.0) <= ALIKE
+            })
+        });
+        Reduction::new(self.symmetries.clone(), &same)
+    }
+}
+
+/// Whether the views of a symmetry agree well enough; the identity's do.
+fn agree(
+    views: &[(Symmetry, Agreement)],
+    symmetry: &Symmetry,
+    enough: impl Fn(&Agreement) -> bool,
+) -> bool {
+    let mut of_symmetry = views.iter().filter(|(other, _)| other.is_alike(symmetry));
+    of_symmetry.all(|(_, agreement)| enough(agreement))
 }
 
 /// Views of a robot under a few conditions.
@@ -325,62 +309,4 @@ fn mean(of: &[Agreement]) -> Agreement {
 /// The image of a condition; its payload stays.
 fn image_of(symmetry: &Symmetry, condition: &Condition) -> Condition {
     with_values(condition, &symmetry.command(&condition.to_vec()))
-}
-
-/// A condition with other values (motors, then the payload if it has one).
-fn with_values(condition: &Condition, values: &[f64]) -> Condition {
-    // They are permuted values of a condition, which are of single precision.
-    let mut values = values.iter().map(|&value| value as f32);
-    Condition {
-        motors: (&mut values).take(condition.motors.len()).collect(),
-        payload: condition.payload,
-    }
-}
-
-/// The representative of a sample's class: its condition and its cloud, moved alike.
-pub fn representative(sample: Sample, symmetries: &Symmetries) -> Sample {
-    if symmetries.is_trivial() {
-        return sample;
-    }
-    let (symmetry, values) = symmetries.canonical(&sample.condition.to_vec());
-    let mut cloud = sample.cloud;
-    symmetry.move_points(&mut cloud.points, 1.0);
-    Sample {
-        condition: with_values(&sample.condition, &values),
-        cloud,
-    }
-}
-
-/// Replaces the clouds of `set`, whose conditions are `conditions`, by the representatives of their classes: conditions,
-/// clouds and the surfaces that flows start from. `units` is the set's normalisation.
-///
-/// # Errors
-/// [`DataError::ConditionLength`] where conditions have another length than the motors of `units`.
-///
-/// # Panics
-/// If there is not one condition for each cloud.
-pub fn to_representatives(
-    set: &mut CloudSet,
-    conditions: &mut [Condition],
-    symmetries: &Symmetries,
-    units: &Normalisation,
-) -> Result<(), DataError> {
-    assert_eq!(set.len(), conditions.len(), "one condition for each cloud");
-    if symmetries.is_trivial() {
-        return Ok(());
-    }
-    let coordinates = DIM * set.points_per_cloud;
-    for (index, condition) in conditions.iter_mut().enumerate() {
-        let (symmetry, values) = symmetries.canonical(&condition.to_vec());
-        *condition = with_values(condition, &values);
-        let normalised = units.condition(&values)?;
-        set.conditions[index * set.condition_dim..][..set.condition_dim]
-            .copy_from_slice(&normalised);
-        let clouds = [Some(&mut set.points), set.starts.as_mut()];
-        for points in clouds.into_iter().flatten() {
-            let points = &mut points[index * coordinates..][..coordinates];
-            symmetry.move_points(points.as_chunks_mut::<DIM>().0, units.scale);
-        }
-    }
-    Ok(())
 }
