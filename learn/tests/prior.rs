@@ -6,6 +6,7 @@ use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::predict::Predictor;
 use tdcr_learn::prior::{Prior, SurfaceError, SurfacePrior};
+use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{Model, Provenance, StreamWindow, Teacher, TrainSettings, Trainer};
 use tdcr_sim::robot::{Cameras, RobotSpec};
 
@@ -122,6 +123,7 @@ fn trained(steps: u64, set: &CloudSet) -> Model {
     let provenance = Provenance {
         subject: None,
         normalisation: normalisation(),
+        reduction: Reduction::default(),
     };
     trainer.model(provenance).expect("a validated run")
 }

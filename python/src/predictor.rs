@@ -141,7 +141,7 @@ impl Predictor {
         let sampler = sampler.settle(&self.model)?;
         let (rows, dim) = (
             conditions.shape()[0],
-            self.model.network.shape().condition_dim(),
+            self.model.provenance.normalisation.motor_min.len(),
         );
         let values = contiguous(&conditions, "conditions", &[rows, dim])?;
         for (row, condition) in values.chunks_exact(dim).enumerate() {

@@ -11,12 +11,12 @@ use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
 use tdcr::learn::net::Channels;
 use tdcr::learn::predict::Prediction;
 use tdcr::learn::train::{Model, Provenance, TrainSettings};
-use tdcr::pipeline::{Length, Preset};
+use tdcr::pipeline::{self, Length, Preset};
 
 use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome, choice};
 use crate::run;
-use crate::stream::text;
+use crate::stream::{read_reduction, text};
 
 /// Conditions (B, D), points (B, N, 3) and, where they are wanted, colours (B, N, 3), and the provenance as JSON.
 type CloudArrays<'py> = (
@@ -69,13 +69,68 @@ pub fn train_settings(changes: &str) -> Outcome<String> {
     text(serde_json::to_string(&settings))
 }
 
-/// A split of a data set in memory, in the units of `normalisation` (JSON) or in its own.
+/// How the clouds of a data set are reduced by the symmetries that they have, with or without their colours, as JSON, and the
+/// same in words, or why there are none.
+#[pyfunction]
+pub fn set_reduction(py: Python<'_>, folder: PathBuf, colors: bool) -> Outcome<(String, String)> {
+    let found = py.detach(|| {
+        let set = DataSet::open(&folder)?;
+        let recipe = set.meta().and_then(|meta| meta.origin.recipe());
+        pipeline::seen_symmetries(recipe, channels(colors)).map_err(Failure::from)
+    })?;
+    Ok((
+        text(serde_json::to_string(&found.reduction()))?,
+        found.to_string(),
+    ))
+}
+
+/// What a network of this provenance (JSON) is told of commands (B, D), and for each the index of the symmetry that leads to its
+/// representative.
+#[pyfunction]
+pub fn reduce<'py>(
+    py: Python<'py>,
+    provenance: &str,
+    commands: PyReadonlyArray2<'py, f64>,
+) -> Outcome<(Bound<'py, PyArray2<f32>>, Vec<usize>)> {
+    let [count, dimension] = *numpy::PyUntypedArrayMethods::shape(&*commands) else {
+        return Err(Failure::input("commands have no two axes"));
+    };
+    let refuse = |problem: String| Failure::input(format!("the provenance: {problem}"));
+    let Provenance {
+        normalisation,
+        reduction,
+        ..
+    } = serde_json::from_str(provenance).map_err(|error| refuse(error.to_string()))?;
+    reduction.check(dimension).map_err(refuse)?;
+    let commands = contiguous(&commands, "commands", &[count, dimension])?;
+    let elements = reduction.symmetries().elements();
+    let (mut conditions, mut which) = (Vec::new(), Vec::new());
+    for command in commands.chunks_exact(dimension.max(1)) {
+        let reduced = reduction.reduce(command, &normalisation)?;
+        let index = elements.iter().position(|one| one == reduced.symmetry);
+        which.push(index.unwrap_or(0));
+        conditions.extend(reduced.condition);
+    }
+    let told = dimension + reduction.view_numbers();
+    Ok((array(py, conditions, [count, told])?, which))
+}
+
+fn channels(colors: bool) -> Channels {
+    match colors {
+        true => Channels::XyzRgb,
+        false => Channels::Xyz,
+    }
+}
+
+/// A split of a data set in memory, in the units of `normalisation` (JSON) or in its own; reduced by `reduction` (JSON), if
+/// there is one.
 #[pyfunction]
 pub fn read_cloud_set<'py>(
     py: Python<'py>,
     folder: PathBuf,
     split: &str,
     normalisation: Option<&str>,
+    reduction: Option<&str>,
     colors: bool,
 ) -> Outcome<CloudArrays<'py>> {
     let splits = Split::ALL.map(|split| (split.folder(), split));
@@ -84,18 +139,18 @@ pub fn read_cloud_set<'py>(
         .map(serde_json::from_str)
         .transpose()
         .map_err(|error| Failure::input(format!("the normalisation: {error}")))?;
-    let channels = match colors {
-        true => Channels::XyzRgb,
-        false => Channels::Xyz,
-    };
     let (provenance, set) = py.detach(|| {
         let set = DataSet::open(&folder)?;
         let units = units.unwrap_or_else(|| set.normalisation().clone());
-        let clouds = set.cloud_set_in(split, &units, channels)?;
+        let reduction = reduction.map(|text| read_reduction(text, units.motor_min.len()));
+        let reduction = reduction.transpose()?.unwrap_or_default();
+        let mut clouds = set.cloud_set_in(split, &units, channels(colors))?;
+        reduction.set(&mut clouds, &mut set.conditions(split)?, &units)?;
         let subject = set.meta().and_then(Meta::subject).cloned();
         let provenance = Provenance {
             subject,
             normalisation: units,
+            reduction,
         };
         Ok::<_, Failure>((provenance, clouds))
     })?;
@@ -125,10 +180,7 @@ pub fn start_noise(
     colors: bool,
     seed: u64,
 ) -> Outcome<Bound<'_, PyArray2<f32>>> {
-    let channels = match colors {
-        true => Channels::XyzRgb,
-        false => Channels::Xyz,
-    };
+    let channels = channels(colors);
     let path = FlowPath {
         prior_deviation,
         prior_cut,

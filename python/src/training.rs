@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use tdcr::learn::data::{Recipe, StreamSpec, Subject};
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::{Channels, ContextShape, Precision};
+use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{self, Preset, StreamSettings, TrainPlan, Trained, TrainingData};
 
@@ -51,8 +52,18 @@ pub struct TrainOptions {
     late_times: Option<f32>,
     prior_cut: Option<f32>,
     surface_prior: Option<Py<Robot>>,
+    symmetry: Option<String>,
     prior_deviation: Option<f32>,
     seed: u64,
+}
+
+/// The use of symmetries of this name.
+pub fn named_symmetry(name: &str) -> Outcome<SymmetryUse> {
+    choice(
+        "symmetry",
+        name,
+        &SymmetryUse::ALL.map(|one| (one.name(), one)),
+    )
 }
 
 /// Sizes of the context network of a hybrid.
@@ -142,6 +153,7 @@ impl TrainOptions {
             late_times: self.late_times,
             prior_cut: self.prior_cut,
             surface_prior: (self.surface_prior.as_ref()).map(|robot| robot.get().0.spec().clone()),
+            symmetry: self.symmetry.as_deref().map(named_symmetry).transpose()?,
             prior_deviation: self.prior_deviation,
             seed: self.seed,
         })

@@ -87,6 +87,7 @@ def train(
     late_times: float | None = None,
     prior_cut: float | None = None,
     surface_prior: Robot | PathLike | dict[str, Any] | None = None,
+    symmetry: Literal["auto", "none"] | None = None,
     prior_deviation: float | None = None,
     init: PathLike | None = None,
     normalisation_from: PathLike | None = None,
@@ -139,6 +140,9 @@ def train(
         prior_cut: Where the noise that the flow starts from is cut off, in its standard deviations; 0: nowhere.
         surface_prior: A robot, or what :class:`tdcr.Robot` makes one of: the flow starts from its simulated surface under the
             same command, not from noise. For a model of the robot that the data show, which needs few samples then.
+        symmetry: ``"auto"`` learns one representative of all commands that the robot's symmetries make alike, such as permuted
+            tendons, where robot, base and cameras have them; ``"none"`` learns every command. By default ``"auto"``, of the
+            preset ``"paper"`` ``"none"``.
         prior_deviation: Standard deviation of the noise that the flow starts from, in units of the data's scale; 0.5 by default,
             0.005 about a simulated surface.
         init: Model file, or run, whose weights the network starts at.
@@ -200,6 +204,7 @@ def train(
         "late_times": maybe_number(late_times, "late_times"),
         "prior_cut": maybe_number(prior_cut, "prior_cut"),
         "surface_prior": None if surface_prior is None else Robot(surface_prior)._native,
+        "symmetry": symmetry,
         "prior_deviation": maybe_number(prior_deviation, "prior_deviation"),
         "seed": as_seed(seed),
     }
@@ -275,6 +280,7 @@ def demo(
     samples: int = 2000,
     steps: int = 5500,
     precision: Precision | None = None,
+    symmetry: Literal["auto", "none"] = "auto",
     seed: int = 0,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -287,6 +293,7 @@ def demo(
         samples: Commands to simulate, split 80/10/10.
         steps: Optimiser steps.
         precision: Operand type of the network's matrix products.
+        symmetry: ``"auto"`` uses the robot's symmetries, ``"none"`` does not: see :func:`train`.
         seed: Seed of everything random.
         progress: Is called with the number of samples made, steps taken and test commands scored since its last call:
             ``samples + steps + samples / 10`` in all.
@@ -302,6 +309,7 @@ def demo(
         "samples": as_count(samples, "samples", 1, MOST),
         "steps": as_count(steps, "steps"),
         "precision": precision,
+        "symmetry": symmetry,
         "seed": as_seed(seed),
     }
     metrics: dict[str, Any] = json.loads(_tdcr.demo(os.fspath(out), options, progress=progress))

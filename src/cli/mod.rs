@@ -52,6 +52,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::Precision;
+use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pages::PageError;
 use tdcr::pipeline::{PipelineError, SamplerPlan};
@@ -406,6 +407,14 @@ fn amount(text: &str) -> Result<usize, String> {
         Ok(number) if (1..=10_000_000).contains(&number) => Ok(number),
         _ => Err("expected a whole number, 1 to 10000000".to_owned()),
     }
+}
+
+/// Parses whether symmetries are used.
+fn symmetry_use() -> impl TypedValueParser<Value = SymmetryUse> {
+    PossibleValuesParser::new(SymmetryUse::ALL.map(SymmetryUse::name)).map(|name| {
+        let named = SymmetryUse::ALL.into_iter().find(|one| one.name() == name);
+        named.expect("one of the possible values")
+    })
 }
 
 /// Parses a finite number above 0.

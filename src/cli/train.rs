@@ -10,6 +10,7 @@ use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::flow::{Coupling, FlowPath};
 use tdcr::learn::net::{Channels, ContextShape, Precision, Processor};
+use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
     Length, Preset, Rates, StreamSettings, TrainPlan, TrainingData, model_path, train,
@@ -87,6 +88,8 @@ pub(super) struct TrainArgs {
     /// noise: for a model of the robot that the data show, which needs few samples then
     #[arg(long, value_name = "ROBOT", conflicts_with = "stream")]
     surface_prior: Option<String>,
+    #[arg(long, value_parser = super::symmetry_use(), help = by_preset("Learn one representative of all commands that the robot's symmetries make alike, such as permuted tendons, where robot, base and cameras have them (auto), or every command (none)", |p| p.symmetry.name()))]
+    symmetry: Option<SymmetryUse>,
     /// Standard deviation of the noise that the flow starts from, in units of the data's scale [default: 0.5; 0.005 about a
     /// simulated surface]
     #[arg(long, value_name = "SIGMA", allow_hyphen_values = true)]
@@ -342,6 +345,7 @@ fn plan(args: &TrainArgs) -> anyhow::Result<TrainPlan> {
             .as_deref()
             .map(super::load_robot)
             .transpose()?,
+        symmetry: args.symmetry,
         prior_deviation: args.prior_deviation,
         seed: args.seed,
     })

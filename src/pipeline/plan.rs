@@ -4,6 +4,7 @@ use tdcr_learn::data::{DataSet, Meta, Origin, Recipe, Split, Subject};
 use tdcr_learn::flow::{Coupling, FlowPath, Method, Sampler, TimeGrid};
 use tdcr_learn::net::{Channels, ContextShape, Precision};
 use tdcr_learn::prior::Prior;
+use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{Optimizer, Target, TrainSettings};
 use tdcr_sim::robot::RobotSpec;
 
@@ -57,6 +58,8 @@ pub struct TrainPlan {
     pub octaves: Option<usize>,
     /// The robot whose simulated surface the flow starts from; noise alone without it.
     pub surface_prior: Option<RobotSpec>,
+    /// Whether it learns representatives of symmetric conditions.
+    pub symmetry: Option<SymmetryUse>,
     /// Standard deviation of the noise that the flow starts from, or of that about the surface, in normalised units.
     pub prior_deviation: Option<f32>,
     /// Seed of weights, noise and subsets.
@@ -90,6 +93,7 @@ impl Default for TrainPlan {
             prior_cut: None,
             octaves: None,
             surface_prior: None,
+            symmetry: None,
             prior_deviation: None,
             seed: 0,
         }
@@ -114,6 +118,7 @@ impl TrainPlan {
             length: self.steps.map_or(self.preset.length, Length::Steps),
             points: self.points.unwrap_or(self.preset.points),
             validate_every: self.validate_every.unwrap_or(self.preset.validate_every),
+            symmetry: self.symmetry.unwrap_or(self.preset.symmetry),
             ..self.preset
         };
         let usual = self.preset.rates[usize::from(self.context.is_some())];

@@ -2,6 +2,7 @@
 
 use tdcr_learn::flow::{FlowPath, Sampler};
 use tdcr_learn::net::Channels;
+use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{Optimizer, Target, TrainSettings};
 
 use super::NetworkSize;
@@ -33,6 +34,8 @@ pub struct Preset {
     pub path: FlowPath,
     /// How gradients move the weights.
     pub optimizer: Optimizer,
+    /// Whether it learns representatives of symmetric conditions.
+    pub symmetry: SymmetryUse,
     /// What differs between the networks: an MLP's, a hybrid's.
     pub rates: [Rates; 2],
 }
@@ -80,6 +83,7 @@ impl Preset {
             sampler: Sampler::DEFAULT,
             path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
+            symmetry: SymmetryUse::Auto,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -95,6 +99,7 @@ impl Preset {
             sampler: Sampler::DEFAULT,
             path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
+            symmetry: SymmetryUse::Auto,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -110,6 +115,7 @@ impl Preset {
             sampler: Sampler::PAPER,
             path: FlowPath::PAPER,
             optimizer: Optimizer::AdamW,
+            symmetry: SymmetryUse::None,
             rates: [
                 Rates {
                     clouds: 8,
@@ -153,6 +159,7 @@ pub fn distillation(teacher: &TrainSettings, sampler: Sampler, steps: u64) -> Tr
         learning_rate: 5e-3,
         warmup_steps: (steps / 10).min(100),
         path: teacher.path,
+        symmetry: teacher.symmetry,
         color_weight: teacher.color_weight,
         sampler,
         target: Target::Steps,
@@ -192,6 +199,7 @@ impl Preset {
             sampler: self.sampler,
             optimizer: self.optimizer,
             path: self.path,
+            symmetry: self.symmetry,
             ..TrainSettings::default()
         }
     }

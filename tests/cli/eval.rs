@@ -88,7 +88,7 @@ fn tables_show_quantiles_and_the_worst_commands() {
         "worst: test",
         "--command 0.0",
         "duality gaps are at most",
-        "of 16 evaluations of the network each",
+        "of 17 evaluations of the network each",
     ] {
         assert!(table.contains(expected), "{expected}\n{table}");
     }

@@ -100,13 +100,13 @@ impl Method {
 
 impl Sampler {
     /// 16 steps of the exponential method on the quadratic grid, as good as 100 evaluations by Heun's, and a last denoising; of
-    /// twenty-one points the most uncertain one is left out.
+    /// fifty-one points the most uncertain one is left out.
     pub const DEFAULT: Self = Self {
         method: Method::Exponential,
         steps: 16,
         grid: TimeGrid::Power(2.0),
-        denoise: Some(0.99),
-        spare: 0.05,
+        denoise: Some(0.995),
+        spare: 0.02,
     };
 
     /// The paper's sampler: 100 equal steps of Heun's method.

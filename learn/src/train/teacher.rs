@@ -11,8 +11,10 @@ use super::error::SettingsError;
 use super::model::Model;
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
+use crate::data::Normalisation;
 use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape};
+use crate::symmetry::Reduction;
 
 /// Fewest steps of a teacher trajectory: more do not make the teacher's own predictions better.
 const TEACHER_STEPS: usize = 16;
@@ -22,13 +24,16 @@ const TEACHER_STEPS: usize = 16;
 /// At the points `X(t_k)` of a teacher trajectory, the student learns the mean velocity
 /// `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` over each step of its own sampler, Euler's method ([`TrainSettings::sampler`]):
 /// with these velocities it follows the trajectory exactly. This is distillation as by Salimans and Ho (ICLR 2022), but to
-/// the final number of steps at once. Conditions are uniform in the teacher's training range; no data are needed.
+/// the final number of steps at once. Conditions are uniform in the teacher's training range, reduced by the symmetries that it
+/// was trained with; no data are needed.
 #[derive(Clone, Debug)]
 pub struct Teacher {
     network: Network,
     path: FlowPath,
     /// [`Sampler::denoise`] of its own predictions.
     denoise: Option<f32>,
+    normalisation: Normalisation,
+    reduction: Reduction,
 }
 
 impl Teacher {
@@ -49,6 +54,8 @@ impl Teacher {
                 network: model.network.clone(),
                 path: model.settings.path,
                 denoise: model.settings.sampler.denoise,
+                normalisation: model.provenance.normalisation.clone(),
+                reduction: model.provenance.reduction.clone(),
             }),
             Target::Steps => Err(SettingsError::new(
                 "the teacher's target",
@@ -115,7 +122,8 @@ impl Teacher {
         samples.targets.resize(settings.clouds * cloud, 0.0);
         let mut rng = rng(settings.seed, Stream::Step(step));
         for points in samples.points.chunks_exact_mut(steps * cloud) {
-            let condition: Vec<f32> = (0..dim).map(|_| rng.random()).collect();
+            let values = dim - self.reduction.view_numbers();
+            let condition = self.reduced((0..values).map(|_| rng.random()).collect());
             samples.conditions.extend(condition.repeat(steps));
             self.path
                 .sample_prior(&mut rng, channels, &mut points[..cloud]);
@@ -140,6 +148,17 @@ impl Teacher {
             denoise: self.denoise,
             ..student
         }
+    }
+
+    /// What the teacher is told of a dimensionless condition.
+    fn reduced(&self, condition: Vec<f32>) -> Vec<f32> {
+        if self.reduction.is_trivial() {
+            return condition;
+        }
+        let command = self.normalisation.command(&condition);
+        let reduced = self.reduction.reduce(&command, &self.normalisation);
+        let reduced = reduced.expect("a condition of the teacher's dimension");
+        reduced.condition
     }
 
     /// One trajectory by the sampler `fine`. `points` `(n, N C)` begins with samples of the prior and receives the points at
@@ -179,6 +198,7 @@ mod tests {
     use super::*;
     use crate::flow::TimeGrid;
     use crate::net::{Channels, MlpShape};
+    use tdcr_sim::symmetry::Symmetries;
 
     /// From the beginning of any step, the remaining steps lead to the end of the teacher trajectory.
     #[test]
@@ -196,7 +216,13 @@ mod tests {
         let teacher = Teacher {
             network,
             path: FlowPath::default(),
-            denoise: Some(0.99),
+            denoise: Some(0.995),
+            normalisation: Normalisation {
+                motor_min: vec![0.0; 2],
+                motor_max: vec![1.0; 2],
+                scale: 1.0,
+            },
+            reduction: Reduction::default(),
         };
         let settings = TrainSettings {
             clouds: 6,
@@ -231,5 +257,54 @@ mod tests {
                 assert!(error.fold(0.0, f32::max) < 1e-5, "way {way} from {start}");
             }
         }
+    }
+
+    /// The teacher knows representatives alone.
+    #[test]
+    fn conditions_are_representatives_where_the_teacher_has_symmetries() {
+        let shape = MlpShape {
+            width: 16,
+            depth: 2,
+            embedding: 8,
+            condition_dim: 4,
+            channels: Channels::Xyz,
+        };
+        let swap = serde_json::json!([
+            {"tendons": [0, 1], "matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "translation": [0.0, 0.0, 0.0]},
+            {"tendons": [1, 0], "matrix": [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "translation": [0.0, 0.0, 0.0]},
+        ]);
+        let symmetries: Symmetries = serde_json::from_value(swap).expect("symmetries");
+        let teacher = Teacher {
+            network: Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape"),
+            path: FlowPath::default(),
+            normalisation: Normalisation {
+                motor_min: vec![0.01, 0.0],
+                motor_max: vec![0.03, 0.04],
+                scale: 0.4,
+            },
+            reduction: Reduction::new(symmetries, &Symmetries::default()),
+        };
+        let settings = TrainSettings {
+            clouds: 64,
+            points: 2,
+            sampler: Sampler {
+                method: Method::Euler,
+                steps: 1,
+                grid: TimeGrid::Uniform,
+            },
+            ..TrainSettings::default()
+        };
+        let mut samples = Samples::default();
+        teacher.draw_batch(&settings, 1, &mut samples);
+        let mut seen = [0; 2];
+        for condition in samples.conditions.as_chunks::<4>().0 {
+            let command = teacher.normalisation.command(&condition[..2]);
+            assert!(command[0] <= command[1] + 1e-9, "{command:?}");
+            let view = [[1.0, 0.0], [0.0, 1.0]]
+                .iter()
+                .position(|one| condition[2..] == *one);
+            seen[view.expect("one view")] += 1;
+        }
+        assert!(seen.iter().all(|&count| count > 10), "{seen:?}");
     }
 }

@@ -84,7 +84,7 @@ MULTISTEP = {
 METHODS = ["heun", *MULTISTEP]
 
 #: Of the default sampler.
-DENOISE, SPARE = 0.99, 0.05
+DENOISE, SPARE = 0.995, 0.02
 
 
 @dataclass(frozen=True)

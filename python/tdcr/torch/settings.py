@@ -37,6 +37,7 @@ class Settings(TypedDict):
     clip_norm: float
     average_decay: float
     path: dict[str, Any]
+    symmetry: str
     color_weight: float
     seed: int
     validate_every: int
