@@ -191,6 +191,7 @@ pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
             metrics.emd_gap, metrics.emd_squared_gap
         ),
     ];
+    notes.extend(metrics.repetition_text());
     notes.extend(tip_note(metrics));
     notes.extend(metrics.uncertainty_text());
     notes
