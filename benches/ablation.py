@@ -32,6 +32,7 @@ ROWS = {
     "exponent-1": ("time exponent 1 (uniform times)", ["--time-exponent", "1"], 1.0),
     "exponent-2": ("time exponent 2", ["--time-exponent", "2"], 1.0),
     "exponent-5": ("time exponent 5", ["--time-exponent", "5"], 1.0),
+    "no-symmetry": ("every command on its own, not one representative of six", ["--symmetry", "none"], 1.0),
     "adamw": ("AdamW", ["--optimizer", "adamw"], 0.97),
     "stream": ("fresh samples from the stream", ["--stream", "2m"], 0.95),
     "colors": ("with colours, weight 0.05 (the paper's)", ["--colors"], 1.0),

@@ -17,7 +17,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use tdcr::learn::data::CloudSet;
-use tdcr::learn::flow::{Method, Sampler, TimeGrid};
+use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::{
     Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, Precision, Processor,
 };
@@ -29,6 +29,7 @@ const MLP: MlpShape = MlpShape {
     depth: 6,
     embedding: 256,
     condition_dim: 6,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 
@@ -42,7 +43,7 @@ const CLOUD: usize = 20_000;
 const SAMPLER: Sampler = Sampler {
     method: Method::Heun,
     steps: 5,
-    grid: TimeGrid::Uniform,
+    ..Sampler::PAPER
 };
 
 /// Rows of a product over points, as many as features of some layers stay in a core's cache for.

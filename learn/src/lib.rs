@@ -11,6 +11,7 @@
 //! use tdcr_learn::flow::Sampler;
 //! use tdcr_learn::metrics::chamfer;
 //! use tdcr_learn::net::{Channels, MlpShape};
+//! use tdcr_learn::symmetry::Reduction;
 //! use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
 //!
 //! // Eight "robots" that are points: command c, in [0, 0.04] m, puts them at x = 10 c.
@@ -19,7 +20,7 @@
 //! let set = CloudSet { condition_dim: 1, points_per_cloud: 16, conditions, points, colors: None, starts: None };
 //! let normalisation = Normalisation { motor_min: vec![0.0], motor_max: vec![0.04], scale: 0.4 };
 //!
-//! let shape = MlpShape { width: 32, depth: 3, embedding: 32, condition_dim: 1, channels: Channels::Xyz };
+//! let shape = MlpShape { width: 32, depth: 3, embedding: 32, condition_dim: 1, octaves: 0, channels: Channels::Xyz };
 //! let settings = TrainSettings {
 //!     steps: 300,
 //!     warmup_steps: 20,
@@ -34,7 +35,7 @@
 //!     trainer.step()?;
 //! }
 //! trainer.validate(&|a, b| chamfer(a, b).unwrap_or(f64::NAN))?;
-//! let provenance = Provenance { subject: None, normalisation };
+//! let provenance = Provenance { subject: None, normalisation, reduction: Reduction::default() };
 //! let model = trainer.model(provenance).expect("just validated");
 //!
 //! let cloud = model.predict(&[0.03], 100, 0, &Sampler::default())?;
@@ -55,6 +56,7 @@
 //! - [`net`]: the velocity networks, explicit layers with hand-derived backward passes.
 //! - [`flow`]: path, prior and flow times; samplers.
 //! - [`prior`]: noise or a simulated surface as the start of the flow.
+//! - [`symmetry`]: a robot's symmetries in its clouds; data by one representative of each class.
 //! - [`predict`]: what turns a condition into a cloud: the trait, and the trivial predictors.
 //! - [`train`]: optimisers, schedule, weight average; models and resumable states on disk; distillation to few evaluations.
 //! - [`lock`]: folders that one process at a time writes to.
@@ -76,6 +78,7 @@ pub mod net;
 mod pool;
 pub mod predict;
 pub mod prior;
+pub mod symmetry;
 pub mod train;
 
 pub use limits::OverLimit;

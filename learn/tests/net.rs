@@ -19,6 +19,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 3,
     embedding: 8,
     condition_dim: 3,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 
@@ -146,6 +147,15 @@ fn every_tensors_gradient_is_the_finite_difference() {
 }
 
 #[test]
+fn fourier_features_have_gradients_too() {
+    assert_gradient_is_the_finite_difference(MlpShape {
+        octaves: 3,
+        channels: Channels::XyzRgb,
+        ..SHAPE
+    });
+}
+
+#[test]
 fn colours_have_velocities_and_a_weight_of_their_own() {
     assert_gradient_is_the_finite_difference(MlpShape {
         channels: Channels::XyzRgb,
@@ -160,6 +170,7 @@ fn gradient_of_many_tiles_and_shares_is_the_finite_difference() {
         depth: 2,
         embedding: 4,
         condition_dim: 2,
+        octaves: 0,
         channels: Channels::Xyz,
     };
     let network = network(shape);
@@ -239,6 +250,7 @@ fn a_fresh_network_starts_as_documented() {
         depth: 3,
         embedding: 32,
         condition_dim: 4,
+        octaves: 0,
         channels: Channels::Xyz,
     };
     let network = Network::new(shape, &mut rng(0)).unwrap();

@@ -20,6 +20,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 4,
     embedding: 24,
     condition_dim: 3,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 

@@ -19,6 +19,7 @@ const HEAD: MlpShape = MlpShape {
     depth: 3,
     embedding: 8,
     condition_dim: 3,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 

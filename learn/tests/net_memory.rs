@@ -22,6 +22,7 @@ const HEAD: MlpShape = MlpShape {
     depth: 3,
     embedding: 16,
     condition_dim: 2,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 

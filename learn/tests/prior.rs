@@ -6,6 +6,7 @@ use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::predict::Predictor;
 use tdcr_learn::prior::{Prior, SurfaceError, SurfacePrior};
+use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{Model, Provenance, StreamWindow, Teacher, TrainSettings, Trainer};
 use tdcr_sim::robot::{Cameras, RobotSpec};
 
@@ -108,6 +109,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 3,
     embedding: 16,
     condition_dim: 6,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 
@@ -121,6 +123,7 @@ fn trained(steps: u64, set: &CloudSet) -> Model {
     let provenance = Provenance {
         subject: None,
         normalisation: normalisation(),
+        reduction: Reduction::default(),
     };
     trainer.model(provenance).expect("a validated run")
 }

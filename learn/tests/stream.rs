@@ -92,6 +92,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 8,
     condition_dim: 6,
+    octaves: 0,
 };
 
 fn window() -> StreamWindow {

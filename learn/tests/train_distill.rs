@@ -16,6 +16,7 @@ const FEW: Sampler = Sampler {
     method: Method::Euler,
     steps: 2,
     grid: TimeGrid::Power(2.0),
+    ..Sampler::PAPER
 };
 
 fn teacher(validation: &CloudSet) -> Model {
@@ -77,6 +78,7 @@ fn a_student_comes_in_two_steps_where_its_teacher_comes_in_many() {
         method: Method::Heun,
         steps: 100,
         grid: TimeGrid::Power(2.0),
+        ..Sampler::PAPER
     };
     let at_first = apart((&teacher, FEW), (&teacher, many));
     let at_last = apart((&student, FEW), (&teacher, many));

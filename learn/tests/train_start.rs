@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 
 use tdcr_learn::data::Normalisation;
-use tdcr_learn::flow::{Method, Sampler, TimeGrid};
+use tdcr_learn::flow::{Method, Sampler};
 use tdcr_learn::net::{MlpShape, Network};
 use tdcr_learn::train::{
     Feed, Model, Provenance, Start, Target, Teacher, TrainSettings, Trainer, TrainingState,
@@ -164,7 +164,7 @@ fn runs_and_models_older_than_couplings_and_starts_are_resumed() {
     let few = Sampler {
         method: Method::Euler,
         steps: 3,
-        grid: TimeGrid::Uniform,
+        ..Sampler::PAPER
     };
     let distillation = TrainSettings {
         sampler: few,

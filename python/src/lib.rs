@@ -111,7 +111,10 @@ mod _tdcr {
     #[pymodule_export]
     use crate::tendon_friction::FrictionPath;
     #[pymodule_export]
-    use crate::torch::{presets, read_cloud_set, start_noise, train_settings, velocities};
+    use crate::torch::{
+        most_certain, presets, read_cloud_set, reduce, set_reduction, start_noise, train_settings,
+        velocities,
+    };
     #[pymodule_export]
     use crate::training::{distill, train};
     #[pymodule_export]

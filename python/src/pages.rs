@@ -11,6 +11,7 @@ use crate::errors::{Failure, Outcome};
 use crate::predictor::named_precision;
 use crate::run;
 use crate::stage::Stage;
+use crate::training::named_symmetry;
 
 /// What `tdcr data info --json` says of the data set in a folder.
 #[pyfunction]
@@ -45,6 +46,7 @@ pub struct DemoOptions {
     samples: usize,
     steps: u64,
     precision: Option<String>,
+    symmetry: String,
     seed: u64,
 }
 
@@ -62,6 +64,7 @@ pub fn demo(
         samples: options.samples,
         steps: options.steps,
         precision: precision.transpose()?,
+        symmetry: named_symmetry(&options.symmetry)?,
         seed: options.seed,
     };
     let made = run::long(py, progress, |watch| {

@@ -33,6 +33,8 @@ pub struct SamplerOptions {
     sampler_steps: Option<usize>,
     sampler_power: Option<f32>,
     sampler_tolerance: Option<f32>,
+    sampler_denoise: Option<f32>,
+    sampler_spare: Option<f32>,
 }
 
 /// What is predicted of each condition, as `tdcr predict` asks for it.
@@ -139,7 +141,7 @@ impl Predictor {
         let sampler = sampler.settle(&self.model)?;
         let (rows, dim) = (
             conditions.shape()[0],
-            self.model.network.shape().condition_dim(),
+            self.model.provenance.normalisation.motor_min.len(),
         );
         let values = contiguous(&conditions, "conditions", &[rows, dim])?;
         for (row, condition) in values.chunks_exact(dim).enumerate() {
@@ -232,6 +234,8 @@ impl SamplerOptions {
             steps: self.sampler_steps,
             power: self.sampler_power,
             tolerance: self.sampler_tolerance,
+            denoise: self.sampler_denoise,
+            spare: self.sampler_spare,
         };
         Ok(plan.settle(&model.settings)?)
     }

@@ -3,6 +3,8 @@
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use tdcr::learn::data::{Normalisation, Recipe, Sample, Simulator, StreamSpec, Subject};
+use tdcr::learn::net::Channels;
+use tdcr::learn::symmetry::Reduction;
 use tdcr::learn::train::Provenance;
 
 use crate::arrays::array;
@@ -25,6 +27,7 @@ type Arrays<'py> = (
 pub struct Stream {
     spec: StreamSpec,
     units: Normalisation,
+    reduction: Reduction,
     simulator: Simulator,
     index: u64,
     stride: u64,
@@ -44,6 +47,7 @@ impl Stream {
         seed: u64,
         index: u64,
         stride: u64,
+        reduction: Option<&str>,
     ) -> Outcome<Self> {
         let recipe = Recipe {
             subject: Subject {
@@ -60,8 +64,11 @@ impl Stream {
             points,
             seed,
         };
+        let units = spec.normalisation()?;
+        let reduction = reduction.map(|text| read_reduction(text, units.motor_min.len()));
         Ok(Self {
-            units: spec.normalisation()?,
+            units,
+            reduction: reduction.transpose()?.unwrap_or_default(),
             simulator: Simulator::new(&robot.0, &spec.recipe),
             spec,
             index,
@@ -85,7 +92,22 @@ impl Stream {
         text(serde_json::to_string(&Provenance {
             subject: Some(self.spec.recipe.subject.clone()),
             normalisation: self.units.clone(),
+            reduction: self.reduction.clone(),
         }))
+    }
+
+    /// How samples are reduced by the symmetries that they have, with or without their colours, as JSON, and the same in words.
+    fn find_reduction(&self, py: Python<'_>, colors: bool) -> Outcome<(String, String)> {
+        let channels = match colors {
+            true => Channels::XyzRgb,
+            false => Channels::Xyz,
+        };
+        let recipe = &self.spec.recipe;
+        let found = py.detach(|| recipe.symmetries(channels))?;
+        Ok((
+            text(serde_json::to_string(&found.reduction()))?,
+            found.to_string(),
+        ))
     }
 
     /// The next sample, in physical units and then in those of the normalisation: condition, points, colours. After one that
@@ -94,8 +116,9 @@ impl Stream {
         let (spec, simulator, index) = (&self.spec, &mut self.simulator, self.index);
         // Past the end of 64 bits it starts over, which no run reaches.
         self.index = self.index.wrapping_add(self.stride);
-        let Sample { condition, cloud } = run::long(py, None, |_| spec.sample(simulator, index))??;
-        let dimensionless = self.units.condition(&condition.to_vec())?;
+        let sample = run::long(py, None, |_| spec.sample(simulator, index))??;
+        let (Sample { condition, cloud }, dimensionless) =
+            self.reduction.sample(sample, &self.units)?;
         let metres = cloud.points.into_flattened();
         let mut normalised = metres.clone();
         self.units.normalise_points(&mut normalised);
@@ -113,6 +136,15 @@ impl Stream {
             arrays(dimensionless, normalised)?,
         ))
     }
+}
+
+/// A reduction from JSON, of conditions of so many values, checked.
+pub fn read_reduction(text: &str, values: usize) -> Outcome<Reduction> {
+    let refuse = |problem: String| Failure::input(format!("the reduction: {problem}"));
+    let reduction: Reduction =
+        serde_json::from_str(text).map_err(|error| refuse(error.to_string()))?;
+    reduction.check(values).map_err(refuse)?;
+    Ok(reduction)
 }
 
 /// JSON that was written.

@@ -3,19 +3,20 @@
 
 use std::path::PathBuf;
 
-use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 use tdcr::learn::data::{CloudSet, DataSet, Meta, Normalisation, Split};
 use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
 use tdcr::learn::net::Channels;
+use tdcr::learn::predict::Prediction;
 use tdcr::learn::train::{Model, Provenance, TrainSettings};
-use tdcr::pipeline::{Length, Preset};
+use tdcr::pipeline::{self, Length, Preset};
 
 use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome, choice};
 use crate::run;
-use crate::stream::text;
+use crate::stream::{read_reduction, text};
 
 /// Conditions (B, D), points (B, N, 3) and, where they are wanted, colours (B, N, 3), and the provenance as JSON.
 type CloudArrays<'py> = (
@@ -49,6 +50,7 @@ pub fn presets() -> Outcome<String> {
             "width": preset.width,
             "depth": preset.depth,
             "embedding": preset.embedding,
+            "octaves": preset.octaves,
             "steps": steps,
             "epochs": epochs,
             "networks": {"mlp": settings(mlp)?, "hybrid": settings(hybrid)?},
@@ -67,13 +69,68 @@ pub fn train_settings(changes: &str) -> Outcome<String> {
     text(serde_json::to_string(&settings))
 }
 
-/// A split of a data set in memory, in the units of `normalisation` (JSON) or in its own.
+/// How the clouds of a data set are reduced by the symmetries that they have, with or without their colours, as JSON, and the
+/// same in words, or why there are none.
+#[pyfunction]
+pub fn set_reduction(py: Python<'_>, folder: PathBuf, colors: bool) -> Outcome<(String, String)> {
+    let found = py.detach(|| {
+        let set = DataSet::open(&folder)?;
+        let recipe = set.meta().and_then(|meta| meta.origin.recipe());
+        pipeline::seen_symmetries(recipe, channels(colors)).map_err(Failure::from)
+    })?;
+    Ok((
+        text(serde_json::to_string(&found.reduction()))?,
+        found.to_string(),
+    ))
+}
+
+/// What a network of this provenance (JSON) is told of commands (B, D), and for each the index of the symmetry that leads to its
+/// representative.
+#[pyfunction]
+pub fn reduce<'py>(
+    py: Python<'py>,
+    provenance: &str,
+    commands: PyReadonlyArray2<'py, f64>,
+) -> Outcome<(Bound<'py, PyArray2<f32>>, Vec<usize>)> {
+    let [count, dimension] = *numpy::PyUntypedArrayMethods::shape(&*commands) else {
+        return Err(Failure::input("commands have no two axes"));
+    };
+    let refuse = |problem: String| Failure::input(format!("the provenance: {problem}"));
+    let Provenance {
+        normalisation,
+        reduction,
+        ..
+    } = serde_json::from_str(provenance).map_err(|error| refuse(error.to_string()))?;
+    reduction.check(dimension).map_err(refuse)?;
+    let commands = contiguous(&commands, "commands", &[count, dimension])?;
+    let elements = reduction.symmetries().elements();
+    let (mut conditions, mut which) = (Vec::new(), Vec::new());
+    for command in commands.chunks_exact(dimension.max(1)) {
+        let reduced = reduction.reduce(command, &normalisation)?;
+        let index = elements.iter().position(|one| one == reduced.symmetry);
+        which.push(index.unwrap_or(0));
+        conditions.extend(reduced.condition);
+    }
+    let told = dimension + reduction.view_numbers();
+    Ok((array(py, conditions, [count, told])?, which))
+}
+
+fn channels(colors: bool) -> Channels {
+    match colors {
+        true => Channels::XyzRgb,
+        false => Channels::Xyz,
+    }
+}
+
+/// A split of a data set in memory, in the units of `normalisation` (JSON) or in its own; reduced by `reduction` (JSON), if
+/// there is one.
 #[pyfunction]
 pub fn read_cloud_set<'py>(
     py: Python<'py>,
     folder: PathBuf,
     split: &str,
     normalisation: Option<&str>,
+    reduction: Option<&str>,
     colors: bool,
 ) -> Outcome<CloudArrays<'py>> {
     let splits = Split::ALL.map(|split| (split.folder(), split));
@@ -82,18 +139,18 @@ pub fn read_cloud_set<'py>(
         .map(serde_json::from_str)
         .transpose()
         .map_err(|error| Failure::input(format!("the normalisation: {error}")))?;
-    let channels = match colors {
-        true => Channels::XyzRgb,
-        false => Channels::Xyz,
-    };
     let (provenance, set) = py.detach(|| {
         let set = DataSet::open(&folder)?;
         let units = units.unwrap_or_else(|| set.normalisation().clone());
-        let clouds = set.cloud_set_in(split, &units, channels)?;
+        let reduction = reduction.map(|text| read_reduction(text, units.motor_min.len()));
+        let reduction = reduction.transpose()?.unwrap_or_default();
+        let mut clouds = set.cloud_set_in(split, &units, channels(colors))?;
+        reduction.set(&mut clouds, &mut set.conditions(split)?, &units)?;
         let subject = set.meta().and_then(Meta::subject).cloned();
         let provenance = Provenance {
             subject,
             normalisation: units,
+            reduction,
         };
         Ok::<_, Failure>((provenance, clouds))
     })?;
@@ -118,21 +175,41 @@ pub fn read_cloud_set<'py>(
 pub fn start_noise(
     py: Python<'_>,
     prior_deviation: f32,
+    prior_cut: Option<f32>,
     points: usize,
     colors: bool,
     seed: u64,
 ) -> Outcome<Bound<'_, PyArray2<f32>>> {
-    let channels = match colors {
-        true => Channels::XyzRgb,
-        false => Channels::Xyz,
-    };
+    let channels = channels(colors);
     let path = FlowPath {
         prior_deviation,
-        ..FlowPath::default()
+        prior_cut,
+        ..FlowPath::PAPER
     };
+    path.check()?;
     let mut rows = vec![0.0; points * channels.count()];
     path.sample_prior(&mut rng(seed, Stream::Sample(0)), channels, &mut rows);
     Ok(array(py, rows, [points, channels.count()])?)
+}
+
+/// Indices of the `count` points of a cloud (N, 3) (m) that lie in the least uncertain places.
+#[pyfunction]
+pub fn most_certain<'py>(
+    py: Python<'py>,
+    points: PyReadonlyArray2<'py, f32>,
+    count: usize,
+) -> Outcome<Bound<'py, PyArray1<usize>>> {
+    let rows = numpy::PyUntypedArrayMethods::shape(&*points)[0];
+    let (points, _) = contiguous(&points, "points", &[rows, 3])?.as_chunks::<3>();
+    let prediction = Prediction {
+        points: points.to_vec(),
+        colors: None,
+        evaluations: 0,
+    };
+    Ok(PyArray1::from_vec(
+        py,
+        py.detach(|| prediction.most_certain(count)),
+    ))
 }
 
 /// Velocities (B, N, C) of the network in the model file `model`, in float32, of points (B, N, C) at flow times (B,) under

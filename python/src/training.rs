@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use tdcr::learn::data::{Recipe, StreamSpec, Subject};
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::{Channels, ContextShape, Precision};
+use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{self, Preset, StreamSettings, TrainPlan, Trained, TrainingData};
 
@@ -33,6 +34,7 @@ pub struct TrainOptions {
     width: Option<usize>,
     depth: Option<usize>,
     embedding: Option<usize>,
+    octaves: Option<usize>,
     context: Option<Context>,
     colors: bool,
     color_weight: Option<f32>,
@@ -47,9 +49,21 @@ pub struct TrainOptions {
     patience: Option<u64>,
     coupling: String,
     time_exponent: f32,
+    late_times: Option<f32>,
+    prior_cut: Option<f32>,
     surface_prior: Option<Py<Robot>>,
+    symmetry: Option<String>,
     prior_deviation: Option<f32>,
     seed: u64,
+}
+
+/// The use of symmetries of this name.
+pub fn named_symmetry(name: &str) -> Outcome<SymmetryUse> {
+    choice(
+        "symmetry",
+        name,
+        &SymmetryUse::ALL.map(|one| (one.name(), one)),
+    )
 }
 
 /// Sizes of the context network of a hybrid.
@@ -118,6 +132,7 @@ impl TrainOptions {
             width: self.width,
             depth: self.depth,
             embedding: self.embedding,
+            octaves: self.octaves,
             context: self.context.as_ref().map(Context::shape),
             channels: match self.colors {
                 true => Channels::XyzRgb,
@@ -135,7 +150,10 @@ impl TrainOptions {
             patience: self.patience,
             coupling: self.coupling.parse()?,
             time_exponent: self.time_exponent,
+            late_times: self.late_times,
+            prior_cut: self.prior_cut,
             surface_prior: (self.surface_prior.as_ref()).map(|robot| robot.get().0.spec().clone()),
+            symmetry: self.symmetry.as_deref().map(named_symmetry).transpose()?,
             prior_deviation: self.prior_deviation,
             seed: self.seed,
         })
@@ -229,6 +247,8 @@ pub fn distill<'py>(
             method: Method::Euler,
             steps: options.evaluations,
             grid: TimeGrid::Power(options.power),
+            denoise: None,
+            ..Sampler::DEFAULT
         };
         let width = teacher.network.shape().width();
         let settings = TrainSettings {

@@ -50,13 +50,16 @@ __all__ = [
     "linearise",
     "merge",
     "merge_study",
+    "most_certain",
     "presets",
     "read_cloud_set",
     "record_background",
+    "reduce",
     "render",
     "rollout_rows",
     "rollout_vjp_rows",
     "save_ply",
+    "set_reduction",
     "set_threads",
     "settle_rows",
     "start_noise",
@@ -566,7 +569,9 @@ class Stream:
         seed: int,
         index: int,
         stride: int,
+        reduction: str | None,
     ) -> Stream: ...
+    def find_reduction(self, colors: bool) -> tuple[str, str]: ...
     @property
     def index(self) -> int: ...
     def spec(self) -> str: ...
@@ -575,10 +580,15 @@ class Stream:
 
 def presets() -> str: ...
 def train_settings(changes: str) -> str: ...
+def set_reduction(folder: str, colors: bool) -> tuple[str, str]: ...
+def reduce(provenance: str, commands: _Floats) -> tuple[NDArray[np.float32], list[int]]: ...
 def read_cloud_set(
-    folder: str, split: str, normalisation: str | None, colors: bool
+    folder: str, split: str, normalisation: str | None, reduction: str | None, colors: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None, str]: ...
-def start_noise(prior_deviation: float, points: int, colors: bool, seed: int) -> NDArray[np.float32]: ...
+def most_certain(points: NDArray[np.float32], count: int) -> NDArray[np.uintp]: ...
+def start_noise(
+    prior_deviation: float, prior_cut: float | None, points: int, colors: bool, seed: int
+) -> NDArray[np.float32]: ...
 def velocities(
     model: str, points: NDArray[np.float32], times: NDArray[np.float32], conditions: NDArray[np.float32]
 ) -> NDArray[np.float32]: ...

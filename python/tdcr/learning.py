@@ -70,6 +70,7 @@ def train(
     width: int | None = None,
     depth: int | None = None,
     embedding: int | None = None,
+    octaves: int | None = None,
     colors: bool = False,
     color_weight: float | None = None,
     steps: int | None = None,
@@ -83,7 +84,10 @@ def train(
     patience: int | None = None,
     coupling: str = "independent",
     time_exponent: float = 3.0,
+    late_times: float | None = None,
+    prior_cut: float | None = None,
     surface_prior: Robot | PathLike | dict[str, Any] | None = None,
+    symmetry: Literal["auto", "none"] | None = None,
     prior_deviation: float | None = None,
     init: PathLike | None = None,
     normalisation_from: PathLike | None = None,
@@ -117,6 +121,7 @@ def train(
         width: Features per layer.
         depth: Layers.
         embedding: Features of the embedding of time and condition.
+        octaves: Octaves of the Fourier features of the points' positions.
         colors: Whether to learn the colours of the points beside their positions.
         color_weight: Weight of the colours' error beside the positions', with ``colors``.
         steps: Optimiser steps.
@@ -131,8 +136,13 @@ def train(
         coupling: How noise is coupled to the points of a cloud: ``"independent"``, or ``"optimal-transport:K"``, matched within
             ``K`` points.
         time_exponent: Flow times are Beta(``time_exponent``, 1): 1 is uniform, above it they are mostly near the data.
+        late_times: Share of the flow times that are drawn near the data instead, with ``1 - t`` log-uniform from 0.003 to 0.15.
+        prior_cut: Where the noise that the flow starts from is cut off, in its standard deviations; 0: nowhere.
         surface_prior: A robot, or what :class:`tdcr.Robot` makes one of: the flow starts from its simulated surface under the
             same command, not from noise. For a model of the robot that the data show, which needs few samples then.
+        symmetry: ``"auto"`` learns one representative of all commands that the robot's symmetries make alike, such as permuted
+            tendons, where robot, base and cameras have them; ``"none"`` learns every command. By default ``"auto"``, of the
+            preset ``"paper"`` ``"none"``.
         prior_deviation: Standard deviation of the noise that the flow starts from, in units of the data's scale; 0.5 by default,
             0.005 about a simulated surface.
         init: Model file, or run, whose weights the network starts at.
@@ -176,6 +186,7 @@ def train(
         "width": maybe_count(width, "width"),
         "depth": maybe_count(depth, "depth"),
         "embedding": maybe_count(embedding, "embedding"),
+        "octaves": maybe_count(octaves, "octaves"),
         "context": None if net == "mlp" else {name: _sizes(value, name) for name, value in shape.items()},
         "colors": bool(colors),
         "color_weight": maybe_number(color_weight, "color_weight"),
@@ -190,7 +201,10 @@ def train(
         "patience": maybe_count(patience, "patience"),
         "coupling": coupling,
         "time_exponent": as_number(time_exponent, "time_exponent"),
+        "late_times": maybe_number(late_times, "late_times"),
+        "prior_cut": maybe_number(prior_cut, "prior_cut"),
         "surface_prior": None if surface_prior is None else Robot(surface_prior)._native,
+        "symmetry": symmetry,
         "prior_deviation": maybe_number(prior_deviation, "prior_deviation"),
         "seed": as_seed(seed),
     }
@@ -264,8 +278,9 @@ def demo(
     out: PathLike = "demo_out",
     *,
     samples: int = 2000,
-    steps: int = 7000,
+    steps: int = 5500,
     precision: Precision | None = None,
+    symmetry: Literal["auto", "none"] = "auto",
     seed: int = 0,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -278,6 +293,7 @@ def demo(
         samples: Commands to simulate, split 80/10/10.
         steps: Optimiser steps.
         precision: Operand type of the network's matrix products.
+        symmetry: ``"auto"`` uses the robot's symmetries, ``"none"`` does not: see :func:`train`.
         seed: Seed of everything random.
         progress: Is called with the number of samples made, steps taken and test commands scored since its last call:
             ``samples + steps + samples / 10`` in all.
@@ -293,6 +309,7 @@ def demo(
         "samples": as_count(samples, "samples", 1, MOST),
         "steps": as_count(steps, "steps"),
         "precision": precision,
+        "symmetry": symmetry,
         "seed": as_seed(seed),
     }
     metrics: dict[str, Any] = json.loads(_tdcr.demo(os.fspath(out), options, progress=progress))

@@ -82,6 +82,8 @@ class Predictor:
         sampler_steps: int | None = None,
         sampler_power: float | None = None,
         sampler_tolerance: float | None = None,
+        sampler_denoise: float | None = None,
+        sampler_spare: float | None = None,
         progress: Progress | None = None,
     ) -> Floats32:
         """Predicts the clouds of the robot under conditions; as ``tdcr predict``.
@@ -94,6 +96,8 @@ class Predictor:
             sampler_steps: Number of steps; with a tolerance the most, 200 by default.
             sampler_power: Exponent ``p`` of the time grid ``1 - (1 - k/n)^p``.
             sampler_tolerance: Adaptive steps with this local error tolerance, relative to the data's extent.
+            sampler_denoise: Flow time, below 1, of a last evaluation that takes the points to the data predicted there; 1: none.
+            sampler_spare: Points that are drawn beyond ``points``, as a share of these; so many of the most uncertain are left out.
             progress: Is called with the number of clouds predicted since its last call, as ``tqdm(total=B).update``.
 
         Returns:
@@ -111,6 +115,8 @@ class Predictor:
             sampler_steps=sampler_steps,
             sampler_power=sampler_power,
             sampler_tolerance=sampler_tolerance,
+            sampler_denoise=sampler_denoise,
+            sampler_spare=sampler_spare,
             progress=progress,
         ).points
 
@@ -126,6 +132,8 @@ class Predictor:
         sampler_steps: int | None = None,
         sampler_power: float | None = None,
         sampler_tolerance: float | None = None,
+        sampler_denoise: float | None = None,
+        sampler_spare: float | None = None,
         progress: Progress | None = None,
     ) -> Prediction:
         """Predicts clouds with all that is known of them.
@@ -141,6 +149,8 @@ class Predictor:
             sampler_steps: Number of steps.
             sampler_power: Exponent of the time grid.
             sampler_tolerance: Tolerance of adaptive steps.
+            sampler_denoise: Flow time of the last denoising; 1: none.
+            sampler_spare: Share of spare points.
             progress: Is called with the number of clouds predicted since its last call.
         """
         rows = as_rows(conditions, "conditions", self.condition_width, self._condition_words())
@@ -148,7 +158,9 @@ class Predictor:
         options = {
             "points": as_count(points, "points", 1, MOST),
             "seed": as_seed(seed),
-            "sampler": sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance),
+            "sampler": sampler_options(
+                sampler, sampler_steps, sampler_power, sampler_tolerance, sampler_denoise, sampler_spare
+            ),
             "prior_samples": as_count(prior_samples, "prior_samples", 1, MOST) if uncertainty else 0,
         }
         return Prediction(*self._native.predict(rows, options, progress=progress))
@@ -272,7 +284,14 @@ def model_file(path: PathLike) -> str:
     return str(file)
 
 
-def sampler_options(method: str | None, steps: int | None, power: float | None, tolerance: float | None) -> dict[str, Any]:
+def sampler_options(
+    method: str | None,
+    steps: int | None,
+    power: float | None,
+    tolerance: float | None,
+    denoise: float | None,
+    spare: float | None,
+) -> dict[str, Any]:
     """Options of a sampler, as the native module takes them."""
     if power is not None and tolerance is not None:
         raise InputError("sampler_power is of a fixed grid and sampler_tolerance of adaptive steps; expected one of them")
@@ -281,4 +300,6 @@ def sampler_options(method: str | None, steps: int | None, power: float | None, 
         "sampler_steps": maybe_count(steps, "sampler_steps"),
         "sampler_power": maybe_number(power, "sampler_power"),
         "sampler_tolerance": maybe_number(tolerance, "sampler_tolerance"),
+        "sampler_denoise": maybe_number(denoise, "sampler_denoise"),
+        "sampler_spare": maybe_number(spare, "sampler_spare"),
     }

@@ -34,6 +34,8 @@ def evaluate(
     sampler_steps: int | None = None,
     sampler_power: float | None = None,
     sampler_tolerance: float | None = None,
+    sampler_denoise: float | None = None,
+    sampler_spare: float | None = None,
     precision: Precision | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -56,6 +58,8 @@ def evaluate(
         sampler_steps: Number of steps.
         sampler_power: Exponent of the time grid.
         sampler_tolerance: Tolerance of adaptive steps.
+        sampler_denoise: Flow time of the last denoising; 1: none.
+        sampler_spare: Share of spare points.
         precision: Operand type of the network's matrix products, of a model that is read.
         progress: Is called with the number of test commands scored since its last call.
 
@@ -81,7 +85,8 @@ def evaluate(
         else:
             predictor = Predictor("run" if model is None else model, precision)
         name = predictor.path
-        scored = (predictor._native, sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance))
+        how = sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance, sampler_denoise, sampler_spare)
+        scored = (predictor._native, how)
     else:
         of_model = {
             "model": model,
@@ -89,6 +94,8 @@ def evaluate(
             "sampler_steps": sampler_steps,
             "sampler_power": sampler_power,
             "sampler_tolerance": sampler_tolerance,
+            "sampler_denoise": sampler_denoise,
+            "sampler_spare": sampler_spare,
             "precision": precision,
         }
         for name, value in of_model.items():

@@ -34,6 +34,7 @@ class Stream(Iterator[Sample]):
         seed: Seed of commands, points and faults.
         start: Index of the first sample.
         stride: From one sample to the next.
+        reduction: How samples are reduced, as :meth:`find_reduction` finds it: each is replaced by its class's representative.
 
     Raises:
         RobotError: If there is no such robot.
@@ -53,6 +54,7 @@ class Stream(Iterator[Sample]):
         seed: int = 0,
         start: int = 0,
         stride: int = 1,
+        reduction: dict[str, Any] | None = None,
     ) -> None:
         own = Robot(robot)
         self._settings: dict[str, Any] = {
@@ -63,6 +65,7 @@ class Stream(Iterator[Sample]):
             "voxel": as_number(voxel, "voxel"),
             "noise": noise,
             "seed": as_seed(seed),
+            "reduction": reduction,
         }
         self._stride = as_count(stride, "stride", 1, LARGEST_INDEX)
         self._native = _tdcr.Stream(
@@ -75,6 +78,7 @@ class Stream(Iterator[Sample]):
             self._settings["seed"],
             as_count(start, "start", 0, LARGEST_INDEX),
             self._stride,
+            None if reduction is None else json.dumps(reduction),
         )
 
     @property
@@ -100,7 +104,8 @@ class Stream(Iterator[Sample]):
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What samples are of, as model files have it: ``subject`` (robot, base and payloads) and ``normalisation``."""
+        """What samples are of, as model files have it: ``subject`` (robot, base and payloads), ``normalisation``, and
+        ``reduction`` where they are reduced."""
         provenance: dict[str, Any] = json.loads(self._native.provenance())
         return provenance
 
@@ -113,6 +118,22 @@ class Stream(Iterator[Sample]):
     def at(self, start: int, stride: int = 1) -> Stream:
         """The same stream from sample ``start`` on, every ``stride``-th sample."""
         return Stream(**self._settings, start=start, stride=stride)
+
+    def find_reduction(self, colors: bool = False) -> tuple[dict[str, Any], str]:
+        """How samples are reduced by the robot's symmetries that they have, with or without their colours, and that in words.
+
+        ``symmetries`` are isometries of space (``matrix``, ``translation`` (m)) that map the robot to itself, with the
+        permutation ``tendons`` of its tendons; the identity is the first. Where cameras see images of the robot not quite alike,
+        ``views`` has the number of each symmetry's view. The words say as well why there are no more.
+        """
+        found, words = self._native.find_reduction(bool(colors))
+        return json.loads(found), words
+
+    def reduced(self, reduction: dict[str, Any]) -> Stream:
+        """The same stream of the representatives of its samples' classes: of all images of a sample under its symmetries, the one
+        whose command is the smallest in lexicographic order. The normalised condition is followed by a 1 for its view among
+        zeros, where there are several."""
+        return Stream(**{**self._settings, "reduction": reduction}, start=self.index, stride=self._stride)
 
     def __next__(self) -> Sample:
         """Makes the next sample.

@@ -36,6 +36,7 @@
 //! - [`geometry`]: shapes and solids, and those that a robot consists of.
 //! - [`chain`]: configurations on SO(3)^n.
 //! - [`statics`]: command to equilibrium, one at a time, along paths, in batches and sweeps.
+//! - [`symmetry`]: isometries that map a robot to itself, and what they do to its commands.
 //! - [`tendon_friction`]: paths of equilibria with friction between tendons and holes.
 //! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
 //! - [`curve`]: the backbone between the discs; [`reactions`]: what the joints transmit.
@@ -79,6 +80,7 @@ pub mod sensitivity;
 pub mod simulation;
 mod solve;
 pub mod statics;
+pub mod symmetry;
 mod tendon;
 pub mod tendon_friction;
 

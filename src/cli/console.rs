@@ -206,6 +206,9 @@ impl Monitor for Console {
     }
 
     fn note(&self, text: &str) {
+        if self.stage.lock().is_ok_and(|stage| stage.is_none()) {
+            tracing::info!("{text}");
+        }
         self.with_stage(|running| {
             running.bar.set_message(text.to_owned());
             if let Bars::Lines = self.bars {

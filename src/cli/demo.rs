@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::pages::{DemoSettings, demo, headline};
 
 use super::console::Console;
@@ -25,6 +26,9 @@ pub(super) struct DemoArgs {
     steps: u64,
     #[command(flatten)]
     precision: PrecisionArgs,
+    /// Use the robot's symmetries where its clouds have them (auto), or not (none)
+    #[arg(long, default_value = DemoSettings::default().symmetry.name(), value_parser = super::symmetry_use())]
+    symmetry: SymmetryUse,
     /// Seed of everything random
     #[arg(long, default_value_t = DemoSettings::default().seed)]
     seed: u64,
@@ -36,6 +40,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> anyhow::Result<()> {
         samples: args.samples,
         steps: args.steps,
         precision: args.precision.precision,
+        symmetry: args.symmetry,
         seed: args.seed,
     };
     let made = demo(&settings, &args.out, console)?;

@@ -63,6 +63,8 @@ pub(super) fn run(args: &DistillArgs, console: &Console) -> anyhow::Result<()> {
         method: Method::Euler,
         steps: args.evaluations,
         grid: TimeGrid::Power(args.power),
+        denoise: None,
+        ..Sampler::DEFAULT
     };
     let settings = TrainSettings {
         seed: args.seed,

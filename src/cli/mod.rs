@@ -52,6 +52,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::Precision;
+use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pages::PageError;
 use tdcr::pipeline::{PipelineError, SamplerPlan};
@@ -159,6 +160,14 @@ struct SamplerArgs {
     /// exponential3)
     #[arg(long, value_name = "TOL", conflicts_with = "sampler_power")]
     sampler_tolerance: Option<f32>,
+    /// Flow time T, below 1, of a last evaluation that takes the points to the data predicted there; 1: no such evaluation
+    /// [default: the model's own]
+    #[arg(long, value_name = "T")]
+    sampler_denoise: Option<f32>,
+    /// Points to draw beyond those asked for, as a share of these; so many of the most uncertain are left out [default: the
+    /// model's own]
+    #[arg(long, value_name = "SHARE")]
+    sampler_spare: Option<f32>,
 }
 
 impl SamplerArgs {
@@ -169,6 +178,8 @@ impl SamplerArgs {
             steps: self.sampler_steps,
             power: self.sampler_power,
             tolerance: self.sampler_tolerance,
+            denoise: self.sampler_denoise,
+            spare: self.sampler_spare,
         };
         Ok(plan.settle(settings)?)
     }
@@ -396,6 +407,14 @@ fn amount(text: &str) -> Result<usize, String> {
         Ok(number) if (1..=10_000_000).contains(&number) => Ok(number),
         _ => Err("expected a whole number, 1 to 10000000".to_owned()),
     }
+}
+
+/// Parses whether symmetries are used.
+fn symmetry_use() -> impl TypedValueParser<Value = SymmetryUse> {
+    PossibleValuesParser::new(SymmetryUse::ALL.map(SymmetryUse::name)).map(|name| {
+        let named = SymmetryUse::ALL.into_iter().find(|one| one.name() == name);
+        named.expect("one of the possible values")
+    })
 }
 
 /// Parses a finite number above 0.

@@ -10,6 +10,7 @@ use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::flow::{Coupling, FlowPath};
 use tdcr::learn::net::{Channels, ContextShape, Precision, Processor};
+use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
     Length, Preset, Rates, StreamSettings, TrainPlan, TrainingData, model_path, train,
@@ -43,6 +44,8 @@ pub(super) struct TrainArgs {
     depth: Option<usize>,
     #[arg(long, value_name = "N", help = by_preset("Features of the embedding of time and command", |p| p.embedding))]
     embedding: Option<usize>,
+    #[arg(long, value_name = "N", help = by_preset("Octaves of the Fourier features of the points' positions", |p| p.octaves))]
+    octaves: Option<usize>,
     /// Learn the colours of the points beside their positions
     #[arg(long)]
     colors: bool,
@@ -77,10 +80,16 @@ pub(super) struct TrainArgs {
     /// Flow times are Beta(ALPHA, 1): 1 is uniform, above it they are mostly near the data
     #[arg(long, default_value_t = FlowPath::default().time_exponent, value_name = "ALPHA", allow_hyphen_values = true)]
     time_exponent: f32,
+    #[arg(long, value_name = "SHARE", allow_hyphen_values = true, help = by_preset("Share of the flow times that are drawn near the data instead, with 1 - t log-uniform from 0.003 to 0.15", |p| p.path.late_times))]
+    late_times: Option<f32>,
+    #[arg(long, value_name = "R", allow_hyphen_values = true, help = by_preset("Where the noise that the flow starts from is cut off, in its standard deviations; 0: nowhere", |p| p.path.prior_cut.unwrap_or(0.0)))]
+    prior_cut: Option<f32>,
     /// Start the flow from the simulated surface of this robot (as `tdcr collect --robot`) under the same command, not from
     /// noise: for a model of the robot that the data show, which needs few samples then
     #[arg(long, value_name = "ROBOT", conflicts_with = "stream")]
     surface_prior: Option<String>,
+    #[arg(long, value_parser = super::symmetry_use(), help = by_preset("Learn one representative of all commands that the robot's symmetries make alike, such as permuted tendons, where robot, base and cameras have them (auto), or every command (none)", |p| p.symmetry.name()))]
+    symmetry: Option<SymmetryUse>,
     /// Standard deviation of the noise that the flow starts from, in units of the data's scale [default: 0.5; 0.005 about a
     /// simulated surface]
     #[arg(long, value_name = "SIGMA", allow_hyphen_values = true)]
@@ -328,11 +337,15 @@ fn plan(args: &TrainArgs) -> anyhow::Result<TrainPlan> {
         patience: args.patience,
         coupling: args.coupling,
         time_exponent: args.time_exponent,
+        late_times: args.late_times,
+        prior_cut: args.prior_cut,
+        octaves: args.octaves,
         surface_prior: args
             .surface_prior
             .as_deref()
             .map(super::load_robot)
             .transpose()?,
+        symmetry: args.symmetry,
         prior_deviation: args.prior_deviation,
         seed: args.seed,
     })

@@ -9,6 +9,7 @@ use serde::Serialize;
 use tdcr_learn::data::{DataSet, Split, split_indices};
 use tdcr_learn::flow::Sampler;
 use tdcr_learn::net::Precision;
+use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{FlowPredictor, TrainSettings};
 
 use super::{PageError, evaluation as page, write};
@@ -27,6 +28,8 @@ pub struct DemoSettings {
     pub steps: u64,
     /// Operand type of the network's matrix products; the fastest by default.
     pub precision: Option<Precision>,
+    /// Whether the network learns representatives of symmetric conditions.
+    pub symmetry: SymmetryUse,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -35,8 +38,9 @@ impl Default for DemoSettings {
     fn default() -> Self {
         Self {
             samples: 2000,
-            steps: 7000,
+            steps: 5500,
             precision: None,
+            symmetry: PRESET.symmetry,
             seed: 0,
         }
     }
@@ -97,6 +101,7 @@ pub fn demo(settings: &DemoSettings, out: &Path, monitor: &dyn Monitor) -> Resul
         validate_every: (settings.steps / 12).max(1),
         seed: settings.seed,
         precision,
+        symmetry: settings.symmetry,
         ..PRESET.settings(PRESET.rates[0], settings.steps)
     };
     let trained = clock.time("train", || {

@@ -191,6 +191,7 @@ pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
             metrics.emd_gap, metrics.emd_squared_gap
         ),
     ];
+    notes.extend(metrics.repetition_text());
     notes.extend(tip_note(metrics));
     notes.extend(metrics.uncertainty_text());
     notes
@@ -287,6 +288,8 @@ pub(super) fn sampler_text(sampler: &Sampler) -> String {
         method,
         steps,
         grid,
+        denoise,
+        spare,
     } = sampler;
     let steps = match grid {
         TimeGrid::Uniform => format!("{steps} equal steps"),
@@ -294,5 +297,10 @@ pub(super) fn sampler_text(sampler: &Sampler) -> String {
         TimeGrid::Adaptive(tolerance) => format!("at most {steps} steps, tolerance {tolerance}"),
         _ => format!("at most {steps} steps"),
     };
-    format!("{}, {steps}", method.name())
+    let denoise = denoise.map_or(String::new(), |t| format!(", denoised at {t}"));
+    let spare = match spare {
+        0.0 => String::new(),
+        spare => format!(", {} % spare points", 100.0 * spare),
+    };
+    format!("{}, {steps}{denoise}{spare}", method.name())
 }

@@ -1,5 +1,6 @@
 //! From predictors to their scores, beside those of trivial predictors and the sampling floor.
 
+use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -27,6 +28,20 @@ use super::{Monitor, PipelineError};
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
 const JOURNAL_FORMAT: u32 = 11;
+
+/// Points of a test cloud and distinct ones of them, means.
+fn true_points(test: &[Sample]) -> [f64; 2] {
+    let distinct = |sample: &Sample| {
+        let points = sample.cloud.points.iter();
+        let keys: HashSet<_> = points.map(|point| point.map(f32::to_bits)).collect();
+        keys.len()
+    };
+    let mean = |count: usize| count as f64 / test.len() as f64;
+    [
+        mean(test.iter().map(|sample| sample.cloud.len()).sum()),
+        mean(test.par_iter().map(distinct).sum()),
+    ]
+}
 
 /// Key and name of each reference, in the order of the rows.
 const REFERENCES: [(&str, &str); 2] = [
@@ -351,6 +366,7 @@ impl Evaluator {
         Ok(Evaluation {
             rows: self.rows(),
             per_test,
+            true_points: true_points(&self.test),
         })
     }
 

@@ -63,6 +63,10 @@ pub struct Metrics {
     pub evaluations: Option<f64>,
     /// Test commands.
     pub tests: usize,
+    /// Points of a test cloud; mean.
+    pub true_points: f64,
+    /// How many of these are distinct; mean. Fewer where clouds were filled up by repetition.
+    pub distinct_true_points: f64,
     /// Points of each cloud that the Chamfer distance is computed on.
     pub points: usize,
     /// The same of the earth mover's distances.
@@ -140,12 +144,24 @@ impl Metrics {
             uncertainty_rank_commands: evaluation.uncertainty_rank_correlation(),
             evaluations: model.map(|_| *evaluations),
             tests: evaluation.per_test.len(),
+            true_points: evaluation.true_points[0],
+            distinct_true_points: evaluation.true_points[1],
             points: settings.points,
             emd_points: settings.emd_points,
             precision: model.map(|model| model.network.precision()),
             training_precision: model.map(|model| model.settings.precision),
             others: others(evaluation, &mean),
         }
+    }
+
+    /// Where test clouds repeat points, how many are distinct.
+    pub fn repetition_text(&self) -> Option<String> {
+        (self.distinct_true_points < self.true_points).then(|| {
+            format!(
+                "Of the {:.0} points of a test cloud, {:.0} are distinct on average: the others repeat them.",
+                self.true_points, self.distinct_true_points
+            )
+        })
     }
 
     /// How uncertain the network is, and how well that tells its errors.

@@ -27,6 +27,7 @@ mod scores;
 mod simulation;
 mod subject;
 mod survey;
+mod symmetry;
 mod tip;
 mod train;
 
@@ -46,6 +47,7 @@ pub use preset::{Length, Preset, Rates, distillation};
 pub(crate) use probe::{Probe, Probed};
 pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
 pub use survey::{Survey, Tips};
+pub use symmetry::seen_symmetries;
 pub use tip::seen_tip;
 pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, model_path, train};
 

@@ -8,7 +8,7 @@ pub trait Monitor: Sync {
     /// `steps` more steps are done.
     fn advance(&self, steps: u64);
 
-    /// Something worth showing beside the progress, e.g. the latest score.
+    /// Something worth showing beside the progress, e.g. the latest score; between two stages, on its own.
     fn note(&self, text: &str);
 
     /// The present state, shown until the next status or [`Self::note`]; too frequent for a log.

@@ -4,6 +4,7 @@ use tdcr_learn::data::{DataSet, Meta, Origin, Recipe, Split, Subject};
 use tdcr_learn::flow::{Coupling, FlowPath, Method, Sampler, TimeGrid};
 use tdcr_learn::net::{Channels, ContextShape, Precision};
 use tdcr_learn::prior::Prior;
+use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{Optimizer, Target, TrainSettings};
 use tdcr_sim::robot::RobotSpec;
 
@@ -49,8 +50,16 @@ pub struct TrainPlan {
     pub coupling: Coupling,
     /// Flow times are Beta(`time_exponent`, 1).
     pub time_exponent: f32,
+    /// Share of flow times near the data ([`FlowPath::late_times`]).
+    pub late_times: Option<f32>,
+    /// Where the prior is cut, in its deviations ([`FlowPath::prior_cut`]); 0 for nowhere.
+    pub prior_cut: Option<f32>,
+    /// Octaves of the positions' Fourier features ([`MlpShape::octaves`](tdcr_learn::net::MlpShape::octaves)).
+    pub octaves: Option<usize>,
     /// The robot whose simulated surface the flow starts from; noise alone without it.
     pub surface_prior: Option<RobotSpec>,
+    /// Whether it learns representatives of symmetric conditions.
+    pub symmetry: Option<SymmetryUse>,
     /// Standard deviation of the noise that the flow starts from, or of that about the surface, in normalised units.
     pub prior_deviation: Option<f32>,
     /// Seed of weights, noise and subsets.
@@ -80,7 +89,11 @@ impl Default for TrainPlan {
             patience: None,
             coupling: path.coupling,
             time_exponent: path.time_exponent,
+            late_times: None,
+            prior_cut: None,
+            octaves: None,
             surface_prior: None,
+            symmetry: None,
             prior_deviation: None,
             seed: 0,
         }
@@ -101,9 +114,11 @@ impl TrainPlan {
             width: self.width.unwrap_or(self.preset.width),
             depth: self.depth.unwrap_or(self.preset.depth),
             embedding: self.embedding.unwrap_or(self.preset.embedding),
+            octaves: self.octaves.unwrap_or(self.preset.octaves),
             length: self.steps.map_or(self.preset.length, Length::Steps),
             points: self.points.unwrap_or(self.preset.points),
             validate_every: self.validate_every.unwrap_or(self.preset.validate_every),
+            symmetry: self.symmetry.unwrap_or(self.preset.symmetry),
             ..self.preset
         };
         let usual = self.preset.rates[usize::from(self.context.is_some())];
@@ -136,6 +151,15 @@ impl TrainPlan {
                     Some(_) => Prior::SURFACE_DEVIATION,
                 }),
                 time_exponent: self.time_exponent,
+                late_times: self.late_times.unwrap_or(match self.surface_prior {
+                    None => preset.path.late_times,
+                    Some(_) => FlowPath::PAPER.late_times,
+                }),
+                prior_cut: match self.prior_cut {
+                    None => preset.path.prior_cut,
+                    Some(0.0) => None,
+                    cut => cut,
+                },
                 coupling: self.coupling,
             },
             prior: self.prior(data)?,
@@ -191,6 +215,10 @@ pub struct SamplerPlan {
     pub power: Option<f32>,
     /// Adaptive steps of this tolerance, in place of a grid.
     pub tolerance: Option<f32>,
+    /// Flow time of the last denoising; 1 for none.
+    pub denoise: Option<f32>,
+    /// Share of points that are drawn beyond those asked for.
+    pub spare: Option<f32>,
 }
 
 impl SamplerPlan {
@@ -215,6 +243,12 @@ impl SamplerPlan {
                 (None, Some(power)) => TimeGrid::Power(power),
                 (None, None) => own.grid,
             },
+            denoise: match self.denoise {
+                None => own.denoise,
+                Some(1.0) => None,
+                denoise => denoise,
+            },
+            spare: self.spare.unwrap_or(own.spare),
         };
         sampler.check()?;
         match settings.target == Target::Velocity || sampler == own {

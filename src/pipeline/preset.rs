@@ -1,7 +1,8 @@
 //! Networks and settings of training that fit together.
 
-use tdcr_learn::flow::Sampler;
+use tdcr_learn::flow::{FlowPath, Sampler};
 use tdcr_learn::net::Channels;
+use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{Optimizer, Target, TrainSettings};
 
 use super::NetworkSize;
@@ -19,6 +20,8 @@ pub struct Preset {
     pub depth: usize,
     /// Features of the embedding of time and condition.
     pub embedding: usize,
+    /// Octaves of the positions' Fourier features.
+    pub octaves: usize,
     /// How long the run is.
     pub length: Length,
     /// Points per cloud and step, or all of a cloud where it has fewer.
@@ -27,8 +30,12 @@ pub struct Preset {
     pub validate_every: u64,
     /// Sampler of the validation's predictions.
     pub sampler: Sampler,
+    /// Prior and flow times.
+    pub path: FlowPath,
     /// How gradients move the weights.
     pub optimizer: Optimizer,
+    /// Whether it learns representatives of symmetric conditions.
+    pub symmetry: SymmetryUse,
     /// What differs between the networks: an MLP's, a hybrid's.
     pub rates: [Rates; 2],
 }
@@ -55,7 +62,7 @@ pub enum Length {
 
 /// Many clouds of few points and a high rate: learns a small network fast on a CPU.
 const FEW_POINTS: Rates = Rates {
-    clouds: 64,
+    clouds: 128,
     learning_rate: 2e-2,
     warmup_steps: 500,
 };
@@ -69,11 +76,14 @@ impl Preset {
             width: 96,
             depth: 6,
             embedding: 128,
-            length: Length::Steps(7000),
-            points: 256,
-            validate_every: 700,
+            octaves: 6,
+            length: Length::Steps(5500),
+            points: 128,
+            validate_every: 550,
             sampler: Sampler::DEFAULT,
+            path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
+            symmetry: SymmetryUse::Auto,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -82,11 +92,14 @@ impl Preset {
             width: 128,
             depth: 6,
             embedding: 128,
+            octaves: 6,
             length: Length::Steps(20_000),
-            points: 256,
+            points: 128,
             validate_every: 2000,
             sampler: Sampler::DEFAULT,
+            path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
+            symmetry: SymmetryUse::Auto,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -95,11 +108,14 @@ impl Preset {
             width: 512,
             depth: 6,
             embedding: 256,
+            octaves: 0,
             length: Length::Epochs(500),
             points: 20_000,
             validate_every: 5000,
             sampler: Sampler::PAPER,
+            path: FlowPath::PAPER,
             optimizer: Optimizer::AdamW,
+            symmetry: SymmetryUse::None,
             rates: [
                 Rates {
                     clouds: 8,
@@ -143,6 +159,7 @@ pub fn distillation(teacher: &TrainSettings, sampler: Sampler, steps: u64) -> Tr
         learning_rate: 5e-3,
         warmup_steps: (steps / 10).min(100),
         path: teacher.path,
+        symmetry: teacher.symmetry,
         color_weight: teacher.color_weight,
         sampler,
         target: Target::Steps,
@@ -164,6 +181,7 @@ impl Preset {
             width: self.width,
             depth: self.depth,
             embedding: self.embedding,
+            octaves: self.octaves,
             context: None,
             channels: Channels::Xyz,
         }
@@ -180,6 +198,8 @@ impl Preset {
             validate_every: self.validate_every,
             sampler: self.sampler,
             optimizer: self.optimizer,
+            path: self.path,
+            symmetry: self.symmetry,
             ..TrainSettings::default()
         }
     }

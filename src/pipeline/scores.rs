@@ -74,6 +74,9 @@ pub struct Evaluation {
     pub rows: Vec<Row>,
     /// Scores by index in the test split; at least one.
     pub per_test: Vec<Scores>,
+    /// Points of a test cloud, and how many of them are distinct: means over the test commands. Clouds of data sets that take
+    /// fewer points from the cameras than they are to have are filled up by repetition.
+    pub true_points: [f64; 2],
 }
 
 /// Quantiles of values, in the unit of the values.
@@ -309,6 +312,7 @@ mod tests {
         Evaluation {
             rows: ["network", "nearest", "floor"].map(row).into(),
             per_test: cds.iter().map(scores).collect(),
+            true_points: [10.0, 9.5],
         }
     }
 

@@ -2,10 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use tdcr_learn::data::{CloudSet, Condition, DataSet, Meta, Normalisation, Split, StreamSpec};
+use tdcr_learn::data::{
+    CloudSet, Condition, DataSet, Meta, Normalisation, Recipe, Split, StreamSpec,
+};
 use tdcr_learn::metrics::chamfer;
 use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape};
 use tdcr_learn::prior::{Prior, SurfaceError, SurfacePrior};
+use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{
     Feed, Model, Provenance, Start, StreamWindow, Teacher, TrainError, TrainSettings, Trainer,
     TrainingState,
@@ -14,6 +17,7 @@ use tdcr_learn::train::{
 use super::log::RunLog;
 use super::preset::Preset;
 use super::subject::require_same;
+use super::symmetry::{reduced, reduction};
 use super::{Divergence, Monitor, PipelineError, lock_folder};
 
 /// Steps between two words on the loss.
@@ -28,6 +32,8 @@ pub struct NetworkSize {
     pub depth: usize,
     /// Features of the embedding of time and condition.
     pub embedding: usize,
+    /// Octaves of the positions' Fourier features.
+    pub octaves: usize,
     /// The context network of a hybrid; none makes an MLP.
     pub context: Option<ContextShape>,
     /// What points consist of.
@@ -49,6 +55,7 @@ impl NetworkSize {
             depth: self.depth,
             embedding: self.embedding,
             condition_dim,
+            octaves: self.octaves,
             channels: self.channels,
         };
         match self.context {
@@ -167,7 +174,13 @@ pub fn distill(
         require_same(subject, found)?;
     }
     let channels = teacher.network.shape().channels();
-    let validation = set.cloud_set_in(Split::Val, &provenance.normalisation, channels)?;
+    let (validation, _) = reduced(
+        &set,
+        Split::Val,
+        &provenance.normalisation,
+        channels,
+        &provenance.reduction,
+    )?;
     let precise = teacher.clone().with_precision(settings.precision);
     let precise = precise.map_err(TrainError::from)?;
     let training = Teacher::new(&precise).map_err(TrainError::from)?;
@@ -199,18 +212,31 @@ impl Run<'_> {
     ) -> Result<Trained, PipelineError> {
         let set = DataSet::open(dir)?;
         let units = units.unwrap_or(set.normalisation());
+        let recipe = set.meta().and_then(|meta| meta.origin.recipe());
+        let reduction = self.reduction(recipe, size.channels, initial)?;
         let read = |split| -> Result<CloudSet, PipelineError> {
-            let clouds = set.cloud_set_in(split, units, size.channels)?;
-            let starts = self.starts(&clouds, &set.conditions(split)?, units)?;
+            let (clouds, conditions) = reduced(&set, split, units, size.channels, &reduction)?;
+            let starts = self.starts(&clouds, &conditions, units)?;
             Ok(CloudSet { starts, ..clouds })
         };
         let (training, validation) = (read(Split::Train)?, read(Split::Val)?);
         let provenance = Provenance {
             subject: set.meta().and_then(|meta| meta.subject().cloned()),
             normalisation: units.clone(),
+            reduction,
         };
         let start = start(initial, size.shape(training.condition_dim), &provenance)?;
         self.on(Feed::from(&training), &validation, start, provenance)
+    }
+
+    /// How clouds of `recipe`, where they are simulated, are reduced.
+    fn reduction(
+        &self,
+        recipe: Option<&Recipe>,
+        channels: Channels,
+        initial: Option<&Model>,
+    ) -> Result<Reduction, PipelineError> {
+        reduction(self.settings, recipe, channels, initial, self.monitor)
     }
 
     /// What the flow to each point of `clouds` under `conditions` starts from, where the prior is a surface.
@@ -254,19 +280,24 @@ impl Run<'_> {
             rayon::current_num_threads(),
             size.channels,
         )?;
-        let subject = &stream.spec.recipe.subject;
+        let recipe = &stream.spec.recipe;
+        let reduction = self.reduction(Some(recipe), size.channels, initial)?;
+        let window = window.with_reduction(reduction.clone());
+        let subject = &recipe.subject;
         let validation = match &stream.validation {
             None => window.validation(self.settings.validation_clouds)?,
             Some(dir) => {
                 let set = DataSet::open(dir)?;
                 let found = set.meta().and_then(Meta::subject);
                 found.map_or(Ok(()), |found| require_same(subject, found))?;
-                set.cloud_set_in(Split::Val, window.normalisation(), size.channels)?
+                let units = window.normalisation();
+                reduced(&set, Split::Val, units, size.channels, &reduction)?.0
             }
         };
         let provenance = Provenance {
             subject: Some(subject.clone()),
             normalisation: window.normalisation().clone(),
+            reduction,
         };
         let training = Feed::Stream(Box::new(window));
         let start = start(initial, size.shape(training.condition_dim()), &provenance)?;

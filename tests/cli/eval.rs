@@ -79,6 +79,23 @@ fn the_matchings_behind_the_scores_are_proven_optimal() {
 }
 
 #[test]
+fn clouds_that_repeat_points_say_how_many_are_distinct() {
+    let said = |options: &[&str]| {
+        let (_folder, arguments) = trained(options);
+        let scored = succeed_json(&with(&arguments, &[]));
+        let table = succeed(&with(&arguments, &["--quiet"]));
+        let [all, distinct] =
+            ["true_points", "distinct_true_points"].map(|key| number(&scored[key]));
+        assert_eq!(all, 400.0);
+        (distinct, table.contains("are distinct on average"))
+    };
+    assert_eq!(said(&[]), (400.0, false));
+    // The robot's surface in voxels of 3 cm.
+    let (distinct, told) = said(&["--voxel", "0.03"]);
+    assert!(told && (10.0..200.0).contains(&distinct), "{distinct}");
+}
+
+#[test]
 fn tables_show_quantiles_and_the_worst_commands() {
     let (_folder, arguments) = trained(&[]);
     let table = succeed(&with(&arguments, &["--quiet", "--worst", "1"]));
@@ -88,7 +105,7 @@ fn tables_show_quantiles_and_the_worst_commands() {
         "worst: test",
         "--command 0.0",
         "duality gaps are at most",
-        "of 16 evaluations of the network each",
+        "of 17 evaluations of the network each",
     ] {
         assert!(table.contains(expected), "{expected}\n{table}");
     }

@@ -34,6 +34,7 @@ mod start;
 mod statics;
 mod study;
 mod study_outputs;
+mod symmetry;
 mod training;
 mod units;
 

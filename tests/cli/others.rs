@@ -75,6 +75,8 @@ fn anyones_clouds_are_scored_with_the_table_of_a_networks() {
         "cd_perfect",
         "emd_floor",
         "tests",
+        "true_points",
+        "distinct_true_points",
     ] {
         assert_eq!(scored[key], network[key], "{key}");
     }

@@ -302,11 +302,12 @@ fn a_tolerance_lays_the_steps_of_a_prediction() {
         let predicted = predict(&model, &[&files, options].concat());
         predicted["evaluations"].as_u64().unwrap()
     };
-    assert_eq!(evaluations(&[]), 16);
+    assert_eq!(evaluations(&[]), 17);
+    assert_eq!(evaluations(&["--sampler-denoise", "1"]), 16);
     let [coarse, fine] = ["1e-2", "1e-4"].map(|t| evaluations(&["--sampler-tolerance", t]));
     assert!((2..fine).contains(&coarse), "{coarse}, {fine}");
     let few = ["--sampler-tolerance", "1e-4", "--sampler-steps", "7"];
-    assert_eq!(evaluations(&few), 7);
+    assert_eq!(evaluations(&few), 8);
 
     let refused = |options: &[&str], code: i32, expected: &str| {
         let arguments = ["predict", "--model", &model];
@@ -319,6 +320,16 @@ fn a_tolerance_lays_the_steps_of_a_prediction() {
         &["--sampler-tolerance", "0"],
         1,
         "sampler tolerance is 0, expected 1e-6 to 1",
+    );
+    refused(
+        &["--sampler-denoise", "1.5"],
+        1,
+        "sampler denoising time is 1.5, expected 0 to below 1",
+    );
+    refused(
+        &["--sampler-spare", "2"],
+        1,
+        "sampler spare points is 2, expected a share, 0 to 1",
     );
     let both = ["--sampler-tolerance", "0.01", "--sampler-power", "2"];
     refused(&both, 2, "cannot be used with");

@@ -118,11 +118,15 @@ fn coupling_and_flow_times_are_the_users_and_wrong_ones_are_named() {
     };
     path(
         &[],
-        r#""coupling":"independent","prior_deviation":0.5,"time_exponent":3.0"#,
+        r#""coupling":"independent","late_times":0.5,"prior_cut":2.5,"prior_deviation":0.5,"time_exponent":3.0"#,
     );
     path(
-        &["--coupling", "optimal-transport:7", "--time-exponent", "1"],
-        r#""coupling":{"optimal-transport":{"batch":7}},"prior_deviation":0.5,"time_exponent":1.0"#,
+        &[
+            &["--coupling", "optimal-transport:7", "--time-exponent", "1"][..],
+            &["--late-times", "0", "--prior-cut", "0"],
+        ]
+        .concat(),
+        r#""coupling":{"optimal-transport":{"batch":7}},"late_times":0.0,"prior_cut":null,"prior_deviation":0.5,"time_exponent":1.0"#,
     );
     path(
         &["--coupling", "optimal-transport"],
@@ -154,6 +158,17 @@ fn coupling_and_flow_times_are_the_users_and_wrong_ones_are_named() {
         1,
         "time_exponent is 0, expected a positive number",
     );
+    refused(
+        &["--late-times", "2"],
+        1,
+        "late_times is 2, expected a share, 0 to 1",
+    );
+    refused(
+        &["--prior-cut", "0.5"],
+        1,
+        "prior_cut is 0.5, expected 1 or more deviations",
+    );
+    refused(&["--octaves", "13"], 1, "octaves is 13, expected 0 to 12");
     refused(
         &["--time-exponent", "-1"],
         1,

@@ -13,6 +13,7 @@ use tdcr::hw::dynamixel::{Answers, Backup, ErrorByte, Instruction, PacketId, Res
 use tdcr::hw::servo::ServoId;
 use tdcr::learn::data::{CloudSet, Normalisation, Subject};
 use tdcr::learn::net::{Channels, MlpShape, Network};
+use tdcr::learn::symmetry::Reduction;
 use tdcr::learn::train::{Model, Provenance, TrainSettings, Trainer};
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::RobotSpec;
@@ -376,6 +377,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 4,
     condition_dim: 6,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 
@@ -391,6 +393,7 @@ fn provenance() -> Provenance {
             motor_max: vec![0.04; 6],
             scale: 0.4,
         },
+        reduction: Reduction::default(),
     }
 }
 

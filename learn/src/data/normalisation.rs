@@ -78,6 +78,13 @@ impl Normalisation {
         Ok(self.normalise(command.iter().copied()).collect())
     }
 
+    /// The command (m) that a dimensionless condition of length `D` stands for.
+    pub(crate) fn command(&self, condition: &[f32]) -> Vec<f64> {
+        zip(condition, zip(&self.motor_min, &self.motor_max))
+            .map(|(&value, (min, max))| min + f64::from(value) * divisor(*min, *max))
+            .collect()
+    }
+
     /// Refuses conditions of another length.
     pub(super) fn require_length(&self, found: usize) -> Result<(), DataError> {
         match self.motor_min.len() {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use rand::Rng;
+use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid};
@@ -231,6 +231,31 @@ impl Simulator {
             });
         }
         Ok(union.sample_or_pad(points, rng))
+    }
+
+    /// All points that the cameras see of the robot under a condition, faults included, with pixels and voxels in random
+    /// phases. The phases are left displaced.
+    ///
+    /// # Errors
+    /// As [`cloud`](Self::cloud).
+    pub(crate) fn view(
+        &mut self,
+        condition: &Condition,
+        rng: &mut impl Rng,
+    ) -> Result<PointCloud, SimulateError> {
+        self.displace(rng);
+        self.settle(condition)?;
+        let equilibrium = self.settler.equilibrium();
+        let seen = match &self.sensor {
+            None => self.observer.observe(equilibrium),
+            Some(sensor) => self.observer.measure(equilibrium, sensor, rng.random(), 0),
+        };
+        if seen.is_empty() {
+            return Err(SimulateError::NotSeen {
+                condition: condition.values().collect(),
+            });
+        }
+        Ok(seen)
     }
 
     /// Settles the robot and draws points of what `look` sees.

@@ -13,7 +13,7 @@ use tdcr_sim::robot::{Robot, SpecError};
 
 use super::conditions::{rng, uniform};
 use super::simulator::{Recipe, SimulateError, Simulator};
-use super::{Normalisation, Sample};
+use super::{Condition, Normalisation, Sample};
 
 /// What the samples of a stream are functions of, with their index.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -131,9 +131,14 @@ impl StreamSpec {
     /// # Errors
     /// As [`Simulator::sample`].
     pub fn sample(&self, simulator: &mut Simulator, index: u64) -> Result<Sample, SimulateError> {
-        let payload = self.recipe.subject.payload;
-        let condition = uniform(simulator.robot(), payload, &mut rng(self.seed, index));
+        let condition = self.condition(simulator.robot(), index);
         simulator.sample(condition, self.points, self.seed, index)
+    }
+
+    /// The condition of sample `index`; `robot` is compiled from the recipe's.
+    pub(crate) fn condition(&self, robot: &Robot, index: u64) -> Condition {
+        let payload = self.recipe.subject.payload;
+        uniform(robot, payload, &mut rng(self.seed, index))
     }
 
     /// A normalisation that holds for every sample of the stream without looking at any: commands and payloads by their

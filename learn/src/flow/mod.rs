@@ -11,7 +11,7 @@ mod time_grid;
 
 pub use coupling::Coupling;
 pub use error::FlowError;
-pub use path::FlowPath;
+pub use path::{FlowPath, LATE_TIMES};
 pub use random::{Stream, rng};
 pub use sampler::{Method, Sampler, VelocityField};
 pub use time_grid::TimeGrid;

@@ -35,10 +35,68 @@ impl Prediction {
         surface_spread(&self.points, &pool).ok()
     }
 
+    /// Indices, in order, of the `count` points that lie in the least uncertain places; of all where there are no more, of the
+    /// first where there are too few to tell.
+    pub fn most_certain(&self, count: usize) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.points.len()).collect();
+        if self.points.len() > count
+            && let Some(uncertainty) = self.uncertainty(&[])
+        {
+            order.sort_by(|&a, &b| uncertainty[a].total_cmp(&uncertainty[b]));
+        }
+        order.truncate(count);
+        order.sort_unstable();
+        order
+    }
+
+    /// Its points `which`.
+    pub(crate) fn keep(self, which: &[usize]) -> Self {
+        Self {
+            points: which.iter().map(|&k| self.points[k]).collect(),
+            colors: (self.colors).map(|colors| which.iter().map(|&k| colors[k]).collect()),
+            evaluations: self.evaluations,
+        }
+    }
+
     /// The cloud; points without colours of their own get `color`.
     pub fn into_cloud(self, color: [u8; 3]) -> PointCloud {
         let Self { points, colors, .. } = self;
         let colors = colors.unwrap_or_else(|| vec![color; points.len()]);
         PointCloud { points, colors }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_off_the_surface_are_left_out_first() {
+        // A plane of 20 x 20 points, and five points above it, one after each 80.
+        let plane = (0..400).map(|k| [(k % 20) as f32 * 0.001, (k / 20) as f32 * 0.001, 0.0]);
+        let mut points: Vec<[f32; 3]> = plane.collect();
+        for k in 0..5 {
+            points.insert(81 * k + 40, [0.01, 0.002 + 0.003 * k as f32, 0.002]);
+        }
+        let colors = (0..405).map(|k| [k as u8, (k / 256) as u8, 0]).collect();
+        let prediction = Prediction {
+            points,
+            colors: Some(colors),
+            evaluations: 7,
+        };
+        // Of those near the outliers some are uncertain as well; the outliers are the most so.
+        let which = prediction.most_certain(380);
+        let kept = prediction.clone().keep(&which);
+        assert_eq!((kept.points.len(), kept.evaluations), (380, 7));
+        assert!(kept.points.iter().all(|point| point[2] == 0.0));
+        // Points keep their colours and their order.
+        let index = |color: &[u8; 3]| usize::from(color[0]) + 256 * usize::from(color[1]);
+        let kept_colors = kept.colors.expect("colours");
+        let order: Vec<usize> = kept_colors.iter().map(index).collect();
+        assert!(order.is_sorted());
+        for (point, k) in kept.points.iter().zip(order) {
+            assert_eq!(*point, prediction.points[k]);
+        }
+        assert_eq!(prediction.most_certain(405), (0..405).collect::<Vec<_>>());
     }
 }

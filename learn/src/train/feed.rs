@@ -12,6 +12,7 @@ use crate::channels::{Channels, DIM};
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
 use crate::hash::hash;
 use crate::net::NetworkShape;
+use crate::symmetry::Reduction;
 
 /// Samples that a stream's threads may be ahead of the run.
 const AHEAD: usize = 32;
@@ -37,6 +38,7 @@ pub struct StreamWindow {
     fresh: usize,
     threads: usize,
     normalisation: Normalisation,
+    reduction: Reduction,
     /// Sample `i` is in place `i mod clouds`.
     set: CloudSet,
     clouds: usize,
@@ -91,7 +93,11 @@ impl Feed<'_> {
             Self::Set(set) => fingerprint(set),
             Self::Stream(window) => {
                 let key = (&window.spec, window.clouds, window.fresh);
-                let json = serde_json::to_string(&key).expect("plain values serialise");
+                let mut json = serde_json::to_string(&key).expect("plain values serialise");
+                if !window.reduction.is_trivial() {
+                    json +=
+                        &serde_json::to_string(&window.reduction).expect("plain values serialise");
+                }
                 hash(json.bytes().map(u32::from))
             }
             Self::Teacher(teacher) => start::fingerprint(teacher.network()),
@@ -120,9 +126,34 @@ impl StreamWindow {
             fresh: fresh.max(1),
             threads,
             normalisation,
+            reduction: Reduction::default(),
             clouds,
             stream: None,
         })
+    }
+
+    /// The same of samples that are reduced by `reduction`, which is of the stream's recipe.
+    #[must_use]
+    pub fn with_reduction(self, reduction: Reduction) -> Self {
+        let condition_dim = self.normalisation.motor_min.len() + reduction.view_numbers();
+        let set = blank(
+            self.clouds,
+            condition_dim,
+            self.spec.points,
+            self.channels(),
+        );
+        Self {
+            set,
+            reduction,
+            ..self
+        }
+    }
+
+    fn channels(&self) -> Channels {
+        match self.set.colors {
+            None => Channels::Xyz,
+            Some(_) => Channels::XyzRgb,
+        }
     }
 
     /// The normalisation of the clouds: [`StreamSpec::normalisation`].
@@ -135,14 +166,22 @@ impl StreamWindow {
     /// # Errors
     /// [`TrainError::Data`] where a sample cannot be made.
     pub fn validation(&self, clouds: usize) -> Result<CloudSet, TrainError> {
-        let channels = match self.set.colors {
-            None => Channels::Xyz,
-            Some(_) => Channels::XyzRgb,
-        };
-        let mut set = blank(clouds, self.set.condition_dim, self.spec.points, channels);
+        let mut set = blank(
+            clouds,
+            self.set.condition_dim,
+            self.spec.points,
+            self.channels(),
+        );
         let mut stream = self.open(1 << 62)?;
         for place in 0..clouds {
-            put(&mut set, place, next(&mut stream)?, &self.normalisation)?;
+            let sample = next(&mut stream)?;
+            put(
+                &mut set,
+                place,
+                sample,
+                &self.normalisation,
+                &self.reduction,
+            )?;
         }
         Ok(set)
     }
@@ -160,11 +199,13 @@ impl StreamWindow {
         };
         while index < first + self.clouds as u64 {
             let place = (index % self.clouds as u64) as usize;
+            let sample = next(&mut stream)?;
             put(
                 &mut self.set,
                 place,
-                next(&mut stream)?,
+                sample,
                 &self.normalisation,
+                &self.reduction,
             )?;
             index += 1;
         }
@@ -202,16 +243,15 @@ fn refuse(error: impl ToString) -> TrainError {
     }
 }
 
-/// Puts a sample, normalised, in a place of a set.
+/// Puts a sample, reduced and normalised, in a place of a set.
 fn put(
     set: &mut CloudSet,
     place: usize,
     sample: Sample,
     normalisation: &Normalisation,
+    reduction: &Reduction,
 ) -> Result<(), TrainError> {
-    let condition = normalisation
-        .condition(&sample.condition.to_vec())
-        .map_err(refuse)?;
+    let (sample, condition) = reduction.sample(sample, normalisation).map_err(refuse)?;
     set.conditions[place * set.condition_dim..][..set.condition_dim].copy_from_slice(&condition);
     let stride = set.points_per_cloud * DIM;
     let points = &mut set.points[place * stride..][..stride];

@@ -43,6 +43,8 @@ impl Predictor for FlowPredictor {
             Prior::Gaussian => None,
             prior => Some(("prior".to_owned(), prior.fingerprint())),
         };
+        let symmetries = (!provenance.reduction.is_trivial())
+            .then(|| ("symmetry".to_owned(), provenance.reduction.to_string()));
         About {
             key: "network".to_owned(),
             name: "network".to_owned(),
@@ -51,7 +53,7 @@ impl Predictor for FlowPredictor {
                 _ => "a network that carries the simulated surface to the robot's",
             }
             .to_owned(),
-            made_from: facts.into_iter().chain(prior).collect(),
+            made_from: facts.into_iter().chain(prior).chain(symmetries).collect(),
             subject: provenance.subject.clone(),
             colors: network.shape().channels() == Channels::XyzRgb,
             training: TrainingCost {

@@ -14,6 +14,7 @@ use crate::flow::{Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape, NetworkShapeError, Precision};
 use crate::predict::{PredictError, Prediction};
 use crate::prior::{Prior, SurfaceError, SurfacePrior, start_from};
+use crate::symmetry::Reduction;
 
 /// What a network was trained on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,6 +24,10 @@ pub struct Provenance {
     pub subject: Option<Subject>,
     /// The data set's normalisation.
     pub normalisation: Normalisation,
+    /// How its conditions and clouds are reduced, before normalisation, to one representative of each class; not in older
+    /// files, which do not say.
+    #[serde(default, skip_serializing_if = "Reduction::is_trivial")]
+    pub reduction: Reduction,
 }
 
 /// A trained shape predictor.
@@ -56,7 +61,7 @@ impl Model {
     /// its last value is the payload (kg).
     ///
     /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts
-    /// from is a function of `seed`. Commands outside the training range are extrapolated, without any guarantee.
+    /// from is a function of `seed`. Where the sampler draws spare points, the most uncertain ones are left out. Commands outside the training range are extrapolated, without any guarantee.
     ///
     /// # Errors
     /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity, and where
@@ -68,7 +73,13 @@ impl Model {
         seed: u64,
         sampler: &Sampler,
     ) -> Result<Prediction, PredictError> {
-        let condition = self.provenance.normalisation.condition(command)?;
+        let Provenance {
+            normalisation,
+            reduction,
+            ..
+        } = &self.provenance;
+        // The network knows one representative of each class of commands: its cloud is moved back.
+        let reduced = reduction.reduce(command, normalisation)?;
         if let Some(index) = command.iter().position(|value| !value.is_finite()) {
             return Err(PredictError::NotFinite {
                 index,
@@ -76,24 +87,30 @@ impl Model {
             });
         }
         let channels = self.network.shape().channels();
-        let mut rows = vec![0.0; points * channels.count()];
+        let drawn = sampler.drawn(points);
+        let mut rows = vec![0.0; drawn * channels.count()];
         let rng = &mut rng(seed, Stream::Sample(0));
-        let surface = self.surface(command, points, rng)?;
+        let surface = self.surface(&reduced.values, drawn, rng)?;
         self.settings.path.sample_prior(rng, channels, &mut rows);
         if let Some(surface) = surface {
-            let all: Vec<_> = (0..points).collect();
+            let all: Vec<_> = (0..drawn).collect();
             start_from(&surface, &all, channels, &mut rows);
         }
-        let evaluations = sampler.integrate(&self.network, &condition, &mut rows);
-        let mut points = positions(&rows, channels);
-        let components = points.as_flattened_mut();
-        self.provenance.normalisation.denormalise_points(components);
-        self.require_cloud(command, &points, &rows)?;
-        Ok(Prediction {
-            points,
+        let evaluations = sampler.integrate(&self.network, &reduced.condition, &mut rows);
+        let mut positions = positions(&rows, channels);
+        let components = positions.as_flattened_mut();
+        normalisation.denormalise_points(components);
+        if !reduction.is_trivial() {
+            reduced.symmetry.inverse().move_points(&mut positions, 1.0);
+        }
+        self.require_cloud(command, &positions, &rows)?;
+        let prediction = Prediction {
+            points: positions,
             colors: colors(&rows, channels),
             evaluations,
-        })
+        };
+        let certain = prediction.most_certain(points);
+        Ok(prediction.keep(&certain))
     }
 
     /// Points of the simulated surface under `command`, in normalised units, where the flow starts from one.
@@ -228,12 +245,14 @@ pub(super) fn check_header(
     settings.check().map_err(FileProblem::header)?;
     let normalisation = &provenance.normalisation;
     let motors = [&normalisation.motor_min, &normalisation.motor_max].map(Vec::len);
-    if motors != [shape.condition_dim(); 2] {
+    (provenance.reduction.check(motors[0])).map_err(FileProblem::header)?;
+    let views = provenance.reduction.view_numbers();
+    if motors[0] != motors[1] || motors[0] + views != shape.condition_dim() {
         return Err(FileProblem::header(format!(
             "{} minima and {} maxima of the motors, expected {} each",
             motors[0],
             motors[1],
-            shape.condition_dim()
+            shape.condition_dim().saturating_sub(views)
         )));
     }
     normalisation.check_motors().map_err(FileProblem::header)?;

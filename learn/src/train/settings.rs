@@ -6,6 +6,7 @@ use super::optimizer::Optimizer;
 use crate::flow::{FlowPath, Sampler};
 use crate::net::Precision;
 use crate::prior::Prior;
+use crate::symmetry::SymmetryUse;
 
 /// The paper's weight of the colours' error (Eq. rgb_loss_tdcr): `lambda_rgb`.
 const COLOR_WEIGHT: f32 = 0.05;
@@ -50,6 +51,11 @@ pub struct TrainSettings {
     /// Where the flow starts; noise alone in older files, which do not say.
     #[serde(skip_serializing_if = "Prior::is_gaussian")]
     pub prior: Prior,
+    /// Whether the data are reduced to representatives before they come to a [`Trainer`](super::Trainer), as the command line
+    /// does by default; by which symmetries, if any, stands in [`Provenance`](super::Provenance). No in older files, which do
+    /// not say.
+    #[serde(default)]
+    pub symmetry: SymmetryUse,
     /// Weight of the colours' loss beside the positions'; without effect on networks without colours.
     pub color_weight: f32,
     /// Seed of everything random in the run.
@@ -73,10 +79,10 @@ pub struct TrainSettings {
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
-            steps: 7000,
+            steps: 5500,
             earlier: Vec::new(),
-            clouds: 64,
-            points: 256,
+            clouds: 128,
+            points: 128,
             optimizer: Optimizer::MUON,
             precision: Precision::Float32,
             learning_rate: 2e-2,
@@ -87,9 +93,10 @@ impl Default for TrainSettings {
             average_decay: 0.999,
             path: FlowPath::default(),
             prior: Prior::Gaussian,
+            symmetry: SymmetryUse::Auto,
             color_weight: COLOR_WEIGHT,
             seed: 0,
-            validate_every: 700,
+            validate_every: 550,
             validation_clouds: 16,
             validation_points: 2048,
             sampler: Sampler::default(),

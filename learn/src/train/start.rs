@@ -1,6 +1,6 @@
 //! Initial weights of a run.
 
-use super::difference::require_same;
+use super::difference::{Difference, require_same};
 use super::error::TrainError;
 use super::model::{Model, Provenance};
 use super::settings::Target;
@@ -46,15 +46,26 @@ impl<'a> Start<'a> {
     /// The weights of `model`, for a run of a network of `shape` on data of `provenance`.
     ///
     /// # Errors
-    /// [`TrainError::OtherStart`] where the model has another shape, was distilled, or was trained on data of another
-    /// normalisation, in which the same numbers mean other commands and points. Subjects are not compared.
+    /// [`TrainError::OtherStart`] where the model has another shape, was distilled, was trained on data of another
+    /// normalisation, in which the same numbers mean other commands and points, or on representatives by other symmetries
+    /// than those of the data, so that it knows nothing of other commands. Subjects are not compared.
     pub fn at(
         model: &'a Model,
         shape: NetworkShape,
         provenance: &Provenance,
     ) -> Result<Self, TrainError> {
         let of_model = &model.provenance.normalisation;
-        require_same("shape", &model.network.shape(), &shape)
+        let (by_model, by_data) = (&model.provenance.reduction, &provenance.reduction);
+        let reduced = match by_model.suits(by_data) {
+            true => Ok(()),
+            false => Err(Difference {
+                what: "symmetry".to_owned(),
+                found: by_model.to_string(),
+                expected: format!("the data's {by_data}"),
+            }),
+        };
+        reduced
+            .and_then(|()| require_same("shape", &model.network.shape(), &shape))
             .and_then(|()| require_same("normalisation", of_model, &provenance.normalisation))
             .and_then(|()| require_same("target", &model.settings.target, &Target::Velocity))
             .map_err(TrainError::other_start)?;

@@ -11,8 +11,10 @@ use super::error::SettingsError;
 use super::model::Model;
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
+use crate::data::Normalisation;
 use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape};
+use crate::symmetry::Reduction;
 
 /// Fewest steps of a teacher trajectory: more do not make the teacher's own predictions better.
 const TEACHER_STEPS: usize = 16;
@@ -22,11 +24,16 @@ const TEACHER_STEPS: usize = 16;
 /// At the points `X(t_k)` of a teacher trajectory, the student learns the mean velocity
 /// `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` over each step of its own sampler, Euler's method ([`TrainSettings::sampler`]):
 /// with these velocities it follows the trajectory exactly. This is distillation as by Salimans and Ho (ICLR 2022), but to
-/// the final number of steps at once. Conditions are uniform in the teacher's training range; no data are needed.
+/// the final number of steps at once. Conditions are uniform in the teacher's training range, reduced by the symmetries that it
+/// was trained with; no data are needed.
 #[derive(Clone, Debug)]
 pub struct Teacher {
     network: Network,
     path: FlowPath,
+    /// [`Sampler::denoise`] of its own predictions.
+    denoise: Option<f32>,
+    normalisation: Normalisation,
+    reduction: Reduction,
 }
 
 impl Teacher {
@@ -46,6 +53,9 @@ impl Teacher {
             Target::Velocity => Ok(Self {
                 network: model.network.clone(),
                 path: model.settings.path,
+                denoise: model.settings.sampler.denoise,
+                normalisation: model.provenance.normalisation.clone(),
+                reduction: model.provenance.reduction.clone(),
             }),
             Target::Steps => Err(SettingsError::new(
                 "the teacher's target",
@@ -112,12 +122,13 @@ impl Teacher {
         samples.targets.resize(settings.clouds * cloud, 0.0);
         let mut rng = rng(settings.seed, Stream::Step(step));
         for points in samples.points.chunks_exact_mut(steps * cloud) {
-            let condition: Vec<f32> = (0..dim).map(|_| rng.random()).collect();
+            let values = dim - self.reduction.view_numbers();
+            let condition = self.reduced((0..values).map(|_| rng.random()).collect());
             samples.conditions.extend(condition.repeat(steps));
             self.path
                 .sample_prior(&mut rng, channels, &mut points[..cloud]);
         }
-        let fine = fine(settings.sampler);
+        let fine = self.sampler(settings.sampler);
         let conditions = samples.conditions.par_chunks_exact(steps * dim);
         let trajectories = samples.points.par_chunks_exact_mut(steps * cloud);
         let trajectories = trajectories.zip(samples.targets.par_chunks_exact_mut(steps * cloud));
@@ -126,6 +137,28 @@ impl Teacher {
             .for_each(|((points, targets), condition)| {
                 self.walk(&fine, &condition[..dim], &times, points, targets);
             });
+    }
+
+    /// The teacher's sampler for a student's: on its grid, through all the times at which its steps end; and a denoising, which
+    /// the student's last step includes.
+    fn sampler(&self, student: Sampler) -> Sampler {
+        Sampler {
+            method: Method::Exponential,
+            steps: student.steps * TEACHER_STEPS.div_ceil(student.steps),
+            denoise: self.denoise,
+            ..student
+        }
+    }
+
+    /// What the teacher is told of a dimensionless condition.
+    fn reduced(&self, condition: Vec<f32>) -> Vec<f32> {
+        if self.reduction.is_trivial() {
+            return condition;
+        }
+        let command = self.normalisation.command(&condition);
+        let reduced = self.reduction.reduce(&command, &self.normalisation);
+        let reduced = reduced.expect("a condition of the teacher's dimension");
+        reduced.condition
     }
 
     /// One trajectory by the sampler `fine`. `points` `(n, N C)` begins with samples of the prior and receives the points at
@@ -160,20 +193,12 @@ impl Teacher {
     }
 }
 
-/// The teacher's sampler: on the student's grid, and through all the times at which the student's steps end.
-fn fine(student: Sampler) -> Sampler {
-    Sampler {
-        method: Method::Exponential,
-        steps: student.steps * TEACHER_STEPS.div_ceil(student.steps),
-        grid: student.grid,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::flow::TimeGrid;
     use crate::net::{Channels, MlpShape};
+    use tdcr_sim::symmetry::Symmetries;
 
     /// From the beginning of any step, the remaining steps lead to the end of the teacher trajectory.
     #[test]
@@ -183,6 +208,7 @@ mod tests {
             depth: 2,
             embedding: 8,
             condition_dim: 2,
+            octaves: 0,
             channels: Channels::Xyz,
         };
         let network = Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape");
@@ -190,6 +216,13 @@ mod tests {
         let teacher = Teacher {
             network,
             path: FlowPath::default(),
+            denoise: Some(0.995),
+            normalisation: Normalisation {
+                motor_min: vec![0.0; 2],
+                motor_max: vec![1.0; 2],
+                scale: 1.0,
+            },
+            reduction: Reduction::default(),
         };
         let settings = TrainSettings {
             clouds: 6,
@@ -198,6 +231,7 @@ mod tests {
                 method: Method::Euler,
                 steps: 3,
                 grid,
+                ..Sampler::PAPER
             },
             ..TrainSettings::default()
         };
@@ -209,7 +243,8 @@ mod tests {
             let first = 3 * way;
             let condition = &samples.conditions[2 * first..2 * first + 2];
             let mut end = samples.points[first * cloud..(first + 1) * cloud].to_vec();
-            fine(settings.sampler).integrate(&teacher.network, condition, &mut end);
+            let fine = teacher.sampler(settings.sampler);
+            fine.integrate(&teacher.network, condition, &mut end);
             for start in 0..3 {
                 let place = first + start;
                 let mut x = samples.points[place * cloud..(place + 1) * cloud].to_vec();
@@ -222,5 +257,54 @@ mod tests {
                 assert!(error.fold(0.0, f32::max) < 1e-5, "way {way} from {start}");
             }
         }
+    }
+
+    /// The teacher knows representatives alone.
+    #[test]
+    fn conditions_are_representatives_where_the_teacher_has_symmetries() {
+        let shape = MlpShape {
+            width: 16,
+            depth: 2,
+            embedding: 8,
+            condition_dim: 4,
+            channels: Channels::Xyz,
+        };
+        let swap = serde_json::json!([
+            {"tendons": [0, 1], "matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "translation": [0.0, 0.0, 0.0]},
+            {"tendons": [1, 0], "matrix": [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "translation": [0.0, 0.0, 0.0]},
+        ]);
+        let symmetries: Symmetries = serde_json::from_value(swap).expect("symmetries");
+        let teacher = Teacher {
+            network: Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape"),
+            path: FlowPath::default(),
+            normalisation: Normalisation {
+                motor_min: vec![0.01, 0.0],
+                motor_max: vec![0.03, 0.04],
+                scale: 0.4,
+            },
+            reduction: Reduction::new(symmetries, &Symmetries::default()),
+        };
+        let settings = TrainSettings {
+            clouds: 64,
+            points: 2,
+            sampler: Sampler {
+                method: Method::Euler,
+                steps: 1,
+                grid: TimeGrid::Uniform,
+            },
+            ..TrainSettings::default()
+        };
+        let mut samples = Samples::default();
+        teacher.draw_batch(&settings, 1, &mut samples);
+        let mut seen = [0; 2];
+        for condition in samples.conditions.as_chunks::<4>().0 {
+            let command = teacher.normalisation.command(&condition[..2]);
+            assert!(command[0] <= command[1] + 1e-9, "{command:?}");
+            let view = [[1.0, 0.0], [0.0, 1.0]]
+                .iter()
+                .position(|one| condition[2..] == *one);
+            seen[view.expect("one view")] += 1;
+        }
+        assert!(seen.iter().all(|&count| count > 10), "{seen:?}");
     }
 }

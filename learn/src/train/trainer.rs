@@ -128,6 +128,9 @@ impl<'a> Trainer<'a> {
         let start = start.into();
         let shape = start.shape();
         let other = TrainError::other_run;
+        // First: where it differs, shapes do as well.
+        let [of_state, own] = [&state.settings, &settings].map(|settings| settings.symmetry);
+        require_same("settings.symmetry", &of_state, &own).map_err(other)?;
         require_same("shape", &state.shape, &shape).map_err(other)?;
         let settings = settings.continuing(&state.settings, state.step)?;
         let mut trainer = Self::new(start, settings, training, validation)?;

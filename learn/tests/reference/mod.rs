@@ -70,12 +70,24 @@ impl Reference {
             .collect()
     }
 
+    /// The point, then for each octave the sines of its position's three coordinates, then their cosines.
+    fn inputs(&self, point: &[f64]) -> Vec<f64> {
+        let mut inputs = point.to_vec();
+        for octave in 0..self.shape.octaves {
+            let angles =
+                [0, 1, 2].map(|axis| 2f64.powi(octave as i32) * std::f64::consts::PI * point[axis]);
+            inputs.extend(angles.map(f64::sin));
+            inputs.extend(angles.map(f64::cos));
+        }
+        inputs
+    }
+
     pub fn velocity(&self, time: f64, condition: &[f64], point: &[f64]) -> Vec<f64> {
         let width = self.shape.width;
         let e = self.embedding(time, condition);
         let shift = self.linear("shift", &e);
         let mut h: Vec<f64> = self
-            .product("input", point)
+            .product("input", &self.inputs(point))
             .iter()
             .zip(shift)
             .map(|(x, s)| x + s)

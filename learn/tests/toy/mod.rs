@@ -6,6 +6,7 @@ use rand::RngExt;
 use tdcr_learn::data::{CloudSet, Normalisation, Subject};
 use tdcr_learn::flow::{Method, Sampler, Stream, TimeGrid, rng};
 use tdcr_learn::net::{Channels, MlpShape};
+use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
 
 pub const SHAPE: MlpShape = MlpShape {
@@ -13,6 +14,7 @@ pub const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 8,
     condition_dim: 2,
+    octaves: 0,
     channels: Channels::Xyz,
 };
 
@@ -43,6 +45,7 @@ pub fn settings() -> TrainSettings {
             method: Method::Heun,
             steps: 3,
             grid: TimeGrid::Power(2.0),
+            ..Sampler::PAPER
         },
         ..TrainSettings::default()
     }
@@ -121,6 +124,7 @@ pub fn provenance() -> Provenance {
             motor_max: vec![0.04, 0.03],
             scale: 0.4,
         },
+        reduction: Reduction::default(),
     }
 }
 

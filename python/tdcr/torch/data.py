@@ -42,21 +42,32 @@ class CloudSet:
     conditions: Tensor
     #: Rows (B, N, C), float32.
     rows: Tensor
-    #: What the clouds are of: `subject` (robot, base and payloads, or None) and `normalisation`.
+    #: What the clouds are of: `subject` (robot, base and payloads, or None), `normalisation`, and `reduction` where they are
+    #: reduced by symmetries.
     provenance: dict[str, Any]
 
     @classmethod
-    def read(cls, folder: str | Path, split: str = "train", *, colors: bool = False, units: dict[str, Any] | None = None) -> Self:
+    def read(
+        cls,
+        folder: str | Path,
+        split: str = "train",
+        *,
+        colors: bool = False,
+        units: dict[str, Any] | None = None,
+        reduction: dict[str, Any] | None = None,
+    ) -> Self:
         """Reads the split `train`, `val` or `test` of a data set of `tdcr collect` or `tdcr data import`.
 
         `units` is the normalisation of a model, to train on in its units, as `--normalisation-from` does; by default it is
-        the data set's own.
+        the data set's own. With the `reduction` of the data set (`find_reduction`) each cloud is replaced by the
+        representative of its class, as `--symmetry auto` does.
 
         Raises:
             tdcr.errors.TdcrError: for whatever is wrong with the folder, by file.
         """
         normalisation = None if units is None else json.dumps(units)
-        conditions, points, rgb, provenance = _tdcr.read_cloud_set(str(folder), split, normalisation, colors)
+        reduced = None if reduction is None else json.dumps(reduction)
+        conditions, points, rgb, provenance = _tdcr.read_cloud_set(str(folder), split, normalisation, reduced, colors)
         return cls(torch.from_numpy(conditions), to_rows(points, rgb), json.loads(provenance))
 
     def __len__(self) -> int:
@@ -87,6 +98,15 @@ class CloudSet:
             found.update(str(tuple(values.shape)).encode())
             found.update(np.ascontiguousarray(values.cpu().numpy()).data)
         return found.hexdigest()
+
+
+def find_reduction(folder: str | Path, colors: bool = False) -> tuple[dict[str, Any], str]:
+    """How the clouds of a data set are reduced by the robot's symmetries that they have, and that in words.
+
+    As `tdcr.Stream.find_reduction`; by none where the clouds are not simulated.
+    """
+    found, words = _tdcr.set_reduction(str(folder), colors)
+    return json.loads(found), words
 
 
 def to_rows(points: npt.NDArray[np.float32], rgb: npt.NDArray[np.uint8] | None) -> Tensor:
@@ -191,7 +211,8 @@ class StreamWindow:
         self.provenance = stream.provenance
         self.clouds, self.own = clouds, clouds // self.ranks
         self.device = torch.device("cpu")
-        self.condition_dim = len(stream.normalisation.condition_min)
+        views = self.provenance.get("reduction", {}).get("views", [])
+        self.condition_dim = len(stream.normalisation.condition_min) + (max(views) + 1 if views else 0)
         self.points_per_cloud = stream.points
         self.window: CloudSet | None = None
         self.samples: Iterator[Sample] | None = None
@@ -205,7 +226,9 @@ class StreamWindow:
 
     def fingerprint(self) -> str:
         """What the clouds are functions of."""
-        return json.dumps([self.stream.spec, self.stream.index, self.clouds, self.fresh], sort_keys=True)
+        of = [self.stream.spec, self.stream.index, self.clouds, self.fresh]
+        reduced = self.provenance.get("reduction")
+        return json.dumps(of if reduced is None else [*of, reduced], sort_keys=True)
 
     def validation(self, clouds: int) -> CloudSet:
         """Clouds for validation, which no step sees."""

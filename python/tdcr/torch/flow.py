@@ -20,33 +20,50 @@ from tdcr.errors import InputError
 Field = Callable[[Tensor, Tensor, Tensor], Tensor]
 
 
+#: Range of 1 - t for late flow times.
+LATE_TIMES = (0.003, 0.15)
+
+
 @dataclass(frozen=True)
 class FlowPath:
     """Straight paths from the prior to the data: positions start as N(0, deviation^2), colours uniform in [0, 1].
 
-    X_t = (1 - t) X_0 + t X_1 has the velocity X_1 - X_0; t is of the distribution Beta(exponent, 1).
+    X_t = (1 - t) X_0 + t X_1 has the velocity X_1 - X_0; t is of the distribution Beta(exponent, 1). A share `late_times` of the
+    times is drawn near the data instead, 1 - t log-uniform in LATE_TIMES; `prior_cut` is the distance from the origin, in
+    deviations, beyond which no position starts. The defaults are the paper's.
     """
 
     prior_deviation: float = 0.5
     time_exponent: float = 3.0
+    late_times: float = 0.0
+    prior_cut: float | None = None
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Self:
         """The path of a run's settings."""
         path = settings["path"]
-        return cls(path["prior_deviation"], path["time_exponent"])
+        return cls(path["prior_deviation"], path["time_exponent"], path.get("late_times", 0.0), path.get("prior_cut"))
 
     def prior(self, shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
         """Samples (..., C) of the prior, on the generator's device."""
         device = generator.device
-        positions = self.prior_deviation * torch.randn(*shape[:-1], 3, generator=generator, device=device)
+        normal = torch.randn(*shape[:-1], 3, generator=generator, device=device)
+        # Positions beyond the cut are drawn anew.
+        while self.prior_cut is not None:
+            beyond = torch.linalg.vector_norm(normal, dim=-1) > self.prior_cut
+            if not (count := int(beyond.sum())):
+                break
+            normal[beyond] = torch.randn(count, 3, generator=generator, device=device)
+        positions = self.prior_deviation * normal
         colors = torch.rand(*shape[:-1], shape[-1] - 3, generator=generator, device=device)
         return torch.cat([positions, colors], dim=-1)
 
     def times(self, count: int, generator: torch.Generator) -> Tensor:
         """Flow times (count,)."""
-        uniform = torch.rand(count, generator=generator, device=generator.device)
-        return uniform ** (1 / self.time_exponent)
+        uniform, choice = torch.rand(2, count, generator=generator, device=generator.device)
+        least, most = map(math.log, LATE_TIMES)
+        late = 1 - torch.exp(least + (most - least) * uniform)
+        return torch.where(choice < self.late_times, late, uniform ** (1 / self.time_exponent))
 
 
 def loss(velocities: Tensor, targets: Tensor, color_weight: float = 0.05) -> Tensor:
@@ -66,18 +83,25 @@ MULTISTEP = {
 
 METHODS = ["heun", *MULTISTEP]
 
+#: Of the default sampler.
+DENOISE, SPARE = 0.995, 0.02
+
 
 @dataclass(frozen=True)
 class Sampler:
     """How a velocity field is integrated from prior to data; the default is that of `tdcr predict`.
 
     `method` is heun (the paper's), euler, adams-bashforth, exponential or exponential3; the times of its `steps` steps are
-    t_k = 1 - (1 - k / steps)^power.
+    t_k = 1 - (1 - k / steps)^power. A last evaluation at the time `denoise` takes the points X to the data predicted there,
+    X + (1 - t) u; none without. `spare` is a share of points to draw beyond those asked for: so many of the most uncertain
+    are left out of a cloud.
     """
 
     method: str = "exponential"
     steps: int = 16
     power: float = 2.0
+    denoise: float | None = DENOISE
+    spare: float = SPARE
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -86,6 +110,10 @@ class Sampler:
             raise InputError(f"the sampler's steps are {self.steps}; expected 1 to 100000")
         if not 1 <= self.power <= 10:
             raise InputError(f"the sampler's power is {self.power}; expected 1 to 10")
+        if self.denoise is not None and not 0 <= self.denoise < 1:
+            raise InputError(f"the sampler's denoising time is {self.denoise}; expected 0 to below 1, or None")
+        if not 0 <= self.spare <= 1:
+            raise InputError(f"the sampler's share of spare points is {self.spare}; expected 0 to 1")
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Self:
@@ -100,17 +128,22 @@ class Sampler:
             grid = {"power": 1.0}
         if "power" not in grid:
             raise InputError(f"the model's sampler has the grid {grid}; expected fixed steps: say which Sampler to take")
-        return cls(sampler.get("method", "heun"), sampler["steps"], grid["power"])
+        method, last = sampler.get("method", "heun"), (sampler.get("denoise"), sampler.get("spare", 0.0))
+        return cls(method, sampler["steps"], grid["power"], *last)
 
     def to_settings(self) -> dict[str, Any]:
         """As the settings of a run have it."""
         grid = "uniform" if self.power == 1 else {"power": self.power}
-        return {"method": self.method, "steps": self.steps, "grid": grid}
+        return {"method": self.method, "steps": self.steps, "grid": grid, "denoise": self.denoise, "spare": self.spare}
 
     @property
     def evaluations(self) -> int:
         """Evaluations of the field."""
-        return self.steps * (2 if self.method == "heun" else 1)
+        return self.steps * (2 if self.method == "heun" else 1) + (self.denoise is not None)
+
+    def drawn(self, points: int) -> int:
+        """Points that are integrated for a cloud of `points`."""
+        return points + math.ceil(float(np.float32(self.spare)) * points)
 
     def times(self) -> list[float]:
         """The times of the steps' ends, from 0 to 1, as float32 has them."""
@@ -128,8 +161,12 @@ def integrate(field: Field, points: Tensor, conditions: Tensor, sampler: Sampler
 
     times = sampler.times()
     if sampler.method == "heun":
-        return heun(velocity, points, times)
-    return multistep(velocity, points, times, *MULTISTEP[sampler.method])
+        data = heun(velocity, points, times)
+    else:
+        data = multistep(velocity, points, times, *MULTISTEP[sampler.method])
+    if sampler.denoise is None:
+        return data
+    return data + (1 - sampler.denoise) * velocity(sampler.denoise, data)
 
 
 def heun(velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float]) -> Tensor:

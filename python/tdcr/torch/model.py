@@ -47,7 +47,8 @@ class Model:
     shape: Shape | None
     #: Whether points have colours: C is 6, else 3.
     colors: bool
-    #: What it was trained on: `subject` (robot, base and payloads, or None) and `normalisation`.
+    #: What it was trained on: `subject` (robot, base and payloads, or None), `normalisation`, and `reduction` where it learned
+    #: representatives of symmetric commands.
     provenance: dict[str, Any]
     #: How it was trained.
     settings: Settings
@@ -110,7 +111,15 @@ class Model:
         write_whole(Path(path), safetensors.torch.save(state, {"tdcr": header}))
 
     def conditions(self, commands: npt.ArrayLike) -> Tensor:
-        """Conditions (B, D) of commands (B, D) in physical units (m or N; a payload, kg, is the last value)."""
+        """Conditions (B, D) of commands (B, D) in physical units (m or N; a payload, kg, is the last value).
+
+        Of a model that learned representatives of symmetric commands these are those of the representatives, and have a 1 for the
+        view among zeros in the end, where there are several.
+        """
+        return self._conditions(commands)[0]
+
+    def _conditions(self, commands: npt.ArrayLike) -> tuple[Tensor, list[dict[str, Any] | None]]:
+        """Conditions (B, D) of the representatives, and the symmetry that leads to each, if there are any."""
         units = self.provenance["normalisation"]
         low, high = (np.array(units[end], dtype=np.float64) for end in ("motor_min", "motor_max"))
         values = np.asarray(commands, dtype=np.float64)
@@ -118,8 +127,12 @@ class Model:
             raise InputError(f"commands have the shape {values.shape}, expected (B, {len(low)})")
         if not np.isfinite(values).all():
             raise InputError("commands hold a NaN or an infinity, expected finite numbers")
+        reduced = self.provenance.get("reduction")
+        if reduced is not None:
+            conditions, which = _tdcr.reduce(json.dumps(self.provenance), np.ascontiguousarray(values))
+            return torch.from_numpy(conditions), [reduced["symmetries"][index] for index in which]
         span = np.where(high > low, high - low, 1.0)
-        return torch.from_numpy(((values - low) / span).astype(np.float32))
+        return torch.from_numpy(((values - low) / span).astype(np.float32)), [None] * len(values)
 
     @torch.no_grad()
     def predict(
@@ -139,7 +152,7 @@ class Model:
             tdcr.errors.InputError: for commands of another length.
             tdcr.errors.TrainError: where the cloud is not finite.
         """
-        conditions = self.conditions(commands)
+        conditions, moved = self._conditions(commands)
         seeds = [seed] * len(conditions) if isinstance(seed, int) else list(seed)
         if len(seeds) != len(conditions):
             raise InputError(f"{len(seeds)} seeds, expected one for each of the {len(conditions)} commands")
@@ -149,13 +162,19 @@ class Model:
         clouds = []
         # One by one: a cloud of many points fills a device, and few clouds of a large network fit into its memory.
         for condition, own_seed in zip(conditions, seeds, strict=True):
-            noise = torch.from_numpy(_tdcr.start_noise(path.prior_deviation, points, self.colors, own_seed))
-            rows = integrate(self.network, noise[None].to(place), condition[None].to(place), sampler)
-            clouds.append(rows[0].float().cpu().numpy())
+            drawn = sampler.drawn(points)
+            noise = _tdcr.start_noise(path.prior_deviation, path.prior_cut, drawn, self.colors, own_seed)
+            start = torch.from_numpy(noise)[None].to(place)
+            rows = integrate(self.network, start, condition[None].to(place), sampler)[0].float().cpu().numpy()
+            if not np.isfinite(rows).all():
+                raise TrainError("the network's cloud is not finite")
+            clouds.append(rows[_tdcr.most_certain(rows[:, :3].copy(), points)])
         rows_of_all = np.stack(clouds)
-        if not np.isfinite(rows_of_all).all():
-            raise TrainError("the network's cloud is not finite")
         metres = rows_of_all[..., :3].astype(np.float64) * self.provenance["normalisation"]["scale"]
+        for cloud, symmetry in zip(metres, moved, strict=True):
+            if symmetry is not None:
+                # Back from the representative: the transpose of M undoes x -> M x + t.
+                cloud[:] = (cloud - np.array(symmetry["translation"])) @ np.array(symmetry["matrix"])
         colors = np.clip(np.rint(255 * rows_of_all[..., 3:]), 0, 255).astype(np.uint8) if self.colors else None
         return Clouds(metres.astype(np.float32), colors)
 

@@ -83,16 +83,30 @@ class Block(nn.Module):
         return h + cast(Tensor, self.linear(F.silu(h)))
 
 
+def point_inputs_of(shape: Shape) -> int:
+    """Numbers of a point that the input layer takes: its own, and its Fourier features."""
+    return channels_of(shape) + 6 * int(shape.get("octaves", 0))
+
+
 class PointLayers:
     """The layers that act on every point: shared by the MLP and the Hybrid's head."""
 
     def add_point_layers(self, inputs: int, shape: Shape) -> None:
         """Adds them, for points of `inputs` numbers."""
         width, embedding = shape["width"], shape["embedding"]
+        self.octaves = int(shape.get("octaves", 0))
         self.shift = Dense(embedding, width, fan_in=inputs + embedding)
         self.input = Dense(inputs, width, bias=False, fan_in=inputs + embedding)
         self.blocks = nn.ModuleList(Block(width, embedding) for _ in range(shape["depth"] - 1))
         self.output = Dense(width, channels_of(shape))
+
+    def point_inputs(self, x: Tensor) -> Tensor:
+        """Points (B, N, C) with their Fourier features (B, N, C + 6 K): sin(2^k pi x), then cos(2^k pi x), for each octave k."""
+        parts = [x]
+        for octave in range(self.octaves):
+            angles = math.pi * 2**octave * x[..., :3]
+            parts += [angles.sin(), angles.cos()]
+        return torch.cat(parts, dim=-1) if self.octaves else x
 
     def point_velocities(self, x: Tensor, e: Tensor) -> Tensor:
         """Velocities (B, N, C) of points (B, N, inputs)."""
@@ -107,11 +121,11 @@ class Mlp(Velocity, PointLayers):
 
     def __init__(self, shape: Shape) -> None:
         super().__init__(shape["embedding"], shape["condition_dim"])
-        self.add_point_layers(channels_of(shape), shape)
+        self.add_point_layers(point_inputs_of(shape), shape)
 
     def forward(self, x: Tensor, t: Tensor, c: Tensor) -> Tensor:
         """Velocities (B, N, C) of points (B, N, C) at flow times (B,) under conditions (B, D)."""
-        return self.point_velocities(x, self.embed(t, c))
+        return self.point_velocities(self.point_inputs(x), self.embed(t, c))
 
 
 class Head(nn.Module, PointLayers):
@@ -277,12 +291,13 @@ class Hybrid(Velocity):
         super().__init__(head["embedding"], head["condition_dim"])
         channels = channels_of(head)
         self.context = Context(context, head["embedding"], channels)
-        self.head = Head(channels + context["features"], head)
+        self.head = Head(point_inputs_of(head) + context["features"], head)
 
     def forward(self, x: Tensor, t: Tensor, c: Tensor) -> Tensor:
         """Velocities (B, N, C) of points (B, N, C) at flow times (B,) under conditions (B, D)."""
         e = self.embed(t, c)
-        return self.head.point_velocities(torch.cat([x, self.context(x, t, e)], dim=-1), e)
+        inputs = torch.cat([self.head.point_inputs(x), self.context(x, t, e)], dim=-1)
+        return self.head.point_velocities(inputs, e)
 
 
 def head_of(shape: Shape) -> Shape:

@@ -37,6 +37,7 @@ class Settings(TypedDict):
     clip_norm: float
     average_decay: float
     path: dict[str, Any]
+    symmetry: str
     color_weight: float
     seed: int
     validate_every: int
@@ -74,6 +75,8 @@ class Preset:
     depth: int
     #: Features of the embedding of time and condition.
     embedding: int
+    #: Octaves of the Fourier features of the points' positions.
+    octaves: int
     #: Optimiser steps; None where the length is in `epochs`.
     steps: int | None
     #: Times that as many clouds are drawn as the training set has; None where the length is in `steps`.
@@ -93,6 +96,7 @@ class Preset:
             "depth": self.depth,
             "embedding": self.embedding,
             "condition_dim": condition_dim,
+            "octaves": self.octaves,
             "channels": "xyz-rgb" if colors else "xyz",
         }
         return head if net == "mlp" else {"head": head, "context": CONTEXT | (context or {})}

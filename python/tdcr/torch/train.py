@@ -22,7 +22,7 @@ import torch
 
 from tdcr.errors import InputError, TdcrError
 from tdcr.stream import Stream
-from tdcr.torch.data import CloudSet, StreamWindow
+from tdcr.torch.data import CloudSet, StreamWindow, find_reduction
 from tdcr.torch.model import Model
 from tdcr.torch.networks import Shape, network
 from tdcr.torch.ranks import distributed, group
@@ -72,7 +72,12 @@ def parser() -> argparse.ArgumentParser:
     add("--warmup", type=int, metavar="N", help=by_network("steps of warm-up, at most a tenth of all", "warmup_steps"))
     add("--validate-every", type=int, metavar="N", help=by_network("steps between validations", "validate_every"))
     add("--patience", type=int, metavar="N", help="end the run after so many validations without a better one")
+    add("--octaves", type=int, metavar="N", help=by_preset("octaves of the Fourier features of the points' positions", "octaves"))
+    add("--late-times", type=float, metavar="SHARE", help="share of the flow times that are drawn near the data [default: the preset's]")
+    add("--prior-cut", type=float, metavar="R", help="where the noise is cut off, in deviations; 0: nowhere [default: the preset's]")
     add("--time-exponent", type=float, metavar="ALPHA", help="flow times are Beta(ALPHA, 1) [default: 3]")
+    about = by_network("learn one of all commands that symmetries make alike, or every one", "symmetry")
+    add("--symmetry", choices=["auto", "none"], help=about)
     add("--init", type=Path, metavar="FILE", help="start from the weights of this model")
     add("--normalisation-from", type=Path, metavar="FILE", help="normalise commands and points as this model does")
     add("--seed", type=int, default=0, help="seed of weights, noise and subsets")
@@ -140,7 +145,7 @@ def context(args: argparse.Namespace) -> dict[str, Any]:
 
 def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.device) -> tuple[Preset, Settings]:
     """Network and settings: the preset's, but for what is asked for."""
-    sizes = {name: getattr(args, name) for name in ("width", "depth", "embedding") if getattr(args, name) is not None}
+    sizes = {name: getattr(args, name) for name in ("width", "depth", "embedding", "octaves") if getattr(args, name) is not None}
     preset = replace(presets()[args.preset], **sizes)
     fields = {
         "color_weight": args.color_weight,
@@ -153,14 +158,37 @@ def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.devi
         "validate_every": args.validate_every,
         "patience": args.patience,
         "precision": args.precision,
+        "symmetry": args.symmetry,
         "seed": args.seed,
     }
     changes = {name: value for name, value in fields.items() if value is not None}
     if args.precision is None and device.type == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False):
         changes["precision"] = "bfloat16"
-    if args.time_exponent is not None:
-        changes["path"] = presets()[args.preset].networks[args.net]["path"] | {"time_exponent": args.time_exponent}
+    path = {"time_exponent": args.time_exponent, "late_times": args.late_times, "prior_cut": args.prior_cut}
+    given = {name: value for name, value in path.items() if value is not None}
+    if given.get("prior_cut") == 0:
+        given["prior_cut"] = None
+    if given:
+        changes["path"] = presets()[args.preset].networks[args.net]["path"] | given
     return preset, preset.settings(net=args.net, clouds_in_set=clouds_in_set, **changes)
+
+
+def reduction(args: argparse.Namespace, source: Stream | Path) -> dict[str, Any] | None:
+    """How the samples of a stream, or of the data set in a folder, are reduced by symmetries; says so.
+
+    A run that starts at a model without symmetries has none.
+    """
+    use = args.symmetry or presets()[args.preset].networks[args.net]["symmetry"]
+    found: dict[str, Any] | None = None
+    if use == "none":
+        words = "none, as asked for"
+    elif args.init is not None and "reduction" not in Model.load(args.init).provenance:
+        words = "none, as the initial model has none"
+    else:
+        found, words = source.find_reduction(args.colors) if isinstance(source, Stream) else find_reduction(source, args.colors)
+    if group()[0] == 0 and not args.quiet:
+        print(f"symmetry: {words}", file=sys.stderr)
+    return found
 
 
 def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]:
@@ -169,7 +197,10 @@ def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]
         units = None
         if args.normalisation_from is not None:
             units = Model.load(args.normalisation_from).provenance["normalisation"]
-        training, validation = (CloudSet.read(args.data, split, colors=args.colors, units=units) for split in ("train", "val"))
+        reduced = reduction(args, args.data)
+        training, validation = (
+            CloudSet.read(args.data, split, colors=args.colors, units=units, reduction=reduced) for split in ("train", "val")
+        )
         return training, validation
     stream = Stream(
         args.stream,
@@ -180,15 +211,20 @@ def clouds(args: argparse.Namespace) -> tuple[CloudSet | StreamWindow, CloudSet]
         noise=args.noise,
         seed=args.seed,
     )
+    reduced = reduction(args, stream)
+    stream = stream if reduced is None else stream.reduced(reduced)
     window = StreamWindow(stream, clouds=args.window, fresh=args.fresh, workers=args.workers, colors=args.colors)
     if args.validation is None:
         return window, window.validation(16)
-    return window, CloudSet.read(args.validation, "val", colors=args.colors, units=stream.provenance["normalisation"])
+    units = stream.provenance["normalisation"]
+    return window, CloudSet.read(args.validation, "val", colors=args.colors, units=units, reduction=reduced)
 
 
 def initial(path: Path, shape: Shape, provenance: dict[str, Any]) -> torch.nn.Module:
-    """The network of the model `path`, which must have this shape and these units."""
+    """The network of the model `path`, which must have this shape, these units and these symmetries."""
     model = Model.load(path)
+    if model.provenance.get("reduction") != provenance.get("reduction"):
+        raise InputError(f"{path} learned by other symmetries than these data have: train it with --symmetry none")
     if model.shape != shape:
         raise InputError(f"{path} has the shape {model.shape}, expected {shape}")
     if model.provenance["normalisation"] != provenance["normalisation"]:

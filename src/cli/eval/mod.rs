@@ -141,9 +141,10 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     console.result(&results, |results| {
         let m = &results.metrics;
         format!(
-            "{}{}\n{}\n{}\nmeans over {} test commands{}; CD on {} points, EMD and squared\n\
+            "{}{}{}\n{}\n{}\nmeans over {} test commands{}; CD on {} points, EMD and squared\n\
              EMD (least mean squared distance) on {}, exact: their duality gaps are at most {:.1e} m and {:.1e} m²",
             tables::scores(&evaluation),
+            (m.repetition_text()).map_or(String::new(), |text| text + "\n"),
             (m.uncertainty_text()).map_or(String::new(), |text| text + "\n"),
             tables::quantiles(&results.network_quantiles),
             tables::worst(&results.worst),

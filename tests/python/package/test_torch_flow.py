@@ -58,7 +58,7 @@ def test_samplers_converge_with_their_order(method, order):
     start = torch.full((1, 1, 3), 0.5, dtype=torch.float64)
     errors = []
     for steps in (64, 128):
-        end = integrate(field, start, torch.zeros(1, 1), Sampler(method, steps))
+        end = integrate(field, start, torch.zeros(1, 1), Sampler(method, steps, denoise=None))
         errors.append(abs(float(end[0, 0, 0]) - 0.5 * b / a))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.3)
 
@@ -72,7 +72,8 @@ def clouds(count=40, points=50):
 
 def test_a_batch_is_of_the_papers_path():
     training = clouds()
-    settings = preset().settings(steps=10, clouds=2000, points=16)
+    path = {"prior_deviation": 0.5, "time_exponent": 3.0}
+    settings = preset().settings(steps=10, clouds=2000, points=16, path=path)
     x, t, c, velocity = draw(training, settings, 3)
     ends, starts = x + (1 - t[:, None, None]) * velocity, x - t[:, None, None] * velocity
     # The ends are different points of the cloud of the condition, the starts noise of the prior.
@@ -84,6 +85,34 @@ def test_a_batch_is_of_the_papers_path():
     np.testing.assert_allclose([starts.mean(), starts.std()], [0, 0.5], atol=0.01)
     # u^(1/3) is Beta(3, 1): its mean is 3/4.
     np.testing.assert_allclose(t.mean(), 0.75, atol=0.02)
+
+
+def test_late_times_and_a_cut_prior_are_the_default():
+    settings = preset().settings(steps=10, clouds=20_000, points=4)
+    x, t, _, velocity = draw(clouds(), settings, 3)
+    starts = x - t[:, None, None] * velocity
+    assert torch.linalg.vector_norm(starts, dim=-1).max() < 2.5 * 0.5 + 1e-5
+    # Half of the times are log-uniform from 0.003 to 0.15 before the data, the others Beta(3, 1).
+    left = 1 - t.double()
+    middle = (0.003 * 0.15) ** 0.5
+    for least, most in ((0.003, middle), (middle, 0.15)):
+        expected = 0.25 + 0.5 * ((1 - least) ** 3 - (1 - most) ** 3)
+        share = ((left >= least) & (left < most)).double().mean().item()
+        assert share == pytest.approx(expected, abs=0.015)
+
+
+def test_a_last_denoising_predicts_the_data_of_its_time():
+    """For the field that carries N(0, a^2) to N(0, b^2): E[X_1 | X_t = x] = x t b^2 / ((1 - t)^2 a^2 + t^2 b^2)."""
+    a, b, late = 0.5, 0.2, 0.75
+
+    def field(x, t, c):
+        t = t[:, None, None]
+        return x * (t * b * b - (1 - t) * a * a) / ((1 - t) ** 2 * a * a + t * t * b * b)
+
+    start = torch.full((1, 1, 3), 0.5, dtype=torch.float64)
+    plain, denoised = (integrate(field, start, torch.zeros(1, 1), Sampler(denoise=t)) for t in (None, late))
+    gain = late * b * b / ((1 - late) ** 2 * a * a + late * late * b * b)
+    torch.testing.assert_close(denoised, gain * plain)
 
 
 def test_ranks_share_the_batch_of_one():
@@ -117,3 +146,7 @@ def test_samplers_that_are_none_are_refused():
         Sampler("rk4")
     with pytest.raises(ValueError, match="expected 1 to 100000"):
         Sampler(steps=0)
+    with pytest.raises(ValueError, match="denoising time is 1"):
+        Sampler(denoise=1)
+    with pytest.raises(ValueError, match="spare points is -1"):
+        Sampler(spare=-1)

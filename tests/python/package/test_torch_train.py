@@ -11,7 +11,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="no PyTorch here: install tests/python/requirements-torch.txt")
 
-from tdcr import _tdcr  # noqa: E402
+from tdcr import Stream, _tdcr  # noqa: E402
 from tdcr.torch import CloudSet, Model, Trainer, preset, write_predictions  # noqa: E402
 from tdcr.torch.train import main  # noqa: E402
 from tdcr.torch.trainer import Diverged, Interrupted  # noqa: E402
@@ -121,6 +121,57 @@ def test_mixed_precision_muon_colours_and_a_hybrid_train(data, tmp_path):
     again = ["--data", str(data), "--out", str(tmp_path / "again"), *run, "--init", str(tmp_path / "run/model.safetensors")]
     assert main(again) == 0
     assert log(tmp_path / "again")["loss"][0] < losses[0]
+
+
+def test_a_run_learns_representatives_and_predicts_as_the_command_line(tdcr, data, tmp_path, capsys):
+    """Three tendons permuted are one task; the network is told which view of it."""
+    small = ["--width", "32", "--depth", "2", "--embedding", "16", "--clouds", "4", "--points", "64", "--steps", "20"]
+    for name, options in (("run", []), ("plain", ["--symmetry", "none"])):
+        assert main(["--data", str(data), "--out", str(tmp_path / name), *small, *options]) == 0
+    said = capsys.readouterr().err
+    assert "symmetry: 6 tendon permutations (3 rotations, 3 reflections), seen in 3 views" in said
+    assert "symmetry: none, as asked for" in said
+    model, plain = (Model.load(tmp_path / name / "model.safetensors") for name in ("run", "plain"))
+    assert (model.shape["condition_dim"], plain.shape["condition_dim"]) == (9, 6)
+    assert "reduction" not in plain.provenance
+    command = [0.03, 0.01, 0.02, 0.0, 0.02, 0.015]
+    for trained, folder in ((model, "run"), (plain, "plain")):
+        tdcr("predict", "--model", tmp_path / folder / "model.safetensors", "--precision", "float32",
+             "--command", ",".join(map(str, command)), "--points", 200, "--out", tmp_path / "cloud.npz")  # fmt: skip
+        with np.load(tmp_path / "cloud.npz") as file:
+            expected = file["points"].reshape(-1, 3)
+        found = trained.predict([command], 200).points[0]
+        np.testing.assert_allclose(found, expected, atol=1e-4)
+    # What is mirrored as the cameras are is seen in the same view: the cloud is mirrored.
+    reflection = next(one for one in model.provenance["reduction"]["symmetries"] if one["tendons"] == [0, 2, 1, 3, 5, 4])
+    mirrored = [command[k] for k in reflection["tendons"]]
+    cloud, image = (model.predict([values], 200).points[0] for values in (command, mirrored))
+    np.testing.assert_allclose(image, cloud @ np.array(reflection["matrix"]).T + reflection["translation"], atol=1e-6)
+    # A run starts only at what learned by the same symmetries; auto takes those of the model.
+    start = ["--data", str(data), *small, "--init"]
+    assert main([*start, str(tmp_path / "plain/model.safetensors"), "--out", str(tmp_path / "on")]) == 0
+    refused = [*start, str(tmp_path / "run/model.safetensors"), "--out", str(tmp_path / "off"), "--symmetry", "none"]
+    assert main(refused) == 1
+    assert "learned by other symmetries" in capsys.readouterr().err
+
+
+def test_a_reduced_stream_is_that_of_representatives():
+    stream = Stream(points=30, seed=3)
+    reduction, words = stream.find_reduction()
+    assert words.startswith("6 tendon permutations") and len(reduction["symmetries"]) == len(reduction["views"]) == 6
+    reduced = stream.reduced(reduction)
+    for _ in range(3):
+        plain, sample = next(stream), next(reduced)
+        assert (np.diff(sample.condition[:3]) >= 0).all()
+        assert sorted(plain.condition) == sorted(sample.condition)
+        ways = (
+            np.array(one["matrix"]) @ plain.points.T + np.array(one["translation"])[:, None] for one in reduction["symmetries"]
+        )
+        assert min(np.abs(way.T - sample.points).max() for way in ways) < 1e-6
+    told = reduced.next_normalised().condition
+    assert told.shape == (9,) and sorted(told[6:]) == [0, 0, 1]
+    assert reduced.provenance["reduction"] == reduction
+    assert reduced.at(5).provenance["reduction"] == reduction
 
 
 class Still(torch.nn.Module):

@@ -46,7 +46,7 @@ impl HybridShape {
     pub(in crate::net) fn declare(&self, table: &mut Table) -> Layers {
         let Self { head, context } = self;
         let (embedding, channels) = (head.embedding, head.channels.count());
-        let inputs = channels + context.features;
+        let inputs = head.point_inputs() + context.features;
         let [global, shift] = context.parts(embedding, channels);
         let head_shift = Part::new("head.shift", head.width, fan_in(inputs + embedding));
         let films: Vec<_> = head

@@ -12,7 +12,7 @@ use crate::net::kernels::float32::{add, reset};
 use crate::net::layers::{Passes, Weights};
 use crate::net::mlp::{
     Batch, ConditionerTape, Loss, PackedTrunk, PointPass, STRIPE, Share, TrunkTapes,
-    add_trunk_gradients, divide,
+    add_trunk_gradients, divide, point_inputs,
 };
 use crate::net::parameters::{NetworkShapeError, Table, require_precision};
 use crate::pool::Pool;
@@ -52,7 +52,9 @@ pub struct HybridWorkspace {
 struct CloudTape {
     packed: Packed,
     context: ContextTape,
-    /// `[x | context]`, `(N, C + F)`.
+    /// What the head takes of the points themselves, where that is more than their numbers.
+    point_inputs: Vec<f32>,
+    /// `[x | Fourier features | context]`, `(N, C + 6 K + F)`.
     inputs: Vec<f32>,
     /// Gradient by the points' context, `(N, F)`.
     d_context: Vec<f32>,
@@ -234,6 +236,7 @@ impl Hybrid {
         CloudTape {
             packed: Packed::default(),
             context: self.layers.context.tape(),
+            point_inputs: Vec::new(),
             inputs: Vec::new(),
             d_context: Vec::new(),
         }
@@ -278,7 +281,7 @@ impl Hybrid {
         }
     }
 
-    /// Fills `tape.inputs` with `[x | C]`, `C = a(t) C_pv + (1 - a(t)) (W_g e + b_g)`: the cloud's context, blended with the
+    /// Fills `tape.inputs` with `[x | Fourier features | C]`, `C = a(t) C_pv + (1 - a(t)) (W_g e + b_g)`: the cloud's context, blended with the
     /// embedding's by the time gate.
     fn fill_inputs(
         &self,
@@ -289,11 +292,12 @@ impl Hybrid {
     ) {
         let input = self.context_input(modulation, points, &tape.packed);
         self.layers.context.forward(input, &mut tape.context);
-        let (global, channels) = (modulation.global, self.shape.head.channels.count());
+        let (global, head) = (modulation.global, &self.shape.head);
         let weight = self.shape.context.gate.weight(time);
         tape.inputs.clear();
         let contexts = tape.context.context.chunks_exact(global.len());
-        for (point, context) in points.chunks_exact(channels).zip(contexts) {
+        let points = point_inputs(head, points, &mut tape.point_inputs);
+        for (point, context) in points.chunks_exact(head.point_inputs()).zip(contexts) {
             tape.inputs.extend_from_slice(point);
             let blended = context.iter().zip(global);
             tape.inputs
@@ -309,12 +313,12 @@ impl Hybrid {
         tape: &mut CloudTape,
         d_global: &mut [f32],
     ) {
-        let (channels, features) = (self.shape.head.channels.count(), d_global.len());
+        let (own, features) = (self.shape.head.point_inputs(), d_global.len());
         let weight = self.shape.context.gate.weight(time);
         tape.d_context.clear();
         let d_points = shares.iter().flat_map(|share| &share.gradient.points);
-        for d in d_points.flat_map(|d| d.chunks_exact(channels + features)) {
-            let d = &d[channels..];
+        for d in d_points.flat_map(|d| d.chunks_exact(own + features)) {
+            let d = &d[own..];
             tape.d_context.extend(d.iter().map(|d| weight * d));
             d_global
                 .iter_mut()

@@ -5,6 +5,7 @@
 //!
 //! | file | holds |
 //! |---|---|
+//! | `point_features` | what the input layer takes of a point |
 //! | `conditioner` | what is computed once per cloud: the modulation vector |
 //! | `trunk` | the layers that act on points, and the trait of a pass over a tile of them |
 //! | `trunk_f32`, `trunk_bf16` | that pass in either operand type |
@@ -20,6 +21,7 @@
 
 mod batch;
 mod conditioner;
+mod point_features;
 mod shape;
 mod shares;
 mod trunk;
@@ -30,6 +32,7 @@ mod velocity;
 
 pub use batch::{Batch, Loss};
 pub use conditioner::{Conditioner, ConditionerTape, Part};
+pub use point_features::point_inputs;
 pub use shape::MlpShape;
 pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide};
 pub use trunk::Trunk;

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::conditioner::{Conditioner, Part};
 use super::trunk::{Trunk, TrunkSizes};
-use crate::channels::Channels;
+use crate::channels::{Channels, DIM};
 use crate::net::parameters::{
     NetworkShapeError, Table, TensorSpec, fan_in, require_parameters, require_size,
 };
@@ -21,9 +21,20 @@ pub struct MlpShape {
     pub embedding: usize,
     /// Condition dimension `D`.
     pub condition_dim: usize,
+    /// Octaves `K` of the positions' Fourier features, which the input layer takes beside the point:
+    /// `sin(2^k pi x)` and `cos(2^k pi x)`, `k = 0, ..., K - 1`, for each coordinate `x` in normalised units (Tancik et al., NeurIPS
+    /// 2020). They tell places a few millimetres apart, which a layer of the coordinates alone hardly does. 0 in the paper's
+    /// network and in files that do not say.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub octaves: usize,
     /// What points consist of; positions alone in files that do not say.
     #[serde(default)]
     pub channels: Channels,
+}
+
+/// Whether a number is left out of files.
+fn is_zero(number: &usize) -> bool {
+    *number == 0
 }
 
 impl MlpShape {
@@ -41,6 +52,7 @@ impl MlpShape {
             depth,
             embedding,
             condition_dim,
+            octaves,
             channels: _,
         } = *self;
         require_size("width", width, (1..=8192).contains(&width), "1 to 8192")?;
@@ -53,7 +65,14 @@ impl MlpShape {
             (1..=4096).contains(&condition_dim),
             "1 to 4096",
         )?;
+        // Above, the highest frequency is beyond what a float resolves.
+        require_size("octaves", octaves, octaves <= 12, "0 to 12")?;
         require_parameters(self.parameter_count())
+    }
+
+    /// Numbers of a point that the input layer takes: its channels, and its Fourier features.
+    pub(in crate::net) fn point_inputs(&self) -> usize {
+        self.channels.count() + 2 * DIM * self.octaves
     }
 
     /// Length of the flat parameter vector.
@@ -63,7 +82,7 @@ impl MlpShape {
 
     /// The tensors in the order in which the flat parameter vector holds them.
     ///
-    /// The input layer of `[x | e]` is stored as its two shares, `input.weight` `(H, C)` of the point and `shift.weight`
+    /// The input layer of `[x | e]` is stored as its two shares, `input.weight` `(H, C + 6 K)` of the point and `shift.weight`
     /// `(H, E)` of the embedding, which also has the bias; `film` yields gamma (rows `0..H`) and beta (rows `H..2H`).
     /// What is evaluated once per cloud comes first, what is evaluated at every point last.
     pub fn tensors(&self) -> Vec<TensorSpec> {
@@ -74,7 +93,7 @@ impl MlpShape {
 
     /// Adds the network's tensors to `table`; returns its layers.
     pub(in crate::net) fn declare(&self, table: &mut Table) -> (Conditioner, Trunk) {
-        let (embedding, inputs) = (self.embedding, self.channels.count());
+        let (embedding, inputs) = (self.embedding, self.point_inputs());
         let shift = Part::new("shift", self.width, fan_in(inputs + embedding));
         let conditioner = Conditioner::declare(
             table,

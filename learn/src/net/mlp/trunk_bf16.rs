@@ -17,8 +17,9 @@ use crate::net::layers::{
 /// Most points per tile: the gradient by a weight is read and written once a tile.
 pub const TILE: usize = 512;
 
-/// Smallest input width for which the input layer runs in bfloat16.
-const MANY: usize = 32;
+/// Smallest input width for which the input layer runs in bfloat16: above that of a point with Fourier features, whose
+/// coordinates have to be told more finely apart than by bfloat16's 8 bits, and below that of one with a context.
+const MANY: usize = 64;
 
 /// Padding between the rows of matrices that products update in place: rows at a power of two of bytes would share a few
 /// lines of a cache.

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::batch::Batch;
 use super::conditioner::{Conditioner, ConditionerTape};
+use super::point_features::point_inputs;
 use super::shape::MlpShape;
 use super::shares::{PointPass, Share, add_trunk_gradients, divide};
 use super::trunk::Trunk;
@@ -29,7 +30,16 @@ pub struct Mlp {
     conditioner: Conditioner,
     trunk: Trunk,
     tapes: TrunkTapes,
-    scratch: Pool<(ConditionerTape, PackedTrunk)>,
+    scratch: Pool<Scratch>,
+}
+
+/// Buffers of a cloud's velocities.
+#[derive(Debug, Default)]
+struct Scratch {
+    conditioner: ConditionerTape,
+    packed: PackedTrunk,
+    /// Inputs of the points, where they have Fourier features.
+    inputs: Vec<f32>,
 }
 
 /// Buffers of [`Mlp::loss_and_gradient`], kept from step to step.
@@ -39,6 +49,7 @@ pub struct MlpWorkspace {
     shares: Vec<Share>,
     d_modulation: Vec<f32>,
     packed: PackedTrunk,
+    inputs: Vec<f32>,
 }
 
 impl Mlp {
@@ -152,7 +163,9 @@ impl Mlp {
             shares,
             d_modulation,
             packed,
+            inputs,
         } = workspace;
+        let inputs = point_inputs(&shape, batch.points, inputs);
         self.conditioner
             .forward(params, batch.times, batch.conditions, conditioner);
         let (clouds, channels) = (batch.clouds(), shape.channels.count());
@@ -167,12 +180,7 @@ impl Mlp {
         let modulation_len = self.conditioner.outputs();
         shares.par_iter_mut().for_each(|share| {
             let modulation = &conditioner.modulation[share.cloud * modulation_len..];
-            pass.run(
-                &modulation[..modulation_len],
-                batch.points,
-                batch.targets,
-                share,
-            );
+            pass.run(&modulation[..modulation_len], inputs, batch.targets, share);
         });
 
         // Gradients of the shares, summed in order: by the trunk's parameters, and by each cloud's modulation.
@@ -209,12 +217,14 @@ impl VelocityField for Mlp {
             "condition dimension"
         );
         assert_eq!(points.len(), velocities.len(), "one velocity per point");
-        self.scratch.with(Default::default, |(tape, packed)| {
+        self.scratch.with(Default::default, |scratch| {
+            let tape = &mut scratch.conditioner;
             self.conditioner
                 .forward(&self.params, &[t], condition, tape);
-            let weights = self.trunk_weights(packed, Passes::Forward);
+            let weights = self.trunk_weights(&mut scratch.packed, Passes::Forward);
+            let inputs = point_inputs(&self.shape, points, &mut scratch.inputs);
             self.trunk
-                .velocities(weights, &tape.modulation, points, &self.tapes, velocities);
+                .velocities(weights, &tape.modulation, inputs, &self.tapes, velocities);
         });
     }
 }
