@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use serde_json::{Value, json};
 use tdcr::learn::data::{CloudSet, DataSet, Meta, Normalisation, Split};
 use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
-use tdcr::learn::net::Channels;
+use tdcr::learn::net::{Channels, ContextShape};
 use tdcr::learn::train::{Model, Provenance, TrainSettings};
 use tdcr::pipeline::{Length, Preset};
 
@@ -51,6 +51,8 @@ pub fn presets() -> Outcome<String> {
             "embedding": preset.embedding,
             "steps": steps,
             "epochs": epochs,
+            "colors": preset.channels == Channels::XyzRgb,
+            "context": ContextShape::of(preset.layers),
             "networks": {"mlp": settings(mlp)?, "hybrid": settings(hybrid)?},
         }))
     });

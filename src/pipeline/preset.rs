@@ -1,8 +1,8 @@
 //! Networks and settings of training that fit together.
 
 use tdcr_learn::flow::Sampler;
-use tdcr_learn::net::Channels;
-use tdcr_learn::train::{Optimizer, Target, TrainSettings};
+use tdcr_learn::net::{Channels, ContextLayers};
+use tdcr_learn::train::{Optimizer, Procedure, Target, TrainSettings};
 
 use super::NetworkSize;
 
@@ -29,6 +29,12 @@ pub struct Preset {
     pub sampler: Sampler,
     /// How gradients move the weights.
     pub optimizer: Optimizer,
+    /// Where this project and the authors train differently.
+    pub procedure: Procedure,
+    /// Which layers a hybrid's context network is made of.
+    pub layers: ContextLayers,
+    /// What points consist of.
+    pub channels: Channels,
     /// What differs between the networks: an MLP's, a hybrid's.
     pub rates: [Rates; 2],
 }
@@ -49,7 +55,7 @@ pub struct Rates {
 pub enum Length {
     /// Optimiser steps.
     Steps(u64),
-    /// Times that as many clouds are drawn as the training set has.
+    /// Times that the training set is drawn from, each time as many batches as its clouds fill, at least one.
     Epochs(u64),
 }
 
@@ -74,6 +80,9 @@ impl Preset {
             validate_every: 700,
             sampler: Sampler::DEFAULT,
             optimizer: Optimizer::MUON,
+            procedure: Procedure::Project,
+            layers: ContextLayers::Residual,
+            channels: Channels::Xyz,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -87,6 +96,9 @@ impl Preset {
             validate_every: 2000,
             sampler: Sampler::DEFAULT,
             optimizer: Optimizer::MUON,
+            procedure: Procedure::Project,
+            layers: ContextLayers::Residual,
+            channels: Channels::Xyz,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -100,6 +112,9 @@ impl Preset {
             validate_every: 5000,
             sampler: Sampler::PAPER,
             optimizer: Optimizer::AdamW,
+            procedure: Procedure::Authors,
+            layers: ContextLayers::Pvcnn,
+            channels: Channels::XyzRgb,
             rates: [
                 Rates {
                     clouds: 8,
@@ -126,7 +141,7 @@ impl Length {
     pub fn steps(self, clouds: usize, set: usize) -> u64 {
         match self {
             Self::Steps(steps) => steps,
-            Self::Epochs(epochs) => epochs * set.div_ceil(clouds.max(1)) as u64,
+            Self::Epochs(epochs) => epochs * (set / clouds.max(1)).max(1) as u64,
         }
     }
 }
@@ -158,14 +173,14 @@ impl Default for Preset {
 }
 
 impl Preset {
-    /// Size of an MLP of positions.
+    /// Size of an MLP.
     pub fn size(&self) -> NetworkSize {
         NetworkSize {
             width: self.width,
             depth: self.depth,
             embedding: self.embedding,
             context: None,
-            channels: Channels::Xyz,
+            channels: self.channels,
         }
     }
 
@@ -180,6 +195,7 @@ impl Preset {
             validate_every: self.validate_every,
             sampler: self.sampler,
             optimizer: self.optimizer,
+            procedure: self.procedure,
             ..TrainSettings::default()
         }
     }
@@ -198,9 +214,10 @@ mod tests {
     }
 
     #[test]
-    fn an_epoch_draws_every_cloud_once_on_average() {
+    fn an_epoch_is_as_many_batches_as_the_clouds_fill() {
         assert_eq!(Length::Epochs(500).steps(8, 8000), 500_000);
-        assert_eq!(Length::Epochs(3).steps(8, 17), 9);
+        assert_eq!(Length::Epochs(3).steps(8, 17), 6);
+        assert_eq!(Length::Epochs(3).steps(8, 7), 3);
         assert_eq!(Length::Steps(7).steps(8, 17), 7);
     }
 }

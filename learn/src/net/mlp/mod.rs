@@ -29,7 +29,7 @@ mod trunk_tiles;
 mod velocity;
 
 pub use batch::{Batch, Loss};
-pub use conditioner::{Conditioner, ConditionerTape, Part};
+pub use conditioner::{Conditioner, ConditionerTape, Film, Part};
 pub use shape::MlpShape;
 pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide};
 pub use trunk::Trunk;
