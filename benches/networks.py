@@ -1,21 +1,23 @@
 """Training and sampling the paper's networks: ours beside PyTorch's, in one run.
 
-    make bench            or   .venv/bin/python benches/networks.py
+    make bench            or   .venv/bin/python benches/networks.py [--only mlp|hybrid] [--patience SECONDS]
 
-Prints Markdown tables: times, what products and memory account for of ours, in float32 and, where that is faster, in
-bfloat16. PyTorch stands beside ours where it is installed (tests/python/requirements-torch.txt): the
-modules of tdcr.torch, eager and compiled, in float32 and under bfloat16 autocast, with fused AdamW, as
-many threads as ours, and a malloc that keeps what it frees. Its best float32 mode and its best bfloat16 mode are shown,
-each with its ratio to our fastest that computes with such numbers or finer ones. Each mode runs in a process of its own,
-ours before each of them, and of ours the median is shown. Our step also draws its batch and averages the weights; PyTorch's
-batch is ready.
-Of the paper's sampling, 100 steps of Heun's method, 5 are timed by both and the time is multiplied by 20.
+Prints a line for each measurement as it comes, and then Markdown tables of all: times, what products and memory account for of
+ours, in float32 and, where that is faster, in bfloat16. PyTorch stands beside ours where it is installed
+(tests/python/requirements-torch.txt): the modules of tdcr.torch, eager and compiled, in float32 and under bfloat16 autocast, with
+fused AdamW, as many threads as ours, and a malloc that keeps what it frees. Its best float32 mode and its best bfloat16 mode are
+shown, each with its ratio to our fastest that computes with such numbers or finer ones. Each mode runs in a process of its own,
+ours before each of them, and of ours the median is shown. Our step also draws its batch and averages the weights; PyTorch's batch
+is ready. Of the paper's sampling, 100 steps of Heun's method, 5 are timed by both and the time is multiplied by 20.
+A mode of PyTorch that is not done after --patience seconds, its compilation included, is left out, and said to be.
 """
 
+import argparse
 import json
 import os
 import pathlib
 import resource
+import signal
 import statistics
 import subprocess
 import sys
@@ -31,8 +33,8 @@ MALLOC = {
     "MALLOC_TRIM_THRESHOLD_": "16000000000",
     "MALLOC_TOP_PAD_": "500000000",
 }
-# A compiled Hybrid takes minutes to compile, or never comes to an end.
-PATIENCE = 1200
+# Seconds for one mode of PyTorch: a compiled Hybrid takes minutes to compile, or never comes to an end.
+PATIENCE = 600
 PAPER_STEPS = 100
 
 
@@ -43,19 +45,26 @@ def ours(network, precision):
     return json.loads(run.stdout)
 
 
-def theirs(work, how, precision):
-    """What PyTorch takes for the same work in a mode, measured in another process; None where that fails."""
+def theirs(work, how, precision, patience):
+    """What PyTorch takes for the same work in a mode, measured in another process; a word on why not where that fails or takes
+    more than `patience` seconds."""
     task = json.dumps({"work": work, "how": how, "precision": precision})
-    command = [sys.executable, __file__, task]
-    try:
-        run = subprocess.run(command, env=os.environ | MALLOC, capture_output=True, check=True, text=True, timeout=PATIENCE)
-        return json.loads(run.stdout)
-    except subprocess.TimeoutExpired:
-        reason = f"not ready after {PATIENCE} s"
-    except subprocess.CalledProcessError as error:
-        reason = (error.stderr.strip().splitlines() or [f"exit status {error.returncode}"])[-1]
-    print(f"  left out: {how} {precision}: {reason}", file=sys.stderr)
-    return None
+    command = [sys.executable, __file__, "--task", task]
+    # A group of its own, as a compiler's processes outlive the one that started them.
+    group = {"start_new_session": True}
+    with subprocess.Popen(
+        command, env=os.environ | MALLOC, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **group
+    ) as run:
+        try:
+            output, error = run.communicate(timeout=patience)
+        except BaseException as reason:
+            os.killpg(run.pid, signal.SIGKILL)
+            if isinstance(reason, subprocess.TimeoutExpired):
+                return f"not done after {patience:g} s"
+            raise
+    if run.returncode != 0:
+        return (error.strip().splitlines() or [f"exit status {run.returncode}"])[-1]
+    return json.loads(output)
 
 
 def median_seconds(runs, work):
@@ -135,19 +144,39 @@ def peer(work, how, precision):
     return times
 
 
-def measure(network, modes):
-    """What ours, by precision and in rounds, and PyTorch, by mode, take for a network."""
+def measure(network, modes, patience):
+    """What ours, by precision and in rounds, and PyTorch, by mode, take for a network; prints each as it comes."""
     rounds, peers = {precision: [] for precision in PRECISIONS}, {}
     for how, precision in modes or [(None, precision) for precision in PRECISIONS]:
-        print(f"{network}: ours, {precision}", file=sys.stderr)
         mine = ours(network, precision)
         # Where ours is faster in float32, that is what ran.
         rounds[mine["precision"]].append(mine)
+        sampling = mine["sampling"]
+        tell(
+            network,
+            "ours",
+            mine["precision"],
+            mine["step"]["seconds"],
+            sampling and (sampling["steps"], sampling["work"]["seconds"]),
+        )
         if how:
-            print(f"{network}: PyTorch, {how} {precision}", file=sys.stderr)
-            peers[how, precision] = theirs(mine, how, precision)
+            found = theirs(mine, how, precision, patience)
+            if isinstance(found, str):
+                print(f"{network} | PyTorch {how} {precision} | left out: {found}", flush=True)
+                continue
+            peers[how, precision] = found
+            tell(network, f"PyTorch {how}", precision, found["step"], sampling and (sampling["steps"], found["sampling"]))
     rounds = {precision: mine for precision, mine in rounds.items() if mine}
-    return rounds, {mode: result for mode, result in peers.items() if result}
+    return rounds, peers
+
+
+def tell(network, who, precision, step, sampling):
+    """Prints a measurement: seconds of a training step, and of so many of the sampler's steps."""
+    line = f"{network} | {who} {precision} | training step {1e3 * step:,.1f} ms"
+    if sampling:
+        steps, seconds = sampling
+        line += f" | {2 * PAPER_STEPS} evaluations {PAPER_STEPS / steps * seconds:,.1f} s"
+    print(line, flush=True)
 
 
 def works(network, rounds):
@@ -230,21 +259,24 @@ def torch_version():
 
 
 def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--only", choices=NETWORKS, help="measure this network alone")
+    parser.add_argument("--patience", type=float, default=PATIENCE, metavar="SECONDS", help=f"for a PyTorch mode [{PATIENCE}]")
+    parser.add_argument("--task", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.task:
+        print(json.dumps(peer(**json.loads(args.task))))
+        return
     version = torch_version()
     if version:
         print(f"PyTorch {version}, {os.cpu_count()} processors", file=sys.stderr)
     else:
         print("PyTorch is skipped: install tests/python/requirements-torch.txt to have it beside ours", file=sys.stderr)
-    measured = {network: measure(network, MODES if version else []) for network in NETWORKS}
-    print(times_table(measured, PRECISIONS if version else ()))
-    print()
-    print(products_table(measured))
-    print()
-    print(memory_table(measured))
+    networks = [args.only] if args.only else NETWORKS
+    measured = {network: measure(network, MODES if version else [], args.patience) for network in networks}
+    for table in (times_table(measured, PRECISIONS if version else ()), products_table(measured), memory_table(measured)):
+        print(f"\n{table}")
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        print(json.dumps(peer(**json.loads(sys.argv[1]))))
-    else:
-        main()
+    main()

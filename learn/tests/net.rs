@@ -8,7 +8,9 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use reference::{Cloud, Reference, loss_gradient};
 use tdcr_learn::flow::VelocityField;
-use tdcr_learn::net::{Batch, Channels, MlpShape, Network, NetworkShapeError, Workspace};
+use tdcr_learn::net::{
+    Batch, Channels, InitialWeights, MlpShape, Network, NetworkShapeError, Workspace,
+};
 
 /// The paper's weight of the colours' error.
 const COLOR_WEIGHT: f32 = 0.05;
@@ -267,6 +269,43 @@ fn a_fresh_network_starts_as_documented() {
             }
             name if name.ends_with("linear.weight") => assert!(largest <= 0.125 && largest > 0.12),
             _ => assert!(largest > 0.0 && largest <= 0.5),
+        }
+    }
+}
+
+#[test]
+fn a_network_by_the_authors_starts_as_documented() {
+    let shape = MlpShape {
+        width: 128,
+        depth: 3,
+        embedding: 64,
+        condition_dim: 6,
+        channels: Channels::Xyz,
+    };
+    let network = Network::starting(shape, InitialWeights::Authors, &mut rng(0)).unwrap();
+    for tensor in shape.tensors() {
+        let values = &network.params()[tensor.range.clone()];
+        let largest = values.iter().fold(0.0f32, |max, v| max.max(v.abs()));
+        let squares = values.iter().map(|v| f64::from(*v).powi(2));
+        let deviation = (squares.sum::<f64>() / values.len() as f64).sqrt();
+        // Normal: its deviation, to 4 standard errors of 1/sqrt(2 n) each, and a tail.
+        let normal = |expected: f64| {
+            let error = 4.0 / (2.0 * values.len() as f64).sqrt();
+            assert!(
+                (deviation / expected - 1.0).abs() < error,
+                "{}: {deviation}",
+                tensor.name
+            );
+            assert!(f64::from(largest) > 1.9 * expected);
+        };
+        match tensor.name.as_str() {
+            "time.weight" | "condition.weight" => normal(0.02),
+            "input.weight" | "shift.weight" => normal((2.0f64 / 67.0).sqrt()),
+            name if name.ends_with("linear.weight") => normal((2.0f64 / 128.0).sqrt()),
+            name if name.ends_with("film.weight") => assert!(largest <= 0.125 && largest > 0.12),
+            name if name.ends_with("norm.weight") => assert!(values.iter().all(|v| *v == 1.0)),
+            "output.weight" | "output.bias" => assert!(largest > 0.0 && largest <= 0.0884),
+            _ => assert_eq!(largest, 0.0, "{}", tensor.name),
         }
     }
 }

@@ -7,8 +7,8 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::{from_value, json, to_value};
 use tdcr_learn::flow::VelocityField;
 use tdcr_learn::net::{
-    Batch, Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, Precision, Stage,
-    TimeGate, Workspace,
+    Batch, Channels, ContextLayers, ContextShape, HybridShape, MlpShape, Network, NetworkShape,
+    Precision, Stage, TimeGate, Workspace,
 };
 
 /// The paper's weight of the colours' error.
@@ -33,6 +33,7 @@ const fn stage(channels: usize, resolution: usize) -> Stage {
 const SHAPE: HybridShape = HybridShape {
     head: HEAD,
     context: ContextShape {
+        layers: ContextLayers::Residual,
         stages: [stage(6, 5), stage(24, 4), stage(5, 2)],
         blocks: 2,
         joined: 12,

@@ -1,10 +1,10 @@
 //! Both networks against PyTorch: velocities, loss and gradients of the modules of `tdcr.torch`.
 #![allow(clippy::unwrap_used, reason = "a test may stop where it fails")]
 
-use std::fs;
+mod fixture;
 
-use safetensors::SafeTensors;
-use serde_json::Value;
+use fixture::Fixture;
+use serde_json::from_value;
 use tdcr_learn::flow::VelocityField;
 use tdcr_learn::net::{Batch, Network, NetworkShape, Workspace};
 
@@ -13,37 +13,6 @@ const TOLERANCE: f64 = 1e-5;
 
 /// The paper's weight of the colours' error.
 const COLOR_WEIGHT: f32 = 0.05;
-
-/// What `data/networks_torch.py` wrote.
-struct Fixture {
-    bytes: Vec<u8>,
-}
-
-impl Fixture {
-    fn read() -> Self {
-        let path = concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/tests/data/networks_torch.safetensors"
-        );
-        Self {
-            bytes: fs::read(path).unwrap(),
-        }
-    }
-
-    fn shape(&self, network: &str) -> NetworkShape {
-        let (_, metadata) = SafeTensors::read_metadata(&self.bytes).unwrap();
-        let shapes = &metadata.metadata().as_ref().unwrap()["shapes"];
-        let shapes: Value = serde_json::from_str(shapes).unwrap();
-        serde_json::from_value(shapes[network].clone()).unwrap()
-    }
-
-    fn tensor(&self, name: &str) -> Vec<f32> {
-        let tensors = SafeTensors::deserialize(&self.bytes).unwrap();
-        let tensor = tensors.tensor(name).expect(name);
-        let numbers = tensor.data().as_chunks().0.iter();
-        numbers.map(|bytes| f32::from_le_bytes(*bytes)).collect()
-    }
-}
 
 /// `|found - expected| / |expected|`.
 fn error(found: &[f32], expected: &[f32]) -> f64 {
@@ -55,9 +24,9 @@ fn error(found: &[f32], expected: &[f32]) -> f64 {
 }
 
 fn assert_torchs(name: &str) {
-    let fixture = Fixture::read();
+    let fixture = Fixture::read("networks_torch");
     let tensor = |kind: &str| fixture.tensor(&format!("{name}.{kind}"));
-    let shape = fixture.shape(name);
+    let shape: NetworkShape = from_value(fixture.json("shapes")[name].clone()).unwrap();
     let mut params = Vec::new();
     for spec in shape.tensors() {
         params.extend(tensor(&format!("weight.{}", spec.name)));

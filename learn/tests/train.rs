@@ -11,7 +11,7 @@ use tdcr_learn::data::CloudSet;
 use tdcr_learn::flow::{Coupling, FlowPath, Stream, rng};
 use tdcr_learn::metrics::emd_squared;
 use tdcr_learn::net::{Channels, MlpShape};
-use tdcr_learn::train::{Optimizer, TrainError, TrainSettings, Trainer, TrainingState};
+use tdcr_learn::train::{Optimizer, Procedure, TrainError, TrainSettings, Trainer, TrainingState};
 use tempfile::TempDir;
 use toy::{COLORED, LARGER, SHAPE, bars, colored_bars, learning, provenance, run, settings};
 
@@ -160,14 +160,21 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     let (training, validation) = (bars(5, 1), bars(3, 2));
     let folder = TempDir::new().unwrap();
     let file = folder.path().join("run.safetensors");
-    let start = || Trainer::new(SHAPE, settings(), &training, &validation).unwrap();
-    let whole = run(start(), 12).state(provenance());
-    let interrupted = run(start(), 7).state(provenance());
-    interrupted.save(&file).unwrap();
-    let loaded = TrainingState::load(&file).unwrap();
-    assert_eq!(loaded, interrupted);
-    let resumed = Trainer::resume(loaded, SHAPE, settings(), &training, &validation).unwrap();
-    assert_eq!(run(resumed, 12).state(provenance()), whole);
+    for procedure in [Procedure::Project, Procedure::Authors] {
+        let settings = || TrainSettings {
+            procedure,
+            ..settings()
+        };
+        let start = || Trainer::new(SHAPE, settings(), &training, &validation).unwrap();
+        let whole = run(start(), 12).state(provenance());
+        // Of 5 clouds, an epoch of the authors' has one batch of 3.
+        let interrupted = run(start(), 7).state(provenance());
+        interrupted.save(&file).unwrap();
+        let loaded = TrainingState::load(&file).unwrap();
+        assert_eq!(loaded, interrupted);
+        let resumed = Trainer::resume(loaded, SHAPE, settings(), &training, &validation).unwrap();
+        assert_eq!(run(resumed, 12).state(provenance()), whole);
+    }
 }
 
 #[test]
@@ -235,6 +242,16 @@ fn sets_that_do_not_suit_the_run_are_refused() {
         ..settings()
     };
     assert!(refused(&good, many).starts_with("validation_clouds is 6"));
+    let many = TrainSettings {
+        procedure: Procedure::Authors,
+        clouds: 6,
+        ..settings()
+    };
+    assert_eq!(
+        refused(&good, many),
+        "clouds is 6, expected at most the 5 clouds of the training set, which the authors' procedure draws without \
+         replacement"
+    );
     bad.points[7] = f32::NAN;
     assert_eq!(
         refused(&bad, settings()),

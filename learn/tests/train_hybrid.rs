@@ -4,7 +4,7 @@
 mod toy;
 
 use tdcr_learn::flow::Sampler;
-use tdcr_learn::net::{ContextShape, HybridShape, Stage, TimeGate};
+use tdcr_learn::net::{ContextLayers, ContextShape, HybridShape, Stage, TimeGate};
 use tdcr_learn::train::{Model, TrainSettings, Trainer, TrainingState};
 use tempfile::TempDir;
 use toy::{
@@ -21,6 +21,7 @@ const fn hybrid() -> HybridShape {
     HybridShape {
         head: SHAPE,
         context: ContextShape {
+            layers: ContextLayers::Residual,
             stages: [stage(8, 4), stage(8, 3), stage(8, 2)],
             blocks: 1,
             joined: 8,

@@ -97,7 +97,7 @@ impl Predictor {
             "shape": network.shape(),
             "step": step,
             "validation_cd": validation_distance * provenance.normalisation.scale.powi(2),
-            "parameters": network.params().len(),
+            "parameters": network.shape().learned_parameters(),
             "precision": network.precision().name(),
             "colors": network.shape().channels().count() > 3,
         });

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use serde_json::{Value, json};
 use tdcr::learn::data::{CloudSet, DataSet, Meta, Normalisation, Split};
 use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
-use tdcr::learn::net::Channels;
+use tdcr::learn::net::{Channels, ContextShape};
 use tdcr::learn::predict::Prediction;
 use tdcr::learn::train::{Model, Provenance, TrainSettings};
 use tdcr::pipeline::{self, Length, Preset};
@@ -53,6 +53,8 @@ pub fn presets() -> Outcome<String> {
             "octaves": preset.octaves,
             "steps": steps,
             "epochs": epochs,
+            "colors": preset.channels == Channels::XyzRgb,
+            "context": ContextShape::of(preset.layers),
             "networks": {"mlp": settings(mlp)?, "hybrid": settings(hybrid)?},
         }))
     });

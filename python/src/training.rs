@@ -6,7 +6,7 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 use tdcr::learn::data::{Recipe, StreamSpec, Subject};
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
-use tdcr::learn::net::{Channels, ContextShape, Precision};
+use tdcr::learn::net::{Channels, ContextLayers, ContextShape, Precision};
 use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{self, Preset, StreamSettings, TrainPlan, Trained, TrainingData};
@@ -36,7 +36,7 @@ pub struct TrainOptions {
     embedding: Option<usize>,
     octaves: Option<usize>,
     context: Option<Context>,
-    colors: bool,
+    colors: Option<bool>,
     color_weight: Option<f32>,
     steps: Option<u64>,
     clouds: Option<usize>,
@@ -70,6 +70,7 @@ pub fn named_symmetry(name: &str) -> Outcome<SymmetryUse> {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct Context {
+    layers: Option<String>,
     channels: Option<[usize; 3]>,
     resolutions: Option<[usize; 3]>,
     blocks: Option<usize>,
@@ -100,8 +101,15 @@ pub enum Source<'py> {
 }
 
 impl Context {
-    fn shape(&self) -> ContextShape {
-        let mut shape = ContextShape::default();
+    fn shape(&self, preset: &Preset) -> Outcome<ContextShape> {
+        let layers = match &self.layers {
+            None => preset.layers,
+            Some(name) => {
+                let all = ContextLayers::ALL.map(|layers| (layers.name(), layers));
+                choice("layers", name, &all)?
+            }
+        };
+        let mut shape = ContextShape::of(layers);
         for (stage, size) in shape.stages.iter_mut().enumerate() {
             size.channels = self
                 .channels
@@ -112,7 +120,7 @@ impl Context {
         }
         shape.blocks = self.blocks.unwrap_or(shape.blocks);
         shape.features = self.context.unwrap_or(shape.features);
-        shape
+        Ok(shape)
     }
 }
 
@@ -123,21 +131,20 @@ impl TrainOptions {
         let optimizer = optimizer.map(|name| choice("optimizer", name, &optimizers));
         let precision = self.precision.as_deref().map(named_precision);
         let usual = TrainPlan::default();
+        let presets = Preset::ALL.map(|preset| (preset.name, preset));
+        let preset = choice("preset", &self.preset, &presets)?;
+        let context = self.context.as_ref();
         Ok(TrainPlan {
-            preset: choice(
-                "preset",
-                &self.preset,
-                &Preset::ALL.map(|preset| (preset.name, preset)),
-            )?,
+            preset,
             width: self.width,
             depth: self.depth,
             embedding: self.embedding,
             octaves: self.octaves,
-            context: self.context.as_ref().map(Context::shape),
-            channels: match self.colors {
+            context: context.map(|context| context.shape(&preset)).transpose()?,
+            channels: self.colors.map(|colors| match colors {
                 true => Channels::XyzRgb,
                 false => Channels::Xyz,
-            },
+            }),
             color_weight: self.color_weight.unwrap_or(usual.color_weight),
             steps: self.steps,
             clouds: self.clouds,

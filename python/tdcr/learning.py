@@ -71,7 +71,7 @@ def train(
     depth: int | None = None,
     embedding: int | None = None,
     octaves: int | None = None,
-    colors: bool = False,
+    colors: bool | None = None,
     color_weight: float | None = None,
     steps: int | None = None,
     clouds: int | None = None,
@@ -92,6 +92,7 @@ def train(
     init: PathLike | None = None,
     normalisation_from: PathLike | None = None,
     seed: int = 0,
+    layers: Literal["residual", "pvcnn"] | None = None,
     channels: Sequence[int] | None = None,
     resolutions: Sequence[int] | None = None,
     blocks: int | None = None,
@@ -122,7 +123,7 @@ def train(
         depth: Layers.
         embedding: Features of the embedding of time and condition.
         octaves: Octaves of the Fourier features of the points' positions.
-        colors: Whether to learn the colours of the points beside their positions.
+        colors: Whether to learn the colours of the points beside their positions; by default the preset ``"paper"`` alone does.
         color_weight: Weight of the colours' error beside the positions', with ``colors``.
         steps: Optimiser steps.
         clouds: Clouds per step.
@@ -148,6 +149,8 @@ def train(
         init: Model file, or run, whose weights the network starts at.
         normalisation_from: Model file, or run, whose normalisation takes the place of the data set's own.
         seed: Seed of weights, noise and subsets.
+        layers: Layers of a hybrid's context network: ``"residual"``, or the authors' ``"pvcnn"``, as the preset ``"paper"`` has
+            them, which ``python -m tdcr.torch.train`` alone trains.
         channels: Features of the three stages of a hybrid's context network; 80, 112, 112 by default.
         resolutions: Voxels per edge in its three stages; 24, 16, 8 by default.
         blocks: Point-voxel blocks per stage; 2 by default.
@@ -173,7 +176,7 @@ def train(
         DataError: For a data set that cannot be read.
         TrainError: For a folder that holds another run, an initial model that does not fit, and training that diverges.
     """
-    shape = {"channels": channels, "resolutions": resolutions, "blocks": blocks, "context": context}
+    shape = {"layers": layers, "channels": channels, "resolutions": resolutions, "blocks": blocks, "context": context}
     if net not in ("mlp", "hybrid"):
         raise InputError(f"net is {net!r}; expected 'mlp' or 'hybrid'")
     given = [name for name, value in shape.items() if value is not None]
@@ -187,8 +190,8 @@ def train(
         "depth": maybe_count(depth, "depth"),
         "embedding": maybe_count(embedding, "embedding"),
         "octaves": maybe_count(octaves, "octaves"),
-        "context": None if net == "mlp" else {name: _sizes(value, name) for name, value in shape.items()},
-        "colors": bool(colors),
+        "context": None if net == "mlp" else {"layers": layers} | {n: _sizes(v, n) for n, v in shape.items() if n != "layers"},
+        "colors": None if colors is None else bool(colors),
         "color_weight": maybe_number(color_weight, "color_weight"),
         "steps": maybe_count(steps, "steps"),
         "clouds": maybe_count(clouds, "clouds"),

@@ -97,7 +97,7 @@ class Predictor:
             sampler_power: Exponent ``p`` of the time grid ``1 - (1 - k/n)^p``.
             sampler_tolerance: Adaptive steps with this local error tolerance, relative to the data's extent.
             sampler_denoise: Flow time, below 1, of a last evaluation that takes the points to the data predicted there; 1: none.
-            sampler_spare: Points that are drawn beyond ``points``, as a share of these; so many of the most uncertain are left out.
+            sampler_spare: Points to draw beyond ``points``, as a share of these; so many of the most uncertain are left out.
             progress: Is called with the number of clouds predicted since its last call, as ``tqdm(total=B).update``.
 
         Returns:
@@ -158,9 +158,7 @@ class Predictor:
         options = {
             "points": as_count(points, "points", 1, MOST),
             "seed": as_seed(seed),
-            "sampler": sampler_options(
-                sampler, sampler_steps, sampler_power, sampler_tolerance, sampler_denoise, sampler_spare
-            ),
+            "sampler": sampler_options(sampler, sampler_steps, sampler_power, sampler_tolerance, sampler_denoise, sampler_spare),
             "prior_samples": as_count(prior_samples, "prior_samples", 1, MOST) if uncertainty else 0,
         }
         return Prediction(*self._native.predict(rows, options, progress=progress))

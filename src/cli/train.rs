@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::flow::{Coupling, FlowPath};
-use tdcr::learn::net::{Channels, ContextShape, Precision, Processor};
+use tdcr::learn::net::{Channels, ContextLayers, ContextShape, Precision, Processor};
 use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
@@ -46,9 +46,11 @@ pub(super) struct TrainArgs {
     embedding: Option<usize>,
     #[arg(long, value_name = "N", help = by_preset("Octaves of the Fourier features of the points' positions", |p| p.octaves))]
     octaves: Option<usize>,
-    /// Learn the colours of the points beside their positions
-    #[arg(long)]
+    #[arg(long, help = by_preset("Learn the colours of the points beside their positions", |p| colored(p.channels)), overrides_with = "no_colors")]
     colors: bool,
+    /// Learn positions alone
+    #[arg(long, overrides_with = "colors")]
+    no_colors: bool,
     /// Weight of the colours' error beside the positions'
     #[arg(long, default_value_t = TrainSettings::default().color_weight, value_name = "W", requires = "colors", allow_hyphen_values = true)]
     color_weight: f32,
@@ -110,6 +112,14 @@ pub(super) struct TrainArgs {
     context: ContextArgs,
 }
 
+/// Whether colours are learned, in a word.
+fn colored(channels: Channels) -> &'static str {
+    match channels == Channels::XyzRgb {
+        true => "yes",
+        false => "no",
+    }
+}
+
 /// Parses the name of a preset.
 fn preset() -> impl TypedValueParser<Value = Preset> {
     let value = |preset: Preset| PossibleValue::new(preset.name).help(preset.purpose);
@@ -151,10 +161,20 @@ enum OptimizerName {
     Muon,
 }
 
-/// Sizes of the context network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Layers {
+    /// Residual blocks with GroupNorm, which learn from clouds one after another
+    Residual,
+    /// The authors', with BatchNorm: trained by `python -m tdcr.torch.train`
+    Pvcnn,
+}
+
+/// Layers and sizes of the context network.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Context of --net hybrid")]
 struct ContextArgs {
+    #[arg(long, value_enum, help = by_preset("Layers of the context network", |p| p.layers.name()))]
+    layers: Option<Layers>,
     /// Features of the three stages [default: 80,112,112]
     #[arg(long, value_name = "N,N,N", value_delimiter = ',')]
     channels: Option<Vec<usize>>,
@@ -171,9 +191,10 @@ struct ContextArgs {
 
 impl ContextArgs {
     /// The context network's shape; none for an MLP, which has none.
-    fn shape(&self, net: Net) -> anyhow::Result<Option<ContextShape>> {
+    fn shape(&self, net: Net, preset: &Preset) -> anyhow::Result<Option<ContextShape>> {
         if net == Net::Mlp {
             for (option, given) in [
+                ("layers", self.layers.is_some()),
                 ("channels", self.channels.is_some()),
                 ("resolutions", self.resolutions.is_some()),
                 ("blocks", self.blocks.is_some()),
@@ -186,7 +207,11 @@ impl ContextArgs {
             }
             return Ok(None);
         }
-        let mut shape = ContextShape::default();
+        let mut shape = ContextShape::of(match self.layers {
+            None => preset.layers,
+            Some(Layers::Residual) => ContextLayers::Residual,
+            Some(Layers::Pvcnn) => ContextLayers::Pvcnn,
+        });
         for (stage, channels) in per_stage("channels", self.channels.as_deref())? {
             shape.stages[stage].channels = channels;
         }
@@ -317,10 +342,11 @@ fn plan(args: &TrainArgs) -> anyhow::Result<TrainPlan> {
         width: args.width,
         depth: args.depth,
         embedding: args.embedding,
-        context: args.context.shape(args.net)?,
-        channels: match args.colors {
-            true => Channels::XyzRgb,
-            false => Channels::Xyz,
+        context: args.context.shape(args.net, &args.preset)?,
+        channels: match (args.colors, args.no_colors) {
+            (true, _) => Some(Channels::XyzRgb),
+            (_, true) => Some(Channels::Xyz),
+            (false, false) => None,
         },
         color_weight: args.color_weight,
         steps: args.steps,
@@ -394,7 +420,7 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
     let scale = trained.model.provenance.normalisation.scale;
     let run = Run {
         model: model_path(&args.out),
-        parameters: trained.model.network.params().len(),
+        parameters: trained.model.network.shape().learned_parameters(),
         steps: trained.losses.len() as u64,
         best_step: trained.model.step,
         validation_cd: trained.model.validation_distance * scale * scale,

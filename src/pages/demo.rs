@@ -270,7 +270,7 @@ fn report(
                     "MLP, width {}, depth {}, {} parameters",
                     PRESET.width,
                     PRESET.depth,
-                    model.network.params().len()
+                    model.network.shape().learned_parameters()
                 ),
             ),
             (

@@ -52,7 +52,7 @@ impl<'a> Evaluated<'a> {
                 ("Model", file.display().to_string()),
                 (
                     "Network",
-                    format!("{} parameters", model.network.params().len()),
+                    format!("{} parameters", model.network.shape().learned_parameters()),
                 ),
                 ("Training", format!("best at step {}", model.step)),
                 ("Sampler", sampler_text(sampler)),

@@ -25,7 +25,7 @@ pub struct TrainPlan {
     /// The context network of a hybrid; `None` for an MLP.
     pub context: Option<ContextShape>,
     /// What points consist of.
-    pub channels: Channels,
+    pub channels: Option<Channels>,
     /// Weight of the colours' error beside the positions'.
     pub color_weight: f32,
     /// Optimiser steps.
@@ -66,7 +66,7 @@ pub struct TrainPlan {
     pub seed: u64,
 }
 
-/// An MLP of positions by the default preset.
+/// An MLP by the default preset.
 impl Default for TrainPlan {
     fn default() -> Self {
         let path = FlowPath::default();
@@ -76,7 +76,7 @@ impl Default for TrainPlan {
             depth: None,
             embedding: None,
             context: None,
-            channels: Channels::Xyz,
+            channels: None,
             color_weight: TrainSettings::default().color_weight,
             steps: None,
             clouds: None,
@@ -168,7 +168,7 @@ impl TrainPlan {
         };
         let size = NetworkSize {
             context: self.context,
-            channels: self.channels,
+            channels: self.channels.unwrap_or(preset.channels),
             ..preset.size()
         };
         Ok((size, settings))

@@ -1,9 +1,9 @@
 //! Networks and settings of training that fit together.
 
 use tdcr_learn::flow::{FlowPath, Sampler};
-use tdcr_learn::net::Channels;
+use tdcr_learn::net::{Channels, ContextLayers};
 use tdcr_learn::symmetry::SymmetryUse;
-use tdcr_learn::train::{Optimizer, Target, TrainSettings};
+use tdcr_learn::train::{Optimizer, Procedure, Target, TrainSettings};
 
 use super::NetworkSize;
 
@@ -36,6 +36,12 @@ pub struct Preset {
     pub optimizer: Optimizer,
     /// Whether it learns representatives of symmetric conditions.
     pub symmetry: SymmetryUse,
+    /// Where this project and the authors train differently.
+    pub procedure: Procedure,
+    /// Which layers a hybrid's context network is made of.
+    pub layers: ContextLayers,
+    /// What points consist of.
+    pub channels: Channels,
     /// What differs between the networks: an MLP's, a hybrid's.
     pub rates: [Rates; 2],
 }
@@ -56,7 +62,7 @@ pub struct Rates {
 pub enum Length {
     /// Optimiser steps.
     Steps(u64),
-    /// Times that as many clouds are drawn as the training set has.
+    /// Times that the training set is drawn from, each time as many batches as its clouds fill, at least one.
     Epochs(u64),
 }
 
@@ -84,6 +90,9 @@ impl Preset {
             path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
             symmetry: SymmetryUse::Auto,
+            procedure: Procedure::Project,
+            layers: ContextLayers::Residual,
+            channels: Channels::Xyz,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -100,6 +109,9 @@ impl Preset {
             path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
             symmetry: SymmetryUse::Auto,
+            procedure: Procedure::Project,
+            layers: ContextLayers::Residual,
+            channels: Channels::Xyz,
             rates: [FEW_POINTS; 2],
         },
         Self {
@@ -116,6 +128,9 @@ impl Preset {
             path: FlowPath::PAPER,
             optimizer: Optimizer::AdamW,
             symmetry: SymmetryUse::None,
+            procedure: Procedure::Authors,
+            layers: ContextLayers::Pvcnn,
+            channels: Channels::XyzRgb,
             rates: [
                 Rates {
                     clouds: 8,
@@ -142,7 +157,7 @@ impl Length {
     pub fn steps(self, clouds: usize, set: usize) -> u64 {
         match self {
             Self::Steps(steps) => steps,
-            Self::Epochs(epochs) => epochs * set.div_ceil(clouds.max(1)) as u64,
+            Self::Epochs(epochs) => epochs * (set / clouds.max(1)).max(1) as u64,
         }
     }
 }
@@ -175,7 +190,7 @@ impl Default for Preset {
 }
 
 impl Preset {
-    /// Size of an MLP of positions.
+    /// Size of an MLP.
     pub fn size(&self) -> NetworkSize {
         NetworkSize {
             width: self.width,
@@ -183,7 +198,7 @@ impl Preset {
             embedding: self.embedding,
             octaves: self.octaves,
             context: None,
-            channels: Channels::Xyz,
+            channels: self.channels,
         }
     }
 
@@ -200,6 +215,7 @@ impl Preset {
             optimizer: self.optimizer,
             path: self.path,
             symmetry: self.symmetry,
+            procedure: self.procedure,
             ..TrainSettings::default()
         }
     }
@@ -218,9 +234,10 @@ mod tests {
     }
 
     #[test]
-    fn an_epoch_draws_every_cloud_once_on_average() {
+    fn an_epoch_is_as_many_batches_as_the_clouds_fill() {
         assert_eq!(Length::Epochs(500).steps(8, 8000), 500_000);
-        assert_eq!(Length::Epochs(3).steps(8, 17), 9);
+        assert_eq!(Length::Epochs(3).steps(8, 17), 6);
+        assert_eq!(Length::Epochs(3).steps(8, 7), 3);
         assert_eq!(Length::Steps(7).steps(8, 17), 7);
     }
 }

@@ -21,9 +21,12 @@ except ImportError:
 from torch import nn  # noqa: E402
 
 sys.path.insert(0, str(ROOT / "examples/python"))
+sys.path.insert(0, str(ROOT / "learn/tests/data"))
 import import_checkpoint  # noqa: E402
-from import_checkpoint import CheckpointError, convert, guess, read_state  # noqa: E402
+import paper_hybrid  # noqa: E402
+from import_checkpoint import CheckpointError, convert, read_state  # noqa: E402
 
+from tdcr import _tdcr  # noqa: E402
 from tdcr.torch import network  # noqa: E402
 
 WIDTH, BLOCKS, EMBEDDING, MOTORS = 24, 3, 16, 4
@@ -172,121 +175,71 @@ def test_checkpoints_that_do_not_fit_are_refused_by_name(tmp_path):
         read_state(tmp_path / "pickled.pt")
 
 
-HEAD = {"width": WIDTH, "depth": 3, "embedding": EMBEDDING, "condition_dim": MOTORS, "channels": "xyz-rgb"}
-CONTEXT = {
-    "stages": [{"channels": 8, "resolution": r} for r in (5, 4, 3)],
-    "blocks": 1,
-    "joined": 32,
-    "gate": {"centre": 0.5, "steepness": 8.0},
-}
-FEATURES = 5
+def hybrid_checkpoint(folder, shape, seed=5):
+    """The reference's module with random tensors, and the checkpoint of a run, whose average lacks BatchNorm's."""
+    paper = paper_hybrid.randomise(paper_hybrid.PaperHybrid(shape), torch.Generator().manual_seed(seed))
+    state = {f"module.{name}": value for name, value in paper.state_dict().items()}
+    learned = {f"module.{name}" for name, _ in paper.named_parameters()}
+    current = {name: value + 1 if name in learned else value for name, value in state.items()}
+    average = {name: value for name, value in state.items() if name in learned}
+    torch.save({"ema": average, "model": current, "epoch": 5}, folder / "last.pt")
+    return paper
 
 
-def hybrid():
-    """A Hybrid, its weights under the authors' names as far as they are known, and the names of the rest."""
-    module = randomise(network({"head": HEAD, "context": {**CONTEXT, "features": FEATURES}}), 3)
-    ours, theirs, names = module.state_dict(), {}, {}
-    for part in ("weight", "bias"):
-        theirs[f"t_proj.0.{part}"], theirs[f"c_proj.0.{part}"] = ours[f"time.{part}"], ours[f"condition.{part}"]
-        theirs[f"head.out.1.{part}"] = ours[f"head.output.{part}"]
-        for i in range(2):
-            block = f"head.blocks.{i}"
-            theirs[f"{block}.1.{part}"] = ours[f"{block}.linear.{part}"]
-            theirs[f"head.films.{i}.norm.{part}"] = ours[f"{block}.norm.{part}"]
-            theirs[f"head.films.{i}.affine.{part}"] = ours[f"{block}.film.{part}"]
-    theirs["head.input.weight"] = torch.cat([ours["head.input.weight"], ours["head.shift.weight"]], dim=1)
-    theirs["head.input.bias"] = ours["head.shift.bias"]
-    first, joins = "context.stages.0.project", "context.join"
-    joint = torch.cat([ours["context.shift.weight"], ours[f"{first}.weight"]], dim=1)
-    joined = [ours[f"{joins}s.{k}.weight"] for k in range(3)] + [ours[f"{joins}_maximum.weight"]]
-    shares = ("context.shift", f"{joins}s.", f"{joins}_maximum")
-    context = {n: v for n, v in ours.items() if n.startswith("context.") and not n.startswith(shares)}
-    context |= {f"{first}.weight": joint[..., None], f"{first}.bias": ours["context.shift.bias"]}
-    context |= {f"{joins}.weight": torch.cat(joined, dim=1), f"{joins}.bias": ours[f"{joins}_maximum.bias"]}
-    for k, (name, value) in enumerate(context.items()):
-        names[name] = f"ctx_net.layer{k}"
-        theirs[f"ctx_net.layer{k}"] = value
-    return module, theirs, names
+def test_the_authors_hybrid_has_its_published_number_of_parameters():
+    for module in (paper_hybrid.PaperHybrid(paper_hybrid.PAPER), network(paper_hybrid.PAPER)):
+        assert sum(value.numel() for value in module.parameters()) == 6_939_315
 
 
-def test_a_hybrid_is_converted_with_the_names_of_its_context_network():
-    expected, state, names = hybrid()
-    module, _ = convert(state, CONTEXT, names)
+def test_a_converted_hybrid_has_the_velocities_of_the_reference(tmp_path):
+    paper = hybrid_checkpoint(tmp_path, paper_hybrid.SHAPE)
+    module, shape = convert(read_state(tmp_path / "last.pt"), paper_hybrid.SHAPE["context"])
+    assert shape == paper_hybrid.SHAPE
+    inputs = paper_hybrid.batch(shape, 3, 200, torch.Generator().manual_seed(6))
+    expected = paper_hybrid.velocities(paper, inputs)
+    path = tmp_path / "model.safetensors"
+    units = {"motor_min": [0.0, 0.0], "motor_max": [0.04, 0.04], "scale": 0.4}
+    import_checkpoint.model(module, shape, units).save(path)
     with torch.no_grad():
-        np.testing.assert_allclose(module(*inputs(6)), expected(*inputs(6)), rtol=1e-5, atol=1e-5)
+        found = [module(*inputs), torch.from_numpy(_tdcr.velocities(str(path), *(value.numpy() for value in inputs)))]
+    for velocities in found:
+        assert (velocities - expected).abs().max() < 1e-5 * expected.abs().max()
 
 
-def test_what_shapes_tell_needs_no_name_and_the_rest_is_asked_for():
-    _, state, names = hybrid()
-    told = ["context.from_embedding.weight", "context.output.weight", "context.join.bias"]
-    known = {n: key for n, key in names.items() if n not in told}
-    expected, _ = convert(state, CONTEXT, names)
-    with pytest.raises(CheckpointError) as error:
-        convert(state, CONTEXT)
-    lines = str(error.value).splitlines()
-    assert "say --names FILE" in lines[0]
-    key = names["context.stages.1.project.weight"]
-    assert f"  in the checkpoint: {key} [8, 8]" in lines
-    assert "  expected: context.stages.1.project.weight [8, 8]" in lines
-    assert not any(names["context.output.weight"] in line.split() for line in lines), "its shape is its own"
-    module, _ = convert(state, CONTEXT, known)
-    assert all(torch.equal(a, b) for a, b in zip(module.parameters(), expected.parameters()))
-    with pytest.raises(CheckpointError, match="no tensor `ctx_net.absent`"):
-        convert(state, CONTEXT, names | {"context.output.weight": "ctx_net.absent"})
+def test_the_binary_predicts_with_the_authors_hybrid(tdcr, tmp_path, monkeypatch):
+    # Published resolutions, fewer channels.
+    head = paper_hybrid.SHAPE["head"] | {"condition_dim": MOTORS, "channels": "xyz"}
+    stages = [stage | {"channels": 16} for stage in paper_hybrid.PAPER["context"]["stages"]]
+    context = paper_hybrid.PAPER["context"] | {"stages": stages, "joined": 16}
+    paper = hybrid_checkpoint(tmp_path, {"head": head, "context": context})
+    model, npz = tmp_path / "model.safetensors", tmp_path / "clouds.npz"
+    arguments = [tmp_path / "last.pt", "--data", data_folder(tmp_path), "--out", model]
+    monkeypatch.setattr(sys, "argv", ["import_checkpoint.py", *map(str, arguments)])
+    import_checkpoint.main()
+    command = [0.01, 0.02, 0.03, 0.04]
+    (tmp_path / "commands.csv").write_text(",".join(map(str, command)))
+    options = ["--points", 150, "--sampler", "heun", "--sampler-steps", 3, "--sampler-power", 1]
+    tdcr("predict", "--model", model, "--commands", tmp_path / "commands.csv", *options, "--out", npz)
+    # Heun's method with the reference, from the same noise.
+    x = torch.from_numpy(_tdcr.start_noise(0.5, 150, False, 0))[None]
+    condition = torch.tensor([[value / 0.04 for value in command]])
+    velocity = lambda t, x: paper_hybrid.velocities(paper, (x, torch.tensor([t]), condition))  # noqa: E731
+    for k in range(3):
+        u = velocity(k / 3, x)
+        x = x + (u + velocity((k + 1) / 3, x + u / 3)) / 6
+    with np.load(npz) as clouds:
+        error = np.abs(clouds["points"][0] - 0.4 * x[0].numpy()).max()
+    assert error < 1e-5 * 0.4 * x.abs().max()
 
 
-def layers_in_other_words():
-    """The Hybrid of `hybrid`, its context network's layers called otherwise, in the order in which they act."""
-    module, state, names = hybrid()
-    layers, words = {}, {}
-    for ours, key in names.items():
-        layer, _, part = ours.rpartition(".")
-        words[key] = f"ctx_net.part{layers.setdefault(layer, len(layers))}.{part}"
-    return module, {words.get(key, key): value for key, value in state.items()}
-
-
-def test_names_are_guessed_by_order_among_layers_alike():
-    expected, state = layers_in_other_words()
-    names = guess(state, CONTEXT)
-    assert set(names.values()) == {key for key in state if key.startswith("ctx_net.")}
-    module, _ = convert(state, CONTEXT, names)
-    assert all(torch.equal(a, b) for a, b in zip(module.parameters(), expected.parameters()))
-
-
-def test_layers_that_the_checkpoint_has_more_of_are_not_guessed():
-    _, state = layers_in_other_words()
-    convolution = next(key for key in state if key.startswith("ctx_net.") and state[key].dim() == 5)
-    layer = convolution.removesuffix(".weight")
-    more = {f"ctx_net.more.{part}": state[f"{layer}.{part}"] for part in ("weight", "bias")}
-    named = guess(state | more, CONTEXT).values()
-    shape = state[convolution].shape
-    assert named
-    assert not [key for key in named if state[key].shape == shape]
-
-
-def test_a_guess_is_written_for_the_importer_and_never_over_a_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(import_checkpoint, "CONTEXT", CONTEXT)
-    expected, state = layers_in_other_words()
-    checkpoint, names = tmp_path / "last.pt", tmp_path / "names.json"
-    torch.save({"model": state}, checkpoint)
-    import_checkpoint.write_guess(checkpoint, names)
-    module, _ = convert(read_state(checkpoint), CONTEXT, json.loads(names.read_text()))
-    assert all(torch.equal(a, b) for a, b in zip(module.parameters(), expected.parameters()))
-    with pytest.raises(FileExistsError):
-        import_checkpoint.write_guess(checkpoint, names)
-    torch.save({"model": {"t_proj.weight": torch.zeros(2, 2)}}, checkpoint)
-    with pytest.raises(CheckpointError, match="no names are needed"):
-        import_checkpoint.write_guess(checkpoint, tmp_path / "other.json")
-
-
-def test_the_authors_hybrid_is_refused_as_another_network():
-    """By names of their release alone: no network is to be made of it."""
-    state = {
-        "head.t_proj.weight": torch.zeros(256, 256),
-        "ctx_net.t_proj.weight": torch.zeros(256, 256),
-        "ctx_net.stages.0.proj.layers.0.weight": torch.zeros(80, 259, 1),
-        "ctx_net.global_mlp.0.weight": torch.zeros(112, 112),
-    }
-    for make in (convert, guess):
-        with pytest.raises(CheckpointError, match="authors' Hybrid, which is another network"):
-            make(state)
+def test_hybrids_that_do_not_fit_are_refused_by_name():
+    state = {name: value for name, value in paper_hybrid.PaperHybrid(paper_hybrid.SHAPE).state_dict().items()}
+    state = {name: value for name, value in state.items() if not name.endswith("num_batches_tracked")}
+    norm = "ctx_net.stages.1.blocks.0.pvconv.voxel_layers.4.running_var"
+    assert broken(state, lambda s: s.pop(norm)).startswith(f"no tensor `{norm}`")
+    more = broken(state, lambda s: s.update({"ctx_net.global_mlp.4.weight": torch.zeros(2)}))
+    assert more == "unknown tensors: ctx_net.global_mlp.4.weight"
+    wide = broken(state, lambda s: s.update({"ctx_net.head_norm.weight": torch.zeros(3)}))
+    assert wide == "the tensor for `ctx_net.head_norm.weight` is [3], expected [20]"
+    few = broken(state, lambda s: [s.pop(name) for name in list(s) if name.startswith("ctx_net.stages.2.")])
+    assert few == "`ctx_net` has 2 stages, expected 3"

@@ -12,6 +12,8 @@ pub enum Stream {
     Step(u64),
     /// The noise of a predicted cloud.
     Sample(u64),
+    /// The order of a training set's clouds in an epoch.
+    Epoch(u64),
 }
 
 /// The generator of `stream` under `seed`.
@@ -22,6 +24,7 @@ pub fn rng(seed: u64, stream: Stream) -> ChaCha8Rng {
         Stream::Parameters => (0, 0),
         Stream::Step(index) => (1, index),
         Stream::Sample(index) => (2, index),
+        Stream::Epoch(index) => (3, index),
     };
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream((purpose << 62) | index);

@@ -60,8 +60,8 @@
 //! h' = h + SiLU(GN(W_m v + b_m) (1 + gamma(e)) + beta(e))
 //! ```
 //!
-//! What the paper leaves open is as in PVCNN (Liu et al., NeurIPS 2019) with GroupNorm (Wu and He, ECCV 2018) and SiLU for its
-//! BatchNorm and ReLU:
+//! These are [`ContextLayers::Residual`]: as in PVCNN (Liu et al., NeurIPS 2019) with GroupNorm (Wu and He, ECCV 2018) and SiLU for
+//! its BatchNorm and ReLU:
 //!
 //! - The grid is the cube about the points' mean that holds the ball through the farthest point; coordinates are
 //!   `r p` with `p` in `[0, 1]^3`, clamped to `r - 1`, rounded (ties to even) for averages, trilinear on the way back.
@@ -70,6 +70,23 @@
 //! - The shared projections are plain 1 x 1 convolutions; the shared MLP is one layer, its norm's output under FiLM.
 //! - GroupNorm has 8 groups, or the largest of 4, 2, 1 that divides the channels; epsilon is 1e-5, as everywhere.
 //! - The maximum is over the last stage's features. Joined features (`W_j`) are 128 by default.
+//!
+//! The authors' network, [`ContextLayers::Pvcnn`], has other layers on the same grids (BN: BatchNorm by its running statistics,
+//! Ioffe and Szegedy, ICML 2015; L(x) = max(x, 0.1 x); `e'` an embedding of the context network's own):
+//!
+//! ```text
+//! f_1 = blocks(ReLU(BN(W_1 x + W_e e' + b)))             f_s = blocks(ReLU(BN(W_s f_(s-1) + b_s)))
+//! C_pv = W_o SiLU(GN(W_j [f_1 | f_2 | f_3 | MLP(max f_3)] + b_j)) + b_o
+//!
+//! g  = L(BN(conv(L(BN(conv(average of h per voxel))))))
+//! v  = a(mean g) * interpolate(g) + ReLU(BN(W_p h + b_p))
+//! p  = ReLU(BN(W_m v + b_m))
+//! h' = p + GN(p) (1 + gamma(e')) + beta(e')
+//! ```
+//!
+//! BN has an epsilon of 1e-4 in voxels and 1e-5 elsewhere; GN gcd(C, 32) groups; the cube is 1e-6 wider than the ball. It has
+//! velocities and no gradient here: in training BN's moments are over all clouds of a batch, and here clouds run one after
+//! another. `tdcr.torch` trains it; running statistics are tensors of its model file.
 //!
 //! A cloud's blocks of points and planes of voxels run in parallel, sums over them in fixed order.
 
@@ -82,8 +99,8 @@ mod parameters;
 mod voxel;
 
 pub use crate::channels::Channels;
-pub use hybrid::{ContextShape, HybridShape, Stage, TimeGate};
+pub use hybrid::{ContextLayers, ContextShape, HybridShape, Stage, TimeGate};
 pub use kernels::{Precision, Processor};
 pub use mlp::{Batch, MlpShape};
 pub use network::{Network, NetworkShape, Workspace};
-pub use parameters::{NetworkShapeError, TensorSpec};
+pub use parameters::{InitialWeights, NetworkShapeError, TensorRole, TensorSpec};

@@ -4,10 +4,10 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::hybrid::{Hybrid, HybridShape, HybridWorkspace};
+use super::hybrid::{ContextLayers, Hybrid, HybridShape, HybridWorkspace, PvcnnHybrid};
 use super::kernels::Precision;
 use super::mlp::{Batch, Mlp, MlpShape, MlpWorkspace};
-use super::parameters::{NetworkShapeError, TensorSpec};
+use super::parameters::{InitialWeights, NetworkShapeError, TensorRole, TensorSpec};
 use crate::channels::Channels;
 use crate::flow::VelocityField;
 
@@ -80,6 +80,22 @@ impl NetworkShape {
         }
     }
 
+    /// Number of learned parameters: all but running statistics.
+    pub fn learned_parameters(&self) -> usize {
+        let tensors = self.tensors().into_iter();
+        let learned = tensors.filter(|tensor| tensor.role == TensorRole::Learned);
+        learned.map(|tensor| tensor.range.len()).sum()
+    }
+
+    /// Whether [`Network::loss_and_gradient`] has a gradient: not of [`ContextLayers::Pvcnn`], whose BatchNorm learns from the
+    /// moments over all clouds of a batch.
+    pub fn has_gradient(&self) -> bool {
+        match self {
+            Self::Mlp(_) => true,
+            Self::Hybrid(shape) => shape.context.layers == ContextLayers::Residual,
+        }
+    }
+
     /// The layers that act on every point.
     fn head(&self) -> &MlpShape {
         match self {
@@ -97,6 +113,7 @@ pub struct Network(Kind);
 enum Kind {
     Mlp(Box<Mlp>),
     Hybrid(Box<Hybrid>),
+    Pvcnn(Box<PvcnnHybrid>),
 }
 
 /// Buffers of [`Network::loss_and_gradient`], kept from step to step.
@@ -120,25 +137,50 @@ impl Network {
         shape: impl Into<NetworkShape>,
         rng: &mut ChaCha8Rng,
     ) -> Result<Self, NetworkShapeError> {
+        Self::starting(shape, InitialWeights::default(), rng)
+    }
+
+    /// The same where the MLP's layers, or a Hybrid's head, start as `initial` says.
+    ///
+    /// # Errors
+    /// As [`Network::new`].
+    pub fn starting(
+        shape: impl Into<NetworkShape>,
+        initial: InitialWeights,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Self, NetworkShapeError> {
         Ok(Self(match shape.into() {
-            NetworkShape::Mlp(shape) => Kind::Mlp(Box::new(Mlp::new(shape, rng)?)),
-            NetworkShape::Hybrid(shape) => Kind::Hybrid(Box::new(Hybrid::new(shape, rng)?)),
+            NetworkShape::Mlp(shape) => Kind::Mlp(Box::new(Mlp::new(shape, initial, rng)?)),
+            NetworkShape::Hybrid(shape) => match shape.context.layers {
+                ContextLayers::Residual => {
+                    Kind::Hybrid(Box::new(Hybrid::new(shape, initial, rng)?))
+                }
+                ContextLayers::Pvcnn => {
+                    Kind::Pvcnn(Box::new(PvcnnHybrid::new(shape, initial, rng)?))
+                }
+            },
         }))
     }
 
     /// A network with given parameters, in the order of [`NetworkShape::tensors`].
     ///
     /// # Errors
-    /// [`NetworkShapeError`] where `shape` is out of bounds or `params` has another length than it needs.
+    /// [`NetworkShapeError`] where `shape` is out of bounds, `params` has another length than it needs, or a running variance
+    /// is negative.
     pub fn from_params(
         shape: impl Into<NetworkShape>,
         params: Vec<f32>,
     ) -> Result<Self, NetworkShapeError> {
         Ok(Self(match shape.into() {
             NetworkShape::Mlp(shape) => Kind::Mlp(Box::new(Mlp::from_params(shape, params)?)),
-            NetworkShape::Hybrid(shape) => {
-                Kind::Hybrid(Box::new(Hybrid::from_params(shape, params)?))
-            }
+            NetworkShape::Hybrid(shape) => match shape.context.layers {
+                ContextLayers::Residual => {
+                    Kind::Hybrid(Box::new(Hybrid::from_params(shape, params)?))
+                }
+                ContextLayers::Pvcnn => {
+                    Kind::Pvcnn(Box::new(PvcnnHybrid::from_params(shape, params)?))
+                }
+            },
         }))
     }
 
@@ -147,6 +189,7 @@ impl Network {
         match &self.0 {
             Kind::Mlp(network) => network.shape().into(),
             Kind::Hybrid(network) => network.shape().into(),
+            Kind::Pvcnn(network) => network.shape().into(),
         }
     }
 
@@ -155,6 +198,7 @@ impl Network {
         match &self.0 {
             Kind::Mlp(network) => network.params(),
             Kind::Hybrid(network) => network.params(),
+            Kind::Pvcnn(network) => network.params(),
         }
     }
 
@@ -163,6 +207,7 @@ impl Network {
         match &mut self.0 {
             Kind::Mlp(network) => network.params_mut(),
             Kind::Hybrid(network) => network.params_mut(),
+            Kind::Pvcnn(network) => network.params_mut(),
         }
     }
 
@@ -171,6 +216,7 @@ impl Network {
         match &self.0 {
             Kind::Mlp(network) => network.precision(),
             Kind::Hybrid(network) => network.precision(),
+            Kind::Pvcnn(network) => network.precision(),
         }
     }
 
@@ -182,6 +228,7 @@ impl Network {
         Ok(Self(match self.0 {
             Kind::Mlp(network) => Kind::Mlp(Box::new(network.with_precision(precision)?)),
             Kind::Hybrid(network) => Kind::Hybrid(Box::new(network.with_precision(precision)?)),
+            Kind::Pvcnn(network) => Kind::Pvcnn(Box::new(network.with_precision(precision)?)),
         }))
     }
 
@@ -190,6 +237,7 @@ impl Network {
         match &self.0 {
             Kind::Mlp(network) => network.flops(points),
             Kind::Hybrid(network) => network.flops(points),
+            Kind::Pvcnn(network) => network.flops(points),
         }
     }
 
@@ -200,7 +248,8 @@ impl Network {
     /// Points run in parallel, and a Hybrid's voxels; the result does not depend on the number of threads.
     ///
     /// # Panics
-    /// Where the batch holds no point or a slice's length does not fit the others or the network.
+    /// Where the batch holds no point, a slice's length does not fit the others or the network, or the network's shape has no
+    /// gradient ([`NetworkShape::has_gradient`]).
     pub fn loss_and_gradient(
         &self,
         batch: &Batch,
@@ -212,6 +261,7 @@ impl Network {
             Kind::Hybrid(network) => {
                 network.loss_and_gradient(batch, &mut workspace.hybrid, gradient)
             }
+            Kind::Pvcnn(_) => panic!("a network with BatchNorm has no gradient here"),
         }
     }
 }
@@ -225,6 +275,7 @@ impl VelocityField for Network {
         match &self.0 {
             Kind::Mlp(network) => network.velocity(t, condition, points, velocities),
             Kind::Hybrid(network) => network.velocity(t, condition, points, velocities),
+            Kind::Pvcnn(network) => network.velocity(t, condition, points, velocities),
         }
     }
 }

@@ -3,7 +3,7 @@
 use tdcr_sim::robot::SpecError;
 
 use super::error::{SettingsError, TrainError};
-use super::samples::Samples;
+use super::samples::{Draw, Samples};
 use super::settings::{Target, TrainSettings};
 use super::start;
 use super::state::fingerprint;
@@ -80,8 +80,14 @@ impl Feed<'_> {
         samples: &mut Samples,
     ) -> Result<(), TrainError> {
         match self {
-            Self::Set(set) => samples.draw(settings, set, channels, step),
-            Self::Stream(window) => samples.draw(settings, window.at_step(step)?, channels, step),
+            Self::Set(set) => {
+                let draw = Draw::of(settings.procedure);
+                samples.draw(settings, (set, draw), channels, step);
+            }
+            Self::Stream(window) => {
+                let set = window.at_step(step)?;
+                samples.draw(settings, (set, Draw::Replacing), channels, step);
+            }
             Self::Teacher(teacher) => teacher.draw_batch(settings, step, samples),
         }
         Ok(())
@@ -284,7 +290,10 @@ pub(super) fn check_feed(
         return Err(SettingsError::new("target", settings.target.name(), expected).into());
     }
     let set = match feed {
-        Feed::Set(set) => return check_set("training", set, shape, settings, points),
+        Feed::Set(set) => {
+            check_set("training", set, shape, settings, points)?;
+            return check_batch(set, settings);
+        }
         Feed::Stream(window) => &window.set,
         Feed::Teacher(teacher) => return Ok(teacher.check(shape, settings)?),
     };
@@ -308,6 +317,18 @@ pub(super) fn check_feed(
         });
     }
     Ok(())
+}
+
+/// Returns an error where clouds without replacement do not fill a batch.
+fn check_batch(set: &CloudSet, settings: &TrainSettings) -> Result<(), TrainError> {
+    if Draw::of(settings.procedure) == Draw::Replacing || settings.clouds <= set.len() {
+        return Ok(());
+    }
+    let expected = format!(
+        "at most the {} clouds of the training set, which the authors' procedure draws without replacement",
+        set.len()
+    );
+    Err(SettingsError::new("clouds", settings.clouds, expected).into())
 }
 
 /// Returns an error for sets that are inconsistent, hold a value that is not finite, or have fewer than `points` points per

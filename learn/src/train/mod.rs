@@ -26,7 +26,7 @@ pub use feed::{Feed, StreamWindow};
 pub use flow_predictor::FlowPredictor;
 pub use model::{Model, Provenance};
 pub use optimizer::Optimizer;
-pub use settings::{Schedule, Target, TrainSettings};
+pub use settings::{Procedure, Schedule, Target, TrainSettings};
 pub use start::Start;
 pub use state::{Best, TrainingState};
 pub use teacher::Teacher;

@@ -277,9 +277,11 @@ fn sum_of_squares(numbers: &[f32]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::net::TensorRole;
 
     fn tensor(start: usize, shape: &[usize]) -> TensorSpec {
         TensorSpec {
+            role: TensorRole::Learned,
             name: format!("from {start}"),
             shape: shape.to_vec(),
             range: start..start + shape.iter().product::<usize>(),

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use super::difference::require_same;
 use super::error::{SettingsError, TrainError};
 use super::optimizer::Optimizer;
-use super::settings::{Schedule, TrainSettings};
+use super::settings::{Procedure, Schedule, TrainSettings};
 
 impl TrainSettings {
     /// These settings for a run that took `taken` steps with the settings `before`: the same, or with more steps. An extended
@@ -59,12 +59,19 @@ impl TrainSettings {
 
     /// Learning rate of step `step` (the first is 1): linear from 0 to [`Self::learning_rate`] at the end of warm-up,
     /// then half a cosine to [`Self::final_learning_rate`] at the last step (Loshchilov and Hutter, ICLR 2017). Steps taken
-    /// before the run was extended have the rate of the [`Schedule`] of that time.
+    /// before the run was extended have the rate of the [`Schedule`] of that time. By [`Procedure::Authors`], who set the rate
+    /// behind the optimiser's step, each step has the rate that the one before it would have, and the first
+    /// [`Self::learning_rate`].
     pub fn learning_rate_at(&self, step: u64) -> f64 {
         let earlier = self.earlier.iter().find(|earlier| step <= earlier.until);
         let (steps, warmup_steps) = match earlier {
             Some(earlier) => (earlier.steps, earlier.warmup_steps),
             None => (self.steps, self.warmup_steps),
+        };
+        let step = match self.procedure {
+            Procedure::Project => step,
+            Procedure::Authors if step == 1 => return self.learning_rate,
+            Procedure::Authors => step - 1,
         };
         if step <= warmup_steps {
             return self.learning_rate * step as f64 / warmup_steps as f64;
@@ -88,10 +95,13 @@ impl TrainSettings {
     }
 
     /// Decay of the weight average at step `step` (the first is 1): `min(decay, (1 + step) / (10 + step))`, so that the
-    /// early average is not held at the initial weights.
+    /// early average is not held at the initial weights; by [`Procedure::Authors`] the same at all steps.
     pub(super) fn average_decay_at(&self, step: u64) -> f64 {
         let step = step as f64;
-        self.average_decay.min((1.0 + step) / (10.0 + step))
+        match self.procedure {
+            Procedure::Project => self.average_decay.min((1.0 + step) / (10.0 + step)),
+            Procedure::Authors => self.average_decay,
+        }
     }
 }
 
@@ -126,6 +136,28 @@ mod tests {
                 "step {step}"
             );
         }
+    }
+
+    #[test]
+    fn the_authors_rate_is_that_of_the_step_before_and_their_average_has_one_decay() {
+        let ours = TrainSettings {
+            steps: 110,
+            warmup_steps: 10,
+            ..TrainSettings::default()
+        };
+        let theirs = TrainSettings {
+            procedure: Procedure::Authors,
+            ..ours.clone()
+        };
+        assert_eq!(theirs.learning_rate_at(1), ours.learning_rate);
+        for step in 2..=110 {
+            let before = ours.learning_rate_at(step - 1);
+            assert_eq!(theirs.learning_rate_at(step), before, "step {step}");
+        }
+        assert_eq!(
+            [1, 90, 1000].map(|step| theirs.average_decay_at(step)),
+            [0.999; 3]
+        );
     }
 
     #[test]

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::optimizer::Optimizer;
 use crate::flow::{FlowPath, Sampler};
-use crate::net::Precision;
+use crate::net::{InitialWeights, Precision};
 use crate::prior::Prior;
 use crate::symmetry::SymmetryUse;
 
@@ -28,6 +28,8 @@ pub struct TrainSettings {
     pub clouds: usize,
     /// Points per cloud and step, a fresh random subset each time.
     pub points: usize,
+    /// Where this project and the authors train differently; this project's in older files, which do not say.
+    pub procedure: Procedure,
     /// Optimiser; AdamW in older files, which do not say.
     #[serde(default)]
     pub optimizer: Optimizer,
@@ -83,6 +85,7 @@ impl Default for TrainSettings {
             earlier: Vec::new(),
             clouds: 128,
             points: 128,
+            procedure: Procedure::Project,
             optimizer: Optimizer::MUON,
             precision: Precision::Float32,
             learning_rate: 2e-2,
@@ -103,6 +106,31 @@ impl Default for TrainSettings {
             target: Target::Velocity,
             patience: None,
             spike_factor: 3.0,
+        }
+    }
+}
+
+/// Initial weights, order of the clouds, first step and average of a run: two ways that differ in little.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Procedure {
+    /// [`InitialWeights::ZeroFilm`]; clouds drawn with replacement; a warm-up that starts with the first step; an average that
+    /// follows fast at first.
+    #[default]
+    Project,
+    /// The authors': [`InitialWeights::Authors`]; the clouds of a set in a random order of their own in each epoch, whose last
+    /// steps drop what does not fill a batch (those of a stream, which has no epochs, with replacement); a first step at the
+    /// full learning rate, and a warm-up that starts with the second; an average with a constant decay.
+    Authors,
+}
+
+impl Procedure {
+    /// How the weights start.
+    pub fn initial_weights(self) -> InitialWeights {
+        match self {
+            Self::Project => InitialWeights::ZeroFilm,
+            Self::Authors => InitialWeights::Authors,
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::difference::{Difference, require_same};
 use super::error::TrainError;
 use super::model::{Model, Provenance};
-use super::settings::Target;
+use super::settings::{Target, TrainSettings};
 use crate::flow::{Stream, rng};
 use crate::hash::hash;
 use crate::net::{HybridShape, MlpShape, Network, NetworkShape, NetworkShapeError};
@@ -12,7 +12,7 @@ use crate::net::{HybridShape, MlpShape, Network, NetworkShape, NetworkShapeError
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum Start<'a> {
-    /// Random weights of a network of this shape, a function of [`TrainSettings::seed`](super::TrainSettings::seed).
+    /// Random weights of a network of this shape, a function of [`TrainSettings::seed`] and [`TrainSettings::procedure`].
     Random(NetworkShape),
     /// The weights of this network.
     Network(&'a Network),
@@ -81,9 +81,13 @@ impl<'a> Start<'a> {
     }
 
     /// The network with its initial weights.
-    pub(super) fn network(&self, seed: u64) -> Result<Network, NetworkShapeError> {
+    pub(super) fn network(&self, settings: &TrainSettings) -> Result<Network, NetworkShapeError> {
         match self {
-            Self::Random(shape) => Network::new(*shape, &mut rng(seed, Stream::Parameters)),
+            Self::Random(shape) => {
+                let initial = settings.procedure.initial_weights();
+                let rng = &mut rng(settings.seed, Stream::Parameters);
+                Network::starting(*shape, initial, rng)
+            }
             Self::Network(network) => Ok((*network).clone()),
         }
     }

@@ -64,6 +64,9 @@ impl<'a> Trainer<'a> {
     ) -> Result<Self, TrainError> {
         let start = start.into();
         let shape = start.shape();
+        if !shape.has_gradient() {
+            return Err(TrainError::BatchNorm);
+        }
         settings.check()?;
         let training = training.into();
         check_feed(&training, &shape, &settings)?;
@@ -87,7 +90,7 @@ impl<'a> Trainer<'a> {
             .into());
         }
         let network = start
-            .network(settings.seed)?
+            .network(&settings)?
             .with_precision(settings.precision)?;
         let parameters = network.params().len();
         let history = settings.steps.min(HISTORY) as usize;

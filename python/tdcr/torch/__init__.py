@@ -15,6 +15,7 @@ from tdcr.torch.flow import FlowPath, Sampler, integrate, loss
 from tdcr.torch.functions import rollout, settle
 from tdcr.torch.model import Model, write_predictions
 from tdcr.torch.networks import Hybrid, Mlp, network
+from tdcr.torch.pvcnn import PvcnnHybrid
 from tdcr.torch.ranks import distributed
 from tdcr.torch.settings import Preset, Settings, preset
 from tdcr.torch.trainer import Trainer
@@ -26,6 +27,7 @@ __all__ = [
     "Mlp",
     "Model",
     "Preset",
+    "PvcnnHybrid",
     "Sampler",
     "SetSamples",
     "Settings",

@@ -9,7 +9,7 @@ from tdcr.torch.flow import FlowPath
 from tdcr.torch.settings import Settings
 
 #: Purposes of random numbers.
-STEP, VALIDATION = 1, 2
+STEP, VALIDATION, EPOCH = 1, 2, 3
 
 
 def generator(device: torch.device, seed: int, purpose: int, index: int) -> torch.Generator:
@@ -18,14 +18,27 @@ def generator(device: torch.device, seed: int, purpose: int, index: int) -> torc
     return torch.Generator(device).manual_seed(int(state[0]))
 
 
-def draw(clouds: CloudSet, settings: Settings, step: int, rank: int = 0, ranks: int = 1) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def shuffled(clouds: int, settings: Settings, step: int, device: torch.device) -> Tensor:
+    """The clouds of a step in the random order of its epoch, whose last clouds are dropped where they fill no batch."""
+    batch = settings["clouds"]
+    epoch, place = divmod(step - 1, clouds // batch)
+    order = torch.randperm(clouds, generator=generator(device, settings["seed"], EPOCH, epoch), device=device)
+    return order[place * batch : (place + 1) * batch]
+
+
+def draw(
+    clouds: CloudSet, settings: Settings, step: int, rank: int = 0, ranks: int = 1, *, epochs: bool = False
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """The rank's part of the batch of a step: points (B, N, C) between noise and data, times (B,), conditions (B, D), and the
-    velocities (B, N, C) to learn. Clouds are drawn with replacement, points of each without."""
+    velocities (B, N, C) to learn. Clouds are drawn with replacement, or in `epochs` without; points of each without."""
     device = clouds.rows.device
     numbers = generator(device, settings["seed"], STEP, step)
     batch, points = settings["clouds"], settings["points"]
     path = FlowPath.of(settings)
-    which = torch.randint(len(clouds), (batch,), generator=numbers, device=device)
+    if epochs:
+        which = shuffled(len(clouds), settings, step, device)
+    else:
+        which = torch.randint(len(clouds), (batch,), generator=numbers, device=device)
     times = path.times(batch, numbers)
     order = torch.rand(batch, clouds.points_per_cloud, generator=numbers, device=device)
     noise = path.prior((batch, points, clouds.rows.shape[-1]), numbers)

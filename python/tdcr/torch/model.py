@@ -18,7 +18,8 @@ from tdcr._files import write_whole
 from tdcr.data import Dataset
 from tdcr.errors import InputError, TrainError
 from tdcr.torch.flow import FlowPath, Sampler, integrate
-from tdcr.torch.networks import CHANNELS, Shape, channels_of, from_file, network, to_file
+from tdcr.torch.layers import CHANNELS, Shape, channels_of
+from tdcr.torch.networks import file_tensors, load_file, network
 from tdcr.torch.settings import Settings
 
 #: Version of the format that this package reads and writes.
@@ -83,9 +84,12 @@ class Model:
             needed = "the module that its weights are of" if own is None else "no module: it holds one of tdcr's networks"
             raise TrainError(f"{path}: a file of kind {header['kind']!r}, expected {needed}")
         shape = content.pop("shape", None)
-        module = network(shape) if own is None else own
+        module: nn.Module
         try:
-            module.load_state_dict(from_file(tensors) if own is None else tensors)
+            if own is None:
+                load_file(module := network(shape), tensors)
+            else:
+                (module := own).load_state_dict(tensors)
         except RuntimeError as error:
             raise TrainError(f"{path}: {error}") from error
         colors = content.pop("colors", False) if shape is None else channels_of(shape) == CHANNELS["xyz-rgb"]
@@ -93,8 +97,6 @@ class Model:
 
     def save(self, path: str | Path) -> None:
         """Writes the model, whole or not at all. One of `tdcr`'s networks is read by `tdcr predict` and `tdcr eval`."""
-        # Copies, as tensors of a file may not share memory.
-        state = {name: value.detach().cpu().clone() for name, value in self.network.state_dict().items()}
         content: dict[str, Any] = {
             "provenance": self.provenance,
             "settings": self.settings,
@@ -103,9 +105,12 @@ class Model:
         }
         if self.shape is None:
             content["colors"] = self.colors
+            tensors = self.network.state_dict()
         else:
             content["shape"] = dict(self.shape)
-            state = to_file({name: value.float() for name, value in state.items()})
+            tensors = {name: value.float() for name, value in file_tensors(self.network).items()}
+        # Copies, as tensors of a file may not share memory.
+        state = {name: value.detach().cpu().clone() for name, value in tensors.items()}
         kind = OWN_KIND if self.shape is None else KIND
         header = json.dumps({"format": FORMAT, "kind": kind, "content": content})
         write_whole(Path(path), safetensors.torch.save(state, {"tdcr": header}))

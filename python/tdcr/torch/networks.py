@@ -1,27 +1,37 @@
-"""The velocity networks of model files as `torch.nn.Module`s: the paper's MLP and Hybrid.
+"""The velocity networks of model files as `torch.nn.Module`s: the paper's MLP, and the Hybrid with this project's layers.
 
 Their parameters bear the names of a model file's tensors, but for convolutions, which a file stores as
 (z, y, x, outputs, inputs): :func:`to_file` and :func:`from_file` permute them. Layers of concatenated features are kept
 as their shares: a layer of [x | e] is a layer of x without bias plus a layer of e. New networks have the initial weights
 of `tdcr train`, drawn from torch's generator: PyTorch's own, with shares of a layer drawn as one layer, and zeros where
-FiLM and the context come in.
+FiLM and the context come in. The authors' own Hybrid is in `pvcnn`.
 
 Shapes of tensors: B clouds of N points of C numbers (3, or 6 with colours), D values of a condition; positions, times and
 conditions in the normalised units of the model file.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-CHANNELS = {"xyz": 3, "xyz-rgb": 6}
-
-#: A network's shape, as the header of a model file has it.
-Shape = Mapping[str, Any]
+from tdcr.torch import pvcnn
+from tdcr.torch.layers import (
+    Shape,
+    average,
+    channels_of,
+    film,
+    interpolate,
+    octaves_of,
+    point_inputs,
+    point_inputs_of,
+    time_features,
+    voxel_coordinates,
+)
+from tdcr.torch.pvcnn import PvcnnHybrid
 
 
 class Dense(nn.Linear):
@@ -54,18 +64,8 @@ class Velocity(nn.Module):
 
     def embed(self, t: Tensor, c: Tensor) -> Tensor:
         """Embedding (B, E) of the flow times (B,) and the conditions (B, D)."""
-        half = self.time.in_features // 2
-        rates = torch.exp(-math.log(1e4) / half * torch.arange(half, dtype=torch.float64, device=t.device)).to(t)
-        angles = t[:, None] * rates
-        features = torch.cat([angles.cos(), angles.sin()], dim=1)
+        features = time_features(t, self.time.in_features)
         return F.silu(self.time(features)) + F.silu(self.condition(c))
-
-
-def film(layer: nn.Module, normalised: Tensor, e: Tensor) -> Tensor:
-    """(1 + gamma(e)) * normalised + beta(e); features last."""
-    gamma, beta = layer(e)[:, None].chunk(2, dim=-1)
-    modulated: Tensor = (1 + gamma) * normalised + beta
-    return modulated
 
 
 class Block(nn.Module):
@@ -83,30 +83,17 @@ class Block(nn.Module):
         return h + cast(Tensor, self.linear(F.silu(h)))
 
 
-def point_inputs_of(shape: Shape) -> int:
-    """Numbers of a point that the input layer takes: its own, and its Fourier features."""
-    return channels_of(shape) + 6 * int(shape.get("octaves", 0))
-
-
 class PointLayers:
     """The layers that act on every point: shared by the MLP and the Hybrid's head."""
 
     def add_point_layers(self, inputs: int, shape: Shape) -> None:
         """Adds them, for points of `inputs` numbers."""
         width, embedding = shape["width"], shape["embedding"]
-        self.octaves = int(shape.get("octaves", 0))
+        self.octaves = octaves_of(shape)
         self.shift = Dense(embedding, width, fan_in=inputs + embedding)
         self.input = Dense(inputs, width, bias=False, fan_in=inputs + embedding)
         self.blocks = nn.ModuleList(Block(width, embedding) for _ in range(shape["depth"] - 1))
         self.output = Dense(width, channels_of(shape))
-
-    def point_inputs(self, x: Tensor) -> Tensor:
-        """Points (B, N, C) with their Fourier features (B, N, C + 6 K): sin(2^k pi x), then cos(2^k pi x), for each octave k."""
-        parts = [x]
-        for octave in range(self.octaves):
-            angles = math.pi * 2**octave * x[..., :3]
-            parts += [angles.sin(), angles.cos()]
-        return torch.cat(parts, dim=-1) if self.octaves else x
 
     def point_velocities(self, x: Tensor, e: Tensor) -> Tensor:
         """Velocities (B, N, C) of points (B, N, inputs)."""
@@ -125,7 +112,7 @@ class Mlp(Velocity, PointLayers):
 
     def forward(self, x: Tensor, t: Tensor, c: Tensor) -> Tensor:
         """Velocities (B, N, C) of points (B, N, C) at flow times (B,) under conditions (B, D)."""
-        return self.point_velocities(self.point_inputs(x), self.embed(t, c))
+        return self.point_velocities(point_inputs(x, self.octaves), self.embed(t, c))
 
 
 class Head(nn.Module, PointLayers):
@@ -159,51 +146,6 @@ class Squeeze(nn.Module):
         """The grid (B, C, r, r, r), each channel times its gain."""
         gains = torch.sigmoid(self.expand(F.relu(self.reduce(grid.mean(dim=(2, 3, 4))))))
         return gains[:, :, None, None, None] * grid
-
-
-def voxel_coordinates(x: Tensor, resolution: int) -> Tensor:
-    """Coordinates (B, N, 3) in the grid, in [0, r - 1], as PVCNN normalises them."""
-    x = x[..., :3].detach()
-    x = x - x.mean(dim=1, keepdim=True)
-    diameter: Tensor = 2 * torch.linalg.vector_norm(x, dim=2, keepdim=True).amax(dim=1, keepdim=True)
-    return ((x / diameter + 0.5) * resolution).clamp(0, resolution - 1)
-
-
-def flat_index(voxel: Sequence[Tensor], resolution: int) -> Tensor:
-    """Index of a voxel (x, y, z) in a grid that is stored as z, y, x."""
-    x, y, z = voxel
-    return (z * resolution + y) * resolution + x
-
-
-def average(h: Tensor, coordinates: Tensor, resolution: int) -> Tensor:
-    """Mean (B, C, r, r, r) of the features (B, N, C) of the points nearest to each voxel."""
-    # Sums of many points need more digits than the operands of products under autocast.
-    h = h.to(torch.promote_types(h.dtype, torch.float32))
-    index = flat_index(coordinates.round().long().unbind(-1), resolution)
-    clouds, _, channels = h.shape
-    total = h.new_zeros(clouds, resolution**3, channels)
-    total = total.scatter_add(1, index[..., None].expand_as(h), h)
-    count = h.new_zeros(clouds, resolution**3).scatter_add(1, index, torch.ones_like(h[..., 0]))
-    mean = total / count.clamp(min=1)[..., None]
-    return mean.transpose(1, 2).reshape(clouds, channels, resolution, resolution, resolution)
-
-
-def interpolate(grid: Tensor, coordinates: Tensor) -> Tensor:
-    """Features (B, N, C) trilinear between the eight voxels about each point."""
-    resolution = grid.shape[-1]
-    rows = grid.flatten(2).transpose(1, 2)
-    below = coordinates.floor()
-    fraction = (coordinates - below).unbind(-1)
-    ends = [(axis, (axis + 1).clamp(max=resolution - 1)) for axis in below.long().unbind(-1)]
-    result = torch.zeros_like(coordinates[..., :1])
-    for corner in range(8):
-        up = [corner >> axis & 1 for axis in range(3)]
-        shares = [f if end else 1 - f for f, end in zip(fraction, up, strict=True)]
-        weight = (shares[0] * shares[1] * shares[2])[..., None]
-        voxel = [axis[end] for axis, end in zip(ends, up, strict=True)]
-        index = flat_index(voxel, resolution)[..., None].expand(-1, -1, rows.shape[-1])
-        result = result + weight * rows.gather(1, index)
-    return result
 
 
 class PvBlock(nn.Module):
@@ -296,23 +238,58 @@ class Hybrid(Velocity):
     def forward(self, x: Tensor, t: Tensor, c: Tensor) -> Tensor:
         """Velocities (B, N, C) of points (B, N, C) at flow times (B,) under conditions (B, D)."""
         e = self.embed(t, c)
-        inputs = torch.cat([self.head.point_inputs(x), self.context(x, t, e)], dim=-1)
+        inputs = torch.cat([point_inputs(x, self.head.octaves), self.context(x, t, e)], dim=-1)
         return self.head.point_velocities(inputs, e)
 
 
-def head_of(shape: Shape) -> Shape:
-    """The part of a shape that both networks have."""
-    return cast(Shape, shape.get("head", shape))
-
-
-def channels_of(shape: Shape) -> int:
-    """Numbers of a point: 3, or 6 with colours."""
-    return CHANNELS[head_of(shape).get("channels", "xyz")]
-
-
-def network(shape: Shape) -> Mlp | Hybrid:
+def network(shape: Shape) -> Mlp | Hybrid | PvcnnHybrid:
     """The network of a shape, as a model file's header has it, with initial weights from torch's generator."""
-    return Hybrid(shape) if "context" in shape else Mlp(shape)
+    if "context" not in shape:
+        return Mlp(shape)
+    return PvcnnHybrid(shape) if shape["context"].get("layers") == "pvcnn" else Hybrid(shape)
+
+
+@torch.no_grad()
+def start_as_authors(module: Mlp | Hybrid | PvcnnHybrid) -> None:
+    """Draws initial weights as the authors do: time and condition normal with deviation 0.02, input layer and blocks of the
+    point-wise layers Kaiming normal, their FiLM's weights PyTorch's default; all of these biases zero."""
+    embeddings: list[Any]
+    hidden: list[Any]
+    films: list[Any]
+    if isinstance(module, PvcnnHybrid):
+        blocks: list[Any] = list(module.head.blocks)
+        embeddings = [module.head.t_proj, module.head.c_proj, module.ctx_net.t_proj, module.ctx_net.c_proj]
+        hidden = [module.head.input, *(block[1] for block in blocks)]
+        films = [modulation.affine for modulation in module.head.films]
+    else:
+        embeddings, points = [module.time, module.condition], module.head if isinstance(module, Hybrid) else module
+        hidden = [points.input, points.shift, *(block.linear for block in points.blocks)]
+        films = [block.film for block in points.blocks]
+    for layer in embeddings:
+        nn.init.normal_(layer.weight, std=0.02)
+    for layer in hidden:
+        nn.init.normal_(layer.weight, std=math.sqrt(2 / getattr(layer, "fan_in", layer.in_features)))
+    for layer in films:
+        bound = 1 / math.sqrt(layer.in_features)
+        nn.init.uniform_(layer.weight, -bound, bound)
+    for layer in [*embeddings, *hidden, *films]:
+        if layer.bias is not None:
+            nn.init.zeros_(layer.bias)
+
+
+def load_file(module: Mlp | Hybrid | PvcnnHybrid, tensors: Mapping[str, Tensor]) -> None:
+    """Puts a model file's tensors into a network of its shape.
+
+    Raises:
+        RuntimeError: where they do not fit.
+    """
+    known = pvcnn.from_file(module, tensors) if isinstance(module, PvcnnHybrid) else from_file(tensors)
+    module.load_state_dict(known)
+
+
+def file_tensors(module: nn.Module) -> dict[str, Tensor]:
+    """A model file's tensors of one of `tdcr`'s networks."""
+    return pvcnn.to_file(module) if isinstance(module, PvcnnHybrid) else to_file(module.state_dict())
 
 
 def from_file(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

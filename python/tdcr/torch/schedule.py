@@ -21,8 +21,13 @@ LEVEL_STEPS = 100
 
 
 def learning_rate_at(settings: Settings, step: int) -> float:
-    """Linear warm-up to the learning rate, then half a cosine to the final one; the first step is 1."""
+    """Linear warm-up to the learning rate, then half a cosine to the final one; the first step is 1. The authors' procedure is a
+    step behind, with the full rate at the first."""
     peak, last, warmup = settings["learning_rate"], settings["final_learning_rate"], settings["warmup_steps"]
+    if settings["procedure"] == "authors":
+        if step == 1:
+            return peak
+        step -= 1
     if step <= warmup:
         return peak * step / warmup
     progress = (step - warmup) / (settings["steps"] - warmup)
@@ -30,7 +35,10 @@ def learning_rate_at(settings: Settings, step: int) -> float:
 
 
 def average_decay_at(settings: Settings, step: int) -> float:
-    """Decay of the weights' average: it follows fast at first, so that it is not held at the initial weights."""
+    """Decay of the weights' average: it follows fast at first, so that it is not held at the initial weights; in the authors'
+    procedure it is constant."""
+    if settings["procedure"] == "authors":
+        return settings["average_decay"]
     return min(settings["average_decay"], (1 + step) / (10 + step))
 
 

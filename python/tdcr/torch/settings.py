@@ -10,9 +10,9 @@ from typing import Any, TypedDict, cast
 
 from tdcr import _tdcr
 from tdcr.errors import InputError
-from tdcr.torch.networks import Shape
+from tdcr.torch.layers import Shape
 
-#: The authors' context network.
+#: The context network with this project's layers, in the authors' sizes.
 CONTEXT: dict[str, Any] = {
     "stages": [{"channels": channels, "resolution": r} for channels, r in ((80, 24), (112, 16), (112, 8))],
     "blocks": 2,
@@ -21,6 +21,9 @@ CONTEXT: dict[str, Any] = {
     "gate": {"centre": 0.97, "steepness": 12.0},
 }
 
+#: Context networks by their layers: this project's, and the authors'. A shape that does not say has the first.
+CONTEXTS = {"residual": CONTEXT, "pvcnn": CONTEXT | {"layers": "pvcnn", "joined": 112}}
+
 
 class Settings(TypedDict):
     """What `TrainSettings` in the Rust documentation has: see there what each number is."""
@@ -28,6 +31,7 @@ class Settings(TypedDict):
     steps: int
     clouds: int
     points: int
+    procedure: str
     optimizer: Any
     precision: str
     learning_rate: float
@@ -79,18 +83,27 @@ class Preset:
     octaves: int
     #: Optimiser steps; None where the length is in `epochs`.
     steps: int | None
-    #: Times that as many clouds are drawn as the training set has; None where the length is in `steps`.
+    #: Times that the training set is drawn from, in as many batches as its clouds fill; None where the length is in `steps`.
     epochs: int | None
+    #: Whether colours are learned, where it is not said.
+    colors: bool
+    #: A Hybrid's context network.
+    context: dict[str, Any]
     #: Settings of an MLP and of a Hybrid, but for the length.
     networks: dict[str, dict[str, Any]]
 
     def shape(
-        self, condition_dim: int, *, net: str = "mlp", colors: bool = False, context: dict[str, Any] | None = None
+        self, condition_dim: int, *, net: str = "mlp", colors: bool | None = None, context: dict[str, Any] | None = None
     ) -> Shape:
         """Shape of the network `mlp` or `hybrid` for conditions of `condition_dim` values.
 
-        `context` replaces fields of the Hybrid's context network.
+        `colors` is the preset's where it is not said. `context` replaces fields of the Hybrid's context network; of other
+        `layers` than the preset's, all of it is theirs.
         """
+        colors = self.colors if colors is None else colors
+        changes = dict(context or {})
+        layers = changes.pop("layers", None)
+        usual = self.context if layers is None else CONTEXTS[layers]
         head = {
             "width": self.width,
             "depth": self.depth,
@@ -99,7 +112,7 @@ class Preset:
             "octaves": self.octaves,
             "channels": "xyz-rgb" if colors else "xyz",
         }
-        return head if net == "mlp" else {"head": head, "context": CONTEXT | (context or {})}
+        return head if net == "mlp" else {"head": head, "context": usual | changes}
 
     def settings(self, *, net: str = "mlp", clouds_in_set: int | None = None, **changes: Any) -> Settings:
         """Settings of a run: the preset's for this kind of network, but for what is given by the name of its field.
@@ -117,7 +130,7 @@ class Preset:
             if self.steps is not None:
                 settings["steps"] = self.steps
             elif clouds_in_set is not None and self.epochs is not None:
-                settings["steps"] = self.epochs * -(-clouds_in_set // max(1, settings["clouds"]))
+                settings["steps"] = self.epochs * max(1, clouds_in_set // max(1, settings["clouds"]))
             else:
                 raise InputError(f"preset {self.name} takes {self.epochs} epochs of a data set: say how many steps")
         settings["warmup_steps"] = min(settings["warmup_steps"], settings["steps"] // 10)

@@ -23,10 +23,11 @@ import torch
 from tdcr.errors import InputError, TdcrError
 from tdcr.stream import Stream
 from tdcr.torch.data import CloudSet, StreamWindow, find_reduction
+from tdcr.torch.layers import Shape
 from tdcr.torch.model import Model
-from tdcr.torch.networks import Shape, network
+from tdcr.torch.networks import network, start_as_authors
 from tdcr.torch.ranks import distributed, group
-from tdcr.torch.settings import CONTEXT, Preset, Settings, presets
+from tdcr.torch.settings import CONTEXTS, Preset, Settings, presets
 from tdcr.torch.trainer import Interrupted, Trainer
 
 #: Exit status after an interruption, as shells report SIGINT.
@@ -60,7 +61,11 @@ def parser() -> argparse.ArgumentParser:
     add("--width", type=int, metavar="N", help=by_preset("features per layer", "width"))
     add("--depth", type=int, metavar="N", help=by_preset("layers", "depth"))
     add("--embedding", type=int, metavar="N", help=by_preset("features of the embedding of time and command", "embedding"))
-    add("--colors", action="store_true", help="learn the colours of the points beside their positions")
+    add(
+        "--colors",
+        action=argparse.BooleanOptionalAction,
+        help=f"learn the colours of the points too [default: {', '.join(f'{p.name} {p.colors}' for p in known.values())}]",
+    )
     add("--color-weight", type=float, metavar="W", help="weight of the colours' error beside the positions' [default: 0.05]")
     lengths = ", ".join(f"{p.name} {p.steps or f'{p.epochs} epochs'}" for p in known.values())
     add("--steps", type=int, metavar="N", help=f"optimiser steps [default: {lengths}]")
@@ -73,8 +78,18 @@ def parser() -> argparse.ArgumentParser:
     add("--validate-every", type=int, metavar="N", help=by_network("steps between validations", "validate_every"))
     add("--patience", type=int, metavar="N", help="end the run after so many validations without a better one")
     add("--octaves", type=int, metavar="N", help=by_preset("octaves of the Fourier features of the points' positions", "octaves"))
-    add("--late-times", type=float, metavar="SHARE", help="share of the flow times that are drawn near the data [default: the preset's]")
-    add("--prior-cut", type=float, metavar="R", help="where the noise is cut off, in deviations; 0: nowhere [default: the preset's]")
+    add(
+        "--late-times",
+        type=float,
+        metavar="SHARE",
+        help="share of the flow times that are drawn near the data [default: the preset's]",
+    )
+    add(
+        "--prior-cut",
+        type=float,
+        metavar="R",
+        help="where the noise is cut off, in deviations; 0: nowhere [default: the preset's]",
+    )
     add("--time-exponent", type=float, metavar="ALPHA", help="flow times are Beta(ALPHA, 1) [default: 3]")
     about = by_network("learn one of all commands that symmetries make alike, or every one", "symmetry")
     add("--symmetry", choices=["auto", "none"], help=about)
@@ -83,6 +98,8 @@ def parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, help="seed of weights, noise and subsets")
 
     context = top.add_argument_group("context of --net hybrid")
+    layers = ", ".join(f"{p.name} {p.context.get('layers', 'residual')}" for p in known.values())
+    context.add_argument("--layers", choices=list(CONTEXTS), help=f"this project's layers, or the authors' [default: {layers}]")
     context.add_argument("--channels", type=numbers, metavar="N,N,N", help="features of the three stages [default: 80,112,112]")
     context.add_argument("--resolutions", type=numbers, metavar="N,N,N", help="voxels per edge [default: 24,16,8]")
     context.add_argument("--blocks", type=int, metavar="N", help="point-voxel blocks per stage [default: 2]")
@@ -126,20 +143,20 @@ def payload(text: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def context(args: argparse.Namespace) -> dict[str, Any]:
+def context(args: argparse.Namespace, preset: Preset) -> dict[str, Any]:
     """What is asked of the context network.
 
     Raises:
         InputError: where the network is an MLP, which has none.
     """
-    given = [name for name in ("channels", "resolutions", "blocks", "context") if getattr(args, name) is not None]
+    given = [name for name in ("layers", "channels", "resolutions", "blocks", "context") if getattr(args, name) is not None]
     if given and args.net == "mlp":
         raise InputError(f"--{given[0]} is of --net hybrid, the network is an mlp")
-    stages = [dict(stage) for stage in CONTEXT["stages"]]
+    stages = [dict(stage) for stage in preset.context["stages"]]
     for field, values in (("channels", args.channels), ("resolution", args.resolutions)):
         for stage, value in zip(stages, values or [], strict=False):
             stage[field] = value
-    changes = {"blocks": args.blocks, "features": args.context}
+    changes = {"layers": args.layers, "blocks": args.blocks, "features": args.context}
     return {"stages": stages} | {name: value for name, value in changes.items() if value is not None}
 
 
@@ -281,13 +298,21 @@ def stopped_by_signals() -> Iterator[list[int]]:
 
 def train(args: argparse.Namespace) -> None:
     """Runs the command."""
+    if args.colors is None:
+        args.colors = presets()[args.preset].colors
     with stopped_by_signals() as asked_to_stop, distributed(args.device) as device:
         training, validation = clouds(args)
         size = len(training) if isinstance(training, CloudSet) else None
         preset, settings = plan(args, size, device)
-        shape = preset.shape(training.condition_dim, net=args.net, colors=args.colors, context=context(args))
+        shape = preset.shape(training.condition_dim, net=args.net, colors=args.colors, context=context(args, preset))
         torch.manual_seed(settings["seed"])
-        module = network(shape) if args.init is None else initial(args.init, shape, training.provenance)
+        module: torch.nn.Module
+        if args.init is None:
+            module = network(shape)
+            if settings["procedure"] == "authors":
+                start_as_authors(module)
+        else:
+            module = initial(args.init, shape, training.provenance)
         trainer = Trainer(
             module,
             training,

@@ -23,8 +23,8 @@ from tdcr.torch.batch import VALIDATION, chamfer, draw, generator
 from tdcr.torch.data import CloudSet, StreamWindow
 from tdcr.torch.files import locked
 from tdcr.torch.flow import FlowPath, Sampler, integrate, loss
+from tdcr.torch.layers import Shape
 from tdcr.torch.model import Model
-from tdcr.torch.networks import Shape
 from tdcr.torch.ranks import group
 from tdcr.torch.schedule import SPIKE_STEPS, Optimizers, average_decay_at, spike_length
 from tdcr.torch.settings import Settings, complete
@@ -92,6 +92,13 @@ class Trainer:
         )
         if self.settings["clouds"] % self.ranks:
             raise InputError(f"clouds is {self.settings['clouds']}, expected a multiple of the {self.ranks} ranks")
+        #: Whether clouds are drawn without replacement: those of a set, in the authors' procedure.
+        self.epochs = self.settings["procedure"] == "authors" and isinstance(training, CloudSet)
+        if isinstance(training, CloudSet) and self.epochs and self.settings["clouds"] > len(training):
+            raise InputError(
+                f"clouds is {self.settings['clouds']}, expected at most the {len(training)} clouds of the training set, which "
+                "the authors' procedure draws without replacement"
+            )
         if training.condition_dim != validation.condition_dim:
             raise InputError(
                 f"conditions of dimension {validation.condition_dim} in validation, {training.condition_dim} in training"
@@ -166,7 +173,7 @@ class Trainer:
         settings = self.settings
         clouds = self.training.at_step(self.step)
         # The batch of a data set is shared among the ranks; of a stream's window, each holds a share.
-        x, t, c, target = draw(clouds, settings, self.step, self.rank, self.ranks)
+        x, t, c, target = draw(clouds, settings, self.step, self.rank, self.ranks, epochs=self.epochs)
         self.network.train()
         with self.autocast():
             velocities = parallel(x, t, c)

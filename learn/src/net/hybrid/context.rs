@@ -7,7 +7,7 @@ use super::context_shape::{ContextShape, STAGES};
 use super::context_stage::{PackedStage, StageNet, StageTape};
 use crate::net::kernels::bfloat16::Operands;
 use crate::net::kernels::float32::{Rows, Sums, fill_rows};
-use crate::net::layers::{AffineNorm, Dense, Normed, PackedWeight, Passes, Weights};
+use crate::net::layers::{AffineNorm, Dense, GroupNorm, Normed, PackedWeight, Passes, Weights};
 use crate::net::parameters::{Initial, Table, fan_in};
 
 /// Point-voxel context `(N, F)` of a cloud's points `(N, C)`, from channels `[e | x]`:
@@ -102,7 +102,7 @@ impl ContextNet {
             stages,
             joins,
             join_maximum: Dense::declare(table, "context.join_maximum", before, joined, initial),
-            join_norm: AffineNorm::declare(table, "context.join_norm", joined),
+            join_norm: AffineNorm::declare(table, "context.join_norm", GroupNorm::new(joined)),
             output: Dense::declare(
                 table,
                 "context.output",

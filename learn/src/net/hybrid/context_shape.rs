@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::net::mlp::Part;
+use crate::net::mlp::{Film, Part};
 use crate::net::parameters::{
     Initial, MAX_VOXEL_NUMBERS, NetworkShapeError, fan_in, require_finite, require_size,
 };
@@ -38,10 +38,45 @@ impl TimeGate {
     }
 }
 
+/// Which layers a context network is made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum ContextLayers {
+    /// Residual blocks with GroupNorm and SiLU, the embedding of the head, plain projections: this project's, which learns from
+    /// clouds one after another.
+    #[default]
+    Residual,
+    /// The authors': the layers of PVCNN (Liu et al., NeurIPS 2019) with BatchNorm and ReLU, an embedding of its own, norms in the
+    /// projections, layers on the maximum over the points. It gives velocities here, and is trained in PyTorch.
+    Pvcnn,
+}
+
+impl ContextLayers {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Residual, Self::Pvcnn];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Residual => "residual",
+            Self::Pvcnn => "pvcnn",
+        }
+    }
+
+    /// Whether they are [`ContextLayers::Residual`], which files do not say.
+    fn are_residual(&self) -> bool {
+        *self == Self::Residual
+    }
+}
+
 /// Shape of the context network.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContextShape {
+    /// Which layers it is made of; residual ones in files that do not say.
+    #[serde(default, skip_serializing_if = "ContextLayers::are_residual")]
+    pub layers: ContextLayers,
     /// The stages, each of which takes the features of the one before.
     pub stages: [Stage; STAGES],
     /// Point-voxel blocks per stage.
@@ -54,17 +89,28 @@ pub struct ContextShape {
     pub gate: TimeGate,
 }
 
+/// Of residual layers.
 impl Default for ContextShape {
-    /// The authors'; they do not say the number of joined features.
     fn default() -> Self {
+        Self::of(ContextLayers::default())
+    }
+}
+
+impl ContextShape {
+    /// The authors' sizes with these layers; in residual ones, 128 joined features.
+    pub fn of(layers: ContextLayers) -> Self {
         let stage = |channels, resolution| Stage {
             channels,
             resolution,
         };
         Self {
+            layers,
             stages: [stage(80, 24), stage(112, 16), stage(112, 8)],
             blocks: 2,
-            joined: 128,
+            joined: match layers {
+                ContextLayers::Residual => 128,
+                ContextLayers::Pvcnn => 112,
+            },
             features: 64,
             gate: TimeGate {
                 centre: 0.97,
@@ -72,9 +118,7 @@ impl Default for ContextShape {
             },
         }
     }
-}
 
-impl ContextShape {
     /// Returns an error if the sizes do not describe a network.
     pub(in crate::net) fn check(&self) -> Result<(), NetworkShapeError> {
         let size = |field, found, most, expected| {
@@ -117,11 +161,15 @@ impl ContextShape {
         ]
     }
 
-    /// The blocks that FiLM modulates, with their features.
-    pub(in crate::net) fn films(&self) -> impl Iterator<Item = (String, usize)> {
+    /// The blocks that FiLM modulates, from gamma = beta = 0 on.
+    pub(in crate::net) fn films(&self) -> impl Iterator<Item = Film> {
         let stages = self.stages.into_iter().enumerate();
         stages.flat_map(move |(s, stage)| {
-            (0..self.blocks).map(move |b| (block_name(s, b), stage.channels))
+            (0..self.blocks).map(move |b| Film {
+                name: block_name(s, b),
+                width: stage.channels,
+                initial: Initial::Constant(0.0),
+            })
         })
     }
 }

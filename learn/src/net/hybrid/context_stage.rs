@@ -91,7 +91,7 @@ impl StageNet {
     /// Buffers for a cloud.
     pub fn tape(&self) -> StageTape {
         StageTape {
-            voxels: Voxels::new(self.grid),
+            voxels: Voxels::new(self.grid, 0.0),
             features: vec![Vec::new(); self.blocks.len() + 1],
             blocks: self.blocks.iter().map(|_| PvTape::default()).collect(),
             scratch: PvScratch::default(),

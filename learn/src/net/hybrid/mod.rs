@@ -9,8 +9,10 @@
 //! | `context_shape` | sizes of the context network, the time gate |
 //! | `context_stage` | blocks of one resolution |
 //! | `context` | the context network: stages, maximum over points, joining layer |
+//! | `pvcnn_context` | the authors' context network; no backward pass |
 //! | `shape` | sizes of the whole network, and its layers |
 //! | `velocity` | the network |
+//! | `pvcnn` | the network with the authors' context |
 //!
 //! Points and voxels of one cloud run in parallel, clouds one after another: one cloud's features are kept, one gradient is
 //! summed, and a single prediction uses all cores. Blocks of rows are fixed, and so are the sums over them.
@@ -18,9 +20,12 @@
 mod context;
 mod context_shape;
 mod context_stage;
+mod pvcnn;
+mod pvcnn_context;
 mod shape;
 mod velocity;
 
-pub use context_shape::{ContextShape, Stage, TimeGate};
+pub use context_shape::{ContextLayers, ContextShape, Stage, TimeGate};
+pub use pvcnn::PvcnnHybrid;
 pub use shape::HybridShape;
 pub use velocity::{Hybrid, HybridWorkspace};

@@ -3,9 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::context::ContextNet;
-use super::context_shape::ContextShape;
+use super::context_shape::{ContextLayers, ContextShape};
+use super::pvcnn::PvcnnLayers;
+use super::pvcnn_context::PvcnnContext;
 use crate::net::mlp::{Conditioner, MlpShape, Part, Trunk};
-use crate::net::parameters::{NetworkShapeError, Table, TensorSpec, fan_in, require_parameters};
+use crate::net::parameters::{NetworkShapeError, Table, TensorSpec, require_parameters};
 
 /// Shape of a hybrid velocity network.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,37 +28,66 @@ impl HybridShape {
         require_parameters(self.parameter_count())
     }
 
-    /// Length of the flat parameter vector.
+    /// Length of the flat parameter vector, in which running statistics count too.
     pub fn parameter_count(&self) -> usize {
-        self.tensors().last().map_or(0, |tensor| tensor.range.end)
+        self.table().len()
     }
 
     /// The tensors in the order in which the flat parameter vector holds them.
     ///
     /// Layers of concatenated features are stored as their shares, as [`MlpShape::tensors`] has it: of `[x | e]` the first
     /// stage's projection and `context.shift`, of `[x | context | e]` the head's input and `head.shift`. A convolution's
-    /// weight is `(3, 3, 3, outputs, inputs)`.
+    /// weight is `(3, 3, 3, outputs, inputs)`. A BatchNorm's running mean and variance follow its weight and bias.
     pub fn tensors(&self) -> Vec<TensorSpec> {
-        let mut table = Table::default();
-        self.declare(&mut table);
-        table.tensors
+        self.table().tensors
     }
 
-    /// Adds the network's tensors to `table`; returns its layers.
+    /// The network's tensors.
+    pub(in crate::net) fn table(&self) -> Table {
+        let mut table = Table::default();
+        match self.context.layers {
+            ContextLayers::Residual => drop(self.declare(&mut table)),
+            ContextLayers::Pvcnn => drop(self.declare_pvcnn(&mut table)),
+        }
+        table
+    }
+
+    /// Adds the tensors of a network with [`ContextLayers::Pvcnn`] to `table`; returns its layers.
+    pub(in crate::net) fn declare_pvcnn(&self, table: &mut Table) -> PvcnnLayers {
+        let Self { head, context } = self;
+        let (embedding, channels) = (head.embedding, head.channels.count());
+        let inputs = head.point_inputs() + context.features;
+        let initial = table.initial;
+        let shift = initial.hidden(inputs + embedding);
+        let shift = Part::new("head.shift", head.width, shift);
+        let films = head.films("head.", initial);
+        let sizes = [embedding, head.condition_dim];
+        PvcnnLayers {
+            conditioner: Conditioner::declare(table, "", sizes, &[shift], &films),
+            trunk: head.declare_trunk(table, "head.", inputs),
+            context: PvcnnContext::declare(
+                table,
+                context,
+                [embedding, head.condition_dim, channels],
+            ),
+        }
+    }
+
+    /// Adds the tensors of a network with [`ContextLayers::Residual`] to `table`; returns its layers.
     pub(in crate::net) fn declare(&self, table: &mut Table) -> Layers {
         let Self { head, context } = self;
         let (embedding, channels) = (head.embedding, head.channels.count());
         let inputs = head.point_inputs() + context.features;
         let [global, shift] = context.parts(embedding, channels);
-        let head_shift = Part::new("head.shift", head.width, fan_in(inputs + embedding));
-        let films: Vec<_> = head
-            .films("head.")
-            .into_iter()
-            .chain(context.films())
-            .collect();
+        let initial = table.initial;
+        let head_shift = initial.hidden(inputs + embedding);
+        let head_shift = Part::new("head.shift", head.width, head_shift);
+        let mut films = head.films("head.", initial);
+        films.extend(context.films());
         Layers {
             conditioner: Conditioner::declare(
                 table,
+                "",
                 [embedding, head.condition_dim],
                 &[global, shift, head_shift],
                 &films,

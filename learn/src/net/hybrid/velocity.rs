@@ -14,7 +14,7 @@ use crate::net::mlp::{
     Batch, ConditionerTape, Loss, PackedTrunk, PointPass, STRIPE, Share, TrunkTapes,
     add_trunk_gradients, divide, point_inputs,
 };
-use crate::net::parameters::{NetworkShapeError, Table, require_precision};
+use crate::net::parameters::{InitialWeights, NetworkShapeError, Table, require_precision};
 use crate::pool::Pool;
 
 /// The paper's Hybrid velocity network (Sec. Method, Eqs. contextnet and time_gate): a cloud's points are seen together.
@@ -73,9 +73,13 @@ impl Hybrid {
     ///
     /// # Errors
     /// [`NetworkShapeError`] where `shape` is out of bounds.
-    pub fn new(shape: HybridShape, rng: &mut ChaCha8Rng) -> Result<Self, NetworkShapeError> {
+    pub fn new(
+        shape: HybridShape,
+        initial: InitialWeights,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Self, NetworkShapeError> {
         shape.check()?;
-        let mut table = Table::default();
+        let mut table = Table::starting(initial);
         shape.declare(&mut table);
         let params = table.initial_params(rng);
         Self::from_params(shape, params)
@@ -292,17 +296,10 @@ impl Hybrid {
     ) {
         let input = self.context_input(modulation, points, &tape.packed);
         self.layers.context.forward(input, &mut tape.context);
-        let (global, head) = (modulation.global, &self.shape.head);
         let weight = self.shape.context.gate.weight(time);
-        tape.inputs.clear();
-        let contexts = tape.context.context.chunks_exact(global.len());
-        let points = point_inputs(head, points, &mut tape.point_inputs);
-        for (point, context) in points.chunks_exact(head.point_inputs()).zip(contexts) {
-            tape.inputs.extend_from_slice(point);
-            let blended = context.iter().zip(global);
-            tape.inputs
-                .extend(blended.map(|(c, g)| weight * c + (1.0 - weight) * g));
-        }
+        let contexts = (&tape.context.context[..], modulation.global);
+        let points = point_inputs(&self.shape.head, points, &mut tape.point_inputs);
+        blend(weight, points, contexts, &mut tape.inputs);
     }
 
     /// Splits the gradient by `C`, which the shares have, into those by the cloud's context and by the embedding's.
@@ -357,6 +354,24 @@ impl Hybrid {
             head,
             films,
         }
+    }
+}
+
+/// Fills `inputs` with `[x | C]`, `x` what the head takes of a point itself, `C = weight C_pv + (1 - weight) C_e`, from the points' contexts `(N, F)` and the embedding's
+/// `(F)`.
+pub fn blend(
+    weight: f32,
+    points: &[f32],
+    (contexts, global): (&[f32], &[f32]),
+    inputs: &mut Vec<f32>,
+) {
+    let count = contexts.len() / global.len();
+    let points = points.chunks_exact(points.len() / count);
+    inputs.clear();
+    for (point, context) in points.zip(contexts.chunks_exact(global.len())) {
+        inputs.extend_from_slice(point);
+        let blended = context.iter().zip(global);
+        inputs.extend(blended.map(|(c, g)| weight * c + (1.0 - weight) * g));
     }
 }
 

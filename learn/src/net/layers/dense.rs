@@ -32,7 +32,7 @@ impl Dense {
             inputs,
             outputs,
             weight: table.push(format!("{name}.weight"), &[outputs, inputs], initial),
-            bias: table.push(format!("{name}.bias"), &[outputs], initial),
+            bias: table.push(format!("{name}.bias"), &[outputs], initial.of_bias()),
         }
     }
 

@@ -14,6 +14,8 @@ use crate::net::parameters::{Initial, Table};
 #[derive(Clone, Copy, Debug)]
 pub struct GroupNorm {
     pub channels: usize,
+    /// Most groups, a power of two.
+    most_groups: usize,
 }
 
 /// What the backward pass needs beside the normalised features, and scratch. One number per channel.
@@ -26,9 +28,25 @@ pub struct GroupNormTape {
 }
 
 impl GroupNorm {
-    /// Number of groups: 8, or where that does not divide the channels the largest divisor of 8 that does.
+    /// With 8 groups, or where that does not divide the channels the largest divisor of 8 that does.
+    pub fn new(channels: usize) -> Self {
+        Self {
+            channels,
+            most_groups: 8,
+        }
+    }
+
+    /// With the greatest common divisor of 32 and the channels as the number of groups: the authors'.
+    pub fn authors(channels: usize) -> Self {
+        Self {
+            channels,
+            most_groups: 32,
+        }
+    }
+
+    /// Number of groups.
     pub fn groups(self) -> usize {
-        1 << self.channels.trailing_zeros().min(3)
+        1 << (self.channels | self.most_groups).trailing_zeros()
     }
 
     /// Normalises the rows of `x` in place, and writes `y`. Leaves padding as it is.
@@ -40,6 +58,33 @@ impl GroupNorm {
         tape: &mut GroupNormTape,
         y: &mut [f32],
     ) {
+        self.moments(rows, x, tape);
+        let moments = [&tape.mean[..], &tape.inverse_deviation];
+        let len = rows.block * self.channels;
+        x.par_chunks_mut(len)
+            .zip(y.par_chunks_mut(len))
+            .for_each(|(x, y)| normalise(rows, moments, [scale, offset], x, y));
+    }
+
+    /// `y = x + scale * GN(x) + offset`, which has no backward pass. Leaves padding as it is.
+    pub fn residual(
+        self,
+        rows: Rows,
+        [scale, offset]: [&[f32]; 2],
+        x: &[f32],
+        tape: &mut GroupNormTape,
+        y: &mut [f32],
+    ) {
+        self.moments(rows, x, tape);
+        let moments = [&tape.mean[..], &tape.inverse_deviation];
+        let len = rows.block * self.channels;
+        x.par_chunks(len)
+            .zip(y.par_chunks_mut(len))
+            .for_each(|(x, y)| add_normalised(rows, moments, [scale, offset], x, y));
+    }
+
+    /// Mean and deviation of every group, for all of its channels.
+    fn moments(self, rows: Rows, x: &[f32], tape: &mut GroupNormTape) {
         let c = self.channels;
         let len = rows.block * c;
         let per_group = (rows.count * c / self.groups()) as f64;
@@ -49,7 +94,6 @@ impl GroupNorm {
             sums,
             ..
         } = tape;
-        // Mean and deviation of every group, for all of its channels.
         self.spread(
             sums.columns(x, rows, c),
             |sum| (sum / per_group) as f32,
@@ -61,9 +105,6 @@ impl GroupNorm {
         });
         let inverse = |sum: f64| (sum / per_group + f64::from(EPSILON)).sqrt().recip() as f32;
         self.spread(squares, inverse, inverse_deviation);
-        x.par_chunks_mut(len)
-            .zip(y.par_chunks_mut(len))
-            .for_each(|(x, y)| normalise(rows, [mean, inverse_deviation], [scale, offset], x, y));
     }
 
     /// Turns `d`, the gradient by `y`, into the gradient by `x`; adds those by scale and offset to `d_affine`.
@@ -139,12 +180,13 @@ pub struct AffineNorm {
 
 impl AffineNorm {
     /// Adds the norm's tensors; it starts as the identity.
-    pub fn declare(table: &mut Table, name: &str, channels: usize) -> Self {
+    pub fn declare(table: &mut Table, name: &str, norm: GroupNorm) -> Self {
+        let channels = norm.channels;
         let weight = Initial::Constant(1.0);
         let weight = table.push(format!("{name}.weight"), &[channels], weight);
         let bias = table.push(format!("{name}.bias"), &[channels], Initial::Constant(0.0));
         Self {
-            norm: GroupNorm { channels },
+            norm,
             affine: weight.start..bias.end,
         }
     }
@@ -228,6 +270,30 @@ vectorised! {
 }
 
 vectorised! {
+    /// `y = x + scale * (x - mean) / deviation + offset`.
+    fn add_normalised(
+        rows: Rows,
+        moments: [&'a [f32]; 2],
+        affine: [&'a [f32]; 2],
+        x: &'a [f32],
+        y: &'a mut [f32],
+    ) {
+        let c = affine[0].len();
+        let [mean, inverse_deviation] = moments.map(|values| &values[..c]);
+        let [scale, offset] = affine.map(|values| &values[..c]);
+        for line in rows.lines(x.len(), c) {
+            let y = y[line.clone()].chunks_exact_mut(c);
+            for (x, y) in x[line].chunks_exact(c).zip(y) {
+                for k in 0..c {
+                    let normalised = (x[k] - mean[k]) * inverse_deviation[k];
+                    y[k] = x[k] + normalised.mul_add(scale[k], offset[k]);
+                }
+            }
+        }
+    }
+}
+
+vectorised! {
     /// Gradient before SiLU in place of the gradient behind it; adds those by scale and offset.
     fn activate_backward(
         rows: Rows,
@@ -279,7 +345,10 @@ mod tests {
     use super::*;
     use crate::net::kernels::check::{assert_close, assert_is_gradient, numbers, single};
 
-    const NORM: GroupNorm = GroupNorm { channels: 12 };
+    const NORM: GroupNorm = GroupNorm {
+        channels: 12,
+        most_groups: 8,
+    };
 
     /// The definition, in f64.
     fn normalise(x: &[f64], scale: &[f64], offset: &[f64]) -> Vec<f64> {
@@ -326,7 +395,9 @@ mod tests {
 
     #[test]
     fn groups_divide_the_channels() {
-        let groups = |channels| GroupNorm { channels }.groups();
+        let groups = |channels| GroupNorm::new(channels).groups();
         assert_eq!([80, 112, 12, 6, 5].map(groups), [8, 8, 4, 2, 1]);
+        let groups = |channels| GroupNorm::authors(channels).groups();
+        assert_eq!([80, 112, 64, 12, 5].map(groups), [16, 16, 32, 4, 1]);
     }
 }

@@ -13,11 +13,13 @@
 //! | `film_bf16` | its twin between bfloat16 products |
 //! | `outer_bf16` | first and last layer of a network whose hidden products are in bfloat16 |
 //! | `group_norm` | GroupNorm (Wu and He 2018) and SiLU |
+//! | `batch_norm` | BatchNorm (Ioffe and Szegedy 2015) of a trained network, and ReLU or LeakyReLU; no backward pass |
 //! | `squeeze` | squeeze and excitation (Hu et al. 2018) |
 //! | `pass` | how passes take parameters, and what they keep |
 //!
 //! A *tape* holds what a forward pass leaves for the backward pass, and buffers that stay from call to call.
 
+mod batch_norm;
 mod dense;
 mod dense_bf16;
 mod dense_parallel;
@@ -28,9 +30,10 @@ mod outer_bf16;
 mod pass;
 mod squeeze;
 
+pub use batch_norm::{BatchNorm, VARIANCE};
 pub use dense::Dense;
 pub use dense_bf16::PackedWeight;
-pub use group_norm::{AffineNorm, GroupNorm, Normed};
+pub use group_norm::{AffineNorm, GroupNorm, GroupNormTape, Normed};
 pub use outer_bf16::{InputBackward, InputLayer, OutputBackward, OutputLayer};
 pub use pass::{Keep, Passes, Weights};
 pub use squeeze::{Squeeze, SqueezeTape};

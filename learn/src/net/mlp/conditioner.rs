@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::net::kernels::float32::{activate, add, multiply};
 use crate::net::layers::Dense;
-use crate::net::parameters::{Initial, Table, fan_in};
+use crate::net::parameters::{Initial, Table};
 
 /// Embeds `(t, c)` as `e` (paper, Eq. embedding_fusion) and maps `e` to a cloud's modulation vector.
 ///
@@ -37,6 +37,13 @@ impl<'a> Part<'a> {
     pub fn new(name: &'a str, len: usize, initial: Initial) -> Self {
         Self { name, len, initial }
     }
+}
+
+/// A block that FiLM modulates: the name of its tensors, its features, and how FiLM's weights start. Its biases start at zero.
+pub struct Film {
+    pub name: String,
+    pub width: usize,
+    pub initial: Initial,
 }
 
 /// Intermediate results for `B` clouds, and their gradients.
@@ -74,42 +81,45 @@ impl Branch {
 }
 
 impl Conditioner {
-    /// Adds the conditioner's tensors for an embedding and a condition of the given `sizes`, with `parts` and with
-    /// FiLM blocks of given names and features.
-    ///
-    /// FiLM starts as gamma = beta = 0, norms as the identity.
+    /// Adds the conditioner's tensors for an embedding and a condition of the given `sizes`, those of the embedding named after
+    /// `prefix`, with `parts` and with FiLM blocks. Norms start as the identity.
     pub fn declare(
         table: &mut Table,
+        prefix: &str,
         sizes: [usize; 2],
         parts: &[Part],
-        films: &[(String, usize)],
+        films: &[Film],
     ) -> Self {
         let [embedding, condition_dim] = sizes;
         let zero = Initial::Constant(0.0);
-        let time = Dense::declare(table, "time", embedding, embedding, fan_in(embedding));
-        let condition = Dense::declare(
-            table,
-            "condition",
-            condition_dim,
-            embedding,
-            fan_in(condition_dim),
-        );
+        let mut embed = |name: &str, inputs: usize| {
+            let initial = table.initial.embedding(inputs);
+            Dense::declare(
+                table,
+                &format!("{prefix}{name}"),
+                inputs,
+                embedding,
+                initial,
+            )
+        };
+        let (time, condition) = (embed("time", embedding), embed("condition", condition_dim));
         let weight = table.len();
         for Part { name, len, initial } in parts {
             table.push(format!("{name}.weight"), &[*len, embedding], *initial);
         }
-        for (name, width) in films {
-            table.push(format!("{name}.film.weight"), &[2 * width, embedding], zero);
+        for film in films {
+            let shape = [2 * film.width, embedding];
+            table.push(format!("{}.film.weight", film.name), &shape, film.initial);
         }
         let bias = table.len();
         for Part { name, len, initial } in parts {
-            table.push(format!("{name}.bias"), &[*len], *initial);
+            table.push(format!("{name}.bias"), &[*len], initial.of_bias());
         }
-        for (name, width) in films {
+        for Film { name, width, .. } in films {
             table.push(format!("{name}.film.bias"), &[2 * width], zero);
         }
         let norms = table.len();
-        for (name, width) in films {
+        for Film { name, width, .. } in films {
             table.push(
                 format!("{name}.norm.weight"),
                 &[*width],
@@ -127,7 +137,7 @@ impl Conditioner {
                 bias: bias..norms,
             },
             parts: parts.iter().map(|part| part.len).sum(),
-            films: films.iter().map(|(_, width)| *width).collect(),
+            films: films.iter().map(|film| film.width).collect(),
             norms: norms..table.len(),
         }
     }

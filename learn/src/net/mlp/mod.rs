@@ -31,7 +31,7 @@ mod trunk_tiles;
 mod velocity;
 
 pub use batch::{Batch, Loss};
-pub use conditioner::{Conditioner, ConditionerTape, Part};
+pub use conditioner::{Conditioner, ConditionerTape, Film, Part};
 pub use point_features::point_inputs;
 pub use shape::MlpShape;
 pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide};

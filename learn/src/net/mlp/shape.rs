@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::conditioner::{Conditioner, Part};
+use super::conditioner::{Conditioner, Film, Part};
 use super::trunk::{Trunk, TrunkSizes};
 use crate::channels::{Channels, DIM};
 use crate::net::parameters::{
-    NetworkShapeError, Table, TensorSpec, fan_in, require_parameters, require_size,
+    InitialWeights, NetworkShapeError, Table, TensorSpec, require_parameters, require_size,
 };
 
 /// Shape of an MLP velocity network.
@@ -94,21 +94,26 @@ impl MlpShape {
     /// Adds the network's tensors to `table`; returns its layers.
     pub(in crate::net) fn declare(&self, table: &mut Table) -> (Conditioner, Trunk) {
         let (embedding, inputs) = (self.embedding, self.point_inputs());
-        let shift = Part::new("shift", self.width, fan_in(inputs + embedding));
+        let initial = table.initial;
+        let shift = Part::new("shift", self.width, initial.hidden(inputs + embedding));
         let conditioner = Conditioner::declare(
             table,
+            "",
             [embedding, self.condition_dim],
             &[shift],
-            &self.films(""),
+            &self.films("", initial),
         );
         (conditioner, self.declare_trunk(table, "", inputs))
     }
 
-    /// The blocks that FiLM modulates, their names after `prefix`, with their features.
-    pub(in crate::net) fn films(&self, prefix: &str) -> Vec<(String, usize)> {
-        (0..self.blocks())
-            .map(|l| (format!("{prefix}blocks.{l}"), self.width))
-            .collect()
+    /// The blocks that FiLM modulates, their names after `prefix`.
+    pub(in crate::net) fn films(&self, prefix: &str, initial: InitialWeights) -> Vec<Film> {
+        let film = |l: usize| Film {
+            name: format!("{prefix}blocks.{l}"),
+            width: self.width,
+            initial: initial.film(self.embedding),
+        };
+        (0..self.blocks()).map(film).collect()
     }
 
     /// Adds what acts on points of `inputs` numbers, the tensors' names after `prefix`.

@@ -78,13 +78,20 @@ impl Trunk {
             ..layer
         };
         let name = format!("{prefix}input");
-        let initial = fan_in(inputs + embedding);
+        let starts = table.initial;
+        let initial = starts.hidden(inputs + embedding);
         let input = local(Dense::declare_unbiased(
             table, &name, inputs, width, initial,
         ));
         let blocks = (0..blocks).map(|l| {
             let name = format!("{prefix}blocks.{l}.linear");
-            local(Dense::declare(table, &name, width, width, fan_in(width)))
+            local(Dense::declare(
+                table,
+                &name,
+                width,
+                width,
+                starts.hidden(width),
+            ))
         });
         let blocks = blocks.collect();
         let name = format!("{prefix}output");

@@ -15,7 +15,7 @@ use crate::flow::VelocityField;
 use crate::net::kernels::Precision;
 use crate::net::kernels::float32::{add, reset};
 use crate::net::layers::{Passes, Weights};
-use crate::net::parameters::{NetworkShapeError, Table, require_precision};
+use crate::net::parameters::{InitialWeights, NetworkShapeError, Table, require_precision};
 use crate::pool::Pool;
 
 /// Tiles per share, the unit of parallel work. Fixed, so that sums are grouped alike for any number of threads.
@@ -57,9 +57,13 @@ impl Mlp {
     ///
     /// # Errors
     /// [`NetworkShapeError::Size`] where `shape` is out of bounds.
-    pub fn new(shape: MlpShape, rng: &mut ChaCha8Rng) -> Result<Self, NetworkShapeError> {
+    pub fn new(
+        shape: MlpShape,
+        initial: InitialWeights,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Self, NetworkShapeError> {
         shape.check()?;
-        let mut table = Table::default();
+        let mut table = Table::starting(initial);
         shape.declare(&mut table);
         let params = table.initial_params(rng);
         Self::from_params(shape, params)

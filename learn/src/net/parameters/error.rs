@@ -62,6 +62,14 @@ pub enum NetworkShapeError {
         /// Features of the layers on points.
         width: usize,
     },
+    /// A running variance is below zero.
+    #[error("`{tensor}` holds the variance {found}, expected none below 0")]
+    Variance {
+        /// The tensor.
+        tensor: String,
+        /// The number in it.
+        found: f32,
+    },
     /// The parameter vector has another length than the shape's.
     #[error("{found} parameters do not fit a network of {expected}")]
     ParameterCount {

@@ -11,4 +11,4 @@ pub use error::{
     MAX_VOXEL_NUMBERS, NetworkShapeError, require_finite, require_parameters, require_precision,
     require_size,
 };
-pub use table::{Initial, Table, TensorSpec, fan_in};
+pub use table::{Initial, InitialWeights, Table, TensorRole, TensorSpec, fan_in};

@@ -12,6 +12,7 @@
 //! | `conv3d_sparse` | the same of a grid in which few voxels hold points (Graham et al., CVPR 2018) |
 //! | `voxel_layer` | convolution, GroupNorm and SiLU, by whichever convolution is faster |
 //! | `pv_conv` | the block: voxels, points, squeeze and excitation, FiLM |
+//! | `pvcnn_block` | the authors' block; no backward pass |
 
 mod conv3d;
 mod conv3d_bf16;
@@ -19,9 +20,11 @@ mod conv3d_sparse;
 mod grid;
 mod occupied;
 mod pv_conv;
+mod pvcnn_block;
 mod voxel_layer;
 mod voxels;
 
 pub use grid::Grid;
 pub use pv_conv::{PackedPvBlock, PvBlock, PvInput, PvScratch, PvTape};
+pub use pvcnn_block::{EPSILON as PVCNN_EPSILON, PvcnnBlock, PvcnnInput, PvcnnScratch};
 pub use voxels::Voxels;

@@ -94,7 +94,11 @@ impl PvBlock {
             layers,
             squeeze: Squeeze::declare(table, &format!("{name}.squeeze"), channels),
             point: Dense::declare(table, &format!("{name}.point"), channels, channels, initial),
-            point_norm: AffineNorm::declare(table, &format!("{name}.point_norm"), channels),
+            point_norm: AffineNorm::declare(
+                table,
+                &format!("{name}.point_norm"),
+                GroupNorm::new(channels),
+            ),
             mix: Dense::declare(
                 table,
                 &format!("{name}.linear"),
@@ -102,7 +106,7 @@ impl PvBlock {
                 channels,
                 initial,
             ),
-            film: GroupNorm { channels },
+            film: GroupNorm::new(channels),
         }
     }
 
@@ -319,7 +323,7 @@ fn par_add(x: &[f32], y: &mut [f32]) {
 }
 
 /// `y += a * x`, `a` a gain per column.
-fn add_gained(x: &[f32], gains: &[f32], y: &mut [f32]) {
+pub fn add_gained(x: &[f32], gains: &[f32], y: &mut [f32]) {
     let len = POINTS * gains.len();
     y.par_chunks_mut(len)
         .zip(x.par_chunks(len))

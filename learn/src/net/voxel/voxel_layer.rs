@@ -7,7 +7,7 @@ use super::grid::Grid;
 use super::occupied::Sparse;
 use crate::net::kernels::bfloat16::{Operands, has_matrix_unit};
 use crate::net::kernels::float32::Sums;
-use crate::net::layers::{AffineNorm, Normed, Weights};
+use crate::net::layers::{AffineNorm, GroupNorm, Normed, Weights};
 use crate::net::parameters::Table;
 
 /// `y = SiLU(GN(conv(x)))`; grids have margins.
@@ -37,7 +37,11 @@ impl VoxelLayer {
         let conv = format!("{name}.convs.{index}");
         Self {
             conv: Conv3d::declare(table, &conv, grid, channels, channels),
-            norm: AffineNorm::declare(table, &format!("{name}.conv_norms.{index}"), channels),
+            norm: AffineNorm::declare(
+                table,
+                &format!("{name}.conv_norms.{index}"),
+                GroupNorm::new(channels),
+            ),
         }
     }
 

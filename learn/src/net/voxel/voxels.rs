@@ -22,6 +22,8 @@ const VOXELS: usize = 64;
 #[derive(Debug)]
 pub struct Voxels {
     grid: Grid,
+    /// What the cube is wider than the ball.
+    slack: f32,
     /// Per point.
     places: Vec<Place>,
     /// The voxels with points.
@@ -106,10 +108,11 @@ impl Place {
 }
 
 impl Voxels {
-    /// Buffers for a cloud.
-    pub fn new(grid: Grid) -> Self {
+    /// Buffers for a cloud, whose grid is wider by `slack` than the ball.
+    pub fn new(grid: Grid, slack: f32) -> Self {
         Self {
             grid,
+            slack,
             places: Vec::new(),
             occupied: Occupied::default(),
             averaged: Sorted::default(),
@@ -131,7 +134,7 @@ impl Voxels {
         let centre = sum.map(|sum| (sum / count) as f32);
         let centred = points.map(|point| [0, 1, 2].map(|k| point[k] - centre[k]));
         let norm = |x: [f32; DIM]| (x[0] * x[0] + x[1] * x[1] + x[2] * x[2]).sqrt();
-        let diameter = 2.0 * centred.clone().map(norm).fold(0.0, f32::max);
+        let diameter = 2.0 * centred.clone().map(norm).fold(0.0, f32::max) + self.slack;
 
         // Coordinates in the grid, the voxel that each point is averaged in, and the eight that it interpolates.
         let grid = self.grid;
@@ -352,7 +355,7 @@ mod tests {
 
     fn cloud() -> (Vec<f64>, Voxels) {
         let points = numbers(1, COUNT * 3);
-        let mut voxels = Voxels::new(GRID);
+        let mut voxels = Voxels::new(GRID, 0.0);
         voxels.place(&single(&points), 3);
         (points, voxels)
     }
