@@ -6,19 +6,14 @@ use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use tdcr::pages::CalibrationPage;
 use tdcr::pipeline::recording::{
-    BadRows, CalibrateError, CalibrateSettings, Calibration, Columns, Compared, ServoOrder,
-    calibrate,
+    BadRows, CalibrateError, CalibrateSettings, Calibration, Columns, Compared, Fitted, calibrate,
 };
-use tdcr::sim::inverse::recording::Group;
 
 use crate::arrays::array;
 use crate::errors::{Failure, Outcome};
 use crate::robot::Robot;
 use crate::run;
 use crate::stage::Stage;
-
-/// What `fit` calls the search for which servo pulls which tendon.
-const SERVO_MAP: &str = "servo_map";
 
 /// What `tdcr.calibrate_recording` is told besides the robot and the files.
 #[derive(FromPyObject)]
@@ -39,25 +34,18 @@ impl Options {
         {
             return Err(Failure::input("loss is no length above 0 (m)".to_owned()));
         }
-        let group = |name: &String| {
-            Group::named(name).ok_or_else(|| {
-                let names = Group::ALL.map(Group::name).join(", ");
+        let fitted = match &self.fit {
+            None => Fitted::default(),
+            Some(names) => Fitted::named(names.iter().map(String::as_str)).map_err(|name| {
+                let names: Vec<&str> = Fitted::names().collect();
                 Failure::input(format!(
-                    "fit has {name:?}; expected some of {names}, {SERVO_MAP}"
+                    "fit has {name:?}; expected some of {}",
+                    names.join(", ")
                 ))
-            })
-        };
-        let chosen = self.fit.as_ref();
-        let groups = |names: &Vec<String>| -> Outcome<Vec<Group>> {
-            let groups = names.iter().filter(|name| *name != SERVO_MAP);
-            groups.map(group).collect()
+            })?,
         };
         Ok(CalibrateSettings {
-            groups: chosen.map(groups).transpose()?,
-            servos: match chosen.is_some_and(|names| names.iter().any(|name| name == SERVO_MAP)) {
-                true => ServoOrder::Found,
-                false => ServoOrder::AsGiven,
-            },
+            fitted,
             loss: self.loss,
             starts: self.starts,
             seed: self.seed,

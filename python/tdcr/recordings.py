@@ -103,8 +103,10 @@ def calibrate_recording(
         columns: Which column holds what: a TOML file, or a dictionary of the same keys. Data sets and logs need none.
         validate: Another recording with the same columns, or of clouds where ``data`` has clouds, to hold the calibrated robot
             against; where not given, of a data set its val and test splits.
-        fit: Groups of unknowns; those of the default ones that the robot has, where none are given. ``[]`` fits nothing.
-            With ``"servo_map"``, which servo pulls which tendon, and which way, is found first.
+        fit: Groups of unknowns; those of the default ones that the robot has, where none are given. ``[]`` fits nothing,
+            ``["default", "friction"]`` friction besides the default ones. With ``"servo_map"``, which servo pulls which tendon,
+            and which way, is found first; with the default ones only where ``columns`` is clearly wrong, and so is the frame of
+            the recording.
         loss: Distance (m) from which a miss counts less than by its square; a fortieth of the robot's length.
         starts: Starts of the fit: the robot's own values, then others at random.
         seed: Seed of the random starts.

@@ -3,16 +3,15 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::ensure;
+use anyhow::{anyhow, ensure};
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::PossibleValuesParser;
 use tdcr::pages::CalibrationPage;
 use tdcr::pipeline::recording::{
-    BadRows, CalibrateError, CalibrateSettings, Calibrated, Columns, FoundServos, Measured,
-    ServoOrder, calibrate,
+    BadRows, CalibrateError, CalibrateSettings, Calibrated, Columns, Fitted, FoundServos, Measured,
+    calibrate,
 };
 use tdcr::report::counted;
-use tdcr::sim::inverse::recording::Group;
 
 use super::console::{Console, Interrupted};
 use super::output;
@@ -42,10 +41,11 @@ pub(super) struct CalibrateArgs {
     /// Groups of unknowns, separated by commas, or none [default: pretension, spool_radius, backlash, lag, hole_angles, twist, stiffness,
     /// torsion, rest_bend, tendon_stiffness, base_pose, marker_offset, gravity, mass, those of them that the robot has, without backlash and
     /// lag where the recording has clouds; besides these
-    /// hole_radius, tendon_stiffening, friction]. With servo_map, which servo pulls which tendon, and which way, is found first, from rows
-    /// in which one moves alone
-    #[arg(long, value_delimiter = ',', value_name = "GROUP,..", value_parser = choice())]
-    fit: Option<Vec<Choice>>,
+    /// hole_radius, tendon_stiffening, friction]. `default` stands for the default ones: default,friction fits friction besides. With
+    /// servo_map, which servo pulls which tendon, and which way, is found first, from rows in which one moves alone; with the default ones
+    /// only where the columns are clearly wrong, and so is the recording's frame
+    #[arg(long, value_delimiter = ',', value_name = "GROUP,..", value_parser = names())]
+    fit: Option<Vec<String>>,
     /// Distance (m) from which a marker's or a point's miss counts less than by its square [default: a fortieth of the robot's length]
     #[arg(long, value_name = "M", value_parser = super::positive)]
     loss: Option<f64>,
@@ -66,47 +66,27 @@ pub(super) struct CalibrateArgs {
     report: Option<PathBuf>,
 }
 
-/// What `--fit` names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Choice {
-    Group(Group),
-    ServoMap,
-    None,
-}
+/// The name of an empty list of what is fitted.
+const NONE: &str = "none";
 
-/// The name of [`Choice::ServoMap`].
-const SERVO_MAP: &str = "servo_map";
-
-fn choice() -> impl TypedValueParser<Value = Choice> {
-    let names = Group::ALL.map(Group::name).into_iter();
-    PossibleValuesParser::new(names.chain([SERVO_MAP, "none"])).map(|name| {
-        match Group::named(&name) {
-            Some(group) => Choice::Group(group),
-            None if name == SERVO_MAP => Choice::ServoMap,
-            None => Choice::None,
-        }
-    })
+fn names() -> PossibleValuesParser {
+    PossibleValuesParser::new(Fitted::names().chain([NONE]))
 }
 
 impl CalibrateArgs {
     fn settings(&self) -> anyhow::Result<CalibrateSettings> {
-        let choices = self.fit.as_deref();
+        let names = self.fit.as_deref();
+        let none = names.is_some_and(|names| names.iter().any(|name| name == NONE));
         ensure!(
-            choices.is_none_or(|choices| choices.len() == 1 || !choices.contains(&Choice::None)),
+            !none || names.is_some_and(|names| names.len() == 1),
             "--fit none stands alone"
         );
-        let groups = |choices: &[Choice]| -> Vec<Group> {
-            let groups = choices.iter().filter_map(|choice| match choice {
-                Choice::Group(group) => Some(*group),
-                Choice::ServoMap | Choice::None => None,
-            });
-            groups.collect()
-        };
         Ok(CalibrateSettings {
-            groups: choices.map(groups),
-            servos: match choices.is_some_and(|choices| choices.contains(&Choice::ServoMap)) {
-                true => ServoOrder::Found,
-                false => ServoOrder::AsGiven,
+            fitted: match names {
+                None => Fitted::default(),
+                Some(_) if none => Fitted::nothing(),
+                Some(names) => Fitted::named(names.iter().map(String::as_str))
+                    .map_err(|name| anyhow!("--fit has {name}, which is no group"))?,
             },
             loss: self.loss,
             starts: self.starts.into(),

@@ -194,38 +194,40 @@ fn angles_of_spools_in_other_units_and_signs_are_read() {
     assert!(found["train_rmse"].as_f64().unwrap() > 0.0);
 }
 
-/// Columns in another order and of other signs than the tendons': single pulls tell the right ones.
-#[test]
-fn single_pulls_tell_which_servo_pulls_which_tendon() {
-    let folder = tempfile::tempdir().unwrap();
-    let robot = example("robot.toml");
+/// The example's map with servos in the order of their numbers, and the one of tendon 3 the other way round; and their columns in
+/// the right order.
+fn shuffled(folder: &Path) -> (PathBuf, Vec<String>) {
     let map = fs::read_to_string(example("columns.toml")).unwrap();
-    let columns: Vec<&str> = (map.lines())
+    let columns: Vec<String> = (map.lines())
         .filter_map(|line| line.strip_prefix("column = \"servo_"))
-        .map(|rest| rest.trim_end_matches('"'))
+        .map(|rest| format!("servo_{}", rest.trim_end_matches('"')))
         .collect();
     let [head, tail] = [
         map.find("[[servos]]").unwrap(),
         map.find("[[markers]]").unwrap(),
     ];
-    // The order of the servos' numbers, and the one of tendon 3 the other way round.
     let mut sorted = columns.clone();
     sorted.sort_unstable();
-    let servo = |column: &&str| {
-        let sign = if **column == *columns[3] {
+    let servo = |column: &String| {
+        let sign = if *column == columns[3] {
             "sign = -1\n"
         } else {
             ""
         };
-        format!("[[servos]]\ncolumn = \"servo_{column}\"\nunit = \"mm\"\n{sign}\n")
+        format!("[[servos]]\ncolumn = \"{column}\"\nunit = \"mm\"\n{sign}\n")
     };
     let servos: String = sorted.iter().map(servo).collect();
-    let shuffled = folder.path().join("columns.toml");
-    fs::write(
-        &shuffled,
-        format!("{}{servos}{}", &map[..head], &map[tail..]),
-    )
-    .unwrap();
+    let file = folder.join("columns.toml");
+    fs::write(&file, format!("{}{servos}{}", &map[..head], &map[tail..])).unwrap();
+    (file, columns)
+}
+
+/// Columns in another order and of other signs than the tendons': single pulls tell the right ones.
+#[test]
+fn single_pulls_tell_which_servo_pulls_which_tendon() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = example("robot.toml");
+    let (shuffled, columns) = shuffled(folder.path());
     let data = example("real_robot_v4_tendon_pull.csv");
     let doubted = tdcr(&[&on(&data, &robot, &shuffled)[..], &["--fit", "none"]].concat()).output();
     let said = stderr(&doubted.unwrap());
@@ -238,10 +240,7 @@ fn single_pulls_tell_which_servo_pulls_which_tendon() {
     let found = succeed_json(&[&on(&data, &robot, &shuffled)[..], &fit].concat());
     let servos = found["servo_map"]["servos"].as_array().unwrap();
     let names = servos.iter().map(|servo| servo["column"].as_str().unwrap());
-    let expected: Vec<String> = (columns.iter())
-        .map(|column| format!("servo_{column}"))
-        .collect();
-    assert_eq!(names.collect::<Vec<_>>(), expected);
+    assert_eq!(names.collect::<Vec<_>>(), columns);
     assert!(
         servos.iter().all(|servo| servo["sign"] == 1.0),
         "{servos:?}"
@@ -252,6 +251,64 @@ fn single_pulls_tell_which_servo_pulls_which_tendon() {
     let again = tdcr(&[&on(&data, &robot, &mapped)[..], &["--fit", "none"]].concat()).output();
     let said = stderr(&again.unwrap());
     assert!(!said.contains("servo_map"), "{said}");
+}
+
+/// With the default unknowns, columns that the recording contradicts are put right before the fit: the order of the servos, and axes of
+/// motion capture that are not the robot's.
+#[test]
+fn a_default_fit_puts_servos_and_frame_right() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = example("robot.toml");
+    let data = example("real_robot_v4_tendon_pull.csv");
+    let [right, all] = [None, Some("default,friction")].map(|fit| {
+        let fit: Vec<&str> = fit.iter().flat_map(|fit| ["--fit", fit]).collect();
+        succeed_json(&[&on(&data, &robot, &example("columns.toml"))[..], &fit].concat())
+    });
+    assert!(right["servo_map"].is_null() && right["frame"].is_null());
+    let count = |found: &Value| found["parameters"].as_array().unwrap().len();
+    assert_eq!(
+        count(&all),
+        count(&right) + 3,
+        "a coefficient for each module"
+    );
+    let rmse = |found: &Value| found["train_rmse"].as_f64().unwrap();
+    let (order, columns) = shuffled(folder.path());
+    let found = succeed_json(&on(&data, &robot, &order));
+    let servos = found["servo_map"]["servos"].as_array().unwrap();
+    assert!(
+        servos
+            .iter()
+            .zip(&columns)
+            .all(|(servo, column)| servo["column"] == **column)
+    );
+    assert!(
+        rmse(&found) < 1.1 * rmse(&right),
+        "{} {}",
+        rmse(&found),
+        rmse(&right)
+    );
+    // Axes in another order: a third of a turn about the diagonal.
+    let map = fs::read_to_string(example("columns.toml")).unwrap();
+    let axes = folder.path().join("axes.toml");
+    let turned = map.replace(
+        r#"["tip_x", "tip_y", "tip_z"]"#,
+        r#"["tip_z", "tip_x", "tip_y"]"#,
+    );
+    assert_ne!(turned, map);
+    fs::write(&axes, turned).unwrap();
+    let said = tdcr(&[&on(&data, &robot, &axes)[..], &["--json"]].concat()).output();
+    let said = said.unwrap();
+    let notes = stderr(&said);
+    assert!(notes.contains("frame lies turned by 1"), "{notes}");
+    let found: Value = serde_json::from_slice(&said.stdout).unwrap();
+    let turn = found["frame"]["turn"].as_f64().unwrap();
+    assert!((turn - 2.0944).abs() < 0.2, "{turn}");
+    assert!(
+        rmse(&found) < 1.1 * rmse(&right),
+        "{} {}",
+        rmse(&found),
+        rmse(&right)
+    );
 }
 
 /// A disc's orientation, where it was measured too, tells what the tip's place does not: how far the tip is turned.

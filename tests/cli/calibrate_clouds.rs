@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use tdcr::pipeline::Silent;
-use tdcr::pipeline::recording::{CalibrateSettings, Calibration, calibrate};
+use tdcr::pipeline::recording::{CalibrateSettings, Calibration, Fitted, calibrate};
 use tdcr::sim::robot::{Backbone, Drive, PerDisc, RobotSpec};
 
 use crate::capture::{capture, small_rig};
@@ -97,7 +97,7 @@ fn a_data_set_gives_the_stiffness_of_its_robot_back() {
 
 fn rows(robot: &RobotSpec, data: &Path) -> Calibration {
     let settings = CalibrateSettings {
-        groups: Some(Vec::new()),
+        fitted: Fitted::nothing(),
         ..CalibrateSettings::default()
     };
     calibrate(robot, None, data, None, &settings, &Silent).unwrap()

@@ -6,27 +6,26 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use tdcr_learn::data::Split;
 use tdcr_sim::inverse::recording::{
-    Correlation, FittedUnknown, Group, Misses, Order, RecordingError, RecordingFit,
-    RecordingSettings, Replay, Transmission, fit_recording,
+    Correlation, FittedUnknown, Misses, RecordingError, RecordingFit, RecordingSettings, Replay,
+    Transmission, fit_recording,
 };
 use tdcr_sim::robot::{Robot, RobotSpec};
 use thiserror::Error;
 
 use super::clouds::Source;
+use super::fitted::Fitted;
 use super::reader::{Reader, own_columns, same};
 use super::repeat::repeatability;
-use super::servos::{self, FoundServos};
+use super::servos::FoundServos;
+use super::told::{MovedFrame, Told};
 use super::{Columns, RecordingFile, RecordingFileError};
 use crate::pipeline::Monitor;
 
 /// What is fitted, and how.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CalibrateSettings {
-    /// Groups of unknowns; those that the robot has, of the default ones, where none are given. Nothing is fitted where the list
-    /// is empty.
-    pub groups: Option<Vec<Group>>,
-    /// Which servo pulls which tendon.
-    pub servos: ServoOrder,
+    /// What is fitted.
+    pub fitted: Fitted,
     /// Distance (m) from which a marker's or a point's miss counts less than by its square; a fortieth of the robot's length where not given.
     pub loss: Option<f64>,
     /// Starts of the fit: the robot's own values, then others at random.
@@ -35,16 +34,6 @@ pub struct CalibrateSettings {
     pub seed: u64,
     /// Rows that cannot be used.
     pub bad_rows: BadRows,
-}
-
-/// Which servo pulls which tendon.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ServoOrder {
-    /// As the column map says.
-    #[default]
-    AsGiven,
-    /// As the markers move in rows in which one servo moves alone.
-    Found,
 }
 
 /// What happens to rows that cannot be used.
@@ -174,8 +163,10 @@ pub struct Calibrated {
     pub repeatability: Option<f64>,
     /// The same of the other recording.
     pub validation_repeatability: Option<f64>,
-    /// The servos, where they were sought.
+    /// The servos, where they were sought, or taken otherwise than the columns say.
     pub servo_map: Option<FoundServos>,
+    /// How the recording's frame was moved before the fit, where it was.
+    pub frame: Option<MovedFrame>,
     /// Neighbouring rows whose errors are alike.
     pub alike_rows: Option<f64>,
     /// Iterations of the fit.
@@ -229,31 +220,16 @@ pub fn calibrate(
     };
     let built = Robot::new(robot.clone()).map_err(|error| failed(error.into()))?;
     let source = Source::of(data);
-    let mut columns = match columns {
+    let columns = match columns {
         Some(columns) => columns.clone(),
         None => own_columns(robot, data)?,
     };
-    let train_splits = &[Split::Train];
     let reader = Reader {
         robot: &built,
         bad_rows: settings.bad_rows,
     };
-    let mut train = reader.load(data, &columns, train_splits, &mut notes)?;
-    let mut servo_map = None;
-    match settings.servos {
-        ServoOrder::Found if source.has_clouds() => {
-            return Err(CalibrateError::NoMarkers {
-                path: data.to_owned(),
-            });
-        }
-        ServoOrder::Found => {
-            let (mapped, found) = servos::find(robot, &columns, &train, data)?;
-            train = reader.load(data, &mapped, train_splits, &mut Vec::new())?;
-            (columns, servo_map) = (mapped, Some(found));
-        }
-        ServoOrder::AsGiven if source.has_clouds() => {}
-        ServoOrder::AsGiven => notes.extend(servos::doubt(robot, &columns, &train)),
-    }
+    let told = Told::read(robot, columns, data, &reader, &settings.fitted, &mut notes)?;
+    let (train, columns) = (told.file, told.columns);
     let own_splits = source == Source::DataSet && validate.is_none_or(|other| same(data, other));
     let validation = match validate {
         _ if own_splits => {
@@ -289,7 +265,8 @@ pub fn calibrate(
     let train = compare(train).map_err(failed)?;
     let validation = validation.map(compare).transpose().map_err(failed)?;
     let mut found = said(robot, fit.as_ref(), &train, validation.as_ref());
-    found.servo_map = servo_map;
+    (found.servo_map, found.frame) = (told.servo_map, told.frame);
+    notes.extend(far(&found, &built));
     found.validated_on_splits = own_splits;
     if source.has_clouds() {
         found.measured = Measured::Clouds;
@@ -312,18 +289,12 @@ fn fit(
     settings: &CalibrateSettings,
     monitor: &dyn Monitor,
 ) -> Result<Option<RecordingFit>, RecordingError> {
-    let mut of_fit = RecordingSettings {
+    let of_fit = RecordingSettings {
+        groups: settings.fitted.groups_of(robot, train.recording.order),
         loss: settings.loss,
         starts: settings.starts.max(1),
         seed: settings.seed,
-        ..RecordingSettings::of(robot)
     };
-    if let Some(groups) = &settings.groups {
-        of_fit.groups.clone_from(groups);
-    } else if train.recording.order == Order::AtRest {
-        let of_motion = [Group::Backlash, Group::Lag];
-        of_fit.groups.retain(|group| !of_motion.contains(group));
-    }
     if of_fit.groups.is_empty() {
         return Ok(None);
     }
@@ -346,6 +317,23 @@ fn fit(
         monitor.end();
     }
     fit.map(Some)
+}
+
+/// A calibrated robot that misses more than this share of its length does not follow the recording.
+const FAR: f64 = 0.1;
+
+/// What to note of a robot that is calibrated and still far from the recording.
+fn far(found: &Calibrated, robot: &Robot) -> Option<String> {
+    let length = *robot.arc_lengths().last()?;
+    let share = found.train_rmse / length;
+    (!found.parameters.is_empty() && share > FAR).then(|| {
+        format!(
+            "the calibrated robot still misses {:.1} mm, {:.0} % of its length: do the columns say which servo pulls which tendon, \
+             which way and in which unit, and is the robot file right of lengths and holes?",
+            1e3 * found.train_rmse,
+            100.0 * share
+        )
+    })
 }
 
 fn said(
@@ -381,6 +369,7 @@ fn said(
         repeatability: repeatability(train),
         validation_repeatability: validation.and_then(repeatability),
         servo_map: None,
+        frame: None,
         alike_rows: fit.map(|fit| fit.alike_rows),
         iterations: fit.map_or(0, |fit| fit.steps),
         parameters: fit.map(|fit| fit.unknowns.clone()).unwrap_or_default(),

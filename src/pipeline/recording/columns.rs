@@ -115,6 +115,7 @@ pub enum PullUnit {
     /// Degrees of a spool.
     Deg,
     /// Newtons, of a tendon driven by tension.
+    #[serde(rename = "N")]
     N,
 }
 
@@ -324,13 +325,24 @@ impl Columns {
         let base = quaternion(robot.base.orientation);
         let about = Unit::new_normalize(base * Vector3::z());
         let turn = UnitQuaternion::from_axis_angle(&about, map.turn);
-        let (place, frame) = (Vector3::from(robot.base.position), self.pose());
-        let orientation = turn * frame.rotation;
-        columns.frame = Some(FramePose {
-            position: (place + turn * (frame.translation.vector - place)).into(),
-            orientation: [orientation.w, orientation.i, orientation.j, orientation.k],
-        });
-        columns
+        let place = Vector3::from(robot.base.position);
+        columns.moved(&Isometry3::from_parts(
+            Translation3::from(place - turn * place),
+            turn,
+        ))
+    }
+
+    /// The same map with the recording's frame moved by `motion`, which is given in the world.
+    pub fn moved(&self, motion: &Isometry3<f64>) -> Self {
+        let frame = motion * self.pose();
+        let q = frame.rotation;
+        Self {
+            frame: Some(FramePose {
+                position: frame.translation.vector.into(),
+                orientation: [q.w, q.i, q.j, q.k],
+            }),
+            ..self.clone()
+        }
     }
 
     /// The pose of the recording's frame in the world (m).
@@ -361,4 +373,24 @@ fn one() -> f64 {
 
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A data set's map of a robot whose tendons are driven by tension is one that is read again, its unit as the guide writes it.
+    #[test]
+    fn tensions_are_in_newtons() {
+        let mut spec = RobotSpec::standard("2m").expect("a standard robot");
+        for tendons in spec.modules.iter_mut().filter_map(|m| m.tendons.as_mut()) {
+            tendons.drive = Drive::Tension;
+        }
+        let columns = Columns::of_commands(&spec);
+        let text = toml::to_string(&columns).expect("plain values");
+        assert!(text.contains("unit = \"N\""), "{text}");
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        std::fs::write(file.path(), text).expect("written");
+        assert_eq!(Columns::load(file.path(), &spec).expect("a map"), columns);
+    }
 }

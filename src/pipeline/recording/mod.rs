@@ -4,20 +4,24 @@
 mod calibrate;
 mod clouds;
 mod columns;
+mod fitted;
 mod markers;
 mod reader;
 mod repeat;
 mod rows;
 mod servos;
+mod told;
 
 pub use calibrate::{
     BadRows, CalibrateError, CalibrateSettings, Calibrated, Calibration, Compared, Measured,
-    ServoOrder, calibrate,
+    calibrate,
 };
 pub use columns::{Columns, FramePose, PullUnit, ServoColumn, TimeColumn, TimeUnit};
+pub use fitted::Fitted;
 pub use markers::{DiscName, MarkerColumns};
 pub use rows::RecordingFile;
 pub use servos::{FoundServo, FoundServos};
+pub use told::MovedFrame;
 
 use std::path::PathBuf;
 

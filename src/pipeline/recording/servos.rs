@@ -3,13 +3,15 @@
 use std::path::Path;
 
 use serde::Serialize;
-use tdcr_sim::inverse::recording::{RecordingError, find_servo_map};
+use tdcr_sim::inverse::recording::{RecordingError, ServoMap, find_servo_map};
 use tdcr_sim::robot::RobotSpec;
 
 use super::{CalibrateError, Columns, RecordingFile};
 
 /// Single pulls that the column map explains this many times worse than another order of servos make one doubt it.
 const DOUBTFUL: f64 = 3.0;
+/// An order of servos that misses at most this share of the single pulls' motion, of squares, is taken for the right one.
+const SURE: f64 = 0.25;
 
 /// The servo of a tendon, as it was found.
 #[derive(Clone, Debug, Serialize)]
@@ -52,7 +54,12 @@ pub(super) fn find(
             source,
         },
     })?;
-    let mapped = columns.mapped(&map, robot);
+    Ok(by(&map, robot, columns))
+}
+
+/// The columns with the servos of `map`.
+fn by(map: &ServoMap, robot: &RobotSpec, columns: &Columns) -> (Columns, FoundServos) {
+    let mapped = columns.mapped(map, robot);
     let found = (0..).zip(mapped.servos.iter().zip(&map.servos));
     let found = found.map(|(tendon, (column, servo))| FoundServo {
         tendon,
@@ -64,16 +71,22 @@ pub(super) fn find(
         servos: found.collect(),
         turn: map.turn,
     };
-    Ok((mapped, found))
+    (mapped, found)
 }
 
-/// What to note where the markers move, when servos move alone, as if these pulled other tendons than the columns say.
-pub(super) fn doubt(robot: &RobotSpec, columns: &Columns, train: &RecordingFile) -> Option<String> {
+/// Another order of servos than that of the columns.
+pub(super) struct Doubt {
+    pub found: (Columns, FoundServos),
+    /// Whether it is as good as it should be if it is the right one.
+    pub sure: bool,
+}
+
+/// The order of servos by which the markers move when servos move alone, where that is clearly not the columns'.
+pub(super) fn doubt(robot: &RobotSpec, columns: &Columns, train: &RecordingFile) -> Option<Doubt> {
     // Where servos never move alone there is nothing to tell it by.
     let map = find_servo_map(robot, &columns.transmission(robot), &train.recording).ok()?;
-    (!map.is_identity() && map.misfit_as_given > DOUBTFUL * map.misfit()).then(|| {
-        "when servos move alone, the robot moves as if they pulled other tendons, or the other way round, than the columns say; \
-         servo_map among what is fitted finds which"
-            .to_owned()
+    (!map.is_identity() && map.misfit_as_given > DOUBTFUL * map.misfit()).then(|| Doubt {
+        sure: map.misfit() < SURE,
+        found: by(&map, robot, columns),
     })
 }

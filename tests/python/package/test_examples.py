@@ -110,3 +110,11 @@ def test_a_network_learns_what_a_calibrated_simulator_misses(tmp_path: Path) -> 
     # Physics from a few motions tells others better than a network from the same.
     assert 0.0 < row["calibrated simulator"] < row["network"] and 0.0 < row["simulator and network"] < row["network"]
     assert f"{row['calibrated simulator']:.2f}" in printed
+
+
+def test_a_real_robot_is_calibrated_with_a_page(tmp_path: Path) -> None:
+    printed = run("real_robot", tmp_path)
+    assert "in 120 rows" in printed and "in 443 rows" in printed and "18 unknowns" in printed
+    assert "Calibration of opencr" in (tmp_path / "real_robot.html").read_text(encoding="utf-8")
+    # The robot file is one that everything else reads.
+    assert len(tdcr.Robot(str(tmp_path / "calibrated.toml")).mean_command) == 9

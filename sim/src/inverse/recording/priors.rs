@@ -12,6 +12,8 @@ const GAIN: f64 = 0.03;
 const OFFSET: f64 = 0.03;
 const BACKLASH: f64 = 0.02;
 const LAG_STEPS: f64 = 0.2;
+/// Least spread of a lag (s): that of servos and motion capture does not shrink with the time between rows.
+const LAG: f64 = 0.05;
 const HOLE_ANGLE: f64 = 0.17;
 const HOLE_RADIUS: f64 = 0.05;
 const REST: f64 = 0.15;
@@ -150,7 +152,7 @@ impl Maker<'_> {
                 }
             }
             Group::Lag => {
-                let spread = LAG_STEPS * self.recording.median_step();
+                let spread = (LAG_STEPS * self.recording.median_step()).max(LAG);
                 self.add(
                     "lag".into(),
                     "s",

@@ -133,7 +133,7 @@ impl Recording {
         steps.get(steps.len() / 2).copied().unwrap_or(1.0)
     }
 
-    /// Speed of each servo at each row (1/s): from the row before, after a gap from the next one, between two gaps 0.
+    /// Speed of each servo at each row (1/s): from the last row of an earlier time, after a gap from the next one, between two gaps 0.
     pub(super) fn speeds(&self) -> Vec<Vec<f64>> {
         if self.order == Order::AtRest {
             let still = |pulls: &Vec<f64>| vec![0.0; pulls.len()];
@@ -143,15 +143,34 @@ impl Recording {
         let between = |a: usize, b: usize| -> Option<Vec<f64>> {
             let step = self.times.get(b)? - self.times[a];
             let pairs = self.pulls[a].iter().zip(&self.pulls[b]);
-            (step <= longest).then(|| pairs.map(|(a, b)| (b - a) / step).collect())
+            // Clocks may be so coarse that rows share a time.
+            (step > 0.0 && step <= longest).then(|| pairs.map(|(a, b)| (b - a) / step).collect())
         };
+        // The last row of an earlier time.
+        let mut earlier = None;
         (0..self.len())
             .map(|row| {
-                let before = row.checked_sub(1).and_then(|last| between(last, row));
+                if row > 0 && self.times[row - 1] < self.times[row] {
+                    earlier = Some(row - 1);
+                }
+                let before = earlier.and_then(|last| between(last, row));
                 let speed = before.or_else(|| between(row, row + 1));
                 speed.unwrap_or_else(|| vec![0.0; self.pulls[row].len()])
             })
             .collect()
+    }
+
+    /// A row not later than `row`, and the time (s) before it that is `lag` before `row`: straight lines lead from there back.
+    fn before(&self, row: usize, lag: f64, longest: f64) -> (usize, f64) {
+        let (mut row, mut left) = (row, lag);
+        while self.order == Order::Motion && row > 0 {
+            let step = self.times[row] - self.times[row - 1];
+            if !(step > 0.0 && step < left && step <= longest) {
+                break;
+            }
+            (row, left) = (row - 1, left - step);
+        }
+        (row, left)
     }
 }
 
@@ -167,7 +186,7 @@ impl Transmission {
 
     /// The command of each row (m, or N): a tendon that is pulled by `p` has the length `L - p`, `L` that in the straight
     /// pose. Backlash is a play operator: the tendon rests until the servo has crossed the play, then follows (Visintin,
-    /// Differential Models of Hysteresis, 1994, ch. III.2). The lag takes the servo back by `lag` times its speed.
+    /// Differential Models of Hysteresis, 1994, ch. III.2). The lag takes the servo back in time, straight from row to row.
     pub fn commands(&self, robot: &Robot, recording: &Recording) -> Vec<Vec<f64>> {
         self.commands_at(robot, recording, &recording.speeds())
     }
@@ -181,28 +200,31 @@ impl Transmission {
     ) -> Vec<Vec<f64>> {
         let (lengths, _) = robot.tendon_kinematics(&Configuration::straight(robot));
         let mut played: Option<DVector<f64>> = None;
-        let rows = recording.pulls.iter().zip(speeds);
-        rows.map(|(reported, speed)| {
-            let delayed = reported.iter().zip(speed).map(|(p, v)| p - self.lag * v);
-            let mut pulls = DVector::from_iterator(reported.len(), delayed);
-            if let Some(last) = &played {
-                for (t, pull) in pulls.iter_mut().enumerate() {
-                    let play = self.servos[t].backlash;
-                    *pull = last[t].clamp(*pull - play, *pull + play);
+        let longest = GAP * recording.median_step();
+        (0..recording.len())
+            .map(|row| {
+                let (row, back) = recording.before(row, self.lag, longest);
+                let delayed = recording.pulls[row].iter().zip(&speeds[row]);
+                let delayed = delayed.map(|(p, v)| p - back * v);
+                let mut pulls = DVector::from_iterator(speeds[row].len(), delayed);
+                if let Some(last) = &played {
+                    for (t, pull) in pulls.iter_mut().enumerate() {
+                        let play = self.servos[t].backlash;
+                        *pull = last[t].clamp(*pull - play, *pull + play);
+                    }
                 }
-            }
-            let command = (0..pulls.len()).map(|t| {
-                let pull = self.servos[t].gain * pulls[t] + self.servos[t].offset;
-                match robot.tendons()[t].drive {
-                    Drive::Tension => pull.max(0.0),
-                    Drive::Gain(_) | Drive::Length => (lengths[t] - pull).max(0.0),
-                }
-            });
-            let command = command.collect();
-            played = (recording.order == Order::Motion).then_some(pulls);
-            command
-        })
-        .collect()
+                let command = (0..pulls.len()).map(|t| {
+                    let pull = self.servos[t].gain * pulls[t] + self.servos[t].offset;
+                    match robot.tendons()[t].drive {
+                        Drive::Tension => pull.max(0.0),
+                        Drive::Gain(_) | Drive::Length => (lengths[t] - pull).max(0.0),
+                    }
+                });
+                let command = command.collect();
+                played = (recording.order == Order::Motion).then_some(pulls);
+                command
+            })
+            .collect()
     }
 }
 
@@ -283,6 +305,26 @@ mod tests {
             .collect();
         for (found, expected) in behind.iter().zip([0.25, 0.25, 0.25, 0.25, 0.0, 0.0]) {
             assert!((found - expected).abs() < 1e-9, "{behind:?}");
+        }
+    }
+
+    /// Over more than a row the way back is that of the rows between; rows that share a time have the speed since the last one before it.
+    #[test]
+    fn a_lag_of_several_rows_follows_what_the_servo_did() {
+        let robot = Robot::load("2m").expect("a standard robot");
+        let mut transmission = Transmission::ideal(6, Vec::new());
+        let moving = recording(
+            &[0.0, 1e-3, 3e-3, 3e-3, 1e-3, 2e-3, 4e-3],
+            &[0.0, 1.0, 2.0, 3.0, 4.0, 4.0, 5.0],
+        );
+        let [late, prompt] = [1.5, 0.0].map(|lag| {
+            transmission.lag = lag;
+            transmission.commands(&robot, &moving)
+        });
+        let straight = prompt[0][2];
+        let pulls: Vec<f64> = late.iter().map(|c| 1e3 * (straight - c[2])).collect();
+        for (row, expected) in [(2, 0.5), (3, 2.0), (4, 3.0), (5, 3.5), (6, 2.5)] {
+            assert!((pulls[row] - expected).abs() < 1e-9, "row {row}: {pulls:?}");
         }
     }
 }
