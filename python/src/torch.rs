@@ -36,9 +36,7 @@ pub fn presets() -> Outcome<String> {
         };
         // Warm-up is bounded by the length, which is not known yet.
         let settings = |rates| {
-            // Through text, in which an f32 has as many digits as distinguish it from others.
-            let settings = serde_json::to_string(&preset.settings(rates, u64::MAX))?;
-            let mut settings: Value = serde_json::from_str(&settings)?;
+            let mut settings = plain(serde_json::to_string(&preset.settings(rates, u64::MAX)))?;
             settings
                 .as_object_mut()
                 .map(|fields| fields.remove("steps"));
@@ -54,12 +52,17 @@ pub fn presets() -> Outcome<String> {
             "steps": steps,
             "epochs": epochs,
             "colors": preset.channels == Channels::XyzRgb,
-            "context": ContextShape::of(preset.layers),
+            "context": plain(serde_json::to_string(&ContextShape::of(preset.layers)))?,
             "networks": {"mlp": settings(mlp)?, "hybrid": settings(hybrid)?},
         }))
     });
     let described: Result<Vec<Value>, _> = described.into_iter().collect();
     text(described.and_then(|presets| serde_json::to_string(&presets)))
+}
+
+/// JSON from text, in which an f32 has as many digits as distinguish it from others.
+fn plain(text: serde_json::Result<String>) -> serde_json::Result<Value> {
+    serde_json::from_str(&text?)
 }
 
 /// Settings of a run from JSON, with defaults for what is not given, checked.

@@ -222,6 +222,8 @@ fn presets_are_explained_and_what_is_asked_for_goes_before_them() {
         "[default: quick muon, laptop muon, paper adamw]",
         "[default: quick 64; laptop 64; paper 8, hybrid 32]",
         "[default: quick 0.02; laptop 0.02; paper 0.0003, hybrid 0.0008]",
+        "[default: quick no, laptop no, paper yes]",
+        "[default: quick residual, laptop residual, paper pvcnn]",
     ] {
         assert!(help.contains(expected), "{expected} is not in\n{help}");
     }
@@ -252,9 +254,30 @@ fn presets_are_explained_and_what_is_asked_for_goes_before_them() {
         r#"\"learning_rate\":0.0003,"#,
         r#"\"warmup_steps\":100,"#,
         r#"\"width\":8"#,
+        r#"\"procedure\":\"authors\""#,
+        r#"\"channels\":\"xyz-rgb\""#,
     ] {
         assert!(header.contains(expected), "{expected}");
     }
+    let plain = folder.path().join("plain");
+    let places = ["--data", text(&data), "--out", text(&plain)];
+    succeed(&[&["train", "--no-colors"], &options[..], &small, &places].concat());
+    let state = fs::read(plain.join("state.safetensors")).unwrap();
+    assert!(String::from_utf8_lossy(&state).contains(r#"\"channels\":\"xyz\""#));
+    // Their Hybrid, and a batch that their set does not fill.
+    let hybrid = ["train", "--preset", "paper", "--net", "hybrid"];
+    let never = folder.path().join("never");
+    let places = ["--data", text(&data), "--out", text(&never)];
+    let elsewhere = "train it in PyTorch, by `python -m tdcr.torch.train` with the same options";
+    refuse(&[&hybrid[..], &places].concat(), 1, elsewhere);
+    let residual = ["--layers", "residual"];
+    let few = "clouds is 32, expected at most the 16 clouds of the training set";
+    refuse(&[&hybrid[..], &residual, &places].concat(), 1, few);
+    refuse(
+        &[&["train", "--layers", "pvcnn"][..], &places].concat(),
+        1,
+        "--layers is of --net hybrid, the network is an mlp",
+    );
     refuse(
         &[
             "train",

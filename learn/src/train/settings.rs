@@ -13,8 +13,8 @@ const COLOR_WEIGHT: f32 = 0.05;
 
 /// Settings of a training run.
 ///
-/// The defaults are the authors' (clipping, averaging, cosine, flow times), but for optimiser, batch, learning rate and
-/// warm-up: Muon, many clouds of few points each, and a high rate learn a small network in minutes on a CPU. The authors'
+/// The defaults are the authors' (clipping, decay of the average, cosine, flow times), but for procedure, optimiser, batch,
+/// learning rate and warm-up: Muon, many clouds of few points each, and a high rate learn a small network in minutes on a CPU. The authors'
 /// are AdamW, 8 clouds of 20,000 points, a rate of 3e-4 and 1,000 steps of warm-up, for a network of width 512 on a GPU.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

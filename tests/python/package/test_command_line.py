@@ -64,7 +64,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], dict[str, str]]] = {
     "data merge": (tdcr.merge, {}),
     "data import": (tdcr.import_clouds, {}),
     "data export": (tdcr.export_clouds, {}),
-    "train": (tdcr.train, {}),
+    "train": (tdcr.train, {"no-colors": "colors=False"}),
     "distill": (tdcr.distill, {}),
     "predict": (
         tdcr.Predictor.clouds,

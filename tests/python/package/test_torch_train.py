@@ -13,6 +13,8 @@ torch = pytest.importorskip("torch", reason="no PyTorch here: install tests/pyth
 
 from tdcr import Stream, _tdcr  # noqa: E402
 from tdcr.torch import CloudSet, Model, Trainer, preset, write_predictions  # noqa: E402
+from tdcr.torch.batch import draw  # noqa: E402
+from tdcr.torch.schedule import average_decay_at, learning_rate_at  # noqa: E402
 from tdcr.torch.train import main  # noqa: E402
 from tdcr.torch.trainer import Diverged, Interrupted  # noqa: E402
 
@@ -172,6 +174,61 @@ def test_a_reduced_stream_is_that_of_representatives():
     assert told.shape == (9,) and sorted(told[6:]) == [0, 0, 1]
     assert reduced.provenance["reduction"] == reduction
     assert reduced.at(5).provenance["reduction"] == reduction
+
+
+def test_the_authors_hybrid_trains_by_their_procedure_and_rust_predicts_with_it(tdcr, data, tmp_path):
+    tiny = ["--channels", "8,16,8", "--resolutions", "5,4,3", "--blocks", "1", "--context", "8", "--no-colors"]
+    small = ["--width", "32", "--depth", "2", "--embedding", "16", "--clouds", "10", "--points", "64", "--quiet"]
+    length = ["--steps", "40", "--validate-every", "20", "--learning-rate", "3e-3", "--precision", "float32"]
+    run = ["--data", str(data), "--preset", "paper", "--net", "hybrid", *tiny, *small, *length]
+    assert main([*run, "--out", str(tmp_path)]) == 0
+    entries = log(tmp_path)
+    assert entries["loss"][-1] < 0.9 * entries["loss"][0]
+    path = tmp_path / "model.safetensors"
+    model = Model.load(path)
+    assert (model.settings["procedure"], model.shape["context"]["layers"]) == ("authors", "pvcnn")
+    norm = "ctx_net.stages.0.blocks.0.pvconv.voxel_layers.1.running_var"
+    assert (model.network.state_dict()[norm] != 1).all()
+    generator = torch.Generator().manual_seed(4)
+    points, conditions = torch.randn(2, 50, 3, generator=generator), torch.rand(2, 6, generator=generator)
+    times = torch.tensor([0.5, 0.98])
+    with torch.no_grad():
+        expected = model.network(points, times, conditions).numpy()
+    found = _tdcr.velocities(str(path), points.numpy(), times.numpy(), conditions.numpy())
+    assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
+    scores = tdcr("eval", "--model", path, "--data", data, "--points", 200, "--emd-points", 50, "--sampler-steps", 5)
+    assert np.isfinite(scores["cd"])
+    # The trainer in Rust says where it is trained.
+    binary = os.environ.get("TDCR") or str(ROOT / "target/release/tdcr")
+    command = [binary, "train", *run[:-2], "--out", tmp_path / "never"]
+    refused = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    assert refused.returncode == 1
+    assert "python -m tdcr.torch.train" in refused.stderr
+
+
+def test_an_epoch_of_the_authors_has_each_cloud_once_and_drops_what_fills_no_batch():
+    clouds = CloudSet(torch.arange(11.0)[:, None], torch.zeros(11, 4, 3), {})
+    settings = preset("paper").settings(steps=100, clouds=3, points=2)
+    at = lambda step, **rank: draw(clouds, settings, step, epochs=True, **rank)[2].flatten().tolist()  # noqa: E731
+    first, second = ([cloud for step in steps for cloud in at(step)] for steps in ((1, 2, 3), (4, 5, 6)))
+    assert len(set(first)) == len(set(second)) == 9
+    assert first != second
+    assert sorted(at(2, rank=0, ranks=3) + at(2, rank=1, ranks=3) + at(2, rank=2, ranks=3)) == sorted(at(2))
+
+
+def test_rates_and_average_of_the_authors():
+    theirs = preset("paper").settings(steps=1000, warmup_steps=100)
+    ours = theirs | {"procedure": "project"}
+    assert learning_rate_at(theirs, 1) == theirs["learning_rate"]
+    for step in (2, 50, 101, 700):
+        assert learning_rate_at(theirs, step) == learning_rate_at(ours, step - 1)
+    assert [average_decay_at(theirs, step) for step in (1, 500)] == [0.999, 0.999]
+    assert average_decay_at(ours, 1) == 2 / 11
+
+
+def test_batches_larger_than_the_set_are_refused_where_clouds_are_not_replaced(data, tmp_path):
+    with pytest.raises(ValueError, match="clouds is 33, expected at most the 32 clouds of the training set"):
+        trainer(data, tmp_path, changes={"procedure": "authors", "clouds": 33})
 
 
 class Still(torch.nn.Module):
