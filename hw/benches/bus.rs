@@ -61,7 +61,8 @@ fn median(rounds: usize, mut round: impl FnMut(i32) -> Outcome<()>) -> Outcome<f
 fn ours(path: &str, baud_rate: u32, joined: bool, rounds: usize) -> Outcome<f64> {
     let settings = SerialSettings {
         baud_rate,
-        ..SerialSettings::default()
+        // As long as rustypot is told to wait below: a busy machine may take so long.
+        scheduling: Duration::from_millis(100),
     };
     let port = Serial::open(Path::new(path), settings, Arc::new(SystemClock::new()))?;
     let settings = BusSettings {

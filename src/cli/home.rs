@@ -1,14 +1,17 @@
 //! `tdcr home`.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
-use tdcr::hw::rig::{Homing, HomingReport, Pace, Rig, RigFile, ServoLink};
+use tdcr::hw::capture::{CaptureError, Session, SessionSettings};
+use tdcr::hw::rig::{Homing, HomingReport, Pace, Rig, RigError, RigFile, ServoLink};
+use tdcr::pipeline::{CaptureSettings, Monitor};
 
-use super::console::Console;
+use super::console::{Console, Interrupted};
 
-/// Tell a rig where its servos stand, which forget their turns without power; nothing moves
+/// Tell a rig where its servos stand, which forget their turns without power; nothing moves but with --check
 ///
 /// Without --here, home is found from where the servos were left, which works while none was turned by more than a quarter of
 /// a turn since. What is known is kept beside the rig's file (FILE with the extension .turns.json).
@@ -20,6 +23,10 @@ pub(super) struct HomeArgs {
     /// The robot is in its home pose now: straight, every tendon at its tension of home
     #[arg(long)]
     here: bool,
+    /// Then see whether every tendon pulls: with the robot straight, the servos wind to the largest tension that the rig's
+    /// commands share, swing by some ticks, and let go. One that takes little current has a tendon that snapped or left its spool
+    #[arg(long)]
+    check: bool,
     /// Write no log. Else what servos on a port said lies beside the rig's file, with the extension .home.mcap or .home-2.mcap
     /// and so on
     #[arg(long)]
@@ -39,6 +46,8 @@ struct HomedServo {
     before: &'static str,
     /// Where it stands, from home (ticks).
     position: i32,
+    /// What it takes where all tendons share one tension (A), if that was looked at.
+    pull: Option<f64>,
 }
 
 pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
@@ -59,6 +68,10 @@ pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
         }
         false => rig.home_recalled()?,
     };
+    let pulls = match args.check {
+        true => check(&mut rig, console).map(Some),
+        false => Ok(None),
+    };
     rig.finish_log()?;
     let servo = |report: &HomingReport| HomedServo {
         id: report.id.get(),
@@ -68,20 +81,50 @@ pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
             Homing::Lost { .. } => "lost",
         },
         position: report.position.0,
+        pull: None,
     };
-    let homed = Homed {
+    let mut homed = Homed {
         log,
         servos: reports.iter().map(servo).collect(),
     };
+    for (servo, pull) in homed.servos.iter_mut().zip(pulls?.into_iter().flatten()) {
+        servo.pull = Some(pull);
+    }
     console.result(&homed, |homed| {
         let lines = homed.servos.iter().map(|servo| {
             let HomedServo {
                 id,
                 before,
                 position,
+                pull,
             } = servo;
-            format!("servo {id}: {before} before, now homed, at {position} ticks from home\n")
+            let pulls = pull.map_or(String::new(), |pull| format!(", pulls with {pull:.3} A"));
+            format!(
+                "servo {id}: {before} before, now homed, at {position} ticks from home{pulls}\n"
+            )
         });
         lines.collect()
     })
+}
+
+/// Sees whether every tendon pulls, and what its servo takes for it (A).
+fn check(rig: &mut Rig, console: &Console) -> anyhow::Result<Vec<f64>> {
+    let settings = SessionSettings {
+        seed: 0,
+        voxel_size: CaptureSettings::default().voxel_size,
+        masks: None,
+    };
+    let mut go_on = || match console.interrupted() {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    };
+    let checked = Session::begin(rig, &settings, None, &mut go_on).and_then(|mut session| {
+        let pulls = session.check_tendons()?;
+        session.end()?;
+        Ok(pulls)
+    });
+    match checked {
+        Err(CaptureError::Rig(RigError::Interrupted)) => Err(Interrupted.into()),
+        checked => Ok(checked?),
+    }
 }

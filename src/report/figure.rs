@@ -112,6 +112,8 @@ const LEFT: f64 = 60.0;
 const RIGHT: f64 = 26.0;
 const BELOW: f64 = 48.0;
 const LINE: f64 = 19.0;
+/// Distance of the lines of an upright title.
+const UPRIGHT_LINE: f64 = 15.0;
 /// Width of a letter of the caption's text.
 const LETTER: f64 = 6.7;
 
@@ -170,14 +172,14 @@ impl Scale {
         }
     }
 
-    /// Room that the labels take to the left of a plot.
-    fn room(&self) -> f64 {
+    /// Room that labels of ticks take to the left of a plot.
+    fn room(&self, ticks: &[(f64, String)]) -> f64 {
+        let longest = ticks.iter().map(|(_, label)| label.chars().count()).max();
+        let labels = LETTER * longest.unwrap_or(0) as f64;
         match self {
-            Self::Numbers { .. } => LEFT,
-            Self::Names(names) => {
-                let longest = names.iter().map(|name| name.chars().count()).max();
-                20.0 + LETTER * longest.unwrap_or(0) as f64
-            }
+            // Between the title and the plot.
+            Self::Numbers { .. } => LEFT.max(26.0 + labels),
+            Self::Names(_) => 20.0 + labels,
         }
     }
 }
@@ -243,10 +245,13 @@ impl Panel {
     /// The plot from its upper left corner, and its width and height.
     fn draw(&self) -> (String, f64, f64) {
         let named: Vec<&Mark> = self.marks.iter().filter(|m| !m.name.is_empty()).collect();
-        let (left, top) = (self.y.room(), 40.0 + LINE * named.len() as f64);
+        let upright = wrap(self.y.title(), (HEIGHT / LETTER) as usize);
+        let more = UPRIGHT_LINE * upright.len().saturating_sub(1) as f64;
         let points = || self.marks.iter().flat_map(|mark| &mark.points);
         let (x_axis, x_ticks) = self.x.axis(points().map(|p| p[0]));
         let (y_axis, y_ticks) = self.y.axis(points().map(|p| p[1]));
+        let left = self.y.room(&y_ticks) + more;
+        let top = 40.0 + LINE * named.len() as f64;
         let mut svg = text("name", left, 16.0, "start", &self.title);
         for (k, mark) in named.iter().enumerate() {
             let y = 36.0 + LINE * k as f64;
@@ -294,8 +299,11 @@ impl Panel {
         let (middle, bottom) = (left + width / 2.0, top + height + 38.0);
         svg += &text("axis", middle, bottom, "middle", self.x.title());
         let centre = top + height / 2.0;
-        let turn = format!("<g transform=\"rotate(-90 14 {centre:.1})\">");
-        svg += &(turn + &text("axis", 14.0, centre, "middle", self.y.title()) + "</g>");
+        for (line, title) in upright.iter().enumerate() {
+            let x = 14.0 + UPRIGHT_LINE * line as f64;
+            let turn = format!("<g transform=\"rotate(-90 {x} {centre:.1})\">");
+            svg += &(turn + &text("axis", x, centre, "middle", title) + "</g>");
+        }
         (svg, left + width + RIGHT, top + height + BELOW)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::Study;
 use super::axes::{readable, titled};
-use super::figures::{ACROSS, WIDE};
+use super::figures::{ACROSS, spacing};
 use super::summary::quantile;
 use super::table::Column;
 use super::thinned::Thinned;
@@ -27,14 +27,12 @@ pub(super) fn distributions(
             [factor * quantile(&sorted, share), 100.0 * share]
         });
         let title = Want::title(&column.name).unwrap_or(&column.name);
-        let wide = sorted
-            .first()
-            .is_some_and(|least| *least > 0.0 && values.largest() / least > WIDE);
+        let ends = sorted.first().map(|least| [*least, values.largest()]);
         Panel {
             title: String::new(),
             x: Scale::Numbers {
                 title: titled(title, &unit),
-                spacing: if wide { Spacing::Log } else { Spacing::Linear },
+                spacing: ends.map_or(Spacing::Linear, spacing),
             },
             y: Scale::linear("Configurations below (%)"),
             aspect: Aspect::Free,

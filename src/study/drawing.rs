@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::Study;
 use super::axes::{Axes, PlotAxis, readable, titled};
-use super::figures::{ACROSS, WIDE};
+use super::figures::{ACROSS, spacing};
 use super::summary::quantile;
 use super::table::Column;
 use super::thinned::Thinned;
@@ -150,10 +150,7 @@ impl Drawing {
                 });
             let map = HeatMap {
                 title: title.to_owned(),
-                spacing: match least > 0.0 && most / least > WIDE {
-                    true => Spacing::Log,
-                    false => Spacing::Linear,
-                },
+                spacing: spacing([least, most]),
                 caption: format!(
                     "{} {note}",
                     output.said(|| "Colours are medians".to_owned())
@@ -332,10 +329,7 @@ impl Drawing {
                 }
             }
         }
-        let spacing = match ends {
-            Some([least, most]) if least > 0.0 && most / least > WIDE => Spacing::Log,
-            _ => Spacing::Linear,
-        };
+        let spacing = ends.map_or(Spacing::Linear, spacing);
         // The same axis for all plots of an output.
         if let (Some([least, most]), Some(first)) = (ends, x.values.first()) {
             lines.push(Mark {

@@ -10,7 +10,7 @@ use super::record::Record;
 use super::table::{Column, Kind};
 use super::thinned::Thinned;
 use super::worker::{SETTLED, STATUS, outputs, places};
-use crate::report::StudyFigure;
+use crate::report::{Spacing, StudyFigure};
 
 /// Values that a distribution is of, at most.
 const MOST_VALUES: usize = 10_000;
@@ -27,8 +27,16 @@ const NOT_DRAWN: [&str; 8] = [
 ];
 /// Plots beside each other.
 pub(super) const ACROSS: usize = 3;
-/// Ratio of numbers from which their axis is logarithmic.
-pub(super) const WIDE: f64 = 100.0;
+/// Ratios of numbers for which their axis is logarithmic. Beyond, the least are zeros but for rounding.
+const WIDE: std::ops::Range<f64> = 100.0..1e9;
+
+/// How numbers between two ends are spaced along their axis.
+pub(super) fn spacing([least, most]: [f64; 2]) -> Spacing {
+    match least > 0.0 && WIDE.contains(&(most / least)) {
+        true => Spacing::Log,
+        false => Spacing::Linear,
+    }
+}
 
 /// All figures on the outputs in a table, but for workspaces.
 pub(super) fn draw(

@@ -6,6 +6,7 @@ use std::path::Path;
 use nalgebra::Vector3;
 use tdcr_sim::files::write_atomically;
 
+use super::case::Setting;
 use super::cases::Cases;
 use super::dexterity::{self, Dexterity};
 use super::figures::draw;
@@ -185,19 +186,23 @@ fn groups(record: &Record, table: &Table) -> Result<Vec<Group>, StudyError> {
 }
 
 /// The values of a combination, said.
-pub(super) fn combination(cases: &Cases, combination: usize) -> String {
-    let said = |(what, value): (&super::Variable, serde_json::Value)| {
-        let value = plain(&value);
+fn combination(cases: &Cases, combination: usize) -> String {
+    match said(&cases.levels(combination)) {
+        none if none.is_empty() => "all commands".to_owned(),
+        said => said,
+    }
+}
+
+/// Values of variables, with their units.
+pub(super) fn said(settings: &[Setting]) -> String {
+    let said = settings.iter().map(|(what, value)| {
+        let value = plain(value);
         match what.unit() {
             "" => format!("{what} {value}"),
             unit => format!("{what} {value} {unit}"),
         }
-    };
-    let said: Vec<String> = cases.levels(combination).into_iter().map(said).collect();
-    match said.is_empty() {
-        true => "all commands".to_owned(),
-        false => said.join(", "),
-    }
+    });
+    said.collect::<Vec<_>>().join(", ")
 }
 
 /// A length (m) in whole millimetres, never the negative zero.

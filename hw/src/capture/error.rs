@@ -45,7 +45,7 @@ pub enum CaptureError {
     /// A tendon does not pull.
     #[error(
         "servo {id} takes {pull:.3} A where all tendons share one tension, and the median of the servos {expected:.3} A: has its tendon \
-         snapped, or left its spool? Samples since the last look are not to be trusted"
+         snapped, or left its spool? Samples since the last look, if there are any, are not to be trusted"
     )]
     Slack {
         /// Address of the servo.

@@ -10,11 +10,11 @@ const SLACK: f64 = 0.4;
 impl Session<'_> {
     /// Shares the largest tension of the rig's commands among all tendons, with the robot straight at home, and compares what their
     /// servos take ([`gauge`](crate::rig::Rig::gauge)): a tendon that has snapped, or left its spool, takes nothing. At home itself, gears' friction
-    /// hides as much as a tendon pulls.
+    /// hides as much as a tendon pulls. Returns what each takes (A).
     ///
     /// # Errors
     /// [`CaptureError::Slack`]; as [`sample`](Self::sample).
-    pub fn check_tendons(&mut self) -> Result<(), CaptureError> {
+    pub fn check_tendons(&mut self) -> Result<Vec<f64>, CaptureError> {
         let rest = self.program().rest().clone();
         let [_, most] = self.rig().spec().commands.co_contraction;
         let tense = |bend: &Bend| Bend {
@@ -35,7 +35,7 @@ impl Session<'_> {
                 pull,
                 expected,
             }),
-            _ => Ok(()),
+            _ => Ok(pulls),
         }
     }
 }
