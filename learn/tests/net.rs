@@ -280,6 +280,7 @@ fn a_network_by_the_authors_starts_as_documented() {
         depth: 3,
         embedding: 64,
         condition_dim: 6,
+        octaves: 0,
         channels: Channels::Xyz,
     };
     let network = Network::starting(shape, InitialWeights::Authors, &mut rng(0)).unwrap();

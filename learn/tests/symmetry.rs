@@ -203,7 +203,6 @@ fn set_of(samples: &[Sample]) -> (CloudSet, Vec<Condition>) {
     units.normalise_points(&mut points);
     let set = CloudSet {
         condition_dim: 6,
-        octaves: 0,
         points_per_cloud: samples[0].cloud.len(),
         conditions: normalised.collect(),
         starts: Some(points.clone()),
@@ -495,7 +494,6 @@ fn representatives_teach_more_than_as_many_commands() {
         let sets = [&samples[..8], &samples[8..]].map(|samples| {
             let mut set = CloudSet {
                 condition_dim: 3,
-                octaves: 0,
                 points_per_cloud: 256,
                 conditions: vec![0.0; 3 * samples.len()],
                 points: samples
@@ -533,6 +531,7 @@ fn representatives_teach_more_than_as_many_commands() {
                 method: Method::Heun,
                 steps: 8,
                 grid: TimeGrid::Power(2.0),
+                ..Sampler::PAPER
             },
             ..TrainSettings::default()
         };
@@ -543,7 +542,6 @@ fn representatives_teach_more_than_as_many_commands() {
         trainer.validate(&|a, b| chamfer(a, b).unwrap()).unwrap()
     };
     let (with, without) = (trained(&reduction), trained(&Reduction::default()));
-    println!("with {with:e}, without {without:e}");
     assert!(with < 0.8 * without, "{with} with, {without} without");
 }
 
@@ -614,7 +612,7 @@ fn what_perfect_predictors_of_representatives_score() {
             perfect += chamfer(&own.points, &truth).unwrap();
             of_representatives += chamfer(&images.points, &truth).unwrap();
         }
-        println!(
+        eprintln!(
             "{name}, {count} cameras, base {base:?}: views {}; colours {}; perfect {:.2} floors, of representatives {:.2}",
             ratios(|view| view.positions),
             ratios(|view| view.colors.unwrap_or(f64::NAN)),

@@ -267,6 +267,7 @@ mod tests {
             depth: 2,
             embedding: 8,
             condition_dim: 4,
+            octaves: 0,
             channels: Channels::Xyz,
         };
         let swap = serde_json::json!([
@@ -277,6 +278,7 @@ mod tests {
         let teacher = Teacher {
             network: Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape"),
             path: FlowPath::default(),
+            denoise: None,
             normalisation: Normalisation {
                 motor_min: vec![0.01, 0.0],
                 motor_max: vec![0.03, 0.04],
@@ -290,7 +292,7 @@ mod tests {
             sampler: Sampler {
                 method: Method::Euler,
                 steps: 1,
-                grid: TimeGrid::Uniform,
+                ..Sampler::PAPER
             },
             ..TrainSettings::default()
         };
