@@ -77,8 +77,8 @@ mod tests {
         for (row, point) in inputs.chunks_exact(42).zip(points.chunks_exact(6)) {
             assert_eq!(row[..6], *point);
             for (k, octave) in row[6..].chunks_exact(6).enumerate() {
-                for axis in 0..3 {
-                    let angle = f64::from(1 << k) * std::f64::consts::PI * f64::from(point[axis]);
+                for (axis, x) in point[..DIM].iter().enumerate() {
+                    let angle = f64::from(1 << k) * std::f64::consts::PI * f64::from(*x);
                     let [sine, cosine] = [axis, 3 + axis].map(|column| f64::from(octave[column]));
                     assert!((sine - angle.sin()).abs() < 2e-5, "octave {k}");
                     assert!((cosine - angle.cos()).abs() < 2e-5, "octave {k}");
