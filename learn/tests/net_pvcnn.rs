@@ -76,7 +76,6 @@ fn velocities_are_those_of_the_reference_on_any_number_of_threads() {
     let found = on(1);
     assert_eq!(found, on(3));
     let error = error(&found, &fixture.tensor("velocities"));
-    println!("largest difference, relative to the largest velocity: {error:.1e}");
     assert!(error < TOLERANCE, "{error}");
 }
 
