@@ -197,9 +197,9 @@ pub fn start_noise(
     Ok(array(py, rows, [points, channels.count()])?)
 }
 
-/// Indices of the `count` points of a cloud (N, 3) (m) that lie in the least uncertain places.
+/// Indices of the `count` points of a cloud (N, 3) (m) that are the least isolated.
 #[pyfunction]
-pub fn most_certain<'py>(
+pub fn least_isolated<'py>(
     py: Python<'py>,
     points: PyReadonlyArray2<'py, f32>,
     count: usize,
@@ -213,7 +213,7 @@ pub fn most_certain<'py>(
     };
     Ok(PyArray1::from_vec(
         py,
-        py.detach(|| prediction.most_certain(count)),
+        py.detach(|| prediction.least_isolated(count)),
     ))
 }
 

@@ -51,8 +51,8 @@ pub struct Sampler {
     /// and the points have less of it. Later times move less, earlier ones round edges off.
     #[serde(default)]
     pub denoise: Option<f32>,
-    /// Points that a prediction draws beyond those asked for, as a share of these; so many that lie in the most uncertain
-    /// places ([`Prediction::uncertainty`](crate::predict::Prediction::uncertainty)) are left out of the cloud. 0 in older files.
+    /// Points that a prediction draws beyond those asked for, as a share of these; so many that are the most isolated
+    /// ([`Prediction::least_isolated`](crate::predict::Prediction::least_isolated)) are left out of the cloud. 0 in older files.
     #[serde(default)]
     pub spare: f32,
 }
@@ -100,13 +100,13 @@ impl Method {
 
 impl Sampler {
     /// 16 steps of the exponential method on the quadratic grid, as good as 100 evaluations by Heun's, and a last denoising; of
-    /// fifty-one points the most uncertain one is left out.
+    /// 101 points the most isolated one is left out.
     pub const DEFAULT: Self = Self {
         method: Method::Exponential,
         steps: 16,
         grid: TimeGrid::Power(2.0),
         denoise: Some(0.995),
-        spare: 0.02,
+        spare: 0.01,
     };
 
     /// The paper's sampler: 100 equal steps of Heun's method.

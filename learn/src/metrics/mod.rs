@@ -30,7 +30,7 @@ pub(crate) use matcher::Matcher;
 pub use nearest::nearest_distances;
 pub use rank::rank_correlation;
 pub use register::{lay_onto, rigid_motion};
-pub use spread::surface_spread;
+pub use spread::{isolation, surface_spread};
 
 use std::fmt;
 

@@ -9,7 +9,7 @@
 
 use rayon::prelude::*;
 
-use super::kdtree::KdTree;
+use super::kdtree::{KdTree, squared_distance};
 use super::{MetricError, Side, checked};
 
 /// Points that a plane is laid through. Of 10,000 on a robot 40 mm thick and 350 mm long, they lie within 4 mm.
@@ -41,6 +41,31 @@ pub fn surface_spread(points: &[[f32; 3]], pool: &[[f32; 3]]) -> Result<Vec<f32>
     let pool = KdTree::new(&pool);
     let spread = |point| deviation_from_plane(&pool.k_nearest::<NEIGHBOURS>(point)) as f32;
     Ok(points.par_iter().map(spread).collect())
+}
+
+/// How alone each of `points` (m) is: its mean distance (m) from the 15 others nearest to it.
+///
+/// # Errors
+/// Fewer than 16 points, or a coordinate that is not finite.
+pub fn isolation(points: &[[f32; 3]]) -> Result<Vec<f32>, MetricError> {
+    let points = checked(points, Side::First)?;
+    if points.len() < NEIGHBOURS {
+        return Err(MetricError::TooFew {
+            side: Side::First,
+            found: points.len(),
+            expected: NEIGHBOURS,
+        });
+    }
+    let tree = KdTree::new(&points);
+    let mean_distance = |point| {
+        let nearest = tree.k_nearest::<NEIGHBOURS>(point);
+        let distances = nearest
+            .iter()
+            .map(|other| squared_distance(point, other).sqrt());
+        // The point itself is one of them, at no distance.
+        (distances.sum::<f64>() / (NEIGHBOURS - 1) as f64) as f32
+    };
+    Ok(points.par_iter().map(mean_distance).collect())
 }
 
 /// Standard deviation (m) of points from the plane that fits them best.

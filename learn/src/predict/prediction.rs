@@ -2,7 +2,7 @@
 
 use tdcr_sim::cloud::PointCloud;
 
-use crate::metrics::surface_spread;
+use crate::metrics::{isolation, surface_spread};
 
 /// A predicted cloud.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,14 +35,14 @@ impl Prediction {
         surface_spread(&self.points, &pool).ok()
     }
 
-    /// Indices, in order, of the `count` points that lie in the least uncertain places; of all where there are no more, of the
-    /// first where there are too few to tell.
-    pub fn most_certain(&self, count: usize) -> Vec<usize> {
+    /// Indices, in order, of the `count` points that are the least alone ([`isolation`]); of all where there are no more, of the
+    /// first where there are too few to tell. Points that a network brought to no surface have few others about them.
+    pub fn least_isolated(&self, count: usize) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.points.len()).collect();
         if self.points.len() > count
-            && let Some(uncertainty) = self.uncertainty(&[])
+            && let Ok(isolation) = isolation(&self.points)
         {
-            order.sort_by(|&a, &b| uncertainty[a].total_cmp(&uncertainty[b]));
+            order.sort_by(|&a, &b| isolation[a].total_cmp(&isolation[b]));
         }
         order.truncate(count);
         order.sort_unstable();
@@ -84,8 +84,8 @@ mod tests {
             colors: Some(colors),
             evaluations: 7,
         };
-        // Of those near the outliers some are uncertain as well; the outliers are the most so.
-        let which = prediction.most_certain(380);
+        // Those at the plane's edges are alone as well; the outliers are the most so.
+        let which = prediction.least_isolated(380);
         let kept = prediction.clone().keep(&which);
         assert_eq!((kept.points.len(), kept.evaluations), (380, 7));
         assert!(kept.points.iter().all(|point| point[2] == 0.0));
@@ -97,6 +97,6 @@ mod tests {
         for (point, k) in kept.points.iter().zip(order) {
             assert_eq!(*point, prediction.points[k]);
         }
-        assert_eq!(prediction.most_certain(405), (0..405).collect::<Vec<_>>());
+        assert_eq!(prediction.least_isolated(405), (0..405).collect::<Vec<_>>());
     }
 }

@@ -61,7 +61,7 @@ impl Model {
     /// its last value is the payload (kg).
     ///
     /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts
-    /// from is a function of `seed`. Where the sampler draws spare points, the most uncertain ones are left out. Commands outside the training range are extrapolated, without any guarantee.
+    /// from is a function of `seed`. Where the sampler draws spare points, the most isolated ones are left out. Commands outside the training range are extrapolated, without any guarantee.
     ///
     /// # Errors
     /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity, and where
@@ -109,8 +109,8 @@ impl Model {
             colors: colors(&rows, channels),
             evaluations,
         };
-        let certain = prediction.most_certain(points);
-        Ok(prediction.keep(&certain))
+        let kept = prediction.least_isolated(points);
+        Ok(prediction.keep(&kept))
     }
 
     /// Points of the simulated surface under `command`, in normalised units, where the flow starts from one.

@@ -10,7 +10,7 @@ try:
 except ImportError as error:
     raise MissingPackageError("tdcr.torch needs PyTorch, which is not installed: pip install torch safetensors") from error
 
-from tdcr.torch.data import CloudSet, SetSamples, StreamSamples
+from tdcr.torch.data import CloudSet, SetSamples, StreamSamples, find_reduction
 from tdcr.torch.flow import FlowPath, Sampler, integrate, loss
 from tdcr.torch.functions import rollout, settle
 from tdcr.torch.model import Model, write_predictions
@@ -34,6 +34,7 @@ __all__ = [
     "StreamSamples",
     "Trainer",
     "distributed",
+    "find_reduction",
     "integrate",
     "loss",
     "network",

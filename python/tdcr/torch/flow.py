@@ -84,7 +84,7 @@ MULTISTEP = {
 METHODS = ["heun", *MULTISTEP]
 
 #: Of the default sampler.
-DENOISE, SPARE = 0.995, 0.02
+DENOISE, SPARE = 0.995, 0.01
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Sampler:
 
     `method` is heun (the paper's), euler, adams-bashforth, exponential or exponential3; the times of its `steps` steps are
     t_k = 1 - (1 - k / steps)^power. A last evaluation at the time `denoise` takes the points X to the data predicted there,
-    X + (1 - t) u; none without. `spare` is a share of points to draw beyond those asked for: so many of the most uncertain
+    X + (1 - t) u; none without. `spare` is a share of points to draw beyond those asked for: so many of the most isolated
     are left out of a cloud.
     """
 

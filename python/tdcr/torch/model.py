@@ -173,7 +173,7 @@ class Model:
             rows = integrate(self.network, start, condition[None].to(place), sampler)[0].float().cpu().numpy()
             if not np.isfinite(rows).all():
                 raise TrainError("the network's cloud is not finite")
-            clouds.append(rows[_tdcr.most_certain(rows[:, :3].copy(), points)])
+            clouds.append(rows[_tdcr.least_isolated(rows[:, :3].copy(), points)])
         rows_of_all = np.stack(clouds)
         metres = rows_of_all[..., :3].astype(np.float64) * self.provenance["normalisation"]["scale"]
         for cloud, symmetry in zip(metres, moved, strict=True):
