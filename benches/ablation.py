@@ -27,7 +27,11 @@ DATA = ["--robot", "2m", "--samples", "2000", "--points", "10000"]
 STEPS = 3000
 # Name: title, options of `tdcr train`, time of a step in default steps: the processor time of --pace on 2 cores.
 ROWS = {
-    "default": ("default: Muon, 64 clouds x 256 points, exponent 3", [], 1.0),
+    "default": ("default: Muon, 128 clouds x 128 points, half of the times late, exponent 3", [], 1.0),
+    "no-late-times": ("no late times", ["--late-times", "0"], 1.0),
+    "no-cut": ("the prior with its tail", ["--prior-cut", "0"], 1.0),
+    "no-octaves": ("positions without Fourier features", ["--octaves", "0"], 0.86),
+    "more-points": ("64 clouds x 256 points", ["--clouds", "64", "--points", "256"], 0.91),
     "transport": ("optimal transport within 32 points", ["--coupling", "optimal-transport:32"], 1.34),
     "exponent-1": ("time exponent 1 (uniform times)", ["--time-exponent", "1"], 1.0),
     "exponent-2": ("time exponent 2", ["--time-exponent", "2"], 1.0),

@@ -221,7 +221,7 @@ mod tests {
             ..before.clone()
         });
         assert!(
-            other.contains("settings.clouds was 64, expected 8"),
+            other.contains("settings.clouds was 128, expected 8"),
             "{other}"
         );
     }

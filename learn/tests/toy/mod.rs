@@ -4,7 +4,7 @@
 
 use rand::RngExt;
 use tdcr_learn::data::{CloudSet, Normalisation, Subject};
-use tdcr_learn::flow::{Method, Sampler, Stream, TimeGrid, rng};
+use tdcr_learn::flow::{FlowPath, Method, Sampler, Stream, TimeGrid, rng};
 use tdcr_learn::net::{Channels, MlpShape};
 use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
@@ -47,6 +47,7 @@ pub fn settings() -> TrainSettings {
             grid: TimeGrid::Power(2.0),
             ..Sampler::PAPER
         },
+        path: FlowPath::PAPER,
         ..TrainSettings::default()
     }
 }
