@@ -281,7 +281,7 @@ def demo(
     out: PathLike = "demo_out",
     *,
     samples: int = 2000,
-    steps: int = 5500,
+    steps: int = 7000,
     precision: Precision | None = None,
     symmetry: Literal["auto", "none"] = "auto",
     seed: int = 0,

@@ -14,7 +14,7 @@ use tdcr::hw::extrinsics::{
 use tdcr::report::counted;
 
 use super::console::Console;
-use super::output;
+use super::{camera_overlaps, output};
 
 /// Find where cameras are from views of a ChArUco board
 ///
@@ -24,15 +24,15 @@ use super::output;
 #[derive(Debug, Args)]
 pub(super) struct CalibrateCamerasArgs {
     /// Folder with the images, SERIAL/VIEW.png: in all images of a view the board stands at one place
-    #[arg(value_name = "FOLDER", required_unless_present = "print_board")]
+    #[arg(value_name = "FOLDER", required_unless_present_any = ["print_board", "check"])]
     folder: Option<PathBuf>,
     /// The board (TOML): squares = [columns, rows], square and marker (edges in m), dictionary ("DICT_4X4_50" or another of
     /// OpenCV's); with a table [world], the view in which its position (m) and orientation (quaternion w, x, y, z) in the world
     /// are known. Without one, the first camera is the world
-    #[arg(long, value_name = "FILE")]
-    board: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "check")]
+    board: Option<PathBuf>,
     /// The cameras: a rig's file, or another with serial, lens, resolution and distortion of each
-    #[arg(long, value_name = "FILE", required_unless_present = "print_board")]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["print_board", "check"])]
     cameras: Option<PathBuf>,
     /// File to write (.toml): that of the cameras with their poses in it, comments left out
     #[arg(long, value_name = "FILE")]
@@ -40,6 +40,10 @@ pub(super) struct CalibrateCamerasArgs {
     /// Write the board for printing (.svg or .png), to be printed at 100 %, and nothing else
     #[arg(long, value_name = "FILE", conflicts_with_all = ["folder", "cameras", "out"])]
     print_board: Option<PathBuf>,
+    /// Say how well the pictures of the robot by the cameras of this rig's file lie on each other, and nothing else: distances of
+    /// points that one camera sees from the surface that another sees. Nothing moves
+    #[arg(long, value_name = "RIG", conflicts_with_all = ["folder", "board", "cameras", "out", "print_board"])]
+    check: Option<PathBuf>,
 }
 
 /// What was found.
@@ -99,14 +103,19 @@ struct Printed {
 }
 
 pub(super) fn run(args: &CalibrateCamerasArgs, console: &Console) -> anyhow::Result<()> {
+    if let Some(rig) = &args.check {
+        return camera_overlaps::run(rig, console);
+    }
+    let Some(board) = &args.board else {
+        bail!("expected --board, or --check");
+    };
+    let (board, world) = read_board(board)?;
     if let Some(file) = &args.print_board {
-        let (board, _) = read_board(&args.board)?;
         return print(file, &board, console);
     }
     if let Some(out) = &args.out {
         output::format("--out", out, &["toml"])?;
     }
-    let (board, world) = read_board(&args.board)?;
     let (Some(folder), Some(cameras)) = (&args.folder, &args.cameras) else {
         bail!("expected FOLDER and --cameras, or --print-board");
     };

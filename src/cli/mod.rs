@@ -3,6 +3,7 @@
 mod background;
 mod calibrate;
 mod calibrate_cameras;
+mod camera_overlaps;
 mod capture;
 mod collect;
 mod commands;

@@ -38,7 +38,7 @@ impl Default for DemoSettings {
     fn default() -> Self {
         Self {
             samples: 2000,
-            steps: 5500,
+            steps: 7000,
             precision: None,
             symmetry: PRESET.symmetry,
             seed: 0,

@@ -305,3 +305,21 @@ fn boards_are_printed_at_their_size() {
     let width = f64::from(reader.info().width) / f64::from(density);
     assert!((width - 0.4).abs() < 1e-4, "{width}");
 }
+
+/// The cameras of the rig in memory stand where its file says: what is left is their noise.
+#[test]
+fn pictures_of_the_robot_by_a_rigs_cameras_lie_on_each_other() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/rig-sim.toml");
+    let check = ["calibrate-cameras", "--check", file];
+    let checked = succeed_json(&check);
+    let pairs = checked["overlaps"].as_array().unwrap();
+    assert!(pairs.len() >= 4, "{checked}");
+    for pair in pairs.iter().filter(|pair| pair["points"].as_u64() > Some(200)) {
+        let [mean, rms] = ["mean", "rms"].map(|key| pair[key].as_f64().unwrap());
+        assert!(mean.abs() < 2e-3 && rms < 4e-3, "{pair}");
+    }
+    let said = succeed(&check);
+    assert!(said.contains(" from the surface of "), "{said}");
+    let both = [&check[..], &["--board", "board.toml"]].concat();
+    refuse(&both, 2, "cannot be used with");
+}

@@ -100,7 +100,7 @@ mod tests {
                 warmup_steps: 30_000,
                 ..good.clone()
             }),
-            "warmup_steps is 30000, expected fewer than the 5500 steps"
+            "warmup_steps is 30000, expected fewer than the 7000 steps"
         );
         assert!(
             error(TrainSettings {

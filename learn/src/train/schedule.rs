@@ -212,7 +212,7 @@ mod tests {
             ..before.clone()
         });
         assert!(
-            shorter.contains("`steps` is 100") && shorter.contains("5500"),
+            shorter.contains("`steps` is 100") && shorter.contains("7000"),
             "{shorter}"
         );
         let other = error(TrainSettings {

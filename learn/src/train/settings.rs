@@ -81,7 +81,7 @@ pub struct TrainSettings {
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
-            steps: 5500,
+            steps: 7000,
             earlier: Vec::new(),
             clouds: 128,
             points: 128,
@@ -99,7 +99,7 @@ impl Default for TrainSettings {
             symmetry: SymmetryUse::Auto,
             color_weight: COLOR_WEIGHT,
             seed: 0,
-            validate_every: 550,
+            validate_every: 700,
             validation_clouds: 16,
             validation_points: 2048,
             sampler: Sampler::default(),
