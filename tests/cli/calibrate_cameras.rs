@@ -314,7 +314,10 @@ fn pictures_of_the_robot_by_a_rigs_cameras_lie_on_each_other() {
     let checked = succeed_json(&check);
     let pairs = checked["overlaps"].as_array().unwrap();
     assert!(pairs.len() >= 4, "{checked}");
-    for pair in pairs.iter().filter(|pair| pair["points"].as_u64() > Some(200)) {
+    for pair in pairs
+        .iter()
+        .filter(|pair| pair["points"].as_u64() > Some(200))
+    {
         let [mean, rms] = ["mean", "rms"].map(|key| pair[key].as_f64().unwrap());
         assert!(mean.abs() < 2e-3 && rms < 4e-3, "{pair}");
     }
