@@ -36,6 +36,8 @@ from tdcr.torch.settings import CONTEXTS, complete
 MOTORS_FILE = "global_motors_scope-all.json"
 POINTS_FILE = "global_norm_scope-all_anchor-origin.json"
 
+SAMPLER = {"method": "exponential", "steps": 16, "grid": {"power": 2.0}}
+
 
 class CheckpointError(Exception):
     """What is wrong with a checkpoint, and what would be right."""
@@ -196,7 +198,8 @@ def model(module, shape, units):
         shape=shape,
         colors=shape.get("head", shape)["channels"] == "xyz-rgb",
         provenance={"subject": None, "normalisation": units},
-        settings=complete({"path": {"prior_deviation": 0.5, "time_exponent": 3.0}}),
+        # Trained without late times, so without a denoising at one.
+        settings=complete({"path": {"prior_deviation": 0.5, "time_exponent": 3.0}, "sampler": SAMPLER}),
         step=0,
         validation_distance=0.0,
     )

@@ -56,7 +56,7 @@ fn a_saved_model_predicts_the_same_cloud() {
 fn a_prediction_is_the_integrated_noise_in_metres() {
     let (model, _folder) = model();
     let mut expected = vec![0.0; 30];
-    FlowPath::default().sample_prior(&mut rng(7, Stream::Sample(0)), Channels::Xyz, &mut expected);
+    FlowPath::PAPER.sample_prior(&mut rng(7, Stream::Sample(0)), Channels::Xyz, &mut expected);
     Sampler::default().integrate(&model.network, &[0.25, 0.5], &mut expected);
     let predicted = model
         .predict(&[0.01, 0.02], 10, 7, &Sampler::default())
@@ -65,6 +65,23 @@ fn a_prediction_is_the_integrated_noise_in_metres() {
     for (x, expected) in predicted.points.as_flattened().iter().zip(expected) {
         assert!((x - 0.4 * expected).abs() < 1e-5);
     }
+}
+
+#[test]
+fn spare_points_are_drawn_and_the_most_isolated_left_out() {
+    let (model, _folder) = model();
+    let predict = |points, spare| {
+        let sampler = Sampler {
+            spare,
+            ..Sampler::default()
+        };
+        model.predict(&[0.01, 0.02], points, 7, &sampler).unwrap()
+    };
+    let (all, kept) = (predict(60, 0.0), predict(40, 0.5));
+    let least_isolated = all.least_isolated(40);
+    let expected: Vec<_> = least_isolated.iter().map(|&k| all.points[k]).collect();
+    assert_eq!(kept.points, expected);
+    assert_ne!(kept.points, all.points[..40]);
 }
 
 #[test]

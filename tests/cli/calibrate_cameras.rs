@@ -306,7 +306,8 @@ fn boards_are_printed_at_their_size() {
     assert!((width - 0.4).abs() < 1e-4, "{width}");
 }
 
-/// The cameras of the rig in memory stand where its file says: what is left is their noise.
+/// The cameras of the rig in memory stand where its file says: what is left are their errors, such as that of each one's
+/// depth scale.
 #[test]
 fn pictures_of_the_robot_by_a_rigs_cameras_lie_on_each_other() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/rig-sim.toml");
@@ -319,7 +320,7 @@ fn pictures_of_the_robot_by_a_rigs_cameras_lie_on_each_other() {
         .filter(|pair| pair["points"].as_u64() > Some(200))
     {
         let [mean, rms] = ["mean", "rms"].map(|key| pair[key].as_f64().unwrap());
-        assert!(mean.abs() < 2e-3 && rms < 4e-3, "{pair}");
+        assert!(mean.abs() < 4e-3 && rms < 5e-3, "{pair}");
     }
     let said = succeed(&check);
     assert!(said.contains(" from the surface of "), "{said}");

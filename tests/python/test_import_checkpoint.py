@@ -221,7 +221,7 @@ def test_the_binary_predicts_with_the_authors_hybrid(tdcr, tmp_path, monkeypatch
     options = ["--points", 150, "--sampler", "heun", "--sampler-steps", 3, "--sampler-power", 1]
     tdcr("predict", "--model", model, "--commands", tmp_path / "commands.csv", *options, "--out", npz)
     # Heun's method with the reference, from the same noise.
-    x = torch.from_numpy(_tdcr.start_noise(0.5, 150, False, 0))[None]
+    x = torch.from_numpy(_tdcr.start_noise(0.5, None, 150, False, 0))[None]
     condition = torch.tensor([[value / 0.04 for value in command]])
     velocity = lambda t, x: paper_hybrid.velocities(paper, (x, torch.tensor([t]), condition))  # noqa: E731
     for k in range(3):

@@ -38,8 +38,13 @@ def point_inputs_of(shape: Shape) -> int:
 
 def point_inputs(x: Tensor, octaves: int) -> Tensor:
     """Points (B, N, C) with their Fourier features (B, N, C + 6 K): sin(2^k pi x), then cos(2^k pi x), for each octave k."""
-    angles = [math.pi * 2**octave * x[..., :3] for octave in range(octaves)]
-    return torch.cat([x, *(wave for angle in angles for wave in (angle.sin(), angle.cos()))], dim=-1)
+    inputs = [x]
+    sine, cosine = (math.pi * x[..., :3]).sin(), (math.pi * x[..., :3]).cos()
+    for _ in range(octaves):
+        inputs += [sine, cosine]
+        # The double angle, as in Rust: rounding grows alike.
+        sine, cosine = 2 * sine * cosine, 1 - 2 * sine * sine
+    return torch.cat(inputs, dim=-1)
 
 
 def time_features(t: Tensor, count: int) -> Tensor:

@@ -16,7 +16,7 @@ COMMAND = [0.034, 0.007, 0.001, 0.026, 0.015, 0.019]
 def written(tmp_path_factory):
     """A network whose velocities differ from place to place and from time to time, as a file."""
     torch.manual_seed(3)
-    shape = preset().shape(6, colors=True) | {"width": 32, "depth": 3, "embedding": 32}
+    shape = preset().shape(6, colors=True) | {"width": 32, "depth": 3, "embedding": 32, "octaves": 2}
     module = network(shape)
     for name, value in module.named_parameters():
         if "film" in name:

@@ -15,7 +15,9 @@ from tdcr.torch import distributed
 from tdcr.torch.train import INTERRUPTED, main
 from tdcr.torch.trainer import Trainer
 
-SIZE = ["--width", "32", "--depth", "3", "--embedding", "32", "--net", "mlp", "--quiet"]
+# What pays in long runs costs short ones.
+SHORT = ["--octaves", "0", "--late-times", "0", "--prior-cut", "0", "--symmetry", "none"]
+SIZE = ["--width", "32", "--depth", "3", "--embedding", "32", *SHORT, "--net", "mlp", "--quiet"]
 STEPS = ["--clouds", "8", "--points", "64", "--steps", "60", "--validate-every", "20", "--learning-rate", "3e-3"]
 STREAM = ["--stream", "2m", "--stream-points", "80", "--window", "8", "--fresh", "0.5", "--workers", "1"]
 
