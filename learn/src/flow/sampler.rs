@@ -47,8 +47,8 @@ pub struct Sampler {
     /// Flow time of a last evaluation that takes the integrated points to the data predicted there, `X + (1 - t) u(X, t)`;
     /// `None`, and older files: no such evaluation.
     ///
-    /// What the integration leaves beside the surface is gone after it: at this noise the network knows where the surface is,
-    /// and the points have less of it. Later times move less, earlier ones round edges off.
+    /// It takes away much of what the integration leaves beside the surface: at this noise the network knows where the surface
+    /// is, and the points have less of it. Later times move less, earlier ones round edges off.
     #[serde(default)]
     pub denoise: Option<f32>,
     /// Points that a prediction draws beyond those asked for, as a share of these; so many that are the most isolated
