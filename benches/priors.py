@@ -1,11 +1,12 @@
 """How many samples a flow from a simulated surface needs, beside one from noise and beside the simulator alone.
 
-    python3 benches/priors.py OUT     makes sets, runs and scores in the folder OUT, and prints the table of docs/learning.md
+    python3 benches/priors.py OUT     makes sets, runs and scores in the folder OUT, and prints the tables of docs/learning.md
 
 The data show a robot that the simulator does not know exactly: its backbone is a tenth stiffer than the model's and bent at
-rest, a payload hangs from its tip, three D435 cameras with their noise see it from three sides only. What OUT holds already is
-not made again. Needs Python's standard library and `target/release/tdcr` (or TDCR=path). `--samples`, `--steps` and
-`--options` change the runs.
+rest, a payload hangs from its tip, three D435 cameras with their noise see it from three sides only. Scores are those on other
+commands, once on what such cameras see, once on clouds without noise. What OUT holds already is not made again. Needs Python's
+standard library and `target/release/tdcr` (or TDCR=path). `--samples`, `--steps` and `--options` change the runs, `--plot FILE`
+draws them (by matplotlib).
 """
 
 import argparse
@@ -27,6 +28,8 @@ FLOWS = {
     "flow from noise": [],
     "flow from the simulated surface": ["--coupling", "optimal-transport:32"],
 }
+# What scores are taken on, with the options of `tdcr collect`.
+TESTS = {"as the cameras see it": ["--noise", "d435"], "without noise": []}
 # Joints that are stiffer and bent (rad about y), and a tip that is heavier (15 g in its last disc, as a density).
 STIFFER, BENT, HEAVIER = 1.1, 0.012, 727.0
 
@@ -54,11 +57,35 @@ def robots(out: pathlib.Path) -> tuple[pathlib.Path, pathlib.Path]:
 
 
 def scored(model: pathlib.Path, test: pathlib.Path) -> dict[str, float]:
-    """CD (m²) of a model and of what it is scored beside, on clouds without noise of commands that no run saw."""
+    """CD (1e-4 m²) of a model and of what it is scored beside, on commands that no run saw."""
     command = [TDCR, "eval", "--model", model, "--data", test, *SCORING, "--json", "-q"]
     said = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    scores = {"network": said["cd"]} | {key: other["cd"] for key, other in said.get("others", {}).items()}
-    return {key: cd["mean"] if isinstance(cd, dict) else cd for key, cd in scores.items()}
+    scores = {"network": said["cd"], "floor": said["cd_floor"]} | {
+        key: other["cd"] for key, other in said.get("others", {}).items()
+    }
+    return {key: round(1e4 * (cd["mean"] if isinstance(cd, dict) else cd), 4) for key, cd in scores.items()}
+
+
+def plot(rows: list[dict], path: pathlib.Path) -> None:
+    """CD over training commands, a panel for each test set."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, panels = plt.subplots(1, len(TESTS), figsize=(9, 3.6), sharey=True, layout="constrained")
+    for panel, test in zip(panels, TESTS, strict=True):
+        for flow, color in zip(FLOWS, ("#0072b2", "#d55e00"), strict=True):
+            own = [row for row in rows if row["flow"] == flow]
+            cds = [row[test]["network"] for row in own]
+            panel.plot([row["samples"] for row in own], cds, "o-", color=color, label=flow)
+        beside = next(row[test] for row in rows if "simulator" in row[test])
+        panel.axhline(beside["simulator"], color="#555555", linestyle="--", label="simulator alone")
+        panel.axhline(beside["floor"], color="#555555", linestyle=":", label="sampling floor")
+        panel.set(title=test, xscale="log", xlabel="training commands", ylim=(0, None))
+    panels[0].set_ylabel("Chamfer distance (1e-4 m²)")
+    panels[-1].legend(frameon=False)
+    figure.savefig(path, dpi=130)
 
 
 def main() -> None:
@@ -67,6 +94,7 @@ def main() -> None:
     parser.add_argument("--samples", type=lambda text: [int(n) for n in text.split(",")], default=SAMPLES)
     parser.add_argument("--steps", type=int, default=STEPS)
     parser.add_argument("--options", type=str.split, default=[], help="more options of the flow from the surface")
+    parser.add_argument("--plot", type=pathlib.Path, metavar="FILE", help="draw the scores into this file")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     model, real = robots(args.out)
@@ -77,8 +105,9 @@ def main() -> None:
         subprocess.run([*command, *options, "--out", folder, "-q"], check=True)
         return folder
 
-    test = collect("test", 400, 99)
+    tests = {test: collect(f"test-{number}", 400, 99, *options) for number, (test, options) in enumerate(TESTS.items())}
     print(f"CD x 1e4 (m2), {args.steps} steps")
+    scores = []
     for count in args.samples:
         data = collect(f"data-{count}", count * 10 // 8 + 1, 1, "--noise", "d435")
         for flow, options in FLOWS.items():
@@ -86,9 +115,12 @@ def main() -> None:
             start = [] if not options else ["--surface-prior", model, *options, *args.options]
             command = [TDCR, "train", "--data", data, "--out", folder, "--steps", str(args.steps)]
             subprocess.run([*command, "--validate-every", "250", *start, "-q"], check=True, stdout=subprocess.DEVNULL)
-            rows = scored(folder / "model.safetensors", test)
-            figures = {key: round(1e4 * value, 4) for key, value in rows.items()}
-            print(f"{count:5} {flow:32} {figures}", flush=True)
+            row = {test: scored(folder / "model.safetensors", path) for test, path in tests.items()}
+            scores.append({"samples": count, "flow": flow} | row)
+            print(f"{count:5} {flow:32} {row}", flush=True)
+            (args.out / "scores.json").write_text(json.dumps(scores, indent=1))
+    if args.plot:
+        plot(scores, args.plot)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ fi
 
 # Without a sanitizer, which needs an unstable compiler: Rust's own checks panic.
 cargo fuzz build --sanitizer none
-WRITE_CORPUS="$PWD/fuzz/corpus" cargo test --release --locked --test readers corpus
+WRITE_CORPUS="$PWD/fuzz/corpus" cargo test --workspace --exclude tdcr-mujoco --release --locked --test readers corpus
 binaries=fuzz/target/$(rustc -vV | sed -n 's/^host: //p')/release
 
 targets=("$@")
