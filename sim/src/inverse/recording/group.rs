@@ -9,7 +9,7 @@ use serde::Serialize;
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum Group {
-    /// The servos' gains: one for each tendon.
+    /// The servos' gains: one for each tendon, and a factor for all.
     SpoolRadius,
     /// The servos' offsets, above 0 pretension, below 0 slack: one for each tendon.
     Pretension,

@@ -9,6 +9,8 @@ use crate::robot::{Axis, Drive, ModuleSpec, RobotSpec};
 
 /// Widths of the priors. Those of lengths are shares of the holes' distance from the axis or of the robot's length.
 const GAIN: f64 = 0.03;
+/// Of all gains alike: spools of one kind differ less from each other than from what a file says of them.
+const COMMON_GAIN: f64 = 0.2;
 const OFFSET: f64 = 0.03;
 const BACKLASH: f64 = 0.02;
 const LAG_STEPS: f64 = 0.2;
@@ -124,6 +126,13 @@ impl Maker<'_> {
                         [first, GAIN],
                     );
                 }
+                self.add(
+                    "gain of all servos".into(),
+                    "",
+                    Target::CommonGain,
+                    Logarithmic,
+                    [1.0, COMMON_GAIN],
+                );
             }
             Group::Pretension => {
                 for t in 0..tendons {

@@ -31,6 +31,8 @@ pub(super) enum Scale {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Target {
     Gain(usize),
+    /// A factor on top of the gains, whose unknowns come before it.
+    CommonGain,
     Offset(usize),
     Backlash(usize),
     Lag,
@@ -76,6 +78,7 @@ impl Unknown {
         !matches!(
             self.target,
             Target::Gain(_)
+                | Target::CommonGain
                 | Target::Offset(_)
                 | Target::Backlash(_)
                 | Target::Lag
@@ -94,6 +97,11 @@ impl Unknown {
         let value = self.value(x);
         match self.target {
             Target::Gain(t) => transmission.servos[t].gain = value,
+            Target::CommonGain => {
+                for servo in &mut transmission.servos {
+                    servo.gain *= value;
+                }
+            }
             Target::Offset(t) => transmission.servos[t].offset = value,
             Target::Backlash(t) => transmission.servos[t].backlash = value,
             Target::Lag => transmission.lag = value,
