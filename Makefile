@@ -103,7 +103,7 @@ bench: setup wheel
 	$(PYTHON) benches/envs.py
 	$(PYTHON) benches/bus.py
 	$(PYTHON) benches/settling.py
-	$(PYTHON) benches/priors.py target/priors
+	$(PYTHON) benches/priors.py target/priors --steps 1000
 	$(TDCR) calibrate --robot examples/opencr/robot.toml --columns examples/opencr/columns.toml \
 		--data examples/opencr/real_robot_v4_train.csv --validate examples/opencr/real_robot_v4_val.csv \
 		--report target/calibration.html

@@ -82,8 +82,12 @@ def plot(rows: list[dict], path: pathlib.Path) -> None:
         beside = next(row[test] for row in rows if "simulator" in row[test])
         panel.axhline(beside["simulator"], color="#555555", linestyle="--", label="simulator alone")
         panel.axhline(beside["floor"], color="#555555", linestyle=":", label="sampling floor")
-        panel.set(title=test, xscale="log", xlabel="training commands", ylim=(0, None))
+        panel.set(title=test, xscale="log", xlabel="training commands")
+        counts = sorted({row["samples"] for row in rows})
+        panel.set_xticks(counts, [str(count) for count in counts])
+        panel.minorticks_off()
     panels[0].set_ylabel("Chamfer distance (1e-4 m²)")
+    panels[0].set_ylim(bottom=0)
     panels[-1].legend(frameon=False)
     figure.savefig(path, dpi=130)
 
