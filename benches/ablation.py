@@ -31,6 +31,7 @@ ROWS = {
     "no-late-times": ("no late times", ["--late-times", "0"], 1.0),
     "no-cut": ("the prior with its tail", ["--prior-cut", "0"], 1.0),
     "no-octaves": ("positions without Fourier features", ["--octaves", "0"], 0.86),
+    "plain-times": ("the paper's features of the flow time", ["--time-features", "plain"], 1.0),
     "more-points": ("64 clouds x 256 points", ["--clouds", "64", "--points", "256"], 0.91),
     "transport": ("optimal transport within 32 points", ["--coupling", "optimal-transport:32"], 1.34),
     "exponent-1": ("time exponent 1 (uniform times)", ["--time-exponent", "1"], 1.0),

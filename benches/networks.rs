@@ -20,6 +20,7 @@ use tdcr::learn::data::CloudSet;
 use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::{
     Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, Precision, Processor,
+    TimeFeatures,
 };
 use tdcr::learn::train::{Optimizer, TrainSettings, Trainer};
 
@@ -30,6 +31,7 @@ const MLP: MlpShape = MlpShape {
     embedding: 256,
     condition_dim: 6,
     octaves: 0,
+    time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
 };
 

@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use reference::{Cloud, Reference, loss_gradient};
 use tdcr_learn::flow::VelocityField;
 use tdcr_learn::net::{
-    Batch, Channels, InitialWeights, MlpShape, Network, NetworkShapeError, Workspace,
+    Batch, Channels, InitialWeights, MlpShape, Network, NetworkShapeError, TimeFeatures, Workspace,
 };
 
 /// The paper's weight of the colours' error.
@@ -22,6 +22,7 @@ const SHAPE: MlpShape = MlpShape {
     embedding: 8,
     condition_dim: 3,
     octaves: 0,
+    time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
 };
 
@@ -152,6 +153,7 @@ fn every_tensors_gradient_is_the_finite_difference() {
 fn fourier_features_have_gradients_too() {
     assert_gradient_is_the_finite_difference(MlpShape {
         octaves: 3,
+        time_features: TimeFeatures::Late,
         channels: Channels::XyzRgb,
         ..SHAPE
     });
@@ -173,6 +175,7 @@ fn gradient_of_many_tiles_and_shares_is_the_finite_difference() {
         embedding: 4,
         condition_dim: 2,
         octaves: 0,
+        time_features: TimeFeatures::Plain,
         channels: Channels::Xyz,
     };
     let network = network(shape);
@@ -253,6 +256,7 @@ fn a_fresh_network_starts_as_documented() {
         embedding: 32,
         condition_dim: 4,
         octaves: 0,
+        time_features: TimeFeatures::Plain,
         channels: Channels::Xyz,
     };
     let network = Network::new(shape, &mut rng(0)).unwrap();
@@ -281,6 +285,7 @@ fn a_network_by_the_authors_starts_as_documented() {
         embedding: 64,
         condition_dim: 6,
         octaves: 0,
+        time_features: TimeFeatures::Plain,
         channels: Channels::Xyz,
     };
     let network = Network::starting(shape, InitialWeights::Authors, &mut rng(0)).unwrap();

@@ -7,7 +7,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_learn::flow::VelocityField;
 use tdcr_learn::net::{
-    Batch, Channels, MlpShape, Network, NetworkShape, NetworkShapeError, Precision, Workspace,
+    Batch, Channels, MlpShape, Network, NetworkShape, NetworkShapeError, Precision, TimeFeatures,
+    Workspace,
 };
 use tdcr_learn::train::{TrainError, TrainSettings, Trainer};
 
@@ -21,6 +22,7 @@ const SHAPE: MlpShape = MlpShape {
     embedding: 24,
     condition_dim: 3,
     octaves: 0,
+    time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
 };
 

@@ -8,7 +8,7 @@ use serde_json::{from_value, json, to_value};
 use tdcr_learn::flow::VelocityField;
 use tdcr_learn::net::{
     Batch, Channels, ContextLayers, ContextShape, HybridShape, MlpShape, Network, NetworkShape,
-    Precision, Stage, TimeGate, Workspace,
+    Precision, Stage, TimeFeatures, TimeGate, Workspace,
 };
 
 /// The paper's weight of the colours' error.
@@ -20,6 +20,7 @@ const HEAD: MlpShape = MlpShape {
     embedding: 8,
     condition_dim: 3,
     octaves: 0,
+    time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
 };
 

@@ -10,7 +10,7 @@ use tdcr_learn::data::CloudSet;
 use tdcr_learn::flow::{Coupling, FlowPath};
 use tdcr_learn::net::{
     Batch, Channels, ContextShape, HybridShape, MlpShape, Network, NetworkShape, Precision, Stage,
-    Workspace,
+    TimeFeatures, Workspace,
 };
 use tdcr_learn::train::{Optimizer, TrainSettings, Trainer};
 
@@ -23,6 +23,7 @@ const HEAD: MlpShape = MlpShape {
     embedding: 16,
     condition_dim: 2,
     octaves: 0,
+    time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
 };
 

@@ -11,7 +11,7 @@ use serde_json::{from_value, json, to_value};
 use tdcr_learn::flow::VelocityField;
 use tdcr_learn::net::{
     Channels, ContextLayers, ContextShape, HybridShape, InitialWeights, MlpShape, Network,
-    NetworkShape, Precision, TensorRole,
+    NetworkShape, Precision, TensorRole, TimeFeatures,
 };
 use tdcr_learn::train::{TrainError, Trainer};
 
@@ -27,6 +27,7 @@ fn paper() -> HybridShape {
             embedding: 256,
             condition_dim: 6,
             octaves: 0,
+            time_features: TimeFeatures::Plain,
             channels: Channels::Xyz,
         },
         context: ContextShape::of(ContextLayers::Pvcnn),
@@ -142,6 +143,7 @@ fn the_head_rounds_to_bfloat16_and_the_context_does_not() {
             embedding: 8,
             condition_dim: 3,
             octaves: 0,
+            time_features: TimeFeatures::Plain,
             channels: Channels::Xyz,
         },
         context: ContextShape {

@@ -3,7 +3,7 @@
 use tdcr_learn::data::{CloudSet, Condition, Normalisation, Recipe, StreamSpec, Subject};
 use tdcr_learn::flow::{FlowPath, Sampler};
 use tdcr_learn::metrics::chamfer;
-use tdcr_learn::net::{Channels, MlpShape};
+use tdcr_learn::net::{Channels, MlpShape, TimeFeatures};
 use tdcr_learn::predict::Predictor;
 use tdcr_learn::prior::{Prior, SurfaceError, SurfacePrior};
 use tdcr_learn::symmetry::Reduction;
@@ -110,6 +110,7 @@ const SHAPE: MlpShape = MlpShape {
     embedding: 16,
     condition_dim: 6,
     octaves: 0,
+    time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
 };
 

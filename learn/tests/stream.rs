@@ -7,7 +7,7 @@ mod toy;
 use std::time::Duration;
 
 use tdcr_learn::data::{PayloadRange, Recipe, Sample, SimStream, StreamSpec, Subject};
-use tdcr_learn::net::{Channels, MlpShape};
+use tdcr_learn::net::{Channels, MlpShape, TimeFeatures};
 use tdcr_learn::train::{Feed, StreamWindow, TrainError, TrainSettings, Trainer};
 use tdcr_sim::robot::{Cameras, RobotSpec};
 
@@ -93,6 +93,7 @@ const SHAPE: MlpShape = MlpShape {
     embedding: 8,
     condition_dim: 6,
     octaves: 0,
+    time_features: TimeFeatures::Plain,
 };
 
 fn window() -> StreamWindow {

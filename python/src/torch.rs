@@ -49,6 +49,7 @@ pub fn presets() -> Outcome<String> {
             "depth": preset.depth,
             "embedding": preset.embedding,
             "octaves": preset.octaves,
+            "time_features": plain(serde_json::to_string(&preset.time_features))?,
             "steps": steps,
             "epochs": epochs,
             "colors": preset.channels == Channels::XyzRgb,

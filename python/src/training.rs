@@ -6,7 +6,7 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 use tdcr::learn::data::{Recipe, StreamSpec, Subject};
 use tdcr::learn::flow::{Method, Sampler, TimeGrid};
-use tdcr::learn::net::{Channels, ContextLayers, ContextShape, Precision};
+use tdcr::learn::net::{Channels, ContextLayers, ContextShape, Precision, TimeFeatures};
 use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{self, Preset, StreamSettings, TrainPlan, Trained, TrainingData};
@@ -35,6 +35,7 @@ pub struct TrainOptions {
     depth: Option<usize>,
     embedding: Option<usize>,
     octaves: Option<usize>,
+    time_features: Option<String>,
     context: Option<Context>,
     colors: Option<bool>,
     color_weight: Option<f32>,
@@ -63,6 +64,15 @@ pub fn named_symmetry(name: &str) -> Outcome<SymmetryUse> {
         "symmetry",
         name,
         &SymmetryUse::ALL.map(|one| (one.name(), one)),
+    )
+}
+
+/// The features of the flow time of this name.
+fn named_time_features(name: &str) -> Outcome<TimeFeatures> {
+    choice(
+        "time_features",
+        name,
+        &TimeFeatures::ALL.map(|one| (one.name(), one)),
     )
 }
 
@@ -140,6 +150,9 @@ impl TrainOptions {
             depth: self.depth,
             embedding: self.embedding,
             octaves: self.octaves,
+            time_features: (self.time_features.as_deref())
+                .map(named_time_features)
+                .transpose()?,
             context: context.map(|context| context.shape(&preset)).transpose()?,
             channels: self.colors.map(|colors| match colors {
                 true => Channels::XyzRgb,

@@ -71,6 +71,7 @@ def train(
     depth: int | None = None,
     embedding: int | None = None,
     octaves: int | None = None,
+    time_features: Literal["plain", "late"] | None = None,
     colors: bool | None = None,
     color_weight: float | None = None,
     steps: int | None = None,
@@ -123,6 +124,8 @@ def train(
         depth: Layers.
         embedding: Features of the embedding of time and condition.
         octaves: Octaves of the Fourier features of the points' positions.
+        time_features: Features of the flow time that the network sees: ``"plain"`` are the paper's; half of the ``"late"`` ones
+            are of the logarithm of the noise that is left, so that its last hundredths differ.
         colors: Whether to learn the colours of the points beside their positions; by default the preset ``"paper"`` alone does.
         color_weight: Weight of the colours' error beside the positions', with ``colors``.
         steps: Optimiser steps.
@@ -190,6 +193,7 @@ def train(
         "depth": maybe_count(depth, "depth"),
         "embedding": maybe_count(embedding, "embedding"),
         "octaves": maybe_count(octaves, "octaves"),
+        "time_features": time_features,
         "context": None if net == "mlp" else {"layers": layers} | {n: _sizes(v, n) for n, v in shape.items() if n != "layers"},
         "colors": None if colors is None else bool(colors),
         "color_weight": maybe_number(color_weight, "color_weight"),

@@ -52,7 +52,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler};
-use tdcr::learn::net::Precision;
+use tdcr::learn::net::{Precision, TimeFeatures};
 use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pages::PageError;
@@ -408,6 +408,14 @@ fn amount(text: &str) -> Result<usize, String> {
         Ok(number) if (1..=10_000_000).contains(&number) => Ok(number),
         _ => Err("expected a whole number, 1 to 10000000".to_owned()),
     }
+}
+
+/// Parses what a network sees of the flow time.
+fn time_features() -> impl TypedValueParser<Value = TimeFeatures> {
+    PossibleValuesParser::new(TimeFeatures::ALL.map(TimeFeatures::name)).map(|name| {
+        let named = TimeFeatures::ALL.into_iter().find(|one| one.name() == name);
+        named.expect("one of the possible values")
+    })
 }
 
 /// Parses whether symmetries are used.

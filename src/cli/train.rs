@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
 use tdcr::learn::flow::{Coupling, FlowPath};
-use tdcr::learn::net::{Channels, ContextLayers, ContextShape, Precision, Processor};
+use tdcr::learn::net::{Channels, ContextLayers, ContextShape, Precision, Processor, TimeFeatures};
 use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
 use tdcr::pipeline::{
@@ -46,6 +46,8 @@ pub(super) struct TrainArgs {
     embedding: Option<usize>,
     #[arg(long, value_name = "N", help = by_preset("Octaves of the Fourier features of the points' positions", |p| p.octaves))]
     octaves: Option<usize>,
+    #[arg(long, value_parser = super::time_features(), help = by_preset("Features of the flow time that the network sees: half of them of the logarithm of the noise that is left, so that its last hundredths differ (late), or the paper's (plain)", |p| p.time_features.name()))]
+    time_features: Option<TimeFeatures>,
     #[arg(long, help = by_preset("Learn the colours of the points beside their positions", |p| colored(p.channels)), overrides_with = "no_colors")]
     colors: bool,
     /// Learn positions alone
@@ -366,6 +368,7 @@ fn plan(args: &TrainArgs) -> anyhow::Result<TrainPlan> {
         late_times: args.late_times,
         prior_cut: args.prior_cut,
         octaves: args.octaves,
+        time_features: args.time_features,
         surface_prior: args
             .surface_prior
             .as_deref()

@@ -2,7 +2,7 @@
 
 use tdcr_learn::data::{DataSet, Meta, Origin, Recipe, Split, Subject};
 use tdcr_learn::flow::{Coupling, FlowPath, Method, Sampler, TimeGrid};
-use tdcr_learn::net::{Channels, ContextShape, Precision};
+use tdcr_learn::net::{Channels, ContextShape, Precision, TimeFeatures};
 use tdcr_learn::prior::Prior;
 use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{Optimizer, Target, TrainSettings};
@@ -56,6 +56,8 @@ pub struct TrainPlan {
     pub prior_cut: Option<f32>,
     /// Octaves of the positions' Fourier features ([`MlpShape::octaves`](tdcr_learn::net::MlpShape::octaves)).
     pub octaves: Option<usize>,
+    /// What the network sees of the flow time.
+    pub time_features: Option<TimeFeatures>,
     /// The robot whose simulated surface the flow starts from; noise alone without it.
     pub surface_prior: Option<RobotSpec>,
     /// Whether it learns representatives of symmetric conditions.
@@ -92,6 +94,7 @@ impl Default for TrainPlan {
             late_times: None,
             prior_cut: None,
             octaves: None,
+            time_features: None,
             surface_prior: None,
             symmetry: None,
             prior_deviation: None,
@@ -115,6 +118,7 @@ impl TrainPlan {
             depth: self.depth.unwrap_or(self.preset.depth),
             embedding: self.embedding.unwrap_or(self.preset.embedding),
             octaves: self.octaves.unwrap_or(self.preset.octaves),
+            time_features: self.time_features.unwrap_or(self.preset.time_features),
             length: self.steps.map_or(self.preset.length, Length::Steps),
             points: self.points.unwrap_or(self.preset.points),
             validate_every: self.validate_every.unwrap_or(self.preset.validate_every),

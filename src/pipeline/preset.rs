@@ -1,7 +1,7 @@
 //! Networks and settings of training that fit together.
 
 use tdcr_learn::flow::{FlowPath, Sampler};
-use tdcr_learn::net::{Channels, ContextLayers};
+use tdcr_learn::net::{Channels, ContextLayers, TimeFeatures};
 use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{Optimizer, Procedure, Target, TrainSettings};
 
@@ -22,6 +22,8 @@ pub struct Preset {
     pub embedding: usize,
     /// Octaves of the positions' Fourier features.
     pub octaves: usize,
+    /// What it sees of the flow time.
+    pub time_features: TimeFeatures,
     /// How long the run is.
     pub length: Length,
     /// Points per cloud and step, or all of a cloud where it has fewer.
@@ -83,6 +85,7 @@ impl Preset {
             depth: 6,
             embedding: 128,
             octaves: 6,
+            time_features: TimeFeatures::Late,
             length: Length::Steps(7000),
             points: 128,
             validate_every: 700,
@@ -102,6 +105,7 @@ impl Preset {
             depth: 6,
             embedding: 128,
             octaves: 6,
+            time_features: TimeFeatures::Late,
             length: Length::Steps(20_000),
             points: 128,
             validate_every: 2000,
@@ -121,6 +125,7 @@ impl Preset {
             depth: 6,
             embedding: 256,
             octaves: 0,
+            time_features: TimeFeatures::Plain,
             length: Length::Epochs(500),
             points: 20_000,
             validate_every: 5000,
@@ -197,6 +202,7 @@ impl Preset {
             depth: self.depth,
             embedding: self.embedding,
             octaves: self.octaves,
+            time_features: self.time_features,
             context: None,
             channels: self.channels,
         }

@@ -6,7 +6,7 @@ use tdcr_learn::data::{
     CloudSet, Condition, DataSet, Meta, Normalisation, Recipe, Split, StreamSpec,
 };
 use tdcr_learn::metrics::chamfer;
-use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape};
+use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape, TimeFeatures};
 use tdcr_learn::prior::{Prior, SurfaceError, SurfacePrior};
 use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{
@@ -34,6 +34,8 @@ pub struct NetworkSize {
     pub embedding: usize,
     /// Octaves of the positions' Fourier features.
     pub octaves: usize,
+    /// What it sees of the flow time.
+    pub time_features: TimeFeatures,
     /// The context network of a hybrid; none makes an MLP.
     pub context: Option<ContextShape>,
     /// What points consist of.
@@ -56,6 +58,7 @@ impl NetworkSize {
             embedding: self.embedding,
             condition_dim,
             octaves: self.octaves,
+            time_features: self.time_features,
             channels: self.channels,
         };
         match self.context {

@@ -12,7 +12,7 @@ use tdcr::hw::dynamixel::joined::{JoinedWriter, length_field};
 use tdcr::hw::dynamixel::{Answers, Backup, ErrorByte, Instruction, PacketId, Reset, Status};
 use tdcr::hw::servo::ServoId;
 use tdcr::learn::data::{CloudSet, Normalisation, Subject};
-use tdcr::learn::net::{Channels, MlpShape, Network};
+use tdcr::learn::net::{Channels, MlpShape, Network, TimeFeatures};
 use tdcr::learn::symmetry::Reduction;
 use tdcr::learn::train::{Model, Provenance, TrainSettings, Trainer};
 use tdcr::sim::render::BaseVisibility;
@@ -378,6 +378,7 @@ const SHAPE: MlpShape = MlpShape {
     embedding: 4,
     condition_dim: 6,
     octaves: 0,
+    time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
 };
 

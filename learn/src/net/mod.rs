@@ -101,6 +101,6 @@ mod voxel;
 pub use crate::channels::Channels;
 pub use hybrid::{ContextLayers, ContextShape, HybridShape, Stage, TimeGate};
 pub use kernels::{Precision, Processor};
-pub use mlp::{Batch, MlpShape};
+pub use mlp::{Batch, MlpShape, TimeFeatures};
 pub use network::{Network, NetworkShape, Workspace};
 pub use parameters::{InitialWeights, NetworkShapeError, TensorRole, TensorSpec};

@@ -197,7 +197,7 @@ impl Teacher {
 mod tests {
     use super::*;
     use crate::flow::TimeGrid;
-    use crate::net::{Channels, MlpShape};
+    use crate::net::{Channels, MlpShape, TimeFeatures};
     use tdcr_sim::symmetry::Symmetries;
 
     /// From the beginning of any step, the remaining steps lead to the end of the teacher trajectory.
@@ -209,6 +209,7 @@ mod tests {
             embedding: 8,
             condition_dim: 2,
             octaves: 0,
+            time_features: TimeFeatures::Plain,
             channels: Channels::Xyz,
         };
         let network = Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape");
@@ -268,6 +269,7 @@ mod tests {
             embedding: 8,
             condition_dim: 4,
             octaves: 0,
+            time_features: TimeFeatures::Plain,
             channels: Channels::Xyz,
         };
         let swap = serde_json::json!([

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use tdcr_learn::net::MlpShape;
+use tdcr_learn::net::{MlpShape, TimeFeatures};
 
 /// The paper's weight of the colours' error.
 const COLOR_WEIGHT: f32 = 0.05;
@@ -57,7 +57,16 @@ impl Reference {
 
     fn embedding(&self, time: f64, condition: &[f64]) -> Vec<f64> {
         let half = self.shape.embedding / 2;
-        let angle = |k: usize| time * (-(1e4f64.ln()) * k as f64 / half as f64).exp();
+        // With late features, the second half of the angles is of the logarithm of the noise.
+        let plain = match self.shape.time_features {
+            TimeFeatures::Late => half - half / 2,
+            _ => half,
+        };
+        let noise = (1.0 / (1.001 - time)).ln();
+        let angle = |k: usize| match k < plain {
+            true => time * (-(1e4f64.ln()) * k as f64 / plain as f64).exp(),
+            false => 2.0 * noise / 40f64.powf((k - plain) as f64 / (half - plain) as f64),
+        };
         let cosines = (0..half).map(|k| angle(k).cos());
         let features: Vec<f64> = cosines.chain((0..half).map(|k| angle(k).sin())).collect();
         let (time, condition) = (

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use tdcr_learn::data::{CloudSet, Condition, Normalisation, Sample, Simulator};
 use tdcr_learn::flow::{Method, Sampler, Stream, TimeGrid, rng};
 use tdcr_learn::metrics::chamfer;
-use tdcr_learn::net::{Channels, MlpShape, Network};
+use tdcr_learn::net::{Channels, MlpShape, Network, TimeFeatures};
 use tdcr_learn::symmetry::{Reduction, SymmetryUse};
 use tdcr_learn::train::{Model, Provenance, Start, TrainSettings, Trainer};
 use tdcr_sim::cloud::PointCloud;
@@ -23,6 +23,7 @@ const SHAPE: MlpShape = MlpShape {
     embedding: 8,
     condition_dim: 6,
     octaves: 0,
+    time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
 };
 
@@ -39,6 +40,7 @@ fn model(reduction: Reduction) -> Model {
     let shape = MlpShape {
         condition_dim: 6 + reduction.view_numbers(),
         octaves: 0,
+        time_features: TimeFeatures::Plain,
         ..SHAPE
     };
     Model {
@@ -117,6 +119,7 @@ fn a_model_file_keeps_its_symmetries_and_older_ones_have_none() {
     let shape = MlpShape {
         condition_dim: 5 + 3,
         octaves: 0,
+        time_features: TimeFeatures::Plain,
         ..SHAPE
     };
     damaged.network = Network::new(shape, &mut rng(3, Stream::Parameters)).unwrap();
@@ -218,6 +221,7 @@ fn representatives_teach_more_than_as_many_commands() {
             embedding: 32,
             condition_dim: 3 + reduction.view_numbers(),
             octaves: 0,
+            time_features: TimeFeatures::Plain,
             channels: Channels::Xyz,
         };
         let settings = TrainSettings {

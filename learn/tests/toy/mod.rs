@@ -5,7 +5,7 @@
 use rand::RngExt;
 use tdcr_learn::data::{CloudSet, Normalisation, Subject};
 use tdcr_learn::flow::{FlowPath, Method, Sampler, Stream, TimeGrid, rng};
-use tdcr_learn::net::{Channels, MlpShape};
+use tdcr_learn::net::{Channels, MlpShape, TimeFeatures};
 use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{Provenance, TrainSettings, Trainer};
 
@@ -15,6 +15,7 @@ pub const SHAPE: MlpShape = MlpShape {
     embedding: 8,
     condition_dim: 2,
     octaves: 0,
+    time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
 };
 

@@ -47,12 +47,26 @@ def point_inputs(x: Tensor, octaves: int) -> Tensor:
     return torch.cat(inputs, dim=-1)
 
 
-def time_features(t: Tensor, count: int) -> Tensor:
-    """Features (B, count) of flow times (B,): cosines, then sines."""
+def time_kind_of(shape: Shape) -> str:
+    """What a network sees of the flow time: `plain`, or `late` in files that say so."""
+    return str(head_of(shape).get("time_features", "plain"))
+
+
+def time_features(t: Tensor, count: int, kind: str = "plain") -> Tensor:
+    """Features (B, count) of flow times (B,): cosines, then sines.
+
+    Of the kind `late`, half of the angles are of -ln(1 - t + 0.001), which tells the last hundredths of the flow apart.
+    """
     half = count // 2
-    rates = torch.exp(-math.log(1e4) / half * torch.arange(half, dtype=torch.float64, device=t.device)).to(t)
-    angles = t[:, None] * rates
-    return torch.cat([angles.cos(), angles.sin()], dim=1)
+    late = half // 2 if kind == "late" else 0
+    plain = half - late
+    steps = torch.arange(half, dtype=torch.float64, device=t.device)
+    time = t.double()[:, None]
+    angles = time * torch.exp(-math.log(1e4) / plain * steps[:plain])
+    if late:
+        noise = -torch.log(1 - time + 1e-3)
+        angles = torch.cat([angles, 2 * noise * torch.exp(-math.log(40) / late * steps[:late])], dim=1)
+    return torch.cat([angles.cos(), angles.sin()], dim=1).to(t)
 
 
 def film(layer: nn.Module, normalised: Tensor, e: Tensor) -> Tensor:

@@ -29,6 +29,7 @@ from tdcr.torch.layers import (
     point_inputs,
     point_inputs_of,
     time_features,
+    time_kind_of,
     voxel_coordinates,
 )
 from tdcr.torch.pvcnn import PvcnnHybrid
@@ -57,14 +58,15 @@ def zero(inputs: int, outputs: int) -> Dense:
 class Velocity(nn.Module):
     """What both networks share: the embedding e = SiLU(time(phi(t))) + SiLU(condition(c))."""
 
-    def __init__(self, embedding: int, condition_dim: int) -> None:
+    def __init__(self, embedding: int, condition_dim: int, time_kind: str) -> None:
         super().__init__()
+        self.time_kind = time_kind
         self.time = Dense(embedding, embedding)
         self.condition = Dense(condition_dim, embedding)
 
     def embed(self, t: Tensor, c: Tensor) -> Tensor:
         """Embedding (B, E) of the flow times (B,) and the conditions (B, D)."""
-        features = time_features(t, self.time.in_features)
+        features = time_features(t, self.time.in_features, self.time_kind)
         return F.silu(self.time(features)) + F.silu(self.condition(c))
 
 
@@ -107,7 +109,7 @@ class Mlp(Velocity, PointLayers):
     """u(x_i, t | c), every point alone."""
 
     def __init__(self, shape: Shape) -> None:
-        super().__init__(shape["embedding"], shape["condition_dim"])
+        super().__init__(shape["embedding"], shape["condition_dim"], time_kind_of(shape))
         self.add_point_layers(point_inputs_of(shape), shape)
 
     def forward(self, x: Tensor, t: Tensor, c: Tensor) -> Tensor:
@@ -230,7 +232,7 @@ class Hybrid(Velocity):
 
     def __init__(self, shape: Shape) -> None:
         head, context = shape["head"], shape["context"]
-        super().__init__(head["embedding"], head["condition_dim"])
+        super().__init__(head["embedding"], head["condition_dim"], time_kind_of(head))
         channels = channels_of(head)
         self.context = Context(context, head["embedding"], channels)
         self.head = Head(point_inputs_of(head) + context["features"], head)

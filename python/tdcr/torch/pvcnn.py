@@ -23,6 +23,7 @@ from tdcr.torch.layers import (
     point_inputs,
     point_inputs_of,
     time_features,
+    time_kind_of,
     voxel_coordinates,
 )
 
@@ -125,22 +126,24 @@ class Stage(nn.Module):
 class Embedded(nn.Module):
     """What head and context both have: an embedding SiLU(t_proj(phi(t))) + SiLU(c_proj(c))."""
 
-    def __init__(self, embedding: int, condition_dim: int) -> None:
+    def __init__(self, head: Shape) -> None:
         super().__init__()
-        self.t_proj = nn.Linear(embedding, embedding)
-        self.c_proj = nn.Linear(condition_dim, embedding)
+        self.time_kind = time_kind_of(head)
+        self.t_proj = nn.Linear(head["embedding"], head["embedding"])
+        self.c_proj = nn.Linear(head["condition_dim"], head["embedding"])
 
     def embed(self, t: Tensor, c: Tensor) -> Tensor:
         """Embedding (B, E) of the flow times (B,) and the conditions (B, D)."""
-        features = time_features(t, self.t_proj.in_features)
+        features = time_features(t, self.t_proj.in_features, self.time_kind)
         return nn.functional.silu(self.t_proj(features)) + nn.functional.silu(self.c_proj(c))
 
 
 class Context(Embedded):
     """What a point learns from the cloud about it, (B, N, features)."""
 
-    def __init__(self, shape: Shape, embedding: int, condition_dim: int, inputs: int) -> None:
-        super().__init__(embedding, condition_dim)
+    def __init__(self, shape: Shape, head: Shape, inputs: int) -> None:
+        super().__init__(head)
+        embedding = head["embedding"]
         stages, features, joined = shape["stages"], shape["features"], shape["joined"]
         self.gate = shape["gate"]
         channels = [stage["channels"] for stage in stages]
@@ -184,7 +187,7 @@ class Head(Embedded):
 
     def __init__(self, inputs: int, shape: Shape) -> None:
         width, embedding = shape["width"], shape["embedding"]
-        super().__init__(embedding, shape["condition_dim"])
+        super().__init__(shape)
         self.input = nn.Linear(inputs + embedding, width)
         count = shape["depth"] - 1
         self.films = nn.ModuleList(Film(nn.LayerNorm(width), width, embedding) for _ in range(count))
@@ -211,7 +214,7 @@ class PvcnnHybrid(nn.Module):
         super().__init__()
         head, context, channels = shape["head"], shape["context"], channels_of(shape)
         self.shape = shape
-        self.ctx_net = Context(context, head["embedding"], head["condition_dim"], channels)
+        self.ctx_net = Context(context, head, channels)
         self.octaves = octaves_of(head)
         self.head = Head(point_inputs_of(head) + context["features"], head)
 

@@ -81,6 +81,8 @@ class Preset:
     embedding: int
     #: Octaves of the Fourier features of the points' positions.
     octaves: int
+    #: What the network sees of the flow time: `plain` (the paper's), or `late`, which tells its last hundredths apart.
+    time_features: str
     #: Optimiser steps; None where the length is in `epochs`.
     steps: int | None
     #: Times that the training set is drawn from, in as many batches as its clouds fill; None where the length is in `steps`.
@@ -110,6 +112,7 @@ class Preset:
             "embedding": self.embedding,
             "condition_dim": condition_dim,
             "octaves": self.octaves,
+            "time_features": self.time_features,
             "channels": "xyz-rgb" if colors else "xyz",
         }
         return head if net == "mlp" else {"head": head, "context": usual | changes}

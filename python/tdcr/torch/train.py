@@ -77,6 +77,8 @@ def parser() -> argparse.ArgumentParser:
     add("--warmup", type=int, metavar="N", help=by_network("steps of warm-up, at most a tenth of all", "warmup_steps"))
     add("--validate-every", type=int, metavar="N", help=by_network("steps between validations", "validate_every"))
     add("--patience", type=int, metavar="N", help="end the run after so many validations without a better one")
+    about = by_preset("features of the flow time: the paper's, or some that tell its last hundredths apart", "time_features")
+    add("--time-features", choices=["plain", "late"], help=about)
     add("--octaves", type=int, metavar="N", help=by_preset("octaves of the Fourier features of the points' positions", "octaves"))
     add(
         "--late-times",
@@ -162,7 +164,8 @@ def context(args: argparse.Namespace, preset: Preset) -> dict[str, Any]:
 
 def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.device) -> tuple[Preset, Settings]:
     """Network and settings: the preset's, but for what is asked for."""
-    sizes = {name: getattr(args, name) for name in ("width", "depth", "embedding", "octaves") if getattr(args, name) is not None}
+    names = ("width", "depth", "embedding", "octaves", "time_features")
+    sizes = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     preset = replace(presets()[args.preset], **sizes)
     fields = {
         "color_weight": args.color_weight,

@@ -4,7 +4,7 @@ use super::context_shape::{ContextShape, STAGES, Stage, block_name};
 use crate::net::kernels::bfloat16::Operands;
 use crate::net::kernels::float32::{Rows, activate, fill_rows};
 use crate::net::layers::{AffineNorm, BatchNorm, Dense, GroupNorm, Normed, Weights};
-use crate::net::mlp::{Conditioner, ConditionerTape, Film, Part};
+use crate::net::mlp::{Conditioner, ConditionerTape, Film, Part, TimeFeatures};
 use crate::net::parameters::{Initial, Table, fan_in};
 use crate::net::voxel::{Grid, PVCNN_EPSILON, PvcnnBlock, PvcnnInput, PvcnnScratch, Voxels};
 
@@ -69,19 +69,20 @@ pub struct Cloud<'a> {
 }
 
 impl PvcnnContext {
-    /// Adds the network's tensors, for points of `inputs` numbers.
+    /// Adds the network's tensors, for points of `inputs` numbers, an embedding and a condition of the given `sizes`.
     pub fn declare(
         table: &mut Table,
         shape: &ContextShape,
-        [embedding, condition_dim, inputs]: [usize; 3],
+        sizes: ([usize; 2], TimeFeatures),
+        inputs: usize,
     ) -> Self {
+        let ([embedding, _], _) = sizes;
         let first = fan_in(embedding + inputs);
         let parts = [
             Part::new("context.from_embedding", shape.features, fan_in(embedding)),
             Part::new("context.shift", shape.stages[0].channels, first),
         ];
         let films: Vec<Film> = shape.films().collect();
-        let sizes = [embedding, condition_dim];
         let conditioner = Conditioner::declare(table, "context.", sizes, &parts, &films);
 
         let mut before = inputs;

@@ -61,15 +61,11 @@ impl HybridShape {
         let shift = initial.hidden(inputs + embedding);
         let shift = Part::new("head.shift", head.width, shift);
         let films = head.films("head.", initial);
-        let sizes = [embedding, head.condition_dim];
+        let sizes = ([embedding, head.condition_dim], head.time_features);
         PvcnnLayers {
             conditioner: Conditioner::declare(table, "", sizes, &[shift], &films),
             trunk: head.declare_trunk(table, "head.", inputs),
-            context: PvcnnContext::declare(
-                table,
-                context,
-                [embedding, head.condition_dim, channels],
-            ),
+            context: PvcnnContext::declare(table, context, sizes, channels),
         }
     }
 
@@ -88,7 +84,7 @@ impl HybridShape {
             conditioner: Conditioner::declare(
                 table,
                 "",
-                [embedding, head.condition_dim],
+                ([embedding, head.condition_dim], head.time_features),
                 &[global, shift, head_shift],
                 &films,
             ),

@@ -3,6 +3,7 @@
 
 use std::ops::Range;
 
+use super::time_features::TimeFeatures;
 use crate::net::kernels::float32::{activate, add, multiply};
 use crate::net::layers::Dense;
 use crate::net::parameters::{Initial, Table};
@@ -14,6 +15,7 @@ use crate::net::parameters::{Initial, Table};
 /// `offset = b (1 + gamma) + beta`.
 #[derive(Clone, Debug)]
 pub struct Conditioner {
+    features: TimeFeatures,
     time: Dense,
     condition: Dense,
     /// All parts and every block's gamma and beta: all affine in `e`, so one layer.
@@ -82,11 +84,11 @@ impl Branch {
 
 impl Conditioner {
     /// Adds the conditioner's tensors for an embedding and a condition of the given `sizes`, those of the embedding named after
-    /// `prefix`, with `parts` and with FiLM blocks. Norms start as the identity.
+    /// `prefix`, with `parts` and with FiLM blocks. Norms start as the identity; of the flow time it sees `features`.
     pub fn declare(
         table: &mut Table,
         prefix: &str,
-        sizes: [usize; 2],
+        (sizes, features): ([usize; 2], TimeFeatures),
         parts: &[Part],
         films: &[Film],
     ) -> Self {
@@ -128,6 +130,7 @@ impl Conditioner {
             table.push(format!("{name}.norm.bias"), &[*width], zero);
         }
         Self {
+            features,
             time,
             condition,
             head: Dense {
@@ -161,7 +164,7 @@ impl Conditioner {
         tape: &mut ConditionerTape,
     ) {
         // e = SiLU(W_t phi(t) + b_t) + SiLU(W_c c + b_c).
-        time_features(times, self.time.inputs, &mut tape.features);
+        (self.features).fill(times, self.time.inputs, &mut tape.features);
         tape.time.forward(&self.time, params, &tape.features);
         tape.condition.forward(&self.condition, params, conditions);
         tape.embedding.clone_from(&tape.time.activated);
@@ -246,14 +249,3 @@ impl Conditioner {
 
 /// Why a block's part of a row is there.
 const WHOLE: &str = "rows hold every block";
-
-/// Sinusoidal features `(B, E)` of flow times (Vaswani et al., NeurIPS 2017): `E/2` cosines, then `E/2` sines, of `t exp(-ln(10000) k / (E/2))`.
-fn time_features(times: &[f32], embedding: usize, features: &mut Vec<f32>) {
-    let half = embedding / 2;
-    features.clear();
-    for &time in times {
-        let angle = |k: usize| f64::from(time) * 1e4f64.powf(-(k as f64) / half as f64);
-        features.extend((0..half).map(|k| angle(k).cos() as f32));
-        features.extend((0..half).map(|k| angle(k).sin() as f32));
-    }
-}

@@ -6,6 +6,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `point_features` | what the input layer takes of a point |
+//! | `time_features` | what it sees of the flow time |
 //! | `conditioner` | what is computed once per cloud: the modulation vector |
 //! | `trunk` | the layers that act on points, and the trait of a pass over a tile of them |
 //! | `trunk_f32`, `trunk_bf16` | that pass in either operand type |
@@ -24,6 +25,7 @@ mod conditioner;
 mod point_features;
 mod shape;
 mod shares;
+mod time_features;
 mod trunk;
 mod trunk_bf16;
 mod trunk_f32;
@@ -35,6 +37,7 @@ pub use conditioner::{Conditioner, ConditionerTape, Film, Part};
 pub use point_features::point_inputs;
 pub use shape::MlpShape;
 pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide};
+pub use time_features::TimeFeatures;
 pub use trunk::Trunk;
 pub use trunk_bf16::PackedTrunk;
 pub use trunk_tiles::TrunkTapes;

@@ -57,6 +57,7 @@ fn fill(position: &[f32], features: &mut [f32]) {
 mod tests {
     use super::*;
     use crate::channels::Channels;
+    use crate::net::TimeFeatures;
 
     #[test]
     fn inputs_are_the_point_and_its_octaves() {
@@ -66,6 +67,7 @@ mod tests {
             embedding: 2,
             condition_dim: 1,
             octaves: 6,
+            time_features: TimeFeatures::Plain,
             channels: Channels::XyzRgb,
         };
         let points = [
@@ -95,6 +97,7 @@ mod tests {
             embedding: 2,
             condition_dim: 1,
             octaves: 0,
+            time_features: TimeFeatures::Plain,
             channels: Channels::Xyz,
         };
         let mut storage = Vec::new();

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::conditioner::{Conditioner, Film, Part};
+use super::time_features::TimeFeatures;
 use super::trunk::{Trunk, TrunkSizes};
 use crate::channels::{Channels, DIM};
 use crate::net::parameters::{
@@ -27,6 +28,9 @@ pub struct MlpShape {
     /// network and in files that do not say.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub octaves: usize,
+    /// What it sees of the flow time; [`TimeFeatures::Plain`] in the paper's network and in files that do not say.
+    #[serde(default, skip_serializing_if = "TimeFeatures::is_plain")]
+    pub time_features: TimeFeatures,
     /// What points consist of; positions alone in files that do not say.
     #[serde(default)]
     pub channels: Channels,
@@ -53,6 +57,7 @@ impl MlpShape {
             embedding,
             condition_dim,
             octaves,
+            time_features: _,
             channels: _,
         } = *self;
         require_size("width", width, (1..=8192).contains(&width), "1 to 8192")?;
@@ -99,7 +104,7 @@ impl MlpShape {
         let conditioner = Conditioner::declare(
             table,
             "",
-            [embedding, self.condition_dim],
+            ([embedding, self.condition_dim], self.time_features),
             &[shift],
             &self.films("", initial),
         );
