@@ -203,7 +203,8 @@ fn derivatives_along_a_path_are_those_of_the_residuals() {
     for servo in &mut there.servos {
         servo.offset += 4e-3;
     }
-    let (miss, name) = largest_miss(&first, &real, &there, true, 1e-3);
+    // Steps short enough that no contact of these rows sticks on one side of a difference and slips on the other.
+    let (miss, name) = largest_miss(&first, &real, &there, true, 2e-4);
     assert!(miss < 1e-2, "{name}: {miss}");
 }
 
