@@ -32,7 +32,10 @@ SETTINGS = [
     "--clouds",
     "2",
     "--points",
-    "64",
+    "32",
+    # Looking for symmetries renders hundreds of pictures, which takes an emulator most of its time.
+    "--symmetry",
+    "none",
 ]
 CONTEXT = ["--channels", "8,8,8", "--resolutions", "4,3,2", "--blocks", "1", "--context", "8"]
 
@@ -46,7 +49,7 @@ TOLERANCES = {
 @pytest.fixture(scope="module")
 def data(tdcr, tmp_path_factory):
     folder = tmp_path_factory.mktemp("kernels") / "data"
-    tdcr("collect", "--robot", "2m", "--samples", 20, "--points", 400, "--out", folder)
+    tdcr("collect", "--robot", "2m", "--samples", 20, "--points", 128, "--out", folder)
     return folder
 
 
