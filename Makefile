@@ -97,7 +97,7 @@ test-python: wheel site
 # Ours alone, then the tables of ours beside MuJoCo's and, where they are installed, PyTorch's and Gymnasium's; a flow from a
 # simulated surface, the real robot of examples/opencr, and what a network adds to it.
 bench: setup wheel
-	cargo bench --locked --bench sim --bench metrics
+	cargo bench --locked --bench sim --bench metrics --bench peak
 	$(PYTHON) benches/peers.py
 	$(PYTHON) benches/networks.py
 	$(PYTHON) benches/envs.py

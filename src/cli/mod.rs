@@ -205,15 +205,22 @@ impl PrecisionArgs {
 
 /// Parses the name of a precision.
 fn precision() -> impl TypedValueParser<Value = Precision> {
-    PossibleValuesParser::new(Precision::ALL.map(Precision::name))
-        .map(|name| Precision::named(&name).expect("one of the possible values"))
+    named(Precision::ALL, Precision::name)
 }
 
 /// Parses the name of a method.
 fn method() -> impl TypedValueParser<Value = Method> {
-    PossibleValuesParser::new(Method::ALL.map(Method::name)).map(|name| {
-        let method = Method::ALL.into_iter().find(|method| method.name() == name);
-        method.expect("one of the possible values")
+    named(Method::ALL, Method::name)
+}
+
+/// Parses the name of one of `all`.
+fn named<T: Copy + Send + Sync + 'static, const N: usize>(
+    all: [T; N],
+    name: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T> {
+    PossibleValuesParser::new(all.map(name)).map(move |asked| {
+        let found = all.into_iter().find(|&one| name(one) == asked);
+        found.expect("one of the possible values")
     })
 }
 
@@ -412,18 +419,12 @@ fn amount(text: &str) -> Result<usize, String> {
 
 /// Parses what a network sees of the flow time.
 fn time_features() -> impl TypedValueParser<Value = TimeFeatures> {
-    PossibleValuesParser::new(TimeFeatures::ALL.map(TimeFeatures::name)).map(|name| {
-        let named = TimeFeatures::ALL.into_iter().find(|one| one.name() == name);
-        named.expect("one of the possible values")
-    })
+    named(TimeFeatures::ALL, TimeFeatures::name)
 }
 
 /// Parses whether symmetries are used.
 fn symmetry_use() -> impl TypedValueParser<Value = SymmetryUse> {
-    PossibleValuesParser::new(SymmetryUse::ALL.map(SymmetryUse::name)).map(|name| {
-        let named = SymmetryUse::ALL.into_iter().find(|one| one.name() == name);
-        named.expect("one of the possible values")
-    })
+    named(SymmetryUse::ALL, SymmetryUse::name)
 }
 
 /// Parses a finite number above 0.

@@ -93,6 +93,31 @@ fn onwards(_: Progress) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
+/// Spools that are all smaller than was said, by far more than they may differ from each other.
+#[test]
+fn a_gain_that_all_servos_share_is_found() {
+    let first = robot();
+    let (real, mut there) = truth(&first);
+    for servo in &mut there.servos {
+        servo.gain = 0.75;
+    }
+    let recording = recording(&real, &there, 240);
+    let settings = RecordingSettings {
+        groups: [&settings().groups[..], &[Group::SpoolRadius]].concat(),
+        ..RecordingSettings::default()
+    };
+    let given = Transmission::ideal(6, markers());
+    let fit = fit_recording(&first, &given, &recording, &settings, &mut onwards).expect("a fit");
+    for servo in &fit.transmission.servos {
+        assert!((servo.gain / 0.75 - 1.0).abs() < 0.02, "{servo:?}");
+    }
+    assert!(
+        fit.after.rmse < 1.1 * 3f64.sqrt() * NOISE,
+        "{}",
+        fit.after.rmse
+    );
+}
+
 #[test]
 fn pretension_backlash_lag_and_stiffness_are_found_within_their_intervals() {
     let first = robot();

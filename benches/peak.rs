@@ -1,7 +1,7 @@
 //! The most that this machine's vector units multiply and add, on one thread and on all: the floor under every product of the
 //! networks.
 //!
-//!     cargo run --release -p tdcr-learn --example peak
+//!     cargo bench --bench peak
 //!
 //! prints GFLOP/s in float32 and, where there is a unit for it, in bfloat16, of a loop of independent multiply-adds that touches no
 //! memory. Needs AVX-512; Intel's matrix unit is not measured.
@@ -18,6 +18,9 @@ fn main() {
     }
     if is_x86_feature_detected!("avx512bf16") {
         rows.push(("bfloat16", bfloat16 as fn(u64), 64.0));
+    }
+    if rows.is_empty() {
+        println!("measures AVX-512, which this processor does not have");
     }
     for (name, product, flops) in rows {
         for threads in [1, all] {
