@@ -5,7 +5,7 @@
 
 OUT is a folder for data set, runs and scores. What it holds already is not made again, and an interrupted run goes on:
 start the script again. Needs Python's standard library and `target/release/tdcr` (or TDCR=path); takes an hour and a half.
-`--rows NAME,NAME` and `--evaluations N,N` do a part.
+`--rows NAME,NAME` and `--evaluations N,N` do a part; `--seeds N` trains every row with N seeds, `--steps N` for another time.
 """
 
 import argparse
@@ -23,8 +23,6 @@ TDCR = os.environ.get("TDCR", ROOT / "target/release/tdcr")
 
 # As `tdcr demo` makes it: 1,600 training, 200 validation and 200 test commands.
 DATA = ["--robot", "2m", "--samples", "2000", "--points", "10000"]
-# Steps of the default in the time that every row has.
-STEPS = 3000
 # Name: title, options of `tdcr train`, time of a step in default steps: the processor time of --pace on 2 cores.
 ROWS = {
     "default": ("default: Muon, 128 clouds x 128 points, half of the times late, exponent 3", [], 1.0),
@@ -44,6 +42,13 @@ ROWS = {
     "colors-0.5": ("with colours, weight 0.5", ["--colors", "--color-weight", "0.5"], 1.0),
     "colors-0.005": ("with colours, weight 0.005", ["--colors", "--color-weight", "0.005"], 1.0),
     "few-clouds": ("8 clouds x 2,048 points (the paper's kind of batch)", ["--clouds", "8", "--points", "2048"], 0.98),
+}
+# How the default row's network is used otherwise: options of `tdcr eval`.
+USES = {
+    "without the last denoising": ["--sampler-denoise", "1"],
+    "with 1 % spare points, the isolated ones left out": ["--sampler-spare", "0.01"],
+    "without spare points": ["--sampler-spare", "0"],
+    "with 100 % spare points": ["--sampler-spare", "1"],
 }
 # Students of the default row: their evaluations.
 STUDENTS = (4,)
@@ -75,8 +80,10 @@ def tdcr(*arguments):
 class Study:
     """The folder of an ablation."""
 
-    def __init__(self, out):
+    def __init__(self, out, steps):
         self.out = out
+        # Of the default row, in the time that every row has.
+        self.steps = steps
         self.data = out / "data"
         self.scores_file = out / "scores.json"
         self.scores = json.loads(self.scores_file.read_text()) if self.scores_file.exists() else {}
@@ -88,12 +95,12 @@ class Study:
         """Options that say where a row's clouds come from."""
         return ["--validation" if "--stream" in ROWS[row][1] else "--data", self.data]
 
-    def train(self, row):
-        """Trains a row for its share of the time; returns its steps."""
+    def train(self, row, seed=0):
+        """Trains a row for its share of the time; returns its steps and the run's name."""
         _, options, pace = ROWS[row]
-        steps = round(STEPS / pace)
-        tdcr("train", *options, *self.sources(row), "--steps", steps, "--out", self.out / row)
-        return steps
+        steps, run = round(self.steps / pace), row if seed == 0 else f"{row}-seed-{seed}"
+        tdcr("train", *options, *self.sources(row), "--steps", steps, "--seed", seed, "--out", self.out / run)
+        return steps, run
 
     def distil(self, evaluations):
         """Trains a student of the default row; returns its name."""
@@ -131,14 +138,26 @@ def area(score):
     return f"{score * 1e4:.3f}"
 
 
-def ablate(study, rows):
-    line("", "steps", "CD (1e-4 m²)", "CD / floor")
-    line("---", "---", "---", "---")
+def score_line(title, steps, scores):
+    """A row of the table: the mean over seeds, and the scores of each."""
+    cds, floor = [score["cd"] for score in scores], scores[0]["cd_floor"]
+    mean = sum(cds) / len(cds)
+    each = " ".join(map(area, cds)) if len(cds) > 1 else ""
+    line(title, steps, area(mean), each, f"{mean / floor:.2f}")
+
+
+def ablate(study, rows, seeds):
+    line("", "steps", "CD (1e-4 m²)", "of each seed", "CD / floor")
+    line("---", "---", "---", "---", "---")
     for row in rows:
-        steps = study.train(row)
-        score = study.score(row, SAMPLER)
-        line(ROWS[row][0], f"{steps:,}", area(score["cd"]), f"{score['cd'] / score['cd_floor']:.1f}")
-    line("sampling floor", "", area(score["cd_floor"]), "1")
+        runs = [study.train(row, seed) for seed in range(seeds)]
+        scores = [study.score(run, SAMPLER) for _, run in runs]
+        score_line(ROWS[row][0], f"{runs[0][0]:,}", scores)
+        if row == "default":
+            for title, options in USES.items():
+                used = [study.score_with(f"{run} {title}", run, options) for _, run in runs]
+                score_line(f"the same networks {title}", "", used)
+    line("sampling floor", "", area(scores[0]["cd_floor"]), "", "1")
 
 
 def count_evaluations(study, counts):
@@ -193,16 +212,18 @@ def main():
     parser.add_argument("--pace", action="store_true", help="time the rows' steps")
     parser.add_argument("--rows", default=",".join(ROWS), help="rows of the ablation, default first")
     parser.add_argument("--evaluations", default=",".join(map(str, EVALUATIONS)), help="columns of the second table")
+    parser.add_argument("--seeds", type=int, default=1, help="seeds of each row of the ablation")
+    parser.add_argument("--steps", type=int, default=3000, help="steps of the default row")
     arguments = parser.parse_args()
     rows = [row for row in arguments.rows.split(",") if row]
     counts = [int(count) for count in arguments.evaluations.split(",") if count]
-    study = Study(arguments.out)
+    study = Study(arguments.out, arguments.steps)
     study.collect()
     if arguments.pace:
         pace(study, rows)
         return
     if rows:
-        ablate(study, rows)
+        ablate(study, rows, arguments.seeds)
         print()
     if counts:
         count_evaluations(study, counts)
