@@ -171,6 +171,7 @@ impl From<PipelineError> for Failure {
             | PipelineError::OwnSampler { .. }
             | PipelineError::Endless { .. }
             | PipelineError::ComparedPoints { .. }
+            | PipelineError::ScoredTests { .. }
             | PipelineError::OtherMotors { .. }
             | PipelineError::NothingInCommon { .. }
             | PipelineError::NoCommonIndex

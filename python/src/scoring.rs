@@ -24,6 +24,7 @@ use crate::stage::Stage;
 pub struct ScoringOptions {
     points: usize,
     emd_points: usize,
+    tests: Option<usize>,
     seed: u64,
     worst: usize,
     /// What is scored, as a page on it calls it; `None` for no page.
@@ -59,6 +60,7 @@ pub fn evaluate(
     let settings = EvalSettings {
         points: options.points,
         emd_points: options.emd_points,
+        tests: options.tests,
         seed: options.seed,
     };
     let (model, clouds) = match scored {

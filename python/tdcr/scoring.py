@@ -27,6 +27,7 @@ def evaluate(
     commands: Any = None,
     points: int = 10_000,
     emd_points: int = 2000,
+    tests: int | None = None,
     worst: int = 5,
     report: PathLike | None = None,
     seed: int = 0,
@@ -51,6 +52,7 @@ def evaluate(
         commands: Conditions of ``predictions``, shape (T, D), which are checked against the test split's.
         points: Points of each cloud that the Chamfer distance is computed on.
         emd_points: Points of each cloud that the exact earth mover's distances are computed on.
+        tests: Test commands to score, the first ones of their split; ``None``: all.
         worst: How many of the worst test commands to list, and to show in the report.
         report: An HTML page of the scores to write: table, distribution, pictures of the worst predictions.
         seed: Seed of noise and subsets.
@@ -106,6 +108,7 @@ def evaluate(
     options = {
         "points": as_count(points, "points"),
         "emd_points": as_count(emd_points, "emd_points"),
+        "tests": None if tests is None else as_count(tests, "tests"),
         "seed": as_seed(seed),
         "worst": as_count(worst, "worst"),
         "report": None if report is None else name,

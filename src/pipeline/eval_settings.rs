@@ -11,6 +11,8 @@ pub struct EvalSettings {
     pub points: usize,
     /// Points of each cloud that the earth mover's distances are computed on, no more than `points`.
     pub emd_points: usize,
+    /// Test commands that are scored, the first of their split; `None`: all.
+    pub tests: Option<usize>,
     /// Seed of noise and subsets.
     pub seed: u64,
 }
@@ -21,6 +23,7 @@ impl Default for EvalSettings {
         Self {
             points: 10_000,
             emd_points: 2000,
+            tests: None,
             seed: 0,
         }
     }

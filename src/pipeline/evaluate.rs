@@ -133,12 +133,19 @@ impl Evaluator {
         if let (Some(subject), Some(recipe)) = (&contestant.about.subject, &recipe) {
             require_same(subject, &recipe.subject)?;
         }
-        let (training, test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
+        let (training, mut test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
         let available = test.iter().map(|sample| sample.cloud.len()).min();
         require_points(settings.points, available.unwrap_or(0))?;
         require_points(settings.emd_points, settings.points)?;
         if let Clouds::Given(clouds) = &contestant.clouds {
             require_commands(clouds, &test, set.normalisation())?;
+        }
+        if let Some(found) = settings.tests {
+            let most = test.len();
+            if !(1..=most).contains(&found) {
+                return Err(PipelineError::ScoredTests { found, most });
+            }
+            test.truncate(found);
         }
         let mut colors = test.iter().flat_map(|sample| &sample.cloud.colors);
         let first = colors.next();
@@ -228,6 +235,7 @@ impl Evaluator {
             points,
             emd_points,
             seed,
+            ..
         } = self.settings;
         let prediction = match &contestant.clouds {
             Clouds::Predicted(predictor) => {

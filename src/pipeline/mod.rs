@@ -265,6 +265,14 @@ pub enum PipelineError {
         /// Folder of the data set.
         path: PathBuf,
     },
+    /// More commands are to be scored than there are.
+    #[error("{found} test commands are to be scored; expected 1 to {most}, as many as there are")]
+    ScoredTests {
+        /// Commands asked for.
+        found: usize,
+        /// Commands there are.
+        most: usize,
+    },
     /// More points are to be compared than there are.
     #[error("{found} points are to be compared; expected 1 to {most}, as many as there are")]
     ComparedPoints {

@@ -74,6 +74,7 @@ impl Probe {
             points,
             emd_points,
             seed,
+            ..
         } = self.settings;
         let subject = self.model.provenance.subject.as_ref();
         let knows_payload = subject.is_some_and(|subject| subject.payload.is_some());

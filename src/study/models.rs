@@ -228,6 +228,7 @@ impl Models {
         let compared = EvalSettings {
             points: self.points,
             emd_points: self.emd_points,
+            tests: None,
             seed,
         };
         Ok(Probe::new(

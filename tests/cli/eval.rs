@@ -61,6 +61,19 @@ fn quantiles_and_worst_tests_agree_with_the_means() {
         // The mean of squares is no less than the square of the mean.
         assert!(number(&test["emd_squared"]) >= number(&test["emd"]).powi(2));
     }
+    // What is scored of a test command does not depend on how many are.
+    let first = succeed_json(&with(&arguments, &["--tests", "3", "--worst", "9"]));
+    let among_first = |test: &&Value| test["test"].as_u64().unwrap() < 3;
+    let expected: Vec<_> = worst.iter().filter(among_first).collect();
+    assert_eq!(
+        first["worst"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .collect::<Vec<_>>(),
+        expected
+    );
+    assert_eq!(first["tests"], 3);
     let two = succeed_json(&with(&arguments, &["--worst", "2"]));
     assert_eq!(two["worst"].as_array().unwrap()[..], worst[..2]);
 }

@@ -63,6 +63,9 @@ pub(super) struct ScoringArgs {
     /// Points of each cloud that the exact earth mover's distances are computed on
     #[arg(long, default_value_t = EvalSettings::default().emd_points, value_name = "N")]
     emd_points: usize,
+    /// Test commands to score, the first N of their split [default: all]
+    #[arg(long, value_name = "N")]
+    tests: Option<usize>,
     #[command(flatten)]
     sampler: SamplerArgs,
     #[command(flatten)]
@@ -77,6 +80,7 @@ impl ScoringArgs {
         EvalSettings {
             points: self.points,
             emd_points: self.emd_points,
+            tests: self.tests,
             seed: self.seed,
         }
     }

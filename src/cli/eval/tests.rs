@@ -46,6 +46,7 @@ impl Predictor for Fixed {
 const SETTINGS: EvalSettings = EvalSettings {
     points: 300,
     emd_points: 60,
+    tests: None,
     seed: 5,
 };
 

@@ -215,6 +215,11 @@ def test_scores_are_those_of_the_command_line(
     options: dict[str, Any] = {"worst": 1, "seed": 7, "sampler_steps": 4, "report": pages[1], **SCORING}
     assert tdcr.evaluate(predictor, dataset, **options) == steps
     assert pages[0].read_bytes() == pages[1].read_bytes()
+    first = command_line("eval", "--model", run.model, *flags, "--tests", 1)
+    assert tdcr.evaluate(predictor, dataset, tests=1, worst=1, **SCORING) == first
+    assert (first["tests"], expected["tests"]) == (1, 2)
+    with pytest.raises(InputError, match="3 test commands are to be scored; expected 1 to 2"):
+        tdcr.evaluate(predictor, dataset, tests=3, **SCORING)
 
 
 def test_clouds_of_any_program_are_scored(
