@@ -11,6 +11,7 @@ use serde_json::json;
 use tdcr_learn::flow::{FlowPath, Sampler, Stream, rng};
 use tdcr_learn::metrics::surface_spread;
 use tdcr_learn::net::{Channels, NetworkShape};
+use tdcr_learn::predict::select;
 use tdcr_learn::train::{Model, Trainer, TrainingState};
 use tempfile::TempDir;
 use toy::{COLORED, SHAPE, bars, provenance, run, settings};
@@ -68,7 +69,7 @@ fn a_prediction_is_the_integrated_noise_in_metres() {
 }
 
 #[test]
-fn spare_points_are_drawn_and_the_most_isolated_left_out() {
+fn spare_points_are_drawn_and_left_out_as_selection_says() {
     let (model, _folder) = model();
     let predict = |points, spare| {
         let sampler = Sampler {
@@ -78,8 +79,8 @@ fn spare_points_are_drawn_and_the_most_isolated_left_out() {
         model.predict(&[0.01, 0.02], points, 7, &sampler).unwrap()
     };
     let (all, kept) = (predict(60, 0.0), predict(40, 0.5));
-    let least_isolated = all.least_isolated(40);
-    let expected: Vec<_> = least_isolated.iter().map(|&k| all.points[k]).collect();
+    let selected = select(&all.points, 40);
+    let expected: Vec<_> = selected.iter().map(|&k| all.points[k]).collect();
     assert_eq!(kept.points, expected);
     assert_ne!(kept.points, all.points[..40]);
 }

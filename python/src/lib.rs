@@ -112,8 +112,8 @@ mod _tdcr {
     use crate::tendon_friction::FrictionPath;
     #[pymodule_export]
     use crate::torch::{
-        least_isolated, presets, read_cloud_set, reduce, set_reduction, start_noise,
-        train_settings, velocities,
+        presets, read_cloud_set, reduce, select_points, set_reduction, start_noise, train_settings,
+        velocities,
     };
     #[pymodule_export]
     use crate::training::{distill, train};

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use tdcr::learn::data::{CloudSet, DataSet, Meta, Normalisation, Split};
 use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
 use tdcr::learn::net::{Channels, ContextShape};
-use tdcr::learn::predict::Prediction;
+use tdcr::learn::predict::select;
 use tdcr::learn::train::{Model, Provenance, TrainSettings};
 use tdcr::pipeline::{self, Length, Preset};
 
@@ -198,24 +198,16 @@ pub fn start_noise(
     Ok(array(py, rows, [points, channels.count()])?)
 }
 
-/// Indices of the `count` points of a cloud (N, 3) (m) that are the least isolated.
+/// Indices of the `count` of a cloud's drawn points (N, 3) (m) that make the cloud.
 #[pyfunction]
-pub fn least_isolated<'py>(
+pub fn select_points<'py>(
     py: Python<'py>,
     points: PyReadonlyArray2<'py, f32>,
     count: usize,
 ) -> Outcome<Bound<'py, PyArray1<usize>>> {
     let rows = numpy::PyUntypedArrayMethods::shape(&*points)[0];
     let (points, _) = contiguous(&points, "points", &[rows, 3])?.as_chunks::<3>();
-    let prediction = Prediction {
-        points: points.to_vec(),
-        colors: None,
-        evaluations: 0,
-    };
-    Ok(PyArray1::from_vec(
-        py,
-        py.detach(|| prediction.least_isolated(count)),
-    ))
+    Ok(PyArray1::from_vec(py, py.detach(|| select(points, count))))
 }
 
 /// Velocities (B, N, C) of the network in the model file `model`, in float32, of points (B, N, C) at flow times (B,) under

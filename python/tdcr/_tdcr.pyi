@@ -47,7 +47,7 @@ __all__ = [
     "import_clouds",
     "jacobian_rows",
     "jvp_rows",
-    "least_isolated",
+    "select_points",
     "linearise",
     "merge",
     "merge_study",
@@ -585,7 +585,7 @@ def reduce(provenance: str, commands: _Floats) -> tuple[NDArray[np.float32], lis
 def read_cloud_set(
     folder: str, split: str, normalisation: str | None, reduction: str | None, colors: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8] | None, str]: ...
-def least_isolated(points: NDArray[np.float32], count: int) -> NDArray[np.uintp]: ...
+def select_points(points: NDArray[np.float32], count: int) -> NDArray[np.uintp]: ...
 def start_noise(prior_deviation: float, prior_cut: float | None, points: int, colors: bool, seed: int) -> NDArray[np.float32]: ...
 def velocities(
     model: str, points: NDArray[np.float32], times: NDArray[np.float32], conditions: NDArray[np.float32]

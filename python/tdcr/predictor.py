@@ -97,7 +97,7 @@ class Predictor:
             sampler_power: Exponent ``p`` of the time grid ``1 - (1 - k/n)^p``.
             sampler_tolerance: Adaptive steps with this local error tolerance, relative to the data's extent.
             sampler_denoise: Flow time, below 1, of a last evaluation that takes the points to the data predicted there; 1: none.
-            sampler_spare: Points to draw beyond ``points``, as a share of these; so many of the most isolated are left out.
+            sampler_spare: Points to draw beyond ``points``, as a share of these; isolated and crowded ones are left out.
             progress: Is called with the number of clouds predicted since its last call, as ``tqdm(total=B).update``.
 
         Returns:

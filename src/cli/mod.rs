@@ -165,8 +165,8 @@ struct SamplerArgs {
     /// [default: the model's own]
     #[arg(long, value_name = "T")]
     sampler_denoise: Option<f32>,
-    /// Points to draw beyond those asked for, as a share of these; so many of the most isolated are left out [default: the
-    /// model's own]
+    /// Points to draw beyond those asked for, as a share of these; isolated and crowded ones are left out [default: the model's
+    /// own]
     #[arg(long, value_name = "SHARE")]
     sampler_spare: Option<f32>,
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use tdcr_learn::data::Sample;
-use tdcr_learn::flow::{Sampler, TimeGrid};
+use tdcr_learn::flow::{ColorSteps, Sampler, TimeGrid};
 use tdcr_learn::metrics::nearest_distances;
 use tdcr_learn::train::Model;
 use tdcr_sim::cloud::PointCloud;
@@ -290,6 +290,7 @@ pub(super) fn sampler_text(sampler: &Sampler) -> String {
         grid,
         denoise,
         spare,
+        colors,
     } = sampler;
     let steps = match grid {
         TimeGrid::Uniform => format!("{steps} equal steps"),
@@ -302,5 +303,9 @@ pub(super) fn sampler_text(sampler: &Sampler) -> String {
         0.0 => String::new(),
         spare => format!(", {} % spare points", 100.0 * spare),
     };
-    format!("{}, {steps}{denoise}{spare}", method.name())
+    let colors = match colors {
+        ColorSteps::Free => "",
+        ColorSteps::Clamped => ", colours clamped after each step",
+    };
+    format!("{}, {steps}{denoise}{spare}{colors}", method.name())
 }

@@ -253,9 +253,15 @@ impl SamplerPlan {
                 denoise => denoise,
             },
             spare: self.spare.unwrap_or(own.spare),
+            colors: own.colors,
         };
         sampler.check()?;
-        match settings.target == Target::Velocity || sampler == own {
+        match settings.target == Target::Velocity
+            || (Sampler {
+                spare: own.spare,
+                ..sampler
+            }) == own
+        {
             true => Ok(sampler),
             false => Err(PipelineError::OwnSampler { steps: own.steps }),
         }

@@ -22,7 +22,7 @@ fn demo(out: &Path) -> Command {
         "--samples",
         "40",
         "--steps",
-        "60",
+        "30",
         "--quiet",
         "--out",
         text(out),
@@ -34,10 +34,14 @@ fn demo(out: &Path) -> Command {
 /// Starts the demo again and again, and ends it by `signal` after ever longer times until it comes
 /// through; returns how often it was ended.
 fn demo_with_interruptions(out: &Path, signal: &str) -> u32 {
-    for interruptions in 0..200 {
+    // What is killed has to come through in one go, so that longer times must be reached soon.
+    let mut patience = Duration::from_millis(300);
+    for interruptions in 0..20 {
         let mut child = demo(out).spawn().unwrap();
-        for _ in 0..2 * (interruptions + 1) {
-            sleep(Duration::from_millis(150));
+        let start = Instant::now();
+        patience += patience / 3;
+        while start.elapsed() < patience {
+            sleep(Duration::from_millis(50));
             if let Some(status) = child.try_wait().unwrap() {
                 assert!(status.success(), "{status}");
                 return interruptions;

@@ -13,5 +13,5 @@ pub use coupling::Coupling;
 pub use error::FlowError;
 pub use path::{FlowPath, LATE_TIMES};
 pub use random::{Stream, rng};
-pub use sampler::{Method, Sampler, VelocityField};
+pub use sampler::{ColorSteps, Method, Sampler, VelocityField};
 pub use time_grid::TimeGrid;

@@ -1,13 +1,19 @@
 //! Integration of a velocity field from prior to data.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 use super::error::{FlowError, require};
 use super::multistep::{Extended, Multistep};
 use super::time_grid::TimeGrid;
+use crate::channels::{Channels, DIM};
 
 /// A velocity field `u(X, t | c)` over whole clouds.
 pub trait VelocityField {
+    /// What the `C` numbers of a point are.
+    fn channels(&self) -> Channels;
+
     /// Velocities `(N, C)` of `points` `(N, C)`, row-major, at flow time `t` in [0, 1] under `condition`; all in
     /// normalised units.
     fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]);
@@ -33,6 +39,17 @@ pub enum Method {
     Exponential3,
 }
 
+/// What becomes of colours on their way from prior to data.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColorSteps {
+    /// They go wherever the flow takes them.
+    #[default]
+    Free,
+    /// They are clamped to [0, 1] after every step (the paper's authors).
+    Clamped,
+}
+
 /// How a velocity field is integrated from prior to data.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -51,10 +68,13 @@ pub struct Sampler {
     /// is, and the points have less of it. Later times move less, earlier ones round edges off.
     #[serde(default)]
     pub denoise: Option<f32>,
-    /// Points that a prediction draws beyond those asked for, as a share of these; so many that are the most isolated
-    /// ([`Prediction::least_isolated`](crate::predict::Prediction::least_isolated)) are left out of the cloud. 0 in older files.
+    /// Points that a prediction draws beyond those asked for, as a share of these; isolated and crowded points are left out of the
+    /// cloud ([`select`](crate::predict::select)). 0 in older files.
     #[serde(default)]
     pub spare: f32,
+    /// What becomes of colours between steps. Older files: nothing.
+    #[serde(default)]
+    pub colors: ColorSteps,
 }
 
 impl Default for Sampler {
@@ -100,22 +120,24 @@ impl Method {
 
 impl Sampler {
     /// 16 steps of the exponential method on the quadratic grid, as good as 100 evaluations by Heun's, and a last denoising; of
-    /// 101 points the most isolated one is left out.
+    /// three points that are drawn two are kept.
     pub const DEFAULT: Self = Self {
         method: Method::Exponential,
         steps: 16,
         grid: TimeGrid::Power(2.0),
         denoise: Some(0.995),
-        spare: 0.01,
+        spare: 0.5,
+        colors: ColorSteps::Free,
     };
 
-    /// The paper's sampler: 100 equal steps of Heun's method.
+    /// The paper's sampler: 100 equal steps of Heun's method, colours clamped after each.
     pub const PAPER: Self = Self {
         method: Method::Heun,
         steps: 100,
         grid: TimeGrid::Uniform,
         denoise: None,
         spare: 0.0,
+        colors: ColorSteps::Clamped,
     };
 
     /// Returns an error for values that do not describe a sampler.
@@ -158,7 +180,7 @@ impl Sampler {
     }
 
     /// Points that are integrated for a cloud of `points`.
-    pub(crate) fn drawn(&self, points: usize) -> usize {
+    pub fn drawn(&self, points: usize) -> usize {
         points + (f64::from(self.spare) * points as f64).ceil() as usize
     }
 
@@ -190,6 +212,7 @@ impl Sampler {
         let mut steps = 0;
         let evaluations = self.integrate_path(velocity, points, |taken, points| {
             steps = taken;
+            self.bound(field.channels(), points);
             observe(taken, points);
         });
         let Some(t) = self.denoise else {
@@ -198,15 +221,59 @@ impl Sampler {
         let mut last = vec![0.0; points.len()];
         velocity(t.into(), points, &mut last);
         step(points, &last, 1.0 - t);
+        self.bound(field.channels(), points);
         observe(steps, points);
         evaluations + 1
+    }
+
+    /// The steps `part` of [`Sampler::integrate`], from the points at the time at which the first of them begins; the denoising
+    /// belongs to the last step of all. A multistep method begins anew.
+    ///
+    /// # Panics
+    /// Where [`Sampler::check`] returns an error, where the grid is adaptive, and for Heun's method.
+    pub(crate) fn integrate_part(
+        &self,
+        field: &impl VelocityField,
+        condition: &[f32],
+        part: Range<usize>,
+        points: &mut [f32],
+    ) {
+        let times = self.grid.times(self.steps).expect("a fixed grid");
+        let multistep = self.method.multistep(points.len());
+        let mut multistep = multistep.expect("a multistep method");
+        let mut velocity = vec![0.0; points.len()];
+        for k in part.clone() {
+            let [start, end] = [times[k], times[k + 1]].map(f64::from);
+            if start < end {
+                field.velocity(times[k], condition, points, &mut velocity);
+                multistep.evaluate(start, points, &velocity);
+                multistep.step(end, points);
+                self.bound(field.channels(), points);
+            }
+        }
+        if let Some(t) = self.denoise
+            && part.end == self.steps
+        {
+            field.velocity(t, condition, points, &mut velocity);
+            step(points, &velocity, 1.0 - t);
+            self.bound(field.channels(), points);
+        }
+    }
+
+    /// Clamps the colours of `points`, where they are to be clamped.
+    fn bound(&self, channels: Channels, points: &mut [f32]) {
+        if self.colors == ColorSteps::Clamped {
+            for point in points.chunks_exact_mut(channels.count()) {
+                point[DIM..].iter_mut().for_each(|x| *x = x.clamp(0.0, 1.0));
+            }
+        }
     }
 
     fn integrate_path(
         &self,
         field: impl Fn(f64, &[f32], &mut [f32]),
         points: &mut [f32],
-        observe: impl FnMut(usize, &[f32]),
+        observe: impl FnMut(usize, &mut [f32]),
     ) -> usize {
         match self.method.multistep(points.len()) {
             None => self.heun(field, points, observe),
@@ -218,7 +285,7 @@ impl Sampler {
         &self,
         field: impl Fn(f64, &[f32], &mut [f32]),
         points: &mut [f32],
-        mut observe: impl FnMut(usize, &[f32]),
+        mut observe: impl FnMut(usize, &mut [f32]),
     ) -> usize {
         let times = self.grid.times(self.steps).expect(FIXED);
         let [mut velocity, mut ahead, mut velocity_ahead] =
@@ -241,7 +308,7 @@ impl Sampler {
         mut multistep: Multistep,
         field: impl Fn(f64, &[f32], &mut [f32]),
         points: &mut [f32],
-        mut observe: impl FnMut(usize, &[f32]),
+        mut observe: impl FnMut(usize, &mut [f32]),
     ) -> usize {
         let times = self.grid.times(self.steps);
         let mut velocity = vec![0.0; points.len()];

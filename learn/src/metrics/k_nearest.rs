@@ -2,53 +2,46 @@
 
 use super::kdtree::{KdTree, squared_distance};
 
-/// `K` points by ascending squared distance (m^2) from a place.
-struct Nearest<const K: usize> {
-    squared: [f64; K],
-    points: [[f64; 3]; K],
-}
+/// `K` points by ascending distance from a place: squared distances (m^2) and slots.
+struct Nearest<const K: usize>([(f64, usize); K]);
 
 impl<const K: usize> Nearest<K> {
     /// Takes in a point nearer than the last, which drops out.
-    fn insert(&mut self, squared: f64, point: [f64; 3]) {
+    fn insert(&mut self, squared: f64, slot: usize) {
         let mut place = K - 1;
-        while place > 0 && self.squared[place - 1] > squared {
-            self.squared[place] = self.squared[place - 1];
-            self.points[place] = self.points[place - 1];
+        while place > 0 && self.0[place - 1].0 > squared {
+            self.0[place] = self.0[place - 1];
             place -= 1;
         }
-        self.squared[place] = squared;
-        self.points[place] = point;
+        self.0[place] = (squared, slot);
     }
 }
 
 impl KdTree {
-    /// The `K` points (m) nearest to `x`, by ascending distance. Of points equally far, any may be taken.
+    /// The `K` points nearest to `x` (m), by ascending distance: their squared distances (m^2) and their slots. Of points
+    /// equally far, any may be taken.
     ///
     /// # Panics
     /// Where the tree holds fewer than `K` points.
-    pub(super) fn k_nearest<const K: usize>(&self, x: &[f64; 3]) -> [[f64; 3]; K] {
+    pub(super) fn k_nearest<const K: usize>(&self, x: &[f64; 3]) -> [(f64, usize); K] {
         assert!(K <= self.len(), "{K} points of {}", self.len());
-        let mut nearest = Nearest {
-            squared: [f64::INFINITY; K],
-            points: [[0.0; 3]; K],
-        };
+        let mut nearest = Nearest([(f64::INFINITY, 0); K]);
         let mut limit = f64::INFINITY;
         self.descend(
             1,
             &mut limit,
             &|node| self.boxes()[node].squared_distance(x),
             &mut |slots, limit| {
-                for point in &self.points()[slots] {
-                    let squared = squared_distance(x, point);
+                for slot in slots {
+                    let squared = squared_distance(x, &self.points()[slot]);
                     if squared < *limit {
-                        nearest.insert(squared, *point);
-                        *limit = nearest.squared[K - 1];
+                        nearest.insert(squared, slot);
+                        *limit = nearest.0[K - 1].0;
                     }
                 }
             },
         );
-        nearest.points
+        nearest.0
     }
 }
 
@@ -63,16 +56,26 @@ mod tests {
             points in prop::collection::vec(prop::array::uniform3(-1.0f64..1.0), 5..200),
             x in prop::array::uniform3(-2.0f64..2.0),
         ) {
-            let found: [_; 5] = KdTree::new(&points).k_nearest(&x);
+            let tree = KdTree::new(&points);
+            let found: [_; 5] = tree.k_nearest(&x);
             let mut expected = points;
             expected.sort_by(|a, b| squared_distance(&x, a).total_cmp(&squared_distance(&x, b)));
-            prop_assert_eq!(&found[..], &expected[..5]);
+            for ((squared, slot), point) in found.into_iter().zip(expected) {
+                prop_assert_eq!(tree.points()[slot], point);
+                prop_assert_eq!(squared, squared_distance(&x, &point));
+            }
         }
     }
 
     #[test]
     fn equal_points_count_each() {
-        let points = [[[0.5; 3]; 40], [[0.2; 3]; 40]].concat();
-        assert_eq!(KdTree::new(&points).k_nearest(&[0.1; 3]), [[0.2; 3]; 40]);
+        let tree = KdTree::new(&[[[0.5; 3]; 40], [[0.2; 3]; 40]].concat());
+        let mut slots: Vec<_> = (tree.k_nearest::<40>(&[0.1; 3]).iter())
+            .map(|&(_, slot)| slot)
+            .collect();
+        assert!(slots.iter().all(|&slot| tree.points()[slot] == [0.2; 3]));
+        slots.sort_unstable();
+        slots.dedup();
+        assert_eq!(slots.len(), 40);
     }
 }

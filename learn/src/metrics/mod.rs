@@ -1,5 +1,5 @@
 //! Distances between point clouds: Chamfer and exact earth mover's. What is uncertain about a cloud, and how well that
-//! tells its errors: the spread about its surface, and rank correlation.
+//! tells its errors: the spread about its surface, and rank correlation. Which of its points are evenly spread.
 //!
 //! A cloud is a slice of positions `[x, y, z]` (m) in any frame that both clouds share. Sums run in
 //! `f64`. Results do not depend on threads: every distance is found sequentially, and many calls may run at once.
@@ -19,6 +19,7 @@ mod priced_tree;
 mod rank;
 mod register;
 mod spread;
+mod thinning;
 
 pub use approximate::emd_approximate;
 pub use chain::{Link, lay_chain_onto};
@@ -31,8 +32,13 @@ pub use nearest::nearest_distances;
 pub use rank::rank_correlation;
 pub use register::{lay_onto, rigid_motion};
 pub use spread::{isolation, surface_spread};
+pub use thinning::evenly_spread;
 
 use std::fmt;
+
+use rayon::prelude::*;
+
+use kdtree::KdTree;
 
 /// Which argument of a metric an error is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,6 +98,26 @@ pub enum MetricError {
         /// Its coordinates (m).
         point: [f32; 3],
     },
+}
+
+/// Points that a place is looked at by, the place's own among them. Of 10,000 on a robot 40 mm thick and 350 mm long, they lie
+/// within 4 mm.
+const NEIGHBOURS: usize = 16;
+
+/// What [`KdTree::k_nearest`] finds in `tree`, that of the cloud `side`, about each of `places` (m), in their order.
+fn neighbourhoods<'a>(
+    tree: &'a KdTree,
+    places: &'a [[f64; 3]],
+    side: Side,
+) -> Result<impl IndexedParallelIterator<Item = [(f64, usize); NEIGHBOURS]> + 'a, MetricError> {
+    if tree.len() < NEIGHBOURS {
+        return Err(MetricError::TooFew {
+            side,
+            found: tree.len(),
+            expected: NEIGHBOURS,
+        });
+    }
+    Ok(places.par_iter().map(|x| tree.k_nearest(x)))
 }
 
 /// The points of `cloud` in double precision (m), once it is known to be a cloud.

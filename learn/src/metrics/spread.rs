@@ -9,11 +9,8 @@
 
 use rayon::prelude::*;
 
-use super::kdtree::{KdTree, squared_distance};
-use super::{MetricError, Side, checked};
-
-/// Points that a plane is laid through. Of 10,000 on a robot 40 mm thick and 350 mm long, they lie within 4 mm.
-const NEIGHBOURS: usize = 16;
+use super::kdtree::KdTree;
+use super::{MetricError, NEIGHBOURS, Side, checked, neighbourhoods};
 
 /// Numbers that a plane is told by, each of which takes a degree of freedom from the residuals.
 const PLANE_PARAMETERS: usize = 3;
@@ -30,17 +27,12 @@ const PLANE_PARAMETERS: usize = 3;
 /// A pool of fewer than 16 points, or a coordinate that is not finite.
 pub fn surface_spread(points: &[[f32; 3]], pool: &[[f32; 3]]) -> Result<Vec<f32>, MetricError> {
     let points = checked(points, Side::First)?;
-    let pool = checked(pool, Side::Second)?;
-    if pool.len() < NEIGHBOURS {
-        return Err(MetricError::TooFew {
-            side: Side::Second,
-            found: pool.len(),
-            expected: NEIGHBOURS,
-        });
-    }
-    let pool = KdTree::new(&pool);
-    let spread = |point| deviation_from_plane(&pool.k_nearest::<NEIGHBOURS>(point)) as f32;
-    Ok(points.par_iter().map(spread).collect())
+    let pool = KdTree::new(&checked(pool, Side::Second)?);
+    let spread = |nearest: [_; NEIGHBOURS]| {
+        deviation_from_plane(&nearest.map(|(_, slot)| pool.points()[slot])) as f32
+    };
+    let nearest = neighbourhoods(&pool, &points, Side::Second)?;
+    Ok(nearest.map(spread).collect())
 }
 
 /// How alone each of `points` (m) is: its mean distance (m) from the 15 others nearest to it.
@@ -49,23 +41,14 @@ pub fn surface_spread(points: &[[f32; 3]], pool: &[[f32; 3]]) -> Result<Vec<f32>
 /// Fewer than 16 points, or a coordinate that is not finite.
 pub fn isolation(points: &[[f32; 3]]) -> Result<Vec<f32>, MetricError> {
     let points = checked(points, Side::First)?;
-    if points.len() < NEIGHBOURS {
-        return Err(MetricError::TooFew {
-            side: Side::First,
-            found: points.len(),
-            expected: NEIGHBOURS,
-        });
-    }
-    let tree = KdTree::new(&points);
-    let mean_distance = |point| {
-        let nearest = tree.k_nearest::<NEIGHBOURS>(point);
-        let distances = nearest
-            .iter()
-            .map(|other| squared_distance(point, other).sqrt());
+    let mean_distance = |nearest: [(f64, _); NEIGHBOURS]| {
+        let sum: f64 = nearest.iter().map(|(squared, _)| squared.sqrt()).sum();
         // The point itself is one of them, at no distance.
-        (distances.sum::<f64>() / (NEIGHBOURS - 1) as f64) as f32
+        (sum / (NEIGHBOURS - 1) as f64) as f32
     };
-    Ok(points.par_iter().map(mean_distance).collect())
+    let tree = KdTree::new(&points);
+    let nearest = neighbourhoods(&tree, &points, Side::First)?;
+    Ok(nearest.map(mean_distance).collect())
 }
 
 /// Standard deviation (m) of points from the plane that fits them best.

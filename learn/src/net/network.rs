@@ -267,6 +267,10 @@ impl Network {
 }
 
 impl VelocityField for Network {
+    fn channels(&self) -> Channels {
+        self.shape().channels()
+    }
+
     /// Points run in parallel, and a Hybrid's voxels; the result does not depend on the number of threads.
     ///
     /// # Panics

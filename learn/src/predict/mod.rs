@@ -60,12 +60,14 @@ mod error;
 mod mean;
 mod nearest;
 mod prediction;
+mod selection;
 mod simulated;
 
 pub use error::PredictError;
 pub use mean::MeanCommand;
 pub use nearest::NearestCommand;
 pub use prediction::Prediction;
+pub use selection::select;
 
 use crate::data::{Condition, Subject};
 

@@ -2,7 +2,7 @@
 
 use tdcr_sim::cloud::PointCloud;
 
-use crate::metrics::{isolation, surface_spread};
+use crate::metrics::surface_spread;
 
 /// A predicted cloud.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,20 +35,6 @@ impl Prediction {
         surface_spread(&self.points, &pool).ok()
     }
 
-    /// Indices, in order, of the `count` points that are the least alone ([`isolation`]); of all where there are no more, of the
-    /// first where there are too few to tell. Points that a network brought to no surface have few others about them.
-    pub fn least_isolated(&self, count: usize) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.points.len()).collect();
-        if self.points.len() > count
-            && let Ok(isolation) = isolation(&self.points)
-        {
-            order.sort_by(|&a, &b| isolation[a].total_cmp(&isolation[b]));
-        }
-        order.truncate(count);
-        order.sort_unstable();
-        order
-    }
-
     /// Its points `which`.
     pub(crate) fn keep(self, which: &[usize]) -> Self {
         Self {
@@ -71,32 +57,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_off_the_surface_are_left_out_first() {
-        // A plane of 20 x 20 points, and five points above it, one after each 80.
-        let plane = (0..400).map(|k| [(k % 20) as f32 * 0.001, (k / 20) as f32 * 0.001, 0.0]);
-        let mut points: Vec<[f32; 3]> = plane.collect();
-        for k in 0..5 {
-            points.insert(81 * k + 40, [0.01, 0.002 + 0.003 * k as f32, 0.002]);
-        }
-        let colors = (0..405).map(|k| [k as u8, (k / 256) as u8, 0]).collect();
+    fn points_that_are_kept_keep_their_colours_and_their_order() {
         let prediction = Prediction {
-            points,
-            colors: Some(colors),
+            points: (0..5).map(|k| [k as f32, 0.0, 0.0]).collect(),
+            colors: Some((0..5).map(|k| [k, 0, 0]).collect()),
             evaluations: 7,
         };
-        // Those at the plane's edges are alone as well; the outliers are the most so.
-        let which = prediction.least_isolated(380);
-        let kept = prediction.clone().keep(&which);
-        assert_eq!((kept.points.len(), kept.evaluations), (380, 7));
-        assert!(kept.points.iter().all(|point| point[2] == 0.0));
-        // Points keep their colours and their order.
-        let index = |color: &[u8; 3]| usize::from(color[0]) + 256 * usize::from(color[1]);
-        let kept_colors = kept.colors.expect("colours");
-        let order: Vec<usize> = kept_colors.iter().map(index).collect();
-        assert!(order.is_sorted());
-        for (point, k) in kept.points.iter().zip(order) {
-            assert_eq!(*point, prediction.points[k]);
-        }
-        assert_eq!(prediction.least_isolated(405), (0..405).collect::<Vec<_>>());
+        let kept = prediction.keep(&[1, 2, 4]);
+        assert_eq!(kept.points, [1.0, 2.0, 4.0].map(|x| [x, 0.0, 0.0]));
+        assert_eq!(kept.colors, Some([1, 2, 4].map(|k| [k, 0, 0]).to_vec()));
+        assert_eq!(kept.evaluations, 7);
     }
 }

@@ -11,7 +11,7 @@ use super::teacher::Teacher;
 use crate::channels::{Channels, DIM};
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
 use crate::hash::hash;
-use crate::net::NetworkShape;
+use crate::net::{Network, NetworkShape};
 use crate::symmetry::Reduction;
 
 /// Samples that a stream's threads may be ahead of the run.
@@ -71,14 +71,15 @@ impl Feed<'_> {
         }
     }
 
-    /// Draws the batch of step `step`.
+    /// Draws the batch of step `step` for `network`, whose steps a teacher looks at.
     pub(super) fn draw(
         &mut self,
         settings: &TrainSettings,
-        channels: Channels,
+        network: &Network,
         step: u64,
         samples: &mut Samples,
     ) -> Result<(), TrainError> {
+        let channels = network.shape().channels();
         match self {
             Self::Set(set) => {
                 let draw = Draw::of(settings.procedure);
@@ -88,7 +89,7 @@ impl Feed<'_> {
                 let set = window.at_step(step)?;
                 samples.draw(settings, (set, Draw::Replacing), channels, step);
             }
-            Self::Teacher(teacher) => teacher.draw_batch(settings, step, samples),
+            Self::Teacher(teacher) => teacher.draw_batch(settings, network, step, samples),
         }
         Ok(())
     }

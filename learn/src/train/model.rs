@@ -12,7 +12,7 @@ use crate::channels::{Channels, DIM};
 use crate::data::{Normalisation, Subject};
 use crate::flow::{Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape, NetworkShapeError, Precision};
-use crate::predict::{PredictError, Prediction};
+use crate::predict::{PredictError, Prediction, select};
 use crate::prior::{Prior, SurfaceError, SurfacePrior, start_from};
 use crate::symmetry::Reduction;
 
@@ -61,7 +61,8 @@ impl Model {
     /// its last value is the payload (kg).
     ///
     /// Predicted colours are clamped to [0, 1] before they are rounded to 8 bits. The noise that the cloud starts
-    /// from is a function of `seed`. Where the sampler draws spare points, the most isolated ones are left out. Commands outside the training range are extrapolated, without any guarantee.
+    /// from is a function of `seed`. Where the sampler draws spare points, [`select`] says which are left out. Commands outside
+    /// the training range are extrapolated, without any guarantee.
     ///
     /// # Errors
     /// [`PredictError`] where the command has another length than the model's or holds a NaN or an infinity, and where
@@ -109,7 +110,7 @@ impl Model {
             colors: colors(&rows, channels),
             evaluations,
         };
-        let kept = prediction.least_isolated(points);
+        let kept = select(&prediction.points, points);
         Ok(prediction.keep(&kept))
     }
 

@@ -12,7 +12,7 @@ use super::model::Model;
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
 use crate::data::Normalisation;
-use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
+use crate::flow::{FlowPath, Method, Sampler, Stream, VelocityField, rng};
 use crate::net::{Network, NetworkShape};
 use crate::symmetry::Reduction;
 
@@ -23,7 +23,9 @@ const TEACHER_STEPS: usize = 16;
 ///
 /// At the points `X(t_k)` of a teacher trajectory, the student learns the mean velocity
 /// `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` over each step of its own sampler, Euler's method ([`TrainSettings::sampler`]):
-/// with these velocities it follows the trajectory exactly. This is distillation as by Salimans and Ho (ICLR 2022), but to
+/// with these velocities it follows the trajectory exactly. Its velocities are not these to the last digit, and what it does from
+/// where its own steps lead it would not be learned so. So in every other trajectory its steps begin there (as DAgger does: Ross,
+/// Gordon and Bagnell, AISTATS 2011), and the teacher says how to go on. This is distillation as by Salimans and Ho (ICLR 2022), but to
 /// the final number of steps at once. Conditions are uniform in the teacher's training range, reduced by the symmetries that it
 /// was trained with; no data are needed.
 #[derive(Clone, Debug)]
@@ -107,7 +109,13 @@ impl Teacher {
     }
 
     /// Draws the batch of step `step`: `settings.clouds / n` trajectories, each divided into the student's `n` steps.
-    pub(super) fn draw_batch(&self, settings: &TrainSettings, step: u64, samples: &mut Samples) {
+    pub(super) fn draw_batch(
+        &self,
+        settings: &TrainSettings,
+        student: &Network,
+        step: u64,
+        samples: &mut Samples,
+    ) {
         let Sampler { steps, grid, .. } = settings.sampler;
         let shape = self.network.shape();
         let (channels, dim) = (shape.channels(), shape.condition_dim());
@@ -132,11 +140,18 @@ impl Teacher {
         let conditions = samples.conditions.par_chunks_exact(steps * dim);
         let trajectories = samples.points.par_chunks_exact_mut(steps * cloud);
         let trajectories = trajectories.zip(samples.targets.par_chunks_exact_mut(steps * cloud));
-        trajectories
-            .zip(conditions)
-            .for_each(|((points, targets), condition)| {
-                self.walk(&fine, &condition[..dim], &times, points, targets);
-            });
+        let lessons = trajectories.zip(conditions).enumerate();
+        lessons.for_each(|(k, ((points, targets), condition))| {
+            let lesson = Lesson {
+                fine: &fine,
+                condition: &condition[..dim],
+                times: &times,
+            };
+            match k % 2 {
+                0 => self.lead(&lesson, points, targets),
+                _ => self.accompany(&lesson, student, points, targets),
+            }
+        });
     }
 
     /// The teacher's sampler for a student's: on its grid, through all the times at which its steps end; and a denoising, which
@@ -161,35 +176,87 @@ impl Teacher {
         reduced.condition
     }
 
-    /// One trajectory by the sampler `fine`. `points` `(n, N C)` begins with samples of the prior and receives the points at
-    /// which the student's steps begin; the steps lie between the `times` `(n + 1)`; `targets` receives their mean velocities.
-    fn walk(
+    /// The teacher's own trajectory. `points` `(n, N C)` begins with samples of the prior and receives the points at which the
+    /// student's steps begin; `targets` receives the mean velocities over these steps.
+    fn lead(&self, lesson: &Lesson, points: &mut [f32], targets: &mut [f32]) {
+        let cloud = points.len() / lesson.steps();
+        let mut now = points[..cloud].to_vec();
+        let Lesson {
+            fine, condition, ..
+        } = lesson;
+        fine.integrate_observed(&self.network, condition, &mut now, |taken, reached| {
+            if !taken.is_multiple_of(lesson.every()) {
+                return;
+            }
+            let end = taken / lesson.every();
+            let (before, after) = points.split_at_mut(end * cloud);
+            let start = &before[(end - 1) * cloud..];
+            lesson.mean_velocity(end - 1, start, reached, &mut targets[(end - 1) * cloud..]);
+            if let Some(next) = after.get_mut(..cloud) {
+                next.copy_from_slice(reached);
+            }
+        });
+    }
+
+    /// The student's trajectory: as [`Teacher::lead`], but each step begins where the student's step before ends.
+    fn accompany(
         &self,
-        fine: &Sampler,
-        condition: &[f32],
-        times: &[f32],
+        lesson: &Lesson,
+        student: &Network,
         points: &mut [f32],
         targets: &mut [f32],
     ) {
-        let steps = times.len() - 1;
-        let cloud = points.len() / steps;
-        let every = fine.steps / steps;
-        let mut now = points[..cloud].to_vec();
-        fine.integrate_observed(&self.network, condition, &mut now, |taken, reached| {
-            if !taken.is_multiple_of(every) {
-                return;
+        let cloud = points.len() / lesson.steps();
+        let Lesson {
+            fine,
+            condition,
+            times,
+        } = *lesson;
+        let mut reached = vec![0.0; cloud];
+        for (k, target) in targets.chunks_exact_mut(cloud).enumerate() {
+            let (before, after) = points.split_at_mut((k + 1) * cloud);
+            let start = &before[k * cloud..];
+            reached.copy_from_slice(start);
+            let part = k * lesson.every()..(k + 1) * lesson.every();
+            fine.integrate_part(&self.network, condition, part, &mut reached);
+            lesson.mean_velocity(k, start, &reached, target);
+            if let Some(next) = after.get_mut(..cloud) {
+                student.velocity(times[k], condition, start, next);
+                let h = times[k + 1] - times[k];
+                next.iter_mut()
+                    .zip(start)
+                    .for_each(|(v, x)| *v = x + h * *v);
             }
-            let end = taken / every;
-            let h = times[end] - times[end - 1];
-            let start = (end - 1) * cloud..end * cloud;
-            let moves = points[start.clone()].iter().zip(reached);
-            for (target, (from, to)) in targets[start].iter_mut().zip(moves) {
-                *target = (to - from) / h;
-            }
-            if end < steps {
-                points[end * cloud..(end + 1) * cloud].copy_from_slice(reached);
-            }
-        });
+        }
+    }
+}
+
+/// What a trajectory is taught by.
+struct Lesson<'a> {
+    /// The teacher's sampler.
+    fine: &'a Sampler,
+    condition: &'a [f32],
+    /// The times `(n + 1)` between which the student's steps lie.
+    times: &'a [f32],
+}
+
+impl Lesson<'_> {
+    /// Steps of the student.
+    fn steps(&self) -> usize {
+        self.times.len() - 1
+    }
+
+    /// Steps of the teacher in one of the student's.
+    fn every(&self) -> usize {
+        self.fine.steps / self.steps()
+    }
+
+    /// The mean velocity of the student's step `k` from `start` to `end`.
+    fn mean_velocity(&self, k: usize, start: &[f32], end: &[f32], velocity: &mut [f32]) {
+        let h = self.times[k + 1] - self.times[k];
+        for ((v, from), to) in velocity.iter_mut().zip(start).zip(end) {
+            *v = (to - from) / h;
+        }
     }
 }
 
@@ -200,22 +267,25 @@ mod tests {
     use crate::net::{Channels, MlpShape, TimeFeatures};
     use tdcr_sim::symmetry::Symmetries;
 
-    /// From the beginning of any step, the remaining steps lead to the end of the teacher trajectory.
-    #[test]
-    fn the_steps_of_a_lesson_make_the_teachers_way() {
+    fn network(condition_dim: usize, seed: u64) -> Network {
         let shape = MlpShape {
             width: 16,
             depth: 2,
             embedding: 8,
-            condition_dim: 2,
+            condition_dim,
             octaves: 0,
             time_features: TimeFeatures::Plain,
             channels: Channels::Xyz,
         };
-        let network = Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape");
-        let grid = TimeGrid::Power(2.0);
+        Network::new(shape, &mut rng(seed, Stream::Parameters)).expect("a shape")
+    }
+
+    const GRID: TimeGrid = TimeGrid::Power(2.0);
+
+    /// A teacher of two numbers, and settings of two trajectories of five points in three steps.
+    fn two_lessons() -> (Teacher, TrainSettings) {
         let teacher = Teacher {
-            network,
+            network: network(2, 3),
             path: FlowPath::default(),
             denoise: Some(0.995),
             normalisation: Normalisation {
@@ -231,54 +301,97 @@ mod tests {
             sampler: Sampler {
                 method: Method::Euler,
                 steps: 3,
-                grid,
+                grid: GRID,
                 ..Sampler::PAPER
             },
             ..TrainSettings::default()
         };
-        let times = grid.times(3).expect("a fixed grid");
+        (teacher, settings)
+    }
+
+    /// Numbers of a cloud of [`two_lessons`].
+    const CLOUD: usize = 5 * 3;
+
+    fn assert_near(x: &[f32], expected: &[f32]) {
+        let error = x.iter().zip(expected).map(|(a, b)| (a - b).abs());
+        assert!(
+            error.fold(0.0, f32::max) < 1e-5,
+            "{x:?}, expected {expected:?}"
+        );
+    }
+
+    /// From the beginning of any step, the remaining steps lead to the end of the teacher trajectory.
+    #[test]
+    fn the_steps_of_a_lesson_make_the_teachers_way() {
+        let (teacher, settings) = two_lessons();
+        let times = GRID.times(3).expect("a fixed grid");
         let mut samples = Samples::default();
-        teacher.draw_batch(&settings, 1, &mut samples);
-        let cloud = 5 * 3;
-        for way in 0..2 {
-            let first = 3 * way;
-            let condition = &samples.conditions[2 * first..2 * first + 2];
-            let mut end = samples.points[first * cloud..(first + 1) * cloud].to_vec();
-            let fine = teacher.sampler(settings.sampler);
-            fine.integrate(&teacher.network, condition, &mut end);
-            for start in 0..3 {
-                let place = first + start;
-                let mut x = samples.points[place * cloud..(place + 1) * cloud].to_vec();
-                for k in start..3 {
-                    let h = times[k + 1] - samples.times[first + k];
-                    let velocity = &samples.targets[(first + k) * cloud..(first + k + 1) * cloud];
-                    x.iter_mut().zip(velocity).for_each(|(x, v)| *x += h * v);
-                }
-                let error = x.iter().zip(&end).map(|(a, b)| (a - b).abs());
-                assert!(error.fold(0.0, f32::max) < 1e-5, "way {way} from {start}");
+        teacher.draw_batch(&settings, &network(2, 4), 1, &mut samples);
+        let condition = &samples.conditions[..2];
+        let points: Vec<_> = samples.points.chunks_exact(CLOUD).collect();
+        let mut end = points[0].to_vec();
+        let fine = teacher.sampler(settings.sampler);
+        fine.integrate(&teacher.network, condition, &mut end);
+        for (start, points) in points.iter().enumerate().take(3) {
+            let mut x = points.to_vec();
+            let targets = samples.targets.chunks_exact(CLOUD).enumerate();
+            for (k, velocity) in targets.take(3).skip(start) {
+                step(&mut x, velocity, times[k + 1] - samples.times[k]);
+            }
+            assert_near(&x, &end);
+        }
+    }
+
+    /// The second trajectory is the student's, and from each of its points the teacher says how to go on.
+    #[test]
+    fn every_other_lesson_is_about_the_students_own_way() {
+        let (teacher, settings) = two_lessons();
+        let student = network(2, 4);
+        let times = GRID.times(3).expect("a fixed grid");
+        let mut samples = Samples::default();
+        teacher.draw_batch(&settings, &student, 1, &mut samples);
+        let condition = &samples.conditions[6..8];
+        let own: Vec<_> = samples.points.chunks_exact(CLOUD).skip(3).collect();
+        let targets: Vec<_> = samples.targets.chunks_exact(CLOUD).skip(3).collect();
+        let fine = teacher.sampler(settings.sampler);
+        let every = fine.steps / 3;
+        for k in 0..3 {
+            let h = times[k + 1] - times[k];
+            let mut taught = own[k].to_vec();
+            step(&mut taught, targets[k], h);
+            let mut expected = own[k].to_vec();
+            fine.integrate_part(
+                &teacher.network,
+                condition,
+                k * every..(k + 1) * every,
+                &mut expected,
+            );
+            assert_near(&taught, &expected);
+            if let Some(next) = own.get(k + 1) {
+                let mut velocity = [0.0; CLOUD];
+                student.velocity(times[k], condition, own[k], &mut velocity);
+                let mut reached = own[k].to_vec();
+                step(&mut reached, &velocity, h);
+                assert_near(&reached, next);
             }
         }
+    }
+
+    /// `x += h v`.
+    fn step(x: &mut [f32], v: &[f32], h: f32) {
+        x.iter_mut().zip(v).for_each(|(x, v)| *x += h * v);
     }
 
     /// The teacher knows representatives alone.
     #[test]
     fn conditions_are_representatives_where_the_teacher_has_symmetries() {
-        let shape = MlpShape {
-            width: 16,
-            depth: 2,
-            embedding: 8,
-            condition_dim: 4,
-            octaves: 0,
-            time_features: TimeFeatures::Plain,
-            channels: Channels::Xyz,
-        };
         let swap = serde_json::json!([
             {"tendons": [0, 1], "matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "translation": [0.0, 0.0, 0.0]},
             {"tendons": [1, 0], "matrix": [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "translation": [0.0, 0.0, 0.0]},
         ]);
         let symmetries: Symmetries = serde_json::from_value(swap).expect("symmetries");
         let teacher = Teacher {
-            network: Network::new(shape, &mut rng(3, Stream::Parameters)).expect("a shape"),
+            network: network(4, 3),
             path: FlowPath::default(),
             denoise: None,
             normalisation: Normalisation {
@@ -299,7 +412,7 @@ mod tests {
             ..TrainSettings::default()
         };
         let mut samples = Samples::default();
-        teacher.draw_batch(&settings, 1, &mut samples);
+        teacher.draw_batch(&settings, &teacher.network, 1, &mut samples);
         let mut seen = [0; 2];
         for condition in samples.conditions.as_chunks::<4>().0 {
             let command = teacher.normalisation.command(&condition[..2]);

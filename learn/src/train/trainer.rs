@@ -16,6 +16,7 @@ use crate::channels::DIM;
 use crate::data::CloudSet;
 use crate::flow::{Stream, rng};
 use crate::net::{Network, Workspace};
+use crate::predict::select;
 use crate::prior::start_from;
 
 /// A distance between two clouds, the Chamfer distance in the paper.
@@ -264,9 +265,8 @@ impl<'a> Trainer<'a> {
     /// spike; the step is taken.
     pub fn step(&mut self) -> Result<f32, TrainError> {
         let step = self.step + 1;
-        let channels = self.network.shape().channels();
         self.training
-            .draw(&self.settings, channels, step, &mut self.samples)?;
+            .draw(&self.settings, &self.average, step, &mut self.samples)?;
         let batch = self.samples.batch(self.settings.color_weight);
         let loss = self
             .network
@@ -327,7 +327,7 @@ impl<'a> Trainer<'a> {
         Ok(mean)
     }
 
-    /// `distance` between validation cloud `cloud` and its prediction.
+    /// `distance` between validation cloud `cloud` and its prediction, whose points are drawn and chosen as [`Model::predict`] does.
     fn validate_cloud(&self, cloud: usize, distance: Distance) -> f64 {
         let Self {
             settings,
@@ -336,18 +336,22 @@ impl<'a> Trainer<'a> {
         } = self;
         let mut rng = rng(settings.seed, Stream::Sample(cloud as u64));
         let channels = self.average.shape().channels();
-        let mut rows = vec![0.0; settings.validation_points * channels.count()];
+        let drawn = settings.sampler.drawn(settings.validation_points);
+        let mut rows = vec![0.0; drawn * channels.count()];
         settings.path.sample_prior(&mut rng, channels, &mut rows);
         if let Some(surface) = validation.start(cloud) {
             // As many points of it as are wanted, at even distances in its order, which is random.
-            let of = |row| row * validation.points_per_cloud / settings.validation_points;
-            let chosen: Vec<_> = (0..settings.validation_points).map(of).collect();
+            let of = |row| row * validation.points_per_cloud / drawn;
+            let chosen: Vec<_> = (0..drawn).map(of).collect();
             start_from(surface, &chosen, channels, &mut rows);
         }
         settings
             .sampler
             .integrate(&self.average, validation.condition(cloud), &mut rows);
         let predicted = positions(&rows, channels);
+        let predicted: Vec<_> = (select(&predicted, settings.validation_points).iter())
+            .map(|&k| predicted[k])
+            .collect();
         let (points, _) = validation.cloud(cloud).as_chunks::<DIM>();
         let subset = index::sample(&mut rng, points.len(), settings.validation_points);
         let truth: Vec<[f32; DIM]> = subset.iter().map(|k| points[k]).collect();

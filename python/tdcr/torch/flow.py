@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import torch
@@ -84,7 +84,7 @@ MULTISTEP = {
 METHODS = ["heun", *MULTISTEP]
 
 #: Of the default sampler.
-DENOISE, SPARE = 0.995, 0.01
+DENOISE, SPARE = 0.995, 0.5
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,9 @@ class Sampler:
 
     `method` is heun (the paper's), euler, adams-bashforth, exponential or exponential3; the times of its `steps` steps are
     t_k = 1 - (1 - k / steps)^power. A last evaluation at the time `denoise` takes the points X to the data predicted there,
-    X + (1 - t) u; none without. `spare` is a share of points to draw beyond those asked for: so many of the most isolated
-    are left out of a cloud.
+    X + (1 - t) u; none without. `spare` is a share of points to draw beyond those asked for: isolated and
+    crowded ones are left out of a cloud. `colors` says what becomes of colours between steps: free, or clamped to [0, 1]
+    after each (the paper's authors).
     """
 
     method: str = "exponential"
@@ -102,6 +103,7 @@ class Sampler:
     power: float = 2.0
     denoise: float | None = DENOISE
     spare: float = SPARE
+    colors: Literal["free", "clamped"] = "free"
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -114,6 +116,8 @@ class Sampler:
             raise InputError(f"the sampler's denoising time is {self.denoise}; expected 0 to below 1, or None")
         if not 0 <= self.spare <= 1:
             raise InputError(f"the sampler's share of spare points is {self.spare}; expected 0 to 1")
+        if self.colors not in ("free", "clamped"):
+            raise InputError(f"the sampler's colors are {self.colors!r}; expected free or clamped")
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Self:
@@ -128,13 +132,20 @@ class Sampler:
             grid = {"power": 1.0}
         if "power" not in grid:
             raise InputError(f"the model's sampler has the grid {grid}; expected fixed steps: say which Sampler to take")
-        method, last = sampler.get("method", "heun"), (sampler.get("denoise"), sampler.get("spare", 0.0))
+        method, last = sampler.get("method", "heun"), (sampler.get("denoise"), sampler.get("spare", 0.0), sampler.get("colors", "free"))
         return cls(method, sampler["steps"], grid["power"], *last)
 
     def to_settings(self) -> dict[str, Any]:
         """As the settings of a run have it."""
         grid = "uniform" if self.power == 1 else {"power": self.power}
-        return {"method": self.method, "steps": self.steps, "grid": grid, "denoise": self.denoise, "spare": self.spare}
+        return {
+            "method": self.method,
+            "steps": self.steps,
+            "grid": grid,
+            "denoise": self.denoise,
+            "spare": self.spare,
+            "colors": self.colors,
+        }
 
     @property
     def evaluations(self) -> int:
@@ -144,6 +155,12 @@ class Sampler:
     def drawn(self, points: int) -> int:
         """Points that are integrated for a cloud of `points`."""
         return points + math.ceil(float(np.float32(self.spare)) * points)
+
+    def bound(self, points: Tensor) -> Tensor:
+        """The points (B, N, C) after a step, their colours clamped if that is asked for."""
+        if self.colors == "free":
+            return points
+        return torch.cat([points[..., :3], points[..., 3:].clamp(0, 1)], -1)
 
     def times(self) -> list[float]:
         """The times of the steps' ends, from 0 to 1, as float32 has them."""
@@ -161,24 +178,30 @@ def integrate(field: Field, points: Tensor, conditions: Tensor, sampler: Sampler
 
     times = sampler.times()
     if sampler.method == "heun":
-        data = heun(velocity, points, times)
+        data = heun(velocity, points, times, sampler.bound)
     else:
-        data = multistep(velocity, points, times, *MULTISTEP[sampler.method])
+        data = multistep(velocity, points, times, *MULTISTEP[sampler.method], sampler.bound)
     if sampler.denoise is None:
         return data
-    return data + (1 - sampler.denoise) * velocity(sampler.denoise, data)
+    return sampler.bound(data + (1 - sampler.denoise) * velocity(sampler.denoise, data))
 
 
-def heun(velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float]) -> Tensor:
+#: Points after a step from where it took them.
+Bound = Callable[[Tensor], Tensor]
+
+
+def heun(velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float], bound: Bound) -> Tensor:
     """Heun's method (improved Euler)."""
     for start, end in pairwise(times):
         h = end - start
         u = velocity(start, x)
-        x = x + 0.5 * h * (u + velocity(end, x + h * u))
+        x = bound(x + 0.5 * h * (u + velocity(end, x + h * u)))
     return x
 
 
-def multistep(velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float], of_data: bool, order: int) -> Tensor:
+def multistep(
+    velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: list[float], of_data: bool, order: int, bound: Bound
+) -> Tensor:
     """A linear multistep method: one evaluation a step.
 
     What is extrapolated is the polynomial through its last values, in Newton's divided differences f_0, f_1, f_2; the
@@ -204,6 +227,7 @@ def multistep(velocity: Callable[[float, Tensor], Tensor], x: Tensor, times: lis
         x = keep * x
         for weight, difference in zip(terms, differences, strict=False):
             x = x + weight * difference
+        x = bound(x)
     return x
 
 

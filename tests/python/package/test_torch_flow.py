@@ -46,6 +46,25 @@ def test_a_predicted_cloud_is_that_of_tdcr_predict(tdcr, tmp_path, written, meth
     assert np.abs(other.points[0] - theirs["points"]).max() > 0.05
 
 
+@pytest.mark.parametrize("method", ["heun", "exponential"])
+def test_colours_clamped_after_each_step_are_those_of_tdcr_predict(tdcr, tmp_path, written, method):
+    model = Model.load(written)
+    own = {}
+    for colors in ("free", "clamped"):
+        model.settings["sampler"] = Sampler(method, 6, 1.5, None, 0.0, colors).to_settings()
+        path = tmp_path / f"{colors}.safetensors"
+        model.save(path)
+        out = tmp_path / f"{colors}.npz"
+        command = ["--command", ",".join(map(str, COMMAND)), "--points", 300, "--seed", 5, "--precision", "float32"]
+        tdcr("predict", "--model", path, *command, "--out", out)
+        own[colors] = model.predict([COMMAND], points=300, seed=5)
+        theirs = np.load(out)
+        np.testing.assert_allclose(own[colors].points[0], theirs["points"], atol=2e-6)
+        assert np.abs(own[colors].colors[0].astype(int) - theirs["rgb"]).max() <= 1
+    # The network sees the colours, so clamping them takes the points elsewhere.
+    assert np.abs(own["free"].points - own["clamped"].points).max() > 1e-4
+
+
 @pytest.mark.parametrize(("method", "order"), [("heun", 2), ("euler", 1), ("adams-bashforth", 2), ("exponential", 2)])
 def test_samplers_converge_with_their_order(method, order):
     """The exact velocity that carries N(0, a^2) to N(0, b^2) along straight paths: X_1 = X_0 b / a."""
@@ -150,3 +169,5 @@ def test_samplers_that_are_none_are_refused():
         Sampler(denoise=1)
     with pytest.raises(ValueError, match="spare points is -1"):
         Sampler(spare=-1)
+    with pytest.raises(ValueError, match="colors are 'bounded'"):
+        Sampler(colors="bounded")

@@ -11,6 +11,10 @@ struct Gaussian {
 }
 
 impl VelocityField for Gaussian {
+    fn channels(&self) -> Channels {
+        Channels::Xyz
+    }
+
     fn velocity(&self, t: f32, _: &[f32], points: &[f32], velocities: &mut [f32]) {
         let (a, b) = (self.a * self.a, self.b * self.b);
         let rate = (t * b - (1.0 - t) * a) / ((1.0 - t) * (1.0 - t) * a + t * t * b);
@@ -72,6 +76,10 @@ fn the_exponential_method_is_exact_for_a_point() {
 fn evaluations_are_counted() {
     struct Counting(std::sync::atomic::AtomicUsize);
     impl VelocityField for Counting {
+        fn channels(&self) -> Channels {
+            Channels::Xyz
+        }
+
         fn velocity(&self, _: f32, _: &[f32], _: &[f32], velocities: &mut [f32]) {
             self.0.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
             velocities.fill(0.0);
@@ -214,6 +222,10 @@ fn a_tolerance_is_refused_where_no_step_knows_the_one_before() {
 fn constant_velocity_is_integrated_exactly() {
     struct Constant;
     impl VelocityField for Constant {
+        fn channels(&self) -> Channels {
+            Channels::Xyz
+        }
+
         fn velocity(&self, _: f32, condition: &[f32], _: &[f32], velocities: &mut [f32]) {
             velocities.fill(condition[0]);
         }
@@ -281,4 +293,65 @@ fn a_sampler_without_steps_is_refused() {
         error.to_string(),
         "sampler steps is 0, expected 1 to 100000"
     );
+}
+
+#[test]
+fn colours_are_clamped_after_each_step_and_positions_are_not() {
+    /// Takes red up, green down, and the position out of [0, 1].
+    struct Outward;
+    impl VelocityField for Outward {
+        fn channels(&self) -> Channels {
+            Channels::XyzRgb
+        }
+
+        fn velocity(&self, _: f32, _: &[f32], points: &[f32], velocities: &mut [f32]) {
+            for v in velocities.chunks_exact_mut(6) {
+                v.copy_from_slice(&[1.0, -1.0, 0.0, 1.0, -1.0, 0.25]);
+            }
+            assert_eq!(points.len(), velocities.len());
+        }
+    }
+    for method in Method::ALL {
+        let sampler = Sampler {
+            method,
+            steps: 4,
+            denoise: Some(0.5),
+            ..Sampler::PAPER
+        };
+        let mut points = [0.5; 6].repeat(2);
+        sampler.integrate_observed(&Outward, &[], &mut points, |_, points| {
+            let mut colors = points.chunks_exact(6).flat_map(|point| &point[3..]);
+            assert!(colors.all(|x| (0.0..=1.0).contains(x)), "{points:?}");
+        });
+        // A step back from the bound would show where clamping once, at the end, would not: all are taken outwards.
+        for point in points.chunks_exact(6) {
+            for (x, expected) in point.iter().zip([2.0, -1.0, 0.5, 1.0, 0.0, 0.875]) {
+                assert!((x - expected).abs() < 1e-6, "{method:?}: {point:?}");
+            }
+        }
+        let free = Sampler {
+            colors: ColorSteps::Free,
+            ..sampler
+        };
+        let mut points = [0.5; 6];
+        free.integrate(&Outward, &[], &mut points);
+        assert!((points[3] - 2.0).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn parts_of_a_path_make_the_path_where_the_method_has_no_memory() {
+    let field = Gaussian { a: 0.5, b: 0.02 };
+    let sampler = Sampler {
+        method: Method::Euler,
+        steps: 6,
+        ..Sampler::DEFAULT
+    };
+    let mut whole = [0.4, -0.3, 0.2];
+    let mut parts = whole;
+    sampler.integrate(&field, &[], &mut whole);
+    for part in [0..2, 2..5, 5..6] {
+        sampler.integrate_part(&field, &[], part, &mut parts);
+    }
+    assert_eq!(parts, whole);
 }

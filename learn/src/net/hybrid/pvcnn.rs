@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use super::pvcnn_context::{Cloud, PvcnnContext, PvcnnTape};
 use super::shape::HybridShape;
 use super::velocity::blend;
+use crate::channels::Channels;
 use crate::flow::VelocityField;
 use crate::net::kernels::Precision;
 use crate::net::layers::{Passes, VARIANCE, Weights};
@@ -133,6 +134,10 @@ impl PvcnnHybrid {
 }
 
 impl VelocityField for PvcnnHybrid {
+    fn channels(&self) -> Channels {
+        self.shape.head.channels
+    }
+
     /// Points and voxels run in parallel; the result does not depend on the number of threads.
     ///
     /// # Panics

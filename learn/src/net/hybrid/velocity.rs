@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::context::{ContextInput, ContextTape, PackedContext};
 use super::context_shape::ContextShape;
 use super::shape::{HybridShape, Layers};
+use crate::channels::Channels;
 use crate::flow::VelocityField;
 use crate::net::kernels::Precision;
 use crate::net::kernels::float32::{add, reset};
@@ -385,6 +386,10 @@ struct CloudBatch<'a> {
 }
 
 impl VelocityField for Hybrid {
+    fn channels(&self) -> Channels {
+        self.shape.head.channels
+    }
+
     /// Points and voxels run in parallel; the result does not depend on the number of threads.
     ///
     /// # Panics

@@ -11,6 +11,7 @@ use super::shares::{PointPass, Share, add_trunk_gradients, divide};
 use super::trunk::Trunk;
 use super::trunk_bf16::PackedTrunk;
 use super::trunk_tiles::TrunkTapes;
+use crate::channels::Channels;
 use crate::flow::VelocityField;
 use crate::net::kernels::Precision;
 use crate::net::kernels::float32::{add, reset};
@@ -210,6 +211,10 @@ impl Mlp {
 }
 
 impl VelocityField for Mlp {
+    fn channels(&self) -> Channels {
+        self.shape.channels
+    }
+
     /// Tiles of points run in parallel; the result does not depend on the number of threads.
     ///
     /// # Panics
