@@ -1,7 +1,10 @@
 //! Whatever stands in a file: an answer, in memory and time that the file warrants, never a panic.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod bus;
 mod cases;
+mod files;
+mod learned;
 mod readers;
 
 use std::path::Path;
