@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use tdcr::learn::data::{Recipe, StreamSpec, Subject};
-use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::{Channels, ContextLayers, ContextShape, Precision, TimeFeatures};
 use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, Optimizer, TrainSettings};
@@ -263,13 +262,7 @@ pub fn distill<'py>(
     let precision = precision.transpose()?;
     let (trained, precision) = run::long(py, progress, |watch| {
         let teacher = Model::load(&model)?;
-        let sampler = Sampler {
-            method: Method::Euler,
-            steps: options.evaluations,
-            grid: TimeGrid::Power(options.power),
-            denoise: None,
-            ..Sampler::DEFAULT
-        };
+        let sampler = pipeline::student_sampler(options.evaluations, options.power);
         let width = teacher.network.shape().width();
         let settings = TrainSettings {
             seed: options.seed,

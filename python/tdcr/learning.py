@@ -245,8 +245,8 @@ def distill(
     out: PathLike = "distilled",
     *,
     evaluations: int = 4,
-    power: float = 2.0,
-    steps: int = 2000,
+    power: float = 3.0,
+    steps: int = 4000,
     precision: Precision | None = None,
     seed: int = 0,
     progress: Progress | None = None,
@@ -259,8 +259,8 @@ def distill(
         model: The trained model, its file, or the folder of its run.
         data: A data set whose val split validates, or its folder; its clouds are not trained on.
         out: Folder of the run.
-        evaluations: Evaluations of the network in a prediction.
-        power: Exponent ``p`` of the time grid ``1 - (1 - k/n)^p`` of the evaluations.
+        evaluations: Evaluations of the network in a prediction; the last one takes the points to the surface that they are near to.
+        power: Exponent ``p`` of the time grid ``1 - (1 - k/n)^p`` of the ``n`` evaluations before the last.
         steps: Optimiser steps.
         precision: Operand type of the network's matrix products.
         seed: Seed of commands and noise.

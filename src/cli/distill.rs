@@ -4,10 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use tdcr::learn::flow::{Method, Sampler, TimeGrid};
 use tdcr::learn::net::Precision;
 use tdcr::learn::train::TrainSettings;
-use tdcr::pipeline::{distill, distillation, model_path};
+use tdcr::pipeline::{distill, distillation, model_path, student_sampler};
 
 use super::PrecisionArgs;
 use super::console::Console;
@@ -26,14 +25,14 @@ pub(super) struct DistillArgs {
     /// Folder of the run: model, state, and the log as log.csv and for TensorBoard
     #[arg(long, default_value = "distilled", value_name = "DIR")]
     out: PathBuf,
-    /// Evaluations of the network in a prediction
+    /// Evaluations of the network in a prediction; the last one takes the points to the surface that they are near to
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = super::amount)]
     evaluations: usize,
-    /// Exponent p of the time grid 1 - (1 - k/n)^p of the evaluations
-    #[arg(long, default_value_t = 2.0, value_name = "P")]
+    /// Exponent p of the time grid 1 - (1 - k/n)^p of the n evaluations before the last
+    #[arg(long, default_value_t = 3.0, value_name = "P")]
     power: f32,
     /// Optimiser steps
-    #[arg(long, default_value_t = 2000, value_name = "N")]
+    #[arg(long, default_value_t = 4000, value_name = "N")]
     steps: u64,
     #[command(flatten)]
     precision: PrecisionArgs,
@@ -59,13 +58,7 @@ struct Run {
 pub(super) fn run(args: &DistillArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for the run")?;
     let teacher = super::load_model(&args.model)?;
-    let sampler = Sampler {
-        method: Method::Euler,
-        steps: args.evaluations,
-        grid: TimeGrid::Power(args.power),
-        denoise: None,
-        ..Sampler::DEFAULT
-    };
+    let sampler = student_sampler(args.evaluations, args.power);
     let settings = TrainSettings {
         seed: args.seed,
         precision: args.precision.of_width(teacher.network.shape().width()),

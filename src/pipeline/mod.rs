@@ -43,7 +43,7 @@ pub use metrics::{DistanceQuantiles, Metrics, OtherMetrics, Results, WorstTest};
 pub use monitor::{Monitor, Silent};
 pub use pairing::{Pairing, Place};
 pub use plan::{SamplerPlan, TrainPlan};
-pub use preset::{Length, Preset, Rates, distillation};
+pub use preset::{Length, Preset, Rates, distillation, student_sampler};
 pub(crate) use probe::{Probe, Probed};
 pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
 pub use survey::{Survey, Tips};
@@ -118,12 +118,12 @@ pub enum PipelineError {
     Sampler(#[from] FlowError),
     /// Another sampler than the one that a network was distilled for.
     #[error(
-        "the network was distilled for {steps} steps of its own sampler: leave out --sampler, --sampler-steps, \
-         --sampler-power and --sampler-tolerance"
+        "the network was distilled for {evaluations} evaluations by its own sampler: leave out --sampler, --sampler-steps, \
+         --sampler-power, --sampler-tolerance and --sampler-denoise"
     )]
     OwnSampler {
-        /// Steps of its own sampler.
-        steps: usize,
+        /// Evaluations by its own sampler.
+        evaluations: usize,
     },
     /// Training diverged, and left its last good state.
     #[error(transparent)]

@@ -263,7 +263,9 @@ impl SamplerPlan {
             }) == own
         {
             true => Ok(sampler),
-            false => Err(PipelineError::OwnSampler { steps: own.steps }),
+            false => Err(PipelineError::OwnSampler {
+                evaluations: own.evaluations(),
+            }),
         }
     }
 }

@@ -39,8 +39,11 @@ fn a_distilled_network_predicts_and_scores_with_its_own_steps_alone() {
     ];
     let predict = [&predict[..], &["--out", text(&cloud)]].concat();
     assert_eq!(succeed_json(&predict)["points"], 300);
-    let own = "the network was distilled for 3 steps of its own sampler";
+    let own = "the network was distilled for 3 evaluations by its own sampler";
     refuse(&[&predict[..], &["--sampler-steps", "16"]].concat(), 1, own);
+    // How many points are drawn for a cloud is no part of that.
+    let more = [&predict[..], &["--sampler-spare", "1"]].concat();
+    assert_eq!(succeed_json(&more)["evaluations"], 3);
     let few = ["--points", "300", "--emd-points", "50"];
     let eval = ["eval", "--model", text(&model), "--data", text(&data)];
     assert!(

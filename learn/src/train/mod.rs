@@ -9,6 +9,7 @@ mod error;
 mod feed;
 mod flow_predictor;
 mod format;
+mod lesson;
 mod model;
 mod optimizer;
 mod orthogonal;

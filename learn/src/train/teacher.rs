@@ -8,11 +8,12 @@ use rand::RngExt;
 use rayon::prelude::*;
 
 use super::error::SettingsError;
+use super::lesson::Lesson;
 use super::model::Model;
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
 use crate::data::Normalisation;
-use crate::flow::{FlowPath, Method, Sampler, Stream, VelocityField, rng};
+use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape};
 use crate::symmetry::Reduction;
 
@@ -25,8 +26,9 @@ const TEACHER_STEPS: usize = 16;
 /// `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` over each step of its own sampler, Euler's method ([`TrainSettings::sampler`]):
 /// with these velocities it follows the trajectory exactly. Its velocities are not these to the last digit, and what it does from
 /// where its own steps lead it would not be learned so. So in every other trajectory its steps begin there (as DAgger does: Ross,
-/// Gordon and Bagnell, AISTATS 2011), and the teacher says how to go on. This is distillation as by Salimans and Ho (ICLR 2022), but to
-/// the final number of steps at once. Conditions are uniform in the teacher's training range, reduced by the symmetries that it
+/// Gordon and Bagnell, AISTATS 2011), and the teacher says how to go on. Where the student's sampler denoises, its last evaluation
+/// learns what the teacher makes of the points that the student's steps have led to: they lie about the surface, as points do late in
+/// the flow. This is distillation as by Salimans and Ho (ICLR 2022), but to the final number of steps at once. Conditions are uniform in the teacher's training range, reduced by the symmetries that it
 /// was trained with; no data are needed.
 #[derive(Clone, Debug)]
 pub struct Teacher {
@@ -93,7 +95,7 @@ impl Teacher {
                 expected,
             );
         }
-        let Sampler { method, steps, .. } = settings.sampler;
+        let method = settings.sampler.method;
         if method != Method::Euler {
             return refuse(
                 "the student's sampler",
@@ -101,14 +103,16 @@ impl Teacher {
                 "euler".into(),
             );
         }
-        if !settings.clouds.is_multiple_of(steps) {
-            let expected = format!("a multiple of the student's {steps} steps");
+        let evaluations = settings.sampler.evaluations();
+        if !settings.clouds.is_multiple_of(evaluations) {
+            let expected = format!("a multiple of the student's {evaluations} evaluations");
             return refuse("clouds", settings.clouds.to_string(), expected);
         }
         Ok(())
     }
 
-    /// Draws the batch of step `step`: `settings.clouds / n` trajectories, each divided into the student's `n` steps.
+    /// Draws the batch of step `step`: `settings.clouds / n` trajectories, each of which is a cloud for each of the student's `n`
+    /// evaluations.
     pub(super) fn draw_batch(
         &self,
         settings: &TrainSettings,
@@ -116,40 +120,50 @@ impl Teacher {
         step: u64,
         samples: &mut Samples,
     ) {
-        let Sampler { steps, grid, .. } = settings.sampler;
+        let Sampler {
+            steps,
+            grid,
+            denoise,
+            ..
+        } = settings.sampler;
+        let evaluations = settings.sampler.evaluations();
         let shape = self.network.shape();
         let (channels, dim) = (shape.channels(), shape.condition_dim());
         let cloud = settings.points * channels.count();
-        let trajectories = settings.clouds / steps;
+        let trajectories = settings.clouds / evaluations;
         let times = grid
             .times(steps)
             .expect("a checked sampler of Euler's method has a fixed grid");
-        samples.times = times[..steps].repeat(trajectories);
+        let starts: Vec<f32> = times[..steps].iter().copied().chain(denoise).collect();
+        samples.times = starts.repeat(trajectories);
         samples.conditions.clear();
         samples.points.resize(settings.clouds * cloud, 0.0);
         samples.targets.resize(settings.clouds * cloud, 0.0);
         let mut rng = rng(settings.seed, Stream::Step(step));
-        for points in samples.points.chunks_exact_mut(steps * cloud) {
+        for points in samples.points.chunks_exact_mut(evaluations * cloud) {
             let values = dim - self.reduction.view_numbers();
             let condition = self.reduced((0..values).map(|_| rng.random()).collect());
-            samples.conditions.extend(condition.repeat(steps));
+            samples.conditions.extend(condition.repeat(evaluations));
             self.path
                 .sample_prior(&mut rng, channels, &mut points[..cloud]);
         }
         let fine = self.sampler(settings.sampler);
-        let conditions = samples.conditions.par_chunks_exact(steps * dim);
-        let trajectories = samples.points.par_chunks_exact_mut(steps * cloud);
-        let trajectories = trajectories.zip(samples.targets.par_chunks_exact_mut(steps * cloud));
-        let lessons = trajectories.zip(conditions).enumerate();
+        let conditions = samples.conditions.par_chunks_exact(evaluations * dim);
+        let trajectories = samples.points.par_chunks_exact_mut(evaluations * cloud);
+        let targets = samples.targets.par_chunks_exact_mut(evaluations * cloud);
+        let lessons = trajectories.zip(targets).zip(conditions).enumerate();
         lessons.for_each(|(k, ((points, targets), condition))| {
             let lesson = Lesson {
+                teacher: &self.network,
                 fine: &fine,
+                student,
                 condition: &condition[..dim],
                 times: &times,
+                denoise,
             };
             match k % 2 {
-                0 => self.lead(&lesson, points, targets),
-                _ => self.accompany(&lesson, student, points, targets),
+                0 => lesson.lead(points, targets),
+                _ => lesson.accompany(points, targets),
             }
         });
     }
@@ -175,95 +189,12 @@ impl Teacher {
         let reduced = reduced.expect("a condition of the teacher's dimension");
         reduced.condition
     }
-
-    /// The teacher's own trajectory. `points` `(n, N C)` begins with samples of the prior and receives the points at which the
-    /// student's steps begin; `targets` receives the mean velocities over these steps.
-    fn lead(&self, lesson: &Lesson, points: &mut [f32], targets: &mut [f32]) {
-        let cloud = points.len() / lesson.steps();
-        let mut now = points[..cloud].to_vec();
-        let Lesson {
-            fine, condition, ..
-        } = lesson;
-        fine.integrate_observed(&self.network, condition, &mut now, |taken, reached| {
-            if !taken.is_multiple_of(lesson.every()) {
-                return;
-            }
-            let end = taken / lesson.every();
-            let (before, after) = points.split_at_mut(end * cloud);
-            let start = &before[(end - 1) * cloud..];
-            lesson.mean_velocity(end - 1, start, reached, &mut targets[(end - 1) * cloud..]);
-            if let Some(next) = after.get_mut(..cloud) {
-                next.copy_from_slice(reached);
-            }
-        });
-    }
-
-    /// The student's trajectory: as [`Teacher::lead`], but each step begins where the student's step before ends.
-    fn accompany(
-        &self,
-        lesson: &Lesson,
-        student: &Network,
-        points: &mut [f32],
-        targets: &mut [f32],
-    ) {
-        let cloud = points.len() / lesson.steps();
-        let Lesson {
-            fine,
-            condition,
-            times,
-        } = *lesson;
-        let mut reached = vec![0.0; cloud];
-        for (k, target) in targets.chunks_exact_mut(cloud).enumerate() {
-            let (before, after) = points.split_at_mut((k + 1) * cloud);
-            let start = &before[k * cloud..];
-            reached.copy_from_slice(start);
-            let part = k * lesson.every()..(k + 1) * lesson.every();
-            fine.integrate_part(&self.network, condition, part, &mut reached);
-            lesson.mean_velocity(k, start, &reached, target);
-            if let Some(next) = after.get_mut(..cloud) {
-                student.velocity(times[k], condition, start, next);
-                let h = times[k + 1] - times[k];
-                next.iter_mut()
-                    .zip(start)
-                    .for_each(|(v, x)| *v = x + h * *v);
-            }
-        }
-    }
-}
-
-/// What a trajectory is taught by.
-struct Lesson<'a> {
-    /// The teacher's sampler.
-    fine: &'a Sampler,
-    condition: &'a [f32],
-    /// The times `(n + 1)` between which the student's steps lie.
-    times: &'a [f32],
-}
-
-impl Lesson<'_> {
-    /// Steps of the student.
-    fn steps(&self) -> usize {
-        self.times.len() - 1
-    }
-
-    /// Steps of the teacher in one of the student's.
-    fn every(&self) -> usize {
-        self.fine.steps / self.steps()
-    }
-
-    /// The mean velocity of the student's step `k` from `start` to `end`.
-    fn mean_velocity(&self, k: usize, start: &[f32], end: &[f32], velocity: &mut [f32]) {
-        let h = self.times[k + 1] - self.times[k];
-        for ((v, from), to) in velocity.iter_mut().zip(start).zip(end) {
-            *v = (to - from) / h;
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::TimeGrid;
+    use crate::flow::{TimeGrid, VelocityField};
     use crate::net::{Channels, MlpShape, TimeFeatures};
     use tdcr_sim::symmetry::Symmetries;
 
@@ -374,6 +305,46 @@ mod tests {
                 step(&mut reached, &velocity, h);
                 assert_near(&reached, next);
             }
+        }
+    }
+
+    /// The last evaluation of a student that denoises begins where its own steps end, whichever way is taught.
+    #[test]
+    fn a_denoising_learns_what_the_teacher_makes_of_the_students_end() {
+        let (teacher, settings) = two_lessons();
+        let t = 0.9;
+        let settings = TrainSettings {
+            clouds: 8,
+            sampler: Sampler {
+                denoise: Some(t),
+                ..settings.sampler
+            },
+            ..settings
+        };
+        let student = network(2, 4);
+        let times = GRID.times(3).expect("a fixed grid");
+        let mut samples = Samples::default();
+        teacher.draw_batch(&settings, &student, 1, &mut samples);
+        let condition = |k: usize| &samples.conditions[2 * k..2 * k + 2];
+        let points: Vec<_> = samples.points.chunks_exact(CLOUD).collect();
+        let targets: Vec<_> = samples.targets.chunks_exact(CLOUD).collect();
+        for last in [3, 7] {
+            assert_eq!(samples.times[last], t);
+            let mut velocity = [0.0; CLOUD];
+            student.velocity(times[2], condition(last), points[last - 1], &mut velocity);
+            let mut reached = points[last - 1].to_vec();
+            step(&mut reached, &velocity, times[3] - times[2]);
+            assert_near(points[last], &reached);
+            let mut clean = reached.clone();
+            for t in [t, 0.995] {
+                clean.iter_mut().for_each(|x| *x *= t);
+                teacher
+                    .network
+                    .velocity(t, condition(last), &clean, &mut velocity);
+                step(&mut clean, &velocity, 1.0 - t);
+            }
+            step(&mut reached, targets[last], 1.0 - t);
+            assert_near(&reached, &clean);
         }
     }
 

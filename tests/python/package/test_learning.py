@@ -265,7 +265,7 @@ def test_a_distilled_network_is_that_of_the_command_line(
     command_line("distill", *flags, "--out", folder / "student-by-command")
     assert made.model.read_bytes() == (folder / "student-by-command/model.safetensors").read_bytes()
     assert list(made.predictor.clouds(conditions, 20).evaluations) == [2, 2]
-    with pytest.raises(InputError, match="the network was distilled for 2 steps of its own sampler"):
+    with pytest.raises(InputError, match="the network was distilled for 2 evaluations by its own sampler"):
         made.predictor.predict(conditions, 20, sampler_steps=3)
 
 
