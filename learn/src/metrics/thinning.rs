@@ -15,11 +15,10 @@ const OTHERS: usize = NEIGHBOURS - 1;
 /// Indices, in order, of the `count` of `points` (m) that are left when the point that is crowded the most is taken away, again
 /// and again; of all where there are no more.
 ///
-/// This is sample elimination (Yuksel, Computer Graphics Forum 34, 2015), for a surface whose density is its own affair: a point
-/// is crowded by those of its 15 nearest that lie within `r`, each by `(1 - d / r)^2` at the distance `d`, and `r` is twice the
-/// radius of the discs of which as many as will be left fill the plane about it, `r = 2 sqrt(A / (2 sqrt(3)))` with the area `A`
-/// that each will have. So where the cloud is twice as dense as elsewhere it is so afterwards, but points are no longer as near
-/// to each other as chance has them.
+/// This is sample elimination (Yuksel, Computer Graphics Forum 34, 2015): a point is crowded by those of its 15 nearest that lie
+/// within `r`, each by `(1 - d / r)^2` at the distance `d`, and `r` is twice the radius of the discs of which as many as will be
+/// left fill the plane about it, `r = 2 sqrt(A / (2 sqrt(3)))` with the area `A` that each will have. The density of the cloud
+/// is kept: of every 8 to 16 neighbouring points, the leaves of a k-d tree, the same share is taken away.
 ///
 /// # Errors
 /// Fewer than 16 points, or a coordinate that is not finite.
@@ -29,21 +28,27 @@ pub fn evenly_spread(points: &[[f32; 3]], count: usize) -> Result<Vec<usize>, Me
     let mut order: BinaryHeap<_> = (0..points.len())
         .map(|slot| (crowds.key(slot), Reverse(slot)))
         .collect();
-    let mut left = points.len();
-    while left > count
-        && let Some((key, Reverse(slot))) = order.pop()
-    {
-        // Crowds only grow smaller: a point whose entry is out of date takes its place further behind.
-        if key > crowds.key(slot) {
+    // How many of each leaf go, and the leaf of each slot.
+    let excess = points.len().saturating_sub(count);
+    let share = |slots: usize| slots * excess / points.len();
+    let (mut quotas, mut leaf_of) = (Vec::new(), Vec::with_capacity(points.len()));
+    for slots in tree.leaves().map(|leaf| tree.slots(leaf)) {
+        leaf_of.extend(slots.clone().map(|_| quotas.len()));
+        quotas.push(share(slots.end) - share(slots.start));
+    }
+    let mut kept = Vec::with_capacity(count);
+    while let Some((key, Reverse(slot))) = order.pop() {
+        let quota = &mut quotas[leaf_of[slot]];
+        if *quota == 0 {
+            kept.push(tree.order()[slot]);
+        } else if key > crowds.key(slot) {
+            // Crowds only grow smaller: a point whose entry is out of date takes its place further behind.
             order.push((crowds.key(slot), Reverse(slot)));
         } else {
             crowds.remove(slot);
-            left -= 1;
+            *quota -= 1;
         }
     }
-    let mut kept: Vec<usize> = (order.into_iter())
-        .map(|(_, Reverse(slot))| tree.order()[slot])
-        .collect();
     kept.sort_unstable();
     Ok(kept)
 }
@@ -177,15 +182,16 @@ mod tests {
     }
 
     #[test]
-    fn points_at_one_place_are_thinned_before_others() {
-        let mut points = square([100; 2], 5);
-        points.extend([[0.5, 0.5, 0.0]; 40]);
-        let kept = thinned(&points, 180);
-        let heaped = kept
-            .iter()
-            .filter(|point| **point == [0.5, 0.5, 0.0])
-            .count();
-        assert!(heaped <= 16, "{heaped}");
+    fn wires_keep_their_share_beside_surfaces() {
+        let wire = (0..1000).map(|k| [k as f32 / 1000.0, 0.5, 0.3]);
+        let points = [square([1000; 2], 5), wire.collect()].concat();
+        let kept = thinned(&points, 2000);
+        let on_wire = kept.iter().filter(|point| point[2] > 0.0).count() as f64;
+        assert!((on_wire / 667.0 - 1.0).abs() < 0.03, "{on_wire} of 2000");
+    }
+
+    #[test]
+    fn points_at_one_place_are_thinned() {
         assert_eq!(thinned(&[[0.25; 3]; 40], 7), [[0.25; 3]; 7]);
     }
 

@@ -9,7 +9,6 @@ mod error;
 mod feed;
 mod flow_predictor;
 mod format;
-mod lesson;
 mod model;
 mod optimizer;
 mod orthogonal;
@@ -21,6 +20,7 @@ mod start;
 mod state;
 mod teacher;
 mod trainer;
+mod trajectory;
 
 pub use error::{FileError, FileProblem, SettingsError, TrainError};
 pub use feed::{Feed, StreamWindow};

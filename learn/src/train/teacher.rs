@@ -8,10 +8,10 @@ use rand::RngExt;
 use rayon::prelude::*;
 
 use super::error::SettingsError;
-use super::lesson::Lesson;
 use super::model::Model;
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
+use super::trajectory::Trajectory;
 use crate::data::Normalisation;
 use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape};
@@ -22,14 +22,14 @@ const TEACHER_STEPS: usize = 16;
 
 /// A trained network whose trajectories a student learns to follow in a few steps.
 ///
-/// At the points `X(t_k)` of a teacher trajectory, the student learns the mean velocity
-/// `(X(t_{k+1}) - X(t_k)) / (t_{k+1} - t_k)` over each step of its own sampler, Euler's method ([`TrainSettings::sampler`]):
-/// with these velocities it follows the trajectory exactly. Its velocities are not these to the last digit, and what it does from
-/// where its own steps lead it would not be learned so. So in every other trajectory its steps begin there (as DAgger does: Ross,
-/// Gordon and Bagnell, AISTATS 2011), and the teacher says how to go on. Where the student's sampler denoises, its last evaluation
-/// learns what the teacher makes of the points that the student's steps have led to: they lie about the surface, as points do late in
-/// the flow. This is distillation as by Salimans and Ho (ICLR 2022), but to the final number of steps at once. Conditions are uniform in the teacher's training range, reduced by the symmetries that it
-/// was trained with; no data are needed.
+/// At the points `X(t_k)` of a teacher trajectory, the student learns the mean velocity `(X(t_{k+1}) - X(t_k)) / (t_{k+1} -
+/// t_k)` over each step of its own sampler, Euler's method ([`TrainSettings::sampler`]): with these velocities it follows the
+/// trajectory exactly. Its own velocities differ, and what to do at the points where its own steps end would not be learned so:
+/// every other trajectory is the student's, and from each of its points the teacher continues (DAgger: Ross, Gordon and
+/// Bagnell, AISTATS 2011). Where the student's sampler denoises, its last evaluation learns the data that the teacher predicts
+/// for the points where the student's steps end. This is distillation as by Salimans and Ho (ICLR 2022), but to the final
+/// number of steps at once. Conditions are uniform in the teacher's training range, reduced by the symmetries that it was
+/// trained with; no data are needed.
 #[derive(Clone, Debug)]
 pub struct Teacher {
     network: Network,
@@ -151,9 +151,9 @@ impl Teacher {
         let conditions = samples.conditions.par_chunks_exact(evaluations * dim);
         let trajectories = samples.points.par_chunks_exact_mut(evaluations * cloud);
         let targets = samples.targets.par_chunks_exact_mut(evaluations * cloud);
-        let lessons = trajectories.zip(targets).zip(conditions).enumerate();
-        lessons.for_each(|(k, ((points, targets), condition))| {
-            let lesson = Lesson {
+        let batch = trajectories.zip(targets).zip(conditions).enumerate();
+        batch.for_each(|(k, ((points, targets), condition))| {
+            let trajectory = Trajectory {
                 teacher: &self.network,
                 fine: &fine,
                 student,
@@ -162,8 +162,8 @@ impl Teacher {
                 denoise,
             };
             match k % 2 {
-                0 => lesson.lead(points, targets),
-                _ => lesson.accompany(points, targets),
+                0 => trajectory.of_teacher(points, targets),
+                _ => trajectory.of_student(points, targets),
             }
         });
     }
@@ -214,7 +214,7 @@ mod tests {
     const GRID: TimeGrid = TimeGrid::Power(2.0);
 
     /// A teacher of two numbers, and settings of two trajectories of five points in three steps.
-    fn two_lessons() -> (Teacher, TrainSettings) {
+    fn two_trajectories() -> (Teacher, TrainSettings) {
         let teacher = Teacher {
             network: network(2, 3),
             path: FlowPath::default(),
@@ -240,7 +240,7 @@ mod tests {
         (teacher, settings)
     }
 
-    /// Numbers of a cloud of [`two_lessons`].
+    /// Numbers of a cloud of [`two_trajectories`].
     const CLOUD: usize = 5 * 3;
 
     fn assert_near(x: &[f32], expected: &[f32]) {
@@ -253,8 +253,8 @@ mod tests {
 
     /// From the beginning of any step, the remaining steps lead to the end of the teacher trajectory.
     #[test]
-    fn the_steps_of_a_lesson_make_the_teachers_way() {
-        let (teacher, settings) = two_lessons();
+    fn the_steps_of_the_first_make_the_teacher_trajectory() {
+        let (teacher, settings) = two_trajectories();
         let times = GRID.times(3).expect("a fixed grid");
         let mut samples = Samples::default();
         teacher.draw_batch(&settings, &network(2, 4), 1, &mut samples);
@@ -275,8 +275,8 @@ mod tests {
 
     /// The second trajectory is the student's, and from each of its points the teacher says how to go on.
     #[test]
-    fn every_other_lesson_is_about_the_students_own_way() {
-        let (teacher, settings) = two_lessons();
+    fn the_second_follows_the_student() {
+        let (teacher, settings) = two_trajectories();
         let student = network(2, 4);
         let times = GRID.times(3).expect("a fixed grid");
         let mut samples = Samples::default();
@@ -311,7 +311,7 @@ mod tests {
     /// The last evaluation of a student that denoises begins where its own steps end, whichever way is taught.
     #[test]
     fn a_denoising_learns_what_the_teacher_makes_of_the_students_end() {
-        let (teacher, settings) = two_lessons();
+        let (teacher, settings) = two_trajectories();
         let t = 0.9;
         let settings = TrainSettings {
             clouds: 8,

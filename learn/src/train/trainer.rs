@@ -327,7 +327,8 @@ impl<'a> Trainer<'a> {
         Ok(mean)
     }
 
-    /// `distance` between validation cloud `cloud` and its prediction, whose points are drawn and chosen as [`Model::predict`] does.
+    /// `distance` between validation cloud `cloud` and its prediction, whose points are drawn and selected as those of
+    /// [`Model::predict`].
     fn validate_cloud(&self, cloud: usize, distance: Distance) -> f64 {
         let Self {
             settings,

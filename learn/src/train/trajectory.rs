@@ -1,10 +1,11 @@
-//! One trajectory that a student learns from: where its evaluations begin, and what they are to lead to.
+//! One trajectory of a distillation: the inputs of the student's evaluations, and their targets.
 
 use crate::flow::{Sampler, VelocityField};
 use crate::net::Network;
 
-/// What a trajectory is taught by. Its clouds are `(n, N C)`: one for each of the student's `n` evaluations.
-pub(super) struct Lesson<'a> {
+/// What a trajectory is made by. Its clouds are `(n, N C)`, one for each of the student's `n` evaluations: `points` are the inputs,
+/// of which the first is given, a sample of the prior, and `targets` the velocities that are learned.
+pub(super) struct Trajectory<'a> {
     pub teacher: &'a Network,
     /// The teacher's sampler, of which as many steps lie in each of the student's.
     pub fine: &'a Sampler,
@@ -17,10 +18,9 @@ pub(super) struct Lesson<'a> {
     pub denoise: Option<f32>,
 }
 
-impl Lesson<'_> {
-    /// The teacher's own trajectory. `points` begins with samples of the prior and receives the points at which the student's
-    /// evaluations begin; `targets` receives what they are to give.
-    pub fn lead(&self, points: &mut [f32], targets: &mut [f32]) {
+impl Trajectory<'_> {
+    /// The teacher trajectory.
+    pub fn of_teacher(&self, points: &mut [f32], targets: &mut [f32]) {
         let cloud = self.cloud(points);
         let mut now = points[..cloud].to_vec();
         let Self {
@@ -38,11 +38,11 @@ impl Lesson<'_> {
                 after[..cloud].copy_from_slice(reached);
             }
         });
-        self.finish(points, targets);
+        self.denoising(points, targets);
     }
 
-    /// The student's trajectory: as [`Lesson::lead`], but each step begins where the student's step before ends.
-    pub fn accompany(&self, points: &mut [f32], targets: &mut [f32]) {
+    /// The student's trajectory: each step starts where the student's previous step ends, and the teacher continues from there.
+    pub fn of_student(&self, points: &mut [f32], targets: &mut [f32]) {
         let cloud = self.cloud(points);
         let mut reached = vec![0.0; cloud];
         for k in 0..self.steps() {
@@ -52,22 +52,22 @@ impl Lesson<'_> {
             let start = &points[k * cloud..(k + 1) * cloud];
             self.mean_velocity(k, start, &reached, &mut targets[k * cloud..]);
             if k + 1 < self.steps() {
-                self.follow(k, points);
+                self.student_step(k, points);
             }
         }
-        self.finish(points, targets);
+        self.denoising(points, targets);
     }
 
-    /// The last denoising: it begins where the student's last step ends, and is to lead to where the teacher sees the data there,
-    /// and once more at the time of its own denoising.
-    fn finish(&self, points: &mut [f32], targets: &mut [f32]) {
+    /// The last denoising. It starts where the student's last step ends; its target is the data predicted by the teacher there, and
+    /// from these once more at the time of the teacher's own denoising.
+    fn denoising(&self, points: &mut [f32], targets: &mut [f32]) {
         let Some(t) = self.denoise else { return };
         let cloud = self.cloud(points);
-        self.follow(self.steps() - 1, points);
+        self.student_step(self.steps() - 1, points);
         let start = &points[self.steps() * cloud..];
         let mut clean = start.to_vec();
         for t in [Some(t), self.fine.denoise].into_iter().flatten() {
-            self.clean(t, &mut clean);
+            self.denoise_by_teacher(t, &mut clean);
         }
         let target = &mut targets[self.steps() * cloud..];
         for ((v, from), to) in target.iter_mut().zip(start).zip(&clean) {
@@ -75,9 +75,9 @@ impl Lesson<'_> {
         }
     }
 
-    /// Takes points to the data that the teacher sees at time `t`, when points as near to the data as these are `t` times as
-    /// far from the origin.
-    fn clean(&self, t: f32, points: &mut [f32]) {
+    /// Takes points to the data `t X + (1 - t) u(t X, t)` predicted by the teacher: at time `t`, the mean of points whose data
+    /// are `X` is `t X`.
+    fn denoise_by_teacher(&self, t: f32, points: &mut [f32]) {
         points.iter_mut().for_each(|x| *x *= t);
         let mut velocity = vec![0.0; points.len()];
         (self.teacher).velocity(t, self.condition, points, &mut velocity);
@@ -85,7 +85,7 @@ impl Lesson<'_> {
     }
 
     /// Takes the student's step `k`: from the points of its evaluation to those of the next one.
-    fn follow(&self, k: usize, points: &mut [f32]) {
+    fn student_step(&self, k: usize, points: &mut [f32]) {
         let cloud = self.cloud(points);
         let (before, after) = points.split_at_mut((k + 1) * cloud);
         let (start, next) = (&before[k * cloud..], &mut after[..cloud]);
