@@ -99,6 +99,8 @@ impl Model {
         }
         let evaluations = sampler.integrate(&self.network, &reduced.condition, &mut rows);
         let mut positions = positions(&rows, channels);
+        // Of the representative, so that clouds of commands that are alike are so point by point.
+        let kept = select(&positions, points);
         let components = positions.as_flattened_mut();
         normalisation.denormalise_points(components);
         if !reduction.is_trivial() {
@@ -110,7 +112,6 @@ impl Model {
             colors: colors(&rows, channels),
             evaluations,
         };
-        let kept = select(&prediction.points, points);
         Ok(prediction.keep(&kept))
     }
 
