@@ -25,7 +25,7 @@ pub(super) struct DistillArgs {
     /// Folder of the run: model, state, and the log as log.csv and for TensorBoard
     #[arg(long, default_value = "distilled", value_name = "DIR")]
     out: PathBuf,
-    /// Evaluations of the network in a prediction; the last one takes the points to the surface that they are near to
+    /// Evaluations of the network in a prediction; the last one takes the points to the surface near them
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = super::amount)]
     evaluations: usize,
     /// Exponent p of the time grid 1 - (1 - k/n)^p of the n evaluations before the last

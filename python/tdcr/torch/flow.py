@@ -132,7 +132,10 @@ class Sampler:
             grid = {"power": 1.0}
         if "power" not in grid:
             raise InputError(f"the model's sampler has the grid {grid}; expected fixed steps: say which Sampler to take")
-        method, last = sampler.get("method", "heun"), (sampler.get("denoise"), sampler.get("spare", 0.0), sampler.get("colors", "free"))
+        method, last = (
+            sampler.get("method", "heun"),
+            (sampler.get("denoise"), sampler.get("spare", 0.0), sampler.get("colors", "free")),
+        )
         return cls(method, sampler["steps"], grid["power"], *last)
 
     def to_settings(self) -> dict[str, Any]:

@@ -205,7 +205,14 @@ def test_presets_and_defaults_are_those_of_tdcr_train():
     assert settings["steps"] == 500 * math.ceil(8000 / 32)
     assert (settings["clouds"], settings["points"], settings["learning_rate"]) == (32, 20_000, 8e-4)
     assert (settings["optimizer"], settings["warmup_steps"]) == ("adam-w", 4000)
-    assert settings["sampler"] == {"method": "heun", "steps": 100, "grid": "uniform", "denoise": None, "spare": 0.0, "colors": "clamped"}
+    assert settings["sampler"] == {
+        "method": "heun",
+        "steps": 100,
+        "grid": "uniform",
+        "denoise": None,
+        "spare": 0.0,
+        "colors": "clamped",
+    }
     assert (paper.octaves, quick.octaves, settings["path"]["late_times"]) == (0, 6, 0.0)
     assert (settings["procedure"], quick.settings()["procedure"]) == ("authors", "project")
     # The last batch is dropped where it is not full.
