@@ -64,8 +64,8 @@ SAMPLERS = {
 # Of adaptive steps.
 TOLERANCES = (0.003, 0.002, 0.001, 0.0005, 0.0002)
 ADAPTIVE = ("adams-bashforth", "exponential", "exponential3")
-# Cheap, and the same for all: CD on 4,000 points of 50 test commands. The earth mover's distances are not used.
-SCORING = ["--points", "4000", "--emd-points", "64", "--worst", "0", "--tests", "50"]
+# Cheap, and the same for all: CD on 4,000 points. The earth mover's distances are not used.
+SCORING = ["--points", "4000", "--emd-points", "64", "--worst", "0"]
 # The ablation's sampler; 16 evaluations.
 SAMPLER = ("exponential", 16, 2)
 

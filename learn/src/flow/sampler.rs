@@ -39,7 +39,7 @@ pub enum Method {
     Exponential3,
 }
 
-/// What becomes of colours on their way from prior to data.
+/// Whether colours are clamped along the flow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColorSteps {
@@ -72,7 +72,7 @@ pub struct Sampler {
     /// cloud ([`select`](crate::predict::select)). 0 in older files.
     #[serde(default)]
     pub spare: f32,
-    /// What becomes of colours between steps. Older files: nothing.
+    /// Whether colours are clamped between steps. Older files: they are not.
     #[serde(default)]
     pub colors: ColorSteps,
 }

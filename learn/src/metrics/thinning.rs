@@ -57,7 +57,7 @@ pub fn evenly_spread(points: &[[f32; 3]], count: usize) -> Result<Vec<usize>, Me
 struct Crowds {
     /// Sum of what crowds a point.
     weights: Vec<f64>,
-    /// Whom the point of a slot crowds, and by how much: those of slot `s` from `starts[s]` to `starts[s + 1]`.
+    /// Points (slots) crowded by that of slot `s`, and their weights, from `starts[s]` to `starts[s + 1]`.
     crowded: Vec<(usize, f64)>,
     starts: Vec<usize>,
 }

@@ -15,6 +15,9 @@ pub fn select(points: &[[f32; 3]], count: usize) -> Vec<usize> {
     let spare = points.len().saturating_sub(count);
     let alone = ((ISOLATED * points.len() as f64).ceil() as usize).min(spare);
     let company = least_isolated(points, points.len() - alone);
+    if company.len() <= count {
+        return company;
+    }
     let near: Vec<_> = company.iter().map(|&k| points[k]).collect();
     match evenly_spread(&near, count) {
         Ok(even) => even.into_iter().map(|k| company[k]).collect(),

@@ -323,7 +323,6 @@ fn colours_are_clamped_after_each_step_and_positions_are_not() {
             let mut colors = points.chunks_exact(6).flat_map(|point| &point[3..]);
             assert!(colors.all(|x| (0.0..=1.0).contains(x)), "{points:?}");
         });
-        // A step back from the bound would show where clamping once, at the end, would not: all are taken outwards.
         for point in points.chunks_exact(6) {
             for (x, expected) in point.iter().zip([2.0, -1.0, 0.5, 1.0, 0.0, 0.875]) {
                 assert!((x - expected).abs() < 1e-6, "{method:?}: {point:?}");
