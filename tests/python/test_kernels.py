@@ -39,10 +39,11 @@ SETTINGS = [
 ]
 CONTEXT = ["--channels", "8,8,8", "--resolutions", "4,3,2", "--blocks", "1", "--context", "8"]
 
-# Relative: rounding grows along the run, most in the gradient's norm, and bfloat16 rounds to 8 bits.
+# Relative: rounding grows along the run, most in the gradient's norm, and bfloat16 rounds to 8 bits. Which of the points that a
+# validation draws are kept may turn on that: its distances in float32 and bfloat16 on one processor are 0.7 to 2.9 % apart.
 TOLERANCES = {
     "float32": {"loss": 1e-3, "validation_cd": 1e-3, "gradient_norm": 1e-2},
-    "bfloat16": {"loss": 1e-2, "validation_cd": 1e-2, "gradient_norm": 5e-2},
+    "bfloat16": {"loss": 1e-2, "validation_cd": 3e-2, "gradient_norm": 5e-2},
 }
 
 
