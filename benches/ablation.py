@@ -5,7 +5,8 @@
 
 OUT is a folder for data set, runs and scores. What it holds already is not made again, and an interrupted run goes on:
 start the script again. Needs Python's standard library and `target/release/tdcr` (or TDCR=path); takes an hour and a half.
-`--rows NAME,NAME` and `--evaluations N,N` do a part; `--seeds N` trains every row with N seeds, `--steps N` for another time.
+`--rows NAME,NAME` and `--evaluations N,N` do a part; `--seeds N` trains every row with N seeds, `--steps N` for another time,
+`--tests N` scores the first N test commands alone.
 """
 
 import argparse
@@ -30,6 +31,7 @@ ROWS = {
     "no-cut": ("the prior with its tail", ["--prior-cut", "0"], 1.0),
     "no-octaves": ("positions without Fourier features", ["--octaves", "0"], 0.86),
     "plain-times": ("the paper's features of the flow time", ["--time-features", "plain"], 1.0),
+    "condition-blocks": ("three blocks between the command and the embedding", ["--condition-blocks", "3"], 1.04),
     "more-points": ("64 clouds x 256 points", ["--clouds", "64", "--points", "256"], 0.91),
     "transport": ("optimal transport within 32 points", ["--coupling", "optimal-transport:32"], 1.34),
     "exponent-1": ("time exponent 1 (uniform times)", ["--time-exponent", "1"], 1.0),
@@ -80,8 +82,10 @@ def tdcr(*arguments):
 class Study:
     """The folder of an ablation."""
 
-    def __init__(self, out, steps):
+    def __init__(self, out, steps, tests):
         self.out = out
+        # Test commands that are scored; all of them where it is None.
+        self.tests = [] if tests is None else ["--tests", tests]
         # Of the default row, in the time that every row has.
         self.steps = steps
         self.data = out / "data"
@@ -124,7 +128,7 @@ class Study:
     def score_with(self, key, run, options):
         if key not in self.scores:
             files = ["--model", self.out / run / "model.safetensors", "--data", self.data]
-            said = tdcr("eval", *files, *SCORING, *options)
+            said = tdcr("eval", *files, *SCORING, *self.tests, *options)
             self.scores[key] = {name: said[name] for name in ("cd", "cd_floor", "evaluations")}
             self.scores_file.write_text(json.dumps(self.scores, indent=1))
         return self.scores[key]
@@ -214,10 +218,11 @@ def main():
     parser.add_argument("--evaluations", default=",".join(map(str, EVALUATIONS)), help="columns of the second table")
     parser.add_argument("--seeds", type=int, default=1, help="seeds of each row of the ablation")
     parser.add_argument("--steps", type=int, default=3000, help="steps of the default row")
+    parser.add_argument("--tests", type=int, help="test commands to score [default: all 200]")
     arguments = parser.parse_args()
     rows = [row for row in arguments.rows.split(",") if row]
     counts = [int(count) for count in arguments.evaluations.split(",") if count]
-    study = Study(arguments.out, arguments.steps)
+    study = Study(arguments.out, arguments.steps, arguments.tests)
     study.collect()
     if arguments.pace:
         pace(study, rows)

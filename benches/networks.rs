@@ -30,6 +30,7 @@ const MLP: MlpShape = MlpShape {
     depth: 6,
     embedding: 256,
     condition_dim: 6,
+    condition_blocks: 0,
     octaves: 0,
     time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,

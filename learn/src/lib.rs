@@ -20,7 +20,7 @@
 //! let set = CloudSet { condition_dim: 1, points_per_cloud: 16, conditions, points, colors: None, starts: None };
 //! let normalisation = Normalisation { motor_min: vec![0.0], motor_max: vec![0.04], scale: 0.4 };
 //!
-//! let shape = MlpShape { width: 32, depth: 3, embedding: 32, condition_dim: 1, octaves: 0, time_features: TimeFeatures::Plain, channels: Channels::Xyz };
+//! let shape = MlpShape { width: 32, depth: 3, embedding: 32, condition_dim: 1, condition_blocks: 0, octaves: 0, time_features: TimeFeatures::Plain, channels: Channels::Xyz };
 //! let settings = TrainSettings {
 //!     steps: 300,
 //!     warmup_steps: 20,

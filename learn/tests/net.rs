@@ -21,6 +21,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 3,
     embedding: 8,
     condition_dim: 3,
+    condition_blocks: 0,
     octaves: 0,
     time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
@@ -152,9 +153,18 @@ fn every_tensors_gradient_is_the_finite_difference() {
 #[test]
 fn fourier_features_have_gradients_too() {
     assert_gradient_is_the_finite_difference(MlpShape {
+        condition_blocks: 0,
         octaves: 3,
         time_features: TimeFeatures::Late,
         channels: Channels::XyzRgb,
+        ..SHAPE
+    });
+}
+
+#[test]
+fn blocks_of_the_condition_have_gradients_too() {
+    assert_gradient_is_the_finite_difference(MlpShape {
+        condition_blocks: 2,
         ..SHAPE
     });
 }
@@ -174,6 +184,7 @@ fn gradient_of_many_tiles_and_shares_is_the_finite_difference() {
         depth: 2,
         embedding: 4,
         condition_dim: 2,
+        condition_blocks: 0,
         octaves: 0,
         time_features: TimeFeatures::Plain,
         channels: Channels::Xyz,
@@ -255,6 +266,7 @@ fn a_fresh_network_starts_as_documented() {
         depth: 3,
         embedding: 32,
         condition_dim: 4,
+        condition_blocks: 0,
         octaves: 0,
         time_features: TimeFeatures::Plain,
         channels: Channels::Xyz,
@@ -284,6 +296,7 @@ fn a_network_by_the_authors_starts_as_documented() {
         depth: 3,
         embedding: 64,
         condition_dim: 6,
+        condition_blocks: 0,
         octaves: 0,
         time_features: TimeFeatures::Plain,
         channels: Channels::Xyz,

@@ -21,6 +21,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 4,
     embedding: 24,
     condition_dim: 3,
+    condition_blocks: 0,
     octaves: 0,
     time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,

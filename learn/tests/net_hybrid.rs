@@ -19,6 +19,7 @@ const HEAD: MlpShape = MlpShape {
     depth: 3,
     embedding: 8,
     condition_dim: 3,
+    condition_blocks: 0,
     octaves: 0,
     time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,

@@ -22,6 +22,7 @@ const HEAD: MlpShape = MlpShape {
     depth: 3,
     embedding: 16,
     condition_dim: 2,
+    condition_blocks: 0,
     octaves: 0,
     time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,

@@ -109,6 +109,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 3,
     embedding: 16,
     condition_dim: 6,
+    condition_blocks: 0,
     octaves: 0,
     time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,

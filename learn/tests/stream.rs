@@ -92,6 +92,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 8,
     condition_dim: 6,
+    condition_blocks: 0,
     octaves: 0,
     time_features: TimeFeatures::Plain,
 };

@@ -48,6 +48,7 @@ pub fn presets() -> Outcome<String> {
             "width": preset.width,
             "depth": preset.depth,
             "embedding": preset.embedding,
+            "condition_blocks": preset.condition_blocks,
             "octaves": preset.octaves,
             "time_features": plain(serde_json::to_string(&preset.time_features))?,
             "steps": steps,

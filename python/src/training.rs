@@ -33,6 +33,7 @@ pub struct TrainOptions {
     width: Option<usize>,
     depth: Option<usize>,
     embedding: Option<usize>,
+    condition_blocks: Option<usize>,
     octaves: Option<usize>,
     time_features: Option<String>,
     context: Option<Context>,
@@ -148,6 +149,7 @@ impl TrainOptions {
             width: self.width,
             depth: self.depth,
             embedding: self.embedding,
+            condition_blocks: self.condition_blocks,
             octaves: self.octaves,
             time_features: (self.time_features.as_deref())
                 .map(named_time_features)

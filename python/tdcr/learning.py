@@ -70,6 +70,7 @@ def train(
     width: int | None = None,
     depth: int | None = None,
     embedding: int | None = None,
+    condition_blocks: int | None = None,
     octaves: int | None = None,
     time_features: Literal["plain", "late"] | None = None,
     colors: bool | None = None,
@@ -123,6 +124,7 @@ def train(
         width: Features per layer.
         depth: Layers.
         embedding: Features of the embedding of time and condition.
+        condition_blocks: Residual blocks that a command passes through, once per cloud, on its way to the embedding.
         octaves: Octaves of the Fourier features of the points' positions.
         time_features: Features of the flow time that the network sees: ``"plain"`` are the paper's; half of the ``"late"`` ones
             are of the logarithm of the noise that is left, so that its last hundredths differ.
@@ -192,6 +194,7 @@ def train(
         "width": maybe_count(width, "width"),
         "depth": maybe_count(depth, "depth"),
         "embedding": maybe_count(embedding, "embedding"),
+        "condition_blocks": maybe_count(condition_blocks, "condition_blocks"),
         "octaves": maybe_count(octaves, "octaves"),
         "time_features": time_features,
         "context": None if net == "mlp" else {"layers": layers} | {n: _sizes(v, n) for n, v in shape.items() if n != "layers"},

@@ -44,6 +44,8 @@ pub(super) struct TrainArgs {
     depth: Option<usize>,
     #[arg(long, value_name = "N", help = by_preset("Features of the embedding of time and command", |p| p.embedding))]
     embedding: Option<usize>,
+    #[arg(long, value_name = "N", help = by_preset("Residual blocks that a command passes through, once per cloud, on its way to the embedding", |p| p.condition_blocks))]
+    condition_blocks: Option<usize>,
     #[arg(long, value_name = "N", help = by_preset("Octaves of the Fourier features of the points' positions", |p| p.octaves))]
     octaves: Option<usize>,
     #[arg(long, value_parser = super::time_features(), help = by_preset("Features of the flow time that the network sees: half of them of the logarithm of the noise that is left, so that its last hundredths differ (late), or the paper's (plain)", |p| p.time_features.name()))]
@@ -367,6 +369,7 @@ fn plan(args: &TrainArgs) -> anyhow::Result<TrainPlan> {
         time_exponent: args.time_exponent,
         late_times: args.late_times,
         prior_cut: args.prior_cut,
+        condition_blocks: args.condition_blocks,
         octaves: args.octaves,
         time_features: args.time_features,
         surface_prior: args

@@ -54,6 +54,8 @@ pub struct TrainPlan {
     pub late_times: Option<f32>,
     /// Where the prior is cut, in its deviations ([`FlowPath::prior_cut`]); 0 for nowhere.
     pub prior_cut: Option<f32>,
+    /// Residual blocks of the condition ([`MlpShape::condition_blocks`](tdcr_learn::net::MlpShape::condition_blocks)).
+    pub condition_blocks: Option<usize>,
     /// Octaves of the positions' Fourier features ([`MlpShape::octaves`](tdcr_learn::net::MlpShape::octaves)).
     pub octaves: Option<usize>,
     /// What the network sees of the flow time.
@@ -93,6 +95,7 @@ impl Default for TrainPlan {
             time_exponent: path.time_exponent,
             late_times: None,
             prior_cut: None,
+            condition_blocks: None,
             octaves: None,
             time_features: None,
             surface_prior: None,
@@ -117,6 +120,9 @@ impl TrainPlan {
             width: self.width.unwrap_or(self.preset.width),
             depth: self.depth.unwrap_or(self.preset.depth),
             embedding: self.embedding.unwrap_or(self.preset.embedding),
+            condition_blocks: self
+                .condition_blocks
+                .unwrap_or(self.preset.condition_blocks),
             octaves: self.octaves.unwrap_or(self.preset.octaves),
             time_features: self.time_features.unwrap_or(self.preset.time_features),
             length: self.steps.map_or(self.preset.length, Length::Steps),

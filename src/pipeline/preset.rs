@@ -20,6 +20,8 @@ pub struct Preset {
     pub depth: usize,
     /// Features of the embedding of time and condition.
     pub embedding: usize,
+    /// Residual blocks of the condition.
+    pub condition_blocks: usize,
     /// Octaves of the positions' Fourier features.
     pub octaves: usize,
     /// What it sees of the flow time.
@@ -84,6 +86,7 @@ impl Preset {
             width: 96,
             depth: 6,
             embedding: 128,
+            condition_blocks: 0,
             octaves: 6,
             time_features: TimeFeatures::Late,
             length: Length::Steps(7000),
@@ -104,6 +107,7 @@ impl Preset {
             width: 128,
             depth: 6,
             embedding: 128,
+            condition_blocks: 0,
             octaves: 6,
             time_features: TimeFeatures::Late,
             length: Length::Steps(25_000),
@@ -124,6 +128,7 @@ impl Preset {
             width: 512,
             depth: 6,
             embedding: 256,
+            condition_blocks: 0,
             octaves: 0,
             time_features: TimeFeatures::Plain,
             length: Length::Epochs(500),
@@ -217,6 +222,7 @@ impl Preset {
             width: self.width,
             depth: self.depth,
             embedding: self.embedding,
+            condition_blocks: self.condition_blocks,
             octaves: self.octaves,
             time_features: self.time_features,
             context: None,

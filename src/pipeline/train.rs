@@ -32,6 +32,8 @@ pub struct NetworkSize {
     pub depth: usize,
     /// Features of the embedding of time and condition.
     pub embedding: usize,
+    /// Residual blocks of the condition.
+    pub condition_blocks: usize,
     /// Octaves of the positions' Fourier features.
     pub octaves: usize,
     /// What it sees of the flow time.
@@ -57,6 +59,7 @@ impl NetworkSize {
             depth: self.depth,
             embedding: self.embedding,
             condition_dim,
+            condition_blocks: self.condition_blocks,
             octaves: self.octaves,
             time_features: self.time_features,
             channels: self.channels,

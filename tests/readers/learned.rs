@@ -18,6 +18,7 @@ pub const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 4,
     condition_dim: 6,
+    condition_blocks: 0,
     octaves: 0,
     time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,

@@ -204,18 +204,35 @@ impl Sampler {
         field: &impl VelocityField,
         condition: &[f32],
         points: &mut [f32],
+        observe: impl FnMut(usize, &[f32]),
+    ) -> usize {
+        self.integrate_part(field, condition, 0..self.steps, points, observe)
+    }
+
+    /// The steps `part` of [`Sampler::integrate_observed`], from the points at the time at which the first of them begins; the
+    /// denoising belongs to the last step of all. A multistep method begins anew.
+    ///
+    /// # Panics
+    /// Where [`Sampler::check`] returns an error, and for a part of an adaptive grid, which has no times before it is walked.
+    pub(crate) fn integrate_part(
+        &self,
+        field: &impl VelocityField,
+        condition: &[f32],
+        part: Range<usize>,
+        points: &mut [f32],
         mut observe: impl FnMut(usize, &[f32]),
     ) -> usize {
         let velocity = |t: f64, points: &[f32], velocity: &mut [f32]| {
             field.velocity(t as f32, condition, points, velocity);
         };
-        let mut steps = 0;
-        let evaluations = self.integrate_path(velocity, points, |taken, points| {
+        let denoise = self.denoise.filter(|_| part.end == self.steps);
+        let mut steps = part.start;
+        let evaluations = self.integrate_path(velocity, part, points, |taken, points| {
             steps = taken;
             self.bound(field.channels(), points);
             observe(taken, points);
         });
-        let Some(t) = self.denoise else {
+        let Some(t) = denoise else {
             return evaluations;
         };
         let mut last = vec![0.0; points.len()];
@@ -224,40 +241,6 @@ impl Sampler {
         self.bound(field.channels(), points);
         observe(steps, points);
         evaluations + 1
-    }
-
-    /// The steps `part` of [`Sampler::integrate`], from the points at the time at which the first of them begins; the denoising
-    /// belongs to the last step of all. A multistep method begins anew.
-    ///
-    /// # Panics
-    /// Where [`Sampler::check`] returns an error, where the grid is adaptive, and for Heun's method.
-    pub(crate) fn integrate_part(
-        &self,
-        field: &impl VelocityField,
-        condition: &[f32],
-        part: Range<usize>,
-        points: &mut [f32],
-    ) {
-        let times = self.grid.times(self.steps).expect("a fixed grid");
-        let multistep = self.method.multistep(points.len());
-        let mut multistep = multistep.expect("a multistep method");
-        let mut velocity = vec![0.0; points.len()];
-        for k in part.clone() {
-            let [start, end] = [times[k], times[k + 1]].map(f64::from);
-            if start < end {
-                field.velocity(times[k], condition, points, &mut velocity);
-                multistep.evaluate(start, points, &velocity);
-                multistep.step(end, points);
-                self.bound(field.channels(), points);
-            }
-        }
-        if let Some(t) = self.denoise
-            && part.end == self.steps
-        {
-            field.velocity(t, condition, points, &mut velocity);
-            step(points, &velocity, 1.0 - t);
-            self.bound(field.channels(), points);
-        }
     }
 
     /// Clamps the colours of `points`, where they are to be clamped.
@@ -272,26 +255,30 @@ impl Sampler {
     fn integrate_path(
         &self,
         field: impl Fn(f64, &[f32], &mut [f32]),
+        part: Range<usize>,
         points: &mut [f32],
         observe: impl FnMut(usize, &mut [f32]),
     ) -> usize {
         match self.method.multistep(points.len()) {
-            None => self.heun(field, points, observe),
-            Some(multistep) => self.steps_of(multistep, field, points, observe),
+            None => self.heun(field, part, points, observe),
+            Some(multistep) => self.steps_of(multistep, field, part, points, observe),
         }
     }
 
     fn heun(
         &self,
         field: impl Fn(f64, &[f32], &mut [f32]),
+        part: Range<usize>,
         points: &mut [f32],
         mut observe: impl FnMut(usize, &mut [f32]),
     ) -> usize {
         let times = self.grid.times(self.steps).expect(FIXED);
+        let evaluations = 2 * part.len();
         let [mut velocity, mut ahead, mut velocity_ahead] =
             [(); 3].map(|()| vec![0.0; points.len()]);
-        for (k, ends) in times.windows(2).enumerate() {
-            let (start, end, h) = (ends[0].into(), ends[1].into(), ends[1] - ends[0]);
+        for k in part {
+            let [start, end] = [times[k], times[k + 1]];
+            let (start, end, h) = (start.into(), end.into(), end - start);
             field(start, points, &mut velocity);
             ahead.copy_from_slice(points);
             step(&mut ahead, &velocity, h);
@@ -300,21 +287,27 @@ impl Sampler {
             step(points, &velocity_ahead, 0.5 * h);
             observe(k + 1, points);
         }
-        2 * self.steps
+        evaluations
     }
 
     fn steps_of(
         &self,
         mut multistep: Multistep,
         field: impl Fn(f64, &[f32], &mut [f32]),
+        part: Range<usize>,
         points: &mut [f32],
         mut observe: impl FnMut(usize, &mut [f32]),
     ) -> usize {
         let times = self.grid.times(self.steps);
+        let time = |k: usize| times.as_ref().map(|times| f64::from(times[k]));
+        assert!(
+            times.is_some() || part == (0..self.steps),
+            "all of an adaptive grid"
+        );
         let mut velocity = vec![0.0; points.len()];
-        let (mut t, mut evaluations) = (0.0, 0);
-        for k in 1..=self.steps {
-            let fixed = times.as_ref().map(|times| f64::from(times[k]));
+        let (mut t, mut evaluations) = (time(part.start).unwrap_or(0.0), 0);
+        for k in part.start + 1..=part.end {
+            let fixed = time(k);
             // Steps shorter than f32 resolves have no length.
             if fixed != Some(t) {
                 field(t, points, &mut velocity);

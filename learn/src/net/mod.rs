@@ -23,7 +23,7 @@
 //! With flow time `t`, condition `c` and a point `x`, a position or a position and a colour,
 //!
 //! ```text
-//! e  = SiLU(W_t phi(t) + b_t) + SiLU(W_c c + b_c)        phi: cosines and sines of t
+//! e  = SiLU(W_t phi(t) + b_t) + SiLU(W_c c + b_c)        phi: cosines and sines of t; c maybe through blocks
 //! h  = W_x x + W_e e + b                                 input layer of [x | e]
 //! m  = LN(h) (1 + gamma(e)) + beta(e)                    FiLM, gamma and beta affine in e
 //! h' = m + W SiLU(m) + b                                 residual block, depth - 1 times

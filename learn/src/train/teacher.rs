@@ -204,6 +204,7 @@ mod tests {
             depth: 2,
             embedding: 8,
             condition_dim,
+            condition_blocks: 0,
             octaves: 0,
             time_features: TimeFeatures::Plain,
             channels: Channels::Xyz,
@@ -296,6 +297,7 @@ mod tests {
                 condition,
                 k * every..(k + 1) * every,
                 &mut expected,
+                |_, _| {},
             );
             assert_near(&taught, &expected);
             if let Some(next) = own.get(k + 1) {

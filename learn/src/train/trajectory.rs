@@ -48,7 +48,7 @@ impl Trajectory<'_> {
         for k in 0..self.steps() {
             reached.copy_from_slice(&points[k * cloud..(k + 1) * cloud]);
             let part = k * self.every()..(k + 1) * self.every();
-            (self.fine).integrate_part(self.teacher, self.condition, part, &mut reached);
+            (self.fine).integrate_part(self.teacher, self.condition, part, &mut reached, |_, _| {});
             let start = &points[k * cloud..(k + 1) * cloud];
             self.mean_velocity(k, start, &reached, &mut targets[k * cloud..]);
             if k + 1 < self.steps() {

@@ -69,13 +69,34 @@ impl Reference {
         };
         let cosines = (0..half).map(|k| angle(k).cos());
         let features: Vec<f64> = cosines.chain((0..half).map(|k| angle(k).sin())).collect();
-        let (time, condition) = (
-            self.linear("time", &features),
-            self.linear("condition", condition),
-        );
+        let (time, condition) = (self.linear("time", &features), self.condition(condition));
         time.iter()
             .zip(&condition)
             .map(|(t, c)| silu(*t) + silu(*c))
+            .collect()
+    }
+
+    /// The condition after its layer and its blocks.
+    fn condition(&self, condition: &[f64]) -> Vec<f64> {
+        let mut h = self.linear("condition", condition);
+        for l in 0..self.shape.condition_blocks {
+            let normed = self.norm(&format!("condition_blocks.{l}"), &h);
+            let activated: Vec<f64> = normed.iter().map(|m| silu(*m)).collect();
+            let residual = self.linear(&format!("condition_blocks.{l}.linear"), &activated);
+            h = normed.iter().zip(residual).map(|(m, r)| m + r).collect();
+        }
+        h
+    }
+
+    /// LayerNorm of `h` with the weight and bias of a block's norm.
+    fn norm(&self, block: &str, h: &[f64]) -> Vec<f64> {
+        let mean = h.iter().sum::<f64>() / h.len() as f64;
+        let variance = h.iter().map(|h| (h - mean).powi(2)).sum::<f64>() / h.len() as f64;
+        let weight = self.tensor(&format!("{block}.norm.weight"));
+        let bias = self.tensor(&format!("{block}.norm.bias"));
+        let affine = weight.iter().zip(bias);
+        let rows = h.iter().zip(affine);
+        rows.map(|(h, (w, b))| (h - mean) / (variance + 1e-5).sqrt() * w + b)
             .collect()
     }
 
@@ -102,16 +123,10 @@ impl Reference {
             .map(|(x, s)| x + s)
             .collect();
         for l in 0..self.shape.depth - 1 {
-            let mean = h.iter().sum::<f64>() / width as f64;
-            let variance = h.iter().map(|h| (h - mean).powi(2)).sum::<f64>() / width as f64;
+            let norm = self.norm(&format!("blocks.{l}"), &h);
             let film = self.linear(&format!("blocks.{l}.film"), &e);
-            let weight = self.tensor(&format!("blocks.{l}.norm.weight"));
-            let bias = self.tensor(&format!("blocks.{l}.norm.bias"));
             let modulated: Vec<f64> = (0..width)
-                .map(|k| {
-                    let norm = (h[k] - mean) / (variance + 1e-5).sqrt() * weight[k] + bias[k];
-                    norm * (1.0 + film[k]) + film[width + k]
-                })
+                .map(|k| norm[k] * (1.0 + film[k]) + film[width + k])
                 .collect();
             let activated: Vec<f64> = modulated.iter().map(|m| silu(*m)).collect();
             let residual = self.linear(&format!("blocks.{l}.linear"), &activated);

@@ -22,6 +22,7 @@ const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 8,
     condition_dim: 6,
+    condition_blocks: 0,
     octaves: 0,
     time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,
@@ -39,6 +40,7 @@ fn provenance(reduction: Reduction) -> Provenance {
 fn model(reduction: Reduction) -> Model {
     let shape = MlpShape {
         condition_dim: 6 + reduction.view_numbers(),
+        condition_blocks: 0,
         octaves: 0,
         time_features: TimeFeatures::Plain,
         ..SHAPE
@@ -118,6 +120,7 @@ fn a_model_file_keeps_its_symmetries_and_older_ones_have_none() {
     damaged.provenance.normalisation.motor_max.pop();
     let shape = MlpShape {
         condition_dim: 5 + 3,
+        condition_blocks: 0,
         octaves: 0,
         time_features: TimeFeatures::Plain,
         ..SHAPE
@@ -220,6 +223,7 @@ fn representatives_teach_more_than_as_many_commands() {
             depth: 3,
             embedding: 32,
             condition_dim: 3 + reduction.view_numbers(),
+            condition_blocks: 0,
             octaves: 0,
             time_features: TimeFeatures::Plain,
             channels: Channels::Xyz,

@@ -14,6 +14,7 @@ pub const SHAPE: MlpShape = MlpShape {
     depth: 2,
     embedding: 8,
     condition_dim: 2,
+    condition_blocks: 0,
     octaves: 0,
     time_features: TimeFeatures::Plain,
     channels: Channels::Xyz,

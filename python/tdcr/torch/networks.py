@@ -55,19 +55,35 @@ def zero(inputs: int, outputs: int) -> Dense:
     return Dense(inputs, outputs, fan_in=math.inf)
 
 
-class Velocity(nn.Module):
-    """What both networks share: the embedding e = SiLU(time(phi(t))) + SiLU(condition(c))."""
+class ConditionBlock(nn.Module):
+    """Residual block of the condition, once per cloud: the point-wise layers' without FiLM."""
 
-    def __init__(self, embedding: int, condition_dim: int, time_kind: str) -> None:
+    def __init__(self, embedding: int) -> None:
         super().__init__()
-        self.time_kind = time_kind
+        self.norm = nn.LayerNorm(embedding)
+        self.linear = Dense(embedding, embedding)
+
+    def forward(self, h: Tensor) -> Tensor:
+        """Features (B, E) after the block."""
+        h = self.norm(h)
+        return h + cast(Tensor, self.linear(F.silu(h)))
+
+
+class Velocity(nn.Module):
+    """What both networks share: the embedding e = SiLU(time(phi(t))) + SiLU(blocks(condition(c)))."""
+
+    def __init__(self, head: Shape) -> None:
+        super().__init__()
+        embedding = head["embedding"]
+        self.time_kind = time_kind_of(head)
         self.time = Dense(embedding, embedding)
-        self.condition = Dense(condition_dim, embedding)
+        self.condition = Dense(head["condition_dim"], embedding)
+        self.condition_blocks = nn.Sequential(*(ConditionBlock(embedding) for _ in range(head.get("condition_blocks", 0))))
 
     def embed(self, t: Tensor, c: Tensor) -> Tensor:
         """Embedding (B, E) of the flow times (B,) and the conditions (B, D)."""
         features = time_features(t, self.time.in_features, self.time_kind)
-        return F.silu(self.time(features)) + F.silu(self.condition(c))
+        return F.silu(self.time(features)) + F.silu(self.condition_blocks(self.condition(c)))
 
 
 class Block(nn.Module):
@@ -109,7 +125,7 @@ class Mlp(Velocity, PointLayers):
     """u(x_i, t | c), every point alone."""
 
     def __init__(self, shape: Shape) -> None:
-        super().__init__(shape["embedding"], shape["condition_dim"], time_kind_of(shape))
+        super().__init__(shape)
         self.add_point_layers(point_inputs_of(shape), shape)
 
     def forward(self, x: Tensor, t: Tensor, c: Tensor) -> Tensor:
@@ -232,7 +248,7 @@ class Hybrid(Velocity):
 
     def __init__(self, shape: Shape) -> None:
         head, context = shape["head"], shape["context"]
-        super().__init__(head["embedding"], head["condition_dim"], time_kind_of(head))
+        super().__init__(head)
         channels = channels_of(head)
         self.context = Context(context, head["embedding"], channels)
         self.head = Head(point_inputs_of(head) + context["features"], head)
@@ -265,7 +281,7 @@ def start_as_authors(module: Mlp | Hybrid | PvcnnHybrid) -> None:
         films = [modulation.affine for modulation in module.head.films]
     else:
         embeddings, points = [module.time, module.condition], module.head if isinstance(module, Hybrid) else module
-        hidden = [points.input, points.shift, *(block.linear for block in points.blocks)]
+        hidden = [points.input, points.shift, *(block.linear for block in [*module.condition_blocks, *points.blocks])]
         films = [block.film for block in points.blocks]
     for layer in embeddings:
         nn.init.normal_(layer.weight, std=0.02)

@@ -79,6 +79,8 @@ class Preset:
     depth: int
     #: Features of the embedding of time and condition.
     embedding: int
+    #: Residual blocks of the condition.
+    condition_blocks: int
     #: Octaves of the Fourier features of the points' positions.
     octaves: int
     #: What the network sees of the flow time: `plain` (the paper's), or `late`, which tells its last hundredths apart.
@@ -111,6 +113,7 @@ class Preset:
             "depth": self.depth,
             "embedding": self.embedding,
             "condition_dim": condition_dim,
+            "condition_blocks": self.condition_blocks,
             "octaves": self.octaves,
             "time_features": self.time_features,
             "channels": "xyz-rgb" if colors else "xyz",

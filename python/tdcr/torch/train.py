@@ -79,6 +79,8 @@ def parser() -> argparse.ArgumentParser:
     add("--patience", type=int, metavar="N", help="end the run after so many validations without a better one")
     about = by_preset("features of the flow time: the paper's, or some that tell its last hundredths apart", "time_features")
     add("--time-features", choices=["plain", "late"], help=about)
+    about = by_preset("residual blocks that a command passes through on its way to the embedding", "condition_blocks")
+    add("--condition-blocks", type=int, metavar="N", help=about)
     add("--octaves", type=int, metavar="N", help=by_preset("octaves of the Fourier features of the points' positions", "octaves"))
     add(
         "--late-times",
@@ -164,7 +166,7 @@ def context(args: argparse.Namespace, preset: Preset) -> dict[str, Any]:
 
 def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.device) -> tuple[Preset, Settings]:
     """Network and settings: the preset's, but for what is asked for."""
-    names = ("width", "depth", "embedding", "octaves", "time_features")
+    names = ("width", "depth", "embedding", "condition_blocks", "octaves", "time_features")
     sizes = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     preset = replace(presets()[args.preset], **sizes)
     fields = {

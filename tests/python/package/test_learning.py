@@ -62,8 +62,8 @@ def test_other_options_are_those_of_the_command_line(dataset: tdcr.Dataset, run:
     flags = ["--optimizer", "adamw", "--learning-rate", 1e-3, "--warmup", 1, "--clouds", 4, "--points", 50, "--seed", 9]
     path = {"coupling": "optimal-transport:8", "time_exponent": 1.5, "patience": 4, "precision": "float32"}
     flags += ["--coupling", "optimal-transport:8", "--time-exponent", 1.5, "--patience", 4, "--precision", "float32"]
-    path |= {"late_times": 0.25, "prior_cut": 0, "octaves": 2}
-    flags += ["--late-times", 0.25, "--prior-cut", 0, "--octaves", 2]
+    path |= {"late_times": 0.25, "prior_cut": 0, "octaves": 2, "condition_blocks": 1}
+    flags += ["--late-times", 0.25, "--prior-cut", 0, "--octaves", 2, "--condition-blocks", 1]
     same("rates", {"data": dataset.path, **rates, **path}, *data, *flags)
     start = {"init": run.folder, "normalisation_from": run.model, "colors": True, "color_weight": 0.2}
     flags = ["--init", run.model, "--normalisation-from", run.model, "--colors", "--color-weight", 0.2]

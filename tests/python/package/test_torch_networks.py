@@ -80,6 +80,26 @@ def test_a_written_model_has_the_same_velocities_in_rust_and_comes_back(name, tm
     assert all(torch.equal(state[key], value) for key, value in module.state_dict().items())
 
 
+@pytest.mark.parametrize("name", ["mlp", "hybrid"])
+def test_blocks_of_the_condition_are_those_of_rust(name, tmp_path):
+    shape, _, (points, times, conditions) = stored(name)
+    head = dict(shape.get("head", shape)) | {"condition_blocks": 2}
+    shape = head if name == "mlp" else {**shape, "head": head}
+    torch.manual_seed(1)
+    module = network(shape)
+    for value in module.parameters():
+        torch.nn.init.normal_(value, std=0.3)
+    path = tmp_path / "model.safetensors"
+    model(module, shape).save(path)
+    found = _tdcr.velocities(str(path), *(part.numpy() for part in (points, times, conditions)))
+    with torch.no_grad():
+        expected = module.double()(points, times, conditions)
+        other = module(points, times, conditions + 0.1)
+    largest = expected.abs().max()
+    assert np.abs(found - expected.numpy()).max() < 1e-5 * largest
+    assert (expected - other).abs().max() > 1e-2 * largest
+
+
 def authors(shape=paper_hybrid.SHAPE, seed=2):
     """The reference's module with random tensors, and the package's with the same."""
     reference = paper_hybrid.randomise(paper_hybrid.PaperHybrid(shape), torch.Generator().manual_seed(seed))
@@ -168,7 +188,7 @@ def test_networks_by_the_authors_start_as_documented():
 def test_new_networks_start_as_those_of_rust(tdcr, tmp_path):
     """Every tensor starts with the range that `tdcr train` draws it from; a run of one step has moved it by its rate alone."""
     tdcr("collect", "--samples", 10, "--points", 50, "--out", tmp_path / "data")
-    size = ["--width", 48, "--depth", 3, "--embedding", 32, "--net", "hybrid", "--channels", "16,24,32"]
+    size = ["--width", 48, "--depth", 3, "--embedding", 32, "--net", "hybrid", "--channels", "16,24,32", "--condition-blocks", 2]
     run = ["--resolutions", "4,3,2", "--blocks", 1, "--steps", 1, "--learning-rate", 1e-9, "--precision", "float32"]
     data = ["--data", tmp_path / "data", "--out", tmp_path / "run"]
     theirs = Model.load(tdcr("train", *size, *run, *data)["model"])

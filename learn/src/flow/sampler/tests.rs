@@ -350,7 +350,7 @@ fn parts_of_a_path_make_the_path_where_the_method_has_no_memory() {
     let mut parts = whole;
     sampler.integrate(&field, &[], &mut whole);
     for part in [0..2, 2..5, 5..6] {
-        sampler.integrate_part(&field, &[], part, &mut parts);
+        sampler.integrate_part(&field, &[], part, &mut parts, |_, _| {});
     }
     assert_eq!(parts, whole);
 }

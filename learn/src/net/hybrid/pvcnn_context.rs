@@ -4,7 +4,7 @@ use super::context_shape::{ContextShape, STAGES, Stage, block_name};
 use crate::net::kernels::bfloat16::Operands;
 use crate::net::kernels::float32::{Rows, activate, fill_rows};
 use crate::net::layers::{AffineNorm, BatchNorm, Dense, GroupNorm, Normed, Weights};
-use crate::net::mlp::{Conditioner, ConditionerTape, Film, Part, TimeFeatures};
+use crate::net::mlp::{Conditioner, ConditionerTape, EmbeddingShape, Film, Part};
 use crate::net::parameters::{Initial, Table, fan_in};
 use crate::net::voxel::{Grid, PVCNN_EPSILON, PvcnnBlock, PvcnnInput, PvcnnScratch, Voxels};
 
@@ -69,21 +69,21 @@ pub struct Cloud<'a> {
 }
 
 impl PvcnnContext {
-    /// Adds the network's tensors, for points of `inputs` numbers, an embedding and a condition of the given `sizes`.
+    /// Adds the network's tensors, for points of `inputs` numbers, with an embedding of its own like `embedding_shape`.
     pub fn declare(
         table: &mut Table,
         shape: &ContextShape,
-        sizes: ([usize; 2], TimeFeatures),
+        embedding_shape: EmbeddingShape,
         inputs: usize,
     ) -> Self {
-        let ([embedding, _], _) = sizes;
+        let embedding = embedding_shape.embedding;
         let first = fan_in(embedding + inputs);
         let parts = [
             Part::new("context.from_embedding", shape.features, fan_in(embedding)),
             Part::new("context.shift", shape.stages[0].channels, first),
         ];
         let films: Vec<Film> = shape.films().collect();
-        let conditioner = Conditioner::declare(table, "context.", sizes, &parts, &films);
+        let conditioner = Conditioner::declare(table, "context.", embedding_shape, &parts, &films);
 
         let mut before = inputs;
         let stages = shape.stages.into_iter().enumerate();

@@ -7,7 +7,9 @@ use super::context_shape::{ContextLayers, ContextShape};
 use super::pvcnn::PvcnnLayers;
 use super::pvcnn_context::PvcnnContext;
 use crate::net::mlp::{Conditioner, MlpShape, Part, Trunk};
-use crate::net::parameters::{NetworkShapeError, Table, TensorSpec, require_parameters};
+use crate::net::parameters::{
+    NetworkShapeError, Table, TensorSpec, require_parameters, require_size,
+};
 
 /// Shape of a hybrid velocity network.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,6 +27,9 @@ impl HybridShape {
     pub fn check(&self) -> Result<(), NetworkShapeError> {
         self.head.check()?;
         self.context.check()?;
+        let blocks = self.head.condition_blocks;
+        let accepted = blocks == 0 || self.context.layers == ContextLayers::Residual;
+        require_size("condition_blocks", blocks, accepted, "0 with pvcnn layers")?;
         require_parameters(self.parameter_count())
     }
 
@@ -61,7 +66,7 @@ impl HybridShape {
         let shift = initial.hidden(inputs + embedding);
         let shift = Part::new("head.shift", head.width, shift);
         let films = head.films("head.", initial);
-        let sizes = ([embedding, head.condition_dim], head.time_features);
+        let sizes = head.embedding_shape();
         PvcnnLayers {
             conditioner: Conditioner::declare(table, "", sizes, &[shift], &films),
             trunk: head.declare_trunk(table, "head.", inputs),
@@ -84,7 +89,7 @@ impl HybridShape {
             conditioner: Conditioner::declare(
                 table,
                 "",
-                ([embedding, head.condition_dim], head.time_features),
+                head.embedding_shape(),
                 &[global, shift, head_shift],
                 &films,
             ),

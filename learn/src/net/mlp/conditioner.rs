@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+use super::condition::{Condition, ConditionTape};
+use super::shape::EmbeddingShape;
 use super::time_features::TimeFeatures;
 use crate::net::kernels::float32::{activate, add, multiply};
 use crate::net::layers::Dense;
@@ -17,7 +19,7 @@ use crate::net::parameters::{Initial, Table};
 pub struct Conditioner {
     features: TimeFeatures,
     time: Dense,
-    condition: Dense,
+    condition: Condition,
     /// All parts and every block's gamma and beta: all affine in `e`, so one layer.
     head: Dense,
     /// Length of the parts.
@@ -53,7 +55,7 @@ pub struct Film {
 pub struct ConditionerTape {
     features: Vec<f32>,
     time: Branch,
-    condition: Branch,
+    condition: ConditionTape,
     embedding: Vec<f32>,
     film: Vec<f32>,
     /// Modulation vectors, `(B, M)`.
@@ -63,7 +65,7 @@ pub struct ConditionerTape {
     d_branch: Vec<f32>,
 }
 
-/// Dense layer and SiLU of one of the two summands of `e`, `(B, E)`.
+/// Dense layer and SiLU of the flow time's summand of `e`, `(B, E)`.
 #[derive(Debug, Default)]
 struct Branch {
     linear: Vec<f32>,
@@ -83,28 +85,28 @@ impl Branch {
 }
 
 impl Conditioner {
-    /// Adds the conditioner's tensors for an embedding and a condition of the given `sizes`, those of the embedding named after
-    /// `prefix`, with `parts` and with FiLM blocks. Norms start as the identity; of the flow time it sees `features`.
+    /// Adds the conditioner's tensors for an embedding, those of the embedding named after `prefix`, with `parts` and with FiLM
+    /// blocks. Norms start as the identity.
     pub fn declare(
         table: &mut Table,
         prefix: &str,
-        (sizes, features): ([usize; 2], TimeFeatures),
+        shape: EmbeddingShape,
         parts: &[Part],
         films: &[Film],
     ) -> Self {
-        let [embedding, condition_dim] = sizes;
+        let embedding = shape.embedding;
         let zero = Initial::Constant(0.0);
-        let mut embed = |name: &str, inputs: usize| {
-            let initial = table.initial.embedding(inputs);
-            Dense::declare(
-                table,
-                &format!("{prefix}{name}"),
-                inputs,
-                embedding,
-                initial,
-            )
-        };
-        let (time, condition) = (embed("time", embedding), embed("condition", condition_dim));
+        let initial = table.initial.embedding(embedding);
+        let time = Dense::declare(
+            table,
+            &format!("{prefix}time"),
+            embedding,
+            embedding,
+            initial,
+        );
+        let sizes = [shape.condition_dim, embedding, shape.condition_blocks];
+        let initial = table.initial.embedding(shape.condition_dim);
+        let condition = Condition::declare(table, prefix, sizes, initial);
         let weight = table.len();
         for Part { name, len, initial } in parts {
             table.push(format!("{name}.weight"), &[*len, embedding], *initial);
@@ -130,7 +132,7 @@ impl Conditioner {
             table.push(format!("{name}.norm.bias"), &[*width], zero);
         }
         Self {
-            features,
+            features: shape.time_features,
             time,
             condition,
             head: Dense {
@@ -152,7 +154,7 @@ impl Conditioner {
 
     /// Floating-point operations of the forward pass, per cloud.
     pub fn flops(&self) -> u64 {
-        self.time.flops(1) + self.condition.flops(1) + self.head.flops(1)
+        self.time.flops(1) + self.condition.flops() + self.head.flops(1)
     }
 
     /// Fills `tape.modulation` for the clouds at flow times `(B)` under conditions `(B, D)`.
@@ -163,10 +165,10 @@ impl Conditioner {
         conditions: &[f32],
         tape: &mut ConditionerTape,
     ) {
-        // e = SiLU(W_t phi(t) + b_t) + SiLU(W_c c + b_c).
+        // e = SiLU(W_t phi(t) + b_t) + SiLU(h(c)).
         (self.features).fill(times, self.time.inputs, &mut tape.features);
         tape.time.forward(&self.time, params, &tape.features);
-        tape.condition.forward(&self.condition, params, conditions);
+        (self.condition).forward(params, conditions, &mut tape.condition);
         tape.embedding.clone_from(&tape.time.activated);
         add(&tape.condition.activated, &mut tape.embedding);
         // Parts, gamma and beta, affine in e; then with the norms folded in.
@@ -213,14 +215,18 @@ impl Conditioner {
         tape.d_embedding.resize(tape.embedding.len(), 0.0);
         self.head
             .backward_input(params, &tape.d_film, &mut tape.d_embedding);
-        for (layer, branch, x) in [
-            (&self.time, &tape.time, &tape.features[..]),
-            (&self.condition, &tape.condition, conditions),
-        ] {
-            tape.d_branch.clone_from(&tape.d_embedding);
-            multiply(&branch.slope, &mut tape.d_branch);
-            layer.backward(gradient, x, &tape.d_branch);
-        }
+        let d_embedding = &tape.d_embedding[..];
+        (self.condition).backward(
+            params,
+            conditions,
+            &mut tape.condition,
+            d_embedding,
+            gradient,
+        );
+        tape.d_branch.clear();
+        tape.d_branch.extend_from_slice(d_embedding);
+        multiply(&tape.time.slope, &mut tape.d_branch);
+        (self.time).backward(gradient, &tape.features, &tape.d_branch);
     }
 
     /// Turns a row of gradients by `[scale | offset]` into gradients by `[gamma | beta]`; adds those by the norms.

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `point_features` | what the input layer takes of a point |
 //! | `time_features` | what it sees of the flow time |
+//! | `condition` | the condition's way to the embedding |
 //! | `conditioner` | what is computed once per cloud: the modulation vector |
 //! | `trunk` | the layers that act on points, and the trait of a pass over a tile of them |
 //! | `trunk_f32`, `trunk_bf16` | that pass in either operand type |
@@ -21,6 +22,7 @@
 //! their kernels at run time; `tests/python/test_kernels.py` runs them under QEMU as processors without AVX-512 and AVX2 would.
 
 mod batch;
+mod condition;
 mod conditioner;
 mod point_features;
 mod shape;
@@ -35,7 +37,7 @@ mod velocity;
 pub use batch::{Batch, Loss};
 pub use conditioner::{Conditioner, ConditionerTape, Film, Part};
 pub use point_features::point_inputs;
-pub use shape::MlpShape;
+pub use shape::{EmbeddingShape, MlpShape};
 pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide};
 pub use time_features::TimeFeatures;
 pub use trunk::Trunk;

@@ -22,6 +22,10 @@ pub struct MlpShape {
     pub embedding: usize,
     /// Condition dimension `D`.
     pub condition_dim: usize,
+    /// Residual blocks that the condition passes through on its way to the embedding, once per cloud. 0 in the paper's network
+    /// and in files that do not say.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub condition_blocks: usize,
     /// Octaves `K` of the positions' Fourier features, which the input layer takes beside the point:
     /// `sin(2^k pi x)` and `cos(2^k pi x)`, `k = 0, ..., K - 1`, for each coordinate `x` in normalised units (Tancik et al., NeurIPS
     /// 2020). They tell places a few millimetres apart, which a layer of the coordinates alone hardly does. 0 in the paper's
@@ -34,6 +38,15 @@ pub struct MlpShape {
     /// What points consist of; positions alone in files that do not say.
     #[serde(default)]
     pub channels: Channels,
+}
+
+/// What the embedding `e` is made from, and how: fields of [`MlpShape`].
+#[derive(Clone, Copy, Debug)]
+pub struct EmbeddingShape {
+    pub embedding: usize,
+    pub condition_dim: usize,
+    pub condition_blocks: usize,
+    pub time_features: TimeFeatures,
 }
 
 /// Whether a number is left out of files.
@@ -56,6 +69,7 @@ impl MlpShape {
             depth,
             embedding,
             condition_dim,
+            condition_blocks,
             octaves,
             time_features: _,
             channels: _,
@@ -70,6 +84,8 @@ impl MlpShape {
             (1..=4096).contains(&condition_dim),
             "1 to 4096",
         )?;
+        let blocks = (0..=64).contains(&condition_blocks);
+        require_size("condition_blocks", condition_blocks, blocks, "0 to 64")?;
         // Above, the highest frequency is beyond what a float resolves.
         require_size("octaves", octaves, octaves <= 12, "0 to 12")?;
         require_parameters(self.parameter_count())
@@ -104,11 +120,21 @@ impl MlpShape {
         let conditioner = Conditioner::declare(
             table,
             "",
-            ([embedding, self.condition_dim], self.time_features),
+            self.embedding_shape(),
             &[shift],
             &self.films("", initial),
         );
         (conditioner, self.declare_trunk(table, "", inputs))
+    }
+
+    /// The network's part that makes the embedding.
+    pub(in crate::net) fn embedding_shape(&self) -> EmbeddingShape {
+        EmbeddingShape {
+            embedding: self.embedding,
+            condition_dim: self.condition_dim,
+            condition_blocks: self.condition_blocks,
+            time_features: self.time_features,
+        }
     }
 
     /// The blocks that FiLM modulates, their names after `prefix`.
