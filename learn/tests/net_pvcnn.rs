@@ -170,6 +170,19 @@ fn the_head_rounds_to_bfloat16_and_the_context_does_not() {
 }
 
 #[test]
+fn the_authors_network_has_no_blocks_of_the_condition() {
+    let mut shape = paper();
+    shape.head.condition_blocks = 1;
+    let refused = shape.check().unwrap_err().to_string();
+    assert!(
+        refused.contains("condition_blocks is 1, expected 0 with pvcnn layers"),
+        "{refused}"
+    );
+    shape.context.layers = ContextLayers::Residual;
+    assert_eq!(shape.check(), Ok(()));
+}
+
+#[test]
 fn files_that_do_not_say_have_residual_layers() {
     let shape = NetworkShape::from(paper());
     let mut value = to_value(shape).unwrap();

@@ -174,12 +174,6 @@ fn coupling_and_flow_times_are_the_users_and_wrong_ones_are_named() {
         1,
         "condition_blocks is 65, expected 0 to 64",
     );
-    let layers = ["--net", "hybrid", "--layers", "pvcnn"];
-    refused(
-        &[&layers[..], &["--condition-blocks", "1"]].concat(),
-        1,
-        "condition_blocks is 1, expected 0 with pvcnn layers",
-    );
     refused(&["--octaves", "13"], 1, "octaves is 13, expected 0 to 12");
     refused(
         &["--time-exponent", "-1"],

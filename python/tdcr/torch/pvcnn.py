@@ -13,6 +13,7 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
+from tdcr.errors import InputError
 from tdcr.torch.layers import (
     Shape,
     average,
@@ -208,10 +209,16 @@ class Head(Embedded):
 
 
 class PvcnnHybrid(nn.Module):
-    """u(x_i, t | c), points with a context: the authors' network."""
+    """u(x_i, t | c), points with a context: the authors' network.
+
+    Raises:
+        tdcr.errors.InputError: for a shape with blocks of the condition, of which it has none.
+    """
 
     def __init__(self, shape: Shape) -> None:
         super().__init__()
+        if blocks := shape["head"].get("condition_blocks", 0):
+            raise InputError(f"condition_blocks is {blocks}, expected 0 with pvcnn layers")
         head, context, channels = shape["head"], shape["context"], channels_of(shape)
         self.shape = shape
         self.ctx_net = Context(context, head, channels)

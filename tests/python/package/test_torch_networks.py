@@ -11,7 +11,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="no PyTorch here: install tests/python/requirements-torch.txt")
 
 from tdcr import _tdcr  # noqa: E402
-from tdcr.errors import TdcrError  # noqa: E402
+from tdcr.errors import InputError, TdcrError  # noqa: E402
 from tdcr.torch import Model, network, preset  # noqa: E402
 from tdcr.torch.networks import from_file, start_as_authors  # noqa: E402
 from tdcr.torch.pvcnn import from_file as authors_from_file  # noqa: E402
@@ -98,6 +98,12 @@ def test_blocks_of_the_condition_are_those_of_rust(name, tmp_path):
     largest = expected.abs().max()
     assert np.abs(found - expected.numpy()).max() < 1e-5 * largest
     assert (expected - other).abs().max() > 1e-2 * largest
+
+
+def test_the_authors_network_has_no_blocks_of_the_condition():
+    shape = paper_hybrid.SHAPE | {"head": paper_hybrid.SHAPE["head"] | {"condition_blocks": 2}}
+    with pytest.raises(InputError, match="condition_blocks is 2, expected 0 with pvcnn layers"):
+        network(shape)
 
 
 def authors(shape=paper_hybrid.SHAPE, seed=2):
