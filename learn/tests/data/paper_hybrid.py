@@ -36,7 +36,7 @@ SHAPE = {
 }
 # The published sizes.
 PAPER = {
-    "head": {"width": 512, "depth": 6, "embedding": 256, "condition_dim": 6, "octaves": 0, "time_features": "plain", "channels": "xyz"},
+    "head": {"width": 512, "depth": 6, "embedding": 256, "condition_dim": 6, "condition_blocks": 0, "octaves": 0, "time_features": "plain", "channels": "xyz"},
     "context": {
         "layers": "pvcnn",
         "stages": [

@@ -82,22 +82,25 @@ def test_a_written_model_has_the_same_velocities_in_rust_and_comes_back(name, tm
 
 @pytest.mark.parametrize("name", ["mlp", "hybrid"])
 def test_blocks_of_the_condition_are_those_of_rust(name, tmp_path):
-    shape, _, (points, times, conditions) = stored(name)
+    shape, _, batch = stored(name)
+    points, times, conditions = (part.double() for part in batch)
     head = dict(shape.get("head", shape)) | {"condition_blocks": 2}
     shape = head if name == "mlp" else {**shape, "head": head}
     torch.manual_seed(1)
     module = network(shape)
     for value in module.parameters():
-        torch.nn.init.normal_(value, std=0.3)
+        torch.nn.init.normal_(value, std=0.5)
     path = tmp_path / "model.safetensors"
     model(module, shape).save(path)
-    found = _tdcr.velocities(str(path), *(part.numpy() for part in (points, times, conditions)))
+    found = _tdcr.velocities(str(path), *(part.numpy() for part in batch))
     with torch.no_grad():
         expected = module.double()(points, times, conditions)
-        other = module(points, times, conditions + 0.1)
+        module.condition_blocks = torch.nn.Sequential()
+        without = module(points, times, conditions)
     largest = expected.abs().max()
     assert np.abs(found - expected.numpy()).max() < 1e-5 * largest
-    assert (expected - other).abs().max() > 1e-2 * largest
+    # A hundred times what is tolerated.
+    assert (expected - without).abs().max() > 1e-3 * largest
 
 
 def test_the_authors_network_has_no_blocks_of_the_condition():
