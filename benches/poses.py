@@ -1,4 +1,4 @@
-"""How well the positions of the discs follow from so many training commands: what no learner of clouds can be expected to beat.
+"""How well the positions of the discs follow from so many training commands, where nothing but positions is learned.
 
     .venv/bin/python benches/poses.py --robot 5m --payload 0.03 --commands 2000,8000,32000
 

@@ -260,6 +260,22 @@ fn a_workspace_can_be_used_again_with_another_batch() {
 }
 
 #[test]
+fn a_workspace_can_be_used_again_with_a_network_of_more_blocks() {
+    let mut workspace = Workspace::default();
+    for condition_blocks in [1, 3] {
+        let shape = MlpShape {
+            condition_blocks,
+            ..SHAPE
+        };
+        let (network, samples) = (network(shape), Samples::new(shape, 2, 5));
+        let mut gradient = vec![0.0; shape.parameter_count()];
+        let loss = network.loss_and_gradient(&samples.batch(), &mut workspace, &mut gradient);
+        let fresh = loss_and_gradient(&network, &samples.batch());
+        assert_eq!((loss, gradient), fresh);
+    }
+}
+
+#[test]
 fn a_fresh_network_starts_as_documented() {
     let shape = MlpShape {
         width: 64,

@@ -81,11 +81,11 @@ impl Condition {
         for buffer in [&mut tape.features, &mut tape.activated, &mut tape.slope] {
             buffer.resize(len, 0.0);
         }
-        if tape
-            .blocks
-            .first()
-            .is_none_or(|block| block.activated.len() < len)
-        {
+        let fits = |block: &BlockTape| {
+            block.inverse_deviation.len() >= rows && block.activated.len() >= len
+        };
+        // A workspace may come from another network.
+        if tape.blocks.len() != self.blocks.len() || !tape.blocks.iter().all(fits) {
             let blocks = self.blocks.iter();
             tape.blocks = blocks.map(|_| BlockTape::new(rows, width)).collect();
         }
