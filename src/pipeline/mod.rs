@@ -18,6 +18,7 @@ mod log;
 mod measure;
 mod metrics;
 mod monitor;
+mod network_size;
 mod pairing;
 mod plan;
 mod preset;
@@ -30,6 +31,7 @@ mod survey;
 mod symmetry;
 mod tip;
 mod train;
+mod training_data;
 
 pub use capture::{CaptureLog, CaptureReport, CaptureSettings, capture};
 pub use collect::{CollectSettings, CollectTimes, collect, merge};
@@ -41,6 +43,7 @@ pub use evaluate::Evaluator;
 pub(crate) use line_file::LineFile;
 pub use metrics::{DistanceQuantiles, Metrics, OtherMetrics, Results, WorstTest};
 pub use monitor::{Monitor, Silent};
+pub use network_size::NetworkSize;
 pub use pairing::{Pairing, Place};
 pub use plan::{SamplerPlan, TrainPlan};
 pub use preset::{Length, Preset, Rates, distillation, student_sampler};
@@ -49,7 +52,8 @@ pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, Uncert
 pub use survey::{Survey, Tips};
 pub use symmetry::seen_symmetries;
 pub use tip::seen_tip;
-pub use train::{NetworkSize, StreamSettings, Trained, TrainingData, distill, model_path, train};
+pub use train::{Trained, distill, model_path, train};
+pub use training_data::{StreamSettings, TrainingData};
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

@@ -2,11 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use tdcr_learn::data::{
-    CloudSet, Condition, DataSet, Meta, Normalisation, Recipe, Split, StreamSpec,
-};
+use tdcr_learn::data::{CloudSet, Condition, DataSet, Meta, Normalisation, Recipe, Split};
 use tdcr_learn::metrics::chamfer;
-use tdcr_learn::net::{Channels, ContextShape, HybridShape, MlpShape, NetworkShape, TimeFeatures};
+use tdcr_learn::net::{Channels, NetworkShape};
 use tdcr_learn::prior::{Prior, SurfaceError, SurfacePrior};
 use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{
@@ -15,97 +13,14 @@ use tdcr_learn::train::{
 };
 
 use super::log::RunLog;
-use super::preset::Preset;
+use super::network_size::NetworkSize;
 use super::subject::require_same;
 use super::symmetry::{reduced, reduction};
+use super::training_data::{StreamSettings, TrainingData};
 use super::{Divergence, Monitor, PipelineError, lock_folder};
 
 /// Steps between two words on the loss.
 const STEPS_PER_STATUS: u64 = 10;
-
-/// Size of a network, but for what the data set says.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NetworkSize {
-    /// Features per layer.
-    pub width: usize,
-    /// Layers: the input layer and `depth - 1` residual blocks.
-    pub depth: usize,
-    /// Features of the embedding of time and condition.
-    pub embedding: usize,
-    /// Residual blocks of the condition.
-    pub condition_blocks: usize,
-    /// Octaves of the positions' Fourier features.
-    pub octaves: usize,
-    /// What it sees of the flow time.
-    pub time_features: TimeFeatures,
-    /// The context network of a hybrid; none makes an MLP.
-    pub context: Option<ContextShape>,
-    /// What points consist of.
-    pub channels: Channels,
-}
-
-/// An MLP of positions, of the default preset's size.
-impl Default for NetworkSize {
-    fn default() -> Self {
-        Preset::default().size()
-    }
-}
-
-impl NetworkSize {
-    /// The shape for conditions of dimension `condition_dim`.
-    fn shape(&self, condition_dim: usize) -> NetworkShape {
-        let head = MlpShape {
-            width: self.width,
-            depth: self.depth,
-            embedding: self.embedding,
-            condition_dim,
-            condition_blocks: self.condition_blocks,
-            octaves: self.octaves,
-            time_features: self.time_features,
-            channels: self.channels,
-        };
-        match self.context {
-            None => head.into(),
-            Some(context) => HybridShape { head, context }.into(),
-        }
-    }
-}
-
-/// Steps draw from the newest 512 clouds of the default stream, of which each replaces one: those of the command line.
-impl Default for StreamSettings {
-    fn default() -> Self {
-        Self {
-            spec: StreamSpec::default(),
-            window: 512,
-            fresh: 1,
-            validation: None,
-        }
-    }
-}
-
-/// What a network is trained on.
-#[derive(Clone, Debug, PartialEq)]
-pub enum TrainingData {
-    /// The data set in this folder.
-    Set(PathBuf),
-    /// The same in the units of another normalisation than its own, as those of the model that a run starts at.
-    SetIn(PathBuf, Box<Normalisation>),
-    /// Fresh samples of a simulated robot: no file in between.
-    Stream(Box<StreamSettings>),
-}
-
-/// A stream of samples, and how a run uses them.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StreamSettings {
-    /// What the samples are.
-    pub spec: StreamSpec,
-    /// Clouds that a step draws from: the newest.
-    pub window: usize,
-    /// Clouds that are replaced by new ones after each step.
-    pub fresh: usize,
-    /// Folder of a data set whose val split validates; else clouds of the stream that no step sees.
-    pub validation: Option<PathBuf>,
-}
 
 /// A finished training run.
 #[derive(Clone, Debug)]
