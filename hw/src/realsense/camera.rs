@@ -24,6 +24,9 @@ const KEPT: i32 = 8;
 /// A camera that was silent for this long is looked for among those plugged in.
 const SILENCE: Duration = Duration::from_millis(500);
 
+/// Readings of both clocks of which the closest two tell how far they are apart.
+const CLOCK_READINGS: usize = 5;
+
 /// librealsense, loaded.
 pub struct RealSense {
     context: Arc<Context>,
@@ -261,19 +264,16 @@ impl RealSenseCamera {
     /// by the camera's own clock are placed so that the quickest of them arrived at once.
     fn time_of(&mut self, frame: &Frame) -> Result<Duration, RealSenseError> {
         let (stamp, stamped_by) = frame.time()?;
-        let arrival = self.clock.now().as_secs_f64();
         let seconds = match stamped_by {
             domain::HARDWARE_CLOCK => {
-                let difference = arrival - stamp.0 / 1e3;
+                let difference = self.clock.now().as_secs_f64() - stamp.0 / 1e3;
                 let least = self
                     .device_clock
                     .map_or(difference, |least| least.min(difference));
                 self.device_clock = Some(least);
                 stamp.0 / 1e3 + least
             }
-            domain::SYSTEM_TIME | domain::GLOBAL_TIME => {
-                arrival - (now(self.context.calls())?.0 - stamp.0) / 1e3
-            }
+            domain::SYSTEM_TIME | domain::GLOBAL_TIME => stamp.0 / 1e3 + self.clock_offset()?,
             other => {
                 return Err(RealSenseError::Picture {
                     stream: "depth",
@@ -283,6 +283,23 @@ impl RealSenseCamera {
         };
         // Before the clock's start there is no time.
         Ok(Duration::try_from_secs_f64(seconds).unwrap_or_default())
+    }
+
+    /// What the rig's clock is ahead of librealsense's (s).
+    ///
+    /// librealsense's clock is read between two readings of the rig's (as in Cristian's algorithm), and the closest two of a few
+    /// count: where the thread lost its processor between them, the difference would be off by as long.
+    fn clock_offset(&self) -> Result<f64, RealSenseError> {
+        let (mut closest, mut offset) = (f64::INFINITY, 0.0);
+        for _ in 0..CLOCK_READINGS {
+            let before = self.clock.now().as_secs_f64();
+            let theirs = now(self.context.calls())?.0 / 1e3;
+            let after = self.clock.now().as_secs_f64();
+            if after - before < closest {
+                (closest, offset) = (after - before, before.midpoint(after) - theirs);
+            }
+        }
+        Ok(offset)
     }
 
     /// The frame that a set of pictures is, where both are in it.
