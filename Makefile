@@ -39,9 +39,10 @@ lint:
 docs:
 	RUSTDOCFLAGS="-D warnings" cargo doc $(WITH_EXAMPLES) --lib --no-deps --release --locked
 
-# That NOTICES names what Cargo.lock has, and that deny.toml allows it.
+# That NOTICES names what Cargo.lock has, that deny.toml allows it, and that the wheel and the tests share one build of it.
 supply-chain:
 	scripts/notices.py --check
+	scripts/shared_builds.py
 	scripts/deny.sh
 
 # Style and types of the Python package, its tests and examples.
@@ -81,10 +82,10 @@ test-rust:
 
 # With the MuJoCo of MUJOCO_DIR, or else Debian's; then with the newer one of the Python environment.
 # With all packages chosen, the dependencies have the features that they were built with above.
-WITH_MUJOCO := --workspace --features tdcr/mujoco,tdcr/joystick --release --locked
-TEST_MUJOCO := cargo test $(WITH_MUJOCO) --test mujoco --test closed_forms
+WITH_MUJOCO := --workspace --release --locked
+TEST_MUJOCO := cargo test $(WITH_MUJOCO) --test robots --test closed_forms
 test-mujoco:
-	cargo clippy $(WITH_MUJOCO) --lib --bin tdcr --test mujoco --test closed_forms --bench peers -- -D warnings
+	cargo clippy $(WITH_MUJOCO) --features tdcr/joystick --lib --bin tdcr --test robots --test closed_forms -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc -p tdcr-mujoco --no-deps --release --locked
 	$(TEST_MUJOCO)
 	MUJOCO_DIR="$$($(PYTHON) -c 'import mujoco; print(mujoco.__path__[0])')" $(TEST_MUJOCO)

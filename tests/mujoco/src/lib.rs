@@ -2,7 +2,8 @@
 //! its state, and read what MuJoCo computes.
 //!
 //! Compiles against MuJoCo 2.2 (Debian's) up to 4.0; `build.rs` says how one is chosen. Names are
-//! MuJoCo's own, units SI. `tests/closed_forms.rs` shows the use of everything here.
+//! MuJoCo's own, units SI. `tests/closed_forms.rs` shows the use of everything here, and
+//! `tests/robots` holds the simulator against MuJoCo.
 //!
 //! When MuJoCo meets an error of its own while it computes (it is out of memory, say), it prints the
 //! error and ends the process.

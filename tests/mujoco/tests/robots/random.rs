@@ -3,15 +3,15 @@
 use nalgebra::DVector;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use tdcr::sim::chain::Configuration;
-use tdcr::sim::dynamics::{Integrator, State, Stepper};
-use tdcr::sim::formats::mjcf::{self, ExportOptions};
-use tdcr::sim::robot::{Command, Loads, Robot, RobotSpec};
 use tdcr_mujoco::Model;
+use tdcr_sim::chain::Configuration;
+use tdcr_sim::dynamics::{Integrator, State, Stepper};
+use tdcr_sim::formats::mjcf::{self, ExportOptions};
+use tdcr_sim::robot::{Command, Loads, Robot, RobotSpec};
 
 use crate::probe::{Probe, largest_difference};
 
-#[path = "../../sim/tests/common/random_robot.rs"]
+#[path = "../../../../sim/tests/common/random_robot.rs"]
 #[allow(
     dead_code,
     reason = "other tests draw robots that MuJoCo does not model"

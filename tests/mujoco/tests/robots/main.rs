@@ -7,7 +7,7 @@ mod random;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use tdcr::sim::robot::{Loads, Robot, RobotSpec};
+use tdcr_sim::robot::{Loads, Robot, RobotSpec};
 
 use crate::probe::{Probe, largest_difference};
 

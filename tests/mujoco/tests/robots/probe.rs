@@ -1,9 +1,9 @@
 //! A robot in MuJoCo: put it where ours settles, and ask MuJoCo what it finds there.
 
 use nalgebra::{DMatrix, DVector, Quaternion, UnitQuaternion, Vector3};
-use tdcr::sim::chain::Configuration;
-use tdcr::sim::robot::{Command, Loads, Robot};
 use tdcr_mujoco::{Data, Model};
+use tdcr_sim::chain::Configuration;
+use tdcr_sim::robot::{Command, Loads, Robot};
 
 use crate::paper;
 
