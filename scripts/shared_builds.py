@@ -34,7 +34,9 @@ def main():
     for crate, sets in sorted(apart.items()):
         print(f"{crate}: the wheel has the features {sorted(sets)}, the tests {sorted(tests[crate])}", file=sys.stderr)
     if apart:
-        sys.exit("name these crates with the tests' features in python/Cargo.toml: else they, and all above them, are built twice")
+        sys.exit(
+            "name these crates with the tests' features in python/Cargo.toml: else they, and all above them, are built twice"
+        )
 
 
 if __name__ == "__main__":
