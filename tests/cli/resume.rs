@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::LazyLock;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -20,15 +21,28 @@ fn demo(out: &Path) -> Command {
     let mut command = tdcr(&[
         "demo",
         "--samples",
-        "40",
-        "--steps",
         "30",
+        "--steps",
+        "15",
         "--quiet",
         "--out",
         text(out),
     ]);
     command.stdout(Stdio::null()).stderr(Stdio::null());
     command
+}
+
+/// Folder of a demo that nothing interrupted, made once for all tests here.
+fn whole_demo() -> &'static Path {
+    static WHOLE: LazyLock<PathBuf> = LazyLock::new(|| {
+        let out = Path::new(env!("CARGO_TARGET_TMPDIR")).join("whole_demo");
+        if out.exists() {
+            fs::remove_dir_all(&out).unwrap();
+        }
+        assert!(demo(&out).status().unwrap().success());
+        out
+    });
+    &WHOLE
 }
 
 /// Starts the demo again and again, and ends it by `signal` after ever longer times until it comes
@@ -82,10 +96,9 @@ fn results(out: &Path) -> (Vec<u8>, Vec<u8>, Value) {
 #[test]
 fn a_demo_that_is_interrupted_or_killed_ends_as_one_that_is_not() {
     let folder = tempfile::tempdir().unwrap();
-    let [whole, interrupted, killed] =
-        ["whole", "interrupted", "killed"].map(|name| folder.path().join(name));
-    assert!(demo(&whole).status().unwrap().success());
-    let expected = results(&whole);
+    let [interrupted, killed] = ["interrupted", "killed"].map(|name| folder.path().join(name));
+    let whole = whole_demo();
+    let expected = results(whole);
     for (out, signal) in [(&interrupted, "-INT"), (&killed, "-KILL")] {
         assert!(demo_with_interruptions(out, signal) > 0);
         assert!(results(out) == expected, "after {signal}");
@@ -105,7 +118,11 @@ fn a_demo_that_is_interrupted_or_killed_ends_as_one_that_is_not() {
 fn scores_in_a_journal_of_another_format_are_computed_anew() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("demo");
-    assert!(demo(&out).status().unwrap().success());
+    for (place, bytes) in set_files(whole_demo()) {
+        let file = out.join(place);
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(file, bytes).unwrap();
+    }
     let expected = results(&out);
     let journal = out.join("evaluation.jsonl");
     let written = fs::read_to_string(&journal).unwrap();
