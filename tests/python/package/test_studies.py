@@ -63,11 +63,17 @@ def test_parts_merged_are_the_files_of_one_run(tmp_path: Path) -> None:
         tdcr.merge_study(parts[1:], merged)
 
 
-def test_a_study_on_ray_is_the_same(tmp_path: Path) -> None:
-    pytest.importorskip("ray")
+def test_a_study_on_ray_is_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ray = pytest.importorskip("ray")
+    # Ray joins a cluster that it finds on the machine, and another test may have one.
+    monkeypatch.setenv("RAY_ADDRESS", "local")
     whole, by_ray = tmp_path / "whole", tmp_path / "ray"
     tdcr.study(STUDY, whole)
-    assert tdcr.study(STUDY, by_ray, engine="ray", parts=3)["rows"] == 24
+    try:
+        assert tdcr.study(STUDY, by_ray, engine="ray", parts=3)["rows"] == 24
+    finally:
+        # Ray goes on after a study, and other tests start clusters of their own.
+        ray.shutdown()
     assert files(by_ray) == files(whole)
 
 

@@ -53,9 +53,9 @@ def two_nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     paths = [str(Path(tdcr.__file__).parents[1]), str(Path(__file__).parent)]
     monkeypatch.setenv("PYTHONPATH", ":".join(paths))
     cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-    cluster.add_node(num_cpus=1)
-    ray.init(address=cluster.address, log_to_driver=False)
     try:
+        cluster.add_node(num_cpus=1)
+        ray.init(address=cluster.address, log_to_driver=False)
         yield
     finally:
         ray.shutdown()
