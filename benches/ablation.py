@@ -126,6 +126,7 @@ class Study:
         return self.score_with(f"{run} {method} tolerance {tolerance}", run, options)
 
     def score_with(self, key, run, options):
+        key = " ".join(map(str, [key, *self.tests]))
         if key not in self.scores:
             files = ["--model", self.out / run / "model.safetensors", "--data", self.data]
             said = tdcr("eval", *files, *SCORING, *self.tests, *options)
