@@ -45,15 +45,15 @@ pub fn presets() -> Outcome<String> {
         let [mlp, hybrid] = preset.rates;
         Ok::<_, serde_json::Error>(json!({
             "name": preset.name,
-            "width": preset.width,
-            "depth": preset.depth,
-            "embedding": preset.embedding,
-            "condition_blocks": preset.condition_blocks,
-            "octaves": preset.octaves,
-            "time_features": plain(serde_json::to_string(&preset.time_features))?,
+            "width": preset.size.width,
+            "depth": preset.size.depth,
+            "embedding": preset.size.embedding,
+            "condition_blocks": preset.size.condition_blocks,
+            "octaves": preset.size.octaves,
+            "time_features": plain(serde_json::to_string(&preset.size.time_features))?,
             "steps": steps,
             "epochs": epochs,
-            "colors": preset.channels == Channels::XyzRgb,
+            "colors": preset.size.channels == Channels::XyzRgb,
             "context": plain(serde_json::to_string(&ContextShape::of(preset.layers)))?,
             "networks": {"mlp": settings(mlp)?, "hybrid": settings(hybrid)?},
         }))

@@ -38,19 +38,19 @@ pub(super) struct TrainArgs {
     /// Set of defaults, for the options that list one per preset
     #[arg(long, default_value = Preset::default().name, value_parser = preset())]
     preset: Preset,
-    #[arg(long, value_name = "N", help = by_preset("Features per layer", |p| p.width))]
+    #[arg(long, value_name = "N", help = by_preset("Features per layer", |p| p.size.width))]
     width: Option<usize>,
-    #[arg(long, value_name = "N", help = by_preset("Layers", |p| p.depth))]
+    #[arg(long, value_name = "N", help = by_preset("Layers", |p| p.size.depth))]
     depth: Option<usize>,
-    #[arg(long, value_name = "N", help = by_preset("Features of the embedding of time and command", |p| p.embedding))]
+    #[arg(long, value_name = "N", help = by_preset("Features of the embedding of time and command", |p| p.size.embedding))]
     embedding: Option<usize>,
-    #[arg(long, value_name = "N", help = by_preset("Residual blocks that a command passes through, once per cloud, on its way to the embedding", |p| p.condition_blocks))]
+    #[arg(long, value_name = "N", help = by_preset("Residual blocks that a command passes through, once per cloud, on its way to the embedding", |p| p.size.condition_blocks))]
     condition_blocks: Option<usize>,
-    #[arg(long, value_name = "N", help = by_preset("Octaves of the Fourier features of the points' positions", |p| p.octaves))]
+    #[arg(long, value_name = "N", help = by_preset("Octaves of the Fourier features of the points' positions", |p| p.size.octaves))]
     octaves: Option<usize>,
-    #[arg(long, value_parser = super::time_features(), help = by_preset("Features of the flow time that the network sees: half of them of the logarithm of the noise that is left, so that its last hundredths differ (late), or the paper's (plain)", |p| p.time_features.name()))]
+    #[arg(long, value_parser = super::time_features(), help = by_preset("Features of the flow time that the network sees: half of them of the logarithm of the noise that is left, so that its last hundredths differ (late), or the paper's (plain)", |p| p.size.time_features.name()))]
     time_features: Option<TimeFeatures>,
-    #[arg(long, help = by_preset("Learn the colours of the points beside their positions", |p| colored(p.channels)), overrides_with = "no_colors")]
+    #[arg(long, help = by_preset("Learn the colours of the points beside their positions", |p| colored(p.size.channels)), overrides_with = "no_colors")]
     colors: bool,
     /// Learn positions alone
     #[arg(long, overrides_with = "colors")]

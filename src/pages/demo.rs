@@ -95,7 +95,7 @@ pub fn demo(settings: &DemoSettings, out: &Path, monitor: &dyn Monitor) -> Resul
     require_as_many(&data, settings.samples)?;
     clock.time("collect", || collect(&collecting, &data, monitor).map(drop))?;
 
-    let size = PRESET.size();
+    let size = PRESET.size;
     let precision = (settings.precision).unwrap_or_else(|| Precision::fastest(size.width));
     let training = TrainSettings {
         validate_every: (settings.steps / 12).max(1),
@@ -268,8 +268,8 @@ fn report(
                 "Network".to_owned(),
                 format!(
                     "MLP, width {}, depth {}, {} parameters",
-                    PRESET.width,
-                    PRESET.depth,
+                    PRESET.size.width,
+                    PRESET.size.depth,
                     model.network.shape().learned_parameters()
                 ),
             ),

@@ -28,7 +28,7 @@ pub struct NetworkSize {
 /// An MLP of positions, of the default preset's size.
 impl Default for NetworkSize {
     fn default() -> Self {
-        Preset::default().size()
+        Preset::default().size
     }
 }
 

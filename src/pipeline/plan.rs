@@ -116,15 +116,18 @@ impl TrainPlan {
         &self,
         data: &TrainingData,
     ) -> Result<(NetworkSize, TrainSettings), PipelineError> {
+        let default = self.preset.size;
+        let size = NetworkSize {
+            width: self.width.unwrap_or(default.width),
+            depth: self.depth.unwrap_or(default.depth),
+            embedding: self.embedding.unwrap_or(default.embedding),
+            condition_blocks: self.condition_blocks.unwrap_or(default.condition_blocks),
+            octaves: self.octaves.unwrap_or(default.octaves),
+            time_features: self.time_features.unwrap_or(default.time_features),
+            context: self.context,
+            channels: self.channels.unwrap_or(default.channels),
+        };
         let preset = Preset {
-            width: self.width.unwrap_or(self.preset.width),
-            depth: self.depth.unwrap_or(self.preset.depth),
-            embedding: self.embedding.unwrap_or(self.preset.embedding),
-            condition_blocks: self
-                .condition_blocks
-                .unwrap_or(self.preset.condition_blocks),
-            octaves: self.octaves.unwrap_or(self.preset.octaves),
-            time_features: self.time_features.unwrap_or(self.preset.time_features),
             length: self.steps.map_or(self.preset.length, Length::Steps),
             points: self.points.unwrap_or(self.preset.points),
             validate_every: self.validate_every.unwrap_or(self.preset.validate_every),
@@ -152,7 +155,7 @@ impl TrainPlan {
         let optimizer = self.optimizer.unwrap_or(preset.optimizer);
         let settings = TrainSettings {
             seed: self.seed,
-            precision: (self.precision).unwrap_or_else(|| Precision::fastest(preset.width)),
+            precision: (self.precision).unwrap_or_else(|| Precision::fastest(size.width)),
             patience: self.patience,
             optimizer: optimizer.scaled(rates.learning_rate / usual.learning_rate),
             path: FlowPath {
@@ -175,11 +178,6 @@ impl TrainPlan {
             prior: self.prior(data)?,
             color_weight: self.color_weight,
             ..preset.settings(rates, preset.length.steps(rates.clouds, set))
-        };
-        let size = NetworkSize {
-            context: self.context,
-            channels: self.channels.unwrap_or(preset.channels),
-            ..preset.size()
         };
         Ok((size, settings))
     }

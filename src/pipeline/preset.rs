@@ -14,18 +14,8 @@ pub struct Preset {
     pub name: &'static str,
     /// What it is for.
     pub purpose: &'static str,
-    /// Features per layer.
-    pub width: usize,
-    /// Layers.
-    pub depth: usize,
-    /// Features of the embedding of time and condition.
-    pub embedding: usize,
-    /// Residual blocks of the condition.
-    pub condition_blocks: usize,
-    /// Octaves of the positions' Fourier features.
-    pub octaves: usize,
-    /// What it sees of the flow time.
-    pub time_features: TimeFeatures,
+    /// Size of an MLP; a hybrid has a context network besides.
+    pub size: NetworkSize,
     /// How long the run is.
     pub length: Length,
     /// Points per cloud and step, or all of a cloud where it has fewer.
@@ -44,8 +34,6 @@ pub struct Preset {
     pub procedure: Procedure,
     /// Which layers a hybrid's context network is made of.
     pub layers: ContextLayers,
-    /// What points consist of.
-    pub channels: Channels,
     /// What differs between the networks: an MLP's, a hybrid's.
     pub rates: [Rates; 2],
 }
@@ -83,12 +71,16 @@ impl Preset {
         Self {
             name: "quick",
             purpose: "a small network in minutes on a CPU",
-            width: 96,
-            depth: 6,
-            embedding: 128,
-            condition_blocks: 0,
-            octaves: 6,
-            time_features: TimeFeatures::Late,
+            size: NetworkSize {
+                width: 96,
+                depth: 6,
+                embedding: 128,
+                condition_blocks: 0,
+                octaves: 6,
+                time_features: TimeFeatures::Late,
+                context: None,
+                channels: Channels::Xyz,
+            },
             length: Length::Steps(7000),
             points: 128,
             validate_every: 700,
@@ -98,18 +90,21 @@ impl Preset {
             symmetry: SymmetryUse::Auto,
             procedure: Procedure::Project,
             layers: ContextLayers::Residual,
-            channels: Channels::Xyz,
             rates: [FEW_POINTS; 2],
         },
         Self {
             name: "laptop",
             purpose: "a larger network in about half an hour on 2 cores",
-            width: 128,
-            depth: 6,
-            embedding: 128,
-            condition_blocks: 0,
-            octaves: 6,
-            time_features: TimeFeatures::Late,
+            size: NetworkSize {
+                width: 128,
+                depth: 6,
+                embedding: 128,
+                condition_blocks: 0,
+                octaves: 6,
+                time_features: TimeFeatures::Late,
+                context: None,
+                channels: Channels::Xyz,
+            },
             length: Length::Steps(25_000),
             points: 128,
             validate_every: 2500,
@@ -119,18 +114,21 @@ impl Preset {
             symmetry: SymmetryUse::Auto,
             procedure: Procedure::Project,
             layers: ContextLayers::Residual,
-            channels: Channels::Xyz,
             rates: [FEW_POINTS; 2],
         },
         Self {
             name: "paper",
             purpose: "the authors' settings, for days on a CPU",
-            width: 512,
-            depth: 6,
-            embedding: 256,
-            condition_blocks: 0,
-            octaves: 0,
-            time_features: TimeFeatures::Plain,
+            size: NetworkSize {
+                width: 512,
+                depth: 6,
+                embedding: 256,
+                condition_blocks: 0,
+                octaves: 0,
+                time_features: TimeFeatures::Plain,
+                context: None,
+                channels: Channels::XyzRgb,
+            },
             length: Length::Epochs(500),
             points: 20_000,
             validate_every: 5000,
@@ -140,7 +138,6 @@ impl Preset {
             symmetry: SymmetryUse::None,
             procedure: Procedure::Authors,
             layers: ContextLayers::Pvcnn,
-            channels: Channels::XyzRgb,
             rates: [
                 Rates {
                     clouds: 8,
@@ -216,20 +213,6 @@ impl Default for Preset {
 }
 
 impl Preset {
-    /// Size of an MLP.
-    pub fn size(&self) -> NetworkSize {
-        NetworkSize {
-            width: self.width,
-            depth: self.depth,
-            embedding: self.embedding,
-            condition_blocks: self.condition_blocks,
-            octaves: self.octaves,
-            time_features: self.time_features,
-            context: None,
-            channels: self.channels,
-        }
-    }
-
     /// Settings of a run of `steps` steps with the rates of one of the networks.
     pub fn settings(&self, rates: Rates, steps: u64) -> TrainSettings {
         TrainSettings {
