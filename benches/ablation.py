@@ -39,6 +39,7 @@ ROWS = {
     "exponent-5": ("time exponent 5", ["--time-exponent", "5"], 1.0),
     "no-symmetry": ("every command on its own, not one representative of six", ["--symmetry", "none"], 1.0),
     "adamw": ("AdamW", ["--optimizer", "adamw"], 0.97),
+    "adamw-slow": ("AdamW, learning rate 0.003", ["--optimizer", "adamw", "--learning-rate", "0.003"], 0.97),
     "stream": ("fresh samples from the stream", ["--stream", "2m"], 0.95),
     "colors": ("with colours, weight 0.05 (the paper's)", ["--colors"], 1.0),
     "colors-0.5": ("with colours, weight 0.5", ["--colors", "--color-weight", "0.5"], 1.0),
