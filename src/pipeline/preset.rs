@@ -65,22 +65,25 @@ const FEW_POINTS: Rates = Rates {
     warmup_steps: 500,
 };
 
+/// A network that a CPU trains in minutes.
+const SMALL: NetworkSize = NetworkSize {
+    width: 96,
+    depth: 6,
+    embedding: 128,
+    condition_blocks: 0,
+    octaves: 6,
+    time_features: TimeFeatures::Late,
+    context: None,
+    channels: Channels::Xyz,
+};
+
 impl Preset {
     /// All of them; the first is the default.
     pub const ALL: [Self; 3] = [
         Self {
             name: "quick",
             purpose: "a small network in minutes on a CPU",
-            size: NetworkSize {
-                width: 96,
-                depth: 6,
-                embedding: 128,
-                condition_blocks: 0,
-                octaves: 6,
-                time_features: TimeFeatures::Late,
-                context: None,
-                channels: Channels::Xyz,
-            },
+            size: SMALL,
             length: Length::Steps(7000),
             points: 128,
             validate_every: 700,
@@ -97,13 +100,7 @@ impl Preset {
             purpose: "a larger network in about half an hour on 2 cores",
             size: NetworkSize {
                 width: 128,
-                depth: 6,
-                embedding: 128,
-                condition_blocks: 0,
-                octaves: 6,
-                time_features: TimeFeatures::Late,
-                context: None,
-                channels: Channels::Xyz,
+                ..SMALL
             },
             length: Length::Steps(25_000),
             points: 128,
