@@ -26,12 +26,17 @@ import tdcr.plot
 def figure_of(data: tdcr.Dataset, run: tdcr.Run, sample: tdcr.Sample) -> plt.Figure:
     """The prediction for a sample beside its cloud, and how the training went."""
     predicted = run.predictor.clouds(sample.condition, points=min(data.points, 4000), uncertainty=True)
-    figure = plt.figure(figsize=(8.0, 3.8), layout="constrained")
-    space = figure.add_subplot(1, 2, 1, projection="3d")
+    figure = plt.figure(figsize=(9.0, 4.2), layout="constrained")
+    grid = figure.add_gridspec(1, 2, width_ratios=[1.2, 1.0])
+    space = figure.add_subplot(grid[0], projection="3d")
     tdcr.plot.cloud(space, sample.points[:4000], color="0.75", size=0.5)
     points = tdcr.plot.cloud(space, predicted.points[0], values=1e3 * predicted.uncertainty[0], size=1.5)
-    figure.colorbar(points, ax=space, label="uncertainty (mm)", shrink=0.6, pad=0.15)
-    loss = figure.add_subplot(1, 2, 2)
+    figure.colorbar(points, ax=space, label="uncertainty (mm)", shrink=0.6, pad=0.1)
+    # Few ticks, so that their labels do not meet on the short axes.
+    space.locator_params(axis="x", nbins=3)
+    space.locator_params(axis="y", nbins=3)
+    space.zaxis.labelpad = 8
+    loss = figure.add_subplot(grid[1])
     loss.semilogy(np.arange(1, run.steps + 1), run.losses, color=tdcr.plot.COLORS[0], linewidth=0.5)
     loss.set(xlabel="step", ylabel="loss")
     distance = loss.twinx()
