@@ -40,7 +40,7 @@ def test_readmes_quick_start_prints_what_it_says_in_an_empty_environment(tmp_pat
         assert refused.stderr.endswith(f"which is not installed: pip install {package}\n")
 
 
-# The package's parts for these are not what a stub is compared with, and checking them takes most of the time.
+# Packages that the native module has nothing to do with: reading their types would take most of the time.
 OTHERS = "[mypy-torch.*,jax.*,ray.*,gymnasium.*]\nfollow_imports = skip\nfollow_imports_for_stubs = true\n"
 
 
