@@ -80,6 +80,19 @@ impl Samples {
         }
     }
 
+    fn cloud(&self, k: usize) -> Self {
+        let of = |numbers: &[f32]| {
+            let len = numbers.len() / self.times.len();
+            numbers[k * len..(k + 1) * len].to_vec()
+        };
+        Self {
+            times: of(&self.times),
+            conditions: of(&self.conditions),
+            points: of(&self.points),
+            targets: of(&self.targets),
+        }
+    }
+
     fn batch(&self) -> Batch<'_> {
         Batch {
             times: &self.times,
@@ -106,7 +119,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
             ..SHAPE
         };
         let network = network(shape).with_precision(precision).unwrap();
-        let samples = Samples::new(2, 1500);
+        let samples = Samples::new(11, 1500);
         let results = [1, 2, 3].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
@@ -191,6 +204,28 @@ fn a_workspace_can_be_used_again_with_another_batch() {
     network.loss_and_gradient(&large.batch(), &mut workspace, &mut gradient);
     let loss = network.loss_and_gradient(&small.batch(), &mut workspace, &mut gradient);
     assert_eq!((loss, gradient), loss_and_gradient(&network, &small));
+}
+
+/// Of small clouds, which run in parallel, and of large ones, which do not.
+#[test]
+fn loss_and_gradient_of_a_batch_are_the_mean_of_its_clouds() {
+    let mut large = SHAPE;
+    large.context.stages[0] = stage(24, 24);
+    for (shape, clouds) in [(SHAPE, 1), (SHAPE, 19), (large, 3)] {
+        let network = network(shape);
+        let samples = Samples::new(clouds, 200);
+        let (mut mean_loss, mut mean) = (0.0, vec![0.0; network.params().len()]);
+        for k in 0..clouds {
+            let (loss, gradient) = loss_and_gradient(&network, &samples.cloud(k));
+            mean_loss += loss / clouds as f64;
+            let parts = mean.iter_mut().zip(gradient);
+            parts.for_each(|(mean, g)| *mean += g / clouds as f32);
+        }
+        let (loss, gradient) = loss_and_gradient(&network, &samples);
+        assert!((loss / mean_loss - 1.0).abs() < 1e-6, "{loss}, {mean_loss}");
+        let found = distance(&gradient, &mean);
+        assert!(found < 1e-5, "{clouds} clouds: {found}");
+    }
 }
 
 /// The gradient's own direction, over clouds of several blocks of points and shares.

@@ -23,9 +23,11 @@ mod context_stage;
 mod pvcnn;
 mod pvcnn_context;
 mod shape;
+mod training;
 mod velocity;
 
 pub use context_shape::{ContextLayers, ContextShape, Stage, TimeGate};
 pub use pvcnn::PvcnnHybrid;
 pub use shape::HybridShape;
-pub use velocity::{Hybrid, HybridWorkspace};
+pub use training::HybridWorkspace;
+pub use velocity::Hybrid;

@@ -38,7 +38,7 @@ pub use batch::{Batch, Loss};
 pub use conditioner::{Conditioner, ConditionerTape, Film, Part};
 pub use point_features::point_inputs;
 pub use shape::{EmbeddingShape, MlpShape};
-pub use shares::{PointPass, STRIPE, Share, add_trunk_gradients, divide};
+pub use shares::{PointPass, STRIPE, Share, add_gradients, divide};
 pub use time_features::TimeFeatures;
 pub use trunk::Trunk;
 pub use trunk_bf16::PackedTrunk;

@@ -81,17 +81,17 @@ pub fn divide(clouds: usize, points: usize, len: usize, shares: &mut Vec<Share>)
     }
 }
 
-/// Adds the shares' trunk gradients to `total`, in order.
-pub fn add_trunk_gradients(shares: &[Share], total: &mut [f32]) {
+/// Adds gradients to `total`, in order.
+pub fn add_gradients<'a>(
+    gradients: impl Iterator<Item = &'a [f32]> + Clone + Sync,
+    total: &mut [f32],
+) {
     total
         .par_chunks_mut(STRIPE)
         .enumerate()
         .for_each(|(index, stripe)| {
-            for share in shares {
-                add(
-                    &share.gradient.params[index * STRIPE..][..stripe.len()],
-                    stripe,
-                );
+            for gradient in gradients.clone() {
+                add(&gradient[index * STRIPE..][..stripe.len()], stripe);
             }
         });
 }

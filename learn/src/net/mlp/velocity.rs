@@ -7,7 +7,7 @@ use super::batch::Batch;
 use super::conditioner::{Conditioner, ConditionerTape};
 use super::point_features::point_inputs;
 use super::shape::MlpShape;
-use super::shares::{PointPass, Share, add_trunk_gradients, divide};
+use super::shares::{PointPass, Share, add_gradients, divide};
 use super::trunk::Trunk;
 use super::trunk_bf16::PackedTrunk;
 use super::trunk_tiles::TrunkTapes;
@@ -190,7 +190,8 @@ impl Mlp {
 
         // Gradients of the shares, summed in order: by the trunk's parameters, and by each cloud's modulation.
         gradient.fill(0.0);
-        add_trunk_gradients(shares, &mut gradient[self.trunk.range.clone()]);
+        let trunk_gradients = shares.iter().map(|share| &share.gradient.params[..]);
+        add_gradients(trunk_gradients, &mut gradient[self.trunk.range.clone()]);
         reset(d_modulation, clouds * modulation_len);
         for share in &*shares {
             let d_modulation = &mut d_modulation[share.cloud * modulation_len..];
