@@ -267,6 +267,8 @@ def main():
     if args.task:
         print(json.dumps(peer(**json.loads(args.task))))
         return
+    # As Ctrl-C does, so that no mode goes on without it.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     version = torch_version()
     if version:
         print(f"PyTorch {version}, {os.cpu_count()} processors", file=sys.stderr)
