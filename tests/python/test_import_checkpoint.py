@@ -229,10 +229,10 @@ def test_the_binary_predicts_with_the_authors_hybrid(tdcr, tmp_path, monkeypatch
         x = x + (u + velocity((k + 1) / 3, x + u / 3)) / 6
     with np.load(npz) as clouds:
         error = np.abs(clouds["points"][0] - 0.4 * x[0].numpy()).max(axis=1)
-    # Velocities differ by rounding; where a point passes an edge of a voxel, its path makes more of it.
+    # But for points at an edge of a voxel, which rounding puts on either side, in PyTorch's float32 too.
     scale = 0.4 * x.abs().max().item()
-    assert np.median(error) < 1e-5 * scale
-    assert error.max() < 1e-3 * scale
+    assert np.quantile(error, 0.98) < 1e-5 * scale
+    assert error.max() < 1e-4 * scale
 
 
 def test_hybrids_that_do_not_fit_are_refused_by_name():

@@ -16,9 +16,10 @@ const SHARE: usize = 1024;
 /// Lanes that small clouds are divided among.
 const LANES: usize = 8;
 
-/// Operations of a forward pass from which on a cloud has all threads to itself. The hundreds of parallel loops of a step wake
-/// threads and wait for them, which takes as long as the products of a small cloud; but a lane of its own takes memory, which
-/// grows with the operations.
+/// Floating-point operations of a forward pass from which on a cloud has all threads to itself.
+///
+/// A cloud's hundreds of parallel loops wake threads and wait for them, which takes a third of a small cloud's time. The memory
+/// of a lane grows with the operations.
 const LARGE_CLOUD: u64 = 1 << 30;
 
 /// Buffers of [`Hybrid::loss_and_gradient`], kept from step to step.
@@ -132,7 +133,7 @@ impl Hybrid {
         lanes.iter().map(|lane| lane.squared_error).sum::<f64>() / loss.components as f64
     }
 
-    /// Clouds of a lane: all of them where they are large. What decides is the batch alone, as the order of sums follows.
+    /// Clouds of a lane: all of them where they are large. It does not depend on the number of threads, nor do the sums.
     fn clouds_per_lane(&self, clouds: usize, points: usize) -> usize {
         if self.flops(points) < LARGE_CLOUD {
             clouds.div_ceil(LANES)
