@@ -33,6 +33,10 @@ def main() -> None:
     args = parser.parse_args()
     if not args.payload >= GRAM:
         parser.error(f"--payload is {args.payload:g} kg, expected at least {GRAM:g}")
+    try:
+        worst_commands = json.loads(args.worst.read_text())["worst"] if args.worst else []
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        parser.error(f"--worst {args.worst}: {error!r}, expected what `tdcr eval --worst N --json` prints")
     robot = tdcr.Robot(args.robot)
     rng = np.random.default_rng(1)
 
@@ -44,7 +48,7 @@ def main() -> None:
     payloads = rng.uniform(0.0, args.payload - GRAM, COMMANDS)
     print(row("one gram more", tips(commands, payloads), tips(commands, payloads + GRAM)))
     low, high = robot.command_ranges.T
-    for worst in json.loads(args.worst.read_text())["worst"] if args.worst else []:
+    for worst in worst_commands:
         noise = rng.normal(0.0, NOISE, (DRAWS, len(low)))
         commands = np.clip(np.asarray(worst["command"]) + noise, low, high)
         before = tips(np.asarray([worst["command"]]), np.asarray([worst["payload"]]))
