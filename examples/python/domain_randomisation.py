@@ -3,10 +3,10 @@
     pip install ".[plot]"
     python examples/python/domain_randomisation.py --out domain_randomisation
 
-Gains, densities, radii of the holes and the spacing of the discs are drawn from normal distributions; each row of a batch
-is a robot of its own. Beside it stands what the Jacobian says of the spread, without a single further robot: a covariance J
-S J', with S the variances of the parameters. Training data for a policy or a network that is to work on a real robot can be
-randomised the same way.
+Gains of all tendons, densities, radii of the holes and the spacing of the discs of all modules, and the radius of the base's
+holes are drawn from normal distributions; each row of a batch is a robot of its own. Beside it stands what the Jacobian says of
+the spread, without a single further robot: a covariance J S J', with S the variances of the parameters. Training data for a
+policy or a network that is to work on a real robot can be randomised the same way.
 
 Writes domain_randomisation.png and domain_randomisation.json to the folder.
 
@@ -26,16 +26,14 @@ from matplotlib.patches import Ellipse
 import tdcr
 import tdcr.plot
 
+SPREAD = {"gain": 0.02, "density": 0.05, "hole_radius": 0.01, "pitch": 0.005}
+"""Relative standard deviations of what varies."""
+
 
 def parameters(robot: tdcr.Robot) -> dict[str, float]:
-    """Names of what varies, with relative standard deviations."""
-    modules = range(len(robot.to_dict()["modules"]))
-    return {
-        **{f"gain[{tendon}]": 0.02 for tendon in range(robot.tendons)},
-        **{f"density[{module}]": 0.05 for module in modules},
-        **{f"hole_radius[{module}]": 0.01 for module in modules},
-        **{f"pitch[{module}]": 0.005 for module in modules},
-    }
+    """Names of what varies, with relative standard deviations: of every tendon, every module, and the holes of the base."""
+    kinds = {parameter.name: parameter.name.partition("[")[0] for parameter in tdcr.parameters(robot)}
+    return {name: SPREAD[kind] for name, kind in kinds.items() if kind in SPREAD}
 
 
 def variations(robot: tdcr.Robot, spread: dict[str, float], count: int, rng: np.random.Generator) -> list[tdcr.Robot]:

@@ -106,9 +106,62 @@ struct Row<'a> {
 struct Question<'a> {
     motions: &'a Motions,
     cotangents: Cotangents,
-    /// The payload first, then what was asked for.
+    /// What was asked for, and then the payload, if it is not among them.
     parameters: Vec<Parameter>,
+    /// The payload's place.
+    payload: usize,
     steps: Steps,
+}
+
+/// A motion that is computed again, to be differentiated.
+pub struct Replayed {
+    pub rollout: Rollout,
+    /// After each step.
+    pub states: Vec<State>,
+    /// Orientations of the discs after each command.
+    pub orientations: Vec<Vec<UnitQuaternion<f64>>>,
+}
+
+impl Motions {
+    /// The motion of a row with all its states, none where nobody waits for it; or why it could not go on.
+    pub fn replay(
+        &self,
+        at_hand: &mut Option<MovingRobot>,
+        row: usize,
+        watch: &Watch,
+    ) -> Outcome<Result<Option<Replayed>, Failure>> {
+        let skip = self.steps.skip;
+        let moving = self.start(at_hand, row)??;
+        let mut replayed = Replayed {
+            rollout: Rollout {
+                start: moving.state().clone(),
+                commands: Vec::with_capacity(self.length * skip),
+                loads: self.loads[row].clone(),
+            },
+            states: Vec::with_capacity(self.length * skip),
+            orientations: Vec::with_capacity(self.length),
+        };
+        for step in 0..self.length {
+            if watch.stopped() {
+                return Ok(Ok(None));
+            }
+            let command = self.command(row, step)?;
+            for _ in 0..skip {
+                match moving.advance_by(&command, &replayed.rollout.loads, 1) {
+                    Ok(()) => replayed.states.push(moving.state().clone()),
+                    Err(SimulationError::Dynamics(error)) => {
+                        return Ok(Err(diverged(step, moving, &error)));
+                    }
+                    Err(error) => return Err(error.into()),
+                }
+            }
+            let commands = &mut replayed.rollout.commands;
+            commands.extend(std::iter::repeat_n(command, skip));
+            let orientations = moving.pose().orientations.to_vec();
+            replayed.orientations.push(orientations);
+        }
+        Ok(Ok(Some(replayed)))
+    }
 }
 
 impl Question<'_> {
@@ -122,32 +175,15 @@ impl Question<'_> {
     ) -> Outcome<Option<Failure>> {
         let motions = self.motions;
         let skip = self.steps.skip;
-        let moving = motions.start(at_hand, row)??;
-        // The motion again: its states, and the orientations after each command.
-        let mut rollout = Rollout {
-            start: moving.state().clone(),
-            commands: Vec::with_capacity(motions.length * skip),
-            loads: motions.loads[row].clone(),
+        let Replayed {
+            rollout,
+            states,
+            orientations,
+        } = match motions.replay(at_hand, row, watch)? {
+            Ok(Some(replayed)) => replayed,
+            Ok(None) => return Ok(None),
+            Err(failure) => return Ok(Some(failure)),
         };
-        let mut states: Vec<State> = Vec::with_capacity(motions.length * skip);
-        let mut orientations = Vec::with_capacity(motions.length);
-        for step in 0..motions.length {
-            if watch.stopped() {
-                return Ok(None);
-            }
-            let command = motions.command(row, step)?;
-            for _ in 0..skip {
-                match moving.advance_by(&command, &rollout.loads, 1) {
-                    Ok(()) => states.push(moving.state().clone()),
-                    Err(SimulationError::Dynamics(error)) => {
-                        return Ok(Some(diverged(step, moving, &error)));
-                    }
-                    Err(error) => return Err(error.into()),
-                }
-            }
-            rollout.commands.extend(std::iter::repeat_n(command, skip));
-            orientations.push(moving.pose().orientations.to_vec());
-        }
         let cost = |k: usize, _: &State, by: &mut StateCotangent| {
             if k > 0 && k.is_multiple_of(skip) {
                 let step = k / skip - 1;
@@ -155,7 +191,7 @@ impl Question<'_> {
                 self.cotangents.add(at, &orientations[step], by);
             }
         };
-        let (robot, timestep) = (motions.robot(row), moving.stepper().timestep());
+        let (robot, timestep) = (motions.robot(row), self.steps.timestep);
         let gradient = rollout_gradient(robot, timestep, &rollout, &states, &self.parameters, cost);
         let gradient = match gradient {
             Ok(gradient) => gradient,
@@ -188,8 +224,10 @@ impl Question<'_> {
         for (out, (f, m)) in out.wrench.as_chunks_mut::<6>().0.iter_mut().zip(wrenches) {
             *out = [f.x, f.y, f.z, m.x, m.y, m.z];
         }
-        *out.payload = gradient.parameters[0];
-        out.parameters.copy_from_slice(&gradient.parameters[1..]);
+        *out.payload = gradient.parameters[self.payload];
+        let asked = out.parameters.len();
+        out.parameters
+            .copy_from_slice(&gradient.parameters[..asked]);
         Ok(None)
     }
 }
@@ -230,11 +268,16 @@ pub fn rollout_vjp_rows(
         *steps,
     )?;
     let mut parameters = parameters(&names)?;
-    parameters.insert(0, Parameter::Payload);
+    let named = parameters.iter().position(|p| *p == Parameter::Payload);
+    let payload_at = named.unwrap_or_else(|| {
+        parameters.push(Parameter::Payload);
+        names.len()
+    });
     let question = Question {
         cotangents: Cotangents::new(&by_states, &motions)?,
         motions: &motions,
         parameters,
+        payload: payload_at,
         steps: *steps,
     };
     let (rows, n, t) = (motions.rows, motions.discs, motions.tendons);

@@ -12,6 +12,7 @@
 //! | `dynamics` | motions by rows |
 //! | `steps` | how motions are computed |
 //! | `dynamics_gradient` | gradients of motions by rows; linearised steps |
+//! | `dynamics_tangent` | tangents of motions by rows |
 //! | `moving_robot` | one robot in motion, step by step |
 //! | `tendon_friction` | paths with friction in the holes |
 //! | `inverse` | commands for shapes, parameters from measurements |
@@ -35,6 +36,7 @@ mod arrays;
 mod data;
 mod dynamics;
 mod dynamics_gradient;
+mod dynamics_tangent;
 mod env;
 mod errors;
 mod exchange;
@@ -73,6 +75,8 @@ mod _tdcr {
     #[pymodule_export]
     use crate::dynamics_gradient::{RolloutGradientRows, linearise, rollout_vjp_rows};
     #[pymodule_export]
+    use crate::dynamics_tangent::{RolloutTangentRows, rollout_jvp_rows};
+    #[pymodule_export]
     use crate::env::BatchSimulation;
     #[pymodule_export]
     use crate::exchange::{export_clouds, import_clouds};
@@ -101,7 +105,7 @@ mod _tdcr {
     #[pymodule_export]
     use crate::sensitivity::{jacobian_rows, jvp_rows, vjp_rows};
     #[pymodule_export]
-    use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_rows};
+    use crate::statics::{EquilibriumRows, Settler, follow_rows, settle_one, settle_rows};
     #[pymodule_export]
     use crate::steps::Steps;
     #[pymodule_export]

@@ -45,10 +45,39 @@ impl Loads {
     }
 }
 
+impl Loads {
+    /// These loads with another payload (kg), if one is given, and wrenches on the discs, world frame: force (N), moment (N m).
+    pub fn with(
+        &self,
+        payload: Option<f64>,
+        wrenches: &[[f64; 6]],
+    ) -> Outcome<tdcr::sim::robot::Loads> {
+        let mut loads = self.0.clone();
+        if let Some(mass) = payload {
+            let payload = Payload {
+                mass,
+                ..loads.tip_payload()
+            };
+            loads = loads.with_payload(payload)?;
+        }
+        for (disc, &[fx, fy, fz, mx, my, mz]) in wrenches.iter().enumerate() {
+            let (force, moment) = ([fx, fy, fz], [mx, my, mz]);
+            if force != [0.0; 3] || moment != [0.0; 3] {
+                loads = loads.with_wrench(Wrench {
+                    force,
+                    moment,
+                    ..Wrench::none(disc, Frame::World)
+                })?;
+            }
+        }
+        Ok(loads)
+    }
+}
+
 /// Loads of each row of a batch.
 pub struct LoadRows {
     /// One for all rows, or one a row.
-    base: Vec<tdcr::sim::robot::Loads>,
+    base: Vec<Loads>,
     /// Payload of each row (kg), in place of that of the base.
     payload: Option<Vec<f64>>,
     /// Wrench on each disc of each row, world frame: force (N), moment (N m).
@@ -75,7 +104,7 @@ impl LoadRows {
             Ok::<_, Failure>(flat.as_chunks::<6>().0.to_vec())
         });
         Ok(Self {
-            base: base.iter().map(|loads| loads.0.clone()).collect(),
+            base: base.iter().map(|loads| (*loads).clone()).collect(),
             payload: payload.transpose()?,
             wrench: wrench.transpose()?,
             discs,
@@ -84,28 +113,11 @@ impl LoadRows {
 
     /// Loads of one row.
     pub fn row(&self, row: usize) -> Outcome<tdcr::sim::robot::Loads> {
-        let mut loads = self.base[if self.base.len() == 1 { 0 } else { row }].clone();
-        if let Some(payload) = &self.payload {
-            let payload = Payload {
-                mass: payload[row],
-                ..loads.tip_payload()
-            };
-            loads = loads.with_payload(payload)?;
-        }
-        if let Some(wrench) = &self.wrench {
-            let of_discs = &wrench[row * self.discs..(row + 1) * self.discs];
-            for (disc, [fx, fy, fz, mx, my, mz]) in of_discs.iter().copied().enumerate() {
-                let (force, moment) = ([fx, fy, fz], [mx, my, mz]);
-                if force != [0.0; 3] || moment != [0.0; 3] {
-                    let frame = Frame::World;
-                    loads = loads.with_wrench(Wrench {
-                        force,
-                        moment,
-                        ..Wrench::none(disc, frame)
-                    })?;
-                }
-            }
-        }
-        Ok(loads)
+        let base = &self.base[if self.base.len() == 1 { 0 } else { row }];
+        let payload = self.payload.as_ref().map(|payload| payload[row]);
+        let wrenches = self.wrench.as_ref().map_or(&[][..], |wrench| {
+            &wrench[row * self.discs..(row + 1) * self.discs]
+        });
+        base.with(payload, wrenches)
     }
 }

@@ -9,7 +9,7 @@ use tdcr::sim::chain::Configuration;
 use tdcr::sim::formats::mjcf::Integrator;
 use tdcr::sim::formats::{mjcf, urdf};
 use tdcr::sim::render::BaseVisibility;
-use tdcr::sim::robot::{Parameter, Payload, RobotSpec};
+use tdcr::sim::robot::{ActsOn, Parameter, Payload, RobotSpec};
 
 use crate::arrays::array;
 use crate::errors::{Failure, Outcome, choice};
@@ -24,6 +24,18 @@ impl Robot {
         Ok(Self(tdcr::sim::robot::Robot::new(spec)?))
     }
 }
+
+/// A parameter: name, value, unit, what it acts on in words, module, discs, tendons, names of those that overlap with it.
+type Described = (
+    String,
+    f64,
+    &'static str,
+    String,
+    Option<usize>,
+    Vec<usize>,
+    Vec<usize>,
+    Vec<String>,
+);
 
 /// What a model for MuJoCo shows and how it moves, as `tdcr export` asks for it.
 #[derive(FromPyObject)]
@@ -163,10 +175,39 @@ impl Robot {
         Ok(self.0.spec().value(named(parameter)?)?)
     }
 
-    /// Unit of a parameter, by its name.
-    #[staticmethod]
-    fn unit_of(parameter: &str) -> Outcome<&'static str> {
-        Ok(named(parameter)?.unit())
+    /// The parameters that have values.
+    fn parameters(&self) -> Outcome<Vec<Described>> {
+        let spec = self.0.spec();
+        let all = spec.parameters();
+        let describe = |&parameter: &Parameter| {
+            let acts_on = spec.acts_on(parameter)?;
+            let overlapping = (all.iter().copied())
+                .filter(|&other| other != parameter && spec.parameters_overlap(parameter, other));
+            let (module, discs, tendons) = match &acts_on {
+                ActsOn::Base => (None, Vec::new(), Vec::new()),
+                ActsOn::Tendon(tendon) => (None, Vec::new(), vec![*tendon]),
+                ActsOn::Disc(disc) => (None, vec![*disc], Vec::new()),
+                ActsOn::Module { module, discs } => {
+                    (Some(*module), discs.clone().collect(), Vec::new())
+                }
+            };
+            Ok((
+                parameter.key(),
+                spec.value(parameter)?,
+                parameter.unit(),
+                acts_on.to_string(),
+                module,
+                discs,
+                tendons,
+                overlapping.map(Parameter::key).collect(),
+            ))
+        };
+        all.iter().map(describe).collect()
+    }
+
+    /// Refuses parameters that the robot does not have, and those that overlap.
+    fn check_parameters(&self, names: Vec<String>) -> Outcome<()> {
+        Ok(self.0.spec().check_parameters(&parameters(&names)?)?)
     }
 
     /// This robot with other values of some parameters.

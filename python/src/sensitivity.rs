@@ -15,7 +15,7 @@ use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome};
 use crate::robot::parameters;
 use crate::run;
-use crate::statics::{Questions, RowsArgument};
+use crate::statics::{Questions, RowsArgument, SMALL};
 
 /// What becomes of rows without derivatives: not settled, or on the brink of instability.
 #[derive(Clone, Copy, PartialEq)]
@@ -51,29 +51,32 @@ fn by_rows(
     if width == 0 {
         return Ok(numbers);
     }
-    let failed = run::long(py, None, |watch| {
-        let differentiate = |settler: &mut Option<_>, row: usize, out: &mut [f64]| -> Outcome<()> {
-            let (command, loads) = (&rows.commands[row], &rows.loads[row]);
-            let settled = rows.settler(settler, row).settle(command, loads);
-            let sensitivity = rows.robot(row).sensitivity(command, loads, settled)?;
-            write(row, &sensitivity, &settled.orientations, out)
-        };
-        let outcomes = numbers.par_chunks_exact_mut(width).enumerate().map_init(
-            || None,
-            |settler, (row, out)| {
-                if watch.stopped() {
-                    return None;
-                }
-                let failure = differentiate(settler, row, out).err()?;
-                out.fill(f64::NAN);
-                // What is wrong with the question is told in any case.
-                let told = failures == OnFailure::Raise
-                    || !matches!(failure, Failure::Of("SensitivityError", _));
-                told.then_some((row, failure))
-            },
-        );
-        outcomes.flatten().min_by_key(|(row, _)| *row)
-    })?;
+    let differentiate = |settler: &mut Option<_>, row: usize, out: &mut [f64]| {
+        let (command, loads) = (&rows.commands[row], &rows.loads[row]);
+        let settled = rows.settler(settler, row).settle(command, loads);
+        let written = (rows.robot(row).sensitivity(command, loads, settled))
+            .map_err(Failure::from)
+            .and_then(|sensitivity| write(row, &sensitivity, &settled.orientations, out));
+        let failure = written.err()?;
+        out.fill(f64::NAN);
+        // What is wrong with the question is told in any case.
+        let told =
+            failures == OnFailure::Raise || !matches!(failure, Failure::Of("SensitivityError", _));
+        told.then_some((row, failure))
+    };
+    let failed = match rows.rows() == 1 && rows.discs <= SMALL {
+        true => py.detach(|| differentiate(&mut None, 0, &mut numbers)),
+        false => run::long(py, None, |watch| {
+            let outcomes = numbers.par_chunks_exact_mut(width).enumerate().map_init(
+                || None,
+                |settler, (row, out)| match watch.stopped() {
+                    true => None,
+                    false => differentiate(settler, row, out),
+                },
+            );
+            outcomes.flatten().min_by_key(|(row, _)| *row)
+        })?,
+    };
     match failed {
         Some((row, failure)) if rows.rows() > 1 => Err(failure.of_row(row)),
         Some((_, failure)) => Err(failure),
@@ -93,8 +96,14 @@ pub fn jacobian_rows<'py>(
     let rows = Questions::new(&rows)?;
     let names = parameters(&names)?;
     let (poses, width) = (6 * rows.discs, names.len());
+    let whole_command = (0..rows.tendons)
+        .map(Parameter::Command)
+        .eq(names.iter().copied());
     let jacobian = |_, sensitivity: &Sensitivity, _: &[_], out: &mut [f64]| -> Outcome<()> {
-        let jacobian = sensitivity.jacobian(&names)?;
+        let jacobian = match whole_command {
+            true => sensitivity.command_jacobian(),
+            false => sensitivity.jacobian(&names)?,
+        };
         for (out, row) in out.chunks_exact_mut(width).zip(jacobian.row_iter()) {
             out.iter_mut()
                 .zip(row.iter())

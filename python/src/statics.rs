@@ -1,5 +1,6 @@
 //! Equilibria, one or by rows.
 
+use nalgebra::UnitQuaternion;
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -213,6 +214,52 @@ impl Numbers {
     }
 }
 
+/// An equilibrium: positions, quaternions, configuration, lengths, tensions, residual, iterations, whether it converged, and
+/// the code of its stability.
+type One<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    f64,
+    usize,
+    bool,
+    u8,
+);
+
+/// One equilibrium as arrays, without the first axis of [`EquilibriumRows`].
+fn one<'py>(py: Python<'py>, equilibrium: &Equilibrium) -> PyResult<One<'py>> {
+    let n = equilibrium.positions.len();
+    let turns = |quaternions: &[UnitQuaternion<f64>]| {
+        let mut numbers = vec![0.0; 4 * n];
+        write_quaternions(quaternions, &mut numbers);
+        array(py, numbers, [n, 4])
+    };
+    let mut points = vec![0.0; 3 * n];
+    write_points(&equilibrium.positions, &mut points);
+    Ok((
+        array(py, points, [n, 3])?,
+        turns(&equilibrium.orientations)?,
+        turns(&equilibrium.configuration.0)?,
+        PyArray1::from_slice(py, &equilibrium.tendon_lengths),
+        PyArray1::from_slice(py, &equilibrium.tendon_tensions),
+        equilibrium.residual,
+        equilibrium.iterations,
+        equilibrium.converged,
+        code(equilibrium.stability),
+    ))
+}
+
+fn code(stability: Option<Stability>) -> u8 {
+    match stability {
+        Some(Stability::Stable) => 1,
+        Some(Stability::Neutral) => 2,
+        Some(Stability::Unstable) => 3,
+        None => 0,
+    }
+}
+
 impl Row<'_> {
     pub fn write(&mut self, equilibrium: &Equilibrium) {
         write_points(&equilibrium.positions, self.positions);
@@ -223,13 +270,39 @@ impl Row<'_> {
         *self.residual = equilibrium.residual;
         *self.iterations = u32::try_from(equilibrium.iterations).unwrap_or(u32::MAX);
         *self.converged = equilibrium.converged;
-        *self.stability = match equilibrium.stability {
-            Some(Stability::Stable) => 1,
-            Some(Stability::Neutral) => 2,
-            Some(Stability::Unstable) => 3,
-            None => 0,
-        };
+        *self.stability = code(equilibrium.stability);
     }
+}
+
+/// Most discs of a robot that settles faster than a thread is woken.
+pub const SMALL: usize = 64;
+
+/// Settles one robot from the straight pose: one row of [`settle_rows`], without what only many need.
+#[pyfunction]
+#[pyo3(signature = (robot, command, loads, payload=None, wrench=None))]
+pub fn settle_one<'py>(
+    py: Python<'py>,
+    robot: PyRef<'_, Robot>,
+    command: PyReadonlyArray1<'_, f64>,
+    loads: PyRef<'_, Loads>,
+    payload: Option<f64>,
+    wrench: Option<PyReadonlyArray2<'_, f64>>,
+) -> Outcome<One<'py>> {
+    let robot = &robot.0;
+    let (discs, tendons) = (robot.discs().len(), robot.tendons().len());
+    let command = robot.command(contiguous(&command, "command", &[tendons])?)?;
+    let wrench = match &wrench {
+        Some(wrench) => contiguous(wrench, "wrench", &[discs, 6])?,
+        None => &[],
+    };
+    let loads = loads.with(payload, wrench.as_chunks::<6>().0)?;
+    loads.check(robot)?;
+    let settle = || robot.settle(&command, &loads);
+    let settled = match discs <= SMALL {
+        true => py.detach(settle),
+        false => run::long(py, None, |_| settle())?,
+    };
+    Ok(one(py, &settled)?)
 }
 
 /// Settles each row from the straight pose, on all threads. `progress` is told how many more rows are done.
@@ -242,6 +315,13 @@ pub fn settle_rows(
 ) -> Outcome<EquilibriumRows> {
     let rows = Questions::new(&rows)?;
     let mut numbers = Numbers::new(rows.rows(), rows.discs, rows.tendons);
+    if rows.rows() == 1 && rows.discs <= SMALL && progress.is_none() {
+        py.detach(|| {
+            let settled = rows.robot(0).settle(&rows.commands[0], &rows.loads[0]);
+            numbers.rows()[0].write(&settled);
+        });
+        return Ok(numbers.into_arrays(py)?);
+    }
     run::long(py, progress.as_ref(), |watch| {
         numbers.rows().par_iter_mut().enumerate().for_each_init(
             || None,
@@ -295,11 +375,8 @@ impl Settler {
         Ok(command)
     }
 
-    fn rows(&self, py: Python<'_>) -> Outcome<EquilibriumRows> {
-        let robot = self.0.robot();
-        let mut numbers = Numbers::new(1, robot.discs().len(), robot.tendons().len());
-        numbers.rows()[0].write(self.0.equilibrium());
-        Ok(numbers.into_arrays(py)?)
+    fn found<'py>(&self, py: Python<'py>) -> Outcome<One<'py>> {
+        Ok(one(py, self.0.equilibrium())?)
     }
 }
 
@@ -311,43 +388,43 @@ impl Settler {
     }
 
     /// Settles from the straight pose.
-    fn settle(
+    fn settle<'py>(
         &mut self,
-        py: Python<'_>,
+        py: Python<'py>,
         command: PyReadonlyArray1<'_, f64>,
         loads: PyRef<'_, Loads>,
-    ) -> Outcome<EquilibriumRows> {
+    ) -> Outcome<One<'py>> {
         let command = self.question(&command, &loads)?;
         let (settler, loads) = (&mut self.0, &loads.0);
         py.detach(|| {
             settler.settle(&command, loads);
         });
-        self.rows(py)
+        self.found(py)
     }
 
     /// Follows the branch of equilibria from the last one.
-    fn follow(
+    fn follow<'py>(
         &mut self,
-        py: Python<'_>,
+        py: Python<'py>,
         command: PyReadonlyArray1<'_, f64>,
         loads: PyRef<'_, Loads>,
-    ) -> Outcome<EquilibriumRows> {
+    ) -> Outcome<One<'py>> {
         let command = self.question(&command, &loads)?;
         let (settler, loads) = (&mut self.0, &loads.0);
         py.detach(|| {
             settler.follow(&command, loads);
         });
-        self.rows(py)
+        self.found(py)
     }
 
     /// Settles from a configuration, shape (discs, 4).
-    fn settle_from(
+    fn settle_from<'py>(
         &mut self,
-        py: Python<'_>,
+        py: Python<'py>,
         command: PyReadonlyArray1<'_, f64>,
         loads: PyRef<'_, Loads>,
         configuration: PyReadonlyArray2<'_, f64>,
-    ) -> Outcome<EquilibriumRows> {
+    ) -> Outcome<One<'py>> {
         let command = self.question(&command, &loads)?;
         let discs = self.0.robot().discs().len();
         let start = contiguous(&configuration, "configuration", &[discs, 4])?;
@@ -356,6 +433,6 @@ impl Settler {
         py.detach(|| {
             settler.settle_from(&start, &command, loads);
         });
-        self.rows(py)
+        self.found(py)
     }
 }

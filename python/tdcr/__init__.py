@@ -15,7 +15,15 @@ from tdcr._tdcr import __version__, set_threads, threads
 from tdcr.collecting import collect, export_clouds, import_clouds, merge
 from tdcr.data import Dataset, Normalisation, Sample, Split, data_view
 from tdcr.dynamics import Motion, Motions, State, rollout, simulate
-from tdcr.dynamics_gradient import Linearisation, RolloutGradients, linearise, rollout_vjp
+from tdcr.dynamics_gradient import (
+    Linearisation,
+    RolloutGradients,
+    RolloutRates,
+    RolloutTangents,
+    linearise,
+    rollout_jvp,
+    rollout_vjp,
+)
 from tdcr.errors import TdcrError
 from tdcr.inverse import calibrate
 from tdcr.learning import Run, demo, distill, train
@@ -25,6 +33,7 @@ from tdcr.predictor import ExtrapolationWarning, Prediction, Predictor
 from tdcr.recordings import RecordingCalibration, calibrate_recording
 from tdcr.rig import Rig
 from tdcr.robot import Robot
+from tdcr.robot_parameters import Parameter, Parameters, parameters
 from tdcr.scoring import compare, evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
@@ -47,12 +56,16 @@ __all__ = [
     "Motions",
     "MovingRobot",
     "Normalisation",
+    "Parameter",
+    "Parameters",
     "Prediction",
     "Predictor",
     "RecordingCalibration",
     "Rig",
     "Robot",
     "RolloutGradients",
+    "RolloutRates",
+    "RolloutTangents",
     "Run",
     "Sample",
     "Settler",
@@ -84,8 +97,10 @@ __all__ = [
     "merge",
     "merge_study",
     "metrics",
+    "parameters",
     "render",
     "rollout",
+    "rollout_jvp",
     "rollout_vjp",
     "set_threads",
     "settle",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -32,19 +33,21 @@ def as_float(value: Any, name: str, shape: Sequence[int | str]) -> Floats:
         InputError: For another shape or type, numbers that are not finite, and tensors that are on a GPU.
     """
     array = as_array(value, name)
-    if array.dtype.kind not in "iuf":
-        raise InputError(f"{name} has entries of type {array.dtype}; expected real numbers")
-    fits = array.ndim == len(shape) and all(
-        isinstance(wanted, str) or found == wanted for found, wanted in zip(array.shape, shape, strict=True)
-    )
-    if not fits:
-        raise InputError(f"{name} has shape {_shape(array.shape)}; expected {_shape(shape)}")
-    floats = np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
-    # A sum is finite where all entries are, short of an overflow: the usual case at a fraction of the cost.
-    if not np.isfinite(floats.sum()) and not np.isfinite(floats).all():
-        where = tuple(int(k) for k in np.argwhere(~np.isfinite(floats))[0])
+    if array.shape != shape or array.dtype != np.float64 or not array.flags.c_contiguous:
+        if array.dtype.kind not in "iuf":
+            raise InputError(f"{name} has entries of type {array.dtype}; expected real numbers")
+        fits = array.ndim == len(shape) and all(
+            isinstance(wanted, str) or found == wanted for found, wanted in zip(array.shape, shape, strict=True)
+        )
+        if not fits:
+            raise InputError(f"{name} has shape {_shape(array.shape)}; expected {_shape(shape)}")
+        array = np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
+    # A sum of squares is finite where all entries are, short of an overflow: the usual case at a fraction of the cost.
+    if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+        where = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
         index = "".join(f"[{k}]" for k in where)
-        raise InputError(f"{name}{index} is {floats[where]}; expected finite numbers")
+        raise InputError(f"{name}{index} is {array[where]}; expected finite numbers")
+    floats: Floats = array
     return floats
 
 
@@ -81,7 +84,17 @@ def as_count(value: Any, name: str, smallest: int = 0, largest: int = 2**53) -> 
 
 def as_number(value: Any, name: str) -> float:
     """Returns ``value`` as a finite number."""
+    if type(value) is float and math.isfinite(value):
+        return value
     return float(as_float(value, name, ()))
+
+
+def as_choice(value: Any, name: str, choices: Sequence[str]) -> str:
+    """Returns ``value``, which is one of ``choices``."""
+    if not isinstance(value, str) or value not in choices:
+        known = [repr(choice) for choice in choices]
+        raise InputError(f"{name} is {value!r}; expected {', '.join(known[:-1])} or {known[-1]}")
+    return value
 
 
 def maybe_count(value: Any, name: str) -> int | None:

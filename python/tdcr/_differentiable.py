@@ -1,5 +1,5 @@
-"""Equilibria, motions and their adjoints on NumPy arrays with any leading axes: what :mod:`tdcr.torch` and :mod:`tdcr.jax`
-share."""
+"""Equilibria, motions, their tangents and adjoints on NumPy arrays with any leading axes: what :mod:`tdcr.torch` and
+:mod:`tdcr.jax` share."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from tdcr._arrays import Floats, as_float
 from tdcr.dynamics import State, rollout
-from tdcr.dynamics_gradient import rollout_vjp
+from tdcr.dynamics_gradient import RolloutRates, rollout_jvp, rollout_vjp
 from tdcr.errors import DynamicsError, InputError, NotSettledError
 from tdcr.robot import Robot
-from tdcr.sensitivity import OnFailure, command_names, vjp
+from tdcr.sensitivity import OnFailure, command_names, jvp, vjp
 from tdcr.statics import settle_batch
 
 
@@ -28,12 +28,19 @@ def robot_of(text: str) -> Robot:
 
 def check_parameters(parameters: Sequence[str], values: Any) -> tuple[str, ...]:
     """Names of the parameters that ``values`` has on its last axis."""
-    names = tuple(parameters)
+    names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
     count = 0 if values is None else (values.shape[-1] if values.ndim else -1)
     if count != len(names):
         shape = None if values is None else tuple(values.shape)
         raise InputError(f"values has shape {shape}; expected ({len(names)},) on its last axis, one for each of `parameters`")
     return names
+
+
+SECOND = (
+    "second derivatives of {} are asked for, which it does not have; expected first ones, in reverse or in forward mode: for "
+    "second ones take differences of gradients"
+)
+"""Why a derivative of a derivative is refused."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +104,7 @@ class Problem:
         """
         rows, discs = self.wrench.shape[:2]
         tendons = self.commands.shape[1]
-        groups = [
-            command_names(tendons),
-            ["payload"],
-            [f"{kind}[{disc}].{axis}" for disc in range(discs) for kind in ("force", "moment") for axis in "xyz"],
-            list(self.names),
-        ]
+        groups = self._groups()
         chosen = [names if want else [] for names, want in zip(groups, wanted, strict=True)]
         by_positions = np.asarray(by_positions, dtype=np.float64).reshape(rows, discs, 3)
         by_quaternions = np.asarray(by_quaternions, dtype=np.float64).reshape(rows, discs, 4)
@@ -124,6 +126,40 @@ class Problem:
         parts = zip(np.split(gradient, ends, axis=1), chosen, shapes, strict=True)
         return [
             part.reshape((*self.leading, *shape)) if names else np.zeros((*self.leading, *shape)) for part, names, shape in parts
+        ]
+
+    def tangent(self, rates: Sequence[Any]) -> tuple[Floats, Floats]:
+        """Change of positions and quaternions when all arguments of :meth:`of` change at ``rates``, of their shapes.
+
+        Rows that have not settled have changes that are not numbers, unless nothing of them changes.
+        """
+        rows, discs = self.wrench.shape[:2]
+        flat = [np.asarray(rate, dtype=np.float64).reshape(rows, -1) if rows else np.zeros((0, 1)) for rate in rates]
+        wanted = [bool(rate.any()) for rate in flat]
+        positions, quaternions = np.zeros((rows, discs, 3)), np.zeros((rows, discs, 4))
+        if any(wanted):
+            names = sum((group for group, want in zip(self._groups(), wanted, strict=True) if want), [])
+            by = np.concatenate([rate for rate, want in zip(flat, wanted, strict=True) if want], axis=1)
+            counts: NDArray[np.bool_] = np.asarray(by.any(axis=1))
+            positions[counts], quaternions[counts] = jvp(
+                _chosen(self.robots, counts),
+                self.commands[counts],
+                names,
+                by[counts],
+                self.payload[counts],
+                wrench=self.wrench[counts],
+                on_failure="nan",
+            )
+        return positions.reshape(*self.leading, discs, 3), quaternions.reshape(*self.leading, discs, 4)
+
+    def _groups(self) -> list[list[str]]:
+        """Names of the entries of each argument as parameters."""
+        discs = self.wrench.shape[1]
+        return [
+            command_names(self.commands.shape[1]),
+            ["payload"],
+            [f"{kind}[{disc}].{axis}" for disc in range(discs) for kind in ("force", "moment") for axis in "xyz"],
+            list(self.names),
         ]
 
 
@@ -231,6 +267,36 @@ class MotionProblem:
                 gradient[counts] = part
         return [gradient.reshape((*self.leading, *shape)) for gradient, shape in zip(gradients, shapes, strict=True)]
 
+    def tangent(self, rates: Sequence[Any]) -> tuple[Floats, Floats, Floats]:
+        """Change of positions, quaternions and rates of the joints when all arguments of :meth:`of` change at ``rates``, of
+        their shapes.
+
+        Rows that diverge have changes that are not numbers, unless nothing of them changes.
+        """
+        rows, steps, discs = *self.commands.shape[:2], self.wrench.shape[1]
+        shapes = [(steps, self.commands.shape[2]), (discs, 4), (discs, 3), (), (discs, 6), (len(self.names),)]
+        by = [np.asarray(rate, dtype=np.float64).reshape(rows, *shape) for rate, shape in zip(rates, shapes, strict=True)]
+        changes = [np.zeros((rows, steps, discs, width)) for width in (3, 4, 3)]
+        counts = np.zeros(rows, dtype=np.bool_)
+        for rate in by:
+            counts |= rate.reshape(rows, int(np.prod(rate.shape[1:]))).any(axis=1)
+        if counts.any():
+            found = rollout_jvp(
+                _chosen(self.robots, counts),
+                self.commands[counts],
+                RolloutRates(*(rate[counts] for rate in by)),
+                self.payload[counts],
+                parameters=self.names,
+                wrench=self.wrench[counts],
+                start=State(self.start.configuration[counts], self.start.velocity[counts]),
+                dt=self.dt,
+                frame_skip=self.frame_skip,
+            )
+            for change, part in zip(changes, (found.positions, found.quaternions, found.velocity), strict=True):
+                change[counts] = part
+        positions, quaternions, velocity = (change.reshape(*self.leading, *change.shape[1:]) for change in changes)
+        return positions, quaternions, velocity
+
 
 def _as_rows(value: Any, name: str, leading: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
     """An argument with its leading axes as one."""
@@ -249,6 +315,8 @@ def _robots(robot: Robot, names: Sequence[str], values: Any, leading: tuple[int,
     if values.ndim == 1:
         return robot.with_values(dict(zip(names, values, strict=True)))
     rows = values.reshape(int(np.prod(leading)), len(names))
+    if len(rows) and (rows == rows[0]).all():
+        return robot.with_values(dict(zip(names, rows[0], strict=True)))
     return [robot.with_values(dict(zip(names, row, strict=True))) for row in rows]
 
 

@@ -22,6 +22,7 @@ __all__ = [
     "Rig",
     "Robot",
     "RolloutGradientRows",
+    "RolloutTangentRows",
     "Settler",
     "ShapeController",
     "ShapePath",
@@ -55,12 +56,14 @@ __all__ = [
     "record_background",
     "reduce",
     "render",
+    "rollout_jvp_rows",
     "rollout_rows",
     "rollout_vjp_rows",
     "save_ply",
     "select_points",
     "set_reduction",
     "set_threads",
+    "settle_one",
     "settle_rows",
     "start_noise",
     "study",
@@ -110,8 +113,10 @@ class Robot:
     def random_commands(self, count: int, seed: int) -> _Floats: ...
     def straight_positions(self) -> _Floats: ...
     def value(self, parameter: str) -> float: ...
-    @staticmethod
-    def unit_of(parameter: str) -> str: ...
+    def parameters(
+        self,
+    ) -> list[tuple[str, float, str, str, int | None, list[int], list[int], list[str]]]: ...
+    def check_parameters(self, names: list[str]) -> None: ...
     def with_values(self, names: list[str], values: list[float]) -> Robot: ...
 
 @final
@@ -126,6 +131,9 @@ class Loads:
 
 # Robots, commands, loads, payloads, wrenches.
 _Rows = tuple[list[Robot], _Floats, list[Loads], _Floats | None, _Floats | None]
+
+# Positions, quaternions, configuration, lengths, tensions, residual, iterations, whether it converged, code of the stability.
+_One = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, float, int, bool, int]
 
 @final
 class EquilibriumRows:
@@ -151,10 +159,17 @@ class EquilibriumRows:
 @final
 class Settler:
     def __new__(cls, robot: Robot) -> Settler: ...
-    def settle(self, command: _Floats, loads: Loads) -> EquilibriumRows: ...
-    def follow(self, command: _Floats, loads: Loads) -> EquilibriumRows: ...
-    def settle_from(self, command: _Floats, loads: Loads, configuration: _Floats) -> EquilibriumRows: ...
+    def settle(self, command: _Floats, loads: Loads) -> _One: ...
+    def follow(self, command: _Floats, loads: Loads) -> _One: ...
+    def settle_from(self, command: _Floats, loads: Loads, configuration: _Floats) -> _One: ...
 
+def settle_one(
+    robot: Robot,
+    command: _Floats,
+    loads: Loads,
+    payload: float | None = None,
+    wrench: _Floats | None = None,
+) -> _One: ...
 def settle_rows(
     rows: _Rows,
     progress: _Progress = None,
@@ -361,6 +376,17 @@ class RolloutGradientRows:
     def failures(self) -> list[tuple[int, str, str]]: ...
 
 @final
+class RolloutTangentRows:
+    @property
+    def positions(self) -> _Floats: ...
+    @property
+    def quaternions(self) -> _Floats: ...
+    @property
+    def velocity(self) -> _Floats: ...
+    @property
+    def failures(self) -> list[tuple[int, str, str]]: ...
+
+@final
 class MovingRobot:
     def __new__(cls, robot: Robot, steps: Steps) -> MovingRobot: ...
     def reset(self, command: _Floats, loads: Loads) -> None: ...
@@ -404,6 +430,18 @@ def rollout_vjp_rows(
     names: list[str],
     progress: _Progress = None,
 ) -> RolloutGradientRows: ...
+def rollout_jvp_rows(
+    robots: list[Robot],
+    commands: _Floats,
+    loads: list[Loads],
+    payload: _Floats | None,
+    wrench: _Floats | None,
+    start: _Start,
+    steps: Steps,
+    rates: tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats],
+    names: list[str],
+    progress: _Progress = None,
+) -> RolloutTangentRows: ...
 def linearise(
     robot: Robot,
     configuration: _Floats,

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_float, as_number
 from tdcr.dynamics import Question, Start, State, one_state
@@ -34,6 +36,40 @@ class RolloutGradients:
     payload: Floats
     wrench: Floats
     parameters: Floats
+    failures: dict[int, str]
+
+
+class RolloutRates(NamedTuple):
+    """How fast all changes that the motions of some rows depend on; what is not given does not change."""
+
+    commands: Any = None
+    """Shape (rows, T, t) (m or N)."""
+    configuration: Any = None
+    """Of the start's rotations (w, x, y, z), shape (rows, n, 4); only what keeps them unit quaternions counts."""
+    velocity: Any = None
+    """Of the start's rates of the joints, shape (rows, n, 3) (rad/s)."""
+    payload: Any = None
+    """Of the mass on the last disc, shape (rows,) (kg)."""
+    wrench: Any = None
+    """Of a force (N) and a moment (N m) on each disc, world frame, the same all along, shape (rows, n, 6)."""
+    parameters: Any = None
+    """Of the parameters that are named, shape (rows, p)."""
+
+
+@dataclass(frozen=True)
+class RolloutTangents:
+    """Changes of the states of :func:`tdcr.rollout` after each command. A row without them is not a number.
+
+    Attributes:
+        positions: Shape (rows, T, n, 3) (m).
+        quaternions: Shape (rows, T, n, 4).
+        velocity: Shape (rows, T, n, 3) (rad/s).
+        failures: Why a row has no derivatives, by its number.
+    """
+
+    positions: Floats
+    quaternions: Floats
+    velocity: Floats
     failures: dict[int, str]
 
 
@@ -79,13 +115,11 @@ def rollout_vjp(
         progress: Is called with the number of rows done since its last call, as ``tqdm(total=rows).update``.
 
     Raises:
-        ParameterError: For a parameter that the robot does not have.
+        ParameterError: For a parameter that the robot does not have, and for two that overlap.
         InputError: For shapes that do not fit, and for a start that is to be settled: what changes with an equilibrium is for
             :func:`tdcr.vjp`.
     """
-    if isinstance(start, str) and start == "settled":
-        raise InputError("start is 'settled', which has no derivative here; expected a state, such as that of tdcr.settle")
-    question = Question.of(robot, commands, payload, wrench, loads, start, dt, "semi-implicit-euler", frame_skip)
+    question = _question(robot, commands, payload, wrench, loads, start, dt, frame_skip)
     shape = (*question.commands.shape[:2], question.robots[0].discs)
     given = ((by_positions, "by_positions", 3), (by_quaternions, "by_quaternions", 4), (by_velocity, "by_velocity", 3))
     by_position, by_quaternion, by_rate = (
@@ -105,6 +139,65 @@ def rollout_vjp(
         rows.parameters,
         {row: why for row, _, why in rows.failures},
     )
+
+
+def rollout_jvp(
+    robot: Robot | Sequence[Robot],
+    commands: Any,
+    rates: RolloutRates,
+    payload: Any = None,
+    *,
+    parameters: Sequence[str] = (),
+    wrench: Any = None,
+    loads: Loads | Sequence[Loads] | None = None,
+    start: Start = "straight",
+    dt: float = 0.002,
+    frame_skip: int = 1,
+    progress: Progress | None = None,
+) -> RolloutTangents:
+    """Changes of the states of each row when what its motion depends on changes: forward mode, of which :func:`rollout_vjp` is
+    the adjoint. A time step takes one adjoint for each rate of a joint: for the derivatives of a cost, take :func:`rollout_vjp`.
+
+    Args:
+        rates: How fast each changes.
+        robot, commands, payload, parameters, wrench, loads, start, dt, frame_skip, progress: As of :func:`rollout_vjp`.
+
+    Raises:
+        ParameterError: For a parameter that the robot does not have, and for two that overlap.
+        InputError: For shapes that do not fit, and for a start that is to be settled.
+    """
+    question = _question(robot, commands, payload, wrench, loads, start, dt, frame_skip)
+    names = list(parameters)
+    (rows, length, tendons), discs = question.commands.shape, question.robots[0].discs
+    shapes = ((rows, length, tendons), (rows, discs, 4), (rows, discs, 3), (rows,), (rows, discs, 6), (rows, len(names)))
+    given = [
+        np.zeros(shape) if rate is None else as_float(rate, f"rates.{name}", shape)
+        for name, rate, shape in zip(RolloutRates._fields, rates, shapes, strict=True)
+    ]
+    if question.norms is not None:
+        # Of a rotation that was given as a longer quaternion.
+        given[1] = given[1] / question.norms
+    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters = given
+    native = (by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_parameters)
+    found = _tdcr.rollout_jvp_rows(*question.arguments(), native, names, progress)
+    failures = {row: why for row, _, why in found.failures}
+    return RolloutTangents(found.positions, found.quaternions, found.velocity, failures)
+
+
+def _question(
+    robot: Robot | Sequence[Robot],
+    commands: Any,
+    payload: Any,
+    wrench: Any,
+    loads: Loads | Sequence[Loads] | None,
+    start: Start,
+    dt: float,
+    frame_skip: int,
+) -> Question:
+    """Motions that can be differentiated."""
+    if isinstance(start, str) and start == "settled":
+        raise InputError("start is 'settled', which has no derivative here; expected a state, such as that of tdcr.settle")
+    return Question.of(robot, commands, payload, wrench, loads, start, dt, "semi-implicit-euler", frame_skip)
 
 
 def linearise(

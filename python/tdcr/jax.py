@@ -1,4 +1,4 @@
-"""Differentiable equilibria and motions in JAX: works under ``jit``, ``vmap`` and ``grad``, on the host.
+"""Differentiable equilibria and motions in JAX: works under ``jit``, ``vmap``, ``grad`` and ``jvp``, on the host.
 
 JAX is an optional dependency: ``pip install ".[jax]"``. Results have the type of ``command``: for float64 set
 ``jax.config.update("jax_enable_x64", True)``.
@@ -7,21 +7,21 @@ JAX is an optional dependency: ``pip install ".[jax]"``. Results have the type o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
-import numpy as np
-
+from tdcr._arrays import as_count, as_number
 from tdcr._differentiable import MotionProblem, Problem, check_parameters
 from tdcr.errors import InputError, MissingPackageError
 from tdcr.robot import Robot
-from tdcr.sensitivity import OnFailure
+from tdcr.sensitivity import OnFailure, check_on_failure
 
 try:
     import jax
     import jax.numpy as jnp
 except ImportError as error:
     raise MissingPackageError("tdcr.jax needs JAX, which is not installed: pip install jax") from error
+
+from tdcr._jax_primitives import OnHost, call
 
 
 def settle(
@@ -36,7 +36,8 @@ def settle(
 ) -> tuple[jax.Array, jax.Array]:
     """Settles rows of commands; gradients flow to the commands, the loads and the values of physical parameters.
 
-    Computed in float64 by a callback to the host. It has first derivatives in reverse mode only.
+    Computed in float64 by a callback to the host. It has first derivatives, in reverse and in forward mode; second ones are
+    refused.
 
     Args:
         robot: A robot of ``n`` discs.
@@ -50,55 +51,24 @@ def settle(
     Returns:
         Positions of the discs, shape (..., n, 3), world frame (m), and quaternions (w, x, y, z), shape (..., n, 4).
     """
+    chosen = check_on_failure(on_failure)
     command = jnp.asarray(command)
     if command.ndim == 0 or command.shape[-1] != robot.tendons:
         raise InputError(f"command has shape {command.shape}; expected (..., {robot.tendons})")
-    command = command.astype(jnp.result_type(float, command.dtype))
+    dtype = _float_type(command, "command")
     values = None if values is None else jnp.asarray(values)
     names = check_parameters(parameters, values)
-    leading, dtype = command.shape[:-1], command.dtype
-    payload = jnp.broadcast_to(jnp.asarray(payload, dtype), leading)
-    wrench = jnp.zeros((robot.discs, 6), dtype) if wrench is None else jnp.asarray(wrench, dtype)
-    wrench = jnp.broadcast_to(wrench, (*leading, robot.discs, 6))
-    # One row of values for each command: their gradients are summed by the adjoint of the broadcast.
-    values = jnp.zeros(0, dtype) if values is None else values.astype(dtype)
-    values = jnp.broadcast_to(values, (*leading, len(names)))
-    positions, quaternions = _settle(robot.to_json(), names, on_failure, command, payload, wrench, values)
+    robot.check_parameters(names)
+    leading, discs = command.shape[:-1], robot.discs
+    arguments = (
+        command.astype(dtype),
+        _rows(payload, "payload", dtype, leading, ()),
+        _rows(wrench, "wrench", dtype, leading, (discs, 6)),
+        # One row of values for each command: their gradients are summed by the adjoint of the broadcast.
+        _rows(values, "values", dtype, leading, (len(names),)),
+    )
+    positions, quaternions = call(_settling(_Settling(robot.to_json(), names, chosen)), *arguments)
     return positions, quaternions
-
-
-@partial(jax.custom_vjp, nondiff_argnums=(0, 1, 2))
-def _settle(
-    robot: str, names: tuple[str, ...], on_failure: OnFailure, command: Any, payload: Any, wrench: Any, values: Any
-) -> Any:
-    def on_host(command: Any, payload: Any, wrench: Any, values: Any) -> tuple[Any, Any]:
-        positions, quaternions = Problem.of(robot, names, command, payload, wrench, values).settle(on_failure)
-        return positions.astype(dtype), quaternions.astype(dtype)
-
-    dtype = np.dtype(command.dtype)
-    poses = (*command.shape[:-1], wrench.shape[-2])
-    shapes = jax.ShapeDtypeStruct((*poses, 3), dtype), jax.ShapeDtypeStruct((*poses, 4), dtype)
-    return jax.pure_callback(on_host, shapes, command, payload, wrench, values, vmap_method="broadcast_all")
-
-
-def _forward(
-    robot: str, names: tuple[str, ...], on_failure: OnFailure, command: Any, payload: Any, wrench: Any, values: Any
-) -> Any:
-    arguments = command, payload, wrench, values
-    return _settle(robot, names, on_failure, *arguments), arguments
-
-
-def _backward(robot: str, names: tuple[str, ...], on_failure: OnFailure, arguments: Any, cotangents: Any) -> Any:
-    def on_host(by_positions: Any, by_quaternions: Any, *arguments: Any) -> tuple[Any, ...]:
-        problem = Problem.of(robot, names, *arguments)
-        gradients = problem.adjoint(by_positions, by_quaternions, (True, True, True, bool(names)))
-        return tuple(g.astype(a.dtype) for g, a in zip(gradients, arguments, strict=True))
-
-    shapes = tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in arguments)
-    return jax.pure_callback(on_host, shapes, *cotangents, *arguments, vmap_method="broadcast_all")
-
-
-_settle.defvjp(_forward, _backward)
 
 
 def rollout(
@@ -118,8 +88,9 @@ def rollout(
     """Moves rows of robots by sequences of commands; gradients flow to the commands, the start, the loads and the values of
     physical parameters.
 
-    Computed in float64 by a callback to the host, by the integrator ``"semi-implicit-euler"``. It has first derivatives in
-    reverse mode only.
+    Computed in float64 by a callback to the host, by the integrator ``"semi-implicit-euler"``. It has first derivatives, in
+    reverse and in forward mode, of which a forward one takes as long as a reverse one for each rate of a joint: see
+    :func:`tdcr.rollout_jvp`. Second ones are refused.
 
     Args:
         robot: A robot of ``n`` discs.
@@ -139,59 +110,102 @@ def rollout(
         After each command the positions of the discs, shape (..., T, n, 3), world frame (m); quaternions (w, x, y, z), shape
         (..., T, n, 4); and rates of the joints, shape (..., T, n, 3) (rad/s).
     """
+    chosen = check_on_failure(on_failure)
     commands = jnp.asarray(commands)
     if commands.ndim < 2 or commands.shape[-1] != robot.tendons:
         raise InputError(f"commands has shape {commands.shape}; expected (..., T, {robot.tendons})")
-    commands = commands.astype(jnp.result_type(float, commands.dtype))
+    dtype = _float_type(commands, "commands")
     values = None if values is None else jnp.asarray(values)
     names = check_parameters(parameters, values)
-    leading, dtype, discs = commands.shape[:-2], commands.dtype, robot.discs
-
-    def rows(value: Any, shape: tuple[int, ...]) -> Any:
-        value = jnp.zeros(shape, dtype) if value is None else jnp.asarray(value, dtype)
-        return jnp.broadcast_to(value, (*leading, *shape))
-
+    robot.check_parameters(names)
+    leading, discs = commands.shape[:-2], robot.discs
     arguments = (
-        commands,
-        rows(configuration, (discs, 4)),
-        rows(velocity, (discs, 3)),
-        rows(payload, ()),
-        rows(wrench, (discs, 6)),
-        rows(values, (len(names),)),
+        commands.astype(dtype),
+        _rows(configuration, "configuration", dtype, leading, (discs, 4)),
+        _rows(velocity, "velocity", dtype, leading, (discs, 3)),
+        _rows(payload, "payload", dtype, leading, ()),
+        _rows(wrench, "wrench", dtype, leading, (discs, 6)),
+        _rows(values, "values", dtype, leading, (len(names),)),
     )
-    positions, quaternions, rates = _rollout(robot.to_json(), names, (dt, frame_skip), on_failure, *arguments)
+    steps = as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1)
+    positions, quaternions, rates = call(_moving(_Moving(robot.to_json(), names, *steps, chosen)), *arguments)
     return positions, quaternions, rates
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(0, 1, 2, 3))
-def _rollout(robot: str, names: tuple[str, ...], steps: tuple[float, int], on_failure: OnFailure, *arguments: Any) -> Any:
-    def on_host(*arguments: Any) -> tuple[Any, ...]:
-        states = MotionProblem.of(robot, names, *steps, *arguments).roll_out(on_failure)
-        return tuple(state.astype(dtype) for state in states)
-
-    commands, configuration = arguments[:2]
-    dtype = np.dtype(commands.dtype)
-    poses = (*commands.shape[:-1], configuration.shape[-2])
-    shapes = tuple(jax.ShapeDtypeStruct((*poses, width), dtype) for width in (3, 4, 3))
-    return jax.pure_callback(on_host, shapes, *arguments, vmap_method="broadcast_all")
+def _float_type(array: jax.Array, name: str) -> Any:
+    """The floating-point type that an array of real numbers is computed with."""
+    if array.dtype == bool or jnp.issubdtype(array.dtype, jnp.complexfloating):
+        raise InputError(f"{name} has entries of type {array.dtype}; expected real numbers")
+    return jnp.result_type(float, array.dtype)
 
 
-def _forward_of_rollout(
-    robot: str, names: tuple[str, ...], steps: tuple[float, int], on_failure: OnFailure, *arguments: Any
-) -> Any:
-    return _rollout(robot, names, steps, on_failure, *arguments), arguments
+def _rows(value: Any, name: str, dtype: Any, leading: tuple[int, ...], shape: tuple[int, ...]) -> jax.Array:
+    """An argument with these leading axes; zeros where it is not given."""
+    array = jnp.zeros(shape, dtype) if value is None else jnp.asarray(value)
+    _float_type(array, name)
+    try:
+        return jnp.broadcast_to(array.astype(dtype), (*leading, *shape))
+    except ValueError:
+        expected = f"{(*leading, *shape)}, or {shape} for all rows"
+        raise InputError(f"{name} has shape {array.shape}; expected {expected}") from None
 
 
-def _backward_of_rollout(
-    robot: str, names: tuple[str, ...], steps: tuple[float, int], on_failure: OnFailure, arguments: Any, cotangents: Any
-) -> Any:
-    def on_host(by_positions: Any, by_quaternions: Any, by_velocity: Any, *arguments: Any) -> tuple[Any, ...]:
-        problem = MotionProblem.of(robot, names, *steps, *arguments)
-        gradients = problem.adjoint(by_positions, by_quaternions, by_velocity)
-        return tuple(g.astype(a.dtype) for g, a in zip(gradients, arguments, strict=True))
+class _Settling(NamedTuple):
+    """Options of equilibria."""
 
-    shapes = tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in arguments)
-    return jax.pure_callback(on_host, shapes, *cotangents, *arguments, vmap_method="broadcast_all")
+    robot: str
+    names: tuple[str, ...]
+    on_failure: OnFailure
+
+    def problem(self, arguments: Any) -> Problem:
+        return Problem.of(self.robot, self.names, *arguments)
+
+    def value(self, arguments: Any) -> Any:
+        return self.problem(arguments).settle(self.on_failure)
+
+    def adjoint(self, cotangents: Any, arguments: Any) -> Any:
+        positions, quaternions = cotangents
+        return self.problem(arguments).adjoint(positions, quaternions, (True, True, True, bool(self.names)))
+
+    def tangent(self, changes: Any, arguments: Any) -> Any:
+        return self.problem(arguments).tangent(changes)
 
 
-_rollout.defvjp(_forward_of_rollout, _backward_of_rollout)
+class _Moving(NamedTuple):
+    """Options of motions."""
+
+    robot: str
+    names: tuple[str, ...]
+    dt: float
+    frame_skip: int
+    on_failure: OnFailure
+
+    def problem(self, arguments: Any) -> MotionProblem:
+        return MotionProblem.of(self.robot, self.names, self.dt, self.frame_skip, *arguments)
+
+    def value(self, arguments: Any) -> Any:
+        return self.problem(arguments).roll_out(self.on_failure)
+
+    def adjoint(self, cotangents: Any, arguments: Any) -> Any:
+        return self.problem(arguments).adjoint(*cotangents)
+
+    def tangent(self, changes: Any, arguments: Any) -> Any:
+        return self.problem(arguments).tangent(changes)
+
+
+def _shapes_of_settle(shapes: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
+    command, _, wrench, _ = shapes
+    return [(*command[:-1], wrench[-2], width) for width in (3, 4)]
+
+
+def _shapes_of_rollout(shapes: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
+    commands, configuration = shapes[:2]
+    return [(*commands[:-1], configuration[-2], width) for width in (3, 4, 3)]
+
+
+def _settling(options: _Settling) -> OnHost:
+    return OnHost("tdcr.jax.settle", options, _Settling.value, _Settling.adjoint, _Settling.tangent, _shapes_of_settle)
+
+
+def _moving(options: _Moving) -> OnHost:
+    return OnHost("tdcr.jax.rollout", options, _Moving.value, _Moving.adjoint, _Moving.tangent, _shapes_of_rollout)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_count, as_float
+from tdcr._arrays import Floats, as_count, as_float, as_number
 from tdcr.errors import InputError, LoadsError
 
 Vector = tuple[float, float, float]
@@ -105,6 +105,18 @@ class LoadRows:
             raise InputError("the payload is given twice, by `payload` and by `loads`; expected one of them")
         masses, wrenches = _rows(payload, "payload", (rows,)), _rows(wrench, "wrench", (rows, discs, 6))
         return cls([one._native for one in base], masses, wrenches)
+
+
+def one_load(loads: Loads | None, payload: Any, wrench: Any, discs: int) -> tuple[_tdcr.Loads, float | None, Floats | None]:
+    """Loads of a single row, as the native module takes them: see :func:`tdcr.settle`."""
+    if loads is None:
+        loads = NO_LOADS
+    elif not isinstance(loads, Loads):
+        raise InputError(f"loads is {loads!r}; expected tdcr.Loads")
+    if payload is not None and loads.payload:
+        raise InputError("the payload is given twice, by `payload` and by `loads`; expected one of them")
+    mass = None if payload is None else as_number(payload, "payload")
+    return loads._native, mass, None if wrench is None else as_float(wrench, "wrench", (discs, 6))
 
 
 def _rows(value: Any, name: str, shape: tuple[int, ...]) -> Floats | None:

@@ -17,7 +17,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from tdcr._arrays import Floats, as_array, as_float, as_quaternions
+from tdcr._arrays import Floats, as_array, as_choice, as_float, as_quaternions
 from tdcr._geometry import Geometry, rotate
 from tdcr.errors import InputError, MissingPackageError
 from tdcr.robot import Robot
@@ -190,6 +190,7 @@ def workspace(
     Returns:
         The tips (``PathCollection``, or ``Path3DCollection`` in space).
     """
+    as_choice(plane, "plane", ("xy", "xz", "yz"))
     given = as_array(getattr(tips, "tips", tips), "tips")
     if given.ndim == 0:
         raise InputError("tips has shape (); expected (..., 3)")
@@ -208,8 +209,6 @@ def workspace(
         drawn = ax.scatter(*places.T, s=size, linewidths=0, rasterized=True, label=label, **look)
         _fit(ax, places, unit, had_data)
         return drawn
-    if plane not in ("xy", "xz", "yz"):
-        raise InputError(f"plane is {plane!r}; expected 'xy', 'xz' or 'yz'")
     across, up = ("xyz".index(axis) for axis in plane)
     flat = ax.scatter(places[:, across], places[:, up], s=size, linewidths=0, rasterized=True, label=label, **look)
     ax.set_xlabel(f"{plane[0]} ({unit})")

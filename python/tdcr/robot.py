@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -101,8 +101,20 @@ class Robot:
         """Value of a physical parameter by its name, such as ``"gain[2]"`` or ``"bending[0].x"``, in its SI unit."""
         return self._native.value(parameter)
 
+    def check_parameters(self, parameters: Sequence[str]) -> None:
+        """Checks names of parameters that are to be changed, or differentiated by, together.
+
+        Raises:
+            ParameterError: For one that the robot does not have, and for two that overlap: that stand for the same numbers.
+        """
+        self._native.check_parameters(list(parameters))
+
     def with_values(self, values: Mapping[str, float]) -> Robot:
-        """This robot with other values of some physical parameters, by name, in SI units."""
+        """This robot with other values of some physical parameters, by name, in SI units; :func:`tdcr.parameters` lists them.
+
+        Raises:
+            ParameterError: For one that the robot does not have, and for two that overlap.
+        """
         return Robot._of(self._native.with_values(list(values), [as_number(v, name) for name, v in values.items()]))
 
     def to_dict(self) -> dict[str, Any]:

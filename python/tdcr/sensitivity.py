@@ -1,20 +1,27 @@
 """Derivatives of equilibria by commands, loads and physical parameters, exact by the implicit function theorem.
 
-Parameters have names: ``"command[0]"`` (m or N), ``"payload"`` (kg), ``"force[9].x"`` (N, on disc 9, world frame),
-``"moment[9].z"`` (N m), ``"gain[0]"``, ``"axial_stiffness[0]"`` (N/m), ``"bending[0].x"``, ``"torsion[0]"`` (N m/rad, of
-module 0), ``"density[0]"`` (kg/m³), ``"youngs[0]"`` (Pa), ``"hole_radius[base]"``, ``"hole[3][0].x"``, ``"pitch[0]"`` (m).
+Parameters have names; those of a robot are listed by :func:`tdcr.parameters`. Numbers count from 0:
+
+- of tendons: ``"command[0]"`` (m or N), ``"gain[0]"``, ``"axial_stiffness[0]"`` (N/m);
+- of modules: ``"bending[1].x"``, ``"torsion[1]"`` (N m/rad), ``"density[1]"`` (kg/m³), ``"youngs[1]"`` (Pa), ``"pitch[1]"`` (m);
+- of discs: ``"force[9].x"`` (N) and ``"moment[9].z"`` (N m), world frame;
+- of holes, by the base or a **disc** of a module, all of whose discs have the same: ``"hole_radius[base]"``,
+  ``"hole_radius[5]"``, ``"hole[5][0].x"`` (m);
+- ``"payload"`` (kg), on the last disc.
+
+Two that stand for the same numbers, such as ``"hole_radius[0]"`` and ``"hole_radius[3]"`` where discs 0 and 3 are of one module,
+are refused.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_float
-from tdcr.errors import InputError
+from tdcr._arrays import Floats, as_choice, as_float
 from tdcr.loads import Loads
 from tdcr.robot import Robot
 from tdcr.statics import Rows
@@ -48,7 +55,7 @@ def jacobian(
 
     Raises:
         SensitivityError: For a row that has not settled, or whose equilibrium is on the brink of instability.
-        ParameterError: For a parameter that the robot does not have.
+        ParameterError: For a parameter that the robot does not have, and for two that overlap.
     """
     rows = Rows.of(robot, commands, payload, wrench, loads)
     names = command_names(rows.commands.shape[1]) if parameters is None else list(parameters)
@@ -124,7 +131,11 @@ def command_names(tendons: int) -> list[str]:
     return [f"command[{tendon}]" for tendon in range(tendons)]
 
 
+def check_on_failure(on_failure: OnFailure) -> OnFailure:
+    """What becomes of a row that has not settled, if that is one of the choices."""
+    as_choice(on_failure, "on_failure", get_args(OnFailure))
+    return on_failure
+
+
 def _raises(on_failure: OnFailure) -> bool:
-    if on_failure not in ("raise", "nan"):
-        raise InputError(f"on_failure is {on_failure!r}; expected 'raise' or 'nan'")
-    return on_failure == "raise"
+    return check_on_failure(on_failure) == "raise"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_float, as_quaternions, as_rows
 from tdcr.errors import NotSettledError
-from tdcr.loads import NO_LOADS, LoadRows, Loads
+from tdcr.loads import NO_LOADS, LoadRows, Loads, one_load
 from tdcr.robot import Robot
 
 STABILITY = ("unknown", "stable", "neutral", "unstable")
@@ -44,6 +44,10 @@ class Equilibrium:
     iterations: int
     converged: bool
     stability: str
+
+    @classmethod
+    def _of(cls, found: _tdcr._One) -> Equilibrium:
+        return cls(*found[:8], STABILITY[found[8]])
 
     @property
     def tip(self) -> Floats:
@@ -135,7 +139,7 @@ def settle(robot: Robot, command: Any, payload: Any = None, *, wrench: Any = Non
         LoadsError: For loads that it cannot take.
     """
     command = as_float(command, "command", (robot.tendons,))
-    return settle_batch(robot, command[np.newaxis], payload, wrench=wrench, loads=loads)[0]
+    return Equilibrium._of(_tdcr.settle_one(robot._native, command, *one_load(loads, payload, wrench, robot.discs)))
 
 
 def settle_batch(
@@ -197,16 +201,16 @@ class Settler:
 
     def settle(self, command: Any, loads: Loads = NO_LOADS) -> Equilibrium:
         """Settles from the straight pose under a command, shape (tendons,) (m or N)."""
-        return Equilibria._of(self._native.settle(self._command(command), loads._native))[0]
+        return Equilibrium._of(self._native.settle(self._command(command), loads._native))
 
     def follow(self, command: Any, loads: Loads = NO_LOADS) -> Equilibrium:
         """Settles from the last equilibrium; the first time, from the straight pose."""
-        return Equilibria._of(self._native.follow(self._command(command), loads._native))[0]
+        return Equilibrium._of(self._native.follow(self._command(command), loads._native))
 
     def settle_from(self, configuration: Any, command: Any, loads: Loads = NO_LOADS) -> Equilibrium:
         """Settles from a configuration: rotations (w, x, y, z) of the joints, shape (n, 4)."""
         start = as_quaternions(configuration, "configuration", (self.robot.discs, 4))
-        return Equilibria._of(self._native.settle_from(self._command(command), loads._native, start))[0]
+        return Equilibrium._of(self._native.settle_from(self._command(command), loads._native, start))
 
     def _command(self, command: Any) -> Floats:
         return as_float(command, "command", (self.robot.tendons,))

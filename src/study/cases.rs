@@ -8,6 +8,7 @@ use tdcr_learn::data::UnitPoints;
 use tdcr_sim::robot::Robot;
 
 use super::case::{self, Setting};
+use super::overlap;
 use super::variable::Target;
 use super::vary::place_in;
 use super::{Refusal, Study};
@@ -195,6 +196,7 @@ impl<'a> Cases<'a> {
     pub fn check(&self, study: &Study) -> Result<(), Refusal> {
         let compiled = |case: &Case| -> Result<Robot, String> {
             let robot = case::robot(study, &case.settings)?;
+            overlap::check(study, robot.spec(), &case.settings)?;
             case::command(&robot, &case.settings, case.command.as_deref())?;
             case::loads(&robot, &case.settings)?;
             Ok(robot)

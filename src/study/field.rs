@@ -46,6 +46,17 @@ impl Field {
         }
     }
 
+    /// Whether one lies within the other, or they are the same.
+    pub fn overlaps(&self, other: &Self) -> bool {
+        let mut steps = self.0.iter().zip(&other.0);
+        steps.all(|steps| match steps {
+            (Step::Key(a), Step::Key(b)) => a == b,
+            (Step::Entry(a), Step::Entry(b)) => a == b,
+            (Step::All, Step::Entry(_) | Step::All) | (Step::Entry(_), Step::All) => true,
+            (Step::Key(_), _) | (_, Step::Key(_)) => false,
+        })
+    }
+
     /// Unit of its numbers, by its name; empty where that does not tell.
     pub fn unit(&self) -> &'static str {
         let named = self.0.iter().rev().find_map(|step| match step {

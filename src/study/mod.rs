@@ -48,6 +48,7 @@ mod hysteresis;
 mod measure;
 mod merge;
 mod models;
+mod overlap;
 mod parquet_file;
 mod progress;
 mod record;

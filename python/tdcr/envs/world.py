@@ -244,6 +244,7 @@ def _ranges(robot: Robot, randomise: Mapping[str, tuple[float, float]]) -> dict[
             for end in (low, high):
                 robot.with_values({name: end})
         ranges[name] = (low, high)
+    robot.check_parameters([name for name in ranges if name != "payload"])
     return ranges
 
 

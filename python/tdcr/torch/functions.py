@@ -1,5 +1,4 @@
-"""Differentiable equilibria and motions in PyTorch: custom operators with formulas for autograd, which ``torch.compile`` keeps
-whole."""
+"""Differentiable equilibria and motions in PyTorch, in both modes, under ``torch.func`` and ``torch.compile``."""
 
 from __future__ import annotations
 
@@ -9,10 +8,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from tdcr._differentiable import MotionProblem, Problem, check_parameters
+from tdcr._arrays import as_count, as_number
+from tdcr._differentiable import check_parameters
 from tdcr.errors import InputError
 from tdcr.robot import Robot
-from tdcr.sensitivity import OnFailure
+from tdcr.sensitivity import OnFailure, check_on_failure
+from tdcr.torch import operators
 
 
 def settle(
@@ -27,8 +28,9 @@ def settle(
 ) -> tuple[Tensor, Tensor]:
     """Settles rows of commands; gradients flow to the commands, the loads and the values of physical parameters.
 
-    Computed in float64 on the processor, whatever the type of the tensors; results have the type of ``command``. It has first
-    derivatives only.
+    Computed in float64 on the processor, whatever the type of the tensors; results have the type of ``command``, and whole
+    numbers count as ones of PyTorch's default type. It has first derivatives, in reverse and in forward mode; second ones are
+    refused.
 
     Args:
         robot: A robot of ``n`` discs.
@@ -44,27 +46,26 @@ def settle(
         Positions of the discs, shape (..., n, 3), world frame (m), and quaternions (w, x, y, z), shape (..., n, 4).
 
     Raises:
-        InputError: For shapes that do not fit, and tensors on another device than the processor.
+        InputError: For shapes and options that do not fit, and tensors on another device than the processor.
+        ParameterError: For a parameter that the robot does not have, and for two that overlap.
         NotSettledError: For a row that does not settle.
+        SensitivityError: Where a derivative is differentiated.
     """
-    names = check_parameters(parameters, values)
-    if command.ndim == 0:
-        raise InputError("command has shape (); expected (..., tendons)")
-    leading = command.shape[:-1]
-    payload = torch.as_tensor(payload, dtype=command.dtype)
-    wrench = command.new_zeros(robot.discs, 6) if wrench is None else wrench
-    values = command.new_zeros(0) if values is None else values
-    _check_devices(command=command, payload=payload, wrench=wrench, values=values)
-    positions, quaternions = _settle(
+    chosen: OnFailure = check_on_failure(on_failure)
+    command = _floats(command, "command")
+    values = None if values is None else _floats(values, "values", command.dtype)
+    names = _names(robot, parameters, values)
+    if command.ndim == 0 or command.shape[-1] != robot.tendons:
+        raise InputError(f"command has shape {tuple(command.shape)}; expected (..., {robot.tendons})")
+    leading, discs = command.shape[:-1], robot.discs
+    arguments = (
         command,
-        payload.expand(leading),
-        wrench.expand(*leading, robot.discs, 6),
-        values,
-        robot.to_json(),
-        _SEPARATOR.join(names),
-        on_failure,
+        _rows(payload, "payload", command, leading, ()),
+        _rows(wrench, "wrench", command, leading, (discs, 6)),
+        # One row of values for each command: their gradients are summed by the adjoint of the expansion.
+        _rows(values, "values", command, leading, (len(names),)),
     )
-    return positions, quaternions
+    return operators.settle(arguments, robot.to_json(), names, chosen)
 
 
 def rollout(
@@ -84,8 +85,9 @@ def rollout(
     """Moves rows of robots by sequences of commands; gradients flow to the commands, the start, the loads and the values of
     physical parameters.
 
-    Computed in float64 on the processor by the integrator ``"semi-implicit-euler"``; results have the type of ``commands``. It
-    has first derivatives only.
+    Computed in float64 on the processor by the integrator ``"semi-implicit-euler"``; results have the type of ``commands``, as of
+    :func:`settle`. It has first derivatives, in reverse and in forward mode; a forward one takes as long as a reverse one for
+    each rate of a joint: see :func:`tdcr.rollout_jvp`.
 
     Args:
         robot: A robot of ``n`` discs.
@@ -106,214 +108,58 @@ def rollout(
         (..., T, n, 4); and rates of the joints, shape (..., T, n, 3) (rad/s).
 
     Raises:
-        InputError: For shapes that do not fit, and tensors on another device than the processor.
+        InputError: For shapes and options that do not fit, and tensors on another device than the processor.
+        ParameterError: For a parameter that the robot does not have, and for two that overlap.
         DynamicsError: For a row that diverges.
+        SensitivityError: Where a derivative is differentiated.
     """
-    names = check_parameters(parameters, values)
-    if commands.ndim < 2:
-        raise InputError(f"commands has shape {tuple(commands.shape)}; expected (..., T, tendons)")
-    leading = commands.shape[:-2]
-    discs = robot.discs
-    payload = torch.as_tensor(payload, dtype=commands.dtype)
-    velocity = commands.new_zeros(discs, 3) if velocity is None else velocity
-    wrench = commands.new_zeros(discs, 6) if wrench is None else wrench
-    values = commands.new_zeros(0) if values is None else values
-    _check_devices(
-        commands=commands, configuration=configuration, velocity=velocity, payload=payload, wrench=wrench, values=values
-    )
-    positions, quaternions, rates = _rollout(
+    chosen: OnFailure = check_on_failure(on_failure)
+    commands = _floats(commands, "commands")
+    values = None if values is None else _floats(values, "values", commands.dtype)
+    names = _names(robot, parameters, values)
+    if commands.ndim < 2 or commands.shape[-1] != robot.tendons:
+        raise InputError(f"commands has shape {tuple(commands.shape)}; expected (..., T, {robot.tendons})")
+    leading, discs = commands.shape[:-2], robot.discs
+    arguments = (
         commands,
-        configuration.expand(*leading, discs, 4),
-        velocity.expand(*leading, discs, 3),
-        payload.expand(leading),
-        wrench.expand(*leading, discs, 6),
-        values,
-        robot.to_json(),
-        _SEPARATOR.join(names),
-        dt,
-        frame_skip,
-        on_failure,
+        _rows(configuration, "configuration", commands, leading, (discs, 4)),
+        _rows(velocity, "velocity", commands, leading, (discs, 3)),
+        _rows(payload, "payload", commands, leading, ()),
+        _rows(wrench, "wrench", commands, leading, (discs, 6)),
+        _rows(values, "values", commands, leading, (len(names),)),
     )
-    return positions, quaternions, rates
+    return operators.rollout(
+        arguments, robot.to_json(), names, as_number(dt, "dt"), as_count(frame_skip, "frame_skip", 1), chosen
+    )
 
 
-def _check_devices(**tensors: Tensor) -> None:
-    for name, tensor in tensors.items():
-        if tensor.device.type != "cpu":
-            raise InputError(f"{name} is on {tensor.device}; expected a tensor in the processor's memory: `{name}.cpu()`")
+def _names(robot: Robot, parameters: Sequence[str], values: Tensor | None) -> tuple[str, ...]:
+    names = check_parameters(parameters, values)
+    if names and not torch.compiler.is_compiling():
+        # Where operators are traced, they check it when they run.
+        robot.check_parameters(names)
+    return names
 
 
-_SEPARATOR = ","
-"""Between names of parameters: an operator takes one text, not a list of them."""
+def _rows(value: Any, name: str, like: Tensor, leading: torch.Size, shape: Sequence[int]) -> Tensor:
+    """An argument as a tensor with these leading axes; zeros where it is not given."""
+    if value is None:
+        value = like.new_zeros(tuple(shape))
+    tensor = _floats(value, name, like.dtype, like.device)
+    try:
+        return tensor.expand((*leading, *shape))
+    except RuntimeError:
+        expected = tuple(leading) + tuple(shape)
+        raise InputError(f"{name} has shape {tuple(tensor.shape)}; expected {expected}, or {tuple(shape)} for all rows") from None
 
 
-def _like(arguments: Sequence[Tensor], gradients: Sequence[Any]) -> list[Tensor]:
-    """Gradients as tensors of their arguments' types; the last one is summed over rows where they share its argument."""
-    *others, by_values = gradients
-    if arguments[-1].ndim == 1:
-        by_values = by_values.sum(axis=tuple(range(by_values.ndim - 1)))
-    tensors = (torch.as_tensor(gradient) for gradient in (*others, by_values))
-    return [gradient.to(argument.dtype) for gradient, argument in zip(tensors, arguments, strict=True)]
-
-
-def _empty_like(tensor: Tensor) -> Tensor:
-    return torch.empty(tensor.shape, dtype=tensor.dtype)
-
-
-def _split(names: str) -> list[str]:
-    return names.split(_SEPARATOR) if names else []
-
-
-def _problem(command: Tensor, payload: Tensor, wrench: Tensor, values: Tensor, robot: str, names: str) -> Problem:
-    arrays = (tensor.detach().double().numpy() for tensor in (command, payload, wrench, values))
-    return Problem.of(robot, _split(names), *arrays)
-
-
-@torch.library.custom_op("tdcr::settle", mutates_args=(), device_types="cpu")
-def _settle(
-    command: Tensor,
-    payload: Tensor,
-    wrench: Tensor,
-    values: Tensor,
-    robot: str,
-    names: str,
-    on_failure: str,
-) -> tuple[Tensor, Tensor]:
-    problem = _problem(command, payload, wrench, values, robot, names)
-    positions, quaternions = problem.settle("raise" if on_failure == "raise" else "nan")
-    return torch.from_numpy(positions).to(command.dtype), torch.from_numpy(quaternions).to(command.dtype)
-
-
-@_settle.register_fake
-def _(
-    command: Tensor,
-    payload: Tensor,
-    wrench: Tensor,
-    values: Tensor,
-    robot: str,
-    names: str,
-    on_failure: str,
-) -> tuple[Tensor, Tensor]:
-    poses = (*command.shape[:-1], wrench.shape[-2])
-    return command.new_empty(*poses, 3), command.new_empty(*poses, 4)
-
-
-@torch.library.custom_op("tdcr::settle_backward", mutates_args=(), device_types="cpu")
-def _settle_backward(
-    by_positions: Tensor,
-    by_quaternions: Tensor,
-    command: Tensor,
-    payload: Tensor,
-    wrench: Tensor,
-    values: Tensor,
-    robot: str,
-    names: str,
-    wanted: Sequence[bool],
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    problem = _problem(command, payload, wrench, values, robot, names)
-    positions, quaternions = (tensor.detach().double().numpy() for tensor in (by_positions, by_quaternions))
-    by_command, by_payload, by_wrench, by_values = problem.adjoint(positions, quaternions, wanted)
-    gradients = _like((command, payload, wrench, values), (by_command, by_payload, by_wrench, by_values))
-    return gradients[0], gradients[1], gradients[2], gradients[3]
-
-
-@_settle_backward.register_fake
-def _(
-    by_positions: Tensor,
-    by_quaternions: Tensor,
-    command: Tensor,
-    payload: Tensor,
-    wrench: Tensor,
-    values: Tensor,
-    robot: str,
-    names: str,
-    wanted: Sequence[bool],
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    return _empty_like(command), _empty_like(payload), _empty_like(wrench), _empty_like(values)
-
-
-def _setup(ctx, inputs, output):  # type: ignore[no-untyped-def]
-    command, payload, wrench, values, ctx.robot, ctx.names, _ = inputs
-    ctx.save_for_backward(command, payload, wrench, values)
-
-
-def _backward(ctx, by_positions, by_quaternions):  # type: ignore[no-untyped-def]
-    wanted = [bool(want) for want in ctx.needs_input_grad[:4]]
-    gradients = _settle_backward(by_positions, by_quaternions, *ctx.saved_tensors, ctx.robot, ctx.names, wanted)
-    return *(g if want else None for g, want in zip(gradients, wanted, strict=True)), None, None, None
-
-
-_settle.register_autograd(_backward, setup_context=_setup)
-
-
-def _motion_problem(arguments: Sequence[Tensor], robot: str, names: str, dt: float, frame_skip: int) -> MotionProblem:
-    arrays = (tensor.detach().double().numpy() for tensor in arguments)
-    return MotionProblem.of(robot, _split(names), dt, frame_skip, *arrays)
-
-
-@torch.library.custom_op("tdcr::rollout", mutates_args=(), device_types="cpu")
-def _rollout(
-    commands: Tensor,
-    configuration: Tensor,
-    velocity: Tensor,
-    payload: Tensor,
-    wrench: Tensor,
-    values: Tensor,
-    robot: str,
-    names: str,
-    dt: float,
-    frame_skip: int,
-    on_failure: str,
-) -> tuple[Tensor, Tensor, Tensor]:
-    arguments = (commands, configuration, velocity, payload, wrench, values)
-    problem = _motion_problem(arguments, robot, names, dt, frame_skip)
-    states = problem.roll_out("raise" if on_failure == "raise" else "nan")
-    positions, quaternions, rates = (torch.from_numpy(state).to(commands.dtype) for state in states)
-    return positions, quaternions, rates
-
-
-@_rollout.register_fake
-def _(
-    commands: Tensor,
-    configuration: Tensor,
-    velocity: Tensor,
-    payload: Tensor,
-    wrench: Tensor,
-    values: Tensor,
-    robot: str,
-    names: str,
-    dt: float,
-    frame_skip: int,
-    on_failure: str,
-) -> tuple[Tensor, Tensor, Tensor]:
-    poses = (*commands.shape[:-1], wrench.shape[-2])
-    return commands.new_empty(*poses, 3), commands.new_empty(*poses, 4), commands.new_empty(*poses, 3)
-
-
-@torch.library.custom_op("tdcr::rollout_backward", mutates_args=(), device_types="cpu")
-def _rollout_backward(
-    cotangents: Sequence[Tensor], arguments: Sequence[Tensor], robot: str, names: str, dt: float, frame_skip: int
-) -> list[Tensor]:
-    problem = _motion_problem(arguments, robot, names, dt, frame_skip)
-    return _like(arguments, problem.adjoint(*(tensor.detach().double().numpy() for tensor in cotangents)))
-
-
-@_rollout_backward.register_fake
-def _(
-    cotangents: Sequence[Tensor], arguments: Sequence[Tensor], robot: str, names: str, dt: float, frame_skip: int
-) -> list[Tensor]:
-    return [_empty_like(argument) for argument in arguments]
-
-
-def _setup_rollout(ctx, inputs, output):  # type: ignore[no-untyped-def]
-    *arguments, ctx.robot, ctx.names, ctx.dt, ctx.frame_skip, _ = inputs
-    ctx.save_for_backward(*arguments)
-
-
-def _backward_of_rollout(ctx, *cotangents):  # type: ignore[no-untyped-def]
-    arguments = list(ctx.saved_tensors)
-    gradients = _rollout_backward(list(cotangents), arguments, ctx.robot, ctx.names, ctx.dt, ctx.frame_skip)
-    return *gradients, None, None, None, None, None
-
-
-_rollout.register_autograd(_backward_of_rollout, setup_context=_setup_rollout)
+def _floats(value: Any, name: str, dtype: torch.dtype | None = None, device: torch.device | None = None) -> Tensor:
+    """A tensor of floating-point numbers in the processor's memory: whole numbers become ones of ``dtype``."""
+    tensor: Tensor = value if isinstance(value, Tensor) else torch.as_tensor(value, dtype=dtype, device=device)
+    if tensor.device.type != "cpu":
+        raise InputError(f"{name} is on {tensor.device}; expected a tensor in the processor's memory: `{name}.cpu()`")
+    if tensor.is_complex() or tensor.dtype == torch.bool:
+        raise InputError(f"{name} has entries of type {tensor.dtype}; expected real numbers")
+    if tensor.is_floating_point():
+        return tensor
+    return tensor.to(torch.get_default_dtype() if dtype is None else dtype)

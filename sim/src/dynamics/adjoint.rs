@@ -58,7 +58,7 @@ pub struct RolloutGradient {
 ///
 /// # Errors
 /// [`DynamicsError`] when the motion is not of this robot, there is not one state per command, the robot does not have one of
-/// the parameters, or a derivative is not a finite number.
+/// the parameters or two of them overlap, or a derivative is not a finite number.
 pub fn rollout_gradient(
     robot: &Robot,
     timestep: f64,
@@ -82,6 +82,7 @@ pub fn rollout_gradient(
     for state in states.iter().chain([&rollout.start]) {
         size("configuration", joints, state.configuration.0.len())?;
     }
+    robot.spec().check_parameters(parameters)?;
     let tangents = (parameters.iter())
         .map(|&parameter| ModelTangent::new(robot, &rollout.loads, parameter))
         .collect::<Result<Vec<_>, _>>()?;
@@ -96,6 +97,7 @@ pub fn rollout_gradient(
             Some(last) => &states[last],
         };
         let command = &rollout.commands[step];
+        adjoint.expand(before, command, &rollout.loads)?;
         commands[step] = adjoint.pull_back(
             before,
             command,

@@ -59,6 +59,7 @@ mod state;
 mod step_adjoint;
 mod stepper;
 mod symmetric;
+mod tangent;
 
 pub use adjoint::{RolloutGradient, StateCotangent, rollout_gradient};
 pub use equations::MotionTerms;
@@ -68,3 +69,4 @@ pub use rollout::{Rollout, rollout_batch};
 pub(crate) use small_motions::SmallMotions;
 pub use state::{Energy, State};
 pub use stepper::{Integrator, LARGEST_TURN, Stepper};
+pub use tangent::{RolloutDirection, StateTangent, rollout_tangent};

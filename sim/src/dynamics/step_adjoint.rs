@@ -39,12 +39,25 @@ impl StepAdjoint {
         })
     }
 
-    /// Turns the `cotangent` of the state after the step from `before` into that of `before`, in the coordinates of
-    /// [`Linearisation`](super::Linearisation); adds the derivatives by the model to `model`, and returns the multipliers'
-    /// part of it by the command alone.
+    /// Takes the step from `before`, to be pulled back through.
     ///
     /// # Errors
-    /// [`DynamicsError`] as [`Lineariser::linearise`](super::Lineariser::linearise).
+    /// [`DynamicsError`] when state, command or loads are not of this robot.
+    pub fn expand(
+        &mut self,
+        before: &State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<(), DynamicsError> {
+        self.step.expand(before, command, loads)
+    }
+
+    /// Turns the `cotangent` of the state after the step from `before`, which is expanded, into that of `before`, in the
+    /// coordinates of [`Linearisation`](super::Linearisation); adds the derivatives by the model to `model`, and returns the
+    /// multipliers' part of it by the command alone.
+    ///
+    /// # Errors
+    /// [`DynamicsError::NotDifferentiable`] when a derivative is not a finite number.
     pub fn pull_back(
         &mut self,
         before: &State,
@@ -53,7 +66,6 @@ impl StepAdjoint {
         cotangent: &mut [f64],
         model: &mut ModelTangent,
     ) -> Result<Vec<f64>, DynamicsError> {
-        self.step.expand(before, command, loads)?;
         let (turns, rates) = cotangent.split_at_mut(before.velocity.len());
         self.through_step(&before.velocity, turns, rates);
         let Self {

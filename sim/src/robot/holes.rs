@@ -137,7 +137,7 @@ impl RobotSpec {
     }
 
     /// The module of a disc; `None` for the base.
-    fn module_at(&self, body: Body) -> Option<usize> {
+    pub(super) fn module_at(&self, body: Body) -> Option<usize> {
         match body {
             Body::Base => None,
             Body::Disc(disc) => self.module_of(disc),

@@ -11,7 +11,7 @@ use super::{Body, Drive, MassSpec, RobotSpec};
 /// the robot, not of its command and loads, have a value in its specification: [`RobotSpec::value`].
 /// Each has a name as text: [`Parameter::key`].
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Parameter {
     /// The command of a tendon (m, or N for a tension drive).
     Command(usize),
@@ -47,7 +47,7 @@ pub enum Parameter {
 }
 
 /// An axis of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Axis {
     /// The x axis.
     X,
@@ -57,16 +57,35 @@ pub enum Axis {
     Z,
 }
 
-/// Why a robot does not have a parameter, or a value of it.
+/// Why a robot does not have a parameter, or a value of it, or not two of them at once.
+#[non_exhaustive]
 #[derive(Clone, Debug, Error, PartialEq)]
-#[error("robot `{robot}` has no parameter `{}`: {reason}", .parameter.key())]
-pub struct ParameterError {
-    /// Name of the robot.
-    pub robot: String,
-    /// The parameter.
-    pub parameter: Parameter,
-    /// Why.
-    pub reason: &'static str,
+pub enum ParameterError {
+    /// The robot does not have it.
+    #[error("robot `{robot}` has no parameter `{}`: {reason}", .parameter.key())]
+    Missing {
+        /// Name of the robot.
+        robot: String,
+        /// The parameter.
+        parameter: Parameter,
+        /// Why.
+        reason: &'static str,
+    },
+    /// Two that stand for the same numbers of the robot, so that neither can change while the other does not.
+    #[error(
+        "parameters `{}` and `{}` of robot `{robot}` overlap: {both}; expected one of them",
+        .first.key(), .second.key()
+    )]
+    Overlap {
+        /// Name of the robot.
+        robot: String,
+        /// The one that was named first.
+        first: Parameter,
+        /// The other one.
+        second: Parameter,
+        /// What both stand for.
+        both: String,
+    },
 }
 
 impl Axis {
@@ -197,7 +216,7 @@ pub(crate) fn check(spec: &RobotSpec, parameter: Parameter) -> Result<(), Parame
         }
         _ => return Ok(()),
     };
-    Err(ParameterError {
+    Err(ParameterError::Missing {
         robot: spec.name.clone(),
         parameter,
         reason,

@@ -96,7 +96,7 @@ pub struct RouteSpec {
 pub struct Waypoint(pub Body, pub usize);
 
 /// A body of the robot; in files `"base"`, or the disc's number counted from the base.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(try_from = "BodyName", into = "BodyName")]
 pub enum Body {
     /// The fixed base.

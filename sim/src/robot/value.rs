@@ -25,7 +25,7 @@ impl RobotSpec {
             | Parameter::Payload
             | Parameter::Force(..)
             | Parameter::Moment(..) => {
-                return Err(ParameterError {
+                return Err(ParameterError::Missing {
                     robot: self.name.clone(),
                     parameter,
                     reason: "commands and loads are not part of a robot's specification",
@@ -62,7 +62,7 @@ impl RobotSpec {
         })
     }
 
-    /// This robot with other values of some parameters, set one after another. Where the discs of a
+    /// This robot with other values of some parameters. Where the discs of a
     /// module or the holes of a body differ, all are shifted alike, to the new mean. If tendons of
     /// one module come to differ, all tendons get routes of their own, in the same order.
     ///
@@ -78,8 +78,10 @@ impl RobotSpec {
     /// ```
     ///
     /// # Errors
-    /// As [`RobotSpec::value`].
+    /// As [`RobotSpec::value`]; [`ParameterError::Overlap`] for parameters of which one value would undo another.
     pub fn with(&self, values: &[(Parameter, f64)]) -> Result<Self, ParameterError> {
+        let named: Vec<Parameter> = values.iter().map(|(parameter, _)| *parameter).collect();
+        self.check_parameters(&named)?;
         let mut spec = self.clone();
         let mut tendons: Vec<TendonSpec> = self.tendons().into_iter().cloned().collect();
         for &(parameter, value) in values {

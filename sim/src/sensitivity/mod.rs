@@ -248,8 +248,10 @@ impl Sensitivity {
     /// frame) and its rotation (rad, a rotation vector in the world frame); one column per parameter.
     ///
     /// # Errors
-    /// [`SensitivityError::Parameter`] for one that the robot does not have.
+    /// [`SensitivityError::Parameter`] for one that the robot does not have, and for two that overlap
+    /// ([`RobotSpec::check_parameters`](crate::robot::RobotSpec::check_parameters)).
     pub fn jacobian(&self, parameters: &[Parameter]) -> Result<DMatrix<f64>, SensitivityError> {
+        self.robot.spec().check_parameters(parameters)?;
         let mut jacobian = DMatrix::zeros(6 * self.robot.discs().len(), parameters.len());
         for (column, &parameter) in parameters.iter().enumerate() {
             let tangent = ModelTangent::new(&self.robot, &self.loads, parameter)?;
@@ -324,11 +326,15 @@ impl Sensitivity {
     /// Change of all disc poses when the parameters change together at the given rates.
     ///
     /// # Errors
-    /// [`SensitivityError::Parameter`] for one that the robot does not have.
+    /// [`SensitivityError::Parameter`] for one that the robot does not have, and for two that overlap
+    /// ([`RobotSpec::check_parameters`](crate::robot::RobotSpec::check_parameters)).
     pub fn jvp(
         &self,
         direction: &[(Parameter, f64)],
     ) -> Result<Vec<PoseTangent>, SensitivityError> {
+        let parameters: Vec<Parameter> =
+            direction.iter().map(|(parameter, _)| *parameter).collect();
+        self.robot.spec().check_parameters(&parameters)?;
         let mut total = vec![PoseTangent::default(); self.robot.discs().len()];
         for &(parameter, rate) in direction {
             let tangent = ModelTangent::new(&self.robot, &self.loads, parameter)?;
@@ -344,7 +350,8 @@ impl Sensitivity {
     /// whatever the number of parameters.
     ///
     /// # Errors
-    /// [`SensitivityError::Parameter`] for one that the robot does not have.
+    /// [`SensitivityError::Parameter`] for one that the robot does not have, and for two that overlap
+    /// ([`RobotSpec::check_parameters`](crate::robot::RobotSpec::check_parameters)).
     ///
     /// # Panics
     /// If there is not one cotangent for each disc.
@@ -355,6 +362,7 @@ impl Sensitivity {
     ) -> Result<Vec<f64>, SensitivityError> {
         let n = self.robot.discs().len();
         assert_eq!(cotangents.len(), n, "one cotangent for each disc");
+        self.robot.spec().check_parameters(parameters)?;
         let none = vec![Vector3::zeros(); n];
         let levers = levers(&self.posture.chain, cotangents);
         let growth = vec![0.0; self.held.tendons.len()];

@@ -4,8 +4,8 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::dynamics::{
-    DynamicsError, Integrator, Lineariser, Rollout, RolloutGradient, State, StateCotangent,
-    Stepper, rollout_gradient,
+    DynamicsError, Integrator, Lineariser, Rollout, RolloutDirection, RolloutGradient, State,
+    StateCotangent, Stepper, rollout_gradient, rollout_tangent,
 };
 use tdcr_sim::pose::{PoseTangent, joint_cotangent, rotation_cotangent};
 use tdcr_sim::robot::{
@@ -106,6 +106,67 @@ impl Case {
         };
         let states = &states[1..];
         rollout_gradient(&robot, TIMESTEP, &self.rollout, states, parameters, cost).unwrap()
+    }
+
+    /// The gradient, and that by parameters that may overlap: those that do not, at once.
+    fn gradient_by(&self, parameters: &[Parameter]) -> (RolloutGradient, Vec<f64>) {
+        let mut groups: Vec<Vec<usize>> = Vec::new();
+        for (place, &parameter) in parameters.iter().enumerate() {
+            let fits = |group: &&mut Vec<usize>| {
+                let apart =
+                    |&other: &usize| !self.spec.parameters_overlap(parameters[other], parameter);
+                group.iter().all(apart)
+            };
+            match groups.iter_mut().find(fits) {
+                Some(group) => group.push(place),
+                None => groups.push(vec![place]),
+            }
+        }
+        let mut by_parameters = vec![f64::NAN; parameters.len()];
+        for group in &groups {
+            let named: Vec<_> = group.iter().map(|&place| parameters[place]).collect();
+            let gradient = self.gradient(&named);
+            for (&place, found) in group.iter().zip(&gradient.parameters) {
+                by_parameters[place] = *found;
+            }
+        }
+        (self.gradient(&[]), by_parameters)
+    }
+
+    /// A direction of everything, along a random half of the parameters that do not overlap.
+    fn direction(&self, rng: &mut ChaCha8Rng) -> RolloutDirection {
+        let robot = Robot::new(self.spec.clone()).unwrap();
+        let mut parameters: Vec<(Parameter, f64)> = Vec::new();
+        for parameter in all_parameters(&self.spec) {
+            let apart =
+                |(other, _): &(Parameter, f64)| !self.spec.parameters_overlap(*other, parameter);
+            // A direction has the forces, moments and commands of its own.
+            let own = !matches!(
+                parameter,
+                Parameter::Force(..) | Parameter::Moment(..) | Parameter::Command(_)
+            );
+            if own && parameters.iter().all(apart) && within(0.0, 1.0, rng) > 0.3 {
+                parameters.push((parameter, within(-1.0, 1.0, rng) * self.step(parameter)));
+            }
+        }
+        let (n, tendons) = (robot.discs().len(), robot.tendons().len());
+        let mut some =
+            |count: usize| -> Vec<f64> { (0..count).map(|_| within(-1.0, 1.0, rng)).collect() };
+        let three = |v: Vec<f64>| -> Vec<Vector3<f64>> {
+            v.as_chunks().0.iter().map(|v| Vector3::from(*v)).collect()
+        };
+        RolloutDirection {
+            commands: self
+                .rollout
+                .commands
+                .iter()
+                .map(|_| some(tendons))
+                .collect(),
+            start: some(2 * robot.dof()),
+            forces: three(some(3 * n)),
+            moments: three(some(3 * n)),
+            parameters,
+        }
     }
 
     /// The motion with a parameter changed by `by`.
@@ -212,8 +273,8 @@ fn assert_near(found: f64, expected: f64, size: f64, what: &str) {
 
 fn assert_parameters(case: &Case, label: &str) {
     let parameters = all_parameters(&case.spec);
-    let gradient = case.gradient(&parameters);
-    for (&parameter, found) in parameters.iter().zip(&gradient.parameters) {
+    let (gradient, by_parameters) = case.gradient_by(&parameters);
+    for (&parameter, found) in parameters.iter().zip(&by_parameters) {
         let size = case.step(parameter);
         let expected = case.numeric(size, |by| case.moved(parameter, by));
         assert_near(*found, expected, size, &format!("{label}: {parameter}"));
@@ -221,7 +282,7 @@ fn assert_parameters(case: &Case, label: &str) {
     // The command's is the sum of the steps' own; wrenches are parameters too.
     let named = |parameter: Parameter| {
         let at = parameters.iter().position(|p| *p == parameter).unwrap();
-        gradient.parameters[at]
+        by_parameters[at]
     };
     let all: f64 = gradient.commands.iter().map(|command| command[0]).sum();
     assert_near(all, named(Parameter::Command(0)), 1.0, "commands");
@@ -240,6 +301,51 @@ fn gradients_by_parameters_are_differences_of_motions() {
         let robot = without_kinks(robot);
         let case = Case::random(&robot, 12, &mut rng);
         assert_parameters(&case, &format!("robot {index}"));
+    }
+}
+
+/// The tangent along a direction, weighted, is the gradient of the weighted sum along it. Gradients are those of differences.
+#[test]
+fn the_tangent_is_what_the_gradient_is_the_adjoint_of() {
+    let mut rng = ChaCha8Rng::seed_from_u64(47);
+    for (index, robot) in random_robots(6, &mut rng).iter().enumerate() {
+        let case = Case::random(&without_kinks(robot), 8, &mut rng);
+        let direction = case.direction(&mut rng);
+        let (robot, states) = case.states();
+        let tangents =
+            rollout_tangent(&robot, TIMESTEP, &case.rollout, &states[1..], &direction).unwrap();
+        let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+        let vectors = |a: &[Vector3<f64>], b: &[Vector3<f64>]| -> f64 {
+            a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+        };
+        let mut forward = 0.0;
+        for (weights, tangent) in case.weights[1..].iter().zip(&tangents) {
+            forward += dot(&weights.coordinates, &tangent.coordinates);
+            for (weight, pose) in weights.poses.iter().zip(&tangent.poses) {
+                forward +=
+                    weight.position.dot(&pose.position) + weight.rotation.dot(&pose.rotation);
+            }
+        }
+        // The weights of the start are no part of the tangents.
+        let mut after = case;
+        after.weights[0].coordinates.fill(0.0);
+        after.weights[0].poses.fill(PoseTangent::default());
+        let named: Vec<_> = direction.parameters.iter().map(|(p, _)| *p).collect();
+        let gradient = after.gradient(&named);
+        let rates: Vec<f64> = direction.parameters.iter().map(|(_, by)| *by).collect();
+        let parts = [
+            dot(&gradient.commands.concat(), &direction.commands.concat()),
+            dot(&gradient.start, &direction.start),
+            vectors(&gradient.forces, &direction.forces),
+            vectors(&gradient.moments, &direction.moments),
+            dot(&gradient.parameters, &rates),
+        ];
+        let scale: f64 = parts.iter().map(|part| part.abs()).sum();
+        let backward: f64 = parts.iter().sum();
+        assert!(
+            (forward - backward).abs() <= 1e-9 * scale,
+            "robot {index}: {forward} and {backward} of {scale}"
+        );
     }
 }
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import tdcr
-from tdcr.errors import DynamicsError
+from tdcr.errors import DynamicsError, InputError, SensitivityError
 
 torch = pytest.importorskip("torch")
-from tdcr.torch import functions  # noqa: E402
+from torch.func import grad, jacfwd, jacrev, jvp, vmap  # noqa: E402
+
+from tdcr.torch import functions, operators  # noqa: E402
 
 ROBOT = tdcr.Robot("2m")
 NAMES = ["gain[0]", "density[1]", "damping[0]"]
@@ -45,9 +47,9 @@ def tensors() -> tuple[torch.Tensor, ...]:
 
 def test_gradients_are_those_of_finite_differences_in_a_batch_and_singly() -> None:
     inputs = tensors()
-    assert torch.autograd.gradcheck(cost, inputs, eps=1e-6, atol=1e-5, rtol=1e-4, fast_mode=True)
+    assert torch.autograd.gradcheck(cost, inputs, eps=1e-6, atol=1e-5, rtol=1e-4, fast_mode=True, check_forward_ad=True)
     one = tuple(t.detach()[0].requires_grad_() if k < 5 else t for k, t in enumerate(inputs))
-    assert torch.autograd.gradcheck(cost, one, eps=1e-6, atol=1e-5, rtol=1e-4, fast_mode=True)
+    assert torch.autograd.gradcheck(cost, one, eps=1e-6, atol=1e-5, rtol=1e-4, fast_mode=True, check_forward_ad=True)
     batch = torch.autograd.grad(cost(*inputs).sum(), inputs[:5])
     alone = torch.autograd.grad(cost(*one), one[:5])
     assert all(torch.equal(b[0], a) for b, a in zip(batch, alone, strict=True))
@@ -55,10 +57,10 @@ def test_gradients_are_those_of_finite_differences_in_a_batch_and_singly() -> No
 
 def test_the_operator_keeps_the_contracts_of_custom_operators_and_compiles() -> None:
     inputs = tensors()
-    values = (inputs[-1] * torch.from_numpy(SCALES)).detach().requires_grad_()
+    values = (inputs[-1] * torch.from_numpy(SCALES)).detach().expand(2, 3).clone().requires_grad_()
     arguments = (*(t.detach().requires_grad_() for t in inputs[:-1]), values)
     arguments = (*arguments, ROBOT.to_json(), ",".join(NAMES), 0.002, 1, "raise")
-    assert set(torch.library.opcheck(functions._rollout, arguments).values()) == {"SUCCESS"}
+    assert set(torch.library.opcheck(operators._rollout, arguments).values()) == {"SUCCESS"}
     compiled = torch.compile(cost, backend="aot_eager", fullgraph=True)
     expected = torch.autograd.grad(cost(*inputs).sum(), inputs)
     found = torch.autograd.grad(compiled(*inputs).sum(), inputs)
@@ -75,6 +77,52 @@ def test_a_motion_that_diverges_is_an_error_or_no_number() -> None:
     assert positions[0].isfinite().all() and positions[1].isnan().all()
     (gradient,) = torch.autograd.grad(positions[0].sum(), commands)
     assert gradient[0].any() and not gradient[1].any()
+
+
+def test_torch_func_transforms_agree_in_both_modes() -> None:
+    inputs = tuple(tensor.detach() for tensor in tensors())
+    leaves = tensors()
+    reverse = torch.autograd.grad(cost(*leaves).sum(), leaves)
+    each = vmap(grad(cost, tuple(range(6))), (0, 0, 0, 0, 0, None))(*inputs)
+    assert all(torch.allclose(e, r, rtol=1e-9, atol=1e-13) for e, r in zip(each[:5], reverse[:5], strict=True))
+    assert torch.allclose(each[5].sum(dim=0), reverse[5], rtol=1e-9)
+    direction = tuple(torch.randn_like(tensor) for tensor in inputs)
+    _, forward = jvp(lambda *a: cost(*a).sum(), inputs, direction)
+    expected = sum((r * d).sum() for r, d in zip(reverse, direction, strict=True))
+    assert torch.allclose(forward, expected, rtol=1e-8)
+
+    def tip(command: torch.Tensor) -> torch.Tensor:
+        commands = command.expand(2, 6)
+        return functions.rollout(ROBOT, commands, inputs[1][0], frame_skip=2)[0][-1, -1]
+
+    forward, backward = jacfwd(tip)(inputs[0][0, 0]), jacrev(tip)(inputs[0][0, 0])
+    assert forward.any() and torch.allclose(forward, backward, rtol=1e-8, atol=1e-15)
+    with pytest.raises(SensitivityError, match="second derivatives of tdcr.torch.rollout are asked for"):
+        jacfwd(jacrev(tip))(inputs[0][0, 0])
+    with pytest.raises(InputError, match="on_failure is 'rasie'; expected 'raise' or 'nan'"):
+        functions.rollout(ROBOT, *inputs[:2], on_failure="rasie")
+
+
+def test_forward_mode_is_that_of_differences_and_of_reverse_mode() -> None:
+    commands, configuration, velocity, payload, wrench, _ = arrays()
+    rng = np.random.default_rng(4)
+    rates = tdcr.RolloutRates(*(rng.normal(size=a.shape) for a in (commands, configuration, velocity, payload, wrench)), None)
+    rates = rates._replace(parameters=rng.normal(size=(2, 3)) * SCALES)
+    options = {"parameters": NAMES, "wrench": wrench, "start": tdcr.State(configuration, velocity), "frame_skip": 2}
+    found = tdcr.rollout_jvp(ROBOT, commands, rates, payload, **options)
+    weights = [rng.normal(size=(2, 3, 10, width)) for width in (3, 4, 3)]
+    forward = sum((w * f).sum() for w, f in zip(weights, (found.positions, found.quaternions, found.velocity), strict=True))
+    back = tdcr.rollout_vjp(ROBOT, commands, *weights, payload, **options)
+    parts = (back.commands, back.configuration, back.velocity, back.payload, back.wrench, back.parameters)
+    assert forward == pytest.approx(sum((g * r).sum() for g, r in zip(parts, rates, strict=True)), rel=1e-8)
+    # What is not given does not change, and a row that diverges is not a number.
+    alone = tdcr.rollout_jvp(ROBOT, commands, tdcr.RolloutRates(payload=np.zeros(2)), payload, start=options["start"])
+    assert not alone.positions.any() and alone.failures == {}
+    fast = tdcr.State(configuration, velocity + np.array([0.0, 1e4]).reshape(2, 1, 1))
+    lost = tdcr.rollout_jvp(ROBOT, commands, tdcr.RolloutRates(payload=np.ones(2)), payload, start=fast)
+    assert list(lost.failures) == [1] and np.isnan(lost.positions[1]).all() and np.isfinite(lost.positions[0]).all()
+    with pytest.raises(InputError, match=r"rates.payload has shape \(3,\); expected \(2,\)"):
+        tdcr.rollout_jvp(ROBOT, commands, tdcr.RolloutRates(payload=np.ones(3)), payload)
 
 
 def test_jax_has_the_same_gradients_under_jit_and_vmap() -> None:
@@ -94,7 +142,7 @@ def test_jax_has_the_same_gradients_under_jit_and_vmap() -> None:
     inputs = arrays()
     batched = jax.jit(jax.vmap(of_row, in_axes=(0, 0, 0, 0, 0, None)))
     assert np.allclose(batched(*inputs), cost(*tensors()).detach().numpy(), rtol=1e-12)
-    check_grads(batched, inputs, order=1, modes=["rev"], eps=1e-6, atol=1e-5, rtol=1e-4)
+    check_grads(batched, inputs, order=1, modes=["rev", "fwd"], eps=1e-6, atol=1e-5, rtol=1e-4)
     found = jax.jit(jax.grad(lambda *a: batched(*a).sum(), argnums=tuple(range(6))))(*inputs)
     leaves = tensors()
     expected = torch.autograd.grad(cost(*leaves).sum(), leaves)

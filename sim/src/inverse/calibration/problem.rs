@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::coordinate::Coordinate;
 use super::{CalibrationError, Observation, Unknown};
 use crate::inverse::least_squares::{Evaluation, Limit};
-use crate::robot::{Body, Parameter, ParameterError, Robot, RobotSpec};
+use crate::robot::{Parameter, ParameterError, Robot, RobotSpec};
 use crate::statics::{Equilibrium, Settler};
 
 /// What is to be explained, by which unknowns.
@@ -111,25 +111,17 @@ impl<'a> Problem<'a> {
     }
 
     fn check_overlap(&self) -> Result<(), CalibrationError> {
-        let module = |body: &Body| match body {
-            Body::Base => None,
-            Body::Disc(disc) => self.first.module_of(*disc),
-        };
-        let same = |a: &Parameter, b: &Parameter| match (a, b) {
-            (Parameter::HoleRadius(a), Parameter::HoleRadius(b) | Parameter::Hole(b, ..))
-            | (Parameter::Hole(a, ..), Parameter::HoleRadius(b)) => module(a) == module(b),
-            (Parameter::Hole(a, i, x), Parameter::Hole(b, j, y)) => {
-                module(a) == module(b) && i == j && x == y
-            }
-            _ => a == b,
-        };
+        for unknown in self.unknowns {
+            self.first.check_parameters(unknown.parameters())?;
+        }
         let all = || {
             self.unknowns
                 .iter()
                 .flat_map(|u| u.parameters().iter().map(move |p| (u, p)))
         };
         for (place, (unknown, parameter)) in all().enumerate() {
-            if let Some((other, _)) = all().take(place).find(|(_, other)| same(other, parameter)) {
+            let same = |other: &Parameter| self.first.parameters_overlap(*other, *parameter);
+            if let Some((other, _)) = all().take(place).find(|(_, other)| same(other)) {
                 let names = [other, unknown].map(|unknown| unknown.name().to_owned());
                 let [first, second] = names;
                 return Err(CalibrationError::Overlap(first, second));

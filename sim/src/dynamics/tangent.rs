@@ -1,0 +1,178 @@
+//! The tangent of a motion: how its states change with everything that led to them.
+//!
+//! A row of the Jacobian of a step is the gradient of one rate after it, which [`StepAdjoint`] gives in O(n). A step takes one of
+//! them for each rate, O(n²) time for `n` discs: where a cost is one number, [`rollout_gradient`](super::rollout_gradient) is
+//! cheaper.
+
+use nalgebra::Vector3;
+
+use super::linearise::turn_jacobians;
+use super::step_adjoint::StepAdjoint;
+use super::{DynamicsError, Rollout, State};
+use crate::chain::Chain;
+use crate::model_tangent::ModelTangent;
+use crate::pose::PoseTangent;
+use crate::robot::{Parameter, Robot};
+
+/// A change of all that a motion depends on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RolloutDirection {
+    /// Of each step's command.
+    pub commands: Vec<Vec<f64>>,
+    /// Of the start, in the coordinates of [`Linearisation`](super::Linearisation).
+    pub start: Vec<f64>,
+    /// Of a force on the origin of each disc, world frame, the same at every step (N).
+    pub forces: Vec<Vector3<f64>>,
+    /// Of a moment on each disc, world frame, the same at every step (N m).
+    pub moments: Vec<Vector3<f64>>,
+    /// Of parameters, the same at every step.
+    pub parameters: Vec<(Parameter, f64)>,
+}
+
+/// Change of a state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StateTangent {
+    /// Of the joints' turns, then of their rates, in the coordinates of [`Linearisation`](super::Linearisation).
+    pub coordinates: Vec<f64>,
+    /// Of the pose of each disc in the world.
+    pub poses: Vec<PoseTangent>,
+}
+
+/// Change of the states after each step of a motion along a direction: what
+/// [`rollout_gradient`](super::rollout_gradient) is the adjoint of, with the same arguments.
+///
+/// # Errors
+/// As of [`rollout_gradient`](super::rollout_gradient); [`DynamicsError::Size`] for a direction of another motion.
+pub fn rollout_tangent(
+    robot: &Robot,
+    timestep: f64,
+    rollout: &Rollout,
+    states: &[State],
+    direction: &RolloutDirection,
+) -> Result<Vec<StateTangent>, DynamicsError> {
+    let (steps, dof, discs) = (rollout.commands.len(), robot.dof(), robot.discs().len());
+    for (what, expected, found) in [
+        ("list of states", steps, states.len()),
+        ("direction of commands", steps, direction.commands.len()),
+        ("direction of the start", 2 * dof, direction.start.len()),
+        ("direction of forces", discs, direction.forces.len()),
+        ("direction of moments", discs, direction.moments.len()),
+    ] {
+        if expected != found {
+            return Err(DynamicsError::Size {
+                what,
+                robot: robot.spec().name.clone(),
+                expected,
+                found,
+            });
+        }
+    }
+    let model = Model::new(robot, rollout, direction)?;
+    let mut adjoint = StepAdjoint::new(robot, timestep)?;
+    let mut chain = Chain::new(robot);
+    let mut coordinates = direction.start.clone();
+    let mut before = &rollout.start;
+    let mut tangents = Vec::with_capacity(steps);
+    for (step, after) in states.iter().enumerate() {
+        let command = &rollout.commands[step];
+        adjoint.expand(before, command, &rollout.loads)?;
+        // Change of each rate: its gradient along the direction.
+        let mut rates = vec![0.0; dof];
+        for (i, rate) in rates.iter_mut().enumerate() {
+            let mut gradient = vec![0.0; 2 * dof];
+            gradient[dof + i] = 1.0;
+            let mut by_model = ModelTangent::zero(robot);
+            let by_command = adjoint.pull_back(
+                before,
+                command,
+                &rollout.loads,
+                &mut gradient,
+                &mut by_model,
+            )?;
+            *rate = dot(&gradient, &coordinates)
+                + dot(&by_command, &direction.commands[step])
+                + model.along(&by_model);
+        }
+        // q+ = q exp(h v+).
+        let (turns, old_rates) = coordinates.split_at_mut(dof);
+        let joints = turns.as_chunks_mut::<3>().0.iter_mut();
+        let moved = (after.velocity.as_chunks::<3>().0.iter()).zip(rates.as_chunks::<3>().0);
+        for (turn, (velocity, rate)) in joints.zip(moved) {
+            let (back, jacobian) = turn_jacobians(&(Vector3::from(*velocity) * timestep));
+            *turn =
+                (back * Vector3::from(*turn) + jacobian * Vector3::from(*rate) * timestep).into();
+        }
+        old_rates.copy_from_slice(&rates);
+        chain.place(robot, &after.configuration);
+        tangents.push(StateTangent {
+            poses: model.move_discs(&chain, robot, &coordinates[..dof]),
+            coordinates: coordinates.clone(),
+        });
+        before = after;
+    }
+    Ok(tangents)
+}
+
+/// Change of the model along a direction.
+struct Model<'a> {
+    direction: &'a RolloutDirection,
+    /// For a unit of each parameter, and how much it changes.
+    tangents: Vec<(ModelTangent, f64)>,
+}
+
+impl<'a> Model<'a> {
+    fn new(
+        robot: &Robot,
+        rollout: &Rollout,
+        direction: &'a RolloutDirection,
+    ) -> Result<Self, DynamicsError> {
+        let named: Vec<_> = direction.parameters.iter().map(|(p, _)| *p).collect();
+        robot.spec().check_parameters(&named)?;
+        let changing = direction.parameters.iter().filter(|(_, by)| *by != 0.0);
+        let tangents = changing
+            .map(|&(parameter, by)| Ok((ModelTangent::new(robot, &rollout.loads, parameter)?, by)))
+            .collect::<Result<_, DynamicsError>>()?;
+        Ok(Self {
+            direction,
+            tangents,
+        })
+    }
+
+    /// Change of a number with this gradient by the model.
+    fn along(&self, gradient: &ModelTangent) -> f64 {
+        let vectors = |a: &[Vector3<f64>], b: &[Vector3<f64>]| -> f64 {
+            a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+        };
+        let parameters = self.tangents.iter().map(|(one, by)| one.dot(gradient) * by);
+        parameters.sum::<f64>()
+            + vectors(&self.direction.forces, &gradient.at_origin)
+            + vectors(&self.direction.moments, &gradient.moments)
+    }
+
+    /// Change of the discs' poses when the joints turn by `turns`, in the discs' frames.
+    fn move_discs(&self, chain: &Chain, robot: &Robot, turns: &[f64]) -> Vec<PoseTangent> {
+        let (mut rotation, mut centre) = (Vector3::zeros(), Vector3::zeros());
+        let mut below = robot.base();
+        let joints = turns.as_chunks::<3>().0.iter().enumerate();
+        joints
+            .map(|(i, turn)| {
+                let longer = self
+                    .tangents
+                    .iter()
+                    .map(|(one, by)| one.joint_offsets[i] * *by);
+                centre += rotation.cross(&(chain.centres[i] - below))
+                    + chain.orientations[i] * longer.sum::<Vector3<f64>>();
+                below = chain.centres[i];
+                rotation += chain.disc(i) * Vector3::from(*turn);
+                PoseTangent {
+                    position: centre + rotation.cross(&(chain.positions[i] - below)),
+                    rotation,
+                }
+            })
+            .collect()
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
