@@ -107,7 +107,7 @@ class LoadRows:
         return cls([one._native for one in base], masses, wrenches)
 
 
-def one_load(loads: Loads | None, payload: Any, wrench: Any, discs: int) -> tuple[_tdcr.Loads, float | None, Floats | None]:
+def native_loads(loads: Loads | None, payload: Any, wrench: Any, discs: int) -> tuple[_tdcr.Loads, float | None, Floats | None]:
     """Loads of a single row, as the native module takes them: see :func:`tdcr.settle`."""
     if loads is None:
         loads = NO_LOADS

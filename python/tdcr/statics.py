@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_float, as_quaternions, as_rows
 from tdcr.errors import NotSettledError
-from tdcr.loads import NO_LOADS, LoadRows, Loads, one_load
+from tdcr.loads import NO_LOADS, LoadRows, Loads, native_loads
 from tdcr.robot import Robot
 
 STABILITY = ("unknown", "stable", "neutral", "unstable")
@@ -139,7 +139,7 @@ def settle(robot: Robot, command: Any, payload: Any = None, *, wrench: Any = Non
         LoadsError: For loads that it cannot take.
     """
     command = as_float(command, "command", (robot.tendons,))
-    return Equilibrium._of(_tdcr.settle_one(robot._native, command, *one_load(loads, payload, wrench, robot.discs)))
+    return Equilibrium._of(_tdcr.settle_one(robot._native, command, *native_loads(loads, payload, wrench, robot.discs)))
 
 
 def settle_batch(
