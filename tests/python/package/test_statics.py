@@ -104,6 +104,32 @@ def test_a_batch_is_its_rows_settled_one_by_one(robot: tdcr.Robot) -> None:
     assert np.array_equal(alone.positions, batch.positions)
 
 
+@pytest.mark.parametrize("discs", [5, 40])
+def test_a_single_call_is_a_row_of_a_batch_to_the_bit(robot: tdcr.Robot, discs: int) -> None:
+    """Robots of few and of many discs settle on different ways through the native module."""
+    modules = [module | {"discs": discs, "pitch": 0.085 / discs} for module in robot.to_dict()["modules"]]
+    robot = tdcr.Robot(robot.to_dict() | {"modules": modules})
+    command, rng = robot.random_commands(1, seed=3)[0], np.random.default_rng(2)
+    wrench = rng.normal(scale=1e-3, size=(robot.discs, 6)) * [1, 1, 1, 0, 0, 0]
+    for given in (
+        {},
+        {"payload": 0.01},
+        {"payload": 0.01, "wrench": wrench},
+        {"loads": tdcr.Loads(payload=0.01, payload_offset=(0.0, 0.0, 0.01)), "wrench": wrench},
+        {"loads": tdcr.Loads(line=(0.0, 0.01, 0.0)), "payload": 0.01},
+    ):
+        one, batch = tdcr.settle(robot, command, **given), tdcr.settle_batch(robot, np.stack([command, command]), **given)
+        for name in ("positions", "quaternions", "configuration", "lengths", "tensions"):
+            assert np.array_equal(getattr(one, name), getattr(batch, name)[1]), name
+        assert (one.residual, one.iterations, one.converged) == (batch.residual[1], batch.iterations[1], batch.converged[1])
+        assert one.stability == tdcr.statics.STABILITY[batch.stability[1]]
+        by = tdcr.jacobian(robot, np.stack([command, command]), **given)
+        assert np.array_equal(tdcr.jacobian(robot, command, **given), by[0])
+    assert np.array_equal(tdcr.Settler(robot).settle(command).positions, tdcr.settle(robot, command).positions)
+    with pytest.raises(InputError, match="the payload is given twice"):
+        tdcr.settle(robot, command, 0.01, loads=tdcr.Loads(payload=0.01))
+
+
 def test_rows_may_be_of_different_robots(robot: tdcr.Robot) -> None:
     soft = robot.with_values({f"gain[{t}]": 50.0 for t in range(6)})
     both = tdcr.settle_batch([robot, soft], [COMMAND, COMMAND])
