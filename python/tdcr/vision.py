@@ -94,8 +94,7 @@ def render(
         seed: Seed of the faults.
         index: Number of the picture: pictures of one seed differ by it.
     """
-    show = (show,) if isinstance(show, str) else tuple(show)
-    if unknown := set(show) - {"payload", "tendons"}:
+    if unknown := ({show} if isinstance(show, str) else set(show)) - {"payload", "tendons"}:
         raise InputError(f"show has {sorted(unknown)}; expected 'payload' or 'tendons'")
     views = _tdcr.render(
         robot._native,
