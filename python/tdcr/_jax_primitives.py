@@ -65,7 +65,9 @@ def _callback(function: Callable[..., Arrays], results: Arrays, *groups: Arrays)
 
     def on_host(*arrays: Any) -> tuple[Any, ...]:
         bounds = [0, *ends, len(arrays)]
-        found = function(*(arrays[start:end] for start, end in pairwise(bounds)))
+        # Whatever the type: NumPy does not know those of 16 bits for numbers.
+        wide = [np.asarray(array).astype(np.float64) for array in arrays]
+        found = function(*(wide[start:end] for start, end in pairwise(bounds)))
         return tuple(np.asarray(array, dtype=result.dtype) for array, result in zip(found, results, strict=True))
 
     arrays = [array for group in groups for array in group]

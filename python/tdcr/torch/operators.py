@@ -69,8 +69,8 @@ def _moving(robot: str, names: str, dt: float, frame_skip: int, on_failure: OnFa
     return Differentiable(
         "tdcr.torch.rollout",
         lambda arguments: _rollout(*arguments, robot, names, *steps, on_failure),
-        lambda cotangents, arguments, _: _rollout_backward(list(cotangents), list(arguments), robot, names, *steps),
-        lambda changes, arguments: _rollout_forward(list(changes), list(arguments), robot, names, *steps),
+        lambda cotangents, arguments, _: _rollout_backward(*cotangents, *arguments, robot, names, *steps),
+        lambda changes, arguments: _rollout_forward(*changes, *arguments, robot, names, *steps),
     )
 
 
@@ -259,32 +259,94 @@ def _(
 
 @torch.library.custom_op("tdcr::rollout_backward", mutates_args=(), device_types="cpu")
 def _rollout_backward(
-    cotangents: Sequence[Tensor], arguments: Sequence[Tensor], robot: str, names: str, dt: float, frame_skip: int
-) -> list[Tensor]:
+    by_positions: Tensor,
+    by_quaternions: Tensor,
+    by_rates: Tensor,
+    commands: Tensor,
+    configuration: Tensor,
+    velocity: Tensor,
+    payload: Tensor,
+    wrench: Tensor,
+    values: Tensor,
+    robot: str,
+    names: str,
+    dt: float,
+    frame_skip: int,
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    arguments = (commands, configuration, velocity, payload, wrench, values)
     problem = _motion_problem(arguments, robot, names, dt, frame_skip)
-    return _like(arguments, problem.adjoint(*_arrays(cotangents)))
+    found = problem.adjoint(*_arrays((by_positions, by_quaternions, by_rates)))
+    by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values = _like(arguments, found)
+    return by_commands, by_configuration, by_velocity, by_payload, by_wrench, by_values
 
 
 @_rollout_backward.register_fake
 def _(
-    cotangents: Sequence[Tensor], arguments: Sequence[Tensor], robot: str, names: str, dt: float, frame_skip: int
-) -> list[Tensor]:
-    return [_empty_like(argument) for argument in arguments]
+    by_positions: Tensor,
+    by_quaternions: Tensor,
+    by_rates: Tensor,
+    commands: Tensor,
+    configuration: Tensor,
+    velocity: Tensor,
+    payload: Tensor,
+    wrench: Tensor,
+    values: Tensor,
+    robot: str,
+    names: str,
+    dt: float,
+    frame_skip: int,
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    start = _empty_like(configuration), _empty_like(velocity)
+    return _empty_like(commands), *start, _empty_like(payload), _empty_like(wrench), _empty_like(values)
 
 
 @torch.library.custom_op("tdcr::rollout_forward", mutates_args=(), device_types="cpu")
 def _rollout_forward(
-    changes: Sequence[Tensor], arguments: Sequence[Tensor], robot: str, names: str, dt: float, frame_skip: int
-) -> list[Tensor]:
-    problem = _motion_problem(arguments, robot, names, dt, frame_skip)
-    return _of_type(arguments[0], problem.tangent(_arrays(changes)))
+    of_commands: Tensor,
+    of_configuration: Tensor,
+    of_velocity: Tensor,
+    of_payload: Tensor,
+    of_wrench: Tensor,
+    of_values: Tensor,
+    commands: Tensor,
+    configuration: Tensor,
+    velocity: Tensor,
+    payload: Tensor,
+    wrench: Tensor,
+    values: Tensor,
+    robot: str,
+    names: str,
+    dt: float,
+    frame_skip: int,
+) -> tuple[Tensor, Tensor, Tensor]:
+    changes = _arrays((of_commands, of_configuration, of_velocity, of_payload, of_wrench, of_values))
+    arguments = (commands, configuration, velocity, payload, wrench, values)
+    found = _motion_problem(arguments, robot, names, dt, frame_skip).tangent(changes)
+    positions, quaternions, rates = _of_type(commands, found)
+    return positions, quaternions, rates
 
 
 @_rollout_forward.register_fake
-def _(changes: Sequence[Tensor], arguments: Sequence[Tensor], robot: str, names: str, dt: float, frame_skip: int) -> list[Tensor]:
-    commands, configuration = arguments[:2]
-    poses = (*commands.shape[:-1], configuration.shape[-2])
-    return [commands.new_empty(*poses, width) for width in (3, 4, 3)]
+def _(
+    of_commands: Tensor,
+    of_configuration: Tensor,
+    of_velocity: Tensor,
+    of_payload: Tensor,
+    of_wrench: Tensor,
+    of_values: Tensor,
+    commands: Tensor,
+    configuration: Tensor,
+    velocity: Tensor,
+    payload: Tensor,
+    wrench: Tensor,
+    values: Tensor,
+    robot: str,
+    names: str,
+    dt: float,
+    frame_skip: int,
+) -> tuple[Tensor, Tensor, Tensor]:
+    poses = (*commands.shape[:-1], wrench.shape[-2])
+    return commands.new_empty(*poses, 3), commands.new_empty(*poses, 4), commands.new_empty(*poses, 3)
 
 
 def _setup_rollout(ctx, inputs, output):  # type: ignore[no-untyped-def]
@@ -293,8 +355,7 @@ def _setup_rollout(ctx, inputs, output):  # type: ignore[no-untyped-def]
 
 
 def _backward_of_rollout(ctx, *cotangents):  # type: ignore[no-untyped-def]
-    arguments = list(ctx.saved_tensors)
-    gradients = _rollout_backward(list(cotangents), arguments, ctx.robot, ctx.names, ctx.dt, ctx.frame_skip)
+    gradients = _rollout_backward(*cotangents, *ctx.saved_tensors, ctx.robot, ctx.names, ctx.dt, ctx.frame_skip)
     return *gradients, None, None, None, None, None
 
 

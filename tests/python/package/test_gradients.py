@@ -134,6 +134,9 @@ def test_torch_func_transforms_agree_in_both_modes_and_nested() -> None:
     expected = torch.as_tensor(tdcr.jacobian(ROBOT, command, payload=0.01))[:, -1, :3]
     assert near(vmap(jacrev(tips))(command), expected) and near(vmap(jacfwd(tips))(command), expected)
     assert near(jacrev(tips)(command[0]), expected[0]) and near(jacfwd(tips)(command[0]), expected[0])
+    for strategy in ("forward-mode", "reverse-mode"):
+        found = torch.autograd.functional.jacobian(tips, command[0], vectorize=True, strategy=strategy)
+        assert near(found, expected[0])
     assert near(vmap(tips)(command), tips(command))
     assert near(vmap(vmap(tips))(command.expand(3, 2, 6)), tips(command).expand(3, 2, 3))
     # By all arguments, some of which are mapped.
@@ -266,5 +269,7 @@ def test_jax_has_both_modes_and_refuses_second_derivatives() -> None:
             ask(commands[0])
     with pytest.raises(InputError, match="on_failure is 'rasie'; expected 'raise' or 'nan'"):
         tdcr.jax.settle(ROBOT, commands, on_failure="rasie")
+    narrow = jax.numpy.asarray(commands, jax.numpy.bfloat16)
+    assert jax.grad(lambda c: tips(c).sum())(narrow).dtype == tips(narrow).dtype == jax.numpy.bfloat16
     whole = tdcr.jax.settle(ROBOT, np.zeros(6, dtype=np.int64))[0]
     assert np.allclose(whole, tdcr.settle(ROBOT, np.zeros(6)).positions)

@@ -95,8 +95,12 @@ def test_torch_func_transforms_agree_in_both_modes() -> None:
         commands = command.expand(2, 6)
         return functions.rollout(ROBOT, commands, inputs[1][0], frame_skip=2)[0][-1, -1]
 
-    forward, backward = jacfwd(tip)(inputs[0][0, 0]), jacrev(tip)(inputs[0][0, 0])
+    command = inputs[0][0, 0]
+    forward, backward = jacfwd(tip)(command), jacrev(tip)(command)
     assert forward.any() and torch.allclose(forward, backward, rtol=1e-8, atol=1e-15)
+    for strategy in ("forward-mode", "reverse-mode"):
+        found = torch.autograd.functional.jacobian(tip, command, vectorize=True, strategy=strategy)
+        assert torch.allclose(found, backward, rtol=1e-8, atol=1e-15)
     with pytest.raises(SensitivityError, match="second derivatives of tdcr.torch.rollout are asked for"):
         jacfwd(jacrev(tip))(inputs[0][0, 0])
     with pytest.raises(InputError, match="on_failure is 'rasie'; expected 'raise' or 'nan'"):
