@@ -18,7 +18,7 @@ use crate::arrays::{array, contiguous};
 use crate::dynamics::{Motions, Start, command_of, diverged, parts, state};
 use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
-use crate::robot::{Robot, parameters};
+use crate::robot::{Robot, parameters_of};
 use crate::run::{self, Watch};
 use crate::steps::Steps;
 
@@ -267,7 +267,7 @@ pub fn rollout_vjp_rows(
         &start,
         *steps,
     )?;
-    let mut parameters = parameters(&names)?;
+    let mut parameters = parameters_of(motions.robot(0), &names)?;
     let named = parameters.iter().position(|p| *p == Parameter::Payload);
     let payload_at = named.unwrap_or_else(|| {
         parameters.push(Parameter::Payload);

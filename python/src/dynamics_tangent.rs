@@ -13,7 +13,7 @@ use crate::dynamics::{Motions, Start, parts};
 use crate::dynamics_gradient::Replayed;
 use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
-use crate::robot::{Robot, parameters};
+use crate::robot::{Robot, parameters_of};
 use crate::run::{self, Watch};
 use crate::sensitivity::quaternion_change;
 use crate::steps::Steps;
@@ -186,7 +186,7 @@ pub fn rollout_jvp_rows(
         &start,
         *steps,
     )?;
-    let names = parameters(&names)?;
+    let names = parameters_of(motions.robot(0), &names)?;
     let rates = Numbers::new(&rates, &motions, names.len())?;
     let (rows, length, n) = (motions.rows, motions.length, motions.discs);
     let none = |width: usize| vec![f64::NAN; rows * length * n * width];

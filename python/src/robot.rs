@@ -207,7 +207,7 @@ impl Robot {
 
     /// Refuses parameters that the robot does not have, and those that overlap.
     fn check_parameters(&self, names: Vec<String>) -> Outcome<()> {
-        Ok(self.0.spec().check_parameters(&parameters(&names)?)?)
+        parameters_of(&self.0, &names).map(drop)
     }
 
     /// This robot with other values of some parameters.
@@ -229,6 +229,13 @@ pub fn named(name: &str) -> Outcome<Parameter> {
 /// Parameters by their names.
 pub fn parameters(names: &[String]) -> Outcome<Vec<Parameter>> {
     names.iter().map(|name| named(name)).collect()
+}
+
+/// Parameters of a robot by their names, which may be changed together.
+pub fn parameters_of(robot: &tdcr::sim::robot::Robot, names: &[String]) -> Outcome<Vec<Parameter>> {
+    let parameters = parameters(names)?;
+    robot.spec().check_parameters(&parameters)?;
+    Ok(parameters)
 }
 
 /// The robots of the rows of a batch, one for all or one a row, all of as many discs and tendons; at least one.

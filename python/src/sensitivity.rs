@@ -13,7 +13,7 @@ use tdcr::sim::sensitivity::Sensitivity;
 
 use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome};
-use crate::robot::parameters;
+use crate::robot::parameters_of;
 use crate::run;
 use crate::statics::{Questions, RowsArgument, SMALL};
 
@@ -94,7 +94,7 @@ pub fn jacobian_rows<'py>(
     raises: bool,
 ) -> Outcome<Bound<'py, PyArray3<f64>>> {
     let rows = Questions::new(&rows)?;
-    let names = parameters(&names)?;
+    let names = parameters_of(rows.robot(0), &names)?;
     let (poses, width) = (6 * rows.discs, names.len());
     let whole_command = (0..rows.tendons)
         .map(Parameter::Command)
@@ -126,7 +126,7 @@ pub fn jvp_rows<'py>(
     raises: bool,
 ) -> Outcome<Bound<'py, PyArray3<f64>>> {
     let rows = Questions::new(&rows)?;
-    let names = parameters(&names)?;
+    let names = parameters_of(rows.robot(0), &names)?;
     let rates = contiguous(&rates, "rates", &[rows.rows(), names.len()])?.to_vec();
     let jvp =
         |row: usize, sensitivity: &Sensitivity, turned: &[_], out: &mut [f64]| -> Outcome<()> {
@@ -162,7 +162,7 @@ pub fn vjp_rows<'py>(
     raises: bool,
 ) -> Outcome<Bound<'py, PyArray2<f64>>> {
     let rows = Questions::new(&rows)?;
-    let names = parameters(&names)?;
+    let names = parameters_of(rows.robot(0), &names)?;
     let cotangents = contiguous(&cotangents, "cotangents", &[rows.rows(), rows.discs, 7])?;
     let cotangents = cotangents.as_chunks::<7>().0.to_vec();
     let vjp =

@@ -28,7 +28,7 @@ class LoadsError(InputError):
 
 
 class ParameterError(InputError):
-    """A parameter is unknown, or the robot does not have it."""
+    """A parameter is unknown, the robot does not have it, or two that are named together stand for the same numbers."""
 
 
 class NotSettledError(TdcrError, RuntimeError):

@@ -41,12 +41,12 @@ def test_the_parameters_of_a_robot_are_listed_with_what_they_act_on() -> None:
 
 @pytest.mark.parametrize("names", OVERLAPS, ids="-".join)
 def test_parameters_that_overlap_are_refused_wherever_they_are_named(names: list[str]) -> None:
-    says = rf"`{names[0]}` and `{names[1]}` of robot `2m` overlap".replace("[", r"\[").replace("]", r"\]")
+    says = rf"^parameters `{names[0]}` and `{names[1]}` of robot `2m` overlap".replace("[", r"\[").replace("]", r"\]")
 
     def refused() -> pytest.RaisesExc[ParameterError]:
         return pytest.raises(ParameterError, match=says)
 
-    batch = COMMAND[None]
+    batch = np.stack([COMMAND, COMMAND])
     with refused():
         ROBOT.check_parameters(names)
     with refused():
@@ -54,12 +54,12 @@ def test_parameters_that_overlap_are_refused_wherever_they_are_named(names: list
     with refused():
         tdcr.jvp(ROBOT, batch, names, [1.0, 1.0])
     with refused():
-        tdcr.vjp(ROBOT, batch, names, np.ones((1, 10, 3)))
+        tdcr.vjp(ROBOT, batch, names, np.ones((2, 10, 3)))
     with refused():
-        tdcr.rollout_vjp(ROBOT, batch[None], np.ones((1, 1, 10, 3)), parameters=names)
+        tdcr.rollout_vjp(ROBOT, batch[:, None], np.ones((2, 1, 10, 3)), parameters=names)
     with refused():
-        rates = tdcr.RolloutRates(parameters=np.ones((1, 2)))
-        tdcr.rollout_jvp(ROBOT, batch[None], rates, parameters=names)
+        rates = tdcr.RolloutRates(parameters=np.ones((2, 2)))
+        tdcr.rollout_jvp(ROBOT, batch[:, None], rates, parameters=names)
     if names[0] != names[1]:
         with refused():
             ROBOT.with_values({name: 0.0125 for name in names})

@@ -1,0 +1,58 @@
+"""What derivatives cost beside what they are derivatives of, on one thread.
+
+    python benches/gradients.py
+
+A line for each robot: the time of one equilibrium; as multiples of it, that of the gradient of a cost by the commands, and by
+the commands and p physical parameters; the time of a motion of 100 steps; as multiples of it, that of its gradient and of its
+tangent.
+"""
+
+import timeit
+from collections.abc import Callable
+
+import numpy as np
+
+import tdcr
+
+ROWS, STEPS = 50, 100
+
+
+def seconds(call: Callable[[], object]) -> float:
+    """Shortest time of a call."""
+    call()
+    return min(timeit.repeat(call, number=1, repeat=10))
+
+
+def equilibria(robot: tdcr.Robot) -> str:
+    """Time of one, and of its gradients."""
+    rows, by = robot.random_commands(ROWS), np.ones((ROWS, robot.discs, 3))
+    commands = [f"command[{tendon}]" for tendon in range(robot.tendons)]
+    # The radii of the holes are in their places.
+    physical = [name for name in tdcr.parameters(robot).names if not name.startswith("hole_radius")]
+    settle = seconds(lambda: tdcr.settle_batch(robot, rows))
+    alone = seconds(lambda: tdcr.vjp(robot, rows, commands, by))
+    whole = seconds(lambda: tdcr.vjp(robot, rows, commands + physical, by))
+    return f"{settle / ROWS * 1e6:11.0f}   {alone / settle:20.1f}   {whole / settle:8.1f} (p = {len(physical):3d})"
+
+
+def motions(robot: tdcr.Robot) -> str:
+    """Time of one, and of its derivatives."""
+    start = tdcr.State(tdcr.settle(robot, robot.mean_command).configuration)
+    ramp = np.linspace(robot.mean_command, robot.random_commands(1)[0], STEPS)[np.newaxis]
+    weights, rates = np.ones((1, STEPS, robot.discs, 3)), tdcr.RolloutRates(commands=np.ones_like(ramp))
+    motion = seconds(lambda: tdcr.rollout(robot, ramp, start=start))
+    gradient = seconds(lambda: tdcr.rollout_vjp(robot, ramp, weights, start=start))
+    tangent = seconds(lambda: tdcr.rollout_jvp(robot, ramp, rates, start=start))
+    return f"{motion * 1e6:11.0f}   {gradient / motion:12.1f}   {tangent / motion:11.0f}"
+
+
+def main() -> None:
+    tdcr.set_threads(1)
+    print("robot   settle (us)   gradient by commands   by p parameters        motion (us)   its gradient   its tangent")
+    for name in ("2m", "3m", "5m"):
+        robot = tdcr.Robot(name)
+        print(f"{name:<5}   {equilibria(robot)}   {motions(robot)}")
+
+
+if __name__ == "__main__":
+    main()
