@@ -2,9 +2,9 @@
 
     python benches/gradients.py
 
-A line for each robot: the time of one equilibrium; as multiples of it, that of the gradient of a cost by the commands, and by
-the commands and p physical parameters; the time of a motion of 100 steps; as multiples of it, that of its gradient and of its
-tangent.
+A line for each robot: the time of one equilibrium; as multiples of it, that of the gradient of a cost by all commands and forces,
+and what each dimension or density of the robot adds to it; the time of a motion of 100 steps; as multiples of it, that of its
+gradient and of its tangent.
 """
 
 import timeit
@@ -26,13 +26,13 @@ def seconds(call: Callable[[], object]) -> float:
 def equilibria(robot: tdcr.Robot) -> str:
     """Time of one, and of its gradients."""
     rows, by = robot.random_commands(ROWS), np.ones((ROWS, robot.discs, 3))
-    commands = [f"command[{tendon}]" for tendon in range(robot.tendons)]
-    # The radii of the holes are in their places.
-    physical = [name for name in tdcr.parameters(robot).names if not name.startswith("hole_radius")]
+    names = [f"command[{tendon}]" for tendon in range(robot.tendons)]
+    names += [f"force[{disc}].{axis}" for disc in range(robot.discs) for axis in "xyz"]
+    laid_out = [name for name in tdcr.parameters(robot).names if name.startswith(("pitch", "density", "hole["))]
     settle = seconds(lambda: tdcr.settle_batch(robot, rows))
-    alone = seconds(lambda: tdcr.vjp(robot, rows, commands, by))
-    whole = seconds(lambda: tdcr.vjp(robot, rows, commands + physical, by))
-    return f"{settle / ROWS * 1e6:11.0f}   {alone / settle:20.1f}   {whole / settle:8.1f} (p = {len(physical):3d})"
+    gradient = seconds(lambda: tdcr.vjp(robot, rows, names, by))
+    each = (seconds(lambda: tdcr.vjp(robot, rows, names + laid_out, by)) - gradient) / len(laid_out)
+    return f"{settle / ROWS * 1e6:11.0f}   {gradient / settle:12.1f}   {each / settle:14.2f}"
 
 
 def motions(robot: tdcr.Robot) -> str:
@@ -48,7 +48,7 @@ def motions(robot: tdcr.Robot) -> str:
 
 def main() -> None:
     tdcr.set_threads(1)
-    print("robot   settle (us)   gradient by commands   by p parameters        motion (us)   its gradient   its tangent")
+    print("robot   settle (us)   its gradient   each dimension   motion (us)   its gradient   its tangent")
     for name in ("2m", "3m", "5m"):
         robot = tdcr.Robot(name)
         print(f"{name:<5}   {equilibria(robot)}   {motions(robot)}")
