@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib
 import json
 import os
 import subprocess
@@ -85,6 +86,17 @@ def test_robots_scatter_as_their_jacobian_says(tmp_path: Path) -> None:
         np.testing.assert_allclose(result["deviation_m"], result["deviation_by_jacobian_m"], rtol=0.3, atol=1e-3)
         tip = tdcr.settle(tdcr.Robot("2m"), result["command"]).tip
         np.testing.assert_allclose(result["tip_m"], tip, atol=1e-12)
+
+
+def test_robots_that_scatter_vary_in_every_module(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(EXAMPLES)
+    names = importlib.import_module("domain_randomisation").parameters(tdcr.Robot("3m"))
+    listed = tdcr.parameters(tdcr.Robot("3m"))
+    for kind, spread in (("density", 0.05), ("hole_radius", 0.01), ("pitch", 0.005)):
+        of_kind = [name for name in names if name.startswith(kind)]
+        assert {listed[name].module for name in of_kind} - {None} == {0, 1, 2}
+        assert {names[name] for name in of_kind} == {spread}
+    assert sum(name.startswith("gain") for name in names) == 9 and "hole_radius[base]" in names
 
 
 def test_a_network_is_trained_and_asked(tmp_path: Path) -> None:
