@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 use tdcr_sim::cloud::{Observer, VoxelGrid};
-use tdcr_sim::dynamics::{Integrator, State};
+use tdcr_sim::dynamics::{DynamicsError, Integrator, State, Stepper};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Command, Friction, Loads, Robot, RobotSpec};
 use tdcr_sim::simulation::{MovingRobot, Simulation, SimulationError};
@@ -155,6 +155,73 @@ fn a_moving_robot_starts_in_any_state() {
         message,
         "the configuration has 15 entries; robot `2m` needs 10"
     );
+}
+
+/// A time step by which small motions grow is refused where the motion starts, whichever way, and not where it goes on.
+#[test]
+fn time_steps_that_are_too_long_are_refused_at_the_start() {
+    let robot = Robot::load("2m").unwrap();
+    let (mean, loads) = (robot.mean_command(), Loads::default());
+    let unstable = |refused: Result<(), SimulationError>| {
+        matches!(
+            refused,
+            Err(SimulationError::Dynamics(DynamicsError::Unstable { .. }))
+        )
+    };
+    let start = State::straight(&robot);
+    let mut moving = MovingRobot::new(&robot, 0.5, Integrator::default(), 1).unwrap();
+    assert!(unstable(moving.reset(&mean, &loads)));
+    assert!(unstable(moving.advance(&mean, &loads)));
+    moving.start_at(&start, &mean).unwrap();
+    assert!(unstable(moving.advance(&mean, &loads)));
+    assert_eq!(moving.state(), &start);
+    // The same as of a stepper, and none of an implicit one.
+    let stepper = Stepper::new(&robot, 0.5, Integrator::default()).unwrap();
+    assert!(stepper.check_stable(&start, &mean, &loads).is_err());
+    let mut implicit = MovingRobot::new(&robot, 0.5, Integrator::ImplicitEuler, 1).unwrap();
+    implicit.reset(&mean, &loads).unwrap();
+    // What goes on was checked where it started.
+    moving.resume_at(&start, &mean, Some(1)).unwrap();
+    assert!(!unstable(moving.advance(&mean, &loads)));
+}
+
+/// One that resumes where another was left does what that does, to the last bit.
+#[test]
+fn simulations_resume_where_others_were_left() {
+    let robot = Robot::load("2m").unwrap();
+    let loads = Loads::payload(0.01).unwrap();
+    let mut first = Settler::new(&robot);
+    let mut moving = MovingRobot::new(&robot, TIMESTEP, Integrator::default(), 5).unwrap();
+    first.reset(&bent(&robot, 0.0), &loads).unwrap();
+    moving.reset(&bent(&robot, 0.0), &loads).unwrap();
+    for step in 1..20 {
+        first
+            .advance(&bent(&robot, f64::from(step) / 40.0), &loads)
+            .unwrap();
+        moving
+            .advance(&bent(&robot, f64::from(step) / 40.0), &loads)
+            .unwrap();
+    }
+    let mut second = Settler::new(&robot);
+    second.resume(first.memory(), &loads);
+    assert_eq!(second.memory(), first.memory());
+    let mut other = MovingRobot::new(&robot, TIMESTEP, Integrator::default(), 5).unwrap();
+    let (state, command) = (moving.state().clone(), bent(&robot, 19.0 / 40.0));
+    other.resume_at(&state, &command, moving.taken()).unwrap();
+    for step in 20..40 {
+        let command = bent(&robot, f64::from(step) / 40.0);
+        first.advance(&command, &loads).unwrap();
+        second.advance(&command, &loads).unwrap();
+        // With the number of Newton steps: the prediction is the same too.
+        assert_eq!(second.equilibrium(), first.equilibrium());
+        moving.advance(&command, &loads).unwrap();
+        other.advance(&command, &loads).unwrap();
+        assert_eq!(other.pose(), moving.pose());
+        assert_eq!(other.time(), moving.time());
+    }
+    // Nothing was before.
+    second.resume(Settler::new(&robot).memory(), &loads);
+    assert_eq!(second.memory(), Settler::new(&robot).memory());
 }
 
 /// The pose is a view, and settling and stepping reuse their memory.

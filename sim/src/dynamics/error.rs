@@ -5,13 +5,6 @@ use thiserror::Error;
 use super::Integrator;
 use crate::robot::{LoadsError, ParameterError};
 
-fn is_implicit(integrator: Integrator) -> bool {
-    matches!(
-        integrator,
-        Integrator::ImplicitEuler | Integrator::ImplicitMidpoint
-    )
-}
-
 /// Why a motion cannot be computed.
 #[non_exhaustive]
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -60,7 +53,7 @@ pub enum DynamicsError {
         "the motion diverged: joint {joint} turns by {turn:.3e} rad in one step of {timestep} s, more than the \
          {} rad that a step resolves; take a shorter time step{}",
         super::LARGEST_TURN,
-        if is_implicit(*.integrator) { "" } else { ", or an implicit integrator" }
+        if .integrator.is_implicit() { "" } else { ", or an implicit integrator" }
     )]
     Diverged {
         /// The joint that turns most, from 0 at the base.

@@ -38,6 +38,13 @@ pub enum Integrator {
     ImplicitMidpoint,
 }
 
+impl Integrator {
+    /// Whether steps are implicit in the stiffness: then small motions do not grow, whatever the time step.
+    pub(super) fn is_implicit(self) -> bool {
+        matches!(self, Self::ImplicitEuler | Self::ImplicitMidpoint)
+    }
+}
+
 /// Moves states of one robot through time, reusing its memory.
 #[derive(Clone, Debug)]
 pub struct Stepper {

@@ -9,7 +9,21 @@ use crate::robot::{Command, Loads, Robot};
 use crate::statics::Settler;
 use crate::tendon::Posture;
 
+/// How far a motion has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// There was no reset.
+    New,
+    /// In a state that was given, from which the time step was not checked yet.
+    Started,
+    /// Small motions about the start do not grow by the time step.
+    Checked,
+}
+
 /// A robot in motion: a [`Stepper`] with the state that it moves.
+///
+/// A time step by which small motions about the start grow is refused, as [`Stepper::check_stable`] does: by
+/// [`Simulation::reset`], and after [`MovingRobot::start_at`] by the first advance.
 #[derive(Clone, Debug)]
 pub struct MovingRobot {
     stepper: Stepper,
@@ -19,8 +33,7 @@ pub struct MovingRobot {
     state: State,
     /// Time since the last reset (s), in steps.
     taken: u64,
-    /// Whether there was a reset.
-    started: bool,
+    phase: Phase,
     posture: Posture,
     orientations: Vec<UnitQuaternion<f64>>,
     tensions: Vec<f64>,
@@ -43,7 +56,7 @@ impl MovingRobot {
             steps: steps.max(1),
             state: State::straight(robot),
             taken: 0,
-            started: false,
+            phase: Phase::New,
             posture: Posture::new(robot),
             orientations: vec![UnitQuaternion::identity(); robot.discs().len()],
             tensions: vec![0.0; robot.tendons().len()],
@@ -67,6 +80,39 @@ impl MovingRobot {
     /// # Errors
     /// [`SimulationError`] where they are not of this robot.
     pub fn start_at(&mut self, state: &State, command: &Command) -> Result<(), SimulationError> {
+        self.take(state, command)?;
+        (self.taken, self.phase) = (0, Phase::Started);
+        Ok(())
+    }
+
+    /// Goes on with a motion that was left in `state` under `command`, where [`MovingRobot::taken`] was `taken`: as if it
+    /// had not been left, to the last bit.
+    ///
+    /// # Errors
+    /// As [`MovingRobot::start_at`].
+    pub fn resume_at(
+        &mut self,
+        state: &State,
+        command: &Command,
+        taken: Option<u64>,
+    ) -> Result<(), SimulationError> {
+        self.take(state, command)?;
+        self.taken = taken.unwrap_or(0);
+        self.phase = match taken {
+            None => Phase::New,
+            Some(0) => Phase::Started,
+            Some(_) => Phase::Checked,
+        };
+        Ok(())
+    }
+
+    /// Time steps since the last start; `None` before the first.
+    pub fn taken(&self) -> Option<u64> {
+        (self.phase != Phase::New).then_some(self.taken)
+    }
+
+    /// Takes over a state, the tendons under `command`.
+    fn take(&mut self, state: &State, command: &Command) -> Result<(), SimulationError> {
         let robot = self.stepper.robot();
         robot.check_command(command.as_slice())?;
         let size = |what, found, expected| match found == expected {
@@ -82,7 +128,6 @@ impl MovingRobot {
         size("configuration", state.configuration.0.len(), joints)?;
         size("velocity", state.velocity.len(), dof)?;
         self.state.clone_from(state);
-        (self.taken, self.started) = (0, true);
         self.place(command);
         Ok(())
     }
@@ -97,10 +142,11 @@ impl MovingRobot {
         loads: &Loads,
         steps: usize,
     ) -> Result<(), SimulationError> {
-        if !self.started {
+        if self.phase == Phase::New {
             return self.reset(command, loads);
         }
         check(self.robot(), command, loads)?;
+        self.check_stable(command, loads)?;
         let mut moved = Ok(());
         for _ in 0..steps {
             moved = self.stepper.step(&mut self.state, command, loads);
@@ -121,6 +167,15 @@ impl MovingRobot {
     /// Time steps of one advance.
     pub fn steps(&self) -> usize {
         self.steps
+    }
+
+    /// Refuses, at the start of a motion, a time step by which small motions about it grow.
+    fn check_stable(&mut self, command: &Command, loads: &Loads) -> Result<(), DynamicsError> {
+        if self.phase == Phase::Started {
+            self.stepper.check_stable(&self.state, command, loads)?;
+            self.phase = Phase::Checked;
+        }
+        Ok(())
     }
 
     /// Computes the pose of the state under `command`.
@@ -149,9 +204,10 @@ impl Simulation for MovingRobot {
         let configuration = &equilibrium.configuration;
         self.state.configuration.0.copy_from_slice(&configuration.0);
         self.state.velocity.fill(0.0);
-        (self.taken, self.started) = (0, true);
+        (self.taken, self.phase) = (0, Phase::Started);
         self.place(command);
-        settled(self.robot(), command, self.settler.equilibrium())
+        settled(self.robot(), command, self.settler.equilibrium())?;
+        Ok(self.check_stable(command, loads)?)
     }
 
     fn advance(&mut self, command: &Command, loads: &Loads) -> Result<(), SimulationError> {

@@ -46,15 +46,15 @@ pub(super) struct Descent {
     /// No terms of discs.
     none: Vec<Vector3<f64>>,
     /// What the last prediction was made for, and came to.
-    prediction: Prediction,
+    pub prediction: Prediction,
 }
 
 /// A prediction to first order, and what it missed.
-#[derive(Clone, Debug)]
-struct Prediction {
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Prediction {
     /// How the command changed (m or N).
-    change: Vec<f64>,
-    configuration: Configuration,
+    pub change: Vec<f64>,
+    pub configuration: Configuration,
 }
 
 /// How a descent ended.

@@ -18,12 +18,14 @@
 
 mod descent;
 mod following;
+mod memory;
 mod potential;
 mod settler;
 mod stability;
 mod sweep;
 mod tolerance;
 
+pub use memory::Memory;
 pub use settler::Settler;
 pub use stability::{NotSettled, Stability};
 pub use sweep::Sweep;

@@ -33,7 +33,7 @@ const MIN_STRIDE: f64 = 1e-4;
 /// ```
 #[derive(Clone, Debug)]
 pub struct Settler {
-    robot: Robot,
+    pub(super) robot: Robot,
     pub(super) descent: Descent,
     pub(super) dead: DeadForces,
     /// The command, with the rest lengths of tendons whose length is commanded corrected.
@@ -42,7 +42,7 @@ pub struct Settler {
     /// without loads.
     moment_tolerance: f64,
     length_tolerance: f64,
-    equilibrium: Equilibrium,
+    pub(super) equilibrium: Equilibrium,
 }
 
 impl Settler {
@@ -238,7 +238,7 @@ impl Settler {
     }
 
     /// The expansion at the current configuration, under the current command.
-    fn expand(&mut self) {
+    pub(super) fn expand(&mut self) {
         let potential = Potential {
             robot: &self.robot,
             command: &self.command,
