@@ -3,7 +3,7 @@
 //! The library behind the `tdcr` command line. [`sim`] settles robots and sees them with virtual
 //! RGB-D cameras; [`hw`] drives servos and RGB-D cameras, real or simulated; [`learn`] turns clouds into a shape predictor; [`pipeline`] joins the two into
 //! stages that resume where they were interrupted; [`report`] shows the result, and [`pages`] joins these two. [`study`]
-//! sweeps designs, loads and commands.
+//! sweeps designs, loads and commands. [`cli`] is the command line, which the binary and the Python package run.
 //!
 //! ```
 //! use tdcr::learn::train::TrainSettings;
@@ -26,6 +26,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+// So that the command line names the crates as any other user of the library does.
+extern crate self as tdcr;
+
+pub mod cli;
 pub mod pages;
 pub mod pipeline;
 pub mod report;

@@ -1,7 +1,7 @@
 //! The `tdcr` command line.
 
-mod cli;
+use std::process::ExitCode;
 
-fn main() -> std::process::ExitCode {
-    cli::run()
+fn main() -> ExitCode {
+    ExitCode::from(tdcr::cli::run(std::env::args_os().collect()))
 }

@@ -1,5 +1,7 @@
 //! `tdcr --help`, by what one wants to do.
 
+use std::ffi::OsString;
+
 use clap::{CommandFactory, FromArgMatches};
 
 use super::Cli;
@@ -61,8 +63,8 @@ pub(super) fn command() -> clap::Command {
 }
 
 /// Parses the arguments; a wrong one ends the process with what would be right.
-pub(super) fn parse() -> Cli {
-    let matches = command().get_matches();
+pub(super) fn parse(arguments: &[OsString]) -> Cli {
+    let matches = command().get_matches_from(arguments);
     Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
 }
 

@@ -45,7 +45,6 @@ mod units;
 use std::ffi::OsString;
 use std::num::NonZero;
 use std::path::Path;
-use std::process::ExitCode;
 
 use anyhow::{Context, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -227,18 +226,18 @@ fn named<T: Copy + Send + Sync + 'static, const N: usize>(
 /// Exit status after an interruption, as shells report SIGINT.
 const INTERRUPTED: u8 = 130;
 
-/// Runs the command line; the exit status is 0, 1 after an error, 2 for wrong usage, 130 when
-/// interrupted.
-pub fn run() -> ExitCode {
-    let cli = help::parse();
-    match execute(&cli) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) if console::is_broken_pipe(&error) => ExitCode::SUCCESS,
+/// Runs the command line with arguments, of which the first is the program; the exit status is 0, 1 after an error, 130 when
+/// interrupted. Wrong usage ends the process with 2, a second interruption with 130.
+pub fn run(arguments: Vec<OsString>) -> u8 {
+    let cli = help::parse(&arguments);
+    match execute(&cli, &arguments) {
+        Ok(()) => 0,
+        Err(error) if console::is_broken_pipe(&error) => 0,
         Err(error) => {
             say(&format!("error: {}", describe(&error)));
             match is_interruption(&error) {
-                true => ExitCode::from(INTERRUPTED),
-                false => ExitCode::FAILURE,
+                true => INTERRUPTED,
+                false => 1,
             }
         }
     }
@@ -270,7 +269,7 @@ fn describe(error: &anyhow::Error) -> String {
     text
 }
 
-fn execute(cli: &Cli) -> anyhow::Result<()> {
+fn execute(cli: &Cli, arguments: &[OsString]) -> anyhow::Result<()> {
     let level = if cli.global.quiet {
         LevelFilter::ERROR
     } else {
@@ -292,7 +291,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
             .context("cannot start the threads")?;
     }
     if cli.global.json {
-        refuse_unwritable_names(std::env::args_os())?;
+        refuse_unwritable_names(arguments)?;
     }
     let console = Console::new(&cli.global)?;
     match &cli.command {
@@ -326,7 +325,7 @@ fn execute(cli: &Cli) -> anyhow::Result<()> {
 }
 
 /// Refuses names that are not Unicode, which JSON cannot hold; called before the work, so that no result is lost.
-fn refuse_unwritable_names(arguments: impl Iterator<Item = OsString>) -> anyhow::Result<()> {
+fn refuse_unwritable_names(arguments: &[OsString]) -> anyhow::Result<()> {
     for argument in arguments {
         ensure!(
             argument.to_str().is_some(),
