@@ -7,19 +7,17 @@
 Any `torch.nn.Module` can take the network's place: `forward(x, t, c)` takes points (B, N, 3), flow times (B,) and conditions
 (B, D), and returns the velocities (B, N, 3) of the points, all in the units of the data set's normalisation. The one here is
 like PointNet (Qi et al., CVPR 2017): features of each point, their maximum over the cloud, and a second network that sees
-both. tdcr's own sees each point alone. Both learn by the same recipe; `tdcr eval` scores both by the same table, the clouds of
-the network of one's own as it would those of any program (`--predictions`).
+both. tdcr's own sees each point alone. Both learn by the same recipe; `tdcr.evaluate` scores both by the same table, the clouds
+of the network of one's own as it would those of any program (`predictions=`).
 """
 
 import argparse
-import json
-import os
-import subprocess
 from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 
+import tdcr
 from tdcr.torch import CloudSet, Trainer, distributed, network, preset, write_predictions
 
 
@@ -42,11 +40,9 @@ class PointNet(nn.Module):
         return self.output(self.head(torch.cat([h, whole, e], dim=-1)))
 
 
-def scores(data: Path, points: int, *what: str | Path) -> dict[str, float]:
+def scores(data: Path, points: int, **what: Path) -> dict[str, float]:
     """What `tdcr eval` says of the network or of the clouds."""
-    command = [os.environ.get("TDCR", "tdcr"), "eval", *what, "--data", data, "--points", str(points), "--json", "--quiet"]
-    done = subprocess.run([*map(str, command), "--emd-points", str(min(points, 500))], stdout=subprocess.PIPE, check=True)
-    found = json.loads(done.stdout)
+    found = tdcr.evaluate(data=data, points=points, emd_points=min(points, 500), **what)
     return {key: found[key] for key in ("cd", "emd", "cd_floor")}
 
 
@@ -78,8 +74,8 @@ def main() -> None:
     clouds = args.out / "clouds.npz"
     write_predictions(clouds, models["own"], args.data, args.points)
     rows = {
-        "own network": scores(args.data, args.points, "--predictions", clouds),
-        "tdcr's MLP": scores(args.data, args.points, "--model", args.out / "tdcr/model.safetensors"),
+        "own network": scores(args.data, args.points, predictions=clouds),
+        "tdcr's MLP": scores(args.data, args.points, model=args.out / "tdcr/model.safetensors"),
     }
     print(f"{'':14}{'CD (1e-4 m²)':>14}{'EMD (mm)':>10}{'CD / floor':>12}")
     for name, found in rows.items():

@@ -9,7 +9,7 @@ use tdcr::sim::dynamics::{DynamicsError, State};
 use tdcr::sim::robot::Command;
 use tdcr::sim::simulation::{Simulation, SimulationError};
 
-use crate::arrays::{array, contiguous, quaternions, write_points, write_quaternions};
+use crate::arrays::{Tape, array, contiguous, quaternions, write_points, write_quaternions};
 use crate::errors::{Failure, Outcome};
 use crate::loads::{LoadRows, Loads};
 use crate::robot::{Robot, of_rows};
@@ -58,11 +58,39 @@ pub struct Motions {
 }
 
 /// What became of the motion of a row.
-enum End {
+pub enum End {
     /// It is whole, or nobody waits for it.
     Whole,
     /// It cannot go on, and why.
     Failed(Failure),
+    /// It does not begin: the time step is too long for the robot.
+    Refused(Failure),
+}
+
+/// A row that has no motion: class of the exception, and why.
+type RowFailure = (usize, &'static str, String);
+
+/// The failures of rows; or that of the first, where what was asked for is wrong for all of them.
+pub fn failures(ends: Vec<Outcome<End>>, motions: &Motions) -> Outcome<Vec<RowFailure>> {
+    let mut failures = Vec::new();
+    let mut refused = 0;
+    for (row, end) in ends.into_iter().enumerate() {
+        match end.map_err(|failure| motions.of(row, failure))? {
+            End::Whole => continue,
+            End::Failed(Failure::Of(class, why)) => failures.push((row, class, why)),
+            End::Refused(Failure::Of(class, why)) => {
+                refused += 1;
+                failures.push((row, class, why));
+            }
+            End::Failed(raised) | End::Refused(raised) => return Err(raised),
+        }
+    }
+    match failures.first() {
+        Some((row, class, why)) if refused == motions.rows => {
+            Err(motions.of(*row, Failure::Of(class, why.clone())))
+        }
+        _ => Ok(failures),
+    }
 }
 
 impl Motions {
@@ -184,19 +212,17 @@ impl Motions {
         &self,
         at_hand: &mut Option<SimMovingRobot>,
         row: usize,
-        checks: bool,
         watch: &Watch,
         out: &mut Row<'_>,
     ) -> Outcome<End> {
         let moving = match self.start(at_hand, row)? {
             Ok(moving) => moving,
             Err(error @ SimulationError::NotSettled(_)) => return Ok(End::Failed(error.into())),
+            Err(SimulationError::Dynamics(error @ DynamicsError::Unstable { .. })) => {
+                return Ok(End::Refused(error.into()));
+            }
             Err(error) => return Err(error.into()),
         };
-        if checks && self.length > 0 {
-            let first = self.command(row, 0)?;
-            (moving.stepper()).check_stable(moving.state(), &first, &self.loads[row])?;
-        }
         for step in 0..self.length {
             if watch.stopped() {
                 break;
@@ -204,9 +230,7 @@ impl Motions {
             let command = self.command(row, step)?;
             match moving.advance(&command, &self.loads[row]) {
                 Ok(()) => out.write(step, moving, self),
-                Err(SimulationError::Dynamics(error)) => {
-                    return Ok(End::Failed(diverged(step, moving, &error)));
-                }
+                Err(SimulationError::Dynamics(error)) => return Ok(ended(step, moving, error)),
                 Err(error) => return Err(error.into()),
             }
             watch.advance(1);
@@ -230,10 +254,13 @@ pub struct MotionRows {
     failures: Vec<(usize, &'static str, String)>,
 }
 
-/// A motion that could not go on.
-pub fn diverged(step: usize, moving: &SimMovingRobot, error: &DynamicsError) -> Failure {
+/// How a motion ended that could not go on.
+pub fn ended(step: usize, moving: &SimMovingRobot, error: DynamicsError) -> End {
+    if let DynamicsError::Unstable { .. } = error {
+        return End::Refused(error.into());
+    }
     let message = format!("step {step}, at {:.6} s: {error}", moving.time());
-    Failure::Of("DynamicsError", message)
+    End::Failed(Failure::Of("DynamicsError", message))
 }
 
 /// Where the motion of one row goes.
@@ -273,10 +300,9 @@ pub fn parts<T>(values: &mut [T], rows: usize) -> impl Iterator<Item = &mut [T]>
     })
 }
 
-/// Moves each row through its commands, on all threads. With `checks`, a time step that is not stable for small motions about
-/// the start is refused. `progress` is told how many more commands are done.
+/// Moves each row through its commands, on all threads. `progress` is told how many more commands are done.
 #[pyfunction]
-#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, checks=false, progress=None))]
+#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn rollout_rows(
     py: Python<'_>,
@@ -287,7 +313,6 @@ pub fn rollout_rows(
     wrench: Option<PyReadonlyArray3<'_, f64>>,
     start: Start<'_>,
     steps: PyRef<'_, Steps>,
-    checks: bool,
     progress: Option<Bound<'_, PyAny>>,
 ) -> Outcome<MotionRows> {
     let motions = Motions::new(
@@ -331,18 +356,11 @@ pub fn rollout_rows(
             .enumerate()
             .map_init(
                 || None,
-                |at_hand, (row, out)| motions.run(at_hand, row, checks, watch, out),
+                |at_hand, (row, out)| motions.run(at_hand, row, watch, out),
             )
             .collect()
     })?;
-    let mut failures = Vec::new();
-    for (row, end) in ends.into_iter().enumerate() {
-        match end.map_err(|failure| motions.of(row, failure))? {
-            End::Whole => {}
-            End::Failed(Failure::Of(class, why)) => failures.push((row, class, why)),
-            End::Failed(raised) => return Err(raised),
-        }
-    }
+    let failures = failures(ends, &motions)?;
     Ok(MotionRows {
         positions: array(py, positions, [rows, length, n, 3])?.unbind(),
         quaternions: array(py, quaternions, [rows, length, n, 4])?.unbind(),
@@ -368,6 +386,20 @@ pub fn state(
             "configuration",
             &[n, 4],
         )?)),
+        velocity: contiguous(velocity, "velocity", &[n, 3])?.to_vec(),
+    })
+}
+
+/// The same, to the last bit: rotations are not made unit ones.
+pub fn state_as_it_was(
+    robot: &SimRobot,
+    configuration: &PyReadonlyArray2<'_, f64>,
+    velocity: &PyReadonlyArray2<'_, f64>,
+) -> Outcome<State> {
+    let n = robot.discs().len();
+    let rotations = contiguous(configuration, "configuration", &[n, 4])?;
+    Ok(State {
+        configuration: Configuration(Tape(rotations).quaternions(n)),
         velocity: contiguous(velocity, "velocity", &[n, 3])?.to_vec(),
     })
 }

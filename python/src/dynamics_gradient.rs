@@ -15,8 +15,8 @@ use tdcr::sim::robot::Parameter;
 use tdcr::sim::simulation::{MovingRobot, Simulation, SimulationError};
 
 use crate::arrays::{array, contiguous};
-use crate::dynamics::{Motions, Start, command_of, diverged, parts, state};
-use crate::errors::{Failure, Outcome};
+use crate::dynamics::{End, Motions, Start, command_of, ended, failures, parts, state};
+use crate::errors::Outcome;
 use crate::loads::Loads;
 use crate::robot::{Robot, parameters_of};
 use crate::run::{self, Watch};
@@ -123,13 +123,13 @@ pub struct Replayed {
 }
 
 impl Motions {
-    /// The motion of a row with all its states, none where nobody waits for it; or why it could not go on.
+    /// The motion of a row with all its states; or how it ended before.
     pub fn replay(
         &self,
         at_hand: &mut Option<MovingRobot>,
         row: usize,
         watch: &Watch,
-    ) -> Outcome<Result<Option<Replayed>, Failure>> {
+    ) -> Outcome<Result<Replayed, End>> {
         let skip = self.steps.skip;
         let moving = self.start(at_hand, row)??;
         let mut replayed = Replayed {
@@ -143,14 +143,14 @@ impl Motions {
         };
         for step in 0..self.length {
             if watch.stopped() {
-                return Ok(Ok(None));
+                return Ok(Err(End::Whole));
             }
             let command = self.command(row, step)?;
             for _ in 0..skip {
                 match moving.advance_by(&command, &replayed.rollout.loads, 1) {
                     Ok(()) => replayed.states.push(moving.state().clone()),
                     Err(SimulationError::Dynamics(error)) => {
-                        return Ok(Err(diverged(step, moving, &error)));
+                        return Ok(Err(ended(step, moving, error)));
                     }
                     Err(error) => return Err(error.into()),
                 }
@@ -160,7 +160,7 @@ impl Motions {
             let orientations = moving.pose().orientations.to_vec();
             replayed.orientations.push(orientations);
         }
-        Ok(Ok(Some(replayed)))
+        Ok(Ok(replayed))
     }
 }
 
@@ -172,7 +172,7 @@ impl Question<'_> {
         row: usize,
         watch: &Watch,
         out: &mut Row<'_>,
-    ) -> Outcome<Option<Failure>> {
+    ) -> Outcome<End> {
         let motions = self.motions;
         let skip = self.steps.skip;
         let Replayed {
@@ -180,9 +180,8 @@ impl Question<'_> {
             states,
             orientations,
         } = match motions.replay(at_hand, row, watch)? {
-            Ok(Some(replayed)) => replayed,
-            Ok(None) => return Ok(None),
-            Err(failure) => return Ok(Some(failure)),
+            Ok(replayed) => replayed,
+            Err(end) => return Ok(end),
         };
         let cost = |k: usize, _: &State, by: &mut StateCotangent| {
             if k > 0 && k.is_multiple_of(skip) {
@@ -196,7 +195,7 @@ impl Question<'_> {
         let gradient = match gradient {
             Ok(gradient) => gradient,
             Err(error @ DynamicsError::NotDifferentiable) => {
-                return Ok(Some(error.into()));
+                return Ok(End::Failed(error.into()));
             }
             Err(error) => return Err(error.into()),
         };
@@ -228,7 +227,7 @@ impl Question<'_> {
         let asked = out.parameters.len();
         out.parameters
             .copy_from_slice(&gradient.parameters[..asked]);
-        Ok(None)
+        Ok(End::Whole)
     }
 }
 
@@ -286,7 +285,7 @@ pub fn rollout_vjp_rows(
     let [mut by_commands, mut by_parameters] = [none(length * t), none(width)];
     let [mut by_configuration, mut by_velocity] = [none(4 * n), none(3 * n)];
     let [mut by_payload, mut by_wrench] = [none(1), none(6 * n)];
-    let ends: Vec<Outcome<Option<Failure>>> = run::long(py, progress.as_ref(), |watch| {
+    let ends: Vec<Outcome<End>> = run::long(py, progress.as_ref(), |watch| {
         let starts = parts(&mut by_configuration, rows).zip(parts(&mut by_velocity, rows));
         let loads = by_payload.iter_mut().zip(parts(&mut by_wrench, rows));
         let others = parts(&mut by_commands, rows).zip(parts(&mut by_parameters, rows));
@@ -313,14 +312,7 @@ pub fn rollout_vjp_rows(
             )
             .collect()
     })?;
-    let mut failures = Vec::new();
-    for (row, end) in ends.into_iter().enumerate() {
-        match end.map_err(|failure| motions.of(row, failure))? {
-            None => {}
-            Some(Failure::Of(class, why)) => failures.push((row, class, why)),
-            Some(raised) => return Err(raised),
-        }
-    }
+    let failures = failures(ends, &motions)?;
     Ok(RolloutGradientRows {
         commands: array(py, by_commands, [rows, length, t])?.unbind(),
         configuration: array(py, by_configuration, [rows, n, 4])?.unbind(),

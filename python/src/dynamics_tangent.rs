@@ -9,9 +9,9 @@ use tdcr::sim::robot::Parameter;
 use tdcr::sim::simulation::MovingRobot;
 
 use crate::arrays::{array, contiguous};
-use crate::dynamics::{Motions, Start, parts};
+use crate::dynamics::{End, Motions, Start, failures, parts};
 use crate::dynamics_gradient::Replayed;
-use crate::errors::{Failure, Outcome};
+use crate::errors::Outcome;
 use crate::loads::Loads;
 use crate::robot::{Robot, parameters_of};
 use crate::run::{self, Watch};
@@ -125,22 +125,21 @@ fn differentiate(
     row: usize,
     watch: &Watch,
     out: &mut Row<'_>,
-) -> Outcome<Option<Failure>> {
+) -> Outcome<End> {
     let Replayed {
         rollout,
         states,
         orientations,
     } = match motions.replay(at_hand, row, watch)? {
-        Ok(Some(replayed)) => replayed,
-        Ok(None) => return Ok(None),
-        Err(failure) => return Ok(Some(failure)),
+        Ok(replayed) => replayed,
+        Err(end) => return Ok(end),
     };
     let direction = rates.direction(motions, row, &rollout.start.configuration.0, names);
     let Steps { timestep, skip, .. } = motions.steps;
     let tangents = rollout_tangent(motions.robot(row), timestep, &rollout, &states, &direction);
     let tangents = match tangents {
         Ok(tangents) => tangents,
-        Err(error @ DynamicsError::NotDifferentiable) => return Ok(Some(error.into())),
+        Err(error @ DynamicsError::NotDifferentiable) => return Ok(End::Failed(error.into())),
         Err(error) => return Err(error.into()),
     };
     let (n, seen) = (motions.discs, tangents.iter().skip(skip - 1).step_by(skip));
@@ -155,7 +154,7 @@ fn differentiate(
         let rates = &tangent.coordinates[3 * n..];
         out.velocity[3 * discs.start..3 * discs.end].copy_from_slice(rates);
     }
-    Ok(None)
+    Ok(End::Whole)
 }
 
 /// Changes of the states after each command of all rows when what they depend on changes at `rates`, on all threads.
@@ -191,7 +190,7 @@ pub fn rollout_jvp_rows(
     let (rows, length, n) = (motions.rows, motions.length, motions.discs);
     let none = |width: usize| vec![f64::NAN; rows * length * n * width];
     let [mut positions, mut quaternions, mut velocity] = [none(3), none(4), none(3)];
-    let ends: Vec<Outcome<Option<Failure>>> = run::long(py, progress.as_ref(), |watch| {
+    let ends: Vec<Outcome<End>> = run::long(py, progress.as_ref(), |watch| {
         let poses = parts(&mut positions, rows).zip(parts(&mut quaternions, rows));
         let out = poses.zip(parts(&mut velocity, rows));
         let out = out.map(|((positions, quaternions), velocity)| Row {
@@ -212,14 +211,7 @@ pub fn rollout_jvp_rows(
             )
             .collect()
     })?;
-    let mut failures = Vec::new();
-    for (row, end) in ends.into_iter().enumerate() {
-        match end.map_err(|failure| motions.of(row, failure))? {
-            None => {}
-            Some(Failure::Of(class, why)) => failures.push((row, class, why)),
-            Some(raised) => return Err(raised),
-        }
-    }
+    let failures = failures(ends, &motions)?;
     Ok(RolloutTangentRows {
         positions: array(py, positions, [rows, length, n, 3])?.unbind(),
         quaternions: array(py, quaternions, [rows, length, n, 4])?.unbind(),

@@ -136,9 +136,18 @@ impl BatchSimulation {
             self.row(row)?.ask(command, Some(payloads[k]))?;
             chosen[row] = true;
         }
-        let some = self.rows.iter_mut().zip(&chosen);
+        let mut ended: Vec<Outcome<()>> = chosen.iter().map(|_| Ok(())).collect();
+        let some = self.rows.iter_mut().zip(&mut ended).zip(&chosen);
         let some = some.filter_map(|(row, &chosen)| chosen.then_some(row));
-        each(py, some.collect(), |row: &mut &mut Row| row.reset())?;
+        each(py, some.collect(), |(row, end): &mut (&mut Row, &mut _)| {
+            **end = row.reset();
+        })?;
+        for (row, end) in ended.into_iter().enumerate() {
+            end.map_err(|failure| match count {
+                1 => failure,
+                _ => failure.of_row(row),
+            })?;
+        }
         let failed = rows.iter().map(|&row| self.rows[row].failed).collect();
         Ok(PyArray1::from_vec(py, failed))
     }
@@ -164,6 +173,22 @@ impl BatchSimulation {
         each(py, all, |row: &mut &mut Row| row.advance())?;
         let failed = self.rows.iter().map(|row| row.failed).collect();
         Ok(PyArray1::from_vec(py, failed))
+    }
+
+    /// All that the rows' future depends on, and what is seen of them, shape (rows, numbers): for [`Self::restore`] of others
+    /// with the same robots.
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let states: Vec<Vec<f64>> = self.rows.iter().map(Row::state).collect();
+        let shape = [states.len(), states[0].len()];
+        array(py, states.concat(), shape)
+    }
+
+    /// Goes on from the state of others with the same robots, to the last bit.
+    fn restore(&mut self, state: PyReadonlyArray2<'_, f64>) -> Outcome<()> {
+        let width = self.rows[0].state().len();
+        let numbers = contiguous(&state, "state", &[self.rows.len(), width])?;
+        let mut rows = self.rows.iter_mut().zip(numbers.chunks_exact(width));
+        rows.try_for_each(|(row, numbers)| row.restore(numbers))
     }
 
     /// Writes what is observed of each row to the first columns of `out`: the command of each tendon (-1 to 1), then of the

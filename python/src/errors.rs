@@ -172,6 +172,10 @@ impl From<PipelineError> for Failure {
             | PipelineError::Endless { .. }
             | PipelineError::ComparedPoints { .. }
             | PipelineError::ScoredTests { .. }
+            | PipelineError::OtherClouds { .. }
+            | PipelineError::OtherCommand { .. }
+            | PipelineError::SameKey { .. }
+            | PipelineError::FewPredicted { .. }
             | PipelineError::OtherMotors { .. }
             | PipelineError::NothingInCommon { .. }
             | PipelineError::NoCommonIndex

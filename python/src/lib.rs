@@ -28,11 +28,13 @@
 //! | `studies` | sweeps that one file describes |
 //! | `rig` | servos and cameras, in memory or on a desk |
 //! | `env` | many simulated robots, advanced by one call |
+//! | `command` | the command line |
 //!
 //! What they use: `run` (threads, the interpreter's lock, Ctrl-C), `stage` (the libraries' long stages),
 //! `arrays` and `errors`.
 
 mod arrays;
+mod command;
 mod data;
 mod dynamics;
 mod dynamics_gradient;
@@ -69,6 +71,8 @@ mod _tdcr {
     use pyo3::prelude::*;
 
     #[pymodule_export]
+    use crate::command::run_command;
+    #[pymodule_export]
     use crate::data::{Dataset, check_data, collect, merge};
     #[pymodule_export]
     use crate::dynamics::{MotionRows, rollout_rows};
@@ -99,7 +103,7 @@ mod _tdcr {
     #[pymodule_export]
     use crate::robot::Robot;
     #[pymodule_export]
-    use crate::run::{set_threads, threads};
+    use crate::run::{processors, set_threads, threads};
     #[pymodule_export]
     use crate::scoring::{compare, evaluate};
     #[pymodule_export]

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use tdcr::sim::simulation::Simulation;
 
 use crate::arrays::{array, write_points, write_quaternions};
-use crate::dynamics::{command_of, state};
+use crate::dynamics::{command_of, state, state_as_it_was};
 use crate::errors::Outcome;
 use crate::loads::Loads;
 use crate::robot::Robot;
@@ -64,6 +64,25 @@ impl MovingRobot {
         let command = command_of(self.0.robot(), &command)?;
         let (moving, loads) = (&mut self.0, &loads.0);
         Ok(py.detach(|| moving.advance_by(&command, loads, skip))?)
+    }
+
+    /// Goes on with a motion that was left in a state under `command`, where the clock was at `clock`.
+    fn resume_at(
+        &mut self,
+        configuration: PyReadonlyArray2<'_, f64>,
+        velocity: PyReadonlyArray2<'_, f64>,
+        command: PyReadonlyArray1<'_, f64>,
+        clock: Option<u64>,
+    ) -> Outcome<()> {
+        let state = state_as_it_was(self.0.robot(), &configuration, &velocity)?;
+        let command = command_of(self.0.robot(), &command)?;
+        Ok(self.0.resume_at(&state, &command, clock)?)
+    }
+
+    /// Time steps since the start; none before the first.
+    #[getter]
+    fn clock(&self) -> Option<u64> {
+        self.0.taken()
     }
 
     /// Time since the start (s).

@@ -3,6 +3,7 @@
 //! Rayon's global pool hangs in a forked child, as a fork copies none of its threads. The pool here belongs to one process: a
 //! child makes its own at its first call.
 
+use std::num::NonZero;
 use std::panic::resume_unwind;
 use std::process;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -112,6 +113,12 @@ pub fn set_threads(_py: Python<'_>, count: usize) -> Outcome<()> {
     Ok(())
 }
 
+/// Number of processors that this process may run on, by its affinity and its control group.
+#[pyfunction]
+pub fn processors() -> usize {
+    thread::available_parallelism().map_or(1, NonZero::get)
+}
+
 /// Number of threads that this process computes with.
 #[pyfunction]
 pub fn threads(py: Python<'_>) -> Outcome<usize> {
@@ -126,6 +133,11 @@ pub fn long<T: Send>(
     progress: Option<&Bound<'_, PyAny>>,
     work: impl FnOnce(&Watch) -> T + Send,
 ) -> Outcome<T> {
+    if let Some(progress) = progress.filter(|progress| !progress.is_callable()) {
+        let found = progress.repr()?;
+        let message = format!("progress is {found}; expected a function of a number");
+        return Err(Failure::input(message));
+    }
     let pool = pool(py)?;
     let progress = progress.map(|progress| progress.clone().unbind());
     let watch = Watch::default();

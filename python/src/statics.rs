@@ -6,9 +6,12 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 use tdcr::sim::chain::Configuration;
 use tdcr::sim::robot::Command;
-use tdcr::sim::statics::{Equilibrium, Stability};
+use tdcr::sim::statics::{Equilibrium, Memory, Stability};
 
-use crate::arrays::{array, contiguous, quaternions, write_points, write_quaternions};
+use crate::arrays::{
+    Tape, array, contiguous, flat_points, flat_quaternions, quaternions, write_points,
+    write_quaternions,
+};
 use crate::errors::{Failure, Outcome};
 use crate::loads::{LoadRows, Loads};
 use crate::robot::{Robot, of_rows};
@@ -251,15 +254,6 @@ fn one<'py>(py: Python<'py>, equilibrium: &Equilibrium) -> PyResult<One<'py>> {
     ))
 }
 
-fn code(stability: Option<Stability>) -> u8 {
-    match stability {
-        Some(Stability::Stable) => 1,
-        Some(Stability::Neutral) => 2,
-        Some(Stability::Unstable) => 3,
-        None => 0,
-    }
-}
-
 impl Row<'_> {
     pub fn write(&mut self, equilibrium: &Equilibrium) {
         write_points(&equilibrium.positions, self.positions);
@@ -271,6 +265,56 @@ impl Row<'_> {
         *self.iterations = u32::try_from(equilibrium.iterations).unwrap_or(u32::MAX);
         *self.converged = equilibrium.converged;
         *self.stability = code(equilibrium.stability);
+    }
+}
+
+/// Kinds of stability, by their codes in arrays: the names are `STABILITY` of `tdcr.statics`.
+const STABILITY: [Option<Stability>; 4] = [
+    None,
+    Some(Stability::Stable),
+    Some(Stability::Neutral),
+    Some(Stability::Unstable),
+];
+
+fn code(stability: Option<Stability>) -> u8 {
+    let place = STABILITY.iter().position(|known| *known == stability);
+    place
+        .and_then(|place| u8::try_from(place).ok())
+        .unwrap_or(0)
+}
+
+/// Numbers of a settler's memory, for [`read_memory`].
+pub fn write_memory(memory: &Memory, out: &mut Vec<f64>) {
+    let at = &memory.equilibrium;
+    out.extend([f64::from(at.converged), f64::from(code(at.stability))]);
+    out.extend([at.residual, at.iterations as f64]);
+    out.extend(flat_quaternions(&at.configuration.0));
+    out.extend(flat_points(&at.positions));
+    out.extend(flat_quaternions(&at.orientations));
+    out.extend(at.tendon_lengths.iter().chain(&at.tendon_tensions));
+    out.extend(flat_quaternions(&memory.predicted.0));
+    out.extend(memory.command.iter().chain(&memory.change));
+}
+
+/// The memory of a settler of `robot` that [`write_memory`] wrote.
+pub fn read_memory(robot: &tdcr::sim::robot::Robot, tape: &mut Tape<'_>) -> Memory {
+    let (n, t) = (robot.discs().len(), robot.tendons().len());
+    let (converged, stability) = (tape.number() == 1.0, tape.number());
+    Memory {
+        equilibrium: Equilibrium {
+            converged,
+            stability: STABILITY.get(stability as usize).copied().flatten(),
+            residual: tape.number(),
+            iterations: tape.number() as usize,
+            configuration: Configuration(tape.quaternions(n)),
+            positions: tape.points(n),
+            orientations: tape.quaternions(n),
+            tendon_lengths: tape.take(t).to_vec(),
+            tendon_tensions: tape.take(t).to_vec(),
+        },
+        predicted: Configuration(tape.quaternions(n)),
+        command: tape.take(t).to_vec(),
+        change: tape.take(t).to_vec(),
     }
 }
 
@@ -434,5 +478,27 @@ impl Settler {
             settler.settle_from(&start, &command, loads);
         });
         self.found(py)
+    }
+
+    /// What this settler remembers of its last solve, as numbers.
+    fn memory<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let mut numbers = Vec::new();
+        write_memory(&self.0.memory(), &mut numbers);
+        PyArray1::from_vec(py, numbers)
+    }
+
+    /// Goes on from the memory of another settler of the same robot, which last settled under `loads`.
+    fn resume(
+        &mut self,
+        memory: PyReadonlyArray1<'_, f64>,
+        loads: PyRef<'_, Loads>,
+    ) -> Outcome<()> {
+        let mut expected = Vec::new();
+        write_memory(&self.0.memory(), &mut expected);
+        let numbers = contiguous(&memory, "memory", &[expected.len()])?;
+        loads.0.check(self.0.robot())?;
+        let memory = read_memory(self.0.robot(), &mut Tape(numbers));
+        self.0.resume(memory, &loads.0);
+        Ok(())
     }
 }

@@ -11,7 +11,8 @@ Arrays may be of any library that NumPy understands. Errors are of the tree in :
 """
 
 from tdcr import errors, inverse, metrics
-from tdcr._tdcr import __version__, set_threads, threads
+from tdcr._tdcr import __version__
+from tdcr._threads import set_threads, threads
 from tdcr.collecting import collect, export_clouds, import_clouds, merge
 from tdcr.data import Dataset, Normalisation, Sample, Split, data_view
 from tdcr.dynamics import Motion, Motions, State, rollout, simulate

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ Floats = NDArray[np.float64]
 
 Progress = Callable[[int], object]
 """Is called with how many rows, samples or steps were done since its last call: ``tqdm(total=...).update`` is one."""
+
+Kind = TypeVar("Kind")
 
 _ON_THE_CPU = (1, 3)
 """DLPack's device types of memory that the processor reads: its own, and CUDA's page-locked one."""
@@ -105,6 +107,70 @@ def maybe_count(value: Any, name: str) -> int | None:
 def maybe_number(value: Any, name: str) -> float | None:
     """Returns ``value`` as a finite number, if there is one."""
     return None if value is None else as_number(value, name)
+
+
+def as_floats(value: Any, name: str) -> Floats:
+    """Returns ``value`` as a float64 array of any shape in C order; its entries may be NaN."""
+    array = as_array(value, name)
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{name} has entries of type {array.dtype}; expected real numbers")
+    return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
+
+
+def as_place(value: Any, name: str, length: int) -> int:
+    """Returns ``value`` as a place among ``length``, of one that may count from the end."""
+    place = as_count(value, name, -length, length - 1)
+    return place % length
+
+
+def as_text(value: Any, name: str) -> str:
+    """Returns ``value`` if it is a text."""
+    if not isinstance(value, str):
+        raise InputError(f"{name} is {value!r}; expected a text")
+    return value
+
+
+def maybe_text(value: Any, name: str) -> str | None:
+    """Returns ``value`` if it is a text, or None."""
+    return None if value is None else as_text(value, name)
+
+
+def as_flag(value: Any, name: str) -> bool:
+    """Returns the truth of ``value``, where it has one."""
+    try:
+        return bool(value)
+    except ValueError:
+        raise InputError(f"{name} is {value!r}; expected True or False") from None
+
+
+def as_list(value: Any, name: str) -> list[Any]:
+    """Returns what ``value`` has one after another; texts are refused, whose letters nobody means."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+        raise InputError(f"{name} is {value!r}; expected a list")
+    return list(value)
+
+
+def as_progress(value: Any) -> Progress | None:
+    """Returns ``value`` if it can be called, or is None."""
+    if value is not None and not callable(value):
+        raise InputError(f"progress is {value!r}; expected a function of a number")
+    progress: Progress | None = value
+    return progress
+
+
+def as_texts(value: Any, name: str) -> list[str]:
+    """Returns ``value`` as a list of texts; a single text is refused, whose letters nobody means."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InputError(f"{name} is {value!r}; expected a list of texts")
+    return [as_text(one, f"an entry of {name}") for one in value]
+
+
+def as_several(value: Any, name: str, kind: type[Kind]) -> list[Kind]:
+    """Returns one object of a class, or several, as a list."""
+    several = [value] if isinstance(value, kind) else list(value) if isinstance(value, Iterable) else None
+    if several is None or not all(isinstance(one, kind) for one in several):
+        raise InputError(f"{name} is {value!r}; expected {kind.__name__} objects")
+    return several
 
 
 def as_array(value: Any, name: str) -> NDArray[Any]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import Any, Literal
 
 from tdcr import _tdcr
-from tdcr._arrays import Progress, as_count, as_number
-from tdcr.data import MOST, Dataset, PathLike, as_payload, as_seed
-from tdcr.errors import InputError
+from tdcr._arrays import Progress, as_count, as_flag, as_number, as_text, maybe_text
+from tdcr._files import as_path, as_paths
+from tdcr.data import MOST, Dataset, PathLike, as_payload, as_seed, folder_of
 from tdcr.robot import Robot
 
 
@@ -60,14 +59,14 @@ def collect(
         "samples": as_count(samples, "samples"),
         "points": as_count(points, "points", 1, MOST),
         "voxel": as_number(voxel, "voxel"),
-        "base": bool(base),
+        "base": as_flag(base, "base"),
         "payload": as_payload(payload),
-        "noise": noise,
-        "design": design,
+        "noise": maybe_text(noise, "noise"),
+        "design": as_text(design, "design"),
         "seed": as_seed(seed),
-        "part": part,
+        "part": maybe_text(part, "part"),
     }
-    _tdcr.collect(Robot(robot)._native, os.fspath(out), options, progress=progress)
+    _tdcr.collect(Robot(robot)._native, as_path(out, "out"), options, progress=progress)
     return None if part is not None else Dataset(out)
 
 
@@ -85,9 +84,7 @@ def merge(parts: Sequence[PathLike], out: PathLike, progress: Progress | None = 
     Raises:
         DataError: For parts that are missing, unfinished, there twice or of another data set; the message names them.
     """
-    if isinstance(parts, str | os.PathLike):
-        raise InputError(f"parts is {parts!r}; expected a list of folders")
-    _tdcr.merge([os.fspath(part) for part in parts], os.fspath(out), progress=progress)
+    _tdcr.merge(as_paths(parts, "parts"), as_path(out, "out"), progress=progress)
     return Dataset(out)
 
 
@@ -116,12 +113,12 @@ def import_clouds(
         DataError: For files that cannot be read; the message names the file and what is wrong with it.
     """
     _tdcr.import_clouds(
-        os.fspath(folder),
-        os.fspath(out),
-        units,
+        as_path(folder, "folder"),
+        as_path(out, "out"),
+        as_text(units, "units"),
         as_count(points, "points", 1, MOST),
         None if voxel is None else as_number(voxel, "voxel"),
-        None if split is None else os.fspath(split),
+        None if split is None else as_path(split, "split"),
         as_seed(seed),
     )
     return Dataset(out)
@@ -135,5 +132,4 @@ def export_clouds(dataset: Dataset | PathLike, out: PathLike, format: Literal["p
     Returns:
         How many clouds.
     """
-    path = dataset.path if isinstance(dataset, Dataset) else dataset
-    return _tdcr.export_clouds(os.fspath(path), format, os.fspath(out))
+    return _tdcr.export_clouds(folder_of(dataset), as_text(format, "format"), as_path(out, "out"))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_array, as_count, as_float
-from tdcr._files import as_file, write_whole
+from tdcr._files import as_file, as_path, write_whole
+from tdcr._results import Result, is_row, row_of, rows_of
 from tdcr.errors import InputError, MissingPackageError
 from tdcr.robot import Robot
 
@@ -45,8 +46,8 @@ SPLITS: tuple[SplitName, ...] = ("train", "val", "test")
 """Names of the splits, in their order."""
 
 
-@dataclass(frozen=True)
-class Sample:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sample(Result):
     """One sample of a data set of ``D`` numbers a condition and ``N`` points a cloud.
 
     Attributes:
@@ -60,8 +61,8 @@ class Sample:
     colors: Bytes
 
 
-@dataclass(frozen=True)
-class Normalisation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Normalisation(Result):
     """The units that a network sees: conditions from 0 to 1, points divided by a length.
 
     Attributes:
@@ -122,7 +123,7 @@ class Dataset(Sequence[Sample]):
     """Folder of the data set."""
 
     def __init__(self, path: PathLike) -> None:
-        self.path = os.fspath(path)
+        self.path = as_path(path, "path")
         self._native = _tdcr.Dataset(self.path)
         sizes = [self._native.sizes(split) for split in range(len(SPLITS))]
         self._lengths = [length for length, _, _ in sizes]
@@ -156,12 +157,13 @@ class Dataset(Sequence[Sample]):
     def __getitem__(self, index: int) -> Sample: ...
 
     @overload
-    def __getitem__(self, index: slice) -> list[Sample]: ...
+    def __getitem__(self, index: slice | Sequence[int] | NDArray[Any]) -> list[Sample]: ...
 
-    def __getitem__(self, index: int | slice) -> Sample | list[Sample]:
-        if isinstance(index, slice):
-            return [self[k] for k in range(*index.indices(len(self)))]
-        place = _place(index, len(self))
+    def __getitem__(self, index: int | slice | Sequence[int] | NDArray[Any]) -> Sample | list[Sample]:
+        """A sample; or, of a slice, a mask of flags or an array of numbers, a list of those samples."""
+        if not is_row(index):
+            return [self[k] for k in np.arange(len(self))[rows_of(index, len(self))].tolist()]
+        place = row_of(index, len(self), "sample")
         for name, length in zip(SPLITS, self._lengths, strict=True):
             if place < length:
                 return self.split(name)[place]
@@ -254,6 +256,12 @@ class Dataset(Sequence[Sample]):
     def __reduce__(self) -> tuple[Any, ...]:
         return Dataset, (self.path,)
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a cloud, and a table."""
+        from tdcr._html import of_data
+
+        return of_data(self)
+
     def __repr__(self) -> str:
         lengths = ", ".join(f"{length} {name}" for name, length in zip(SPLITS, self._lengths, strict=True))
         return f"Dataset({self.path!r}: {lengths}, {self._points} points a cloud)"
@@ -274,12 +282,13 @@ class Split(Sequence[Sample]):
     def __getitem__(self, index: int) -> Sample: ...
 
     @overload
-    def __getitem__(self, index: slice) -> list[Sample]: ...
+    def __getitem__(self, index: slice | Sequence[int] | NDArray[Any]) -> list[Sample]: ...
 
-    def __getitem__(self, index: int | slice) -> Sample | list[Sample]:
-        if isinstance(index, slice):
-            return [self[k] for k in range(*index.indices(len(self)))]
-        place = _place(index, len(self))
+    def __getitem__(self, index: int | slice | Sequence[int] | NDArray[Any]) -> Sample | list[Sample]:
+        """A sample; or, of a slice, a mask of flags or an array of numbers, a list of those samples."""
+        if not is_row(index):
+            return [self[k] for k in np.arange(len(self))[rows_of(index, len(self))].tolist()]
+        place = row_of(index, len(self), "sample")
         conditions, points, colors = self._read(place, place + 1)
         return Sample(conditions[0], points[0], colors[0])
 
@@ -340,6 +349,12 @@ class Split(Sequence[Sample]):
     def _read(self, start: int, stop: int, progress: Progress | None = None) -> tuple[Floats32, Floats32, Bytes]:
         return self.dataset._native.read(self._index, start, stop, progress=progress)
 
+    def __eq__(self, other: object) -> bool:
+        return (self.dataset, self.name) == (other.dataset, other.name) if isinstance(other, Split) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash((self.dataset, self.name))
+
     def __repr__(self) -> str:
         return f"Split({self.dataset.path!r}, {self.name!r}: {len(self)} samples)"
 
@@ -367,9 +382,9 @@ def data_view(
         InputError: For a file of another extension, and a ``.png`` of several data sets.
         DataError: For a data set that cannot be read.
     """
-    one = isinstance(data, Dataset | str | os.PathLike)
-    sets = [data] if one else list(data)  # type: ignore[arg-type]
-    folders = [folder_of(found) for found in sets]  # type: ignore[arg-type]
+    one = isinstance(data, Dataset | str | os.PathLike) or not isinstance(data, Iterable)
+    sets: list[Any] = [data] if one else [*data]  # type: ignore[misc]
+    folders = [folder_of(found) for found in sets]
     if not folders:
         raise InputError("data is empty; expected a data set, or several")
     file = as_file(out, "out", ".html", ".svg", ".png")
@@ -396,12 +411,4 @@ def as_seed(seed: Any) -> int:
 
 def folder_of(data: Dataset | PathLike) -> str:
     """The folder of a data set."""
-    return data.path if isinstance(data, Dataset) else os.fspath(data)
-
-
-def _place(index: int, length: int) -> int:
-    """A place from the start, of one that may count from the end."""
-    place = int(index.__index__())
-    if not -length <= place < length:
-        raise IndexError(f"sample {place}; expected {-length} to {length - 1}")
-    return place % length
+    return data.path if isinstance(data, Dataset) else as_path(data, "data")

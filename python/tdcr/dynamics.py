@@ -8,16 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr, errors
-from tdcr._arrays import Floats, Progress, as_array, as_count, as_float, as_number, as_quaternions
+from tdcr._arrays import Floats, Progress, as_array, as_choice, as_count, as_float, as_number, as_quaternions
+from tdcr._results import Batch, Result, is_row, row_of
 from tdcr.errors import InputError
 from tdcr.loads import LoadRows, Loads
-from tdcr.robot import Robot
+from tdcr.robot import Robot, RobotLike, as_robot, as_robots
 from tdcr.statics import Equilibria, Equilibrium
 
 Integrator = Literal["semi-implicit-euler", "runge-kutta4", "implicit-euler", "implicit-midpoint"]
@@ -25,8 +26,8 @@ Integrator = Literal["semi-implicit-euler", "runge-kutta4", "implicit-euler", "i
 implicit stiffness too, for stiff robots."""
 
 
-@dataclass(frozen=True)
-class State:
+@dataclass(frozen=True, eq=False, repr=False)
+class State(Result):
     """A state of a robot of ``n`` discs, or one for each of some rows.
 
     Attributes:
@@ -39,9 +40,9 @@ class State:
     velocity: Any = None
 
     @classmethod
-    def straight(cls, robot: Robot) -> State:
+    def straight(cls, robot: RobotLike) -> State:
         """The straight pose, at rest."""
-        return cls(np.tile([1.0, 0.0, 0.0, 0.0], (robot.discs, 1)))
+        return cls(np.tile([1.0, 0.0, 0.0, 0.0], (as_robot(robot).discs, 1)))
 
 
 Start = State | Equilibrium | Equilibria | Literal["straight", "settled"]
@@ -49,8 +50,8 @@ Start = State | Equilibrium | Equilibria | Literal["straight", "settled"]
 in the equilibrium of the first command."""
 
 
-@dataclass(frozen=True)
-class Motion:
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(Result):
     """States of a robot of ``n`` discs and ``t`` tendons after each of ``T`` commands.
 
     Attributes:
@@ -85,8 +86,8 @@ class Motion:
         return len(self.times)
 
 
-@dataclass(frozen=True)
-class Motions:
+@dataclass(frozen=True, eq=False, repr=False)
+class Motions(Batch):
     """Motions of a batch of ``rows``: the arrays of :class:`Motion`, but for the times, with rows as their first axis.
 
     A row that could not go on is not a number from there on.
@@ -112,6 +113,8 @@ class Motions:
     tensions: Floats
     steps: NDArray[np.uint32]
     failures: dict[int, str]
+
+    _by_rows = ("positions", "quaternions", "configuration", "velocity", "lengths", "tensions", "steps")
 
     @classmethod
     def _of(cls, rows: _tdcr.MotionRows, times: Floats) -> Motions:
@@ -142,7 +145,17 @@ class Motions:
     def __len__(self) -> int:
         return len(self.steps)
 
-    def __getitem__(self, row: int) -> Motion:
+    @overload
+    def __getitem__(self, row: int) -> Motion: ...
+
+    @overload
+    def __getitem__(self, row: slice | Sequence[int] | NDArray[Any]) -> Motions: ...
+
+    def __getitem__(self, row: int | slice | Sequence[int] | NDArray[Any]) -> Motion | Motions:
+        """The motion of a row; or, of a slice, a mask of flags or an array of numbers, a batch of those rows."""
+        if not is_row(row):
+            return self._take(row)
+        row = row_of(row, len(self))
         return Motion(
             self.times,
             self.positions[row],
@@ -155,7 +168,7 @@ class Motions:
 
 
 def simulate(
-    robot: Robot,
+    robot: RobotLike,
     commands: Any,
     payload: Any = None,
     *,
@@ -170,7 +183,7 @@ def simulate(
     """Moves a robot through a sequence of commands, as ``tdcr simulate`` does.
 
     Args:
-        robot: The robot, of ``n`` discs and ``t`` tendons.
+        robot: The robot, of ``n`` discs and ``t`` tendons, or what :class:`tdcr.Robot` makes one of.
         commands: Shape (T, t) (m or N).
         payload: Point mass on the last disc (kg).
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (n, 6).
@@ -187,16 +200,17 @@ def simulate(
         CommandError: For a command that the robot cannot take; the message names its step.
         NotSettledError: If the start is to be settled and has not.
     """
+    robot = as_robot(robot)
     commands = as_float(commands, "commands", ("T", robot.tendons))[np.newaxis]
     question = Question.of(robot, commands, payload, wrench, loads, start, dt, integrator, frame_skip)
-    rows = question.rollout(True, progress)
+    rows = question.rollout(progress)
     for _, error, why in rows.failures:
         raise getattr(errors, error)(why)
     return Motions._of(rows, question.times)[0]
 
 
 def rollout(
-    robot: Robot | Sequence[Robot],
+    robot: RobotLike | Sequence[RobotLike],
     commands: Any,
     payload: Any = None,
     *,
@@ -227,10 +241,12 @@ def rollout(
 
     Raises:
         CommandError, LoadsError: For a row that the robot cannot take; the message names it.
+        DynamicsError: If the time step is too long for all rows: small motions about their starts would grow. Where it is for
+            some, these have failed.
         InputError: For shapes that do not fit.
     """
     question = Question.of(robot, commands, payload, wrench, loads, start, dt, integrator, frame_skip)
-    return Motions._of(question.rollout(False, progress), question.times)
+    return Motions._of(question.rollout(progress), question.times)
 
 
 @dataclass(frozen=True)
@@ -248,7 +264,7 @@ class Question:
     @classmethod
     def of(
         cls,
-        robot: Robot | Sequence[Robot],
+        robot: RobotLike | Sequence[RobotLike],
         commands: Any,
         payload: Any,
         wrench: Any,
@@ -259,9 +275,7 @@ class Question:
         frame_skip: int,
     ) -> Question:
         """Reads the arguments of :func:`rollout`."""
-        robots = [robot] if isinstance(robot, Robot) else list(robot)
-        if not robots:
-            raise InputError("there are no robots; expected one, or one for each row")
+        robots = as_robots(robot)
         first = robots[0]
         commands = as_float(commands, "commands", ("rows", "T", first.tendons))
         rows, length, _ = commands.shape
@@ -293,15 +307,13 @@ class Question:
         robots = [robot._native for robot in self.robots]
         return robots, self.commands, loads.base, loads.payload, loads.wrench, self.start, self.steps
 
-    def rollout(self, checks: bool, progress: Progress | None) -> _tdcr.MotionRows:
-        return _tdcr.rollout_rows(*self.arguments(), checks, progress)
+    def rollout(self, progress: Progress | None) -> _tdcr.MotionRows:
+        return _tdcr.rollout_rows(*self.arguments(), progress)
 
 
 def native_steps(dt: float, integrator: str, frame_skip: int) -> _tdcr.Steps:
     """How motions are computed, as the native module takes it."""
-    if integrator not in get_args(Integrator):
-        known = ", ".join(repr(name) for name in get_args(Integrator))
-        raise InputError(f"integrator is {integrator!r}; expected one of {known}")
+    integrator = as_choice(integrator, "integrator", get_args(Integrator))
     return _tdcr.Steps(as_number(dt, "dt"), integrator, as_count(frame_skip, "frame_skip", 1))
 
 
@@ -336,6 +348,8 @@ def _of_rows(value: Any, name: str, shape: tuple[int, ...]) -> tuple[int, ...]:
 
 def one_state(robot: Robot, state: State) -> tuple[Floats, Floats]:
     """Configuration and velocity of a single state."""
+    if not isinstance(state, State):
+        raise InputError(f"state is {state!r}; expected a tdcr.State")
     configuration = as_quaternions(state.configuration, "configuration", (robot.discs, 4))
     if state.velocity is None:
         return configuration, np.zeros((robot.discs, 3))

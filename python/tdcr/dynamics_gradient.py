@@ -7,17 +7,19 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_float, as_number
+from tdcr._arrays import Floats, Progress, as_float, as_number, as_texts
+from tdcr._results import Batch, brief, equal
 from tdcr.dynamics import Question, Start, State, one_state
 from tdcr.errors import InputError
-from tdcr.loads import NO_LOADS, Loads
-from tdcr.robot import Robot
+from tdcr.loads import Loads, one_load
+from tdcr.robot import RobotLike, as_robot
 
 
-@dataclass(frozen=True)
-class RolloutGradients:
+@dataclass(frozen=True, eq=False, repr=False)
+class RolloutGradients(Batch):
     """Derivatives of a cost of each row by what its motion depends on. A row without them is not a number.
 
     Attributes:
@@ -38,6 +40,15 @@ class RolloutGradients:
     parameters: Floats
     failures: dict[int, str]
 
+    _by_rows = ("commands", "configuration", "velocity", "payload", "wrench", "parameters")
+
+    def __len__(self) -> int:
+        return len(self.payload)
+
+    def __getitem__(self, rows: slice | Sequence[int] | NDArray[Any]) -> RolloutGradients:
+        """The derivatives of those rows that a slice, a mask of flags or an array of numbers names."""
+        return self._take(rows)
+
 
 class RolloutRates(NamedTuple):
     """How fast all changes that the motions of some rows depend on; what is not given does not change."""
@@ -56,8 +67,8 @@ class RolloutRates(NamedTuple):
     """Of the parameters that are named, shape (rows, p)."""
 
 
-@dataclass(frozen=True)
-class RolloutTangents:
+@dataclass(frozen=True, eq=False, repr=False)
+class RolloutTangents(Batch):
     """Changes of the states of :func:`tdcr.rollout` after each command. A row without them is not a number.
 
     Attributes:
@@ -72,6 +83,15 @@ class RolloutTangents:
     velocity: Floats
     failures: dict[int, str]
 
+    _by_rows = ("positions", "quaternions", "velocity")
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __getitem__(self, rows: slice | Sequence[int] | NDArray[Any]) -> RolloutTangents:
+        """The changes of those rows that a slice, a mask of flags or an array of numbers names."""
+        return self._take(rows)
+
 
 class Linearisation(NamedTuple):
     """A step to first order, ``dx_next = a @ dx + b @ du``.
@@ -85,9 +105,18 @@ class Linearisation(NamedTuple):
     b: Floats
     """By the command, shape (6 n, t)."""
 
+    def __eq__(self, other: object) -> bool:
+        return equal(tuple(self), tuple(other)) if isinstance(other, Linearisation) else NotImplemented
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __repr__(self) -> str:
+        return f"Linearisation(a={brief(self.a)}, b={brief(self.b)})"
+
 
 def rollout_vjp(
-    robot: Robot | Sequence[Robot],
+    robot: RobotLike | Sequence[RobotLike],
     commands: Any,
     by_positions: Any = None,
     by_quaternions: Any = None,
@@ -126,7 +155,9 @@ def rollout_vjp(
     by_position, by_quaternion, by_rate = (
         None if value is None else as_float(value, name, (*shape, width)) for value, name, width in given
     )
-    rows = _tdcr.rollout_vjp_rows(*question.arguments(), (by_position, by_quaternion, by_rate), list(parameters), progress)
+    rows = _tdcr.rollout_vjp_rows(
+        *question.arguments(), (by_position, by_quaternion, by_rate), as_texts(parameters, "parameters"), progress
+    )
     by_configuration = rows.configuration
     if question.norms is not None:
         # Of a rotation that was given as a longer quaternion.
@@ -143,7 +174,7 @@ def rollout_vjp(
 
 
 def rollout_jvp(
-    robot: Robot | Sequence[Robot],
+    robot: RobotLike | Sequence[RobotLike],
     commands: Any,
     rates: RolloutRates,
     payload: Any = None,
@@ -169,7 +200,7 @@ def rollout_jvp(
         InputError: For shapes that do not fit, and for a start that is to be settled.
     """
     question = _question(robot, commands, payload, wrench, loads, start, dt, frame_skip)
-    names = list(parameters)
+    names = as_texts(parameters, "parameters")
     (rows, length, tendons), discs = question.commands.shape, question.robots[0].discs
     shapes = ((rows, length, tendons), (rows, discs, 4), (rows, discs, 3), (rows,), (rows, discs, 6), (rows, len(names)))
     given = [
@@ -187,7 +218,7 @@ def rollout_jvp(
 
 
 def _question(
-    robot: Robot | Sequence[Robot],
+    robot: RobotLike | Sequence[RobotLike],
     commands: Any,
     payload: Any,
     wrench: Any,
@@ -203,7 +234,7 @@ def _question(
 
 
 def linearise(
-    robot: Robot, state: State, command: Any, payload: Any = None, *, loads: Loads | None = None, dt: float = 0.002
+    robot: RobotLike, state: State, command: Any, payload: Any = None, *, loads: Loads | None = None, dt: float = 0.002
 ) -> Linearisation:
     """Derivatives of a step from ``state`` by ``"semi-implicit-euler"``, exact but for rounding.
 
@@ -220,16 +251,8 @@ def linearise(
     Raises:
         DynamicsError: If a derivative is not finite.
     """
+    robot = as_robot(robot)
     configuration, velocity = one_state(robot, state)
     command = as_float(command, "command", (robot.tendons,))
-    a, b = _tdcr.linearise(robot._native, configuration, velocity, command, _loads(loads, payload)._native, as_number(dt, "dt"))
+    a, b = _tdcr.linearise(robot._native, configuration, velocity, command, one_load(loads, payload)._native, as_number(dt, "dt"))
     return Linearisation(a, b)
-
-
-def _loads(loads: Loads | None, payload: Any) -> Loads:
-    """Loads, with the payload given by itself."""
-    if payload is None:
-        return NO_LOADS if loads is None else loads
-    if loads is None:
-        return Loads(payload=as_number(payload, "payload"))
-    raise InputError("the payload is given by `payload` beside `loads`; expected one of them")

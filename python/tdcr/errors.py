@@ -15,6 +15,10 @@ class InputError(TdcrError, ValueError):
     """An argument has the wrong shape, type or value."""
 
 
+class ArgumentError(InputError, TypeError):
+    """An argument that is not known: a ``TypeError`` too, as of any function that is called with one."""
+
+
 class RobotError(InputError):
     """A robot is unknown, or its file or dictionary does not describe one."""
 

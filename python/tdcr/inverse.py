@@ -6,18 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_array, as_count, as_float
+from tdcr._arrays import Floats, as_count, as_float, as_floats, as_list, as_number, as_place, as_several, as_text, as_texts
+from tdcr._results import Result
 from tdcr.errors import InputError
-from tdcr.loads import NO_LOADS, Loads
-from tdcr.robot import Robot
+from tdcr.loads import Loads, one_load
+from tdcr.robot import Robot, RobotLike, as_robot
 from tdcr.statics import Equilibria, Equilibrium, Rows
 
 
-@dataclass(frozen=True)
-class Target:
+@dataclass(frozen=True, eq=False, repr=False)
+class Target(Result):
     """Where or how a disc should be, in the world frame: exactly one of position, direction and orientation.
 
     Attributes:
@@ -37,7 +36,7 @@ class Target:
     weight: float = 1.0
 
     def _native(self, robot: Robot) -> tuple[int, str, list[float], float, float]:
-        disc = as_count(self.disc + robot.discs if self.disc < 0 else self.disc, "disc of a target", 0, robot.discs - 1)
+        disc = as_place(self.disc, "disc of a target", robot.discs)
         goals = {"position": self.position, "direction": self.direction, "orientation": self.orientation}
         given = {kind: goal for kind, goal in goals.items() if goal is not None}
         if len(given) != 1:
@@ -46,11 +45,11 @@ class Target:
         numbers = as_float(goal, f"{kind} of a target", (4 if kind == "orientation" else 3,))
         if kind != "position" and not numbers.any():
             raise InputError(f"the {kind} of a target is 0; expected {'a rotation' if len(numbers) == 4 else 'a direction'}")
-        return disc, kind, numbers.tolist(), float(self.lever), float(self.weight)
+        return disc, kind, numbers.tolist(), as_number(self.lever, "lever"), as_number(self.weight, "weight")
 
 
-@dataclass(frozen=True)
-class ShapeSolution:
+@dataclass(frozen=True, eq=False, repr=False)
+class ShapeSolution(Result):
     """The best command found.
 
     Attributes:
@@ -72,8 +71,8 @@ class ShapeSolution:
     steps: int
 
 
-@dataclass(frozen=True)
-class PathPoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class PathPoint(Result):
     """One point of a path of targets.
 
     Attributes:
@@ -95,7 +94,7 @@ class ShapeController:
     """Finds commands for targets of one robot; settles its samples once for any number of targets.
 
     Args:
-        robot: The robot.
+        robot: The robot, or what :class:`tdcr.Robot` makes one of.
         loads: Loads on it.
         tolerance: Largest error of a target that counts as met (m).
         samples: Commands drawn to find starts among.
@@ -106,8 +105,8 @@ class ShapeController:
 
     def __init__(
         self,
-        robot: Robot,
-        loads: Loads = NO_LOADS,
+        robot: RobotLike,
+        loads: Loads | None = None,
         *,
         tolerance: float = 1e-6,
         samples: int = 255,
@@ -115,11 +114,11 @@ class ShapeController:
         starts: int = 12,
         max_steps: int = 300,
     ) -> None:
-        self.robot = robot
+        self.robot = as_robot(robot)
         self._native = _tdcr.ShapeController(
-            robot._native,
-            loads._native,
-            float(tolerance),
+            self.robot._native,
+            one_load(loads)._native,
+            as_number(tolerance, "tolerance"),
             as_count(samples, "samples", 0, 10**7),
             as_count(seed, "seed", 0, 2**64 - 1),
             as_count(starts, "starts", 1, 10**7),
@@ -136,7 +135,7 @@ class ShapeController:
         return ShapePath(self, self._native.path(start))
 
     def _targets(self, targets: Target | Sequence[Target]) -> list[tuple[int, str, list[float], float, float]]:
-        several = [targets] if isinstance(targets, Target) else list(targets)
+        several = as_several(targets, "targets", Target)
         return [target._native(self.robot) for target in several]
 
 
@@ -153,18 +152,18 @@ class ShapePath:
 
 
 def shape(
-    robot: Robot, targets: Target | Sequence[Target], payload: float = 0.0, *, loads: Loads | None = None, **search: Any
+    robot: RobotLike, targets: Target | Sequence[Target], payload: Any = None, *, loads: Loads | None = None, **search: Any
 ) -> ShapeSolution:
     """The command under which a robot comes nearest to targets: :class:`ShapeController` for one question.
 
     Args:
-        robot: The robot.
+        robot: The robot, or what :class:`tdcr.Robot` makes one of.
         targets: Targets for its discs.
         payload: Mass hung from the last disc (kg).
         loads: Other loads, in place of the payload.
         search: As of :class:`ShapeController`.
     """
-    return ShapeController(robot, Loads(payload=payload) if loads is None else loads, **search).reach(targets)
+    return ShapeController(robot, one_load(loads, payload), **search).reach(targets)
 
 
 @dataclass(frozen=True)
@@ -189,8 +188,8 @@ class Finding:
     confounded_with: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Result):
     """A calibrated robot.
 
     Attributes:
@@ -217,7 +216,7 @@ class Calibration:
 
 
 def calibrate(
-    robot: Robot,
+    robot: RobotLike,
     unknowns: Sequence[str] | Mapping[str, Sequence[str]],
     commands: Any,
     positions: Any,
@@ -242,9 +241,10 @@ def calibrate(
         InputError: For measurements that do not fit, or a robot that does not settle with its first values.
         ParameterError: For a parameter that the robot does not have.
     """
-    groups = dict(unknowns) if isinstance(unknowns, Mapping) else {name: [name] for name in unknowns}
+    robot = as_robot(robot)
+    groups = _groups(unknowns)
     rows = Rows.of(robot, commands, payload, wrench, loads)
-    measured = np.ascontiguousarray(as_array(positions, "positions"), dtype=np.float64)
+    measured = as_floats(positions, "positions")
     count = measured.shape[1] if measured.ndim == 3 else -1
     if discs is None:
         known = {1: [robot.discs - 1], robot.discs: list(range(robot.discs))}
@@ -253,12 +253,13 @@ def calibrate(
                 f"positions has shape {measured.shape}, and discs are not given; expected `discs`, which were measured"
             )
         discs = known[count]
+    discs = as_list(discs, "discs")
     if measured.shape != (len(rows.commands), len(discs), 3):
         raise InputError(f"positions has shape {measured.shape}; expected {(len(rows.commands), len(discs), 3)}")
-    chosen = [as_count(d + robot.discs if d < 0 else d, "disc", 0, robot.discs - 1) for d in discs]
+    chosen = [as_place(disc, "disc", robot.discs) for disc in discs]
     names = list(groups)
     fit = _tdcr.calibrate(
-        [(name, list(group)) for name, group in groups.items()],
+        list(groups.items()),
         rows.argument(),
         chosen,
         measured,
@@ -278,6 +279,13 @@ def calibrate(
         fit.residual_rms,
         fit.steps,
     )
+
+
+def _groups(unknowns: Any) -> dict[str, list[str]]:
+    """Unknowns by their names, each with the parameters that share its value."""
+    if isinstance(unknowns, Mapping):
+        return {as_text(name, "a name in unknowns"): as_texts(group, f"unknowns[{name!r}]") for name, group in unknowns.items()}
+    return {name: [name] for name in as_texts(unknowns, "unknowns")}
 
 
 def _solution(

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from tdcr._arrays import as_count, as_number
 from tdcr._differentiable import MotionProblem, Problem, check_parameters
 from tdcr.errors import InputError, MissingPackageError
-from tdcr.robot import Robot
+from tdcr.robot import RobotLike, as_robot
 from tdcr.sensitivity import OnFailure, check_on_failure
 
 try:
@@ -25,7 +25,7 @@ from tdcr._jax_primitives import OnHost, call
 
 
 def settle(
-    robot: Robot,
+    robot: RobotLike,
     command: Any,
     payload: Any = 0.0,
     wrench: Any = None,
@@ -40,7 +40,7 @@ def settle(
     refused.
 
     Args:
-        robot: A robot of ``n`` discs.
+        robot: A robot of ``n`` discs, or what :class:`tdcr.Robot` makes one of.
         command: Shape (..., tendons) (m or N).
         payload: Mass hung from the last disc, shape (...) or one number (kg).
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (..., n, 6) or (n, 6).
@@ -51,6 +51,7 @@ def settle(
     Returns:
         Positions of the discs, shape (..., n, 3), world frame (m), and quaternions (w, x, y, z), shape (..., n, 4).
     """
+    robot = as_robot(robot)
     chosen = check_on_failure(on_failure)
     command = jnp.asarray(command)
     if command.ndim == 0 or command.shape[-1] != robot.tendons:
@@ -72,7 +73,7 @@ def settle(
 
 
 def rollout(
-    robot: Robot,
+    robot: RobotLike,
     commands: Any,
     configuration: Any,
     velocity: Any = None,
@@ -93,7 +94,7 @@ def rollout(
     :func:`tdcr.rollout_jvp`. Second ones are refused.
 
     Args:
-        robot: A robot of ``n`` discs.
+        robot: A robot of ``n`` discs, or what :class:`tdcr.Robot` makes one of.
         commands: Shape (..., T, tendons) (m or N).
         configuration: Of the start, rotations (w, x, y, z) of the joints, shape (..., n, 4) or (n, 4).
         velocity: Rates of the joints at the start, in the discs' own frames, shape (..., n, 3) or (n, 3) (rad/s); at rest
@@ -110,6 +111,7 @@ def rollout(
         After each command the positions of the discs, shape (..., T, n, 3), world frame (m); quaternions (w, x, y, z), shape
         (..., T, n, 4); and rates of the joints, shape (..., T, n, 3) (rad/s).
     """
+    robot = as_robot(robot)
     chosen = check_on_failure(on_failure)
     commands = jnp.asarray(commands)
     if commands.ndim < 2 or commands.shape[-1] != robot.tendons:

@@ -6,8 +6,7 @@ Options have the names and defaults of the command line.
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,15 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_count, as_number, maybe_count, maybe_number
+from tdcr._arrays import Floats, Progress, as_choice, as_count, as_flag, as_number, as_text, maybe_count, maybe_number, maybe_text
+from tdcr._files import as_path
+from tdcr._results import Result
 from tdcr.data import MOST, Dataset, Floats32, PathLike, as_payload, as_seed, folder_of
 from tdcr.errors import InputError
 from tdcr.predictor import Precision, Predictor, model_file
 from tdcr.robot import Robot
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Result):
     """A finished training run.
 
     Attributes:
@@ -182,39 +183,40 @@ def train(
         TrainError: For a folder that holds another run, an initial model that does not fit, and training that diverges.
     """
     shape = {"layers": layers, "channels": channels, "resolutions": resolutions, "blocks": blocks, "context": context}
-    if net not in ("mlp", "hybrid"):
-        raise InputError(f"net is {net!r}; expected 'mlp' or 'hybrid'")
+    as_choice(net, "net", ("mlp", "hybrid"))
     given = [name for name, value in shape.items() if value is not None]
     if net == "mlp" and given:
         raise InputError(f"{given[0]} is of the net 'hybrid'; the network is an mlp")
     if color_weight is not None and not colors:
         raise InputError("color_weight is of a network with colors=True")
     options = {
-        "preset": preset,
+        "preset": as_text(preset, "preset"),
         "width": maybe_count(width, "width"),
         "depth": maybe_count(depth, "depth"),
         "embedding": maybe_count(embedding, "embedding"),
         "condition_blocks": maybe_count(condition_blocks, "condition_blocks"),
         "octaves": maybe_count(octaves, "octaves"),
-        "time_features": time_features,
-        "context": None if net == "mlp" else {"layers": layers} | {n: _sizes(v, n) for n, v in shape.items() if n != "layers"},
-        "colors": None if colors is None else bool(colors),
+        "time_features": maybe_text(time_features, "time_features"),
+        "context": None
+        if net == "mlp"
+        else {"layers": maybe_text(layers, "layers")} | {n: _sizes(v, n) for n, v in shape.items() if n != "layers"},
+        "colors": None if colors is None else as_flag(colors, "colors"),
         "color_weight": maybe_number(color_weight, "color_weight"),
         "steps": maybe_count(steps, "steps"),
         "clouds": maybe_count(clouds, "clouds"),
         "points": maybe_count(points, "points"),
-        "precision": precision,
-        "optimizer": optimizer,
+        "precision": maybe_text(precision, "precision"),
+        "optimizer": maybe_text(optimizer, "optimizer"),
         "learning_rate": maybe_number(learning_rate, "learning_rate"),
         "warmup": maybe_count(warmup, "warmup"),
         "validate_every": maybe_count(validate_every, "validate_every"),
         "patience": maybe_count(patience, "patience"),
-        "coupling": coupling,
+        "coupling": as_text(coupling, "coupling"),
         "time_exponent": as_number(time_exponent, "time_exponent"),
         "late_times": maybe_number(late_times, "late_times"),
         "prior_cut": maybe_number(prior_cut, "prior_cut"),
         "surface_prior": None if surface_prior is None else Robot(surface_prior)._native,
-        "symmetry": symmetry,
+        "symmetry": maybe_text(symmetry, "symmetry"),
         "prior_deviation": maybe_number(prior_deviation, "prior_deviation"),
         "seed": as_seed(seed),
     }
@@ -227,18 +229,18 @@ def train(
             if value is not None:
                 raise InputError(f"{name} is of a run on a data set; this one is on a stream")
         of_stream = {
-            "base": bool(base),
+            "base": as_flag(base, "base"),
             "payload": as_payload(payload),
             "stream_points": as_count(stream_points, "stream_points", 1, MOST),
             "voxel": as_number(voxel, "voxel"),
-            "noise": noise,
+            "noise": maybe_text(noise, "noise"),
             "window": as_count(window, "window", 1, MOST),
             "fresh": as_count(fresh, "fresh", 1, MOST),
-            "validation": None if validation is None else os.fspath(validation),
+            "validation": None if validation is None else as_path(validation, "validation"),
         }
         source = (Robot(stream)._native, of_stream)
     initial = None if init is None else model_file(init)
-    told = _tdcr.train(source, os.fspath(out), options, initial, progress=progress)
+    told = _tdcr.train(source, as_path(out, "out"), options, initial, progress=progress)
     return Run(Path(out), *told)
 
 
@@ -276,11 +278,11 @@ def distill(
         "evaluations": as_count(evaluations, "evaluations", 1, MOST),
         "power": as_number(power, "power"),
         "steps": as_count(steps, "steps"),
-        "precision": precision,
+        "precision": maybe_text(precision, "precision"),
         "seed": as_seed(seed),
     }
     teacher = model.path if isinstance(model, Predictor) else model_file(model)
-    told = _tdcr.distill(teacher, folder_of(data), os.fspath(out), options, progress=progress)
+    told = _tdcr.distill(teacher, folder_of(data), as_path(out, "out"), options, progress=progress)
     return Run(Path(out), *told)
 
 
@@ -318,11 +320,11 @@ def demo(
     options = {
         "samples": as_count(samples, "samples", 1, MOST),
         "steps": as_count(steps, "steps"),
-        "precision": precision,
-        "symmetry": symmetry,
+        "precision": maybe_text(precision, "precision"),
+        "symmetry": as_text(symmetry, "symmetry"),
         "seed": as_seed(seed),
     }
-    metrics: dict[str, Any] = json.loads(_tdcr.demo(os.fspath(out), options, progress=progress))
+    metrics: dict[str, Any] = json.loads(_tdcr.demo(as_path(out, "out"), options, progress=progress))
     return metrics
 
 
@@ -330,6 +332,8 @@ def _sizes(value: Any, name: str) -> Any:
     """A size, or one for each of three stages."""
     if value is None or name in ("blocks", "context"):
         return maybe_count(value, name)
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InputError(f"{name} is {value!r}; expected 3 numbers, one for each stage")
     sizes = [as_count(size, name) for size in value]
     if len(sizes) != 3:
         raise InputError(f"{name} has {len(sizes)} values; expected 3, one for each stage")

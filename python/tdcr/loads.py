@@ -9,18 +9,25 @@ from typing import Any, Literal
 import numpy as np
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_count, as_float, as_number
+from tdcr._arrays import Floats, as_count, as_float, as_number, as_several
 from tdcr.errors import InputError, LoadsError
 
 Vector = tuple[float, float, float]
 
 
-def _three(vector: Sequence[float], name: str) -> Vector:
+def _three(vector: Any, name: str) -> Vector:
     try:
-        x, y, z = (float(component) for component in vector)
-    except (TypeError, ValueError):
-        raise LoadsError(f"the {name} is {vector!r}; expected three numbers") from None
+        x, y, z = as_float(vector, name, (3,)).tolist()
+    except InputError as error:
+        raise LoadsError(str(error)) from None
     return x, y, z
+
+
+def _number(value: Any, name: str) -> float:
+    try:
+        return as_number(value, name)
+    except InputError as error:
+        raise LoadsError(str(error)) from None
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,9 @@ class Wrench:
         frame: The frame that both are given in and keep their direction in: ``"world"``, or ``"disc"`` for a wrench that turns
             with its disc.
         point: The point that the force acts on, in the disc's frame whatever ``frame`` is (m).
+
+    Raises:
+        LoadsError: For numbers that are not finite, and a frame that is none.
     """
 
     disc: int
@@ -41,6 +51,13 @@ class Wrench:
     moment: Vector = (0.0, 0.0, 0.0)
     frame: Literal["world", "disc"] = "world"
     point: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.frame, str) or self.frame not in ("world", "disc"):
+            raise LoadsError(f"a wrench is given in the frame {self.frame!r}; expected 'world' or 'disc'")
+        object.__setattr__(self, "disc", as_count(self.disc, "disc of a wrench"))
+        for name in ("force", "moment", "point"):
+            object.__setattr__(self, name, _three(getattr(self, name), f"{name} of a wrench"))
 
 
 @dataclass(frozen=True)
@@ -64,17 +81,12 @@ class Loads:
     _native: _tdcr.Loads = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        wrenches = []
-        for wrench in self.wrenches:
-            if wrench.frame not in ("world", "disc"):
-                raise LoadsError(f"a wrench is given in the frame {wrench.frame!r}; expected 'world' or 'disc'")
-            disc = as_count(wrench.disc, "disc of a wrench")
-            force, moment = _three(wrench.force, "force"), _three(wrench.moment, "moment")
-            point = _three(wrench.point, "point")
-            wrenches.append((disc, point, force, moment, wrench.frame == "disc"))
-        offset, line = _three(self.payload_offset, "payload_offset"), _three(self.line, "line")
-        native = _tdcr.Loads(float(self.payload), offset, wrenches, line)
-        object.__setattr__(self, "_native", native)
+        object.__setattr__(self, "payload", _number(self.payload, "payload"))
+        object.__setattr__(self, "wrenches", tuple(as_several(self.wrenches, "wrenches", Wrench)))
+        for name in ("payload_offset", "line"):
+            object.__setattr__(self, name, _three(getattr(self, name), name))
+        wrenches = [(w.disc, w.point, w.force, w.moment, w.frame == "disc") for w in self.wrenches]
+        object.__setattr__(self, "_native", _tdcr.Loads(self.payload, self.payload_offset, wrenches, self.line))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Loads, (self.payload, self.payload_offset, self.wrenches, self.line)
@@ -82,6 +94,17 @@ class Loads:
 
 NO_LOADS = Loads()
 """No loads but the robot's own weight."""
+
+
+def one_load(loads: Loads | None, payload: Any = None) -> Loads:
+    """Loads, or those of a payload (kg) that is given in their place."""
+    if loads is None:
+        return NO_LOADS if payload is None else Loads(payload=payload)
+    if not isinstance(loads, Loads):
+        raise InputError(f"loads are {loads!r}; expected tdcr.Loads")
+    if payload is not None:
+        raise InputError("the payload is given by `payload` beside `loads`; expected one of them")
+    return loads
 
 
 @dataclass(frozen=True)
@@ -95,12 +118,7 @@ class LoadRows:
     @classmethod
     def of(cls, loads: Loads | Sequence[Loads] | None, payload: Any, wrench: Any, rows: int, discs: int) -> LoadRows:
         """Reads the arguments that describe loads: see :func:`tdcr.settle_batch`."""
-        if loads is None:
-            base = [NO_LOADS]
-        else:
-            base = [loads] if isinstance(loads, Loads) else list(loads)
-        if any(not isinstance(one, Loads) for one in base):
-            raise InputError("loads are not tdcr.Loads; expected one for all rows, or one for each row")
+        base = [NO_LOADS] if loads is None else as_several(loads, "loads", Loads)
         if payload is not None and any(one.payload for one in base):
             raise InputError("the payload is given twice, by `payload` and by `loads`; expected one of them")
         masses, wrenches = _rows(payload, "payload", (rows,)), _rows(wrench, "wrench", (rows, discs, 6))

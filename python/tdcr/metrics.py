@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_array, as_count, as_float
+from tdcr._arrays import Floats, Progress, as_array, as_count, as_flag, as_float
+from tdcr._results import Result
 from tdcr.errors import InputError
 
 
-@dataclass(frozen=True)
-class Emd:
+@dataclass(frozen=True, eq=False, repr=False)
+class Emd(Result):
     """Matchings of two clouds of ``N`` points, and the proof of how near to optimal they are.
 
     Attributes:
@@ -93,7 +94,7 @@ def emd_approximate(p: Any, q: Any, group: int, *, squared: bool = False, progre
 
 def _emd(p: Any, q: Any, squared: bool, group: int | None, progress: Progress | None) -> Emd:
     first, second, single = _pairs(p, q)
-    found = _tdcr.emd_rows(first, second, bool(squared), group, progress=progress)
+    found = _tdcr.emd_rows(first, second, as_flag(squared, "squared"), group, progress=progress)
     return Emd(*(values[0] for values in found)) if single else Emd(*found)
 
 

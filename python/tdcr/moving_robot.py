@@ -7,8 +7,8 @@ from typing import Any
 from tdcr import _tdcr
 from tdcr._arrays import Floats, as_count, as_float, as_number
 from tdcr.dynamics import Integrator, State, native_steps, one_state
-from tdcr.loads import NO_LOADS, Loads
-from tdcr.robot import Robot
+from tdcr.loads import Loads, one_load
+from tdcr.robot import RobotLike, as_robot
 
 
 class MovingRobot:
@@ -17,56 +17,60 @@ class MovingRobot:
     What is read of it are copies: they stay as they are when the robot moves on.
 
     Args:
-        robot: The robot, of ``n`` discs and ``t`` tendons.
-        dt: Time step (s).
+        robot: The robot, of ``n`` discs and ``t`` tendons, or what :class:`tdcr.Robot` makes one of.
+        dt: Time step (s). One that is too long for the robot is refused by the first :meth:`step`, or by :meth:`reset`.
         integrator: How a step is taken.
         frame_skip: Time steps for which a command holds.
     """
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotLike,
         dt: float = 0.002,
         integrator: Integrator = "semi-implicit-euler",
         frame_skip: int = 1,
     ) -> None:
-        self.robot = robot
+        self.robot = robot = as_robot(robot)
         self.dt, self.integrator = as_number(dt, "dt"), integrator
         self.frame_skip = as_count(frame_skip, "frame_skip", 1)
         self._native = _tdcr.MovingRobot(robot._native, native_steps(dt, integrator, frame_skip))
         self._command = robot.mean_command
-        self._before = 0.0
         self.start_at(State.straight(robot))
 
-    def reset(self, command: Any, loads: Loads = NO_LOADS) -> None:
+    def reset(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> None:
         """Starts anew at rest in the equilibrium of a command, shape (t,) (m or N), whatever was before.
+
+        Args:
+            command: One entry for each tendon.
+            loads: Loads, or none.
+            payload: Point mass on the last disc (kg), in place of ``loads``.
 
         Raises:
             NotSettledError: If the robot does not settle.
+            DynamicsError: If the time step is too long for the robot: small motions about the equilibrium would grow.
         """
-        self._native.reset(self._take(command), loads._native)
-        self._before = 0.0
+        self._native.reset(self._take(command), one_load(loads, payload)._native)
 
     def start_at(self, state: State, command: Any = None) -> None:
         """Starts anew in a state. Until the next step, tensions are those under ``command``; under the mean one if it is not
         given."""
         configuration, velocity = one_state(self.robot, state)
         self._native.start_at(configuration, velocity, self._take(self.robot.mean_command if command is None else command))
-        self._before = 0.0
 
-    def step(self, command: Any, loads: Loads = NO_LOADS, *, frame_skip: int | None = None) -> None:
-        """Moves on under a command, shape (t,) (m or N), for ``frame_skip`` time steps.
+    def step(self, command: Any, loads: Loads | None = None, *, payload: Any = None, frame_skip: int | None = None) -> None:
+        """Moves on under a command, shape (t,) (m or N), for ``frame_skip`` time steps. Loads as of :meth:`reset`.
 
         Raises:
-            DynamicsError: If the motion diverges. The state is then the last one that was computed.
+            DynamicsError: If the motion diverges: the state is then the last one that was computed. Also, by the first step from
+                a start, if the time step is too long for the robot: small motions about the start would grow.
         """
         skip = self.frame_skip if frame_skip is None else as_count(frame_skip, "frame_skip", 1)
-        self._native.step(self._take(command), loads._native, skip)
+        self._native.step(self._take(command), one_load(loads, payload)._native, skip)
 
     @property
     def time(self) -> float:
         """Time since the start (s)."""
-        return self._before + self._native.time
+        return self._native.time
 
     @property
     def state(self) -> State:
@@ -117,12 +121,10 @@ class MovingRobot:
         return {
             "arguments": (self.robot, self.dt, self.integrator, self.frame_skip),
             "state": (self.configuration, self.velocity, self._command),
-            "time": self.time,
+            "clock": self._native.clock,
         }
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(*saved["arguments"])  # type: ignore[misc]
         configuration, velocity, command = saved["state"]
-        # As they were, to the last bit.
-        self._native.start_at(configuration, velocity, self._take(command))
-        self._before = saved["time"]
+        self._native.resume_at(configuration, velocity, self._take(command), saved["clock"])

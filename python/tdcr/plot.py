@@ -17,12 +17,13 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from tdcr._arrays import Floats, as_array, as_choice, as_float, as_quaternions
+from tdcr._arrays import Floats, as_array, as_choice, as_float, as_number, as_quaternions
 from tdcr._geometry import Geometry, rotate
 from tdcr.errors import InputError, MissingPackageError
-from tdcr.robot import Robot
+from tdcr.robot import Robot, RobotLike, as_robot
 
 try:
+    from matplotlib.animation import FuncAnimation
     from matplotlib.axes import Axes
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
     from mpl_toolkits.mplot3d.axes3d import Axes3D  # type: ignore[import-untyped]
@@ -42,6 +43,10 @@ _SCALES: dict[str, float] = {"m": 1.0, "mm": 1e3}
 
 _RIM = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 """Angles of the corners that a disc's rim is drawn with."""
+
+
+_MOST_PICTURES = 100_000
+"""Most pictures of an animation."""
 
 
 class Posed(Protocol):
@@ -73,7 +78,7 @@ class RobotArtists:
 
 def robot(
     ax: Axes3D,
-    robot: Robot,
+    robot: RobotLike,
     at: Posed | tuple[Any, Any],
     *,
     color: Any = None,
@@ -100,31 +105,168 @@ def robot(
     """
     had_data = _had_data(ax)
     scale = _scale(unit)
+    robot = as_robot(robot)
     positions, quaternions = at if isinstance(at, tuple) else (at.positions, at.quaternions)
     positions = as_float(positions, "positions", (robot.discs, 3))
     quaternions = as_quaternions(quaternions, "quaternions", (robot.discs, 4))
-    geometry = Geometry.of(robot)
-    colors = [color if color is not None else COLORS[module % len(COLORS)] for module in geometry.module]
+    body = _Body.of(robot, scale)
+    colors = [color if color is not None else COLORS[module % len(COLORS)] for module in body.geometry.module]
+    spine, rims, paths = body.at(positions, quaternions)
 
-    circle = np.stack([np.cos(_RIM), np.sin(_RIM), np.zeros_like(_RIM)], axis=1)
-    corners = geometry.radius[:, np.newaxis, np.newaxis] * circle
-    rims = scale * (positions[:, np.newaxis] + rotate(quaternions[:, np.newaxis], corners))
     discs = Poly3DCollection(rims, facecolors=colors, edgecolors=colors, linewidths=0.8, alpha=alpha)
     ax.add_collection3d(discs)
-
-    spine = scale * np.vstack([geometry.base, positions])
     spine_color = "0.15" if color is None else color
     (backbone,) = ax.plot(*spine.T, color=spine_color, linewidth=1.8, label=label)
-
     lines = None
-    reach = [spine, rims.reshape(-1, 3)]
     if tendons:
-        paths = [scale * path for path in geometry.tendon_paths(positions, quaternions)]
         lines = Line3DCollection(paths, colors=spine_color, linewidths=0.6)
         ax.add_collection3d(lines)
-        reach += paths
-    _fit(ax, np.vstack(reach), unit, had_data)
+    _fit(ax, np.vstack([spine, rims.reshape(-1, 3), *(paths if tendons else [])]), unit, had_data)
     return RobotArtists(backbone, discs, lines)
+
+
+_draw = robot
+"""The same by another name, for functions whose argument ``robot`` is."""
+
+
+@dataclass(frozen=True)
+class _Body:
+    """What is drawn of a robot, by its geometry and the number of units in a metre."""
+
+    geometry: Geometry
+    scale: float
+    corners: Floats
+
+    @classmethod
+    def of(cls, robot: Robot, scale: float) -> _Body:
+        geometry = Geometry.of(robot)
+        circle = np.stack([np.cos(_RIM), np.sin(_RIM), np.zeros_like(_RIM)], axis=1)
+        return cls(geometry, scale, geometry.radius[:, np.newaxis, np.newaxis] * circle)
+
+    def at(self, positions: Floats, quaternions: Floats) -> tuple[Floats, Floats, list[Floats]]:
+        """Backbone, shape (n + 1, 3), rims of the discs, (n, corners, 3), and tendons of a pose, in the axes' unit."""
+        scale, geometry = self.scale, self.geometry
+        rims = scale * (positions[:, np.newaxis] + rotate(quaternions[:, np.newaxis], self.corners))
+        paths = [scale * path for path in geometry.tendon_paths(positions, quaternions)]
+        return scale * np.vstack([geometry.base, positions]), rims, paths
+
+    def reach(self, positions: Floats, quaternions: Floats) -> Floats:
+        """The corners of a box about a pose, shape (2, 3)."""
+        spine, rims, _ = self.at(positions, quaternions)
+        points = np.vstack([spine, rims.reshape(-1, 3)])
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+class Moving(Protocol):
+    """Anything with the poses of a robot's discs one after another: a motion, equilibria along a path."""
+
+    @property
+    def positions(self) -> Floats:
+        """Origin of each disc, shape (frames, n, 3), world frame (m)."""
+
+    @property
+    def quaternions(self) -> Floats:
+        """Orientation (w, x, y, z) of each disc, shape (frames, n, 4), world frame."""
+
+
+def animate(
+    ax: Axes3D,
+    robot: RobotLike,
+    along: Moving | tuple[Any, Any],
+    *,
+    times: Any = None,
+    fps: float = 25.0,
+    speed: float = 1.0,
+    trace: bool = True,
+    color: Any = None,
+    alpha: float = 0.35,
+    tendons: bool = True,
+    unit: Unit = "mm",
+) -> FuncAnimation:
+    """Animates a robot: a motion in its own time, or a path pose by pose.
+
+    Keep the result as long as it is to run. It is a file by ``.save("motion.gif")``, or ``.save("motion.mp4")`` where FFmpeg is
+    installed; in a notebook it is shown by ``IPython.display.HTML(animation.to_jshtml())``. ::
+
+        figure = plt.figure()
+        ax = figure.add_subplot(projection="3d")
+        motion = tdcr.simulate(robot, commands)
+        tdcr.plot.animate(ax, robot, motion).save("motion.gif")
+
+    Args:
+        ax: Axes with ``projection="3d"``. They are fitted to all that the robot goes through.
+        robot: The robot, of ``n`` discs, or what :class:`tdcr.Robot` makes one of.
+        along: A motion, equilibria of a batch, or another object with poses; or positions, shape (T, n, 3) (m), and quaternions
+            (w, x, y, z), shape (T, n, 4), of the discs.
+        times: Time of each pose, shape (T,), rising (s); those of a motion where they are not given. Without times each pose is
+            a picture.
+        fps: Pictures of a second.
+        speed: Seconds of the motion in a second of the animation.
+        trace: Whether a line shows where the tip was.
+        color, alpha, tendons: As of :func:`robot`.
+        unit: Of the axes.
+
+    Raises:
+        InputError: For axes that are flat, and poses, times or rates that do not fit; a motion that failed has poses only up to
+            its failure.
+    """
+    robot = as_robot(robot)
+    positions, quaternions = along if isinstance(along, tuple) else (along.positions, along.quaternions)
+    positions = as_float(positions, "positions", ("poses", robot.discs, 3))
+    quaternions = as_quaternions(quaternions, "quaternions", (len(positions), robot.discs, 4))
+    if len(positions) == 0:
+        raise InputError("there are no poses; expected at least one")
+    times = getattr(along, "times", None) if times is None else times
+    shown, clock = _pictures(times, len(positions), _above_zero(fps, "fps"), _above_zero(speed, "speed"))
+
+    # All places that anything gets to, so that the axes stand still.
+    artists = _draw(ax, robot, (positions[shown[0]], quaternions[shown[0]]), color=color, alpha=alpha, tendons=tendons, unit=unit)
+    body = _Body.of(robot, _scale(unit))
+    _fit(ax, np.vstack([body.reach(positions[k], quaternions[k]) for k in shown]), unit, True)
+    tips = body.scale * positions[:, -1]
+    line = ax.plot(*tips[:1].T, color=COLORS[5], linewidth=1.2)[0] if trace else None
+
+    def draw(picture: int) -> list[Any]:
+        place = shown[picture]
+        spine, rims, paths = body.at(positions[place], quaternions[place])
+        artists.backbone.set_data_3d(*spine.T)
+        artists.discs.set_verts(rims)
+        if artists.tendons is not None:
+            artists.tendons.set_segments(paths)
+        if line is not None:
+            line.set_data_3d(*tips[: place + 1].T)
+        ax.set_title(f"t = {clock[place]:.2f} s" if clock is not None else f"pose {place + 1} of {len(positions)}")
+        return [artists.backbone, artists.discs, artists.tendons, line, ax.title]
+
+    draw(0)
+    return FuncAnimation(ax.figure, draw, frames=len(shown), interval=1e3 / fps, repeat=True)
+
+
+def _above_zero(value: Any, name: str) -> float:
+    number = as_number(value, name)
+    if not number > 0.0:
+        raise InputError(f"{name} is {number}; expected a number above 0")
+    return number
+
+
+def _pictures(times: Any, poses: int, fps: float, speed: float) -> tuple[Any, Floats | None]:
+    """Numbers of the poses that are shown one after another, and the time of each pose, if there are times."""
+    if times is None:
+        return np.arange(poses), None
+    clock = as_float(times, "times", (poses,))
+    if (np.diff(clock) <= 0.0).any():
+        raise InputError("times do not rise; expected each later than the one before")
+    count = max(1, int(np.ceil((clock[-1] - clock[0]) * fps / speed - 1e-9)) + 1)
+    if count > _MOST_PICTURES:
+        raise InputError(
+            f"{count} pictures, of {clock[-1] - clock[0]:.3g} s at {fps:g} a second and speed {speed:g}; expected at most "
+            f"{_MOST_PICTURES}"
+        )
+    wanted = np.minimum(clock[0] + np.arange(count) * speed / fps, clock[-1])
+    # The pose whose time is the nearest.
+    after = np.searchsorted(clock, wanted).clip(1, max(1, poses - 1)).clip(max=poses - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(clock[after] - wanted < wanted - clock[before], after, before), clock
 
 
 def cloud(

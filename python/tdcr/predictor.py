@@ -6,8 +6,8 @@ A condition is a command (m, or N for a tension drive), then for a network of da
 from __future__ import annotations
 
 import json
-import os
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_count, as_rows, maybe_count, maybe_number
+from tdcr._arrays import Floats, Progress, as_count, as_rows, maybe_count, maybe_number, maybe_text
+from tdcr._files import as_path
+from tdcr._results import Batch
 from tdcr.data import MOST, Bytes, Floats32, Normalisation, PathLike, as_seed
 from tdcr.errors import InputError, TrainError
 from tdcr.robot import Robot
@@ -33,8 +35,8 @@ class ExtrapolationWarning(UserWarning):
     """A prediction is asked for outside the range of the training data."""
 
 
-@dataclass(frozen=True)
-class Prediction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(Batch):
     """Predicted clouds of ``B`` conditions, ``N`` points each.
 
     Attributes:
@@ -50,6 +52,15 @@ class Prediction:
     colors: Bytes | None
     uncertainty: Floats32 | None
     evaluations: NDArray[np.uint32]
+
+    _by_rows = ("points", "colors", "uncertainty", "evaluations")
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, rows: slice | Sequence[int] | NDArray[Any]) -> Prediction:
+        """The clouds that a slice, a mask of flags or an array of numbers names."""
+        return self._take(rows)
 
 
 class Predictor:
@@ -70,7 +81,7 @@ class Predictor:
     def __init__(self, path: PathLike = "run", precision: Precision | None = None) -> None:
         self.path = model_file(path)
         self._precision = precision
-        self._native = _tdcr.Predictor(self.path, precision)
+        self._native = _tdcr.Predictor(self.path, maybe_text(precision, "precision"))
 
     def predict(
         self,
@@ -180,7 +191,7 @@ class Predictor:
 
     def save(self, path: PathLike) -> None:
         """Writes the model to a file."""
-        self._native.save(os.fspath(path))
+        self._native.save(as_path(path, "path"))
 
     @cached_property
     def robot(self) -> Robot | None:
@@ -274,7 +285,7 @@ def model_file(path: PathLike) -> str:
     Raises:
         TrainError: If there is none.
     """
-    file = Path(path)
+    file = Path(as_path(path, "path"))
     if file.is_dir():
         file = file / "model.safetensors"
     if not file.exists():
@@ -294,7 +305,7 @@ def sampler_options(
     if power is not None and tolerance is not None:
         raise InputError("sampler_power is of a fixed grid and sampler_tolerance of adaptive steps; expected one of them")
     return {
-        "sampler": method,
+        "sampler": maybe_text(method, "sampler"),
         "sampler_steps": maybe_count(steps, "sampler_steps"),
         "sampler_power": maybe_number(power, "sampler_power"),
         "sampler_tolerance": maybe_number(tolerance, "sampler_tolerance"),

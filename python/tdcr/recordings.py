@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_count, maybe_number
-from tdcr._files import as_file, write_whole
+from tdcr._arrays import Floats, Progress, as_count, as_flag, as_texts, maybe_number
+from tdcr._dictionary import as_json, in_its_words
+from tdcr._files import as_file, as_path, write_whole
+from tdcr._results import Result
 from tdcr.data import PathLike
-from tdcr.errors import InputError
-from tdcr.robot import Robot
+from tdcr.robot import Robot, RobotLike, as_robot
 
 
-@dataclass(frozen=True)
-class Replayed:
+@dataclass(frozen=True, eq=False, repr=False)
+class Replayed(Result):
     """A recording beside what the calibrated robot says of it.
 
     Attributes:
@@ -41,8 +42,8 @@ class Replayed:
     predicted: Floats
 
 
-@dataclass(frozen=True)
-class RecordingCalibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class RecordingCalibration(Result):
     """A robot calibrated on a recording.
 
     Attributes:
@@ -79,7 +80,7 @@ class RecordingCalibration:
 
 
 def calibrate_recording(
-    robot: Robot | str,
+    robot: RobotLike,
     data: PathLike,
     columns: PathLike | Mapping[str, Any] | None = None,
     *,
@@ -97,7 +98,7 @@ def calibrate_recording(
     The guide is :doc:`/sim-to-real`.
 
     Args:
-        robot: The robot as it was designed.
+        robot: The robot as it was designed, or what :class:`tdcr.Robot` makes one of.
         data: The recording: a table of markers (CSV with a header), the folder of a data set, whose train split is fitted to, or
             the log of a capture (``.mcap``).
         columns: Which column holds what: a TOML file, or a dictionary of the same keys. Data sets and logs need none.
@@ -118,25 +119,20 @@ def calibrate_recording(
         DataError: For a recording that cannot be read, or has bad rows.
         InputError: For a column map that does not fit or is missing, or a recording that says too little.
     """
-    robot = Robot(robot) if isinstance(robot, str) else robot
-    chosen: Any = None
-    if isinstance(columns, Mapping):
-        try:
-            chosen = (json.dumps(dict(columns)),)
-        except TypeError as error:
-            raise InputError(f"columns cannot be written as JSON: {error}") from error
-    elif columns is not None:
-        chosen = os.fspath(columns)
+    robot = as_robot(robot)
+    text = as_json(columns, "columns") if isinstance(columns, Mapping) else ""
+    chosen: Any = (text,) if text else None if columns is None else as_path(columns, "columns")  # type: ignore[arg-type]
     options = {
-        "fit": None if fit is None else list(fit),
+        "fit": None if fit is None else as_texts(fit, "fit"),
         "loss": maybe_number(loss, "loss"),
         "starts": as_count(starts, "starts", 1, 65535),
         "seed": as_count(seed, "seed"),
-        "skip_bad_rows": bool(skip_bad_rows),
+        "skip_bad_rows": as_flag(skip_bad_rows, "skip_bad_rows"),
     }
     page = None if report is None else os.fspath(as_file(report, "report", ".html"))
-    other = None if validate is None else os.fspath(validate)
-    native = _tdcr.calibrate_recording(robot._native, os.fspath(data), chosen, other, page, options, progress)
+    other = None if validate is None else as_path(validate, "validate")
+    with in_its_words(text):
+        native = _tdcr.calibrate_recording(robot._native, as_path(data, "data"), chosen, other, page, options, progress)
     for note in native.notes:
         warnings.warn(note, stacklevel=2)
     found = json.loads(native.found)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_count, as_float, as_number
+from tdcr._arrays import Floats, Progress, as_count, as_flag, as_float, as_number
+from tdcr._files import as_path
+from tdcr._results import Result
 from tdcr.data import MOST, Dataset, PathLike, as_seed
 from tdcr.errors import CommandError
 from tdcr.robot import Robot
@@ -53,8 +54,8 @@ class Silence:
     reason: str
 
 
-@dataclass(frozen=True)
-class Pictures:
+@dataclass(frozen=True, eq=False, repr=False)
+class Pictures(Result):
     """Pictures of all cameras of a rig from one moment.
 
     Attributes:
@@ -68,8 +69,8 @@ class Pictures:
     skew: float
 
 
-@dataclass(frozen=True)
-class Measured:
+@dataclass(frozen=True, eq=False, repr=False)
+class Measured(Result):
     """Where the cameras of a rig see the tip.
 
     Attributes:
@@ -136,7 +137,7 @@ class Rig:
     """
 
     def __init__(self, path: PathLike, *, real_time: bool = False) -> None:
-        self._native = _tdcr.Rig(os.fspath(path), bool(real_time))
+        self._native = _tdcr.Rig(as_path(path, "path"), as_flag(real_time, "real_time"))
         self.robot = Robot._of(self._native.robot)
 
     def __enter__(self) -> Rig:
@@ -191,7 +192,7 @@ class Rig:
         Args:
             recall: Find home again from where the servos were left when they lost their turns, without touching anything.
         """
-        self._native.home(bool(recall))
+        self._native.home(as_flag(recall, "recall"))
 
     def engage(self) -> None:
         """Switches the motors on where they stand, with the rig's modes, current limits and watchdogs.
@@ -309,9 +310,11 @@ class Rig:
         """
         count, many = as_count(commands, "commands"), as_count(points, "points", 1, MOST)
         every = as_count(sentinel_every, "sentinel_every", 1)
-        size, folder = as_number(voxel, "voxel"), os.fspath(masks) if masks is not None else None
+        size, folder = as_number(voxel, "voxel"), as_path(masks, "masks") if masks is not None else None
         report = json.loads(
-            self._native.capture(os.fspath(out), count, many, size, as_seed(seed), every, folder, bool(log), progress=progress)
+            self._native.capture(
+                as_path(out, "out"), count, many, size, as_seed(seed), every, folder, as_flag(log, "log"), progress=progress
+            )
         )
         known = {name: report[name] for name in CaptureReport.__dataclass_fields__ if name not in ("data", "log")}
         written = Path(report["log"]) if report["log"] is not None else None
@@ -339,7 +342,7 @@ def record_background(
         RigError: For a file that describes no rig, cameras that give no pictures, and a log that cannot be written.
     """
     count = as_count(pictures, "pictures", 5, 1000)
-    _tdcr.record_background(os.fspath(rig), os.fspath(out), count, progress=progress)
+    _tdcr.record_background(as_path(rig, "rig"), as_path(out, "out"), count, progress=progress)
     return Path(out)
 
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
+from typing import Any, Literal, TypeAlias
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_count, as_float, as_number, maybe_number
-from tdcr._files import write_whole
+from tdcr._arrays import Floats, as_count, as_flag, as_float, as_number, as_text, as_texts, maybe_number
+from tdcr._dictionary import as_json, in_its_words
+from tdcr._files import as_path, write_whole
 from tdcr.errors import InputError, RobotError
 
 
@@ -41,9 +40,11 @@ class Robot:
         if isinstance(source, Robot):
             self._keep(source._native, source.notes)
         elif isinstance(source, Mapping):
-            self._keep(_tdcr.Robot.from_json(_to_json(source)))
+            text = as_json(source, "the robot", RobotError)
+            with in_its_words(text):
+                self._keep(_tdcr.Robot.from_json(text))
         elif isinstance(source, str | os.PathLike):
-            native, notes = _tdcr.Robot.load(os.fspath(source))
+            native, notes = _tdcr.Robot.load(as_path(source, "the robot's file"))
             self._keep(native, tuple(notes))
         else:
             raise RobotError(f"a robot from {source!r}; expected a name, a path, a dictionary or a robot")
@@ -99,7 +100,7 @@ class Robot:
 
     def value(self, parameter: str) -> float:
         """Value of a physical parameter by its name, such as ``"gain[2]"`` or ``"bending[0].x"``, in its SI unit."""
-        return self._native.value(parameter)
+        return self._native.value(as_text(parameter, "parameter"))
 
     def check_parameters(self, parameters: Sequence[str]) -> None:
         """Checks names of parameters that are to be changed, or differentiated by, together.
@@ -107,7 +108,7 @@ class Robot:
         Raises:
             ParameterError: For one that the robot does not have, and for two that overlap: that stand for the same numbers.
         """
-        self._native.check_parameters(list(parameters))
+        self._native.check_parameters(as_texts(parameters, "parameters"))
 
     def with_values(self, values: Mapping[str, float]) -> Robot:
         """This robot with other values of some physical parameters, by name, in SI units; :func:`tdcr.parameters` lists them.
@@ -115,7 +116,10 @@ class Robot:
         Raises:
             ParameterError: For one that the robot does not have, and for two that overlap.
         """
-        return Robot._of(self._native.with_values(list(values), [as_number(v, name) for name, v in values.items()]))
+        if not isinstance(values, Mapping):
+            raise InputError(f"values is {values!r}; expected a dictionary from names of parameters to numbers")
+        names = as_texts(values, "values")
+        return Robot._of(self._native.with_values(names, [as_number(v, name) for name, v in values.items()]))
 
     def to_dict(self) -> dict[str, Any]:
         """The fields of the robot's file: ``Robot(robot.to_dict()) == robot``."""
@@ -129,7 +133,7 @@ class Robot:
     @classmethod
     def from_json(cls, text: str) -> Robot:
         """A robot from the JSON text of a robot file."""
-        return cls._of(_tdcr.Robot.from_json(text))
+        return cls._of(_tdcr.Robot.from_json(as_text(text, "text")))
 
     def to_toml(self) -> str:
         """The robot file."""
@@ -159,10 +163,10 @@ class Robot:
                 settle.
         """
         options = {
-            "base": bool(base),
+            "base": as_flag(base, "base"),
             "payload": as_number(payload, "payload"),
             "dt": maybe_number(dt, "dt"),
-            "integrator": integrator,
+            "integrator": as_text(integrator, "integrator"),
             "command": None if command is None else as_float(command, "command", (self.tendons,)).tolist(),
         }
         return self._native.to_mjcf(options)
@@ -176,7 +180,7 @@ class Robot:
 
         A file that is there already is replaced, by the whole new one or not at all.
         """
-        path = Path(path)
+        path = Path(as_path(path, "path"))
         writers = {".toml": self.to_toml, ".json": self.to_json, ".xml": self.to_mjcf, ".urdf": self.to_urdf}
         writer = writers.get(path.suffix)
         if writer is None:
@@ -194,20 +198,42 @@ class Robot:
     def __reduce__(self) -> tuple[Any, ...]:
         return _unpickle, (self.to_json(), self.notes)
 
+    def __copy__(self) -> Robot:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Robot:
+        return self
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the straight pose, and a table."""
+        from tdcr._html import of_robot
+
+        return of_robot(self)
+
     def __repr__(self) -> str:
         return f"Robot({self.name!r}: {self.discs} discs, {self.tendons} tendons)"
 
 
+RobotLike: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | Robot
+"""What :class:`Robot` makes one of, and every function takes for one: a name, a file, a dictionary, or a robot."""
+
+
+def as_robot(robot: RobotLike) -> Robot:
+    """A robot, or what :class:`Robot` makes one of."""
+    return robot if isinstance(robot, Robot) else Robot(robot)
+
+
+def as_robots(robot: RobotLike | Sequence[RobotLike]) -> list[Robot]:
+    """One robot for all rows, or one for each row."""
+    if isinstance(robot, Robot):
+        return [robot]
+    if isinstance(robot, str | os.PathLike | Mapping) or not isinstance(robot, Iterable):
+        return [Robot(robot)]
+    robots = [as_robot(one) for one in robot]
+    if not robots:
+        raise InputError("there are no robots; expected one, or one for each row")
+    return robots
+
+
 def _unpickle(text: str, notes: tuple[str, ...]) -> Robot:
     return Robot._of(_tdcr.Robot.from_json(text), notes)
-
-
-def _to_json(fields: Mapping[str, Any]) -> str:
-    def plain(value: Any) -> Any:
-        if isinstance(value, np.ndarray | np.generic):
-            return value.tolist()
-        if isinstance(value, Mapping):
-            return dict(value)
-        raise RobotError(f"a robot's dictionary has {value!r}; expected numbers, texts, lists and dictionaries")
-
-    return json.dumps(dict(fields), default=plain)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tdcr._arrays import Floats
 from tdcr.errors import ParameterError
-from tdcr.robot import Robot
+from tdcr.robot import RobotLike, as_robot
 
 _SHOWN = 20
 """Lines of a table of parameters that are shown at most."""
@@ -98,7 +98,7 @@ class Parameters(Sequence[Parameter]):
         return "\n".join(lines)
 
 
-def parameters(robot: Robot) -> Parameters:
+def parameters(robot: RobotLike) -> Parameters:
     """The physical parameters of a robot that have values: names, values, units, and what each acts on.
 
     Commands and loads are named besides them (``"command[0]"``, ``"payload"``, ``"force[9].x"``): see :mod:`tdcr.sensitivity`.
@@ -108,6 +108,7 @@ def parameters(robot: Robot) -> Parameters:
     >>> round(radius.value, 4), radius.unit, radius.acts_on
     (0.0125, 'm', 'module 1 (discs 5 to 9)')
     """
+    robot = as_robot(robot)
     every = robot._native.parameters()
     return Parameters(
         robot.name,

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tdcr import _tdcr
-from tdcr._arrays import Progress, as_array, as_count, as_float, as_number, maybe_count
+from tdcr._arrays import Progress, as_array, as_count, as_flag, as_float, as_number, as_text, maybe_count
 from tdcr._files import as_file, write_whole
 from tdcr.data import Dataset, PathLike, as_seed, folder_of
 from tdcr.errors import InputError
@@ -169,10 +169,10 @@ def compare(
     if not 0.0 <= as_number(tolerance, "tolerance") <= 1.0:
         raise InputError(f"tolerance is {tolerance}; expected 0 to 1")
     options = {
-        "base": bool(base),
-        "pairing": match,
+        "base": as_flag(base, "base"),
+        "pairing": as_text(match, "match"),
         "tolerance": as_number(tolerance, "tolerance"),
-        "split": split,
+        "split": as_text(split, "split"),
         "points": maybe_count(points, "points"),
         "emd_points": maybe_count(emd_points, "emd_points"),
         "worst": as_count(worst, "worst"),

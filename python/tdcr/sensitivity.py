@@ -21,9 +21,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_choice, as_float
+from tdcr._arrays import Floats, as_choice, as_float, as_texts
 from tdcr.loads import Loads
-from tdcr.robot import Robot
+from tdcr.robot import RobotLike
 from tdcr.statics import Rows
 
 OnFailure = Literal["raise", "nan"]
@@ -31,7 +31,7 @@ OnFailure = Literal["raise", "nan"]
 
 
 def jacobian(
-    robot: Robot | Sequence[Robot],
+    robot: RobotLike | Sequence[RobotLike],
     commands: Any,
     parameters: Sequence[str] | None = None,
     payload: Any = None,
@@ -58,14 +58,14 @@ def jacobian(
         ParameterError: For a parameter that the robot does not have, and for two that overlap.
     """
     rows = Rows.of(robot, commands, payload, wrench, loads)
-    names = command_names(rows.commands.shape[1]) if parameters is None else list(parameters)
+    names = command_names(rows.commands.shape[1]) if parameters is None else as_texts(parameters, "parameters")
     flat = _tdcr.jacobian_rows(rows.argument(), names, _raises(on_failure))
-    by_disc = flat.reshape(len(flat), -1, 6, len(names))
+    by_disc = flat.reshape(len(flat), rows.robots[0].discs, 6, len(names))
     return by_disc[0] if np.ndim(commands) == 1 else by_disc
 
 
 def jvp(
-    robot: Robot | Sequence[Robot],
+    robot: RobotLike | Sequence[RobotLike],
     commands: Any,
     parameters: Sequence[str],
     rates: Any,
@@ -86,7 +86,7 @@ def jvp(
         Change of the positions, shape (rows, n, 3) (m), and of the quaternions (w, x, y, z), shape (rows, n, 4).
     """
     rows = Rows.of(robot, commands, payload, wrench, loads)
-    names = list(parameters)
+    names = as_texts(parameters, "parameters")
     shape = (len(rows.commands), len(names))
     rates = as_float(rates, "rates", shape[1:] if np.ndim(rates) == 1 else shape)
     rates = np.ascontiguousarray(np.broadcast_to(rates, shape))
@@ -95,7 +95,7 @@ def jvp(
 
 
 def vjp(
-    robot: Robot | Sequence[Robot],
+    robot: RobotLike | Sequence[RobotLike],
     commands: Any,
     parameters: Sequence[str],
     by_positions: Any,
@@ -123,7 +123,7 @@ def vjp(
     cotangents[..., :3] = as_float(by_positions, "by_positions", (*shape, 3))
     if by_quaternions is not None:
         cotangents[..., 3:] = as_float(by_quaternions, "by_quaternions", (*shape, 4))
-    return _tdcr.vjp_rows(rows.argument(), list(parameters), cotangents, _raises(on_failure))
+    return _tdcr.vjp_rows(rows.argument(), as_texts(parameters, "parameters"), cotangents, _raises(on_failure))
 
 
 def command_names(tendons: int) -> list[str]:

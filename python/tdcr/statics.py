@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_float, as_quaternions, as_rows
+from tdcr._results import Batch, Result, is_row, row_of
 from tdcr.errors import NotSettledError
-from tdcr.loads import NO_LOADS, LoadRows, Loads, native_loads
-from tdcr.robot import Robot
+from tdcr.loads import NO_LOADS, LoadRows, Loads, native_loads, one_load
+from tdcr.robot import Robot, RobotLike, as_robot, as_robots
 
 STABILITY = ("unknown", "stable", "neutral", "unstable")
 """Names of the codes of :attr:`Equilibria.stability`."""
 
 
-@dataclass(frozen=True)
-class Equilibrium:
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibrium(Result):
     """Where a robot of ``n`` discs and ``t`` tendons settled.
 
     Attributes:
@@ -55,6 +56,12 @@ class Equilibrium:
         tip: Floats = self.positions[-1]
         return tip
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: where the discs are, and a table."""
+        from tdcr._html import of_equilibrium
+
+        return of_equilibrium(self)
+
     def check(self) -> Equilibrium:
         """Returns this equilibrium.
 
@@ -69,8 +76,8 @@ class Equilibrium:
         return self
 
 
-@dataclass(frozen=True)
-class Equilibria:
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibria(Batch):
     """Equilibria of a batch of ``rows``: the arrays of :class:`Equilibrium` with rows as their first axis.
 
     Attributes:
@@ -95,6 +102,18 @@ class Equilibria:
     converged: NDArray[np.bool_]
     stability: NDArray[np.uint8]
 
+    _by_rows = (
+        "positions",
+        "quaternions",
+        "configuration",
+        "lengths",
+        "tensions",
+        "residual",
+        "iterations",
+        "converged",
+        "stability",
+    )
+
     @classmethod
     def _of(cls, rows: _tdcr.EquilibriumRows) -> Equilibria:
         return cls(**{name: getattr(rows, name) for name in cls.__dataclass_fields__})
@@ -107,7 +126,17 @@ class Equilibria:
     def __len__(self) -> int:
         return len(self.residual)
 
-    def __getitem__(self, row: int) -> Equilibrium:
+    @overload
+    def __getitem__(self, row: int) -> Equilibrium: ...
+
+    @overload
+    def __getitem__(self, row: slice | Sequence[int] | NDArray[Any]) -> Equilibria: ...
+
+    def __getitem__(self, row: int | slice | Sequence[int] | NDArray[Any]) -> Equilibrium | Equilibria:
+        """The equilibrium of a row; or, of a slice, a mask of flags or an array of numbers, a batch of those rows."""
+        if not is_row(row):
+            return self._take(row)
+        row = row_of(row, len(self))
         return Equilibrium(
             self.positions[row],
             self.quaternions[row],
@@ -121,11 +150,11 @@ class Equilibria:
         )
 
 
-def settle(robot: Robot, command: Any, payload: Any = None, *, wrench: Any = None, loads: Loads | None = None) -> Equilibrium:
+def settle(robot: RobotLike, command: Any, payload: Any = None, *, wrench: Any = None, loads: Loads | None = None) -> Equilibrium:
     """Settles a robot under a command, from the straight pose.
 
     Args:
-        robot: The robot, of ``n`` discs.
+        robot: The robot, of ``n`` discs, or what :class:`tdcr.Robot` makes one of: a name, a file, a dictionary.
         command: One entry for each tendon, shape (tendons,): a rest length or a length (m), or a tension (N).
         payload: Mass hung from the last disc (kg).
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (n, 6).
@@ -138,12 +167,13 @@ def settle(robot: Robot, command: Any, payload: Any = None, *, wrench: Any = Non
         CommandError: For a command that the robot cannot take.
         LoadsError: For loads that it cannot take.
     """
+    robot = as_robot(robot)
     command = as_float(command, "command", (robot.tendons,))
     return Equilibrium._of(_tdcr.settle_one(robot._native, command, *native_loads(loads, payload, wrench, robot.discs)))
 
 
 def settle_batch(
-    robot: Robot | Sequence[Robot],
+    robot: RobotLike | Sequence[RobotLike],
     commands: Any,
     payload: Any = None,
     *,
@@ -172,7 +202,7 @@ def settle_batch(
 
 
 def follow(
-    robot: Robot,
+    robot: RobotLike,
     commands: Any,
     payload: Any = None,
     *,
@@ -189,34 +219,50 @@ def follow(
 
 
 class Settler:
-    """Finds equilibria one after another, and remembers the last one.
+    """Finds equilibria one after another, and remembers the last one. It can be copied and pickled, memory and all.
 
     Args:
-        robot: The robot.
+        robot: The robot, or what :class:`tdcr.Robot` makes one of.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        self._native = _tdcr.Settler(robot._native)
+    def __init__(self, robot: RobotLike) -> None:
+        self.robot = as_robot(robot)
+        self._native = _tdcr.Settler(self.robot._native)
+        self._loads = NO_LOADS
 
-    def settle(self, command: Any, loads: Loads = NO_LOADS) -> Equilibrium:
-        """Settles from the straight pose under a command, shape (tendons,) (m or N)."""
-        return Equilibrium._of(self._native.settle(self._command(command), loads._native))
+    def settle(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> Equilibrium:
+        """Settles from the straight pose under a command, shape (tendons,) (m or N).
 
-    def follow(self, command: Any, loads: Loads = NO_LOADS) -> Equilibrium:
-        """Settles from the last equilibrium; the first time, from the straight pose."""
-        return Equilibrium._of(self._native.follow(self._command(command), loads._native))
+        Args:
+            command: One entry for each tendon.
+            loads: Loads, or none.
+            payload: Mass hung from the last disc (kg), in place of ``loads``.
+        """
+        return Equilibrium._of(self._native.settle(self._command(command), self._take(loads, payload)))
 
-    def settle_from(self, configuration: Any, command: Any, loads: Loads = NO_LOADS) -> Equilibrium:
-        """Settles from a configuration: rotations (w, x, y, z) of the joints, shape (n, 4)."""
+    def follow(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> Equilibrium:
+        """Settles from the last equilibrium; the first time, from the straight pose. Arguments as of :meth:`settle`."""
+        return Equilibrium._of(self._native.follow(self._command(command), self._take(loads, payload)))
+
+    def settle_from(self, configuration: Any, command: Any, loads: Loads | None = None, *, payload: Any = None) -> Equilibrium:
+        """Settles from a configuration: rotations (w, x, y, z) of the joints, shape (n, 4). The others as of :meth:`settle`."""
         start = as_quaternions(configuration, "configuration", (self.robot.discs, 4))
-        return Equilibrium._of(self._native.settle_from(self._command(command), loads._native, start))
+        return Equilibrium._of(self._native.settle_from(self._command(command), self._take(loads, payload), start))
 
     def _command(self, command: Any) -> Floats:
         return as_float(command, "command", (self.robot.tendons,))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Settler, (self.robot,)
+    def __getstate__(self) -> dict[str, Any]:
+        return {"robot": self.robot, "memory": self._native.memory(), "loads": self._loads}
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__init__(saved["robot"])  # type: ignore[misc]
+        self._loads = saved["loads"]
+        self._native.resume(saved["memory"], self._loads._native)
+
+    def _take(self, loads: Loads | None, payload: Any) -> _tdcr.Loads:
+        self._loads = one_load(loads, payload)
+        return self._loads._native
 
 
 @dataclass(frozen=True)
@@ -230,15 +276,15 @@ class Rows:
     @classmethod
     def of(
         cls,
-        robot: Robot | Sequence[Robot],
+        robot: RobotLike | Sequence[RobotLike],
         commands: Any,
         payload: Any,
         wrench: Any,
         loads: Loads | Sequence[Loads] | None,
     ) -> Rows:
         """Reads the arguments of :func:`settle_batch`."""
-        robots = [robot] if isinstance(robot, Robot) else list(robot)
-        first = robots[0] if robots else Robot()
+        robots = as_robots(robot)
+        first = robots[0]
         commands = as_rows(commands, "commands", first.tendons, f"one for each tendon of robot {first.name!r}")
         rows = LoadRows.of(loads, payload, wrench, len(commands), first.discs)
         return cls(robots, commands, rows)

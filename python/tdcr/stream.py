@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tdcr import _tdcr
-from tdcr._arrays import as_count, as_number
+from tdcr._arrays import as_count, as_flag, as_number, maybe_text
 from tdcr.data import MOST, Normalisation, Sample, as_payload, as_seed
 from tdcr.robot import Robot
 
@@ -59,11 +59,11 @@ class Stream(Iterator[Sample]):
         own = Robot(robot)
         self._settings: dict[str, Any] = {
             "robot": own,
-            "base": bool(base),
+            "base": as_flag(base, "base"),
             "payload": as_payload(payload),
             "points": as_count(points, "points", 1, MOST),
             "voxel": as_number(voxel, "voxel"),
-            "noise": noise,
+            "noise": maybe_text(noise, "noise"),
             "seed": as_seed(seed),
             "reduction": reduction,
         }
@@ -126,7 +126,7 @@ class Stream(Iterator[Sample]):
         permutation ``tendons`` of its tendons; the identity is the first. Where cameras see images of the robot not quite alike,
         ``views`` has the number of each symmetry's view. The words say as well why there are no more.
         """
-        found, words = self._native.find_reduction(bool(colors))
+        found, words = self._native.find_reduction(as_flag(colors, "colors"))
         return json.loads(found), words
 
     def reduced(self, reduction: dict[str, Any]) -> Stream:

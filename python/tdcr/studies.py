@@ -5,11 +5,13 @@ from __future__ import annotations
 import functools
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from tdcr import _tdcr
-from tdcr._arrays import Progress, as_count
+from tdcr._arrays import Progress, as_count, maybe_text
+from tdcr._dictionary import as_json, in_its_words
+from tdcr._files import as_path, as_paths
 from tdcr.data import PathLike
 from tdcr.errors import InputError
 from tdcr.sweeps import sweep
@@ -47,10 +49,10 @@ def study(
         InputError: For a study that is none; its key, and what would be right, are said.
         DataError: For a folder that holds something else, or cannot be written.
     """
-    folder = os.fspath(out)
+    folder = as_path(out, "out")
     if engine is None:
         return _run(file, folder, part, progress)
-    if engine != "ray":
+    if not (isinstance(engine, str) and engine == "ray"):
         raise InputError(f"engine is {engine!r}; expected None or 'ray'")
     if part is not None:
         raise InputError("part is given beside engine='ray', which runs all parts; expected one of them")
@@ -75,21 +77,18 @@ def merge_study(parts: Sequence[PathLike], out: PathLike) -> dict[str, Any]:
         InputError: For folders that are not all parts of one study, each finished and there once.
         DataError: For a folder that cannot be read or written.
     """
-    said: dict[str, Any] = json.loads(_tdcr.merge_study([os.fspath(part) for part in parts], os.fspath(out)))
+    said: dict[str, Any] = json.loads(_tdcr.merge_study(as_paths(parts, "parts"), as_path(out, "out")))
     return said
 
 
 def _run(file: PathLike | dict[str, Any], out: str, part: str | None, progress: Progress | None = None) -> dict[str, Any]:
-    if isinstance(file, dict):
-        try:
-            path, text = "of a dictionary", json.dumps(file)
-        except TypeError as error:
-            raise InputError(
-                f"the study cannot be written as JSON: {error}; expected numbers, text, lists and dictionaries"
-            ) from error
-    else:
-        path, text = os.fspath(file), None
-    said: dict[str, Any] = json.loads(_tdcr.study(path, text, out, part, progress))
+    part = maybe_text(part, "part")
+    if not isinstance(file, Mapping):
+        said: dict[str, Any] = json.loads(_tdcr.study(as_path(file, "file"), None, out, part, progress))
+        return said
+    text = as_json(file, "the study")
+    with in_its_words(text):
+        said = json.loads(_tdcr.study("of a dictionary", text, out, part, progress))
     return said
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection, wait
 from typing import Any, Literal, TypeVar
 
-from tdcr._arrays import Progress, as_count
-from tdcr._tdcr import set_threads
+import cloudpickle
+
+from tdcr._arrays import Progress, as_choice, as_count, as_progress
+from tdcr._threads import processors, set_threads
+from tdcr._worker import Worker
 from tdcr.errors import InputError, MissingPackageError, SweepError
 
 Condition = TypeVar("Condition")
@@ -38,17 +41,20 @@ def sweep(
     that dies is replaced, and its conditions are tried again. Each worker computes on ``cpus`` threads.
 
     Args:
-        function: Of one condition. Both it and the conditions are sent to other processes, so they can be pickled.
+        function: Of one condition. Both it and the conditions are sent to other processes: they are of modules that can be
+            imported there, or of the script or notebook itself, with the variables that they use.
         conditions: Any number; they are drawn as workers need them.
         engine: ``"processes"`` of this machine, or tasks of ``"ray"``: of the cluster that Ray is connected to, or of one that
             it starts here. Ray is an optional dependency: ``pip install ".[ray]"``.
-        workers: Number of conditions at a time; as many as there are processors for, where it is not given.
+        workers: Number of conditions at a time; as many as there are processors for that this process may run on, where it is
+            not given.
         cpus: Processors that each call uses.
         retries: How often a condition is tried again after the worker that had it died.
         progress: Is called with the number of conditions done since its last call, as ``tqdm(total=...).update``.
 
     Raises:
-        SweepError: If a condition's worker died once more than ``retries`` allows.
+        SweepError: If a condition's worker died once more than ``retries`` allows; the message says how.
+        InputError: For a function or a condition that cannot be sent to another process.
         Exception: Whatever ``function`` raised first; conditions that have not begun are dropped.
     """
     cpus = as_count(cpus, "cpus", 1, 1024)
@@ -56,69 +62,88 @@ def sweep(
     if workers is not None:
         workers = as_count(workers, "workers", 1, 100_000)
     engines = {"processes": _by_processes, "ray": _by_ray}
-    if engine not in engines:
-        raise InputError(f"engine is {engine!r}; expected 'processes' or 'ray'")
+    as_choice(engine, "engine", tuple(engines))
+    if isinstance(conditions, str) or not isinstance(conditions, Iterable):
+        raise InputError(f"conditions is {conditions!r}; expected what has them one after another")
+    progress = as_progress(progress)
+    if not callable(function):
+        raise InputError(f"function is {function!r}; expected one that is called with a condition")
     results: dict[int, Result] = {}
-    for index, result in engines[engine](function, iter(enumerate(conditions)), workers, cpus, retries):
-        results[index] = result
-        if progress is not None:
-            progress(1)
+    with closing(engines[engine](function, iter(enumerate(conditions)), workers, cpus, retries)) as found:
+        for index, result in found:
+            results[index] = result
+            if progress is not None:
+                progress(1)
     return [results[index] for index in range(len(results))]
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A condition, and how often it was tried."""
+
+    index: int
+    condition: bytes
+    tried: int = 0
 
 
 def _by_processes(
     function: Callable[[Any], Any], conditions: Iterator[tuple[int, Any]], workers: int | None, cpus: int, retries: int
-) -> Iterator[tuple[int, Any]]:
-    workers = workers or max(1, (os.cpu_count() or 1) // cpus)
-    # Conditions that are to be tried, again or for the first time, with how often each was.
-    again: list[tuple[int, Any, int]] = []
-    exhausted = False
-    while not exhausted or again:
-        # Spawned, not forked: a fork of a process that has threads may hang.
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, context, initializer=set_threads, initargs=(cpus,)) as pool:
-            running: dict[Future[Any], tuple[int, Any, int]] = {}
-            try:
-                while True:
-                    while len(running) < _AHEAD * workers and (again or not exhausted):
-                        if again:
-                            index, condition, tried = again.pop()
-                        else:
-                            following = next(conditions, None)
-                            if following is None:
-                                exhausted = True
-                                continue
-                            (index, condition), tried = following, 0
-                        task = (index, condition, tried)
-                        try:
-                            running[pool.submit(function, condition)] = task
-                        except BrokenProcessPool:
-                            again.append(task)
-                            raise
-                    if not running:
-                        break
-                    for done in wait(running, return_when=FIRST_COMPLETED).done:
-                        index = running[done][0]
-                        result = done.result()
-                        del running[done]
-                        yield index, result
-            except BrokenProcessPool:
-                # Which of them a worker died of is not told: all that were running are tried again.
-                again += [_once_more(task, retries) for task in running.values()]
-            except BaseException:
-                pool.shutdown(wait=True, cancel_futures=True)
-                raise
+) -> Generator[tuple[int, Any], None, None]:
+    most = workers or max(1, processors() // cpus)
+    setup = _to_bytes((function, cpus), "the function")
+    tasks = (_Task(index, _to_bytes(condition, f"condition {index}")) for index, condition in conditions)
+    again: list[_Task] = []
+    idle: list[Worker] = []
+    busy: dict[Connection, tuple[Worker, _Task]] = {}
+    try:
+        while True:
+            # Something to do for each worker that has nothing; a new worker where there is more.
+            while idle or len(busy) < most:
+                task = again.pop() if again else next(tasks, None)
+                if task is None:
+                    break
+                worker = idle.pop() if idle else Worker(setup)
+                busy[worker.connection] = worker, task
+                worker.send(task.condition)
+            if not busy:
+                return
+            for ready in wait(list(busy)):
+                worker, task = busy[ready]  # type: ignore[index]
+                try:
+                    done, result, where = worker.receive()
+                except EOFError:
+                    del busy[worker.connection]
+                    again.append(_once_more(task, retries, worker.end()))
+                    continue
+                if not done:
+                    result.add_note(f"Condition {task.index}, in a worker:\n\n{where}")
+                    raise result
+                del busy[worker.connection]
+                idle.append(worker)
+                yield task.index, result
+    finally:
+        for worker in [*idle, *(worker for worker, _ in busy.values())]:
+            worker.stop()
+
+
+def _to_bytes(value: Any, name: str) -> bytes:
+    """A value as it is sent to a worker: what the main module defines with it."""
+    try:
+        sent: bytes = cloudpickle.dumps(value)
+        return sent
+    except Exception as error:
+        raise InputError(f"{name} cannot be sent to another process: {type(error).__name__}: {error}") from error
 
 
 def _by_ray(
     function: Callable[[Any], Any], conditions: Iterator[tuple[int, Any]], workers: int | None, cpus: int, retries: int
-) -> Iterator[tuple[int, Any]]:
+) -> Generator[tuple[int, Any], None, None]:
     try:
         import ray
     except ImportError as error:
         raise MissingPackageError("engine 'ray' needs Ray, which is not installed: pip install ray") from error
     if not ray.is_initialized():
-        ray.init(log_to_driver=False)
+        _connect(ray)
     workers = workers or max(1, int(ray.cluster_resources().get("CPU", 1)) // cpus)
     task = ray.remote(num_cpus=cpus, max_retries=retries)(_with_threads)
     shared = ray.put(function)
@@ -142,11 +167,22 @@ def _by_ray(
             except ray.exceptions.RayTaskError as error:
                 raise error.cause if isinstance(error.cause, Exception) else error from None
             except ray.exceptions.WorkerCrashedError as error:
-                raise _died(index, retries + 1) from error
+                raise _died(index, retries + 1, f"crashed: {error}") from error
             yield index, result
     finally:
         for reference in running:
             ray.cancel(reference, force=True)
+
+
+def _connect(ray: Any) -> None:
+    """Connects to the cluster that is running, or starts one on the processors that this process may run on."""
+    if "RAY_ADDRESS" not in os.environ:
+        try:
+            ray.init("auto", log_to_driver=False)
+        except ConnectionError:
+            ray.init(num_cpus=processors(), log_to_driver=False)
+        return
+    ray.init(log_to_driver=False)
 
 
 def _with_threads(function: Callable[[Any], Any], cpus: int, condition: Any) -> Any:
@@ -154,14 +190,11 @@ def _with_threads(function: Callable[[Any], Any], cpus: int, condition: Any) -> 
     return function(condition)
 
 
-def _once_more(task: tuple[int, Any, int], retries: int) -> tuple[int, Any, int]:
-    index, condition, tried = task
-    if tried >= retries:
-        raise _died(index, tried + 1)
-    return index, condition, tried + 1
+def _once_more(task: _Task, retries: int, how: str) -> _Task:
+    if task.tried >= retries:
+        raise _died(task.index, task.tried + 1, how)
+    return replace(task, tried=task.tried + 1)
 
 
-def _died(index: int, times: int) -> SweepError:
-    return SweepError(
-        f"condition {index}: the worker that had it died {times} times; expected a function that ends: it may need more memory"
-    )
+def _died(index: int, times: int, how: str) -> SweepError:
+    return SweepError(f"condition {index}: the worker that had it died {times} times; the last one {how}")

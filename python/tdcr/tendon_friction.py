@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_float, as_rows
-from tdcr.loads import NO_LOADS, Loads
-from tdcr.robot import Robot
+from tdcr._arrays import Floats, Progress, as_float, as_number, as_progress, as_rows
+from tdcr._results import Result
+from tdcr.loads import Loads, one_load
+from tdcr.robot import RobotLike, as_robot
 from tdcr.statics import Equilibria, Equilibrium
 
 
-@dataclass(frozen=True)
-class TendonProfile:
+@dataclass(frozen=True, eq=False, repr=False)
+class TendonProfile(Result):
     """One tendon from the servo to its fastened end, through ``h`` holes.
 
     Attributes:
@@ -33,8 +34,8 @@ class TendonProfile:
     slip: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class FrictionState:
+@dataclass(frozen=True, eq=False, repr=False)
+class FrictionState(Result):
     """Where a path has come to.
 
     Attributes:
@@ -66,27 +67,30 @@ class FrictionPath:
         resolution: Largest turn of a joint in one substep (rad).
     """
 
-    def __init__(self, robot: Robot, resolution: float = 0.02) -> None:
-        self.robot = robot
-        self._native = _tdcr.FrictionPath(robot._native, float(resolution))
+    def __init__(self, robot: RobotLike, resolution: float = 0.02) -> None:
+        self.robot = as_robot(robot)
+        self._native = _tdcr.FrictionPath(self.robot._native, as_number(resolution, "resolution"))
 
-    def start(self, command: Any, loads: Loads = NO_LOADS) -> FrictionState:
-        """Starts anew from the equilibrium without friction under a command, shape (tendons,) (m or N)."""
-        return _state(*self._native.start(self._command(command), loads._native))
+    def start(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> FrictionState:
+        """Starts anew from the equilibrium without friction under a command, shape (tendons,) (m or N), with loads or a payload
+        (kg)."""
+        return _state(*self._native.start(self._command(command), one_load(loads, payload)._native))
 
-    def advance(self, command: Any, loads: Loads = NO_LOADS) -> FrictionState:
+    def advance(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> FrictionState:
         """Goes on along the straight line to a command; the first time, starts there.
 
         Look at the ``converged`` of its equilibrium: where a command could not be reached, the state is the last on the way.
         """
-        return _state(*self._native.advance(self._command(command), loads._native))
+        return _state(*self._native.advance(self._command(command), one_load(loads, payload)._native))
 
-    def follow(self, commands: Any, loads: Loads = NO_LOADS, progress: Progress | None = None) -> list[FrictionState]:
+    def follow(
+        self, commands: Any, loads: Loads | None = None, progress: Progress | None = None, *, payload: Any = None
+    ) -> list[FrictionState]:
         """Advances along rows of commands, shape (rows, tendons) (m or N)."""
         rows = as_rows(commands, "commands", self.robot.tendons, f"one for each tendon of robot {self.robot.name!r}")
-        states = []
+        states, progress = [], as_progress(progress)
         for row in rows:
-            states.append(self.advance(row, loads))
+            states.append(self.advance(row, loads, payload=payload))
             if progress is not None:
                 progress(1)
         return states

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, Progress, as_array, as_count, as_quaternions
+from tdcr._arrays import Floats, Progress, as_array, as_count, as_flag, as_number, as_quaternions, as_texts, maybe_text
+from tdcr._files import as_path
+from tdcr._results import Result
 from tdcr.errors import InputError
 from tdcr.loads import Loads
-from tdcr.robot import Robot
+from tdcr.robot import Robot, RobotLike, as_robot
 
 
 class Configured(Protocol):
@@ -25,8 +27,8 @@ class Configured(Protocol):
         """Rotations (w, x, y, z) of the joints, shape (n, 4)."""
 
 
-@dataclass(frozen=True)
-class View:
+@dataclass(frozen=True, eq=False, repr=False)
+class View(Result):
     """One picture of an RGB-D camera.
 
     Attributes:
@@ -49,8 +51,8 @@ class View:
     quaternion: Floats
 
 
-@dataclass(frozen=True)
-class Cloud:
+@dataclass(frozen=True, eq=False, repr=False)
+class Cloud(Result):
     """Points of a robot's surface.
 
     Attributes:
@@ -66,11 +68,11 @@ class Cloud:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the cloud as a PLY file."""
-        _tdcr.save_ply(os.fspath(path), self.points, self.colors)
+        _tdcr.save_ply(as_path(path, "path"), self.points, self.colors)
 
 
 def render(
-    robot: Robot,
+    robot: RobotLike,
     at: Configured | Any,
     *,
     base: bool = False,
@@ -94,17 +96,18 @@ def render(
         seed: Seed of the faults.
         index: Number of the picture: pictures of one seed differ by it.
     """
-    if unknown := ({show} if isinstance(show, str) else set(show)) - {"payload", "tendons"}:
+    robot = as_robot(robot)
+    if unknown := set(as_texts(show, "show")) - {"payload", "tendons"}:
         raise InputError(f"show has {sorted(unknown)}; expected 'payload' or 'tendons'")
     views = _tdcr.render(
         robot._native,
         _configuration(robot, at, "at"),
         Loads(payload=payload)._native,
-        base,
-        None if base_mesh is None else os.fspath(base_mesh),
+        as_flag(base, "base"),
+        None if base_mesh is None else as_path(base_mesh, "base_mesh"),
         "payload" in show,
         "tendons" in show,
-        noise,
+        maybe_text(noise, "noise"),
         as_count(seed, "seed", 0, 2**64 - 1),
         as_count(index, "index"),
     )
@@ -112,7 +115,7 @@ def render(
 
 
 def cloud(
-    robot: Robot,
+    robot: RobotLike,
     at: Configured | Any,
     *,
     base: bool = False,
@@ -136,7 +139,7 @@ def cloud(
 
 
 def clouds(
-    robot: Robot,
+    robot: RobotLike,
     at: Sequence[Configured | Any] | Any,
     *,
     base: bool = False,
@@ -154,14 +157,17 @@ def clouds(
         first: Number of the first picture.
         progress: Is called with the number of clouds done since its last call.
     """
+    robot = as_robot(robot)
     several = at.configuration if hasattr(at, "configuration") else at
+    if not isinstance(several, Iterable) or isinstance(several, str):
+        raise InputError(f"at is {at!r}; expected a sequence of states, or equilibria of a batch")
     configurations = [_configuration(robot, one, f"at[{k}]") for k, one in enumerate(several)]
     seen = _tdcr.clouds(
         robot._native,
         configurations,
-        base,
-        float(voxel),
-        noise,
+        as_flag(base, "base"),
+        as_number(voxel, "voxel"),
+        maybe_text(noise, "noise"),
         as_count(seed, "seed", 0, 2**64 - 1),
         as_count(first, "first"),
         progress,

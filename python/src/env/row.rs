@@ -2,13 +2,15 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 use tdcr::sim::chain::Configuration;
-use tdcr::sim::dynamics::Integrator;
+use tdcr::sim::dynamics::{Integrator, State};
 use tdcr::sim::pose::Pose;
 use tdcr::sim::robot::{Command, Loads, Payload, Robot};
-use tdcr::sim::simulation::{MovingRobot, Simulation};
+use tdcr::sim::simulation::{MovingRobot, Simulation, SimulationError};
 use tdcr::sim::statics::Settler;
 
+use crate::arrays::{Tape, flat_points, flat_quaternions};
 use crate::errors::Outcome;
+use crate::statics::{read_memory, write_memory};
 
 /// Largest entries of an observation: places (lengths of the robot), joint rates (rad/s), the tip's velocity (lengths/s).
 const LARGEST_PLACE: f64 = 2.0;
@@ -151,14 +153,20 @@ impl Row {
         Ok(())
     }
 
-    /// Starts anew, at rest, with nothing left of what was before.
-    pub fn reset(&mut self) {
+    /// Starts anew, at rest, with nothing left of what was before. Fails where it does not settle, which is flagged, and
+    /// where the time step is too long for the robot, which is returned.
+    pub fn reset(&mut self) -> Outcome<()> {
         let (command, loads) = (&self.command, &self.loads);
-        self.failed = self.driven.simulation().reset(command, loads).is_err();
+        let reset = self.driven.simulation().reset(command, loads);
+        self.failed = reset.is_err();
         if !self.failed {
             self.shown.take(&self.driven);
         }
         self.shown.velocity.fill(0.0);
+        match reset {
+            Err(SimulationError::Dynamics(error)) => Err(error.into()),
+            _ => Ok(()),
+        }
     }
 
     /// Advances, unless it failed before.
@@ -175,6 +183,70 @@ impl Row {
                 self.shown.velocity = (self.shown.tip() - before) / self.duration;
             }
         }
+    }
+
+    /// All that its future depends on, and where it was last seen, as numbers for [`Self::restore`].
+    pub fn state(&self) -> Vec<f64> {
+        let mut out = vec![f64::from(self.failed), self.loads.tip_payload().mass];
+        out.extend(self.command.as_slice());
+        let shown = &self.shown;
+        out.extend(flat_quaternions(&shown.configuration.0));
+        out.extend(flat_points(&shown.positions));
+        out.extend(flat_quaternions(&shown.orientations));
+        out.extend(
+            shown
+                .lengths
+                .iter()
+                .chain(&shown.tensions)
+                .chain(&shown.rates),
+        );
+        out.extend(flat_points(&[shown.velocity]));
+        match &self.driven {
+            Driven::Still(settler) => write_memory(&settler.memory(), &mut out),
+            Driven::Moving(moving) => {
+                // Before the first start there is no time.
+                out.push(moving.taken().map_or(-1.0, |taken| taken as f64));
+                out.extend(flat_quaternions(&moving.state().configuration.0));
+                out.extend(&moving.state().velocity);
+            }
+        }
+        out
+    }
+
+    /// Goes on, to the last bit, from the state of a row of the same robot.
+    pub fn restore(&mut self, numbers: &[f64]) -> Outcome<()> {
+        let (n, t) = (self.robot.discs().len(), self.robot.tendons().len());
+        let mut tape = Tape(numbers);
+        let (failed, payload) = (tape.number() == 1.0, tape.number());
+        self.ask(tape.take(t), Some(payload))?;
+        self.failed = failed;
+        self.shown = Shown {
+            configuration: Configuration(tape.quaternions(n)),
+            positions: tape.points(n),
+            orientations: tape.quaternions(n),
+            lengths: tape.take(t).to_vec(),
+            tensions: tape.take(t).to_vec(),
+            rates: tape.take(3 * n).to_vec(),
+            velocity: tape.points(1)[0],
+        };
+        match &mut self.driven {
+            Driven::Still(settler) => {
+                settler.resume(read_memory(&self.robot, &mut tape), &self.loads);
+            }
+            Driven::Moving(moving) => {
+                let taken = tape.number();
+                let state = State {
+                    configuration: Configuration(tape.quaternions(n)),
+                    velocity: tape.take(3 * n).to_vec(),
+                };
+                moving.resume_at(
+                    &state,
+                    &self.command,
+                    (taken >= 0.0).then_some(taken as u64),
+                )?;
+            }
+        }
+        Ok(())
     }
 
     /// Number of entries that [`Self::observe`] writes.

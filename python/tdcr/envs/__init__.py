@@ -4,7 +4,7 @@
 >>> env = gymnasium.make("tdcr/Reach2m-v0")
 >>> envs = gymnasium.make_vec("tdcr/Reach2m-v0", num_envs=64)
 
-Importing this module registers them. ``gymnasium.make("tdcr.envs:tdcr/Reach2m-v0")`` imports it by itself.
+Importing this module registers them. In one line, ``gymnasium.make("tdcr.envs:tdcr/Reach2m-v0")`` imports it by itself.
 
 ============================== =====================================================================================
 ``tdcr/Reach2m-v0``            the tip to a point; dense reward

@@ -28,6 +28,8 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     the robot does not settle, or its motion diverges; ``info["simulation_failed"]`` tells which. It then stands where it
     last was.
 
+    **Copies**, deep ones and pickled ones, go on where the environment was, to the last bit.
+
     Args:
         task: Name of a task in :data:`tdcr.envs.TASKS`, or a subclass of :class:`tdcr.envs.Task`.
         robot: Anything that :class:`tdcr.Robot` takes.
@@ -60,17 +62,27 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def __init__(self, task: str | Callable[..., Task] = "reach", render_mode: str | None = None, **arguments: Any) -> None:
         if render_mode not in (None, *RENDER_MODES):
             raise InputError(f"render_mode is {render_mode!r}; expected one of {', '.join(RENDER_MODES)}, or None")
-        self._arguments = {"task": task, "render_mode": render_mode, **arguments}
         self.render_mode = render_mode
         self.episodes = Episodes(1, task, **arguments)
+        self.metadata = {**self.metadata, "render_fps": self.episodes.world.settings.render_fps}
         self.layout = self.episodes.layout
         self.action_space = self.episodes.action_space
         self.observation_space = self.episodes.observation_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
-        """Starts a new episode, which depends on ``np_random`` alone."""
+        """Starts a new episode, which depends on ``np_random`` and ``options`` alone.
+
+        Args:
+            seed: Of ``np_random``; without, it goes on.
+            options: Of tasks of reaching ``"goal"``: the point that is asked for, world frame, shape (3,) (m).
+
+        Raises:
+            InputError: For options that the task does not take.
+            DynamicsError: In motion, if the time step is too long for the robot.
+        """
+        asked = self.episodes.check_options(options)
         super().reset(seed=seed)
-        self.episodes.reset([0], [self.np_random])
+        self.episodes.reset([0], [self.np_random], asked)
         observation, _, _, infos = self.episodes.look()
         return first(observation), {name: values.item(0) for name, values in infos.items()}
 
@@ -89,15 +101,6 @@ class TendonRobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def close(self) -> None:
         """Lets go of the robot: on a rig, the tension is released."""
         self.episodes.world.close()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"arguments": self._arguments, "spec": self.spec, "random": (self._np_random, self._np_random_seed)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """A new environment with the arguments and the generator of the old one; it must be reset."""
-        self.__init__(**state["arguments"])  # type: ignore[misc]
-        self.spec = state["spec"]
-        self._np_random, self._np_random_seed = state["random"]
 
 
 class TendonRobotGoalEnv(TendonRobotEnv):

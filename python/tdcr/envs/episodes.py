@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from tdcr._arrays import Floats, as_count
 from tdcr.envs.rig_world import RigWorld, world
 from tdcr.envs.tasks import TASKS, Infos, Rngs, Task
 from tdcr.envs.world import Bools, Settings
-from tdcr.errors import InputError
+from tdcr.errors import ArgumentError, InputError
 
 Observation = Any
 """A float32 array of rows, or a dictionary of such arrays."""
@@ -40,6 +40,7 @@ class Episodes:
         camera: int = 0,
         width: int = 320,
         height: int = 240,
+        max_steps: int | None = None,
         **arguments: Any,
     ) -> None:
         if isinstance(task, str) and task not in TASKS:
@@ -53,12 +54,13 @@ class Episodes:
         try:
             self.task: Task = maker(self.world, **arguments)
         except TypeError as error:
-            raise InputError(f"arguments of the environment: {error}; the others are {', '.join(known)}") from None
+            raise ArgumentError(f"arguments of the environment: {error}; the others are {', '.join(known)}") from None
         if isinstance(self.world, RigWorld) and not self.task.measurable:
             raise InputError(f"a rig does not measure what {type(self.task).__name__} asks for; expected a task of reaching")
         self.steps: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
         self._view = (as_count(width, "width", 1, 4096), as_count(height, "height", 1, 4096), as_count(camera, "camera"))
-        self._length = self.world.settings.episode_length
+        length = self.world.settings.episode_length
+        self._length = length if max_steps is None else min(length, as_count(max_steps, "max_episode_steps", 1))
         self._failed: Bools = np.zeros(count, dtype=np.bool_)
         self.layout = dict(self.world.layout)
         self.action_space = spaces.Box(-1.0, 1.0, (self.world.tendons,), np.float32)
@@ -73,14 +75,35 @@ class Episodes:
         high = np.concatenate([high, goal])
         return spaces.Box(-high, high, dtype=np.float32)
 
-    def reset(self, rows: Sequence[int], rngs: Rngs) -> None:
-        """Starts new episodes in some rows, from their generators alone."""
+    def reset(self, rows: Sequence[int], rngs: Rngs, options: Mapping[str, Any] | None = None) -> None:
+        """Starts new episodes in some rows, from their generators and what ``options`` ask for alone."""
+        asked = None if options is None else self.task.asked(options)
         self.world.randomise(rows, rngs)
         self.task.draw(rows, rngs)
+        if asked is not None:
+            self.task.goal[rows] = asked[rows]
         self.task.start(rows, rngs)
         self.world.begin()
         self.steps[rows] = 0
         self._failed[rows] = False
+
+    def check_options(self, options: Any, *others: str) -> Mapping[str, Any] | None:
+        """Options of a reset: those of the task, and ``others``.
+
+        Raises:
+            InputError: For options that are not known; the message names them, and those that are.
+        """
+        if options is None:
+            return None
+        known = (*self.task.options, *others)
+        expected = f"expected {', '.join(map(repr, known))}" if known else "expected none"
+        if not isinstance(options, Mapping):
+            raise InputError(f"options is {options!r}; expected None, or a dictionary of {expected.removeprefix('expected ')}")
+        unknown = [name for name in options if name not in known]
+        if unknown:
+            names = ", ".join(map(repr, unknown))
+            raise InputError(f"options has {names}, which {type(self.task).__name__} does not take; {expected}")
+        return options
 
     def drive(self, actions: Any) -> None:
         """Advances all rows by actions, shape (count, tendons)."""

@@ -37,6 +37,9 @@ class RigWorld(World):
         self._tension = rig.tension
         self._measured: Measured | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        raise InputError("an environment on a rig cannot be copied or pickled, as there is one robot; expected a simulated one")
+
     def draw_command(self, rng: np.random.Generator) -> Floats:
         """A command that the rig's settings allow."""
         return self.rig.draw(int(rng.integers(2**63)))

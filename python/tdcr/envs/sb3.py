@@ -48,12 +48,20 @@ class Sb3VecEnv(VecEnv):
         super().__init__(made.num_envs, made.single_observation_space, made.single_action_space)
 
     def reset(self) -> Any:
-        """Starts new episodes, with the seeds given by ``seed``."""
-        observation, infos = self.env.reset(seed=self._seeds)
+        """Starts new episodes, with the seeds given by ``seed`` and the options by ``set_options``."""
+        observation, infos = self.env.reset(seed=self._seeds, options=self._shared_options())
         self.reset_infos = self._by_rows(infos)
         self._reset_seeds()
         self._reset_options()
         return observation
+
+    def _shared_options(self) -> dict[str, Any] | None:
+        """The options given by ``set_options`` to each environment, as one dictionary for all."""
+        names = {name for options in self._options for name in options}
+        for name in names:
+            if not all(name in options for options in self._options):
+                raise InputError(f"option {name!r} is given to some environments; expected to all of them, or to none")
+        return {name: np.stack([options[name] for options in self._options]) for name in names} or None
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Keeps the actions for :meth:`step_wait`."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr import _tdcr
-from tdcr._arrays import Floats, as_count
+from tdcr._arrays import Floats, as_array, as_count, as_float
 from tdcr.envs.world import Observed, World
 from tdcr.errors import InputError, NotSettledError
 from tdcr.statics import follow
@@ -33,6 +33,7 @@ class Task:
         goal_based: Whether observations are dictionaries with ``achieved_goal`` and ``desired_goal``, which then are tips.
         measurable: Whether it asks for nothing but what a rig's cameras tell: the tip.
         payload: Range of the payload (kg) where ``randomise`` has none.
+        options: Names of what ``reset(options=...)`` may ask for, which :meth:`asked` reads.
         width: Entries of the goal in an observation.
         tolerance: Distance that counts as success (m).
     """
@@ -40,6 +41,7 @@ class Task:
     goal_based: ClassVar[bool] = False
     measurable: ClassVar[bool] = False
     payload: ClassVar[tuple[float, float] | None] = None
+    options: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, world: World, width: int) -> None:
         given = world.settings.tolerance
@@ -54,6 +56,11 @@ class Task:
     def draw(self, rows: Sequence[int], rngs: Rngs) -> None:
         """Draws what is asked of some rows from now on, each from its generator alone. They are settled anew afterwards."""
         raise NotImplementedError
+
+    def asked(self, options: Mapping[str, Any]) -> Observed | None:
+        """Goals that the options of a reset ask for, shape (count, width), as they are observed, in place of those that are
+        drawn; ``None`` where they ask for none."""
+        return None
 
     def start(self, rows: Sequence[int], rngs: Rngs) -> None:
         """Lets some rows settle where their episodes start."""
@@ -84,12 +91,14 @@ def _norms(vectors: NDArray[Any]) -> Floats:
 
 
 class Reach(Task):
-    """The tip to a point: the tip of the robot settled under a random command.
+    """The tip to a point: the tip of the robot settled under a random command, or ``options["goal"]`` of a reset, world frame
+    (m), shape (3,) or (num_envs, 3).
 
     The reward is minus the distance in lengths of the robot.
     """
 
     measurable = True
+    options = ("goal",)
 
     def __init__(self, world: World) -> None:
         super().__init__(world, 3)
@@ -98,6 +107,22 @@ class Reach(Task):
         self.world.settle_anywhere(rows, rngs)
         rows = list(rows)
         self.goal[rows] = self.world.scaled(self.world.simulation.positions()[rows, -1])
+
+    def asked(self, options: Mapping[str, Any]) -> Observed | None:
+        if "goal" not in options:
+            return None
+        world, bounds = self.world, self.bounds()
+        given = as_array(options["goal"], "options['goal']")
+        goals = as_float(given, "options['goal']", (3,) if given.ndim == 1 else (world.count, 3))
+        places = world.scaled(np.broadcast_to(goals, (world.count, 3)))
+        if (np.abs(places) > bounds).any():
+            row, axis = (int(k) for k in np.argwhere(np.abs(places) > bounds)[0])
+            found, middle, reach = world.unscaled(places)[row, axis], world.origin[axis], bounds[axis] * world.length
+            raise InputError(
+                f"options['goal'] has {'xyz'[axis]} = {found:.6g} m; expected {middle - reach:.3f} to {middle + reach:.3f} m, "
+                f"{bounds[axis]:.0f} lengths of the robot from its base"
+            )
+        return places.astype(np.float32)
 
     def assess(self, observed: Observed, goals: Observed) -> tuple[Floats, Infos]:
         apart = _norms(self.world.tips(observed) - goals)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -30,6 +30,7 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
 
     Args:
         num_envs: How many.
+        max_episode_steps: Steps after which an episode is cut off, where that is sooner than ``episode_length``.
         autoreset_mode: What happens after the end of an episode: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"`` (reset
             them by ``reset(options={"reset_mask": ...})``).
     """
@@ -42,6 +43,7 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
         task: str | Callable[..., Task] = "reach",
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        max_episode_steps: int | None = None,
         **arguments: Any,
     ) -> None:
         if render_mode not in (None, *RENDER_MODES):
@@ -51,10 +53,11 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
         except ValueError:
             modes = ", ".join(repr(mode.value) for mode in AutoresetMode)
             raise InputError(f"autoreset_mode is {autoreset_mode!r}; expected one of {modes}") from None
-        self._arguments: dict[str, Any] = {"num_envs": num_envs, "task": task, "autoreset_mode": self.autoreset_mode}
-        self._arguments |= {"render_mode": render_mode, **arguments}
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.episodes = Episodes(num_envs, task, **arguments)
+        # As Gymnasium has it, -1 is no limit.
+        limit = None if max_episode_steps == -1 else max_episode_steps
+        self.episodes = Episodes(num_envs, task, max_steps=limit, **arguments)
+        fps = self.episodes.world.settings.render_fps
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self.num_envs, self.render_mode = num_envs, render_mode
         self.layout = self.episodes.layout
         self.single_action_space = self.episodes.action_space
@@ -89,8 +92,13 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
 
         Args:
             seed: Environment ``i`` is seeded by ``seed + i``, or by its entry of a list; without, generators go on.
-            options: ``"reset_mask"``, flags of shape (num_envs,): only these are reset.
+            options: ``"reset_mask"``, flags of shape (num_envs,): only these are reset. Of tasks of reaching ``"goal"``: the
+                point that is asked for, world frame, shape (3,) for all or (num_envs, 3) (m).
+
+        Raises:
+            InputError: For options that the task does not take, and seeds that do not fit.
         """
+        asked = self.episodes.check_options(options, "reset_mask")
         seeds = [seed + row for row in range(self.num_envs)] if isinstance(seed, int) else seed
         seeds = [None] * self.num_envs if seeds is None else list(seeds)
         if len(seeds) != self.num_envs:
@@ -105,14 +113,14 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
         rows = np.flatnonzero(mask)
         for row in rows.tolist():
             self._generator(row, seeds[row])
-        self._reset(rows)
+        self._reset(rows, asked)
         self._ended[rows] = False
         observation, _, _, infos = self.episodes.look()
         return observation, _told(infos, mask)
 
-    def _reset(self, rows: Rows) -> None:
+    def _reset(self, rows: Rows, options: Mapping[str, Any] | None = None) -> None:
         chosen = rows.tolist()
-        self.episodes.reset(chosen, [self._generator(row) for row in chosen])
+        self.episodes.reset(chosen, [self._generator(row) for row in chosen], options)
 
     def step(self, actions: Any) -> tuple[Observation, Floats, Bools, Bools, dict[str, Any]]:
         """Takes a step in all environments; those that ended are reset as ``autoreset_mode`` says."""
@@ -148,16 +156,6 @@ class TendonRobotVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[A
         if self.render_mode is None:
             return None
         return tuple(self.episodes.picture(row, self.render_mode) for row in range(self.num_envs))
-
-    def __getstate__(self) -> dict[str, Any]:
-        randoms = self._generators, self._generator_seeds
-        return {"arguments": self._arguments, "spec": self.spec, "randoms": randoms}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """New environments with the arguments and the generators of the old ones; they must be reset."""
-        self.__init__(**state["arguments"])  # type: ignore[misc]
-        self.spec = state["spec"]
-        self._generators, self._generator_seeds = state["randoms"]
 
 
 def _told(infos: Infos, rows: Bools) -> dict[str, Any]:

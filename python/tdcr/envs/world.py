@@ -57,6 +57,14 @@ class Settings:
             if value is not None and not as_number(value, name) > 0.0:
                 raise InputError(f"{name} is {value}; expected a number above 0")
 
+    @property
+    def render_fps(self) -> float:
+        """Pictures of a second, one for each step: in the robot's time, where it moves in time."""
+        if not self.dynamics:
+            return 25
+        rate = round(1.0 / (self.timestep * self.frame_skip), 6)
+        return int(rate) if rate.is_integer() else rate
+
     def of_robot(self, robot: Robot) -> Settings:
         """The same for another robot."""
         return replace(self, robot=robot)
@@ -86,19 +94,32 @@ class World:
         self._low, self._high = np.ascontiguousarray(robot.command_ranges.T)
         self._change = settings.rate * (self._high - self._low)
         self.commands: Floats = np.tile(robot.mean_command, (count, 1))
-        self.simulation = _tdcr.BatchSimulation(
-            [robot._native] * count,
-            settings.timestep if settings.dynamics else None,
-            settings.frame_skip,
-            tuple(self.origin.tolist()),
-            self.length,
-        )
+        self.simulation = self._simulate()
         self.layout, bounds = _layout(robot, settings)
         self.width = len(bounds)
         self.high: Observed = np.asarray(bounds, dtype=np.float32)
         self.low: Observed = -self.high
         self._whole = settings.observation == "state"
         self._clouds: NDArray[np.float32] | None = None
+
+    def _simulate(self) -> _tdcr.BatchSimulation:
+        settings = self.settings
+        return _tdcr.BatchSimulation(
+            [robot._native for robot in self._robots],
+            settings.timestep if settings.dynamics else None,
+            settings.frame_skip,
+            tuple(self.origin.tolist()),
+            self.length,
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "simulation": self.simulation.state()}
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        """Robots that go on, to the last bit, where the old ones were."""
+        self.__dict__.update(saved)
+        self.simulation = self._simulate()
+        self.simulation.restore(saved["simulation"])
 
     @property
     def tendons(self) -> int:

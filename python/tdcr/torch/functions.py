@@ -11,13 +11,13 @@ from torch import Tensor
 from tdcr._arrays import as_count, as_number
 from tdcr._differentiable import check_parameters
 from tdcr.errors import InputError
-from tdcr.robot import Robot
+from tdcr.robot import Robot, RobotLike, as_robot
 from tdcr.sensitivity import OnFailure, check_on_failure
 from tdcr.torch import operators
 
 
 def settle(
-    robot: Robot,
+    robot: RobotLike,
     command: Tensor,
     payload: Tensor | float = 0.0,
     wrench: Tensor | None = None,
@@ -33,7 +33,7 @@ def settle(
     refused.
 
     Args:
-        robot: A robot of ``n`` discs.
+        robot: A robot of ``n`` discs, or what :class:`tdcr.Robot` makes one of.
         command: Shape (..., tendons) (m or N).
         payload: Mass hung from the last disc, shape (...) or one number (kg).
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (..., n, 6) or (n, 6).
@@ -51,6 +51,7 @@ def settle(
         NotSettledError: For a row that does not settle.
         SensitivityError: Where a derivative is differentiated.
     """
+    robot = as_robot(robot)
     chosen: OnFailure = check_on_failure(on_failure)
     command = _floats(command, "command")
     values = None if values is None else _floats(values, "values", command.dtype)
@@ -69,7 +70,7 @@ def settle(
 
 
 def rollout(
-    robot: Robot,
+    robot: RobotLike,
     commands: Tensor,
     configuration: Tensor,
     velocity: Tensor | None = None,
@@ -90,7 +91,7 @@ def rollout(
     each rate of a joint: see :func:`tdcr.rollout_jvp`.
 
     Args:
-        robot: A robot of ``n`` discs.
+        robot: A robot of ``n`` discs, or what :class:`tdcr.Robot` makes one of.
         commands: Shape (..., T, tendons) (m or N).
         configuration: Of the start, rotations (w, x, y, z) of the joints, shape (..., n, 4) or (n, 4).
         velocity: Rates of the joints at the start, in the discs' own frames, shape (..., n, 3) or (n, 3) (rad/s); at rest
@@ -113,6 +114,7 @@ def rollout(
         DynamicsError: For a row that diverges.
         SensitivityError: Where a derivative is differentiated.
     """
+    robot = as_robot(robot)
     chosen: OnFailure = check_on_failure(on_failure)
     commands = _floats(commands, "commands")
     values = None if values is None else _floats(values, "values", commands.dtype)

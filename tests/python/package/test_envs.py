@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import copy
-import importlib.metadata
 import pickle
+import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 
 import tdcr
-from tdcr.errors import CommandError, InputError, NotSettledError, ParameterError
+from tdcr.errors import ArgumentError, CommandError, DynamicsError, InputError, NotSettledError, ParameterError
 
 gymnasium = pytest.importorskip("gymnasium")
 
@@ -73,11 +72,24 @@ def test_the_package_does_not_import_gymnasium_and_its_name_imports_the_environm
         subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
-def test_the_entry_point_registers_them() -> None:
-    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
-    point = importlib.metadata.EntryPoint("__root__", project["entry-points"]["gymnasium.envs"]["__root__"], "gymnasium.envs")
+def test_every_line_of_the_documents_that_makes_one_works_in_a_fresh_process() -> None:
+    root, lines = Path(__file__).parents[3], []
+    for page in (root / "docs/environments.md", root / "docs/hardware.md", root / "python/tdcr/envs/__init__.py"):
+        text = page.read_text(encoding="utf-8")
+        # In running text and tables a line stands alone; in blocks it follows its imports.
+        lines += re.findall(r"`(gymnasium\.make\([^`]*\))`", text)
+    assert len(lines) >= 4
+    for line in set(lines):
+        line = re.sub(r'rig="[^"]*"', 'rig="examples/rig-sim.toml"', line)
+        done = subprocess.run(
+            [sys.executable, "-c", f"import gymnasium\n{line}"], cwd=root, capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode == 0, f"{line}: {done.stderr}"
+
+
+def test_registering_again_changes_nothing() -> None:
     gymnasium.registry.pop("tdcr/Shape5m-v0")
-    point.load()()
+    tdcr.envs.register()
     assert sorted(name for name in gymnasium.registry if name.startswith("tdcr/")) == IDS
 
 
@@ -237,9 +249,11 @@ def test_rewards_of_goals_are_computed_for_any_number_of_them() -> None:
 
 
 def test_a_motion_that_diverges_ends_the_episode_where_it_was() -> None:
-    env = make("Reach2m", dynamics=True, timestep=0.5).unwrapped
+    undamped = tdcr.Robot("2m").with_values({"damping[0]": 0.0, "damping[1]": 0.0})
+    env = make("Reach2m", robot=undamped, dynamics=True, timestep=0.1, frame_skip=5, rate=1.0).unwrapped
     env.reset(seed=0)
-    for _ in range(20):
+    env.action_space.seed(0)
+    for _ in range(90):
         observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
         assert env.observation_space.contains(observation) and np.isfinite(reward) and not terminated
         assert truncated == info["simulation_failed"]
@@ -286,7 +300,7 @@ def test_a_robot_that_never_settles_is_an_error() -> None:
         ({"randomise": {"payload": (-1, 1)}}, InputError, "expected masses of 0 or more"),
         ({"robot": "9m"}, tdcr.errors.RobotError, "unknown robot `9m`"),
         ({"task": "fly"}, InputError, "task is 'fly'; expected one of reach"),
-        ({"speed": 3}, InputError, "unexpected keyword argument 'speed'"),
+        ({"speed": 3}, ArgumentError, "unexpected keyword argument 'speed'"),
         ({"width": 0}, InputError, "width is 0; expected 1 to 4096"),
     ],
 )
@@ -350,6 +364,88 @@ def test_a_window_shows_the_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not pygame.display.get_init()
 
 
+@pytest.mark.parametrize("dynamics", [False, True], ids=["rest", "motion"])
+@pytest.mark.parametrize("name", SMALL)
+def test_copies_go_on_in_mid_episode_to_the_last_bit(name: str, dynamics: bool) -> None:
+    env = make(name, dynamics=dynamics, randomise=RANDOM, episode_length=12)
+    episode(env, 3, steps=5)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env)), pickle.loads(pickle.dumps(env.unwrapped))]
+    # A copy of a copy, too, and the old one goes on by itself.
+    copies.append(copy.deepcopy(copies[0]))
+    ends = []
+    for action in np.random.default_rng(1).uniform(-1.0, 1.0, (7, 6)):
+        expected = env.step(action)
+        ends.append(expected[3])
+        assert all(same(one.step(action), expected) for one in copies)
+    # The counter of steps went with them, and the generator.
+    assert ends == [False] * 6 + [True]
+    expected = episode(env, None)
+    assert all(same(episode(one, None), expected) for one in copies)
+
+
+def test_a_failed_episode_stays_failed_in_a_copy() -> None:
+    both = tdcr.envs.TendonRobotVectorEnv(2, "reach", dynamics=True)
+    both.reset(seed=0)
+    world = both.episodes.world
+    world.simulation.advance(world.commands, np.array([0.0, 1e200]))
+    other = copy.deepcopy(both)
+    assert other.step(np.zeros((2, 6)))[4]["simulation_failed"].tolist() == [False, True]
+    with pytest.raises(InputError, match=r"state has shape \[2, 3\], expected \[2, "):
+        world.simulation.restore(np.zeros((2, 3)))
+
+
+def test_time_steps_that_are_too_long_are_refused_at_the_reset() -> None:
+    env = make("Reach2m", dynamics=True, timestep=0.5)
+    with pytest.raises(DynamicsError, match="steps of 0.5 s are unstable"):
+        env.reset(seed=0)
+    with pytest.raises(DynamicsError, match="row 0: steps of 0.5 s are unstable"):
+        tdcr.envs.TendonRobotVectorEnv(2, "reach", dynamics=True, timestep=0.5).reset(seed=0)
+
+
+def test_goals_are_set_by_options_and_others_are_refused() -> None:
+    point = np.array([0.05, -0.02, 0.29])
+    for name in ("Reach2m", "ReachGoal2m", "Payload2m"):
+        env = make(name)
+        observation, info = env.reset(seed=3, options={"goal": point})
+        world = env.unwrapped.episodes.world
+        goal = observation["desired_goal"] if isinstance(observation, dict) else observation[env.unwrapped.layout["goal"]]
+        assert np.abs(world.unscaled(goal) - point).max() < 1e-8
+        assert abs(info["distance"] - np.linalg.norm(world.simulation.positions()[0, -1] - point)) < 1e-7
+        # The start is that of the seed, whichever the goal.
+        plain, _ = env.reset(seed=3)
+        tip = [o["achieved_goal"] if isinstance(o, dict) else o[env.unwrapped.layout["tip"]] for o in (observation, plain)]
+        assert np.array_equal(*tip)
+        env.step(env.action_space.sample())
+    env = make("Reach2m")
+    env.reset(seed=3)
+    before = env.unwrapped.episodes.task.goal.copy()
+    for options, says in (
+        ({"target": point}, "options has 'target', which Reach does not take; expected 'goal'"),
+        ({"goal": [0.0, 0.0]}, r"options\['goal'\] has shape \(2,\); expected \(3,\)"),
+        ({"goal": [0.0, 0.0, 9.0]}, r"has z = 9 m; expected -0\.150 to 0\.498 m, 2 lengths of the robot from its base"),
+        (point, "expected None, or a dictionary of 'goal'"),
+    ):
+        with pytest.raises(InputError, match=says):
+            env.reset(options=options)
+    assert np.array_equal(env.unwrapped.episodes.task.goal, before)
+    for name in ("Shape2m", "Track2m"):
+        with pytest.raises(InputError, match=f"options has 'goal', which {name[:-2]} does not take; expected none"):
+            make(name).reset(options={"goal": point})
+
+
+def test_pictures_of_a_second_are_steps_of_a_second() -> None:
+    for arguments, fps in (
+        ({}, 25),
+        ({"frame_skip": 10}, 50),
+        ({"frame_skip": 5, "timestep": 0.001}, 200),
+        ({"frame_skip": 7}, 71.428571),
+    ):
+        assert make("Reach2m", dynamics=True, **arguments).metadata["render_fps"] == pytest.approx(fps)
+        assert make("Reach2m", **arguments).metadata["render_fps"] == 25
+    vector = gymnasium.make_vec("tdcr/Reach2m-v0", 2, dynamics=True, frame_skip=4)
+    assert vector.metadata["render_fps"] == 125 and tdcr.envs.TendonRobotEnv.metadata["render_fps"] == 25
+
+
 @pytest.mark.parametrize("wrapped", [False, True])
 def test_environments_pickle(wrapped: bool) -> None:
     robot = tdcr.Robot("2m").with_values({"gain[1]": 400.0})
@@ -363,8 +459,10 @@ def test_environments_pickle(wrapped: bool) -> None:
 
 def test_torchrl_steps_one() -> None:
     pytest.importorskip("torchrl")
-    from torchrl.envs import GymWrapper, check_env_specs
+    from torchrl.envs import GymEnv, GymWrapper, check_env_specs
 
+    # It probes for keywords of other environments, and wants a TypeError.
+    assert GymEnv("tdcr/ReachGoal2m-v0", frame_skip=2).rollout(3)["next", "reward"].shape == (3, 1)
     env = GymWrapper(make("Reach2m", observation="tip"))
     check_env_specs(env)
     rollout = env.rollout(5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 import signal
 import warnings
@@ -23,8 +24,13 @@ import tdcr.envs  # noqa: E402
 MODES = ["NextStep", "SameStep", "Disabled"]
 RANDOM = {"gain[0]": (300.0, 700.0), "payload": (0.0, 0.02)}
 
-DIVERGING = {"timestep": 0.3, "frame_skip": 2, "randomise": {f"damping[{m}]": (0.01, 0.2) for m in range(2)}}
-"""Motions that diverge for some robots."""
+DIVERGING = {
+    "timestep": 0.1,
+    "frame_skip": 5,
+    "rate": 1.0,
+    "randomise": {f"damping[{m}]": (0.0, 1e-6) for m in range(2)},
+}
+"""Motions that diverge for some robots: without damping they swing ever faster, from where small motions would not grow."""
 
 
 @pytest.fixture(autouse=True)
@@ -214,6 +220,50 @@ def test_vectors_run_in_child_processes(method: str) -> None:
 
 def _call(function: Any) -> Any:
     return function()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_copies_go_on_in_mid_episode_to_the_last_bit(mode: str) -> None:
+    env = vector("ReachGoal2m", 3, autoreset_mode=mode, dynamics=True, episode_length=5, randomise=RANDOM)
+    env.reset(seed=2)
+    for action in actions(3, 3):
+        env.step(action)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    for action in actions(3, 2 if mode == "Disabled" else 12):
+        expected = env.step(action)
+        for one in copies:
+            assert_same(one.step(action), expected)
+
+
+def test_goals_of_a_vector_are_one_for_all_or_one_for_each() -> None:
+    env = vector("ReachGoal2m", 2, autoreset_mode="Disabled")
+    goals = np.array([[0.03, 0.0, 0.3], [0.0, 0.03, 0.31]])
+    world = env.unwrapped.episodes.world
+    for given, expected in ((goals, goals), (goals[0], goals[[0, 0]])):
+        observation, _ = env.reset(seed=0, options={"goal": given})
+        assert np.abs(world.unscaled(observation["desired_goal"]) - expected).max() < 1e-8
+    mask = np.array([False, True])
+    observation, _ = env.reset(options={"goal": goals, "reset_mask": mask})
+    assert np.abs(world.unscaled(observation["desired_goal"]) - goals[[0, 1]]).max() < 1e-8
+    for options, says in (
+        ({"reset_mask": mask, "gaol": goals}, "options has 'gaol', which ReachGoal does not take; expected 'goal', 'reset_mask'"),
+        ({"goal": goals[:, :2]}, r"options\['goal'\] has shape \(2, 2\); expected \(2, 3\)"),
+    ):
+        with pytest.raises(InputError, match=says):
+            env.reset(options=options)
+
+
+def test_most_steps_of_an_episode_are_those_of_gymnasium() -> None:
+    ours = gymnasium.make_vec("tdcr/Reach2m-v0", 2, max_episode_steps=3)
+    theirs = gymnasium.make_vec("tdcr/Reach2m-v0", 2, "sync", max_episode_steps=3)
+    assert_same(ours.reset(seed=1)[0], theirs.reset(seed=1)[0])
+    for action in actions(2, 8):
+        assert_same(ours.step(action)[:4], theirs.step(action)[:4])
+    unlimited = gymnasium.make_vec("tdcr/Reach2m-v0", 2, max_episode_steps=-1, episode_length=2)
+    unlimited.reset(seed=0)
+    assert [unlimited.step(action)[3].all() for action in actions(2, 2)] == [False, True]
+    with pytest.raises(InputError, match="max_episode_steps is 0; expected 1 to"):
+        gymnasium.make_vec("tdcr/Reach2m-v0", 2, max_episode_steps=0)
 
 
 def test_vector_environments_pickle() -> None:

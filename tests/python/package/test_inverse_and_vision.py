@@ -76,7 +76,7 @@ def test_a_path_of_targets_has_no_jumps(robot: tdcr.Robot) -> None:
         ({}, "a target has nothing; expected exactly one of"),
         ({"position": [0.0] * 3, "direction": [0.0, 0.0, 1.0]}, "expected exactly one of"),
         ({"direction": [0.0] * 3}, "the direction of a target is 0"),
-        ({"disc": 10, "position": [0.0] * 3}, "disc of a target is 10; expected 0 to 9"),
+        ({"disc": 10, "position": [0.0] * 3}, "disc of a target is 10; expected -10 to 9"),
     ],
 )
 def test_targets_that_make_no_sense_are_refused(robot: tdcr.Robot, target: dict[str, Any], says: str) -> None:

@@ -114,18 +114,43 @@ def test_a_row_that_diverges_does_not_stop_the_others(robot: package.Robot) -> N
     motions = package.rollout([robot, stiff, robot], commands)
     assert motions.diverged.tolist() == [False, True, False]
     assert list(motions.failures) == [1]
-    assert motions.failures[1].startswith("step ") and "the motion diverged" in motions.failures[1]
-    steps = int(motions.steps[1])
-    assert steps < 30 and np.isfinite(motions[1].positions[:steps]).all()
-    assert np.isnan(motions[1].positions[steps:]).all()
+    # Not one step: small motions about its start would grow.
+    assert motions.failures[1].startswith("steps of 0.002 s are unstable") and motions.steps.tolist() == [30, 0, 30]
+    assert np.isnan(motions[1].positions).all()
     assert np.isfinite(motions.positions[[0, 2]]).all()
     assert np.array_equal(motions.positions[2], package.rollout(robot, commands[2:]).positions[0])
     gradients = package.rollout_vjp([robot, stiff, robot], commands, np.ones((3, 30, 10, 3)))
     assert list(gradients.failures) == [1]
     assert np.isnan(gradients.commands[1]).all() and np.isnan(gradients.payload[1])
     assert np.isfinite(gradients.commands[[0, 2]]).all()
-    with pytest.raises(DynamicsError, match="steps of 0.002 s are unstable"):
-        package.simulate(stiff, commands[1])
+    # One that swings ever faster.
+    undamped = robot.with_values({"damping[0]": 0.0, "damping[1]": 0.0})
+    shaken = np.random.default_rng(3).choice(robot.command_ranges[0], (2, 400, 6))
+    motions = package.rollout([robot, undamped], shaken, dt=0.08, frame_skip=5)
+    assert list(motions.failures) == [1]
+    assert motions.failures[1].startswith("step ") and "the motion diverged" in motions.failures[1]
+    steps = int(motions.steps[1])
+    assert 0 < steps < 400 and np.isfinite(motions[1].positions[:steps]).all()
+    assert np.isnan(motions[1].positions[steps:]).all()
+
+
+def test_time_steps_that_are_too_long_are_refused_everywhere(robot: package.Robot) -> None:
+    (commands,) = ramps(robot, 1, 5)
+    moving = package.MovingRobot(robot, 0.5)
+    refusals: list[Callable[[], Any]] = [
+        lambda: package.simulate(robot, commands, dt=0.5),
+        lambda: package.simulate(robot, commands, dt=0.5, start="settled"),
+        lambda: package.rollout(robot, np.stack([commands] * 3), dt=0.5),
+        lambda: package.rollout(robot, np.stack([commands] * 3), dt=0.5, start=package.State.straight(robot)),
+        lambda: package.rollout_vjp(robot, commands[np.newaxis], np.ones((1, 5, 10, 3)), dt=0.5),
+        lambda: moving.step(commands[0]),
+        lambda: moving.reset(commands[0]),
+    ]
+    for refused in refusals:
+        with pytest.raises(DynamicsError, match="steps of 0.5 s are unstable: .* unless they are below 3.4"):
+            refused()
+    # By an implicit integrator small motions never grow.
+    assert package.simulate(robot, commands, dt=0.5, integrator="implicit-euler").times[-1] == 2.5
 
 
 def unit(quaternions: np.ndarray) -> np.ndarray:

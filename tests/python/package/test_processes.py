@@ -90,5 +90,5 @@ def test_an_exception_of_the_progress_callback_ends_the_call() -> None:
 
 @pytest.mark.parametrize("count", [0, 5000])
 def test_a_number_of_threads_that_makes_no_sense_is_refused(count: int) -> None:
-    with pytest.raises(ValueError, match=f"{count} threads; expected 1 to 1024"):
+    with pytest.raises(ValueError, match=f"count is {count}; expected 1 to 1024"):
         tdcr.set_threads(count)

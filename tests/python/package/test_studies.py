@@ -81,7 +81,7 @@ def test_what_is_wrong_is_named(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with pytest.raises(InputError, match=r"`want\[0\]` is \"tips\"; expected one of tip"):
         tdcr.study({"want": ["tips"]}, out)
-    with pytest.raises(InputError, match="numbers, text, lists and dictionaries"):
+    with pytest.raises(InputError, match="want is {1, 2}; expected numbers, texts, lists and dictionaries"):
         tdcr.study({"want": {1, 2}}, out)
     with pytest.raises(InputError, match="cannot read study"):
         tdcr.study(tmp_path / "absent.toml", out)
