@@ -1,12 +1,14 @@
 //! Equilibria, one or by rows.
 
+use std::f64::consts::TAU;
+
 use nalgebra::UnitQuaternion;
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use tdcr::sim::chain::Configuration;
 use tdcr::sim::robot::Command;
-use tdcr::sim::statics::{Equilibrium, Memory, Stability};
+use tdcr::sim::statics::{Equilibrium, Examined, Growth, Memory, Stability};
 
 use crate::arrays::{
     Tape, array, contiguous, flat_points, flat_quaternions, quaternions, write_points,
@@ -117,6 +119,8 @@ pub struct EquilibriumRows {
     iterations: Py<PyArray1<u32>>,
     converged: Py<PyArray1<bool>>,
     stability: Py<PyArray1<u8>>,
+    examined: Py<PyArray1<u8>>,
+    growth: Py<PyArray2<f64>>,
 }
 
 /// The numbers of [`EquilibriumRows`], before they are arrays.
@@ -132,6 +136,8 @@ pub struct Numbers {
     iterations: Vec<u32>,
     converged: Vec<bool>,
     stability: Vec<u8>,
+    examined: Vec<u8>,
+    growth: Vec<f64>,
 }
 
 /// Where the numbers of one row go.
@@ -145,6 +151,8 @@ pub struct Row<'a> {
     iterations: &'a mut u32,
     converged: &'a mut bool,
     stability: &'a mut u8,
+    examined: &'a mut u8,
+    growth: &'a mut [f64; 2],
 }
 
 impl Numbers {
@@ -161,6 +169,8 @@ impl Numbers {
             iterations: vec![0; rows],
             converged: vec![false; rows],
             stability: vec![0; rows],
+            examined: vec![0; rows],
+            growth: vec![0.0; 2 * rows],
         }
     }
 
@@ -174,12 +184,14 @@ impl Numbers {
         let joints = self.configuration.chunks_exact_mut(4 * n);
         let solved = self.residual.iter_mut().zip(&mut self.iterations);
         let state = self.converged.iter_mut().zip(&mut self.stability);
+        let growth = self.growth.as_chunks_mut::<2>().0.iter_mut();
+        let state = state.zip(self.examined.iter_mut().zip(growth));
         (places.zip(turns).zip(joints))
             .zip(solved.zip(state))
             .map(
                 |(
                     ((positions, quaternions), configuration),
-                    ((residual, iterations), (converged, stability)),
+                    ((residual, iterations), ((converged, stability), (examined, growth))),
                 )| {
                     let (length, rest) = std::mem::take(&mut lengths).split_at_mut(t);
                     lengths = rest;
@@ -195,6 +207,8 @@ impl Numbers {
                         iterations,
                         converged,
                         stability,
+                        examined,
+                        growth,
                     }
                 },
             )
@@ -213,12 +227,14 @@ impl Numbers {
             iterations: array(py, self.iterations, [rows])?.unbind(),
             converged: array(py, self.converged, [rows])?.unbind(),
             stability: array(py, self.stability, [rows])?.unbind(),
+            examined: array(py, self.examined, [rows])?.unbind(),
+            growth: array(py, self.growth, [rows, 2])?.unbind(),
         })
     }
 }
 
-/// An equilibrium: positions, quaternions, configuration, lengths, tensions, residual, iterations, whether it converged, and
-/// the code of its stability.
+/// An equilibrium: positions, quaternions, configuration, lengths, tensions, residual, iterations, whether it converged,
+/// the codes of its stability and of what was examined, and the fastest growth.
 type One<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
@@ -229,6 +245,8 @@ type One<'py> = (
     usize,
     bool,
     u8,
+    u8,
+    Bound<'py, PyArray1<f64>>,
 );
 
 /// One equilibrium as arrays, without the first axis of [`EquilibriumRows`].
@@ -250,8 +268,17 @@ fn one<'py>(py: Python<'py>, equilibrium: &Equilibrium) -> PyResult<One<'py>> {
         equilibrium.residual,
         equilibrium.iterations,
         equilibrium.converged,
-        code(equilibrium.stability),
+        code(&STABILITY, equilibrium.stability),
+        code(&EXAMINED, equilibrium.examined),
+        PyArray1::from_slice(py, &growth_numbers(equilibrium.growth)),
     ))
+}
+
+/// Its rate (1/s) and frequency (Hz); zeros for none.
+fn growth_numbers(growth: Option<Growth>) -> [f64; 2] {
+    growth.map_or([0.0; 2], |growth| {
+        [growth.rate, growth.angular_frequency / TAU]
+    })
 }
 
 impl Row<'_> {
@@ -264,20 +291,31 @@ impl Row<'_> {
         *self.residual = equilibrium.residual;
         *self.iterations = u32::try_from(equilibrium.iterations).unwrap_or(u32::MAX);
         *self.converged = equilibrium.converged;
-        *self.stability = code(equilibrium.stability);
+        *self.stability = code(&STABILITY, equilibrium.stability);
+        *self.examined = code(&EXAMINED, equilibrium.examined);
+        *self.growth = growth_numbers(equilibrium.growth);
     }
 }
 
 /// Kinds of stability, by their codes in arrays: the names are `STABILITY` of `tdcr.statics`.
-const STABILITY: [Option<Stability>; 4] = [
+const STABILITY: [Option<Stability>; 5] = [
     None,
     Some(Stability::Stable),
     Some(Stability::Neutral),
     Some(Stability::Unstable),
+    Some(Stability::Flutter),
 ];
 
-fn code(stability: Option<Stability>) -> u8 {
-    let place = STABILITY.iter().position(|known| *known == stability);
+/// What is examined, by its codes: the names are `EXAMINED`.
+const EXAMINED: [Option<Examined>; 4] = [
+    None,
+    Some(Examined::Energy),
+    Some(Examined::Motion),
+    Some(Examined::Statics),
+];
+
+fn code<T: PartialEq>(kinds: &[T], kind: T) -> u8 {
+    let place = kinds.iter().position(|known| *known == kind);
     place
         .and_then(|place| u8::try_from(place).ok())
         .unwrap_or(0)
@@ -286,7 +324,16 @@ fn code(stability: Option<Stability>) -> u8 {
 /// Numbers of a settler's memory, for [`read_memory`].
 pub fn write_memory(memory: &Memory, out: &mut Vec<f64>) {
     let at = &memory.equilibrium;
-    out.extend([f64::from(at.converged), f64::from(code(at.stability))]);
+    out.extend([
+        f64::from(at.converged),
+        f64::from(code(&STABILITY, at.stability)),
+    ]);
+    out.push(f64::from(code(&EXAMINED, at.examined)));
+    let growth = at.growth.map_or([0.0; 3], |growth| {
+        let without = f64::from(growth.without_damping);
+        [growth.rate, growth.angular_frequency, without]
+    });
+    out.extend(growth);
     out.extend([at.residual, at.iterations as f64]);
     out.extend(flat_quaternions(&at.configuration.0));
     out.extend(flat_points(&at.positions));
@@ -300,10 +347,18 @@ pub fn write_memory(memory: &Memory, out: &mut Vec<f64>) {
 pub fn read_memory(robot: &tdcr::sim::robot::Robot, tape: &mut Tape<'_>) -> Memory {
     let (n, t) = (robot.discs().len(), robot.tendons().len());
     let (converged, stability) = (tape.number() == 1.0, tape.number());
+    let examined = tape.number();
+    let growth = Growth {
+        rate: tape.number(),
+        angular_frequency: tape.number(),
+        without_damping: tape.number() == 1.0,
+    };
     Memory {
         equilibrium: Equilibrium {
             converged,
             stability: STABILITY.get(stability as usize).copied().flatten(),
+            examined: EXAMINED.get(examined as usize).copied().flatten(),
+            growth: (growth.rate > 0.0).then_some(growth),
             residual: tape.number(),
             iterations: tape.number() as usize,
             configuration: Configuration(tape.quaternions(n)),

@@ -140,8 +140,9 @@ class Loads:
 # Robots, commands, loads, payloads, wrenches.
 _Rows = tuple[list[Robot], _Floats, list[Loads], _Floats | None, _Floats | None]
 
-# Positions, quaternions, configuration, lengths, tensions, residual, iterations, whether it converged, code of the stability.
-_One = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, float, int, bool, int]
+# Positions, quaternions, configuration, lengths, tensions, residual, iterations, whether it converged, codes of the stability and of
+# what was examined, fastest growth.
+_One = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, float, int, bool, int, int, _Floats]
 
 @final
 class EquilibriumRows:
@@ -163,6 +164,10 @@ class EquilibriumRows:
     def converged(self) -> NDArray[np.bool_]: ...
     @property
     def stability(self) -> NDArray[np.uint8]: ...
+    @property
+    def examined(self) -> NDArray[np.uint8]: ...
+    @property
+    def growth(self) -> NDArray[np.float64]: ...
 
 @final
 class Settler:

@@ -16,8 +16,10 @@ from tdcr.errors import NotSettledError
 from tdcr.loads import NO_LOADS, LoadRows, Loads, native_loads, one_load
 from tdcr.robot import Robot, RobotLike, as_robot, as_robots
 
-STABILITY = ("unknown", "stable", "neutral", "unstable")
+STABILITY = ("unknown", "stable", "neutral", "unstable", "flutter")
 """Names of the codes of :attr:`Equilibria.stability`."""
+EXAMINED = ("unknown", "energy", "motion", "statics")
+"""Names of the codes of :attr:`Equilibria.examined`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,7 +35,13 @@ class Equilibrium(Result):
         residual: Largest moment that is not balanced at a joint (N m).
         iterations: Newton steps taken.
         converged: Whether this is an equilibrium that is not unstable. Look at it before you use the rest.
-        stability: ``"stable"``, ``"neutral"``, ``"unstable"``, or ``"unknown"`` where there is no equilibrium.
+        stability: ``"stable"``, ``"neutral"``, ``"unstable"``, ``"flutter"`` (under moments or forces that turn with their disc:
+            small motions swing ever wider), or ``"unknown"`` where there is no equilibrium.
+        examined: What that was told from: ``"energy"`` (its second derivative), ``"motion"`` (the linearised motion, with the
+            robot's own inertia and damping, under loads without a potential), ``"statics"`` (under such loads the Jacobian of
+            the moments alone, for the robot cannot move), or ``"unknown"``.
+        growth: Rate of the small motion that grows fastest (1/s) and its frequency (Hz), shape (2,): zeros where none was
+            found, or not looked for.
     """
 
     positions: Floats
@@ -45,10 +53,12 @@ class Equilibrium(Result):
     iterations: int
     converged: bool
     stability: str
+    examined: str
+    growth: Floats
 
     @classmethod
     def _of(cls, found: _tdcr._One) -> Equilibrium:
-        return cls(*found[:8], STABILITY[found[8]])
+        return cls(*found[:8], STABILITY[found[8]], EXAMINED[found[9]], found[10])
 
     @property
     def tip(self) -> Floats:
@@ -90,6 +100,8 @@ class Equilibria(Batch):
         iterations: Shape (rows,).
         converged: Shape (rows,). Rows that have not converged are here too: look before you use them.
         stability: Shape (rows,): index into :data:`STABILITY`.
+        examined: Shape (rows,): index into :data:`EXAMINED`.
+        growth: Shape (rows, 2).
     """
 
     positions: Floats
@@ -101,6 +113,8 @@ class Equilibria(Batch):
     iterations: NDArray[np.uint32]
     converged: NDArray[np.bool_]
     stability: NDArray[np.uint8]
+    examined: NDArray[np.uint8]
+    growth: Floats
 
     _by_rows = (
         "positions",
@@ -112,6 +126,8 @@ class Equilibria(Batch):
         "iterations",
         "converged",
         "stability",
+        "examined",
+        "growth",
     )
 
     @classmethod
@@ -147,6 +163,8 @@ class Equilibria(Batch):
             int(self.iterations[row]),
             bool(self.converged[row]),
             STABILITY[self.stability[row]],
+            EXAMINED[self.examined[row]],
+            self.growth[row],
         )
 
 

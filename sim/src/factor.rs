@@ -19,13 +19,17 @@
 )]
 
 mod contact;
+mod held;
+mod krylov;
 mod loaded;
 mod softest;
 mod unsymmetric;
 
 pub(crate) use contact::{ContactLu, Inflow};
-pub(crate) use loaded::{LoadedFactor, has_positive_part};
-pub(crate) use softest::smallest_eigenvalue;
+pub(crate) use held::HeldLengths;
+pub(crate) use krylov::{Arnoldi, dot, probe};
+pub(crate) use loaded::{LoadedFactor, LoadedMatrix};
+pub(crate) use softest::{smallest_eigenvalue, smallest_real_part};
 pub(crate) use unsymmetric::{ChainLu, ChainMatrix, Side};
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
@@ -71,7 +75,7 @@ pub(crate) struct Factor {
     /// The pivot that first was not positive, from the tip: its joint, and the eigenvector of its
     /// smallest eigenvalue.
     negative: Option<(usize, Vector3<f64>)>,
-    /// Smallest pivot of the positive ones' scalar factorisations (N m/rad).
+    /// Lower bound of the eigenvalues of the positive pivots (N m/rad).
     smallest: f64,
     /// Largest trace of a pivot (N m/rad).
     largest: f64,
@@ -212,7 +216,10 @@ impl Factor {
     /// all eigenvalues raised by the margin.
     pub fn definiteness(&mut self, expansion: &Expansion, resolution: f64) -> Definiteness {
         let curvature = self.curvature();
-        if curvature == Curvature::Positive && self.smallest > resolution.max(MARGIN * self.largest)
+        // The smallest pivot may exceed the smallest eigenvalue by as much as there are turns, where the mode is spread evenly.
+        let turns = 3.0 * self.pivots.len() as f64;
+        if curvature == Curvature::Positive
+            && self.smallest > turns * resolution.max(MARGIN * self.largest)
         {
             return Definiteness::Positive;
         }
@@ -353,7 +360,8 @@ impl Factor {
 }
 
 /// Inverse of a symmetric matrix, by its factors `L D L'` (Golub and Van Loan, Matrix Computations, ch. 4.1), if it
-/// is positive definite beyond rounding; also the smallest entry of `D`.
+/// is positive definite beyond rounding; also a lower bound of its eigenvalues. (The entries of `D` bound them from above alone: along
+/// a mode that is aslant to the axes by little, none of them need be small.)
 fn invert_positive(m: &Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
     let (a, b, c) = (m[(0, 0)], m[(0, 1)], m[(0, 2)]);
     let (d, e, f) = (m[(1, 1)], m[(1, 2)], m[(2, 2)]);
@@ -371,6 +379,9 @@ fn invert_positive(m: &Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
         return None;
     }
     let third = 1.0 / third_pivot;
+    // Two eigenvalues are at most the square of their mean, and what they leave of the determinant is the third.
+    let mean = 0.5 * (a + d + f);
+    let smallest = (a / mean) * (second_pivot / mean) * third_pivot;
     // Rows of the inverse of `L`: (1), (-l10, 1), (r, -l21, 1).
     let r = l10 * l21 - l20;
     let (zx, zy) = (r * third, -l21 * third);
@@ -378,7 +389,7 @@ fn invert_positive(m: &Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
     let xx = first - l10 * (-l10 * second) + r * zx;
     Some((
         Matrix3::new(xx, yx, zx, yx, yy, zy, zx, zy, third),
-        a.min(second_pivot).min(third_pivot),
+        smallest,
     ))
 }
 

@@ -196,6 +196,10 @@ fn what_converges_is_stable_or_said_to_be_neutral() {
                 assert_eq!(failure, Some(NotSettled::Unstable), "{message}");
                 2
             }
+            Some(Stability::Flutter) => {
+                assert!(matches!(failure, Some(NotSettled::Flutter(_))), "{message}");
+                2
+            }
             None => {
                 let left = matches!(failure, Some(NotSettled::Moments { .. }));
                 assert!(left && settled.residual.is_finite(), "{message}");

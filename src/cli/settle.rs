@@ -1,5 +1,6 @@
 //! `tdcr settle`.
 
+use std::f64::consts::TAU;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -14,7 +15,7 @@ use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Axis, Command, Loads, Parameter, Robot};
 use tdcr::sim::sensitivity::SensitivityError;
-use tdcr::sim::statics::{Equilibrium, Settler, Stability};
+use tdcr::sim::statics::{Equilibrium, Examined, Growth, Settler, Stability};
 
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsSaid};
@@ -79,11 +80,35 @@ struct Settled {
     iterations: usize,
     smallest_stiffness: f64,
     converged: bool,
-    /// `stable`, `neutral` or `unstable`; null if the robot did not settle.
+    /// `stable`, `neutral`, `unstable` or `flutter`; null where this is no equilibrium.
     stability: Option<Stability>,
+    /// What that was told from: `energy`, `motion` or `statics`.
+    examined: Option<Examined>,
+    /// The small motion that grows fastest, where one does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    growth: Option<GrowthSaid>,
     /// Where asked for, and the robot has settled.
     #[serde(skip_serializing_if = "Option::is_none")]
     tip_compliance: Option<Compliance>,
+}
+
+#[derive(Serialize)]
+struct GrowthSaid {
+    /// 1/s.
+    rate: f64,
+    /// Hz; 0 where the robot leaves without swinging.
+    frequency: f64,
+    without_damping: bool,
+}
+
+impl From<Growth> for GrowthSaid {
+    fn from(growth: Growth) -> Self {
+        Self {
+            rate: growth.rate,
+            frequency: growth.angular_frequency / TAU,
+            without_damping: growth.without_damping,
+        }
+    }
 }
 
 /// How the tip disc moves by what acts on it, world frame. Rows: its origin along x, y, z (m), its rotation about them
@@ -148,6 +173,8 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         iterations: equilibrium.iterations,
         converged: equilibrium.converged,
         stability: equilibrium.stability,
+        examined: equilibrium.examined,
+        growth: equilibrium.growth.map(GrowthSaid::from),
         tip_compliance,
     };
     console.result(&settled, table)?;
@@ -261,6 +288,7 @@ fn table(settled: &Settled) -> String {
         match settled.stability {
             Some(Stability::Neutral) if settled.converged => "settled (neutral equilibrium)",
             Some(Stability::Unstable) => "NOT settled (unstable equilibrium)",
+            Some(Stability::Flutter) => "NOT settled (flutter)",
             _ if settled.converged => "settled",
             _ => "NOT settled",
         },
@@ -268,6 +296,27 @@ fn table(settled: &Settled) -> String {
         settled.residual,
         settled.smallest_stiffness
     );
+    if let Some(said) = settled
+        .examined
+        .and_then(|examined| said_of(examined, settled.stability))
+    {
+        let _ = writeln!(text, "{said}");
+    }
+    if let Some(growth) = &settled.growth {
+        let _ = writeln!(
+            text,
+            "small motions grow by {:.3e} 1/s{}{}",
+            growth.rate,
+            match growth.frequency {
+                0.0 => String::new(),
+                frequency => format!(", swinging at {frequency:.4} Hz"),
+            },
+            match growth.without_damping {
+                true => "",
+                false => "; without the robot's damping none would",
+            }
+        );
+    }
     if let Some(compliance) = &settled.tip_compliance {
         text.push_str(
             "\ntip by            Fx (N)     Fy (N)     Fz (N)   Mx (N m)   My (N m)   Mz (N m)\n",
@@ -289,4 +338,21 @@ fn table(settled: &Settled) -> String {
         }
     }
     text
+}
+
+/// What the kind of an equilibrium under loads without a potential was told from.
+fn said_of(examined: Examined, stability: Option<Stability>) -> Option<&'static str> {
+    match examined {
+        Examined::Energy => None,
+        Examined::Motion => Some(
+            "the loads have no potential: small motions were examined, with the robot's own inertia and damping",
+        ),
+        Examined::Statics if stability == Some(Stability::Unstable) => {
+            Some("the loads have no potential: their moments alone make the robot leave")
+        }
+        Examined::Statics => Some(
+            "the loads have no potential, and the robot cannot move (a joint without inertia, or an imposed length): its \
+             Jacobian alone was examined, and with inertia it might flutter",
+        ),
+    }
 }

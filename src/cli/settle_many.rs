@@ -10,7 +10,7 @@ use serde_json::Value;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Command, Loads, Robot};
-use tdcr::sim::statics::{Equilibrium, Settler};
+use tdcr::sim::statics::{Equilibrium, Examined, Settler, Stability};
 
 use super::commands::{Row, read_commands};
 use super::console::{Console, Interrupted};
@@ -48,6 +48,9 @@ struct Settled {
     residual: f64,
     iterations: usize,
     converged: bool,
+    /// As of `tdcr settle` with one command.
+    stability: Option<Stability>,
+    examined: Option<Examined>,
 }
 
 impl Settled {
@@ -65,6 +68,8 @@ impl Settled {
             residual: settled.residual,
             iterations: settled.iterations,
             converged: settled.converged,
+            stability: settled.stability,
+            examined: settled.examined,
         }
     }
 }
@@ -177,6 +182,8 @@ fn csv(robot: &Robot, settled: &[Settled]) -> String {
             "residual (N m)",
             "iterations",
             "converged",
+            "stability",
+            "examined",
         ]
         .map(str::to_owned),
     );
@@ -193,7 +200,13 @@ fn csv(robot: &Robot, settled: &[Settled]) -> String {
             // Writing to a string cannot fail.
             let _ = write!(text, "{number:?},");
         }
-        let _ = writeln!(text, "{},{}", row.iterations, row.converged);
+        let stability = row.stability.map_or("", Stability::name);
+        let examined = row.examined.map_or("", Examined::name);
+        let _ = writeln!(
+            text,
+            "{},{},{stability},{examined}",
+            row.iterations, row.converged
+        );
     }
     text
 }
@@ -209,7 +222,11 @@ fn for_people(table: &Table) -> String {
             "{number:7} {x:10.6} {y:10.6} {z:10.6}   {:14.1e}   {:28.3e}{}",
             row.residual,
             row.smallest_stiffness,
-            if row.converged { "" } else { "   NOT settled" }
+            match row.stability {
+                _ if row.converged => "",
+                Some(Stability::Flutter) => "   NOT settled (flutter)",
+                _ => "   NOT settled",
+            }
         );
     }
     text

@@ -19,6 +19,7 @@ pub(super) fn units(robot: &Robot) -> Value {
         "tendon_tensions": "N",
         "residual": "N m",
         "smallest_stiffness": "N m/rad",
+        "growth": "rate 1/s, frequency Hz",
         "tip_compliance": "rows m, m, m, rad, rad, rad by columns N, N, N, N m, N m, N m",
     })
 }

@@ -9,7 +9,7 @@ use tdcr_sim::chain::Configuration;
 use tdcr_sim::pose::ToolFrame;
 use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::sensitivity::Sensitivity;
-use tdcr_sim::statics::{Equilibrium, Settler, Stability};
+use tdcr_sim::statics::{Equilibrium, Examined, Settler, Stability};
 
 use super::hysteresis::TipLoop;
 use super::table::Cell;
@@ -74,16 +74,16 @@ impl Settled<'_> {
                     .potential_energy(self.command, self.loads, self.equilibrium)])
             }
             Want::Stability => {
-                let said = match self.equilibrium.stability {
-                    Some(Stability::Stable) => "stable",
-                    Some(Stability::Neutral) => "neutral",
-                    Some(Stability::Unstable) => "unstable",
-                    None => "",
-                };
+                let said = self.equilibrium.stability.map_or("", Stability::name);
+                let examined = self.equilibrium.examined.map_or("", Examined::name);
                 let stiffness =
                     self.robot
                         .smallest_stiffness(self.command, self.loads, self.equilibrium);
-                vec![Cell::Text(said.to_owned()), Cell::Number(stiffness)]
+                vec![
+                    Cell::Text(said.to_owned()),
+                    Cell::Text(examined.to_owned()),
+                    Cell::Number(stiffness),
+                ]
             }
             Want::Compliance => {
                 let axes = derivatives

@@ -111,6 +111,7 @@ impl Want {
             Self::Energy => vec![number("energy", "J")],
             Self::Stability => vec![
                 Column::new("stability", "", Kind::Text),
+                Column::new("examined", "", Kind::Text),
                 number("smallest_stiffness", "N m/rad"),
             ],
             Self::Compliance => vec![

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::{COMMAND, refuse, succeed, succeed_json, text};
+use crate::{COMMAND, refuse, stderr, succeed, succeed_json, tdcr, text};
 
 const OTHER: &str = "0.02,0.02,0.02,0.02,0.02,0.03";
 
@@ -225,5 +225,96 @@ fn a_robot_without_tendons_takes_an_empty_command() {
         &["settle", "--command", ""],
         1,
         "the command has 0 entries; robot `2m` has 6 tendons",
+    );
+}
+
+/// Beck's column: a steel wire of 0.5 m with weak damping of its own, `E I` = 0.0393 N m².
+const COLUMN: &str = r#"
+name = "column"
+gravity = [0, 0, 0]
+routing = "base"
+base = { position = [0.0, 0.0, 0.0], holes = [], hole_height = 0.0 }
+[[modules]]
+discs = 25
+length = 0.5
+joint_below = 0.01
+radius = 0.004
+half_height = 0.0025
+mass = { density = 0.0 }
+holes = []
+damping = 0.0
+armature = 0.0
+rod = { youngs = 5e10, poisson = 0.3, radius = 0.001, density = 7800.0, damping = { bending = 1e-4, torsion = 1e-4 } }
+"#;
+
+/// At 25 `E I / L²` a column flutters under a force that follows its tip, and stands under a weak one: text, JSON and table say it.
+#[test]
+fn a_column_that_flutters_has_not_settled() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = file(folder.path(), "column.toml", COLUMN);
+    let arguments = ["settle", "--robot", text(&robot), "--command=", "--wrench"];
+    let strong = [&arguments[..], &["tip:0,0,-3.92699@disc"]].concat();
+    let output = tdcr(&strong).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let said = stderr(&output);
+    assert!(
+        said.contains("the robot did not settle: it flutters"),
+        "{said}"
+    );
+    let table = String::from_utf8(output.stdout).unwrap();
+    for expected in [
+        "NOT settled (flutter)",
+        "own inertia and damping",
+        "small motions grow by",
+    ] {
+        assert!(table.contains(expected), "{table}");
+    }
+    let output = tdcr(&[&strong[..], &["--json"]].concat()).output().unwrap();
+    let settled: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(settled["stability"], "flutter");
+    assert_eq!(settled["examined"], "motion");
+    assert_eq!(settled["converged"], false);
+    assert!(
+        (number(&settled["growth"]["rate"]) / 26.0 - 1.0).abs() < 0.05,
+        "{settled}"
+    );
+    assert_eq!(settled["growth"]["without_damping"], true);
+    let weak = succeed_json(&[&arguments[..], &["tip:0,0,-0.5@disc"]].concat());
+    assert_eq!(weak["stability"], "stable");
+    assert_eq!(weak["examined"], "motion");
+    assert_eq!(weak["growth"], Value::Null);
+    let held = succeed_json(&[&arguments[..], &["tip:0,0,-0.2"]].concat());
+    assert_eq!(held["examined"], "energy");
+    let commands = file(folder.path(), "commands.csv", "payload\n0\n");
+    let out = folder.path().join("out.csv");
+    let table = [
+        "settle",
+        "--robot",
+        text(&robot),
+        "--commands",
+        text(&commands),
+        "--out",
+        text(&out),
+    ];
+    let output = tdcr(&[&table[..], &["--wrench", "tip:0,0,-3.92699@disc"]].concat())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    let written = fs::read_to_string(&out).unwrap();
+    assert!(
+        written
+            .lines()
+            .next()
+            .unwrap()
+            .ends_with(",stability,examined"),
+        "{written}"
+    );
+    assert!(
+        written
+            .lines()
+            .last()
+            .unwrap()
+            .ends_with(",false,flutter,motion"),
+        "{written}"
     );
 }

@@ -123,6 +123,11 @@ impl EquationsOfMotion {
         }
     }
 
+    /// Leaves out the torques of the state last entered, so that [`EquationsOfMotion::residual`] is `M a + bias` alone.
+    pub fn release(&mut self) {
+        self.torques.fill(Vector3::zeros());
+    }
+
     /// Writes the accelerations in a state, each in its disc's frame (rad/s²), to `out`; `armatures`
     /// may hold implicit damping besides.
     pub fn accelerate(

@@ -28,6 +28,36 @@ pub(super) struct ImplicitMatrix {
     none: Vec<Vector3<f64>>,
 }
 
+/// What mass, damping and stiffness matrix are multiplied by in a sum, and what is added to every joint besides.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Weights {
+    pub mass: f64,
+    pub damping: f64,
+    pub stiffness: f64,
+    pub joints: f64,
+    pub part: Part,
+}
+
+/// Which part of the stiffness matrix is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Part {
+    Whole,
+    Symmetric,
+}
+
+impl Weights {
+    /// `M + d D + k K`.
+    pub fn of_step(damping: f64, stiffness: f64) -> Self {
+        Self {
+            mass: 1.0,
+            damping,
+            stiffness,
+            joints: 0.0,
+            part: Part::Whole,
+        }
+    }
+}
+
 impl ImplicitMatrix {
     pub fn new(robot: &Robot) -> Self {
         let n = robot.discs().len();
@@ -51,8 +81,20 @@ impl ImplicitMatrix {
         command: &[f64],
         [damping, stiffness]: [f64; 2],
     ) -> Option<Curvature> {
+        self.expand(equations, loads, q, command);
+        self.combine(equations, loads, Weights::of_step(damping, stiffness))
+    }
+
+    /// Expands `K` at `q`, where `equations` are: the potential's derivatives, following loads as the dead forces that they are
+    /// here.
+    pub fn expand(
+        &mut self,
+        equations: &EquationsOfMotion,
+        loads: &Loads,
+        q: &Configuration,
+        command: &[f64],
+    ) {
         let posture = &equations.posture;
-        // K: the potential's derivatives, following loads as the dead forces that they are here.
         let mut dead = &equations.forces.dead;
         if loads.wrenches().iter().any(follows) {
             self.dead.clone_from(dead);
@@ -67,23 +109,39 @@ impl ImplicitMatrix {
         };
         potential.expand(q, posture, &mut self.expansion);
         add_moments(loads, 1.0, posture, &mut self.expansion);
+    }
+
+    /// Factorises a sum of mass, damping and stiffness matrix, as the last was expanded; `None` if it cannot be.
+    pub fn combine(
+        &mut self,
+        equations: &EquationsOfMotion,
+        loads: &Loads,
+        weights: Weights,
+    ) -> Option<Curvature> {
+        let posture = &equations.posture;
         // M and D: each disc's inertia about its joint's centre, and what resists the joint.
         let places = equations.links.iter().zip(equations.orientations());
         let blocks = self.bodies.iter_mut().zip(&mut self.joints);
         for ((body, joint), (link, orientation)) in blocks.zip(places) {
-            *body = link.body(orientation).spatial();
-            let armature = Matrix3::identity() * link.armature;
-            *joint = armature + link.damping_matrix(orientation) * damping;
+            *body = link.body(orientation).spatial() * weights.mass;
+            let alike = link.armature * weights.mass + weights.joints;
+            *joint =
+                Matrix3::identity() * alike + link.damping_matrix(orientation) * weights.damping;
         }
         if let Some((tip, orientation)) =
             (self.bodies.last_mut()).zip(equations.orientations().last())
         {
-            *tip += equations.payload.body(orientation).spatial();
+            *tip += equations.payload.body(orientation).spatial() * weights.mass;
         }
-        add_bodies(loads, stiffness, posture, &mut self.bodies);
+        add_bodies(loads, weights.stiffness, posture, &mut self.bodies);
+        if weights.part == Part::Symmetric {
+            for body in &mut self.bodies {
+                *body = (*body + body.transpose()) * 0.5;
+            }
+        }
         self.lu.factorise(&ChainMatrix {
             expansion: &self.expansion,
-            scale: stiffness,
+            scale: weights.stiffness,
             centres: &posture.chain.centres,
             joints: &self.joints,
             bodies: &self.bodies,

@@ -207,7 +207,7 @@ fn wrenches(n: usize, mut three: impl FnMut() -> Vector3<f64>) -> Loads {
 
 #[test]
 fn the_factor_under_following_loads_solves_as_a_dense_factorisation_does() {
-    use crate::factor::{LoadedFactor, Side};
+    use crate::factor::{LoadedFactor, LoadedMatrix, Side};
     use faer::linalg::solvers::Solve;
     let mut rng = ChaCha8Rng::seed_from_u64(16);
     let (mut chains, mut checked) = (0, 0);
@@ -220,7 +220,12 @@ fn the_factor_under_following_loads_solves_as_a_dense_factorisation_does() {
         let loads = wrenches(n, three);
         following::add_moments(&loads, 1.0, &posture, &mut expansion);
         let dense = following::jacobian(&loads, 1.0, &posture, &expansion);
-        let factor = LoadedFactor::new(&loads, 1.0, &posture, &expansion);
+        let factor = LoadedFactor::new(&LoadedMatrix {
+            loads: &loads,
+            share: 1.0,
+            posture: &posture,
+            expansion: &expansion,
+        });
         chains += usize::from(matches!(factor, LoadedFactor::Chain(_)));
         let total = |joint_index: usize| {
             joint[joint_index] + disc[joint_index..].iter().sum::<Vector3<f64>>()

@@ -14,7 +14,17 @@ use crate::tendon::Posture;
 /// Error of a solution, as a share of the right-hand side, from which the elimination does not count as accurate.
 const INACCURATE: f64 = 1e-9;
 
-/// Factors of the Jacobian of the moments on the joints: that of [`following::jacobian`].
+/// The Jacobian of the moments on the joints under `share` of the loads, whose moments are in the gradient of `expansion`: that
+/// of [`following::jacobian`].
+#[derive(Clone, Copy)]
+pub(crate) struct LoadedMatrix<'a> {
+    pub loads: &'a Loads,
+    pub share: f64,
+    pub posture: &'a Posture,
+    pub expansion: &'a Expansion,
+}
+
+/// Factors of a [`LoadedMatrix`].
 #[derive(Clone, Debug)]
 pub(crate) enum LoadedFactor {
     /// By elimination along the chain.
@@ -23,23 +33,98 @@ pub(crate) enum LoadedFactor {
     Dense(Box<PartialPivLu<f64>>),
 }
 
-impl LoadedFactor {
-    /// Factorises the Jacobian under `share` of the loads, whose moments are in the gradient of `expansion`.
-    pub fn new(loads: &Loads, share: f64, posture: &Posture, expansion: &Expansion) -> Self {
-        let n = expansion.joint_blocks.len();
-        let mut bodies = vec![Matrix6::zeros(); n];
-        following::add_bodies(loads, share, posture, &mut bodies);
-        let matrix = ChainMatrix {
-            expansion,
+impl LoadedMatrix<'_> {
+    pub fn joints(&self) -> usize {
+        self.expansion.joint_blocks.len()
+    }
+
+    /// Size of the Hessian's blocks and of those that the loads add (N m/rad), from above.
+    pub fn scale(&self) -> f64 {
+        let centres = &self.posture.chain.centres;
+        let bodies = self.bodies();
+        let sizes = bodies.iter().zip(centres).map(|(body, centre)| {
+            let (turn, force) = (body.fixed_view::<3, 3>(0, 0), body.fixed_view::<3, 3>(3, 0));
+            turn.norm() + force.norm() * (centre - centres[0]).norm()
+        });
+        self.expansion.scale() + sizes.sum::<f64>()
+    }
+
+    fn bodies(&self) -> Vec<Matrix6<f64>> {
+        let mut bodies = vec![Matrix6::zeros(); self.joints()];
+        following::add_bodies(self.loads, self.share, self.posture, &mut bodies);
+        bodies
+    }
+
+    fn factorise(
+        &self,
+        bodies: &[Matrix6<f64>],
+        stiffness: f64,
+        lu: &mut ChainLu,
+    ) -> Option<Curvature> {
+        lu.factorise(&ChainMatrix {
+            expansion: self.expansion,
             scale: 1.0,
-            centres: &posture.chain.centres,
-            joints: &vec![Matrix3::zeros(); n],
-            bodies: &bodies,
-        };
-        let mut lu = Box::new(ChainLu::new(expansion));
-        if lu.factorise(&matrix).is_some() && is_accurate(&lu, loads, share, posture, expansion) {
-            return Self::Chain(lu);
+            centres: &self.posture.chain.centres,
+            joints: &vec![Matrix3::identity() * stiffness; self.joints()],
+            bodies,
+        })
+    }
+
+    /// Its factors with `stiffness` (N m/rad) added to every joint, in O(n); `None` where the elimination without exchange of
+    /// rows is not accurate.
+    pub fn chain_lu(&self, stiffness: f64) -> Option<ChainLu> {
+        let mut lu = ChainLu::new(self.expansion);
+        self.factorise(&self.bodies(), stiffness, &mut lu)?;
+        self.is_accurate(stiffness, &lu).then_some(lu)
+    }
+
+    /// Whether a solution with the factors, multiplied by the matrix, gives its right-hand side.
+    fn is_accurate(&self, stiffness: f64, lu: &ChainLu) -> bool {
+        // A right-hand side without symmetries.
+        let probe = |joint: usize| Vector3::new(1.0, -0.6, 0.3) * (1.0 + (joint as f64).sin());
+        let rhs: Vec<_> = (0..self.joints()).map(probe).collect();
+        let none = vec![Vector3::zeros(); self.joints()];
+        let (mut solution, mut product) = (none.clone(), none.clone());
+        lu.solve(&rhs, &none, Side::Matrix, &mut solution);
+        self.expansion.product(&solution, &mut product);
+        following::add_product(
+            self.loads,
+            self.share,
+            self.posture,
+            &solution,
+            &mut product,
+        );
+        let found = product
+            .iter()
+            .zip(&solution)
+            .map(|(p, s)| p + s * stiffness);
+        // Not a number is not below.
+        (found.zip(&rhs)).all(|(found, wanted)| (found - wanted).norm() < INACCURATE)
+    }
+
+    /// Whether the symmetric part has no eigenvalue below `margin` (N m/rad): then the real parts of the matrix's own are above
+    /// it, too (Bendixson; Horn and Johnson, Topics in Matrix Analysis, 1991, ch. 1.2). Takes O(n).
+    pub fn has_positive_part(&self, margin: f64) -> bool {
+        let mut bodies = self.bodies();
+        for body in &mut bodies {
+            *body = (*body + body.transpose()) * 0.5;
         }
+        let mut lu = ChainLu::new(self.expansion);
+        self.factorise(&bodies, -margin, &mut lu) == Some(Curvature::Positive)
+    }
+}
+
+impl LoadedFactor {
+    pub fn new(matrix: &LoadedMatrix) -> Self {
+        if let Some(lu) = matrix.chain_lu(0.0) {
+            return Self::Chain(Box::new(lu));
+        }
+        let LoadedMatrix {
+            loads,
+            share,
+            posture,
+            expansion,
+        } = *matrix;
         let dense = following::jacobian(loads, share, posture, expansion);
         Self::Dense(Box::new(dense.partial_piv_lu()))
     }
@@ -73,49 +158,4 @@ impl LoadedFactor {
             }
         }
     }
-}
-
-/// Whether a solution with the factors, multiplied by the matrix, gives its right-hand side.
-fn is_accurate(
-    lu: &ChainLu,
-    loads: &Loads,
-    share: f64,
-    posture: &Posture,
-    expansion: &Expansion,
-) -> bool {
-    let n = expansion.joint_blocks.len();
-    // A right-hand side without symmetries.
-    let probe = |joint: usize| Vector3::new(1.0, -0.6, 0.3) * (1.0 + (joint as f64).sin());
-    let rhs: Vec<_> = (0..n).map(probe).collect();
-    let none = vec![Vector3::zeros(); n];
-    let (mut solution, mut product) = (none.clone(), none.clone());
-    lu.solve(&rhs, &none, Side::Matrix, &mut solution);
-    expansion.product(&solution, &mut product);
-    following::add_product(loads, share, posture, &solution, &mut product);
-    // Not a number is not below.
-    (product.iter().zip(&rhs)).all(|(found, wanted)| (found - wanted).norm() < INACCURATE)
-}
-
-/// Whether the symmetric part of the Jacobian has no eigenvalue below `margin` (N m/rad): then the real parts of the
-/// Jacobian's own are above it, too (Bendixson; Horn and Johnson, Topics in Matrix Analysis, 1991, ch. 1.2). Takes O(n).
-pub(crate) fn has_positive_part(
-    loads: &Loads,
-    posture: &Posture,
-    expansion: &Expansion,
-    margin: f64,
-) -> bool {
-    let n = expansion.joint_blocks.len();
-    let mut bodies = vec![Matrix6::zeros(); n];
-    following::add_bodies(loads, 1.0, posture, &mut bodies);
-    for body in &mut bodies {
-        *body = (*body + body.transpose()) * 0.5;
-    }
-    let matrix = ChainMatrix {
-        expansion,
-        scale: 1.0,
-        centres: &posture.chain.centres,
-        joints: &vec![Matrix3::identity() * -margin; n],
-        bodies: &bodies,
-    };
-    ChainLu::new(expansion).factorise(&matrix) == Some(Curvature::Positive)
 }

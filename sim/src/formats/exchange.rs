@@ -58,6 +58,35 @@ impl fmt::Display for Place {
     }
 }
 
+/// The first number below zero.
+pub(crate) fn negative(numbers: &[f64]) -> Option<f64> {
+    numbers.iter().copied().find(|number| *number < 0.0)
+}
+
+/// Share of a moment of inertia that is rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// Refuses moments of inertia about principal axes (kg m²) that no body has: each is 0 or above, and at most the sum of the
+/// others (Goldstein, Classical Mechanics, ch. 5).
+pub(crate) fn is_inertia(moments: [f64; 3]) -> Result<(), String> {
+    if let Some(moment) = negative(&moments) {
+        return Err(format!(
+            "a moment of inertia is {moment}; expected 0 or above"
+        ));
+    }
+    let (sum, largest) = (
+        moments.iter().sum::<f64>(),
+        moments.into_iter().fold(0.0, f64::max),
+    );
+    if largest > (sum - largest) * (1.0 + ROUNDING) {
+        let [a, b, c] = moments;
+        return Err(format!(
+            "the moments of inertia are {a}, {b}, {c}; expected none above the sum of the others"
+        ));
+    }
+    Ok(())
+}
+
 /// Why a file of another tool was not read as a robot.
 #[non_exhaustive]
 #[derive(Debug, Error)]

@@ -36,6 +36,7 @@ pub mod urdf;
 mod xml;
 
 pub use exchange::{ExportError, ImportError, Imported, Note, Place};
+pub(crate) use exchange::{is_inertia, negative};
 pub(crate) use layout::{DiscLayout, DiscMass, Layout, ring_around};
 pub use load::RobotFileError;
 pub use missing::MissingFields;

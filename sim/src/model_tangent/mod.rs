@@ -157,6 +157,28 @@ impl ModelTangent {
             + numbers(&self.armature, &other.armature)
     }
 
+    /// Derivative by `parameter` of `robot` under `loads` of the cost that this is the cotangent of: the product with
+    /// [`ModelTangent::new`], which of parameters that change few numbers is not formed.
+    ///
+    /// # Errors
+    /// [`ParameterError`] for one that the robot does not have.
+    pub fn by(
+        &self,
+        robot: &Robot,
+        loads: &Loads,
+        parameter: Parameter,
+    ) -> Result<f64, ParameterError> {
+        check(robot.spec(), parameter)?;
+        Ok(match parameter {
+            Parameter::Command(tendon) => self.command[tendon],
+            Parameter::Force(disc, axis) => self.at_origin[disc].dot(&axis.unit()),
+            Parameter::Moment(disc, axis) => self.moments[disc].dot(&axis.unit()),
+            Parameter::Gain(tendon) => self.stiffness[tendon] * series(robot, tendon).0,
+            Parameter::AxialStiffness(tendon) => self.stiffness[tendon] * series(robot, tendon).1,
+            _ => Self::new(robot, loads, parameter)?.dot(self),
+        })
+    }
+
     /// The tangent for `parameter` of `robot` under `loads`.
     ///
     /// # Errors

@@ -32,7 +32,7 @@ use nalgebra::{DMatrix, Vector3};
 use thiserror::Error;
 
 use crate::energy::{DeadForces, Expansion, Potential, following};
-use crate::factor::{Curvature, Factor, LoadedFactor, Side};
+use crate::factor::{Curvature, Factor, LoadedFactor, LoadedMatrix, Side};
 use crate::model_tangent::{Expanded, ModelTangent, pull_back_centres};
 pub use crate::pose::PoseTangent;
 use crate::pose::levers;
@@ -108,7 +108,7 @@ impl Robot {
         loads: &Loads,
         equilibrium: &Equilibrium,
     ) -> Result<Sensitivity, SensitivityError> {
-        if equilibrium.stability == Some(Stability::Unstable) {
+        if let Some(Stability::Unstable | Stability::Flutter) = equilibrium.stability {
             return Err(SensitivityError::Unstable);
         }
         if !equilibrium.converged {
@@ -163,7 +163,12 @@ impl Sensitivity {
 
     fn factorise(&mut self) -> Result<(), SensitivityError> {
         if self.loads.wrenches().iter().any(following::follows) {
-            let factor = LoadedFactor::new(&self.loads, 1.0, &self.posture, &self.expansion);
+            let factor = LoadedFactor::new(&LoadedMatrix {
+                loads: &self.loads,
+                share: 1.0,
+                posture: &self.posture,
+                expansion: &self.expansion,
+            });
             self.system = System::Loaded(Box::new(factor));
             return Ok(());
         }
@@ -380,9 +385,7 @@ impl Sensitivity {
         for (tendon, weight) in held {
             model.command[tendon] -= weight;
         }
-        let cost = |&parameter: &Parameter| {
-            Ok(ModelTangent::new(&self.robot, &self.loads, parameter)?.dot(&model))
-        };
+        let cost = |&parameter: &Parameter| Ok(model.by(&self.robot, &self.loads, parameter)?);
         parameters.iter().map(cost).collect()
     }
 

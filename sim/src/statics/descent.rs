@@ -8,7 +8,7 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::Vector3;
 
-use super::Stability;
+use super::stability::{Stability, Verdict};
 use super::tolerance::moment_tolerance;
 use crate::chain::{Configuration, turned};
 use crate::energy::{Expansion, Potential};
@@ -58,10 +58,10 @@ pub(super) struct Prediction {
 }
 
 /// How a descent ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum End {
     /// In an equilibrium of this kind.
-    AtRest(Stability),
+    AtRest(Verdict),
     /// At a residual above the tolerance.
     Stalled,
 }
@@ -69,7 +69,12 @@ pub(super) enum End {
 impl End {
     /// Whether the end is an equilibrium that is not unstable.
     pub fn is_settled(self) -> bool {
-        matches!(self, Self::AtRest(Stability::Stable | Stability::Neutral))
+        match self {
+            Self::AtRest(verdict) => {
+                matches!(verdict.stability, Stability::Stable | Stability::Neutral)
+            }
+            Self::Stalled => false,
+        }
     }
 }
 
@@ -244,7 +249,7 @@ impl System for Minimisation<'_> {
         (self.potential).expand(configuration, posture, &mut descent.expansion);
         descent.factor.factorise(&descent.expansion, 0.0);
         self.end = if descent.expansion.residual() <= descent.tolerance {
-            End::AtRest(descent.stability(self.potential))
+            End::AtRest(Verdict::of_energy(descent.stability(self.potential)))
         } else {
             End::Stalled
         };

@@ -6,10 +6,11 @@
 use nalgebra::Vector3;
 
 use super::descent::{Descent, End};
-use super::stability::under_loads;
+use super::stability::Verdict;
+use crate::dynamics::SmallMotionRates;
 use crate::energy::following::{add_forces, add_moments};
 use crate::energy::{DeadForces, Expansion, Potential};
-use crate::factor::{LoadedFactor, Side};
+use crate::factor::{LoadedFactor, LoadedMatrix, Side};
 use crate::robot::{Loads, Robot};
 use crate::solve::{Continuation, Iterate, System, newton};
 
@@ -21,14 +22,15 @@ const MAX_TURN: f64 = 0.3;
 const ENOUGH: f64 = 1e-4;
 
 /// Applies the loads without a potential by continuation, from the equilibrium without them where
-/// `descent` stands. `dead` holds the dead forces, and on return also the following ones. Returns how that
-/// ended, and the Newton steps taken.
+/// `descent` stands. `dead` holds the dead forces, and on return also the following ones; `motion` is of a robot that can move.
+/// Returns how that ended, and the Newton steps taken.
 pub(super) fn apply_following(
     descent: &mut Descent,
     robot: &Robot,
     command: &[f64],
     dead: &mut DeadForces,
     loads: &Loads,
+    motion: Option<&mut SmallMotionRates>,
 ) -> (End, usize) {
     let weight = dead.clone();
     let mut settled = descent.iterate.configuration.clone();
@@ -60,9 +62,8 @@ pub(super) fn apply_following(
             return (End::Stalled, iterations);
         }
     }
-    let (posture, expansion) = (&descent.iterate.posture, &descent.expansion);
-    let stability = under_loads(loads, posture, expansion, descent.tolerance);
-    (End::AtRest(stability), iterations)
+    let verdict = Verdict::under_loads(descent, command, loads, motion);
+    (End::AtRest(verdict), iterations)
 }
 
 /// The moments on the joints under a share of the loads.
@@ -126,7 +127,12 @@ impl System for FollowingLoads<'_> {
         let Descent {
             iterate, expansion, ..
         } = &mut *self.descent;
-        let factor = LoadedFactor::new(self.loads, self.share, &iterate.posture, expansion);
+        let factor = LoadedFactor::new(&LoadedMatrix {
+            loads: self.loads,
+            share: self.share,
+            posture: &iterate.posture,
+            expansion,
+        });
         let (joint, disc) = (&expansion.joint_gradient, &expansion.disc_gradient);
         factor.solve(joint, disc, Side::Matrix, &mut iterate.step);
         iterate.step.iter_mut().for_each(|turn| *turn = -*turn);

@@ -10,7 +10,7 @@
 //! [`Settler::settle_from`] starts elsewhere.
 //!
 //! Bends that keep the tendon lengths have almost no stiffness, so upright straight poses are unstable. Results say whether
-//! they converged, with which residual, and whether the equilibrium is stable, neutral or unstable.
+//! they converged, with which residual, and whether the equilibrium is stable, neutral or unstable, or flutters.
 //!
 //! A commanded length is a spring whose rest length is corrected by Newton's method on the tensions, so that gains, lengths
 //! and tensions share one potential. Moments, and forces that turn with their disc, have none: they are applied by
@@ -25,9 +25,10 @@ mod stability;
 mod sweep;
 mod tolerance;
 
+pub use crate::dynamics::Growth;
 pub use memory::Memory;
 pub use settler::Settler;
-pub use stability::{NotSettled, Stability};
+pub use stability::{Examined, NotSettled, Stability};
 pub use sweep::Sweep;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -64,14 +65,17 @@ pub struct Equilibrium {
     pub residual: f64,
     /// Newton steps taken, those of continuation included.
     pub iterations: usize,
-    /// Whether this is an equilibrium that is not unstable: the residual is within
-    /// [`Robot::moment_tolerance`], commanded lengths within [`Robot::length_tolerance`], and no
-    /// eigenvalue of the Hessian (with moments and following forces: no real part of one of the
-    /// Jacobian) below zero.
+    /// Whether this is an equilibrium that a robot stays in: the residual is within
+    /// [`Robot::moment_tolerance`], commanded lengths within [`Robot::length_tolerance`], and the equilibrium is
+    /// stable or neutral.
     pub converged: bool,
     /// What kind of equilibrium this is; `None` where the residual is above the tolerance, and on paths with
     /// friction.
     pub stability: Option<Stability>,
+    /// What that was told from; `None` where nothing is said of it.
+    pub examined: Option<Examined>,
+    /// The small motion that grows fastest, where the motion was examined and one grows.
+    pub growth: Option<Growth>,
 }
 
 impl Equilibrium {
@@ -107,6 +111,8 @@ impl Equilibrium {
             iterations: 0,
             converged: false,
             stability: None,
+            examined: None,
+            growth: None,
         }
     }
 

@@ -4,6 +4,7 @@ use super::Equilibrium;
 use super::descent::{Descent, End};
 use super::following::apply_following;
 use crate::chain::Configuration;
+use crate::dynamics::SmallMotionRates;
 use crate::energy::following::follows;
 use crate::energy::{DeadForces, Potential};
 use crate::robot::{Command, Drive, Loads, Robot, Tendon};
@@ -42,6 +43,8 @@ pub struct Settler {
     /// without loads.
     moment_tolerance: f64,
     length_tolerance: f64,
+    /// Under loads without a potential, of a robot that can move.
+    motion: Option<Box<SmallMotionRates>>,
     pub(super) equilibrium: Equilibrium,
 }
 
@@ -56,6 +59,7 @@ impl Settler {
             descent,
             dead: DeadForces::new(robot),
             command: vec![0.0; robot.tendons().len()],
+            motion: None,
             equilibrium: Equilibrium::unsettled(robot),
         }
     }
@@ -157,8 +161,12 @@ impl Settler {
             return self.descend();
         }
         self.dead.set(&self.robot, loads);
+        if self.motion.is_none() {
+            self.motion = SmallMotionRates::new(&self.robot).ok().map(Box::new);
+        }
         let (descent, dead) = (&mut self.descent, &mut self.dead);
-        apply_following(descent, &self.robot, &self.command, dead, loads)
+        let motion = self.motion.as_deref_mut();
+        apply_following(descent, &self.robot, &self.command, dead, loads, motion)
     }
 
     /// Corrects the rest lengths of the tendons whose length is commanded until they have it, by Newton's
@@ -257,10 +265,13 @@ impl Settler {
             .copy_from_slice(&descent.expansion.tensions);
         out.residual = descent.expansion.residual();
         out.iterations = iterations;
-        out.stability = match end {
-            End::AtRest(stability) if out.is_finite() => Some(stability),
+        let verdict = match end {
+            End::AtRest(verdict) if out.is_finite() => Some(verdict),
             _ => None,
         };
+        out.stability = verdict.map(|verdict| verdict.stability);
+        out.examined = verdict.map(|verdict| verdict.examined);
+        out.growth = verdict.and_then(|verdict| verdict.growth);
         out.converged = end.is_settled() && out.stability.is_some();
         &self.equilibrium
     }
@@ -284,7 +295,7 @@ mod tests {
             let command = robot.random_command(&mut rng);
             let direct = settler.settle(&command, &Loads::default()).positions[14];
             let (end, _) = settler.continue_from_mean(&command);
-            assert_eq!(end, End::AtRest(Stability::Stable));
+            assert!(matches!(end, End::AtRest(verdict) if verdict.stability == Stability::Stable));
             assert!(settler.descent.expansion.residual() <= TOLERANCE);
             let apart = (settler.descent.iterate.posture.chain.positions[14] - direct).norm();
             elsewhere += usize::from(apart > 1e-7);

@@ -6,38 +6,88 @@
 //! (Nocedal and Wright, Numerical Optimization, ch. 12.5), with the tensions as multipliers. The
 //! descent asks more: its Hessian is that of the augmented Lagrangian, the same on these turns.
 //!
+//! Where loads have no potential, no energy decides: a column that a force follows stands until two of its modes meet in
+//! one frequency, and then swings ever wider (Beck, Zeitschrift fuer angewandte Mathematik und Physik 3, 1952). There the
+//! linearised motion is examined ([`SmallMotionRates`]), with the robot's own inertia and damping; of robots that cannot move the
+//! Jacobian alone.
+//!
 //! [`Factor::definiteness`]: crate::factor::Factor::definiteness
 
-use faer::{Mat, Side};
 use serde::Serialize;
 use thiserror::Error;
 
 use super::Equilibrium;
 use super::descent::Descent;
-use crate::energy::following::{add_forces, add_moments, follows, jacobian};
+use crate::dynamics::{Growth, SmallMotion, SmallMotionRates};
+use crate::energy::following::{add_forces, add_moments, follows};
 use crate::energy::{DeadForces, Expansion, Potential};
-use crate::factor::{Definiteness, MARGIN, has_positive_part, smallest_eigenvalue};
+use crate::factor::{
+    Definiteness, HeldLengths, LoadedMatrix, MARGIN, smallest_eigenvalue, smallest_real_part,
+};
 use crate::robot::{Command, Drive, Loads, Pull, Robot, Tendon};
 use crate::tendon::Posture;
 
 /// Stretch, as a share of a tendon's length, that is not told from none.
 const SLACK_ROUNDING: f64 = 1e-12;
-/// Gradients of commanded lengths below this share of the largest are dependent on the others.
-const DEPENDENT: f64 = 1e-10;
+/// Stiffness (N m/rad) that the moments left on the joints may feign, for each N m of the largest and each joint: a robot that
+/// turns freely about an axis has a mode without stiffness, whose eigenvalue is what the residual makes of it.
+const OF_RESIDUAL: f64 = 10.0;
 
 /// What kind of equilibrium a robot is in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stability {
     /// The energy rises in every direction: its Hessian is positive definite. With moments or forces
-    /// that turn with their disc: the real parts of the Jacobian's eigenvalues are positive.
+    /// that turn with their disc: no small motion grows, and none goes without resistance.
     Stable,
     /// The energy falls in no direction to second order, but does not rise in every one: slack tendons
-    /// leave discs without weight where they are put, and joints without torsion turn freely. Also
-    /// where a tendon is just about to go slack and would have to stay taut for the robot to be stable.
+    /// leave discs without weight where they are put, joints without torsion turn freely, and so does a bent robot that is
+    /// alike about its axis. Also where a tendon is just about to go slack and would have to stay taut for the robot to be
+    /// stable. With loads without a potential: no small motion grows, but one meets no resistance.
     Neutral,
-    /// The energy falls in some direction: a saddle, which the least push makes the robot leave.
+    /// The energy falls in some direction: a saddle, which the least push makes the robot leave. With loads without a
+    /// potential: it leaves without swinging (divergence).
     Unstable,
+    /// Under loads without a potential, small oscillations grow.
+    Flutter,
+}
+
+/// What the kind of an equilibrium was told from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Examined {
+    /// The second derivative of the potential energy. It decides whatever inertia and damping the robot has.
+    Energy,
+    /// The linearised motion under loads without a potential, with the robot's own inertia and damping. Of robots of more
+    /// than ten discs the slowest rates, and those that a force could make grow; not all.
+    Motion,
+    /// The real parts of the eigenvalues of the moments' Jacobian under loads without a potential: whether the robot would stay
+    /// there if it moved slowly. It has a joint without inertia, or a tendon whose length is imposed, so that its motion is not
+    /// defined; with inertia it might flutter.
+    Statics,
+}
+
+impl Stability {
+    /// Its name in tables and files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stable => "stable",
+            Self::Neutral => "neutral",
+            Self::Unstable => "unstable",
+            Self::Flutter => "flutter",
+        }
+    }
+}
+
+impl Examined {
+    /// Its name in tables and files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Energy => "energy",
+            Self::Motion => "motion",
+            Self::Statics => "statics",
+        }
+    }
 }
 
 /// Why an equilibrium counts as not converged.
@@ -49,6 +99,13 @@ pub enum NotSettled {
         "the robot did not settle: it balances in an unstable equilibrium, which the least push makes it leave"
     )]
     Unstable,
+    /// An equilibrium about which oscillations grow.
+    #[error(
+        "the robot did not settle: it flutters under loads that turn with it or are moments; small motions about the \
+         equilibrium swing at {:.4} Hz and grow by {:.3e} 1/s{}", .0.angular_frequency / std::f64::consts::TAU, .0.rate,
+        by_damping(.0)
+    )]
+    Flutter(Growth),
     /// A commanded length that the tendon does not reach.
     #[error(
         "the robot did not settle: tendon {tendon} is {length} m long where {commanded} m are commanded"
@@ -73,6 +130,14 @@ pub enum NotSettled {
     },
 }
 
+/// That flutter is one that damping brings about.
+fn by_damping(growth: &Growth) -> &'static str {
+    match growth.without_damping {
+        true => "",
+        false => "; they would not without the robot's damping",
+    }
+}
+
 impl Equilibrium {
     /// Why the robot did not settle; `None` where it did.
     ///
@@ -84,6 +149,9 @@ impl Equilibrium {
         }
         if self.stability == Some(Stability::Unstable) {
             return Some(NotSettled::Unstable);
+        }
+        if let (Some(Stability::Flutter), Some(growth)) = (self.stability, self.growth) {
+            return Some(NotSettled::Flutter(growth));
         }
         let tolerance = robot.moment_tolerance();
         let off = |t: &usize| {
@@ -131,7 +199,14 @@ impl Descent {
     }
 
     fn definiteness(&mut self) -> Definiteness {
-        self.factor.definiteness(&self.expansion, self.tolerance)
+        let resolution = self.resolution();
+        self.factor.definiteness(&self.expansion, resolution)
+    }
+
+    /// A stiffness (N m/rad) that is not told from zero.
+    fn resolution(&self) -> f64 {
+        let joints = self.expansion.joint_blocks.len() as f64;
+        (self.tolerance).max(OF_RESIDUAL * joints * self.expansion.residual())
     }
 
     /// Whether a tendon is just about to go slack: it has stiffness on one side only.
@@ -166,38 +241,73 @@ impl Descent {
     }
 }
 
-/// What kind of equilibrium one under loads without a potential is; a stiffness up to `resolution` (N m/rad) is not told
-/// from zero. Takes O(n) where the symmetric part of the Jacobian is positive definite, otherwise O(n³) for its eigenvalues.
-pub(super) fn under_loads(
-    loads: &Loads,
-    posture: &Posture,
-    expansion: &Expansion,
-    resolution: f64,
-) -> Stability {
-    let margin = resolution.max(MARGIN * expansion.scale());
-    if has_positive_part(loads, posture, expansion, margin) {
-        return Stability::Stable;
+/// The kind of an equilibrium, and what it was told from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Verdict {
+    pub stability: Stability,
+    pub examined: Examined,
+    pub growth: Option<Growth>,
+}
+
+impl Verdict {
+    pub fn of_energy(stability: Stability) -> Self {
+        Self {
+            stability,
+            examined: Examined::Energy,
+            growth: None,
+        }
     }
-    let smallest = smallest_real_part(&jacobian(loads, 1.0, posture, expansion));
-    if smallest > margin {
-        Stability::Stable
-    } else if smallest >= -margin {
-        Stability::Neutral
-    } else {
-        Stability::Unstable
+
+    /// That where a descent stands under loads without a potential, `motion` being of a robot that can move.
+    pub fn under_loads(
+        descent: &Descent,
+        command: &[f64],
+        loads: &Loads,
+        motion: Option<&mut SmallMotionRates>,
+    ) -> Self {
+        let expansion = &descent.expansion;
+        let margin = descent.resolution().max(MARGIN * expansion.scale());
+        let q = &descent.iterate.configuration;
+        let found = motion.and_then(|motion| motion.examine(q, command, loads, margin));
+        let (stability, growth) = match found {
+            None => {
+                let matrix = LoadedMatrix {
+                    loads,
+                    share: 1.0,
+                    posture: &descent.iterate.posture,
+                    expansion,
+                };
+                return Self {
+                    stability: of_jacobian(&matrix, margin),
+                    examined: Examined::Statics,
+                    growth: None,
+                };
+            }
+            Some(SmallMotion::Bounded) => (Stability::Stable, None),
+            Some(SmallMotion::Drifts) => (Stability::Neutral, None),
+            Some(SmallMotion::Grows(growth)) if growth.angular_frequency == 0.0 => {
+                (Stability::Unstable, Some(growth))
+            }
+            Some(SmallMotion::Grows(growth)) => (Stability::Flutter, Some(growth)),
+        };
+        Self {
+            stability,
+            examined: Examined::Motion,
+            growth,
+        }
     }
 }
 
-/// Smallest real part of an eigenvalue; `NaN` if it cannot be computed.
-fn smallest_real_part(matrix: &Mat<f64>) -> f64 {
-    let Ok(values) = matrix.eigenvalues() else {
-        return f64::NAN;
-    };
-    let real = values.iter().map(|value| value.re);
-    real.fold(f64::INFINITY, |smallest, value| {
-        // Not `min`: a NaN must not get lost.
-        if smallest <= value { smallest } else { value }
-    })
+/// By the real parts of the Jacobian's eigenvalues, those up to `margin` (N m/rad) not told from zero. Takes O(n).
+fn of_jacobian(matrix: &LoadedMatrix, margin: f64) -> Stability {
+    if matrix.has_positive_part(margin) {
+        return Stability::Stable;
+    }
+    match smallest_real_part(matrix, &HeldLengths::default()) {
+        Some(smallest) if smallest > margin => Stability::Stable,
+        Some(smallest) if smallest >= -margin => Stability::Neutral,
+        _ => Stability::Unstable,
+    }
 }
 
 impl Robot {
@@ -208,8 +318,10 @@ impl Robot {
     /// stable equilibrium, infinite where commanded lengths leave the joints no freedom, `NaN` if it
     /// cannot be computed.
     ///
-    /// The tensions of the tendons whose length is commanded are those of the equilibrium. Takes O(n) but for commanded lengths
-    /// and for moments or forces that turn with their disc, which take O(n³).
+    /// The tensions of the tendons whose length is commanded are those of the equilibrium. Takes O(n) for each step of an iteration
+    /// that takes 10 to 100. With moments or forces that turn with their disc its error is 1e-9 of the Jacobian's size, and up to
+    /// a percent of the figure where such loads are so large that the eigenvalues are ill-conditioned: it says how stiff the robot is,
+    /// and [`Equilibrium::stability`] whether it stays.
     ///
     /// # Panics
     /// As [`Robot::settle`], or if the equilibrium is of a robot with other numbers of discs or tendons.
@@ -219,34 +331,42 @@ impl Robot {
         loads: &Loads,
         equilibrium: &Equilibrium,
     ) -> f64 {
-        let (posture, expansion) = self.expanded(command, loads, equilibrium);
-        let held = |t: &usize| {
-            self.tendons()[*t].holds_length() && !equilibrium.is_slack(*t, &self.tendons()[*t])
+        let held: Vec<bool> = (self.tendons().iter().enumerate())
+            .map(|(t, tendon)| tendon.holds_length() && !equilibrium.is_slack(t, tendon))
+            .collect();
+        let (posture, expansion) = self.expanded(command, loads, equilibrium, &held);
+        let columns = match held.contains(&true) {
+            true => expansion.dense_columns(),
+            false => Vec::new(),
         };
-        let held: Vec<usize> = (0..self.tendons().len()).filter(held).collect();
-        let symmetric = !loads.wrenches().iter().any(follows);
-        if symmetric && held.is_empty() {
-            return smallest_eigenvalue(&expansion).unwrap_or(f64::NAN);
-        }
-        let stiffness = jacobian(loads, 1.0, &posture, &expansion);
-        let Some(reduced) = reduce(stiffness, &expansion, &held) else {
+        let gradients: Vec<&[_]> = (columns.iter().zip(&held))
+            .filter_map(|((_, slopes), held)| held.then_some(slopes.as_slice()))
+            .collect();
+        let Some(lengths) = HeldLengths::new(&gradients) else {
             return f64::NAN;
         };
-        if reduced.nrows() == 0 {
-            return f64::INFINITY;
-        }
-        match symmetric {
-            true => smallest_of_dense(&reduced),
-            false => smallest_real_part(&reduced),
-        }
+        let smallest = if loads.wrenches().iter().any(follows) {
+            let matrix = LoadedMatrix {
+                loads,
+                share: 1.0,
+                posture: &posture,
+                expansion: &expansion,
+            };
+            smallest_real_part(&matrix, &lengths)
+        } else {
+            smallest_eigenvalue(&expansion, &lengths)
+        };
+        smallest.unwrap_or(f64::NAN)
     }
 
-    /// The potential's expansion in an equilibrium, with the tensions of held tendons.
+    /// The potential's expansion in an equilibrium, with the tensions of held tendons and springs along them, which resist no turn
+    /// that keeps their lengths.
     fn expanded(
         &self,
         command: &Command,
         loads: &Loads,
         equilibrium: &Equilibrium,
+        held: &[bool],
     ) -> (Posture, Expansion) {
         let mut posture = Posture::new(self);
         posture.place(self, &equilibrium.configuration);
@@ -263,6 +383,7 @@ impl Robot {
         for (t, tendon) in self.tendons().iter().enumerate() {
             if tendon.holds_length() {
                 tensions[t] = equilibrium.tendon_tensions[t];
+                expansion.weights[t] = if held[t] { tendon.spring() } else { 0.0 };
             } else {
                 let state = tendon.state(posture.lengths[t], command.as_slice()[t]);
                 (tensions[t], expansion.weights[t]) = (state.tension, state.stiffness);
@@ -280,86 +401,149 @@ impl Robot {
     }
 }
 
-/// Smallest eigenvalue of a symmetric matrix; `NaN` if it cannot be computed.
-fn smallest_of_dense(matrix: &Mat<f64>) -> f64 {
-    let eigenvalues = matrix.self_adjoint_eigenvalues(Side::Lower);
-    eigenvalues.map_or(f64::NAN, |values| values[0])
-}
-
-/// A matrix `3 n x 3 n` by the joints' turns on those turns that keep the lengths of the tendons
-/// `held`, in an orthonormal basis of them; `None` if there is no such basis for numbers that are not
-/// finite.
-fn reduce(matrix: Mat<f64>, expansion: &Expansion, held: &[usize]) -> Option<Mat<f64>> {
-    if held.is_empty() {
-        return Some(matrix);
-    }
-    let columns = expansion.dense_columns();
-    let gradients = Mat::from_fn(matrix.nrows(), held.len(), |row, column| {
-        columns[held[column]].1[row / 3][row % 3]
-    });
-    let svd = gradients.svd().ok()?;
-    let sizes = svd.S().column_vector();
-    let count = gradients.ncols().min(gradients.nrows());
-    let rank = (0..count)
-        .filter(|&i| sizes[i] > DEPENDENT * sizes[0])
-        .count();
-    let free = svd.U().subcols(rank, matrix.nrows() - rank);
-    Some(free.transpose() * &matrix * free)
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+    use faer::{Mat, Side};
     use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
     use crate::chain::Configuration;
-    use crate::robot::RobotSpec;
+    use crate::energy::following::jacobian;
+    use crate::robot::{Drive, Frame, RobotSpec, Wrench};
+
+    /// A standard robot with so many modules, under a command some way from its mean.
+    fn bent_robot(name: &str, modules: usize, share: f64, held: bool) -> (Robot, Command) {
+        let mut spec = RobotSpec::standard(name).unwrap();
+        let last = spec.modules[spec.modules.len() - 1].clone();
+        spec.modules.resize(modules, last);
+        let free = Robot::new(spec.clone()).unwrap();
+        let values: Vec<f64> = (free.tendons().iter().enumerate())
+            .map(|(t, tendon)| {
+                let [low, high] = tendon.range;
+                let part = 0.5 + share * (1.7 * t as f64 + share).sin();
+                low + (high - low) * part.clamp(0.0, 1.0)
+            })
+            .collect();
+        let command = free.command(&values).unwrap();
+        if !held {
+            return (free, command);
+        }
+        let lengths = free.settle(&command, &Loads::default()).tendon_lengths;
+        for tendons in spec.modules.iter_mut().flat_map(|m| &mut m.tendons) {
+            (tendons.drive, tendons.range) = (Drive::Length, [0.0, 10.0]);
+        }
+        let robot = Robot::new(spec).unwrap();
+        let command = robot.command(&lengths).unwrap();
+        (robot, command)
+    }
+
+    /// The Jacobian, dense, on an orthonormal basis of the turns that keep the lengths of the tendons that hold them.
+    fn reduced(robot: &Robot, loads: &Loads, posture: &Posture, expansion: &Expansion) -> Mat<f64> {
+        let dense = jacobian(loads, 1.0, posture, expansion);
+        let held: Vec<usize> = (0..robot.tendons().len())
+            .filter(|t| robot.tendons()[*t].holds_length())
+            .collect();
+        if held.is_empty() {
+            return dense;
+        }
+        let columns = expansion.dense_columns();
+        let gradients = Mat::from_fn(dense.nrows(), held.len(), |row, column| {
+            columns[held[column]].1[row / 3][row % 3]
+        });
+        let svd = gradients.svd().unwrap();
+        let free = svd.U().subcols(held.len(), dense.nrows() - held.len());
+        free.transpose() * &dense * free
+    }
 
     /// Poses from straight to strongly bent, in equilibrium or not: the Hessian is positive definite in some and not in others.
     #[test]
     fn the_smallest_stiffness_in_o_n_is_that_of_the_dense_hessian() {
         let mut signs = [0; 2];
         for (name, modules) in [("2m", 1), ("2m", 2), ("5m", 5), ("5m", 12)] {
-            let mut spec = RobotSpec::standard(name).unwrap();
-            let last = spec.modules[spec.modules.len() - 1].clone();
-            spec.modules.resize(modules, last);
-            let robot = Robot::new(spec).unwrap();
             for (place, payload) in [0.0, 0.03, 0.5, 20.0].into_iter().enumerate() {
                 let share = 0.2 * place as f64;
-                let values: Vec<f64> = (robot.tendons().iter().enumerate())
-                    .map(|(t, tendon)| {
-                        let [low, high] = tendon.range;
-                        let part = 0.5 + share * (1.7 * t as f64 + share).sin();
-                        low + (high - low) * part.clamp(0.0, 1.0)
-                    })
-                    .collect();
-                let command = robot.command(&values).unwrap();
-                let loads = Loads::payload(payload).unwrap();
-                let settled = robot.settle(&command, &loads);
-                let bent = (0..robot.discs().len()).map(|disc| {
-                    let turn = Vector3::new(0.3, -0.2, 0.1) * (share * (disc as f64).cos());
-                    UnitQuaternion::from_scaled_axis(turn)
-                });
-                let thrown = Equilibrium {
-                    configuration: Configuration(bent.collect()),
-                    ..settled.clone()
-                };
-                for pose in [&settled, &thrown] {
-                    let (posture, expansion) = robot.expanded(&command, &loads, pose);
-                    let dense = jacobian(&loads, 1.0, &posture, &expansion);
-                    let expected = smallest_of_dense(&dense);
-                    let found = robot.smallest_stiffness(&command, &loads, pose);
-                    let rounding = 1e-12 * expansion.scale();
+                for held in [false, true] {
+                    let (robot, command) = bent_robot(name, modules, share, held);
+                    let loads = Loads::payload(payload).unwrap();
+                    let settled = robot.settle(&command, &loads);
+                    // Tendons that hold lengths which cannot be held pull without bounds.
+                    if held && !settled.converged {
+                        continue;
+                    }
+                    let bent = (0..robot.discs().len()).map(|disc| {
+                        let turn = Vector3::new(0.3, -0.2, 0.1) * (share * (disc as f64).cos());
+                        UnitQuaternion::from_scaled_axis(turn)
+                    });
+                    let thrown = Equilibrium {
+                        configuration: Configuration(bent.collect()),
+                        ..settled.clone()
+                    };
+                    for pose in [&settled, &thrown] {
+                        let taut = vec![held; robot.tendons().len()];
+                        let (posture, expansion) = robot.expanded(&command, &loads, pose, &taut);
+                        let dense = reduced(&robot, &loads, &posture, &expansion);
+                        let expected = dense.self_adjoint_eigenvalues(Side::Lower).unwrap()[0];
+                        let found = robot.smallest_stiffness(&command, &loads, pose);
+                        // Tensions of held tendons are known to what their springs resolve.
+                        let share = if held { 1e-6 } else { 1e-9 };
+                        let rounding = 1e-12 * expansion.scale();
+                        assert!(
+                            (found - expected).abs() <= share * expected.abs() + rounding,
+                            "{name}, {modules} modules, {payload} kg, {held}: {found:e}, not {expected:e}"
+                        );
+                        signs[usize::from(expected > 0.0)] += 1;
+                    }
+                }
+            }
+        }
+        assert!(signs.iter().all(|count| *count > 3), "{signs:?}");
+    }
+
+    /// The same under moments and forces that turn with their disc, from weak to strong.
+    #[test]
+    fn the_smallest_stiffness_under_following_loads_is_that_of_the_dense_jacobian() {
+        let mut signs = [0; 2];
+        for (name, modules) in [("2m", 1), ("2m", 2), ("5m", 5), ("5m", 12)] {
+            for (place, size) in [1e-3, 0.05, 0.5].into_iter().enumerate() {
+                for (frame, held) in [
+                    (Frame::World, false),
+                    (Frame::Disc, false),
+                    (Frame::Disc, true),
+                ] {
+                    let share = 0.2 * place as f64;
+                    let (robot, command) = bent_robot(name, modules, share, held);
+                    let n = robot.discs().len();
+                    let tip = Wrench {
+                        force: [0.3 * size, size, -4.0 * size],
+                        moment: [0.02 * size, 0.1 * size, 0.05 * size],
+                        ..Wrench::none(n - 1, frame)
+                    };
+                    let middle = Wrench {
+                        moment: [0.1 * size, 0.0, 0.0],
+                        ..Wrench::none(n / 2, Frame::World)
+                    };
+                    let loads = Loads::default().with_wrench(tip).unwrap();
+                    let loads = loads.with_wrench(middle).unwrap();
+                    let settled = robot.settle(&command, &loads);
+                    let taut = vec![held; robot.tendons().len()];
+                    let (posture, expansion) = robot.expanded(&command, &loads, &settled, &taut);
+                    let dense = reduced(&robot, &loads, &posture, &expansion);
+                    let values = dense.eigenvalues().unwrap();
+                    let expected = values
+                        .iter()
+                        .fold(f64::INFINITY, |least, value| least.min(value.re));
+                    let found = robot.smallest_stiffness(&command, &loads, &settled);
+                    let rounding = 1e-9 * expansion.scale();
                     assert!(
-                        (found - expected).abs() <= 1e-9 * expected.abs() + rounding,
-                        "{name}, {modules} modules, {payload} kg: {found:e}, not {expected:e}"
+                        (found - expected).abs() <= 1e-6 * expected.abs() + rounding,
+                        "{name}, {modules} modules, {size}, {frame:?}, {held}: {found:e}, not {expected:e}"
                     );
                     signs[usize::from(expected > 0.0)] += 1;
                 }
             }
         }
-        assert!(signs.iter().all(|count| *count > 3), "{signs:?}");
+        assert!(signs[1] > 10, "{signs:?}");
     }
 }

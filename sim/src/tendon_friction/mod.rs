@@ -269,6 +269,10 @@ impl FrictionPath {
         (self.state.substeps, self.state.equilibrium.iterations) = (0, 0);
         self.state.equilibrium.converged = true;
         self.state.equilibrium.stability = None;
+        (
+            self.state.equilibrium.examined,
+            self.state.equilibrium.growth,
+        ) = (None, None);
         while let Some(part) = continuation.target() {
             let between = if part == 1.0 {
                 goal.to_vec()

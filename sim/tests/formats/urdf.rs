@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use tdcr_sim::formats::urdf::{export, import_text};
-use tdcr_sim::robot::{Backbone, Limit, PerDisc, Robot, RobotSpec};
+use tdcr_sim::robot::{Backbone, Limit, MassSpec, PerDisc, RigidMass, Robot, RobotSpec};
 
 use crate::{assert_same_chain, random_robot};
 
@@ -87,7 +87,7 @@ fn what_is_no_chain_of_discs_is_named() {
         (
             "<axis xyz=\"0 1 0\"",
             "<axis xyz=\"1 0 0\"",
-            "<joint name=\"disc0_y\">: expected the axes x, y and z",
+            "<joint name=\"disc0_y\">: its axis is 1 0 0; expected the axes x, y and z",
         ),
         (
             "type=\"revolute\"",
@@ -112,4 +112,183 @@ fn what_is_no_chain_of_discs_is_named() {
             .to_string();
         assert!(message.contains(expected), "{message}\nnot\n{expected}");
     }
+}
+
+/// A chain of links on triples of joints, each disc with these elements, each link between with those.
+fn chain(discs: usize, disc: &str, between: &str) -> String {
+    let mut text = String::from("<robot name=\"r\"><link name=\"base\"/>");
+    let mut below = "base".to_owned();
+    for d in 0..discs {
+        for (axis, vector, height) in [
+            ("x", "1 0 0", 0.03),
+            ("y", "0 1 0", 0.0),
+            ("", "0 0 1", 0.0),
+        ] {
+            let (name, own) = (
+                format!("d{d}{axis}"),
+                if axis.is_empty() { disc } else { between },
+            );
+            text += &format!(
+                "<link name=\"{name}\">{own}</link><joint name=\"j{name}\" type=\"continuous\"><parent link=\"{below}\"/>\
+                 <child link=\"{name}\"/><origin xyz=\"0 0 {height}\"/><axis xyz=\"{vector}\"/>\
+                 <dynamics damping=\"0.01\"/></joint>"
+            );
+            below = name;
+        }
+    }
+    text + "</robot>"
+}
+
+const SEEN: &str =
+    "<visual><geometry><cylinder radius=\"0.02\" length=\"0.008\"/></geometry></visual>";
+const HEAVY: &str = "<inertial><mass value=\"0.01\"/><inertia ixx=\"2e-6\" iyy=\"2e-6\" izz=\"3e-6\" ixy=\"0\" ixz=\"0\" \
+                     iyz=\"0\"/></inertial>";
+
+#[test]
+fn links_that_weigh_nothing_are_named_in_a_note() {
+    let imported = import_text(&chain(2, SEEN, "")).unwrap();
+    let notes: Vec<String> = imported.notes.iter().map(ToString::to_string).collect();
+    assert_eq!(notes.len(), 2, "{notes:?}");
+    assert!(
+        notes[1].contains("`d0`, `d1` (links): no mass"),
+        "{notes:?}"
+    );
+    let robot = Robot::new(imported.spec).unwrap();
+    assert!(robot.discs().iter().all(|disc| disc.mass == 0.0));
+    // With masses nothing is said of them, but of moments that only links between joints have.
+    let solid = format!("{SEEN}{HEAVY}");
+    assert_eq!(import_text(&chain(2, &solid, "")).unwrap().notes.len(), 1);
+    let turning = HEAVY.replace("0.01", "1e-9");
+    let notes = import_text(&chain(1, &solid, &turning)).unwrap().notes;
+    assert!(
+        notes[1]
+            .to_string()
+            .contains("`d0x`, `d0y` (links): the moments of inertia"),
+        "{notes:?}"
+    );
+}
+
+#[test]
+fn numbers_that_no_robot_has_are_refused_where_they_stand() {
+    let solid = format!("{SEEN}{HEAVY}");
+    let good = chain(1, &solid, "");
+    import_text(&good).unwrap();
+    for (from, to, expected) in [
+        (
+            "mass value=\"0.01\"",
+            "mass value=\"NaN\"",
+            "<link name=\"d0\">: the mass is NaN; expected finite",
+        ),
+        (
+            "mass value=\"0.01\"",
+            "mass value=\"inf\"",
+            "<link name=\"d0\">: the mass is inf; expected finite",
+        ),
+        (
+            "mass value=\"0.01\"",
+            "mass value=\"-1\"",
+            "<link name=\"d0\">: the mass is -1; expected 0",
+        ),
+        (
+            "ixx=\"2e-6\"",
+            "ixx=\"-2e-6\"",
+            "<link name=\"d0\">: a moment of inertia is -0.000002",
+        ),
+        (
+            "ixx=\"2e-6\"",
+            "ixx=\"6e-6\"",
+            "<link name=\"d0\">: the moments of inertia are 0.000006",
+        ),
+        (
+            "ixy=\"0\"",
+            "ixy=\"nan\"",
+            "<link name=\"d0\">: the inertia is NaN",
+        ),
+        (
+            "radius=\"0.02\"",
+            "radius=\"0\"",
+            "<link name=\"d0\">: the cylinder's radius is 0; expected",
+        ),
+        (
+            "length=\"0.008\"",
+            "length=\"-1\"",
+            "<link name=\"d0\">: the cylinder's length is -1; expected",
+        ),
+        (
+            "damping=\"0.01\"",
+            "damping=\"-0.01\"",
+            "<joint name=\"jd0x\">: the damping is -0.01; expected 0",
+        ),
+        (
+            "damping=\"0.01\"",
+            "damping=\"nan\"",
+            "<joint name=\"jd0x\">: the damping is NaN",
+        ),
+        (
+            "xyz=\"0 0 0.03\"",
+            "xyz=\"0 nan 0.03\"",
+            "<joint name=\"jd0x\">: the origin xyz is NaN",
+        ),
+        (
+            "xyz=\"0 0 0.03\"",
+            "xyz=\"0 0 inf\"",
+            "<joint name=\"jd0x\">: the origin xyz is inf",
+        ),
+        (
+            "xyz=\"1 0 0\"",
+            "xyz=\"2 0 0\"",
+            "<joint name=\"jd0x\">: its axis is 2 0 0; expected",
+        ),
+        (
+            "xyz=\"1 0 0\"",
+            "xyz=\"nan 0 0\"",
+            "<joint name=\"jd0x\">: the axis xyz is NaN",
+        ),
+        (
+            "link name=\"d0x\"",
+            "link name=\"d0y\"",
+            "<link name=\"d0y\">: there are two of this name",
+        ),
+    ] {
+        assert!(good.contains(from), "{from}");
+        let message = import_text(&good.replacen(from, to, 1))
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains(expected), "{message}\nnot\n{expected}");
+    }
+    for none in [
+        "<robot name=\"r\"><link name=\"base\"/></robot>",
+        &chain(0, "", ""),
+    ] {
+        let message = import_text(none).unwrap_err().to_string();
+        assert!(
+            message.contains("<robot name=\"r\">: no joint turns; expected three"),
+            "{message}"
+        );
+    }
+    // A mass in the wrong place: the disc's link is named, and the one that has it.
+    let message = import_text(&chain(1, SEEN, HEAVY)).unwrap_err().to_string();
+    let expected =
+        "<link name=\"d0\">: it has no mass, and link `d0x` between its joints has 0.01 kg";
+    assert!(message.contains(expected), "{message}");
+    let message = import_text(&chain(1, &solid, HEAVY))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("<link name=\"d0x\">: its mass is 0.01 kg; expected almost none"),
+        "{message}"
+    );
+}
+
+/// What is written can be read again, or is not written.
+#[test]
+fn moments_of_inertia_that_no_body_has_are_not_written() {
+    let mut spec = RobotSpec::standard("2m").unwrap();
+    spec.modules[0].mass = MassSpec::Rigid(PerDisc::Uniform(RigidMass {
+        mass: 0.01,
+        inertia: [1e-6, 1e-6, 3e-6],
+        ..RigidMass::default()
+    }));
+    let message = export(&spec).unwrap_err().to_string();
+    assert!(message.contains("mass of disc 0"), "{message}");
 }

@@ -10,7 +10,7 @@ use crate::robot::{
 use super::write::is_xml_char;
 
 /// MuJoCo's smallest mass and moment of inertia of a body that moves (`mjMINVAL`).
-const SMALLEST_MASS: f64 = 1e-15;
+pub(super) const SMALLEST_MASS: f64 = 1e-15;
 
 /// Longest chain that MuJoCo 4.0 reads, with a payload: its XML parser goes 500 elements deep (that
 /// of MuJoCo 2.2.2 goes 100).

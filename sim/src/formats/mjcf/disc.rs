@@ -3,10 +3,11 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::body::{BodyReader, Carried, RigidGroup, Site};
+use super::check::SMALLEST_MASS;
 use super::frame::SAME_PLACE;
 use super::joint_element::BallJoint;
 use super::mass::{Geom, GeomMass, PartMass, Shape};
-use crate::formats::{DiscMass, ImportError};
+use crate::formats::{DiscMass, ImportError, is_inertia};
 use crate::robot::{Backbone, RigidMass};
 
 /// Angles (rad), and shares of the largest moment of inertia, that count as none.
@@ -42,6 +43,15 @@ impl BodyReader<'_> {
             return refuse("the body has no mass: expected geoms or an inertial");
         }
         let total = PartMass::sum(&group.masses);
+        if total.mass < SMALLEST_MASS {
+            let reason = format!(
+                "its mass is {} kg; expected one, as MuJoCo does",
+                total.mass
+            );
+            return refuse(&reason);
+        }
+        is_inertia(total.inertia.diagonal().into())
+            .map_err(|reason| self.document.refuse(body.element, reason))?;
         let drawn = self.cylinder_of(group);
         if drawn.is_none() && off_axis(&total.center) {
             return refuse("the centre of mass lies off the z axis: expected on it");

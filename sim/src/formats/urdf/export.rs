@@ -9,8 +9,8 @@ use urdf_rs::{
 };
 
 use super::{EXTENSION, LINK_SHARE};
-use crate::formats::ExportError;
 use crate::formats::mjcf::{escape, is_xml_char};
+use crate::formats::{ExportError, is_inertia};
 use crate::geometry::disc_color;
 use crate::robot::{Disc, Robot, RobotSpec};
 
@@ -32,6 +32,17 @@ pub fn export(spec: &RobotSpec) -> Result<String, ExportError> {
     if !spec.name.chars().all(is_xml_char) {
         let found = format!("{:?}", spec.name);
         return Err(refuse("name", found, "text without control characters"));
+    }
+    for (disc, model) in robot.discs().iter().enumerate() {
+        if is_inertia(model.inertia.into()).is_err() {
+            let [a, b, c]: [f64; 3] = model.inertia.into();
+            let expected = "moments of inertia of which none exceeds the sum of the others";
+            return Err(refuse(
+                &format!("mass of disc {disc}"),
+                format!("{a:e}, {b:e}, {c:e} kg m2"),
+                expected,
+            ));
+        }
     }
     let (mut links, mut joints) = (vec![link("world"), link("base")], vec![base_joint(&robot)]);
     let count = robot.discs().len();

@@ -7,7 +7,7 @@ use std::path::Path;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use urdf_rs::{Geometry, Inertial, Joint, JointType, Link, Pose};
 
-use super::{EXTENSION, LINK_SHARE};
+use super::{EXTENSION, LINK_SHARE, check};
 use crate::files::{LARGEST_TEXT, read_text};
 use crate::formats::{
     DiscLayout, DiscMass, ImportError, Imported, Layout, Note, Place, ring_around, xml,
@@ -62,7 +62,8 @@ impl Reader<'_> {
         // The bounds hold for `urdf_rs` too, which takes the nesting in stack.
         let xml = xml::parse(text, DEEPEST).map_err(|reason| self.syntax(reason))?;
         let urdf = urdf_rs::read_from_string(text).map_err(|e| self.syntax(e.to_string()))?;
-        let chain = self.chain(&urdf)?;
+        let path = self.path_to_tip(&urdf)?;
+        let chain = self.chain(&urdf.name, &path)?;
         let mut children = xml.root_element().children();
         let extension = children.find(|child| child.has_tag_name(EXTENSION));
         let (spec, notes) = match extension.and_then(|element| element.text()) {
@@ -70,9 +71,12 @@ impl Reader<'_> {
             None => {
                 let text = format!("no element <{EXTENSION}>: the robot has no tendons");
                 let place = self.place("robot", &urdf.name);
-                (chain, vec![Note { place, text }])
+                let mut notes = vec![Note { place, text }];
+                notes.extend(self.notes_on_masses(&urdf.name, &path));
+                (chain, notes)
             }
         };
+        spec.validate().map_err(Box::new)?;
         Ok(Imported {
             spec,
             payload: Payload::default(),
@@ -107,10 +111,17 @@ impl Reader<'_> {
     }
 
     /// The links as a robot without tendons.
-    fn chain(self, urdf: &urdf_rs::Robot) -> Result<RobotSpec, ImportError> {
-        let path = self.path_to_tip(urdf)?;
+    fn chain(self, name: &str, path: &[Step<'_>]) -> Result<RobotSpec, ImportError> {
+        for Step { joint, link } in path {
+            check::of_joint(joint).map_err(|reason| self.refuse("joint", &joint.name, reason))?;
+            check::of_link(link).map_err(|reason| self.refuse("link", &link.name, reason))?;
+        }
         let is_fixed = |step: &Step<'_>| step.joint.joint_type == JointType::Fixed;
         let (base, turns) = path.split_at(path.iter().take_while(|step| is_fixed(step)).count());
+        if turns.is_empty() {
+            let reason = "no joint turns; expected three joints about x, y and z below each disc";
+            return Err(self.refuse("robot", name, reason));
+        }
         let base = (base.iter()).fold(Isometry3::identity(), |below, step| {
             below * pose(&step.joint.origin)
         });
@@ -131,7 +142,7 @@ impl Reader<'_> {
             hole_height: 0.0,
         };
         Ok(Layout {
-            name: urdf.name.clone(),
+            name: name.to_owned(),
             gravity: [0.0, 0.0, -9.81],
             cameras: ring_around(&base, &discs, RESOLUTION),
             base,
@@ -143,11 +154,16 @@ impl Reader<'_> {
 
     /// The joints from the root to the tip, each with the link it carries.
     fn path_to_tip<'a>(self, urdf: &'a urdf_rs::Robot) -> Result<Vec<Step<'a>>, ImportError> {
-        let links: HashMap<&str, &Link> = urdf
-            .links
-            .iter()
-            .map(|link| (link.name.as_str(), link))
-            .collect();
+        let mut links: HashMap<&str, &Link> = HashMap::new();
+        for link in &urdf.links {
+            if links.insert(link.name.as_str(), link).is_some() {
+                return Err(self.refuse(
+                    "link",
+                    &link.name,
+                    "there are two of this name; expected one",
+                ));
+            }
+        }
         let mut carried: HashMap<&str, Step<'a>> = HashMap::new();
         let mut roots: HashMap<&str, &Link> = links.clone();
         for joint in &urdf.joints {
@@ -205,8 +221,21 @@ impl Reader<'_> {
         }
         let mut rigid = self.rigid_mass(z.link)?;
         for Step { link, .. } in [x, y] {
-            if link.inertial.mass.value > 10.0 * LINK_SHARE * rigid.mass {
-                let reason = "expected almost no mass between the joints of a disc";
+            let mass = link.inertial.mass.value;
+            if mass > 0.0 && rigid.mass == 0.0 {
+                let reason = format!(
+                    "it has no mass, and link `{}` between its joints has {mass} kg; expected the disc's mass here, and \
+                     almost none there",
+                    link.name
+                );
+                return Err(self.refuse("link", &z.link.name, reason));
+            }
+            if mass > 10.0 * LINK_SHARE * rigid.mass {
+                let reason = format!(
+                    "its mass is {mass} kg; expected almost none between the joints of a disc, of that of link `{}`, {} kg, \
+                     a hundred thousandth at most",
+                    z.link.name, rigid.mass
+                );
                 return Err(self.refuse("link", &link.name, reason));
             }
         }
@@ -244,7 +273,10 @@ impl Reader<'_> {
             return refuse("expected limits of +-pi about x and z, +-pi/2 about y, or none");
         }
         if (Vector3::from(joint.axis.xyz.0) - axis).norm() > SAME {
-            return refuse("expected the axes x, y and z of the three joints of a disc");
+            let [x, y, z] = joint.axis.xyz.0;
+            return refuse(&format!(
+                "its axis is {x} {y} {z}; expected the axes x, y and z of the three joints of a disc, unit vectors"
+            ));
         }
         if joint.origin.rpy.iter().any(|angle| angle.abs() > SAME) {
             return refuse("expected an origin that is not turned");
@@ -302,6 +334,54 @@ impl Reader<'_> {
             let reason = "expected a cylinder to see it as";
             self.refuse("link", &link.name, reason)
         })
+    }
+
+    /// What is unlike a robot's discs in the masses of links on triples of joints.
+    fn notes_on_masses(self, name: &str, path: &[Step<'_>]) -> Vec<Note> {
+        let turns = path
+            .iter()
+            .skip_while(|step| step.joint.joint_type == JointType::Fixed);
+        let links: Vec<&Link> = turns.map(|step| step.link).collect();
+        let (discs, between): (Vec<_>, Vec<_>) =
+            links.iter().enumerate().partition(|(i, _)| i % 3 == 2);
+        let named = |links: Vec<&Link>, what: &str| {
+            let most = 10;
+            let names: Vec<String> = links
+                .iter()
+                .take(most)
+                .map(|link| format!("`{}`", link.name))
+                .collect();
+            let others = links.len().saturating_sub(most);
+            let more = if others > 0 {
+                format!(" and {others} more")
+            } else {
+                String::new()
+            };
+            let (place, text) = (
+                self.place("robot", name),
+                format!("{}{more} {what}", names.join(", ")),
+            );
+            (!links.is_empty()).then_some(Note { place, text })
+        };
+        let massless = discs
+            .iter()
+            .filter(|(_, link)| link.inertial.mass.value == 0.0);
+        let largest = |link: &Link| {
+            let inertia = &link.inertial.inertia;
+            inertia.ixx.max(inertia.iyy).max(inertia.izz)
+        };
+        let turning = between
+            .iter()
+            .filter(|(i, link)| largest(link) > 10.0 * LINK_SHARE * largest(links[i - i % 3 + 2]));
+        let weightless = named(
+            massless.map(|(_, link)| **link).collect(),
+            "(links): no mass, as without an <inertial>: such discs weigh nothing, and have no inertia",
+        );
+        let left_out = named(
+            turning.map(|(_, link)| **link).collect(),
+            "(links): the moments of inertia between the joints of a disc are left out",
+        );
+        weightless.into_iter().chain(left_out).collect()
     }
 
     fn place(self, tag: &str, name: &str) -> Place {

@@ -16,6 +16,7 @@
 //! robot's own file (TOML). [`import`] takes the robot from there, and insists that links and joints
 //! say the same; without that element it reads a chain without tendons.
 
+mod check;
 mod export;
 mod import;
 

@@ -1,0 +1,583 @@
+//! Whether small motions about an equilibrium grow, under loads without a potential too.
+//!
+//! They obey `M dv/dt + D v + K q = 0` with the robot's own inertia and damping, and the Jacobian `K` of the moments on the
+//! joints, which need not be symmetric. With the symmetric part `S` and the skew part `N` of `K`, an eigenvector `x` of the
+//! rate `lambda` has `m lambda² + d lambda + s + i n = 0`, where `m = x* M x` and so on. Where `|n| <= nu d` for every `x`,
+//! a rate with a positive real part has an imaginary part of `nu` at most, and `s <= nu² m` (in the spirit of Metelitsyn's
+//! inequality: Merkin, Introduction to the Theory of Stability, 1997, ch. 6). So motions stay small where `S - nu² M` is
+//! positive definite, which an elimination in O(n) decides: what is slower than `nu` does not exist, and of what is faster the
+//! damping takes more than the loads bring.
+//!
+//! Elsewhere the rates are computed, as eigenvalues of the pencil by Arnoldi's iteration with its inverse about rates `sigma`
+//! above zero (Bai and Su, SIAM Journal on Matrix Analysis 26, 2005). Rates with positive real parts lie outside the circle
+//! that all others lie in, and so are found first. Spaces that hold all rates of up to ten discs are taken, of longer robots
+//! those about several `sigma`; O(n) for each dimension.
+
+use nalgebra::{Complex, Matrix3, Vector3};
+
+use super::DynamicsError;
+use super::acceleration::EquationsOfMotion;
+use super::implicit::{ImplicitMatrix, Part, Weights};
+use super::links::PointMass;
+use crate::chain::Configuration;
+use crate::energy::following::{add_product, add_transposed_product};
+use crate::factor::{Arnoldi, Curvature, dot, probe};
+use crate::robot::{Loads, Robot};
+
+/// Growth of a motion, as a share of its rate's size, that is not told from none; and of a robot without damping about some axis, which
+/// is less than the weakest damping of a material takes.
+const STEADY: f64 = 1e-6;
+const STEADY_UNDAMPED: f64 = 1e-3;
+/// Residual of a rate that counts, as a share of it.
+const CONVERGED: f64 = 1e-9;
+/// Share of the terms of the equations of motion that a mode may leave of them.
+const ERROR: f64 = 1e-6;
+/// Dimensions of the spaces: at first, and while a growing motion has not converged.
+const DIMENSIONS: [usize; 3] = [60, 90, 120];
+/// Rates about which those of long robots are looked for, as shares of that of the joints' stiffness over the robot's inertia.
+const SHIFTS: [f64; 4] = [10.0, 1.0, 0.1, 0.01];
+/// Neighbours of such a rate.
+const NUDGES: [f64; 3] = [1.0, 1.37, 0.71];
+/// Dimensions of the space for the largest share of the skew part, and what its value may lack.
+const LARGEST_SHARE: usize = 12;
+const SAFETY: f64 = 1.05;
+/// Error of a solution, as a share of the right-hand side, up to which a factorisation counts as accurate.
+const ACCURATE: f64 = 1e-8;
+
+/// A small motion that grows: as `exp(rate t)`, with an oscillation or without.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Growth {
+    /// Real part of the eigenvalue (1/s), above 0.
+    pub rate: f64,
+    /// Imaginary part (rad/s): 0 where the robot leaves the equilibrium without swinging.
+    pub angular_frequency: f64,
+    /// Whether some motion would grow without the robot's damping, too. Damping can make a robot unstable that would be
+    /// stable without (Ziegler's paradox).
+    pub without_damping: bool,
+}
+
+/// What small motions about an equilibrium do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum SmallMotion {
+    /// None grows and none drifts away.
+    Bounded,
+    /// None grows; some meet no resistance.
+    Drifts,
+    /// The one that grows fastest.
+    Grows(Growth),
+}
+
+/// Rates of small motions of one robot; reuses its memory.
+#[derive(Clone, Debug)]
+pub(crate) struct SmallMotionRates {
+    equations: EquationsOfMotion,
+    matrix: ImplicitMatrix,
+    at_rest: Vec<f64>,
+}
+
+/// What is found among the rates.
+#[derive(Clone, Copy, Debug, Default)]
+struct Found {
+    growth: Option<Complex<f64>>,
+    drifts: bool,
+    /// Whether a growing motion has not converged.
+    unresolved: bool,
+}
+
+impl SmallMotionRates {
+    /// Of `robot`.
+    ///
+    /// # Errors
+    /// [`DynamicsError`] for a joint without inertia, or an inextensible tendon whose length is commanded.
+    pub fn new(robot: &Robot) -> Result<Self, DynamicsError> {
+        let armatures: Vec<f64> = robot.discs().iter().map(|disc| disc.armature).collect();
+        Ok(Self {
+            equations: EquationsOfMotion::new(robot, &armatures)?,
+            matrix: ImplicitMatrix::new(robot),
+            at_rest: vec![0.0; robot.dof()],
+        })
+    }
+
+    /// What small motions about the equilibrium `q` of `command` and `loads` do, a stiffness up to `margin` (N m/rad) not told
+    /// from none; `None` if it cannot be computed.
+    pub fn examine(
+        &mut self,
+        q: &Configuration,
+        command: &[f64],
+        loads: &Loads,
+        margin: f64,
+    ) -> Option<SmallMotion> {
+        self.enter(q, command, loads);
+        let fastest = self.fastest(loads)?;
+        if fastest.is_finite() && self.stays_small(loads, fastest, margin) {
+            return Some(SmallMotion::Bounded);
+        }
+        let undamped = self.without_damping();
+        let found = self.search(loads, !undamped, fastest, margin)?;
+        let Some(rate) = found.growth else {
+            return Some(match found.drifts {
+                true => SmallMotion::Drifts,
+                false => SmallMotion::Bounded,
+            });
+        };
+        let without_damping = match undamped {
+            true => true,
+            false => (self.search(loads, false, f64::INFINITY, margin)?.growth).is_some(),
+        };
+        let swings = rate.im > STEADY * rate.norm();
+        Some(SmallMotion::Grows(Growth {
+            rate: rate.re,
+            angular_frequency: if swings { rate.im } else { 0.0 },
+            without_damping,
+        }))
+    }
+
+    fn enter(&mut self, q: &Configuration, command: &[f64], loads: &Loads) {
+        let equations = &mut self.equations;
+        equations.payload = PointMass::payload(&equations.robot, loads);
+        equations.forces.set_loads(loads);
+        equations.enter(q, &self.at_rest, command);
+        self.matrix.expand(equations, loads, q, command);
+        equations.release();
+    }
+
+    fn joints(&self) -> usize {
+        self.equations.links.len()
+    }
+
+    /// Whether no joint has damping.
+    fn without_damping(&self) -> bool {
+        let links = self.equations.links.iter();
+        let damping = links.map(|link| link.extra_damping.add_scalar(link.damping).amax());
+        damping.fold(0.0, f64::max) == 0.0
+    }
+
+    /// `nu`: the largest `|n| / d` (1/s); infinite for a joint without damping.
+    fn fastest(&self, loads: &Loads) -> Option<f64> {
+        let places = (self.equations.links.iter()).zip(self.equations.orientations());
+        let eased: Option<Vec<_>> = places
+            .map(|(link, orientation)| inverse_root(&link.damping_matrix(orientation)))
+            .collect();
+        let Some(eased) = eased else {
+            return Some(f64::INFINITY);
+        };
+        let posture = &self.equations.posture;
+        let mut space = Arnoldi::new(eased.len());
+        space.extend(LARGEST_SHARE, |x, out| {
+            let x: Vec<_> = eased.iter().zip(x).map(|(eased, x)| eased * x).collect();
+            let mut back = vec![Vector3::zeros(); x.len()];
+            add_product(loads, 1.0, posture, &x, out);
+            add_transposed_product(loads, posture, &x, &mut back);
+            for ((out, back), eased) in out.iter_mut().zip(&back).zip(&eased) {
+                *out = eased * (*out - back) * 0.5;
+            }
+        });
+        let shares = space.ritz()?.into_iter().map(|ritz| ritz.value.norm());
+        Some(SAFETY * shares.fold(0.0, f64::max))
+    }
+
+    /// Whether `S - nu² M` has no eigenvalue below the margin.
+    fn stays_small(&mut self, loads: &Loads, fastest: f64, margin: f64) -> bool {
+        let weights = Weights {
+            mass: -fastest * fastest,
+            damping: 0.0,
+            stiffness: 1.0,
+            joints: -margin,
+            part: Part::Symmetric,
+        };
+        self.matrix.combine(&self.equations, loads, weights) == Some(Curvature::Positive)
+    }
+
+    fn search(&mut self, loads: &Loads, damped: bool, fastest: f64, margin: f64) -> Option<Found> {
+        let joints = self.joints();
+        let probe = probe(joints);
+        let stiffness = dot(&probe, &self.stiffness(loads, &probe)).abs();
+        let reference = (stiffness / dot(&probe, &self.mass(&probe))).sqrt();
+        if !(reference.is_finite() && reference > 0.0) {
+            return (stiffness == 0.0).then_some(Found {
+                drifts: true,
+                ..Found::default()
+            });
+        }
+        let shifts: &[f64] = if 6 * joints <= DIMENSIONS[0] {
+            &[1.0]
+        } else {
+            &SHIFTS
+        };
+        let mut all = Found::default();
+        let mut any = false;
+        for share in shifts {
+            let shift = (share * reference).min(2.0 * fastest);
+            // Where the elimination is not accurate, a little aside.
+            let found = (NUDGES.iter())
+                .find_map(|nudge| self.search_about(nudge * shift, loads, damped, margin));
+            let Some(found) = found else {
+                continue;
+            };
+            any = true;
+            all.drifts |= found.drifts;
+            let rate = |growth: Option<Complex<f64>>| growth.map_or(0.0, |rate| rate.re);
+            if rate(found.growth) > rate(all.growth) {
+                all.growth = found.growth;
+            }
+        }
+        any.then_some(all)
+    }
+
+    /// The rates nearest to `shift` (1/s) above all.
+    fn search_about(
+        &mut self,
+        shift: f64,
+        loads: &Loads,
+        damped: bool,
+        margin: f64,
+    ) -> Option<Found> {
+        let weights = Weights::of_step(if damped { shift.recip() } else { 0.0 }, shift.powi(-2));
+        self.matrix.combine(&self.equations, loads, weights)?;
+        if !self.is_accurate(loads, weights) {
+            return None;
+        }
+        let mut space = Arnoldi::new(2 * self.joints());
+        let mut found = Found::default();
+        for dimension in DIMENSIONS {
+            space.extend(dimension, |state, out| self.step(shift, damped, state, out));
+            found = self.judge(&space, shift, loads, damped, margin)?;
+            if !found.unresolved || space.is_closed() {
+                break;
+            }
+        }
+        Some(found)
+    }
+
+    /// Whether a solution with the factorised sum, multiplied by it, gives its right-hand side.
+    fn is_accurate(&mut self, loads: &Loads, weights: Weights) -> bool {
+        let rhs = probe(self.joints());
+        let mut solution = rhs.clone();
+        self.matrix.solve(&rhs, &mut solution);
+        let (mass, stiffness) = (self.mass(&solution), self.stiffness(loads, &solution));
+        let damping = self.damping(&solution);
+        let mut wrong = (0..rhs.len()).map(|k| {
+            let sum = mass[k] * weights.mass
+                + damping[k] * weights.damping
+                + stiffness[k] * weights.stiffness;
+            (sum - rhs[k]).norm()
+        });
+        // Not a number is not below.
+        wrong.all(|wrong| wrong <= ACCURATE)
+    }
+
+    /// Writes the inverse of the linearised pencil about `shift` times a `state` of turns and their rates over `shift`:
+    /// of the rate `lambda` the eigenvalue is `shift / (lambda - shift)`.
+    fn step(&mut self, shift: f64, damped: bool, state: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        let (turns, rates) = state.split_at(self.joints());
+        let sum: Vec<_> = turns.iter().zip(rates).map(|(x, y)| x + y).collect();
+        let mut rhs = self.mass(&sum);
+        if damped {
+            for (rhs, damping) in rhs.iter_mut().zip(self.damping(turns)) {
+                *rhs += damping / shift;
+            }
+        }
+        rhs.iter_mut().for_each(|moment| *moment = -*moment);
+        let (first, second) = out.split_at_mut(turns.len());
+        self.matrix.solve(&rhs, first);
+        for ((second, first), turn) in second.iter_mut().zip(first).zip(turns) {
+            *second = *first + turn;
+        }
+    }
+
+    /// What the rates of a space about `shift` say.
+    fn judge(
+        &mut self,
+        space: &Arnoldi,
+        shift: f64,
+        loads: &Loads,
+        damped: bool,
+        margin: f64,
+    ) -> Option<Found> {
+        let mut found = Found::default();
+        let steady = if damped { STEADY } else { STEADY_UNDAMPED };
+        let ritz = space.ritz()?;
+        let rate = |value: Complex<f64>| (value.inv() + 1.0) * shift;
+        let upper = ritz
+            .iter()
+            .filter(|ritz| ritz.value.im <= 0.0 || ritz.value.im.is_nan());
+        let slowest = (ritz.iter())
+            .map(|ritz| rate(ritz.value).norm())
+            .fold(f64::INFINITY, f64::min);
+        for ritz in upper {
+            let rate = rate(ritz.value);
+            let grows = rate.re > steady * rate.norm();
+            if !grows && rate.norm() > slowest {
+                continue;
+            }
+            if ritz.residual > CONVERGED * ritz.value.norm() {
+                found.unresolved |= grows;
+                continue;
+            }
+            let mode = space.vector(ritz);
+            let [real, imaginary] = mode.each_ref().map(|part| &part[..self.joints()]);
+            let mode = Mode::new(self, loads, damped, rate, [real, imaginary]);
+            if mode.resistance <= margin {
+                found.drifts = true;
+            } else if grows && mode.error > ERROR {
+                found.unresolved = true;
+            } else if grows && found.growth.is_none_or(|most| rate.re > most.re) {
+                found.growth = Some(Complex::new(rate.re, rate.im.abs()));
+            }
+        }
+        Some(found)
+    }
+
+    fn mass(&mut self, turns: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let mut out = vec![Vector3::zeros(); turns.len()];
+        self.equations.residual(turns, &mut out);
+        out
+    }
+
+    fn damping(&self, turns: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let places = self
+            .equations
+            .links
+            .iter()
+            .zip(self.equations.orientations());
+        places
+            .zip(turns)
+            .map(|((link, orientation), turn)| link.damping_matrix(orientation) * turn)
+            .collect()
+    }
+
+    fn stiffness(&self, loads: &Loads, turns: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let mut out = vec![Vector3::zeros(); turns.len()];
+        (self.matrix).stiffness_product(&self.equations, loads, turns, &mut out);
+        out
+    }
+}
+
+/// What the equations of motion say of a rate and its mode.
+struct Mode {
+    /// What resists it, for each unit of its size (N m/rad): of inertia and damping, without regard to signs.
+    resistance: f64,
+    /// What is left of the equations, as a share of their terms.
+    error: f64,
+}
+
+impl Mode {
+    /// Of a mode's real and imaginary part.
+    fn new(
+        rates: &mut SmallMotionRates,
+        loads: &Loads,
+        damped: bool,
+        rate: Complex<f64>,
+        mode: [&[Vector3<f64>]; 2],
+    ) -> Self {
+        let mass = mode.map(|part| rates.mass(part));
+        let mut damping = mode.map(|part| rates.damping(part));
+        if !damped {
+            damping
+                .iter_mut()
+                .flatten()
+                .for_each(|entry| *entry = Vector3::zeros());
+        }
+        let stiffness = mode.map(|part| rates.stiffness(loads, part));
+        let size = dot(mode[0], mode[0]) + dot(mode[1], mode[1]);
+        let form =
+            |image: &[Vec<Vector3<f64>>; 2]| dot(mode[0], &image[0]) + dot(mode[1], &image[1]);
+        let resistance = (rate.norm_sqr() * form(&mass) + rate.norm() * form(&damping)) / size;
+        // Each number of the sum of the terms, and the sum of their sizes.
+        let (mut left, mut terms) = (0.0, 0.0);
+        for joint in 0..mode[0].len() {
+            for axis in 0..3 {
+                let number = |image: &[Vec<Vector3<f64>>; 2]| {
+                    Complex::new(image[0][joint][axis], image[1][joint][axis])
+                };
+                let parts = [
+                    number(&mass) * rate * rate,
+                    number(&damping) * rate,
+                    number(&stiffness),
+                ];
+                left += parts.iter().sum::<Complex<f64>>().norm_sqr();
+                terms += parts.iter().map(Complex::norm_sqr).sum::<f64>();
+            }
+        }
+        Self {
+            resistance,
+            error: (left / terms).sqrt(),
+        }
+    }
+}
+
+/// The inverse of the square root of a symmetric matrix; `None` where it is not positive definite.
+fn inverse_root(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    let eigen = matrix.symmetric_eigen();
+    if eigen.eigenvalues.min() <= 0.0 {
+        return None;
+    }
+    let roots = eigen.eigenvalues.map(|value| value.sqrt().recip());
+    let vectors = &eigen.eigenvectors;
+    Some(vectors * Matrix3::from_diagonal(&roots) * vectors.transpose())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+    use faer::Mat;
+    use faer::linalg::solvers::Solve;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::dynamics::composite::compose;
+    use crate::dynamics::implicit::{in_discs, mass_matrix};
+    use crate::energy::following::{add_forces, add_moments, jacobian};
+    use crate::energy::{DeadForces, Expansion, Potential};
+    use crate::random_robot::{Kind, random_robot, within};
+    use crate::robot::{Command, Frame, PerDisc, RobotSpec, Wrench};
+    use crate::tendon::Posture;
+
+    /// The rate with the largest real part, by the eigenvalues of the dense companion matrix, in units of `unit` (1/s).
+    fn dense(
+        robot: &Robot,
+        q: &Configuration,
+        command: &Command,
+        loads: &Loads,
+        unit: f64,
+    ) -> Complex<f64> {
+        let armatures: Vec<f64> = robot.discs().iter().map(|disc| disc.armature).collect();
+        let mut equations = EquationsOfMotion::new(robot, &armatures).unwrap();
+        equations.payload = PointMass::payload(robot, loads);
+        let still = vec![0.0; robot.dof()];
+        equations.enter(q, &still, command.as_slice());
+        let mut composites = Vec::new();
+        compose(&equations, &still, &still, &mut composites);
+        let mass = mass_matrix(&composites, &armatures);
+        let mut posture = Posture::new(robot);
+        posture.place(robot, q);
+        let mut dead = DeadForces::new(robot);
+        dead.set(robot, loads);
+        add_forces(loads, 1.0, &posture, &mut dead);
+        let mut expansion = Expansion::new(robot);
+        let potential = Potential {
+            robot,
+            command: command.as_slice(),
+            dead: &dead,
+        };
+        potential.expand(q, &posture, &mut expansion);
+        add_moments(loads, 1.0, &posture, &mut expansion);
+        let world = jacobian(loads, 1.0, &posture, &expansion);
+        let stiffness = in_discs(&world, equations.orientations());
+        let n = robot.dof();
+        let forces = Mat::from_fn(n, 2 * n, |row, column| {
+            if column < n {
+                -stiffness[(row, column)] / (unit * unit)
+            } else if row == column - n {
+                let disc = &robot.discs()[row / 3];
+                -(disc.damping + disc.extra_damping[row % 3]) / unit
+            } else {
+                0.0
+            }
+        });
+        let below = mass.partial_piv_lu().solve(&forces);
+        let companion = Mat::from_fn(2 * n, 2 * n, |row, column| {
+            if row < n {
+                f64::from(u8::from(column == row + n))
+            } else {
+                below[(row - n, column)]
+            }
+        });
+        let values = companion.eigenvalues().unwrap();
+        values
+            .into_iter()
+            .max_by(|a, b| a.re.total_cmp(&b.re))
+            .unwrap()
+    }
+
+    /// Random robots in random poses, dampings and loads without a potential: what grows, grows as the dense matrices say.
+    #[test]
+    fn the_fastest_growth_is_that_of_the_dense_matrices() {
+        let mut rng = ChaCha8Rng::seed_from_u64(41);
+        let mut counts = [0; 2];
+        for case in 0..60 {
+            let mut spec = random_robot(Kind::Elastic, &mut rng).spec().clone();
+            // Some robots longer than those whose rates are all computed, some without damping.
+            if case % 3 == 0 {
+                let last = spec.modules[spec.modules.len() - 1].clone();
+                spec.modules.resize(spec.modules.len() + 2, last);
+            }
+            let damping = [0.0, 1e-3, 0.05][case % 3 % 2 + usize::from(case % 5 == 0)];
+            for module in &mut spec.modules {
+                module.damping = PerDisc::Uniform(damping);
+            }
+            let Ok(robot) = Robot::new(spec) else {
+                continue;
+            };
+            let n = robot.discs().len();
+            let size = 10.0_f64.powf(within(-3.0, 0.5, &mut rng));
+            let mut three = |size: f64| std::array::from_fn(|_| within(-size, size, &mut rng));
+            let push = Wrench {
+                force: three(4.0 * size),
+                moment: three(0.1 * size),
+                ..Wrench::none(n - 1, Frame::Disc)
+            };
+            let loads = Loads::default().with_wrench(push).unwrap();
+            let command = robot.random_command(&mut rng);
+            let q = robot.settle(&command, &Loads::default()).configuration;
+            let mut rates = SmallMotionRates::new(&robot).unwrap();
+            let Some(found) = rates.examine(&q, command.as_slice(), &loads, 1e-10) else {
+                panic!("case {case}: not computed");
+            };
+            let unit = 100.0;
+            let expected = dense(&robot, &q, &command, &loads, unit) * unit;
+            let message = format!("case {case}, {n} discs: {found:?}, not {expected}");
+            match found {
+                SmallMotion::Grows(growth) => {
+                    counts[0] += 1;
+                    let error = (growth.rate - expected.re).abs();
+                    assert!(error <= 1e-5 * expected.norm(), "{message}");
+                }
+                _ => {
+                    counts[1] += 1;
+                    let share = if damping == 0.0 {
+                        1.1 * STEADY_UNDAMPED
+                    } else {
+                        1e-5
+                    };
+                    assert!(expected.re <= share * expected.norm(), "{message}");
+                }
+            }
+        }
+        assert!(counts[0] >= 10 && counts[1] >= 10, "{counts:?}");
+    }
+
+    /// A straight robot pushed down by more than its joints bear leaves without swinging, at the rate of the dense matrices.
+    #[test]
+    fn what_topples_does_not_swing() {
+        let mut spec = RobotSpec::standard("2m").unwrap();
+        for module in &mut spec.modules {
+            module.tendons = None;
+            module.backbone = Some(PerDisc::Uniform(crate::robot::Backbone::isotropic(0.1)));
+        }
+        let robot = Robot::new(spec).unwrap();
+        let down = Wrench {
+            force: [0.0, 0.0, 20.0 * robot.spec().gravity[2].signum()],
+            moment: [0.0, 0.0, 1e-6],
+            ..Wrench::none(9, Frame::World)
+        };
+        let loads = Loads::default().with_wrench(down).unwrap();
+        let q = Configuration::straight(&robot);
+        let command = robot.command(&[]).unwrap();
+        let mut rates = SmallMotionRates::new(&robot).unwrap();
+        let Some(SmallMotion::Grows(growth)) = rates.examine(&q, &[], &loads, 1e-10) else {
+            panic!("it stays");
+        };
+        let expected = dense(&robot, &q, &command, &loads, 10.0) * 10.0;
+        assert!(
+            growth.angular_frequency == 0.0 && growth.without_damping,
+            "{growth:?}"
+        );
+        assert!(
+            (growth.rate / expected.re - 1.0).abs() < 1e-6,
+            "{growth:?}, not {expected}"
+        );
+    }
+}
