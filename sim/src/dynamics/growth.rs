@@ -113,7 +113,7 @@ impl SmallMotionRates {
             return Some(SmallMotion::Bounded);
         }
         let undamped = self.without_damping();
-        let found = self.search(loads, !undamped, fastest, margin)?;
+        let found = self.search(loads, !undamped, margin)?;
         let Some(rate) = found.growth else {
             return Some(match found.drifts {
                 true => SmallMotion::Drifts,
@@ -122,7 +122,7 @@ impl SmallMotionRates {
         };
         let without_damping = match undamped {
             true => true,
-            false => (self.search(loads, false, f64::INFINITY, margin)?.growth).is_some(),
+            false => (self.search(loads, false, margin)?.growth).is_some(),
         };
         let swings = rate.im > STEADY * rate.norm();
         Some(SmallMotion::Grows(Growth {
@@ -188,7 +188,7 @@ impl SmallMotionRates {
         self.matrix.combine(&self.equations, loads, weights) == Some(Curvature::Positive)
     }
 
-    fn search(&mut self, loads: &Loads, damped: bool, fastest: f64, margin: f64) -> Option<Found> {
+    fn search(&mut self, loads: &Loads, damped: bool, margin: f64) -> Option<Found> {
         let joints = self.joints();
         let probe = probe(joints);
         let stiffness = dot(&probe, &self.stiffness(loads, &probe)).abs();
@@ -207,7 +207,7 @@ impl SmallMotionRates {
         let mut all = Found::default();
         let mut any = false;
         for share in shifts {
-            let shift = (share * reference).min(2.0 * fastest);
+            let shift = share * reference;
             // Where the elimination is not accurate, a little aside.
             let found = (NUDGES.iter())
                 .find_map(|nudge| self.search_about(nudge * shift, loads, damped, margin));
