@@ -140,8 +140,8 @@ class Loads:
 # Robots, commands, loads, payloads, wrenches.
 _Rows = tuple[list[Robot], _Floats, list[Loads], _Floats | None, _Floats | None]
 
-# Positions, quaternions, configuration, lengths, tensions, residual, iterations, whether it converged, codes of the stability and of
-# what was examined, fastest growth.
+# Positions, quaternions, configuration, lengths, tensions, residual, iterations, whether it converged, codes of the stability
+# and of what was examined, fastest growth.
 _One = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, float, int, bool, int, int, _Floats]
 
 @final
