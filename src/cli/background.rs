@@ -57,7 +57,7 @@ pub(super) fn run(args: &BackgroundArgs, console: &Console) -> anyhow::Result<()
         pictures: args.pictures,
         cameras: rig.spec.cameras.len(),
     };
-    console.result(&recorded, |recorded| {
+    console.summary(&recorded, |recorded| {
         format!(
             "{}: {} by each of {}",
             recorded.file.display(),

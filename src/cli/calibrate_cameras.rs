@@ -148,7 +148,7 @@ fn print(file: &Path, board: &Board, console: &Console) -> anyhow::Result<()> {
         file: file.to_owned(),
         size: board.size(),
     };
-    console.result(&printed, |printed| {
+    console.summary(&printed, |printed| {
         let [width, height] = printed.size.map(|side| 1e3 * side);
         let file = printed.file.display();
         format!("{file}: a board of {width:.1} mm x {height:.1} mm; print it at 100 %, and measure a square")

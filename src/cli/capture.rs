@@ -109,7 +109,7 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
         rig: &rig.spec().name,
         report,
     };
-    console.result(&summary, |summary| {
+    console.summary(&summary, |summary| {
         let CaptureReport {
             samples,
             captured,

@@ -121,7 +121,7 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
             seconds: began.elapsed().as_secs_f64(),
             times,
         };
-        return console.result(&collected, |c| {
+        return console.summary(&collected, |c| {
             format!(
                 "{}: {}, {} of {} points of robot {}",
                 c.dir.display(),
@@ -142,7 +142,7 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
         seconds: began.elapsed().as_secs_f64(),
         times,
     };
-    console.result(&collected, |c| {
+    console.summary(&collected, |c| {
         format!(
             "{}: {} train, {} val and {} test clouds of {} points of robot {}",
             c.dir.display(),

@@ -89,6 +89,19 @@ impl Console {
         })
     }
 
+    /// Says what was done where the result itself is in files, or is what a robot did: as [`Self::result`], but nothing where
+    /// quiet was asked for and JSON was not.
+    pub fn summary<T: Serialize>(
+        &self,
+        value: &T,
+        text: impl FnOnce(&T) -> String,
+    ) -> anyhow::Result<()> {
+        match (self.format, self.bars) {
+            (Format::Text, Bars::None) => Ok(()),
+            _ => self.result(value, text),
+        }
+    }
+
     /// Prints a result: as JSON where asked for, else as `text` renders it.
     pub fn result<T: Serialize>(
         &self,

@@ -75,7 +75,7 @@ pub(super) fn run(args: &DistillArgs, console: &Console) -> anyhow::Result<()> {
         teacher_validation_cd: teacher.validation_distance * area,
         precision: settings.precision,
     };
-    console.result(&run, |r| {
+    console.summary(&run, |r| {
         format!(
             "{}: {} evaluations, best at step {} of {}, validation CD {:.3e} m²; the teacher's was {:.3e}",
             r.model.display(),

@@ -118,7 +118,7 @@ pub(super) fn run(args: &ExportArgs, console: &Console) -> anyhow::Result<()> {
         file: out.clone(),
         bytes: text.len(),
     };
-    console.result(&exported, |e| {
+    console.summary(&exported, |e| {
         format!("{}: {} bytes", e.file.display(), e.bytes)
     })
 }

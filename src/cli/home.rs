@@ -90,7 +90,7 @@ pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
     for (servo, pull) in homed.servos.iter_mut().zip(pulls?.into_iter().flatten()) {
         servo.pull = Some(pull);
     }
-    console.result(&homed, |homed| {
+    console.summary(&homed, |homed| {
         let lines = homed.servos.iter().map(|servo| {
             let HomedServo {
                 id,

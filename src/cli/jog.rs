@@ -157,7 +157,7 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
         refused,
         captured,
     };
-    console.result(&jogged, |jogged| {
+    console.summary(&jogged, |jogged| {
         format!(
             "{}, {} refused, {} captured in {}",
             counted(jogged.moves, "move"),

@@ -52,7 +52,7 @@ pub(super) fn run(args: &ManualArgs, console: &Console) -> anyhow::Result<()> {
         dir: args.out.clone(),
         pages,
     };
-    console.result(&written, |w| {
+    console.summary(&written, |w| {
         format!("{}: {}", w.dir.display(), counted(w.pages, "page"))
     })
 }

@@ -164,7 +164,7 @@ fn one(
     } else {
         cloud.write_ply(&out)?;
     }
-    console.result(&predicted, line)
+    console.summary(&predicted, line)
 }
 
 fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> anyhow::Result<()> {
@@ -217,7 +217,7 @@ fn many(args: &PredictArgs, model: &Model, file: &Path, console: &Console) -> an
     if let Some(archive) = archive {
         archive.finish()?;
     }
-    console.result(&results, |all| {
+    console.summary(&results, |all| {
         all.iter().map(|predicted| line(predicted) + "\n").collect()
     })
 }

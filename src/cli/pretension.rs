@@ -74,7 +74,7 @@ pub(super) fn run(args: &PretensionArgs, console: &Console) -> anyhow::Result<()
     let summary = Summary {
         servos: tensioned.iter().map(servo).collect(),
     };
-    console.result(&summary, |summary| {
+    console.summary(&summary, |summary| {
         let lines = summary.servos.iter().map(|servo| {
             let Servo { id, wound, pull } = servo;
             format!("servo {id}: wound by {wound} ticks, pulls with {pull:.3} A; home\n")

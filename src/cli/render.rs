@@ -153,7 +153,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     write_ply(&args.out.join(views.cloud), &cloud)?;
     let text = serde_json::to_string_pretty(&views)? + "\n";
     output::write(&args.out.join("views.json"), text.as_bytes())?;
-    console.result(&views, |views| {
+    console.summary(&views, |views| {
         let cameras = counted(views.cameras.len(), "view");
         let points = counted(views.points, "point");
         let folder = args.out.display();

@@ -112,7 +112,7 @@ pub(super) fn run(
                 commands: table.settled.len(),
                 settled: table.settled.iter().filter(|s| s.converged).count(),
             };
-            console.result(&summary, |s| {
+            console.summary(&summary, |s| {
                 let file = s.file.display();
                 let commands = counted(s.commands, "command");
                 format!("{file}: {} of {commands} settled", s.settled)

@@ -74,7 +74,7 @@ pub(super) fn run(args: &StudyArgs, console: &Console) -> anyhow::Result<()> {
 }
 
 fn report(finished: &Finished, part: Option<Part>, console: &Console) -> anyhow::Result<()> {
-    console.result(finished, |f| {
+    console.summary(finished, |f| {
         let dir = f.dir.display();
         let of = part.map_or(String::new(), |part| format!("{part}, "));
         let rows = counted(f.rows, "configuration");

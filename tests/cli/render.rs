@@ -218,19 +218,13 @@ fn a_folder_with_something_in_it_is_left_alone() {
 }
 
 #[test]
-fn render_says_where_it_wrote() {
+fn render_says_where_it_wrote_unless_it_is_to_be_quiet() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("views");
-    let said = succeed(&[
-        "render",
-        "--robot",
-        ROBOT,
-        "--command",
-        COMMAND,
-        "--out",
-        text(&out),
-        "-q",
-    ]);
+    let render = ["render", "--robot", ROBOT, "--command", COMMAND];
+    let render = [&render[..], &["--out", text(&out)]].concat();
+    assert_eq!(succeed(&[&render[..], &["-q"]].concat()), "");
+    let said = succeed(&render);
     assert!(
         said.starts_with(&format!("{}: 2 views, ", out.display())),
         "{said}"

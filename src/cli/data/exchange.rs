@@ -85,7 +85,7 @@ struct Moved {
 
 impl Moved {
     fn tell(&self, console: &Console) -> anyhow::Result<()> {
-        console.result(self, |m| {
+        console.summary(self, |m| {
             format!("{}: {}", m.dir.display(), counted(m.clouds, "cloud"))
         })
     }

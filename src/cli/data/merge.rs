@@ -56,7 +56,7 @@ pub(super) fn run(args: &MergeArgs, console: &Console) -> anyhow::Result<()> {
         points: meta.points_per_cloud,
         seconds: began.elapsed().as_secs_f64(),
     };
-    console.result(&merged, |m| {
+    console.summary(&merged, |m| {
         format!(
             "{}: {} train, {} val and {} test clouds of {} points, of {}",
             m.dir.display(),

@@ -34,5 +34,5 @@ pub(super) fn run(args: &ViewArgs, console: &Console) -> anyhow::Result<()> {
     let viewed = Viewed {
         file: args.out.clone(),
     };
-    console.result(&viewed, |viewed| format!("see {}", viewed.file.display()))
+    console.summary(&viewed, |viewed| format!("see {}", viewed.file.display()))
 }

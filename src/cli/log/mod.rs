@@ -192,7 +192,7 @@ fn mend(args: &RepairArgs, console: &Console) -> anyhow::Result<()> {
         bail!("{} is there already; --force replaces it", out.display());
     }
     let found = Found::new(&repair(&args.file, out)?);
-    console.result(&found, |found| {
+    console.summary(&found, |found| {
         let text = found.text();
         format!("{text}{}: written, whole\n", out.display())
     })

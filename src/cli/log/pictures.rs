@@ -71,7 +71,7 @@ pub(super) fn run(args: &PicturesArgs, console: &Console) -> anyhow::Result<()> 
             written.incomplete.push(sample);
         }
     }
-    console.result(&written, |written| {
+    console.summary(&written, |written| {
         let cameras = counted(written.pictures.len(), "camera");
         let samples = counted(written.samples, "sample");
         let mut text = format!("{}: {samples} by {cameras}", args.out.display());
