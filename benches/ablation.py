@@ -104,7 +104,9 @@ class Study:
         """Trains a row for its share of the time; returns its steps and the run's name."""
         _, options, pace = ROWS[row]
         steps, run = round(self.steps / pace), row if seed == 0 else f"{row}-seed-{seed}"
-        tdcr("train", *options, *self.sources(row), "--steps", steps, "--seed", seed, "--out", self.out / run)
+        # The tables are of the flow itself.
+        plain = [] if "--refinement-steps" in options else ["--refinement-steps", 0]
+        tdcr("train", *options, *plain, *self.sources(row), "--steps", steps, "--seed", seed, "--out", self.out / run)
         return steps, run
 
     def distil(self, evaluations):

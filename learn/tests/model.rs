@@ -56,6 +56,10 @@ fn a_saved_model_predicts_the_same_cloud() {
 #[test]
 fn a_prediction_is_the_integrated_noise_in_metres() {
     let (model, _folder) = model();
+    let model = Model {
+        reach: None,
+        ..model
+    };
     let mut expected = vec![0.0; 30];
     FlowPath::PAPER.sample_prior(&mut rng(7, Stream::Sample(0)), Channels::Xyz, &mut expected);
     Sampler::default().integrate(&model.network, &[0.25, 0.5], &mut expected);
@@ -237,6 +241,20 @@ fn files_that_are_no_model_are_refused_with_what_is_wrong() {
     assert_eq!(
         content("provenance", provenance),
         "header `tdcr`: motor 1 runs from 1.1 to 1, expected min <= max, finite"
+    );
+    let reach = json!({"min": [0.5, 0.0, 0.0], "max": [0.0, 1.0, 1.0]});
+    assert_eq!(
+        content("reach", reach),
+        "header `tdcr`: the data reach from [0.5, 0.0, 0.0] to [0.0, 1.0, 1.0], expected min <= max, finite"
+    );
+    assert_eq!(
+        content("uncertainty_factor", json!(-1.0)),
+        "header `tdcr`: uncertainty_factor is -1, expected 0 or more"
+    );
+    let last = content("refined", json!(true));
+    assert!(
+        last.contains("refinement.") && last.contains("is missing"),
+        "{last}"
     );
 }
 

@@ -76,6 +76,7 @@ impl Samples {
             points: &self.points,
             targets: &self.targets,
             color_weight: COLOR_WEIGHT,
+            huber: None,
         }
     }
 

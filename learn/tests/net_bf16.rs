@@ -57,6 +57,7 @@ fn gradient(network: &Network, points: usize) -> (f64, Vec<f32>) {
         points: &points,
         targets: &targets,
         color_weight: COLOR_WEIGHT,
+        huber: None,
     };
     let mut gradient = vec![0.0; network.params().len()];
     let loss = network.loss_and_gradient(&batch, &mut Workspace::default(), &mut gradient);

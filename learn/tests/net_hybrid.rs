@@ -100,6 +100,7 @@ impl Samples {
             points: &self.points,
             targets: &self.targets,
             color_weight: COLOR_WEIGHT,
+            huber: None,
         }
     }
 }

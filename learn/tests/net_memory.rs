@@ -49,6 +49,7 @@ fn two_gradients(shape: NetworkShape, precision: Precision) -> [u64; 2] {
         points,
         targets: points,
         color_weight: COLOR_WEIGHT,
+        huber: None,
     };
     let mut gradient = vec![0.0; network.params().len()];
     let mut workspace = Workspace::default();

@@ -54,6 +54,7 @@ fn assert_torchs(name: &str) {
         points: &points,
         targets: &targets,
         color_weight: COLOR_WEIGHT,
+        huber: None,
     };
     let mut gradient = vec![f32::NAN; network.params().len()];
     let loss = network.loss_and_gradient(&batch, &mut Workspace::default(), &mut gradient);

@@ -90,6 +90,9 @@ impl Predictor {
             step,
             validation_distance,
             network,
+            refinement,
+            reach: _,
+            uncertainty_factor,
         } = &*self.model;
         let about = json!({
             "provenance": provenance,
@@ -99,6 +102,8 @@ impl Predictor {
             "validation_cd": validation_distance * provenance.normalisation.scale.powi(2),
             "parameters": network.shape().learned_parameters(),
             "precision": network.precision().name(),
+            "refined": refinement.is_some(),
+            "uncertainty_factor": uncertainty_factor,
             "colors": network.shape().channels().count() > 3,
         });
         Ok(about.to_string())

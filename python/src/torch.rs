@@ -35,8 +35,13 @@ pub fn presets() -> Outcome<String> {
             Length::Epochs(epochs) => (None, Some(epochs)),
         };
         // Warm-up is bounded by the length, which is not known yet.
+        // The last evaluation is not refined there.
         let settings = |rates| {
-            let mut settings = plain(serde_json::to_string(&preset.settings(rates, u64::MAX)))?;
+            let settings = TrainSettings {
+                refinement: None,
+                ..preset.settings(rates, u64::MAX)
+            };
+            let mut settings = plain(serde_json::to_string(&settings))?;
             settings
                 .as_object_mut()
                 .map(|fields| fields.remove("steps"));

@@ -89,6 +89,7 @@ def train(
     time_exponent: float = 3.0,
     late_times: float | None = None,
     prior_cut: float | None = None,
+    refinement_steps: int | None = None,
     surface_prior: Robot | PathLike | dict[str, Any] | None = None,
     symmetry: Literal["auto", "none"] | None = None,
     prior_deviation: float | None = None,
@@ -145,6 +146,8 @@ def train(
         time_exponent: Flow times are Beta(``time_exponent``, 1): 1 is uniform, above it they are mostly near the data.
         late_times: Share of the flow times that are drawn near the data instead, with ``1 - t`` log-uniform from 0.003 to 0.15.
         prior_cut: Where the noise that the flow starts from is cut off, in its standard deviations; 0: nowhere.
+        refinement_steps: Steps of the refinement, at most a third of ``steps``: a copy of the network learns on the ends of its
+            own flow, and takes its place in the last evaluation of a prediction; 0: none.
         surface_prior: A robot, or what :class:`tdcr.Robot` makes one of: the flow starts from its simulated surface under the
             same command, not from noise. For a model of the robot that the data show, which needs few samples then.
         symmetry: ``"auto"`` learns one representative of all commands that the robot's symmetries make alike, such as permuted
@@ -215,6 +218,7 @@ def train(
         "time_exponent": as_number(time_exponent, "time_exponent"),
         "late_times": maybe_number(late_times, "late_times"),
         "prior_cut": maybe_number(prior_cut, "prior_cut"),
+        "refinement_steps": None if refinement_steps is None else as_count(refinement_steps, "refinement_steps", 0, MOST),
         "surface_prior": None if surface_prior is None else Robot(surface_prior)._native,
         "symmetry": maybe_text(symmetry, "symmetry"),
         "prior_deviation": maybe_number(prior_deviation, "prior_deviation"),
@@ -290,7 +294,7 @@ def demo(
     out: PathLike = "demo_out",
     *,
     samples: int = 2000,
-    steps: int = 7000,
+    steps: int = 5500,
     precision: Precision | None = None,
     symmetry: Literal["auto", "none"] = "auto",
     seed: int = 0,

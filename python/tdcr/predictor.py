@@ -42,9 +42,9 @@ class Prediction(Batch):
     Attributes:
         points: Shape (B, N, 3), float32, world frame (m).
         colors: Shape (B, N, 3), uint8, RGB; ``None`` where the network predicts positions alone.
-        uncertainty: Shape (B, N), float32 (m): how far the prediction spreads, normal to its surface, about each point. Larger
-            where predictions are worse, but no bound on the error. ``None`` where it was not asked for, or clouds have fewer
-            than 16 points.
+        uncertainty: Shape (B, N), float32 (m): how far the prediction spreads, normal to its surface, about each point, times
+            :attr:`Predictor.uncertainty_factor`, so that twice as much covers the error of 95 % of the points of unseen
+            commands. ``None`` where it was not asked for, or clouds have fewer than 16 points.
         evaluations: Evaluations of the network that each cloud took, shape (B,).
     """
 
@@ -108,6 +108,7 @@ class Predictor:
             sampler_power: Exponent ``p`` of the time grid ``1 - (1 - k/n)^p``.
             sampler_tolerance: Adaptive steps with this local error tolerance, relative to the data's extent.
             sampler_denoise: Flow time, below 1, of a last evaluation that takes the points to the data predicted there; 1: none.
+                Of a refined model at another time than its own, the network itself makes it.
             sampler_spare: Points to draw beyond ``points``, as a share of these; isolated and crowded ones are left out.
             progress: Is called with the number of clouds predicted since its last call, as ``tqdm(total=B).update``.
 
@@ -237,6 +238,18 @@ class Predictor:
         return str(self.about["precision"])
 
     @property
+    def uncertainty_factor(self) -> float | None:
+        """What the spread of a cloud is multiplied by to be its uncertainty: training finds it in validation, such that twice
+        the uncertainty covers the error of 95 % of the points of unseen commands. ``None`` (1) for models that do not say."""
+        factor: float | None = self.about["uncertainty_factor"]
+        return factor
+
+    @property
+    def refined(self) -> bool:
+        """Whether a network of its own makes the last evaluation of a prediction."""
+        return bool(self.about["refined"])
+
+    @property
     def parameters(self) -> int:
         """Number of weights."""
         return int(self.about["parameters"])
@@ -245,7 +258,7 @@ class Predictor:
     def about(self) -> dict[str, Any]:
         """What the model file says but for the weights: ``provenance`` (robot, base, payloads, normalisation), ``settings`` of
         the training, ``shape`` of the network, the ``step`` that its weights are of and their ``validation_cd`` (m²); and
-        ``parameters``, ``precision``, ``colors``."""
+        ``parameters``, ``precision``, ``colors``, ``refined``, ``uncertainty_factor``."""
         about: dict[str, Any] = json.loads(self._native.about())
         return about
 

@@ -82,7 +82,7 @@ struct Global {
     /// Threads to use [default: all processors]
     #[arg(long, global = true, value_name = "N", value_parser = threads)]
     threads: Option<usize>,
-    /// Say nothing but errors and the result
+    /// Say nothing but errors, and a result that goes nowhere else: a command that writes files says nothing
     #[arg(long, short, global = true)]
     quiet: bool,
 }
@@ -160,8 +160,8 @@ struct SamplerArgs {
     /// exponential3)
     #[arg(long, value_name = "TOL", conflicts_with = "sampler_power")]
     sampler_tolerance: Option<f32>,
-    /// Flow time T, below 1, of a last evaluation that takes the points to the data predicted there; 1: no such evaluation
-    /// [default: the model's own]
+    /// Flow time T, below 1, of a last evaluation that takes the points to the data predicted there; 1: no such evaluation.
+    /// A refined model makes it by a network of its own at its own time, at others by the flow's network [default: the model's own]
     #[arg(long, value_name = "T")]
     sampler_denoise: Option<f32>,
     /// Points to draw beyond those asked for, as a share of these; isolated and crowded ones are left out [default: the model's

@@ -90,6 +90,8 @@ pub(super) struct TrainArgs {
     late_times: Option<f32>,
     #[arg(long, value_name = "R", allow_hyphen_values = true, help = by_preset("Where the noise that the flow starts from is cut off, in its standard deviations; 0: nowhere", |p| p.path.prior_cut.unwrap_or(0.0)))]
     prior_cut: Option<f32>,
+    #[arg(long, value_name = "N", help = by_preset("Steps of the refinement, at most a third of --steps: a copy of the network learns on the ends of its own flow, and takes its place in the last evaluation of a prediction; 0: none", |p| p.refinement.map_or(0, |refinement| refinement.steps)))]
+    refinement_steps: Option<u64>,
     /// Start the flow from the simulated surface of this robot (as `tdcr collect --robot`) under the same command, not from
     /// noise: for a model of the robot that the data show, which needs few samples then
     #[arg(long, value_name = "ROBOT", conflicts_with = "stream")]
@@ -369,6 +371,7 @@ fn plan(args: &TrainArgs) -> anyhow::Result<TrainPlan> {
         time_exponent: args.time_exponent,
         late_times: args.late_times,
         prior_cut: args.prior_cut,
+        refinement_steps: args.refinement_steps,
         condition_blocks: args.condition_blocks,
         octaves: args.octaves,
         time_features: args.time_features,
@@ -433,7 +436,7 @@ pub(super) fn run(args: &TrainArgs, console: &Console) -> anyhow::Result<()> {
         precision: settings.precision,
         vector_lanes: Processor::detect().vector_lanes,
     };
-    console.result(&run, |r| {
+    console.summary(&run, |r| {
         format!(
             "{}: {} parameters, best at step {} of {}, validation CD {:.3e} m²",
             r.model.display(),

@@ -38,7 +38,7 @@ impl Default for DemoSettings {
     fn default() -> Self {
         Self {
             samples: 2000,
-            steps: 7000,
+            steps: 5500,
             precision: None,
             symmetry: PRESET.symmetry,
             seed: 0,
@@ -284,6 +284,7 @@ fn report(
                 "Sampler".to_owned(),
                 page::sampler_text(&Sampler::default()),
             ),
+            ("Refinement".to_owned(), page::refinement_text(model)),
             (
                 "Precision".to_owned(),
                 page::precision_text(&metrics.metrics).unwrap_or_default(),

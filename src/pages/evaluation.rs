@@ -56,6 +56,7 @@ impl<'a> Evaluated<'a> {
                 ),
                 ("Training", format!("best at step {}", model.step)),
                 ("Sampler", sampler_text(sampler)),
+                ("Refinement", refinement_text(model)),
             ],
         };
         let named = facts.into_iter();
@@ -183,8 +184,9 @@ pub(super) fn score_notes(metrics: &Metrics) -> Vec<String> {
             "Chamfer distance on {} points of each cloud, earth mover's distances on {}.",
             metrics.points, metrics.emd_points
         ),
-        "A perfect predictor draws points of the seen surface independently of each other; the floor's view has its \
-         pixels and voxels in a random phase."
+        "A perfect predictor draws points of the seen surface independently of each other; evenly spread, it draws half as \
+         many again and leaves out isolated and crowded ones, as a network's cloud does; the floor's view has its pixels and \
+         voxels in a random phase."
             .to_owned(),
         format!(
             "The matchings are optimal: their duality gaps are at most {:.1e} m, and {:.1e} m² where squared.",
@@ -212,7 +214,7 @@ pub(super) fn per_test(
     })
 }
 
-/// The rows whose distances are drawn: not the mean command, which is far off, nor the perfect predictor, which is where the
+/// The rows whose distances are drawn: not the mean command, which is far off, nor the perfect predictors, which are where the
 /// floor is.
 fn methods(evaluation: &Evaluation) -> Vec<MethodDistances> {
     let mut methods = Vec::new();
@@ -222,7 +224,7 @@ fn methods(evaluation: &Evaluation) -> Vec<MethodDistances> {
             _ if place == 0 => Role::Network,
             "nearest" => Role::Nearest,
             FLOOR => Role::Floor,
-            "mean" | "perfect" => continue,
+            "mean" | "perfect" | "perfect-selected" => continue,
             _ => {
                 others += 1;
                 Role::Other(others - 1)
@@ -280,6 +282,15 @@ pub(super) fn precision_text(metrics: &Metrics) -> Option<String> {
         prediction.name(),
         training.name()
     ))
+}
+
+/// How the last evaluation was learned, in a few words.
+pub(super) fn refinement_text(model: &Model) -> String {
+    let refinement = model.settings.refinement;
+    match refinement.filter(|_| model.refinement.is_some()) {
+        None => "none".to_owned(),
+        Some(refinement) => format!("{} steps", refinement.steps),
+    }
 }
 
 /// What the sampler is, in a few words.

@@ -27,7 +27,7 @@ use super::{Monitor, PipelineError};
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
-const JOURNAL_FORMAT: u32 = 11;
+const JOURNAL_FORMAT: u32 = 12;
 
 /// Points of a test cloud and distinct ones of them, means.
 fn true_points(test: &[Sample]) -> [f64; 2] {
@@ -44,8 +44,9 @@ fn true_points(test: &[Sample]) -> [f64; 2] {
 }
 
 /// Key and name of each reference, in the order of the rows.
-const REFERENCES: [(&str, &str); 2] = [
+const REFERENCES: [(&str, &str); 3] = [
     ("perfect", "perfect predictor"),
+    ("perfect-selected", "perfect, evenly spread"),
     ("floor", "sampling floor"),
 ];
 
@@ -245,7 +246,7 @@ impl Evaluator {
             Clouds::Given(clouds) => Prediction {
                 points: clouds.points[index].clone(),
                 colors: clouds.colors.as_ref().map(|colors| colors[index].clone()),
-                evaluations: 0,
+                ..Prediction::default()
             },
         };
         let expected = match contestant.extent {

@@ -6,13 +6,13 @@ use tdcr_learn::data::Sample;
 use tdcr_learn::metrics::{
     MetricError, chamfer, color_error, emd, emd_squared, nearest_distances, rank_correlation,
 };
-use tdcr_learn::predict::Prediction;
+use tdcr_learn::predict::{Prediction, select};
 use tdcr_sim::robot::Robot;
 use tdcr_sim::statics::Equilibrium;
 
 use super::eval_settings::EvalSettings;
 use super::scores::{Distances, RowScore, UncertaintyScore};
-use super::simulation::Again;
+use super::simulation::{Again, with_spare};
 use super::tip::tip_error;
 
 /// What is measured of a predictor's clouds.
@@ -76,15 +76,16 @@ impl Measure<'_> {
         })
     }
 
-    /// What other samples of the true surface score: a perfect predictor, and the sampling floor. For CD the second sample is a
-    /// view in a random phase of pixels and voxels; but that has some parts, like a base, in another density, which counts in
-    /// the earth mover's distances: for them it is other points of the true cloud, where there are enough.
+    /// What other samples of the true surface score: a perfect predictor, the same whose points are selected as a network's are,
+    /// and the sampling floor. For CD the floor's sample is a view in a random phase of pixels and voxels; but that has some
+    /// parts, like a base, in another density, which counts in the earth mover's distances: for them it is other points of the
+    /// true cloud, where there are enough.
     pub fn references(
         &self,
-        [perfect, floor]: [&str; 2],
+        [perfect, selected, floor]: [&str; 3],
         again: &Again,
         rng: &mut impl Rng,
-    ) -> Result<[RowScore; 2], MetricError> {
+    ) -> Result<[RowScore; 3], MetricError> {
         let (points, few) = (self.settings.points, self.settings.emd_points);
         let view = subset(points, &again.view.points, rng);
         let second = self.truth.get(few..2 * few).unwrap_or(&view[..few]);
@@ -95,8 +96,17 @@ impl Measure<'_> {
             cd: chamfer(&independent, &self.truth)?,
             ..of_floor
         };
+        let select = |count: usize| {
+            let drawn = &again.independent.points;
+            let drawn = &drawn[..with_spare(count).min(drawn.len())];
+            let kept = select(drawn, count);
+            kept.into_iter().map(|k| drawn[k]).collect::<Vec<_>>()
+        };
+        let clouds = [points, few].map(select);
+        let of_selected = distances([&clouds[0], &self.truth], [&clouds[1], &self.truth[..few]])?;
         Ok([
             RowScore::new(perfect, of_perfect),
+            RowScore::new(selected, of_selected),
             RowScore::new(floor, of_floor),
         ])
     }
@@ -137,7 +147,10 @@ fn uncertainty(
     };
     let values: Vec<f64> = values.into_iter().map(f64::from).collect();
     let distances = nearest_distances(&prediction.points, truth)?;
+    let pairs = values.iter().zip(&distances);
+    let covered = pairs.filter(|(value, distance)| **distance <= 2.0 * **value);
     Ok(Some(UncertaintyScore {
+        coverage: covered.count() as f64 / values.len() as f64,
         mean: values.iter().sum::<f64>() / values.len() as f64,
         rank_correlation: rank_correlation(&values, &distances),
     }))

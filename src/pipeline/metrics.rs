@@ -9,7 +9,7 @@ use tdcr_learn::train::Model;
 use super::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles, RowScore, Scores};
 
 /// Keys of the rows that every evaluation of a simulated data set has, whose scores have names of their own.
-const OWN_KEYS: [&str; 4] = ["nearest", "mean", "perfect", "floor"];
+const OWN_KEYS: [&str; 5] = ["nearest", "mean", "perfect", "perfect-selected", "floor"];
 
 /// Mean scores, as `metrics.json` and `--json` name them: CD and squared EMD in m², EMD in m.
 #[derive(Clone, Debug, Serialize)]
@@ -20,6 +20,8 @@ pub struct Metrics {
     pub cd_floor: Option<f64>,
     /// Of a perfect predictor, whose points are independent of each other.
     pub cd_perfect: Option<f64>,
+    /// Of the same where half as many points again are drawn and isolated and crowded ones left out, as of a network's.
+    pub cd_perfect_selected: Option<f64>,
     /// Of the clouds of the nearest training commands.
     pub cd_nearest: f64,
     /// Of the cloud of the mean command.
@@ -53,6 +55,9 @@ pub struct Metrics {
     pub tip_nearest: Option<f64>,
     /// Mean uncertainty of the network's points (m); `None` where too few points tell.
     pub uncertainty: Option<f64>,
+    /// Share of the points of a test command that are no farther than twice their uncertainty from the true cloud; mean over the
+    /// commands.
+    pub uncertainty_coverage: Option<f64>,
     /// Spearman's rank correlation of a point's uncertainty with its distance from the true cloud, over the points of
     /// a test command; mean over the commands.
     pub uncertainty_rank_points: Option<f64>,
@@ -117,13 +122,14 @@ impl Metrics {
             ..
         } = mean.evaluated();
         let of = |key: &str| mean.get(key).map(|row| row.distances);
-        let [nearest, mean_command, perfect, floor] = OWN_KEYS.map(of);
+        let [nearest, mean_command, perfect, selected, floor] = OWN_KEYS.map(of);
         // Every evaluation has the nearest training command.
         let nearest = nearest.unwrap_or(*distances);
         Self {
             cd: distances.cd,
             cd_floor: floor.map(|d| d.cd),
             cd_perfect: perfect.map(|d| d.cd),
+            cd_perfect_selected: selected.map(|d| d.cd),
             cd_nearest: nearest.cd,
             cd_mean: mean_command.map(|d| d.cd),
             emd: distances.emd,
@@ -140,6 +146,7 @@ impl Metrics {
             tip: *tip,
             tip_nearest: mean.get("nearest").and_then(|row| row.tip),
             uncertainty: uncertainty.map(|u| u.mean),
+            uncertainty_coverage: uncertainty.map(|u| u.coverage),
             uncertainty_rank_points: uncertainty.and_then(|u| u.rank_correlation),
             uncertainty_rank_commands: evaluation.uncertainty_rank_correlation(),
             evaluations: model.map(|_| *evaluations),
@@ -169,9 +176,11 @@ impl Metrics {
         let number = |value: Option<f64>| value.map_or("unknown".to_owned(), |x| format!("{x:.2}"));
         self.uncertainty.map(|mean| {
             format!(
-                "Uncertainty of the network's points: {:.3} mm on average. Its rank correlation with the error is {} over \
-                 the points of a command, {} over the commands.",
+                "Uncertainty of the network's points: {:.3} mm on average; {:.1} % of the points are no farther than twice \
+                 theirs from the true cloud. Its rank correlation with the error is {} over the points of a command, {} over \
+                 the commands.",
                 1e3 * mean,
+                100.0 * self.uncertainty_coverage.unwrap_or(f64::NAN),
                 number(self.uncertainty_rank_points),
                 number(self.uncertainty_rank_commands)
             )

@@ -5,7 +5,7 @@ use tdcr_learn::flow::{Coupling, FlowPath, Method, Sampler, TimeGrid};
 use tdcr_learn::net::{Channels, ContextShape, Precision, TimeFeatures};
 use tdcr_learn::prior::Prior;
 use tdcr_learn::symmetry::SymmetryUse;
-use tdcr_learn::train::{Optimizer, Target, TrainSettings};
+use tdcr_learn::train::{Optimizer, Refinement, Target, TrainSettings};
 use tdcr_sim::robot::RobotSpec;
 
 use super::preset::{Length, Preset, Rates};
@@ -54,6 +54,9 @@ pub struct TrainPlan {
     pub late_times: Option<f32>,
     /// Where the prior is cut, in its deviations ([`FlowPath::prior_cut`]); 0 for nowhere.
     pub prior_cut: Option<f32>,
+    /// Steps of the refinement, at most a third of all; 0 for none. By default the preset's, and none where the flow starts from a
+    /// surface.
+    pub refinement_steps: Option<u64>,
     /// Residual blocks of the condition ([`MlpShape::condition_blocks`](tdcr_learn::net::MlpShape::condition_blocks)).
     pub condition_blocks: Option<usize>,
     /// Octaves of the positions' Fourier features ([`MlpShape::octaves`](tdcr_learn::net::MlpShape::octaves)).
@@ -95,6 +98,7 @@ impl Default for TrainPlan {
             time_exponent: path.time_exponent,
             late_times: None,
             prior_cut: None,
+            refinement_steps: None,
             condition_blocks: None,
             octaves: None,
             time_features: None,
@@ -127,7 +131,16 @@ impl TrainPlan {
             context: self.context,
             channels: self.channels.unwrap_or(default.channels),
         };
+        let usual = self.preset.refinement;
         let preset = Preset {
+            refinement: match (self.refinement_steps, &self.surface_prior) {
+                (None, None) => usual,
+                (None, Some(_)) | (Some(0), _) => None,
+                (Some(steps), _) => Some(Refinement {
+                    steps,
+                    ..usual.unwrap_or_default()
+                }),
+            },
             length: self.steps.map_or(self.preset.length, Length::Steps),
             points: self.points.unwrap_or(self.preset.points),
             validate_every: self.validate_every.unwrap_or(self.preset.validate_every),

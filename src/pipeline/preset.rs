@@ -3,7 +3,7 @@
 use tdcr_learn::flow::{FlowPath, Method, Sampler, TimeGrid};
 use tdcr_learn::net::{Channels, ContextLayers, TimeFeatures};
 use tdcr_learn::symmetry::SymmetryUse;
-use tdcr_learn::train::{Optimizer, Procedure, Target, TrainSettings};
+use tdcr_learn::train::{Optimizer, Procedure, Refinement, Target, TrainSettings};
 
 use super::NetworkSize;
 
@@ -26,6 +26,8 @@ pub struct Preset {
     pub sampler: Sampler,
     /// Prior and flow times.
     pub path: FlowPath,
+    /// The last evaluation, learned when all steps are taken; at most a third of the run.
+    pub refinement: Option<Refinement>,
     /// How gradients move the weights.
     pub optimizer: Optimizer,
     /// Whether it learns representatives of symmetric conditions.
@@ -84,10 +86,11 @@ impl Preset {
             name: "quick",
             purpose: "a small network in minutes on a CPU",
             size: SMALL,
-            length: Length::Steps(7000),
+            length: Length::Steps(5500),
             points: 128,
-            validate_every: 700,
+            validate_every: 550,
             sampler: Sampler::DEFAULT,
+            refinement: Some(Refinement::DEFAULT),
             path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
             symmetry: SymmetryUse::Auto,
@@ -106,6 +109,10 @@ impl Preset {
             points: 128,
             validate_every: 2500,
             sampler: Sampler::DEFAULT,
+            refinement: Some(Refinement {
+                steps: 4000,
+                ..Refinement::DEFAULT
+            }),
             path: FlowPath::DEFAULT,
             optimizer: Optimizer::MUON,
             symmetry: SymmetryUse::Auto,
@@ -130,6 +137,7 @@ impl Preset {
             points: 20_000,
             validate_every: 5000,
             sampler: Sampler::PAPER,
+            refinement: None,
             path: FlowPath::PAPER,
             optimizer: Optimizer::AdamW,
             symmetry: SymmetryUse::None,
@@ -220,6 +228,9 @@ impl Preset {
             warmup_steps: rates.warmup_steps.min(steps / 10),
             validate_every: self.validate_every,
             sampler: self.sampler,
+            refinement: self
+                .refinement
+                .and_then(|refinement| refinement.at_most(steps / 3)),
             optimizer: self.optimizer,
             path: self.path,
             symmetry: self.symmetry,
@@ -238,7 +249,17 @@ mod tests {
         let quick = Preset::default();
         assert_eq!(quick.name, "quick");
         let settings = quick.settings(quick.rates[0], quick.length.steps(64, 1));
-        assert_eq!(settings, TrainSettings::default());
+        let refinement = quick.refinement;
+        assert_eq!(
+            settings,
+            TrainSettings {
+                refinement,
+                ..TrainSettings::default()
+            }
+        );
+        let short = quick.settings(quick.rates[0], 60).refinement;
+        assert_eq!(short.map(|refinement| refinement.steps), Some(20));
+        assert_eq!(quick.settings(quick.rates[0], 2).refinement, None);
     }
 
     #[test]

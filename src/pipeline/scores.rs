@@ -53,6 +53,8 @@ pub struct Scores {
 pub struct UncertaintyScore {
     /// Mean over the points (m).
     pub mean: f64,
+    /// Share of the points whose distance from the nearest point of the whole true cloud is at most twice their uncertainty.
+    pub coverage: f64,
     /// Spearman's rank correlation over the points, in [-1, 1], with the distance from the nearest point of the whole
     /// true cloud; `None` where all points are equally uncertain, or equally wrong.
     pub rank_correlation: Option<f64>,
@@ -226,6 +228,7 @@ impl UncertaintyScore {
         let known: Vec<f64> = all.iter().filter_map(|s| s.rank_correlation).collect();
         Self {
             mean: mean(&all.iter().map(|s| s.mean).collect::<Vec<_>>()),
+            coverage: mean(&all.iter().map(|s| s.coverage).collect::<Vec<_>>()),
             rank_correlation: (!known.is_empty()).then(|| mean(&known)),
         }
     }
@@ -289,6 +292,7 @@ mod tests {
                     color: Some(0.1 * cd),
                     uncertainty: Some(UncertaintyScore {
                         mean: cd.sqrt(),
+                        coverage: 0.2 * cd,
                         rank_correlation: (cd > 1.0).then_some(0.25 * cd),
                     }),
                     tip: (cd > 1.0).then_some(cd),
@@ -346,6 +350,7 @@ mod tests {
         assert_eq!(evaluation.uncertainty_rank_correlation(), Some(1.0));
         let least = UncertaintyScore {
             mean: 0.0,
+            coverage: 1.0,
             rank_correlation: None,
         };
         evaluation.per_test[0].rows[0].uncertainty = Some(least);
@@ -376,6 +381,7 @@ mod tests {
         assert_eq!(network.evaluations, 16.0);
         let uncertainty = UncertaintyScore {
             mean: 0.5 * (1.0 + 3.0_f64.sqrt()),
+            coverage: 0.4,
             rank_correlation: Some(0.75),
         };
         assert_eq!(network.uncertainty, Some(uncertainty));

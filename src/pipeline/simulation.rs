@@ -3,6 +3,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_learn::data::{Condition, Recipe, SimulateError, Simulator};
+use tdcr_learn::flow::Sampler;
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::robot::Robot;
 use tdcr_sim::statics::Equilibrium;
@@ -21,8 +22,14 @@ pub(super) struct Simulation {
 pub(super) struct Again {
     /// The same cameras and voxels in a random phase.
     pub view: PointCloud,
-    /// Points that are independent of each other, as a perfect predictor draws them.
+    /// Points that are independent of each other, as a perfect predictor draws them: with the spare ones of
+    /// [`Sampler::DEFAULT`].
     pub independent: PointCloud,
+}
+
+/// Points that are drawn for a cloud of `points`, of which a selection is to be left.
+pub(super) fn with_spare(points: usize) -> usize {
+    Sampler::DEFAULT.drawn(points)
 }
 
 /// First random stream of the second samples, apart from the streams of the subsets of points.
@@ -80,7 +87,11 @@ impl Simulation {
         let (mut simulator, mut rng) = self.displaced(seed, index);
         Ok(Again {
             view: simulator.cloud(condition, self.points, &mut rng)?,
-            independent: simulator.independent_points(condition, self.points, &mut rng)?,
+            independent: simulator.independent_points(
+                condition,
+                with_spare(self.points),
+                &mut rng,
+            )?,
         })
     }
 }

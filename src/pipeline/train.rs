@@ -8,8 +8,8 @@ use tdcr_learn::net::{Channels, NetworkShape};
 use tdcr_learn::prior::{Prior, SurfaceError, SurfacePrior};
 use tdcr_learn::symmetry::Reduction;
 use tdcr_learn::train::{
-    Feed, Model, Provenance, Start, StreamWindow, Teacher, TrainError, TrainSettings, Trainer,
-    TrainingState,
+    Feed, FileError, Model, Provenance, Refiner, Start, StreamWindow, Teacher, TrainError,
+    TrainSettings, Trainer, TrainingState,
 };
 
 use super::log::RunLog;
@@ -38,12 +38,20 @@ pub fn model_path(run: &Path) -> PathBuf {
     run.join("model.safetensors")
 }
 
+/// The folder of a run's refinement, a run of its own.
+fn refinement_path(run: &Path) -> PathBuf {
+    run.join("refinement")
+}
+
 fn state_path(run: &Path) -> PathBuf {
     run.join("state.safetensors")
 }
 
 /// Trains a network on `data`, keeping model, state and log in the folder `run`. Its weights start at those of `initial`, at
 /// random ones without it.
+///
+/// When all steps are taken, the network's last evaluation is refined where `settings` say so (a run of its own, in the folder
+/// `refinement` of `run`), and the factor of its uncertainty is found in validation.
 ///
 /// The state is saved at every validation and at an interruption; a run that is resumed ends with
 /// the network and the `log.csv` of an uninterrupted one, bit for bit. A state whose loss is above its running level is
@@ -225,7 +233,7 @@ impl Run<'_> {
         self.on(training, &validation, start, provenance)
     }
 
-    /// On `training`, a network from its `start`.
+    /// On `training`, a network from its `start`; then its refinement, and the factor of its uncertainty.
     fn on(
         &self,
         training: Feed,
@@ -249,6 +257,7 @@ impl Run<'_> {
             let state = trainer.state(provenance.clone());
             state.save(&state_path(self.folder))?;
         }
+        let path = model_path(self.folder);
         if !trainer.is_finished() {
             let (steps, taken) = (settings.steps, trainer.steps_taken());
             self.monitor.begin("train", steps, taken);
@@ -258,17 +267,142 @@ impl Run<'_> {
                     "more steps than before: from here on the learning rate is that of a run of {steps}"
                 ));
             }
-            self.finish(&mut trainer, &mut log, &provenance)?;
+            let save = |model: Model| model.save(&path);
+            self.finish(&mut trainer, &mut log, &provenance, &save)?;
             self.monitor.end();
         }
+        let flow = (trainer.model(provenance)).expect("the last step is validated");
         Ok(Trained {
             losses: trainer.losses().to_vec(),
             validations: (trainer.validations().iter())
                 .map(|(step, distance)| (*step, distance * scale * scale))
                 .collect(),
-            model: trainer
-                .model(provenance)
-                .expect("the last step is validated"),
+            model: match completed(&path, &flow) {
+                Some(model) => model,
+                None => {
+                    let refined = self.refine(&mut trainer, flow, validation)?;
+                    let model = self.calibrate(refined, validation)?;
+                    model.save(&path)?;
+                    model
+                }
+            },
+        })
+    }
+
+    /// `flow` with the network of its last evaluation, where there is to be one and its clouds are better in validation.
+    fn refine(
+        &self,
+        trainer: &mut Trainer,
+        flow: Model,
+        validation: &CloudSet,
+    ) -> Result<Model, PipelineError> {
+        let Some(settings) = flow.settings.refining() else {
+            return Ok(flow);
+        };
+        let monitor = self.monitor;
+        monitor.begin("predict to refine", trainer.clouds() as u64, 0);
+        let made = || {
+            monitor.advance(1);
+            !monitor.interrupted()
+        };
+        let refiner = trainer.refiner(&flow, &made)?;
+        let refiner = refiner.ok_or(PipelineError::Interrupted)?;
+        monitor.end();
+        let run = Run {
+            folder: &refinement_path(self.folder),
+            settings: &settings,
+            monitor,
+        };
+        let last = run.last_evaluation(refiner, &flow, validation)?;
+        let area = flow.provenance.normalisation.scale.powi(2);
+        let told = |model: &Model| area * model.validation_distance;
+        match last {
+            Some(last) if last.validation_distance < flow.validation_distance => {
+                monitor.note(&format!(
+                    "refined: validation CD {:.3e} m², before {:.3e} m²",
+                    told(&last),
+                    told(&flow)
+                ));
+                Ok(Model {
+                    validation_distance: last.validation_distance,
+                    refinement: Some(last.network),
+                    ..flow
+                })
+            }
+            _ => {
+                monitor.note(
+                    "the refinement does not make the clouds of validation better, and is left out",
+                );
+                Ok(flow)
+            }
+        }
+    }
+
+    /// The network of the last evaluation of `flow`, learned in this run; `None` where that diverges.
+    fn last_evaluation(
+        &self,
+        refiner: Refiner,
+        flow: &Model,
+        validation: &CloudSet,
+    ) -> Result<Option<Model>, PipelineError> {
+        let start = || Start::from(&flow.network);
+        let feed = Feed::Refiner(Box::new(refiner));
+        std::fs::create_dir_all(self.folder).map_err(|source| PipelineError::Write {
+            path: self.folder.to_owned(),
+            source,
+        })?;
+        let path = state_path(self.folder);
+        // What was given more steps, or is to be refined otherwise, is refined anew.
+        let of_flow = |state: &TrainingState| {
+            state.starts_from(&flow.network) && state.settings == *self.settings
+        };
+        let state = match path.exists() {
+            true => Some(TrainingState::load(&path)?).filter(of_flow),
+            false => None,
+        };
+        let mut trainer = match state {
+            Some(state) => {
+                let resumed =
+                    Trainer::resume(state, start(), self.settings.clone(), feed, validation);
+                resumed.map_err(|source| PipelineError::OtherRun { path, source })?
+            }
+            None => Trainer::new(start(), self.settings.clone(), feed, validation)?,
+        };
+        let provenance = &flow.provenance;
+        let mut log = RunLog::open(self.folder, &trainer, provenance.normalisation.scale)?;
+        self.monitor
+            .begin("refine", self.settings.steps, trainer.steps_taken());
+        // Alone, it is no model: it is saved with the state.
+        let finished = self.finish(&mut trainer, &mut log, provenance, &|_| Ok(()));
+        self.monitor.end();
+        match finished {
+            Err(PipelineError::Diverged(_)) => Ok(None),
+            finished => finished.map(|()| trainer.model(provenance.clone())),
+        }
+    }
+
+    /// The model with the factor of its uncertainty.
+    fn calibrate(&self, model: Model, validation: &CloudSet) -> Result<Model, PipelineError> {
+        let monitor = self.monitor;
+        monitor.begin(
+            "validate the uncertainty",
+            Model::calibration_clouds(validation) as u64,
+            0,
+        );
+        let made = || {
+            monitor.advance(1);
+            !monitor.interrupted()
+        };
+        let precision = self.settings.precision;
+        let precise = model.clone().with_precision(precision);
+        let calibrated = (precise.map_err(TrainError::from)?).calibrated(validation, &made)?;
+        let factor = calibrated
+            .ok_or(PipelineError::Interrupted)?
+            .uncertainty_factor;
+        monitor.end();
+        Ok(Model {
+            uncertainty_factor: factor,
+            ..model
         })
     }
 
@@ -278,6 +412,7 @@ impl Run<'_> {
         trainer: &mut Trainer,
         log: &mut RunLog,
         provenance: &Provenance,
+        save: &dyn Fn(Model) -> Result<(), FileError>,
     ) -> Result<(), PipelineError> {
         let (model_path, state_path) = (model_path(self.folder), state_path(self.folder));
         let mut saved = (trainer.steps_taken() > 0).then_some(trainer.steps_taken());
@@ -301,7 +436,7 @@ impl Run<'_> {
             due |= stepped == Stepped::Validated || interrupted;
             if due && (trainer.is_level() || trainer.is_finished()) {
                 if let Some(model) = trainer.model(provenance.clone()) {
-                    model.save(&model_path)?;
+                    save(model)?;
                 }
                 log.sync()?;
                 trainer.state(provenance.clone()).save(&state_path)?;
@@ -313,6 +448,17 @@ impl Run<'_> {
         }
         Ok(())
     }
+}
+
+/// The model at `path`, if it is `flow` with all that follows its training.
+fn completed(path: &Path, flow: &Model) -> Option<Model> {
+    // One that cannot be read is made anew.
+    let model = Model::load(path).ok()?;
+    let same = model.step == flow.step
+        && model.settings == flow.settings
+        && model.provenance == flow.provenance
+        && model.network.params() == flow.network.params();
+    (same && model.uncertainty_factor.is_some()).then_some(model)
 }
 
 /// Where the weights of a network of `shape` start, that is trained on data of `provenance`.

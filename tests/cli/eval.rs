@@ -135,6 +135,7 @@ fn scores_say_how_well_the_uncertainty_tells_the_error() {
     for key in ["uncertainty_rank_points", "uncertainty_rank_commands"] {
         assert!((-1.0..=1.0).contains(&number(&scores[key])), "{key}");
     }
+    assert!((0.0..=1.0).contains(&number(&scores["uncertainty_coverage"])));
     // What `predict` says of the test commands, with the seeds of their clouds, averages to the same.
     let out = folder.path().join("cloud.npz");
     let model = arguments[2].as_str();
@@ -302,15 +303,23 @@ fn the_floor_is_of_random_phases_and_a_perfect_predictor_is_shown_beside_it() {
     let eval = ["eval", "--model", model, "--data", text(&data)];
     let eval = [&eval[..], &["--emd-points", "50"]].concat();
     let scores = succeed_json(&eval);
-    let [floor, perfect] = ["cd_floor", "cd_perfect"].map(|key| number(&scores[key]));
+    let keys = ["cd_floor", "cd_perfect", "cd_perfect_selected"];
+    let [floor, perfect, selected] = keys.map(|key| number(&scores[key]));
     assert!((1.2e-6..1.7e-6).contains(&floor), "{floor}");
     assert!((1.45e-6..1.75e-6).contains(&perfect), "{perfect}");
+    // 1.44 on 25 commands of another set, by the same program.
+    assert!((1.3e-6..1.55e-6).contains(&selected), "{selected}");
+    assert!(selected < 0.97 * perfect, "{selected}, {perfect}");
     let table = succeed(&[&eval[..], &["--quiet", "--report", text(&page)]].concat());
     let row = |name: &str| {
         let row = table.lines().find(|line| line.starts_with(name)).unwrap();
         row.split_whitespace().last().unwrap().to_owned()
     };
     assert_eq!(row("perfect predictor"), format!("{:.1}", perfect / floor));
+    assert_eq!(
+        row("perfect, evenly spread"),
+        format!("{:.1}", selected / floor)
+    );
     let page = std::fs::read_to_string(&page).unwrap();
     assert!(page.contains("Perfect predictor</th>"));
 }

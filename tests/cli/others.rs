@@ -73,6 +73,7 @@ fn anyones_clouds_are_scored_with_the_table_of_a_networks() {
         "cd_mean",
         "cd_floor",
         "cd_perfect",
+        "cd_perfect_selected",
         "emd_floor",
         "tests",
         "true_points",

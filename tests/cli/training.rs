@@ -218,7 +218,7 @@ fn presets_are_explained_and_what_is_asked_for_goes_before_them() {
         "[default: quick]",
         "the authors' settings",
         "[default: quick 96, laptop 128, paper 512]",
-        "[default: quick 7000, laptop 25000, paper 500 epochs]",
+        "[default: quick 5500, laptop 25000, paper 500 epochs]",
         "[default: quick muon, laptop muon, paper adamw]",
         "[default: quick 128; laptop 128; paper 8, hybrid 32]",
         "[default: quick 0.02; laptop 0.02; paper 0.0003, hybrid 0.0008]",

@@ -6,6 +6,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 use tdcr::learn::data::{CloudSet, Normalisation, Subject};
+use tdcr::learn::flow::Reach;
 use tdcr::learn::net::{Channels, MlpShape, Network, TimeFeatures};
 use tdcr::learn::symmetry::Reduction;
 use tdcr::learn::train::{Model, Provenance, TrainSettings, Trainer};
@@ -49,12 +50,16 @@ pub fn saved(save: impl FnOnce(&Path)) -> Vec<u8> {
 
 pub fn model() -> Vec<u8> {
     let network = Network::new(SHAPE, &mut ChaCha8Rng::seed_from_u64(0));
+    let network = network.expect("a network of a sound shape");
     let model = Model {
         provenance: provenance(),
         settings: TrainSettings::default(),
         step: 3,
         validation_distance: 0.1,
-        network: network.expect("a network of a sound shape"),
+        refinement: Some(network.clone()),
+        network,
+        reach: Some(Reach::NORMALISED),
+        uncertainty_factor: Some(2.5),
     };
     saved(|path| model.save(path).expect("a file can be written"))
 }

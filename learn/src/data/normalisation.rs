@@ -15,6 +15,9 @@ const POINTS_FILE: &str = "global_norm_scope-all_anchor-origin.json";
 
 /// A data set's normalisation: motors min-max scaled to `[0, 1]`, points divided by one length.
 ///
+/// Ranges and scale are over all three splits, as the authors' files have them (`scope-all`): two numbers of a motor may be those
+/// of a test command.
+///
 /// Motors: `(m - min) / (max - min)` per dimension (paper, Eq. motor_normalization). A motor that never moves has
 /// `max = min`; it is divided by 1 instead, so it maps to 0. Points: `X / s`, not translated, so that the base stays
 /// where it is (paper, Eq. point_normalization).

@@ -6,6 +6,7 @@ mod error;
 mod multistep;
 mod path;
 mod random;
+mod reach;
 mod sampler;
 mod time_grid;
 
@@ -13,5 +14,6 @@ pub use coupling::Coupling;
 pub use error::FlowError;
 pub use path::{FlowPath, LATE_TIMES};
 pub use random::{Stream, rng};
+pub use reach::Reach;
 pub use sampler::{ColorSteps, Method, Sampler, VelocityField};
 pub use time_grid::TimeGrid;

@@ -17,6 +17,12 @@ pub trait VelocityField {
     /// Velocities `(N, C)` of `points` `(N, C)`, row-major, at flow time `t` in [0, 1] under `condition`; all in
     /// normalised units.
     fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]);
+
+    /// The same for the last denoising, whose points are the ends of the flow ([`Sampler::denoise`]): another field where one
+    /// was learned for it.
+    fn last_velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]) {
+        self.velocity(t, condition, points, velocities);
+    }
 }
 
 /// Integration method.
@@ -236,7 +242,7 @@ impl Sampler {
             return evaluations;
         };
         let mut last = vec![0.0; points.len()];
-        velocity(t.into(), points, &mut last);
+        field.last_velocity(t, condition, points, &mut last);
         step(points, &last, 1.0 - t);
         self.bound(field.channels(), points);
         observe(steps, points);

@@ -29,6 +29,7 @@ pub use emd::{Emd, emd, emd_squared, emd_with};
 pub use ground_cost::GroundCost;
 pub(crate) use matcher::Matcher;
 pub use nearest::nearest_distances;
+pub(crate) use nearest::nearest_points;
 pub use rank::rank_correlation;
 pub use register::{lay_onto, rigid_motion};
 pub use spread::{isolation, surface_spread};

@@ -19,6 +19,27 @@ pub fn nearest_distances(p: &[[f32; 3]], q: &[[f32; 3]]) -> Result<Vec<f64>, Met
     Ok(distances.collect())
 }
 
+/// For each point of `p` (m), the indices of the `K` points of `q` (m) nearest to it, the nearest first; of points equally far, any.
+///
+/// # Errors
+/// An empty cloud, a `q` of fewer than `K` points, or a coordinate that is not finite.
+pub(crate) fn nearest_points<const K: usize>(
+    p: &[[f32; 3]],
+    q: &[[f32; 3]],
+) -> Result<Vec<[usize; K]>, MetricError> {
+    let p = checked(p, Side::First)?;
+    let q = KdTree::new(&checked(q, Side::Second)?);
+    if q.len() < K {
+        return Err(MetricError::TooFew {
+            side: Side::Second,
+            found: q.len(),
+            expected: K,
+        });
+    }
+    let nearest = |x| (q.k_nearest::<K>(x)).map(|(_, slot)| q.order()[slot]);
+    Ok(p.iter().map(nearest).collect())
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 mod tests {

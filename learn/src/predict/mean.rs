@@ -81,7 +81,7 @@ impl Predictor for MeanCommand {
         Ok(Prediction {
             points: self.cloud.points.clone(),
             colors: None,
-            evaluations: 0,
+            ..Prediction::default()
         })
     }
 }

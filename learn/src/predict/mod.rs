@@ -42,7 +42,7 @@
 //!         Ok(Prediction {
 //!             points: (0..points).map(|k| [0.0, 0.0, height(k)]).collect(),
 //!             colors: None,
-//!             evaluations: 0,
+//!             ..Prediction::default()
 //!         })
 //!     }
 //! }

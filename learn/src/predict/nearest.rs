@@ -67,7 +67,7 @@ impl Predictor for NearestCommand {
         Ok(Prediction {
             points: coordinates.as_chunks().0.to_vec(),
             colors: None,
-            evaluations: 0,
+            ..Prediction::default()
         })
     }
 }

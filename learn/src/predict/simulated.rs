@@ -29,7 +29,7 @@ impl Predictor for SurfacePrior {
         Ok(Prediction {
             points: points.to_vec(),
             colors: None,
-            evaluations: 0,
+            ..Prediction::default()
         })
     }
 }

@@ -74,7 +74,8 @@ impl TrainSettings {
             ));
         }
         self.path.check()?;
-        Ok(self.sampler.check()?)
+        self.sampler.check()?;
+        self.check_refinement()
     }
 }
 
@@ -100,7 +101,7 @@ mod tests {
                 warmup_steps: 30_000,
                 ..good.clone()
             }),
-            "warmup_steps is 30000, expected fewer than the 7000 steps"
+            "warmup_steps is 30000, expected fewer than the 5500 steps"
         );
         assert!(
             error(TrainSettings {

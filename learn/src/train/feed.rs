@@ -3,13 +3,14 @@
 use tdcr_sim::robot::SpecError;
 
 use super::error::{SettingsError, TrainError};
+use super::refinement::Refiner;
 use super::samples::{Draw, Samples};
 use super::settings::{Target, TrainSettings};
-use super::start;
 use super::state::fingerprint;
 use super::teacher::Teacher;
 use crate::channels::{Channels, DIM};
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
+use crate::flow::Reach;
 use crate::hash::hash;
 use crate::net::{Network, NetworkShape};
 use crate::symmetry::Reduction;
@@ -27,6 +28,8 @@ pub enum Feed<'a> {
     Stream(Box<StreamWindow>),
     /// The trajectories of another network, from prior to data: distillation.
     Teacher(Box<Teacher>),
+    /// The ends of another network's flow: refinement.
+    Refiner(Box<Refiner>),
 }
 
 /// A window of `clouds` clouds that moves along a stream by `fresh` clouds per step: step `k` (the first is 1) sees the
@@ -59,6 +62,7 @@ impl Feed<'_> {
             Self::Set(set) => set.condition_dim,
             Self::Stream(window) => window.set.condition_dim,
             Self::Teacher(teacher) => teacher.network().shape().condition_dim(),
+            Self::Refiner(refiner) => refiner.network().shape().condition_dim(),
         }
     }
 
@@ -68,6 +72,35 @@ impl Feed<'_> {
             Self::Set(set) => set.points_per_cloud,
             Self::Stream(window) => window.set.points_per_cloud,
             Self::Teacher(_) => usize::MAX,
+            Self::Refiner(refiner) => refiner.points_per_cloud(),
+        }
+    }
+
+    /// Where its clouds are; `None` for a student, whose velocities do not point at data.
+    pub(super) fn reach(&self) -> Option<Reach> {
+        match self {
+            Self::Set(set) => Reach::of(&set.points),
+            Self::Stream(_) => Some(Reach::NORMALISED),
+            Self::Teacher(_) => None,
+            Self::Refiner(refiner) => refiner.reach(),
+        }
+    }
+
+    /// Number of clouds; 0 where a network is the source.
+    pub(super) fn clouds(&self) -> usize {
+        match self {
+            Self::Set(set) => set.len(),
+            Self::Stream(window) => window.clouds,
+            Self::Teacher(_) | Self::Refiner(_) => 0,
+        }
+    }
+
+    /// The clouds that step `step` draws from; `None` where a network is the source.
+    pub(super) fn at_step(&mut self, step: u64) -> Result<Option<&CloudSet>, TrainError> {
+        match self {
+            Self::Set(set) => Ok(Some(set)),
+            Self::Stream(window) => window.at_step(step.max(1)).map(Some),
+            Self::Teacher(_) | Self::Refiner(_) => Ok(None),
         }
     }
 
@@ -90,6 +123,7 @@ impl Feed<'_> {
                 samples.draw(settings, (set, Draw::Replacing), channels, step);
             }
             Self::Teacher(teacher) => teacher.draw_batch(settings, network, step, samples),
+            Self::Refiner(refiner) => refiner.draw_batch(settings, step, samples),
         }
         Ok(())
     }
@@ -107,7 +141,8 @@ impl Feed<'_> {
                 }
                 hash(json.bytes().map(u32::from))
             }
-            Self::Teacher(teacher) => start::fingerprint(teacher.network()),
+            Self::Teacher(teacher) => teacher.fingerprint(),
+            Self::Refiner(refiner) => refiner.fingerprint(),
         }
     }
 }
@@ -278,15 +313,20 @@ pub(super) fn check_feed(
     settings: &TrainSettings,
 ) -> Result<(), TrainError> {
     let points = settings.points;
-    let taught = matches!(feed, Feed::Teacher(_));
-    if !settings.prior.is_gaussian() && !matches!(feed, Feed::Set(_)) {
+    let target = match feed {
+        Feed::Set(_) | Feed::Stream(_) => Target::Velocity,
+        Feed::Teacher(_) => Target::Steps,
+        Feed::Refiner(_) => Target::Refinement,
+    };
+    if !settings.prior.is_gaussian() && !matches!(feed, Feed::Set(_) | Feed::Refiner(_)) {
         let expected = "gaussian: only the flow to a data set starts from a simulated surface";
         return Err(SettingsError::new("prior", "surface", expected).into());
     }
-    if taught != (settings.target == Target::Steps) {
-        let expected = match taught {
-            true => "steps: a teacher teaches them",
-            false => "velocity: clouds teach nothing else",
+    if settings.target != target {
+        let expected = match target {
+            Target::Velocity => "velocity: clouds teach nothing else",
+            Target::Steps => "steps: a teacher teaches them",
+            Target::Refinement => "refinement: the ends of a flow teach nothing else",
         };
         return Err(SettingsError::new("target", settings.target.name(), expected).into());
     }
@@ -297,6 +337,7 @@ pub(super) fn check_feed(
         }
         Feed::Stream(window) => &window.set,
         Feed::Teacher(teacher) => return Ok(teacher.check(shape, settings)?),
+        Feed::Refiner(refiner) => return Ok(refiner.check(shape, settings)?),
     };
     if shape.channels() == Channels::XyzRgb && set.colors.is_none() {
         return Err(no_colors("training"));

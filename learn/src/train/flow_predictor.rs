@@ -31,6 +31,9 @@ impl Predictor for FlowPredictor {
             step,
             validation_distance,
             network,
+            refinement,
+            reach,
+            uncertainty_factor,
         } = &*self.model;
         let facts = [
             ("step", step.to_string()),
@@ -43,6 +46,14 @@ impl Predictor for FlowPredictor {
             Prior::Gaussian => None,
             prior => Some(("prior".to_owned(), prior.fingerprint())),
         };
+        let refinement = refinement.as_ref().and(settings.refinement);
+        let refinement = refinement.map(|refinement| {
+            let words = format!("{} steps", refinement.steps);
+            ("refinement".to_owned(), words)
+        });
+        let reach = reach.map(|reach| ("reach".to_owned(), format!("{reach:?}")));
+        let factor =
+            uncertainty_factor.map(|factor| ("uncertainty factor".to_owned(), factor.to_string()));
         let symmetries = (!provenance.reduction.is_trivial())
             .then(|| ("symmetry".to_owned(), provenance.reduction.to_string()));
         About {
@@ -53,7 +64,13 @@ impl Predictor for FlowPredictor {
                 _ => "a network that carries the simulated surface to the robot's",
             }
             .to_owned(),
-            made_from: facts.into_iter().chain(prior).chain(symmetries).collect(),
+            made_from: (facts.into_iter())
+                .chain(refinement)
+                .chain(reach)
+                .chain(factor)
+                .chain(prior)
+                .chain(symmetries)
+                .collect(),
             subject: provenance.subject.clone(),
             colors: network.shape().channels() == Channels::XyzRgb,
             training: TrainingCost {

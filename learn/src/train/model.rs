@@ -7,10 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
+use super::refinement::Refined;
 use super::settings::TrainSettings;
 use crate::channels::{Channels, DIM};
 use crate::data::{Normalisation, Subject};
-use crate::flow::{Sampler, Stream, rng};
+use crate::flow::{Reach, Sampler, Stream, rng};
 use crate::net::{Network, NetworkShape, NetworkShapeError, Precision};
 use crate::predict::{PredictError, Prediction, select};
 use crate::prior::{Prior, SurfaceError, SurfacePrior, start_from};
@@ -43,6 +44,14 @@ pub struct Model {
     pub validation_distance: f64,
     /// The network, with averaged weights.
     pub network: Network,
+    /// The network that takes its place in the last denoising, where one was learned ([`TrainSettings::refinement`]).
+    pub refinement: Option<Network>,
+    /// Where the clouds are that it was trained on: its velocities point there. `None` in older files, which do not say, and of
+    /// distilled networks.
+    pub reach: Option<Reach>,
+    /// What the spread of its clouds is multiplied by, so that twice their uncertainty covers 95 % of the points of commands that
+    /// it was not trained on ([`Model::calibrated`]); `None` in older files, and in models of an unfinished run.
+    pub uncertainty_factor: Option<f32>,
 }
 
 /// A model's header on disk.
@@ -54,7 +63,17 @@ struct Header {
     settings: TrainSettings,
     step: u64,
     validation_distance: f64,
+    /// Whether there is a network of the last denoising.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    refined: bool,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    reach: Option<Reach>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    uncertainty_factor: Option<f32>,
 }
+
+/// What precedes the names of the tensors of the last denoising's network.
+const REFINEMENT: &str = "refinement.";
 
 impl Model {
     /// A cloud of `points` points (m, world frame) for `command` `(D)` in physical units; where the data had payloads,
@@ -97,7 +116,7 @@ impl Model {
             let all: Vec<_> = (0..drawn).collect();
             start_from(&surface, &all, channels, &mut rows);
         }
-        let evaluations = sampler.integrate(&self.network, &reduced.condition, &mut rows);
+        let evaluations = sampler.integrate(&self.field(), &reduced.condition, &mut rows);
         let mut positions = positions(&rows, channels);
         // Of the representative, so that clouds of commands that are alike are so point by point.
         let kept = select(&positions, points);
@@ -111,8 +130,19 @@ impl Model {
             points: positions,
             colors: colors(&rows, channels),
             evaluations,
+            uncertainty_factor: self.uncertainty_factor,
         };
         Ok(prediction.keep(&kept))
+    }
+
+    /// The velocities that a prediction follows. The network of the last denoising is used at the time that it was learned for; at
+    /// others, the network itself.
+    pub(super) fn field(&self) -> Refined<'_> {
+        Refined {
+            flow: &self.network,
+            last: (self.settings.sampler.denoise).zip(self.refinement.as_ref()),
+            reach: self.reach,
+        }
     }
 
     /// Points of the simulated surface under `command`, in normalised units, where the flow starts from one.
@@ -183,20 +213,31 @@ impl Model {
     /// # Errors
     /// [`NetworkShapeError::Precision`] where the network's width does not suit it.
     pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
-        let network = self.network.with_precision(precision)?;
-        Ok(Self { network, ..self })
+        let refinement = self.refinement;
+        let refinement = refinement.map(|network| network.with_precision(precision));
+        Ok(Self {
+            network: self.network.with_precision(precision)?,
+            refinement: refinement.transpose()?,
+            ..self
+        })
     }
 
     /// Writes the model to `path`, in one step.
     pub fn save(&self, path: &Path) -> Result<(), FileError> {
         let mut writer = Writer::new(Kind::Model);
         put_params(&mut writer, "", self.network.shape(), self.network.params());
+        if let Some(last) = &self.refinement {
+            put_params(&mut writer, REFINEMENT, last.shape(), last.params());
+        }
         let header = Header {
             provenance: self.provenance.clone(),
             shape: self.network.shape(),
             settings: self.settings.clone(),
             step: self.step,
             validation_distance: self.validation_distance,
+            refined: self.refinement.is_some(),
+            reach: self.reach,
+            uncertainty_factor: self.uncertainty_factor,
         };
         writer.write(path, &header)
     }
@@ -208,15 +249,29 @@ impl Model {
     pub fn load(path: &Path) -> Result<Self, FileError> {
         read(path, Kind::Model, |header: Header, reader| {
             check_header(&header.provenance, &header.shape, &header.settings)?;
-            let params = take_params(reader, "", header.shape)?;
-            let network =
-                Network::from_params(header.shape, params).map_err(FileProblem::header)?;
+            let reach = header.reach.map_or(Ok(()), |reach| reach.check());
+            reach.map_err(FileProblem::header)?;
+            if let Some(factor) = header.uncertainty_factor
+                && !(factor.is_finite() && factor >= 0.0)
+            {
+                let problem = format!("uncertainty_factor is {factor}, expected 0 or more");
+                return Err(FileProblem::header(problem));
+            }
+            let mut network = |prefix| {
+                let params = take_params(reader, prefix, header.shape)?;
+                Network::from_params(header.shape, params).map_err(FileProblem::header)
+            };
+            let refinement = header.refined.then(|| network(REFINEMENT)).transpose()?;
+            let network = network("")?;
             Ok(Self {
                 provenance: header.provenance,
                 settings: header.settings,
                 step: header.step,
                 validation_distance: header.validation_distance,
                 network,
+                refinement,
+                reach: header.reach,
+                uncertainty_factor: header.uncertainty_factor,
             })
         })
     }

@@ -19,6 +19,8 @@ pub(super) struct Samples {
     pub conditions: Vec<f32>,
     pub points: Vec<f32>,
     pub targets: Vec<f32>,
+    /// [`Batch::huber`].
+    pub huber: Option<f32>,
     /// Indices of a cloud's points, the drawn ones first.
     order: Vec<usize>,
     /// One per cloud.
@@ -141,6 +143,7 @@ impl Samples {
             points: &self.points,
             targets: &self.targets,
             color_weight,
+            huber: self.huber,
         }
     }
 }

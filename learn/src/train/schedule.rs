@@ -22,8 +22,10 @@ impl TrainSettings {
             });
         }
         let mut earlier = before.earlier.clone();
+        // What is refined afterwards makes no difference to the steps.
         let mut same = Self {
             earlier: earlier.clone(),
+            refinement: before.refinement,
             ..self.clone()
         };
         if self.steps > before.steps {
@@ -120,6 +122,7 @@ mod tests {
     #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
     use super::*;
+    use crate::train::Refinement;
 
     #[test]
     fn learning_rate_warms_up_linearly_and_falls_by_half_a_cosine() {
@@ -196,6 +199,12 @@ mod tests {
         assert_eq!(twice.earlier.len(), 2);
         assert_eq!(twice.learning_rate_at(150), longer.learning_rate_at(150));
         assert_eq!(twice.learning_rate_at(151), longest.learning_rate_at(151));
+        // How it is refined in the end is of no account before.
+        let refined = TrainSettings {
+            refinement: Some(Refinement::DEFAULT),
+            ..before.clone()
+        };
+        assert_eq!(refined.clone().continuing(&before, 100).unwrap(), refined);
         // Before its first step, a run has no past.
         assert_eq!(longest.clone().continuing(&before, 0).unwrap(), longest);
     }
@@ -212,7 +221,7 @@ mod tests {
             ..before.clone()
         });
         assert!(
-            shorter.contains("`steps` is 100") && shorter.contains("7000"),
+            shorter.contains("`steps` is 100") && shorter.contains("5500"),
             "{shorter}"
         );
         let other = error(TrainSettings {

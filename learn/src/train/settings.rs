@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::optimizer::Optimizer;
+use super::refinement::Refinement;
 use crate::flow::{FlowPath, Sampler};
 use crate::net::{InitialWeights, Precision};
 use crate::prior::Prior;
@@ -72,6 +73,9 @@ pub struct TrainSettings {
     pub sampler: Sampler,
     /// What the network learns.
     pub target: Target,
+    /// The last evaluation, learned when the other steps are taken; none in older files, which do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refinement: Option<Refinement>,
     /// Validations without a new best one after which the run ends; `None` takes all steps.
     pub patience: Option<u64>,
     /// Largest ratio of the loss to its running level; a run that exceeds it for ten steps in a row has diverged.
@@ -81,7 +85,7 @@ pub struct TrainSettings {
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
-            steps: 7000,
+            steps: 5500,
             earlier: Vec::new(),
             clouds: 128,
             points: 128,
@@ -99,11 +103,12 @@ impl Default for TrainSettings {
             symmetry: SymmetryUse::Auto,
             color_weight: COLOR_WEIGHT,
             seed: 0,
-            validate_every: 700,
+            validate_every: 550,
             validation_clouds: 16,
             validation_points: 2048,
             sampler: Sampler::default(),
             target: Target::Velocity,
+            refinement: None,
             patience: None,
             spike_factor: 3.0,
         }
@@ -158,6 +163,8 @@ pub enum Target {
     /// The mean velocities of a [`Teacher`](super::Teacher) over the steps of [`TrainSettings::sampler`] (Euler's method):
     /// the network suits that sampler alone.
     Steps,
+    /// The displacement of a [`Refiner`](super::Refiner): the network suits the last denoising of a prediction alone.
+    Refinement,
 }
 
 impl Target {
@@ -166,6 +173,7 @@ impl Target {
         match self {
             Self::Velocity => "velocity",
             Self::Steps => "steps",
+            Self::Refinement => "refinement",
         }
     }
 }

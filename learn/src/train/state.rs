@@ -8,9 +8,10 @@ use super::error::{FileError, FileProblem};
 use super::format::{Element, Kind, Reader, Writer, read};
 use super::model::{Provenance, check_header, put_params, take_params};
 use super::settings::{Target, TrainSettings};
+use super::start;
 use crate::data::CloudSet;
 use crate::hash::hash;
-use crate::net::NetworkShape;
+use crate::net::{Network, NetworkShape};
 
 /// The averaged weights with the smallest validation distance so far.
 #[derive(Clone, Debug, PartialEq)]
@@ -103,6 +104,11 @@ impl TrainingState {
             best: self.best.as_ref().map(|best| (best.step, best.distance)),
         };
         writer.write(path, &header)
+    }
+
+    /// Whether the run started from the weights of `network`.
+    pub fn starts_from(&self, network: &Network) -> bool {
+        self.initial == Some(start::fingerprint(network))
     }
 
     /// Reads a state.

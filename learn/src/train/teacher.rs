@@ -9,11 +9,14 @@ use rayon::prelude::*;
 
 use super::error::SettingsError;
 use super::model::Model;
+use super::refinement::Refined;
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
+use super::start;
 use super::trajectory::Trajectory;
 use crate::data::Normalisation;
-use crate::flow::{FlowPath, Method, Sampler, Stream, rng};
+use crate::flow::{FlowPath, Method, Reach, Sampler, Stream, rng};
+use crate::hash::hash_all;
 use crate::net::{Network, NetworkShape};
 use crate::symmetry::Reduction;
 
@@ -36,6 +39,9 @@ pub struct Teacher {
     path: FlowPath,
     /// [`Sampler::denoise`] of its own predictions.
     denoise: Option<f32>,
+    /// The network of this denoising, where it has another.
+    refinement: Option<Network>,
+    reach: Option<Reach>,
     normalisation: Normalisation,
     reduction: Reduction,
 }
@@ -58,12 +64,14 @@ impl Teacher {
                 network: model.network.clone(),
                 path: model.settings.path,
                 denoise: model.settings.sampler.denoise,
+                refinement: model.refinement.clone(),
+                reach: model.reach,
                 normalisation: model.provenance.normalisation.clone(),
                 reduction: model.provenance.reduction.clone(),
             }),
-            Target::Steps => Err(SettingsError::new(
+            target @ (Target::Steps | Target::Refinement) => Err(SettingsError::new(
                 "the teacher's target",
-                Target::Steps.name(),
+                target.name(),
                 "velocity: a distilled network cannot teach",
             )),
         }
@@ -72,6 +80,24 @@ impl Teacher {
     /// The teacher's network: the best start for a student.
     pub fn network(&self) -> &Network {
         &self.network
+    }
+
+    /// A hash of its weights.
+    pub(super) fn fingerprint(&self) -> u64 {
+        let own = start::fingerprint(&self.network);
+        match &self.refinement {
+            None => own,
+            Some(last) => hash_all(&[own, start::fingerprint(last)]),
+        }
+    }
+
+    /// The velocities that its predictions follow.
+    fn field(&self) -> Refined<'_> {
+        Refined {
+            flow: &self.network,
+            last: self.denoise.zip(self.refinement.as_ref()),
+            reach: self.reach,
+        }
     }
 
     /// Returns an error for a student of another shape, or settings that do not distil this teacher.
@@ -154,7 +180,7 @@ impl Teacher {
         let batch = trajectories.zip(targets).zip(conditions).enumerate();
         batch.for_each(|(k, ((points, targets), condition))| {
             let trajectory = Trajectory {
-                teacher: &self.network,
+                teacher: self.field(),
                 fine: &fine,
                 student,
                 condition: &condition[..dim],
@@ -220,6 +246,8 @@ mod tests {
             network: network(2, 3),
             path: FlowPath::default(),
             denoise: Some(0.995),
+            refinement: None,
+            reach: None,
             normalisation: Normalisation {
                 motor_min: vec![0.0; 2],
                 motor_max: vec![1.0; 2],
@@ -367,6 +395,8 @@ mod tests {
             network: network(4, 3),
             path: FlowPath::default(),
             denoise: None,
+            refinement: None,
+            reach: None,
             normalisation: Normalisation {
                 motor_min: vec![0.01, 0.0],
                 motor_max: vec![0.03, 0.04],

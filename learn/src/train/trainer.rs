@@ -5,19 +5,19 @@ use rand::seq::index;
 use super::difference::require_same;
 use super::error::{SettingsError, TrainError};
 use super::feed::{Feed, check_feed, check_set};
-use super::model::{Model, Provenance, positions};
+use super::model::{Model, Provenance};
 use super::optimizer::{Moments, Update, Updater, norm};
+use super::refinement::{Refined, Refiner};
 use super::samples::Samples;
 use super::settings::TrainSettings;
 use super::spike::SPIKE_STEPS;
 use super::start::{self, Start};
 use super::state::{Best, TrainingState, fingerprint};
+use super::validation::predict_cloud;
 use crate::channels::DIM;
 use crate::data::CloudSet;
-use crate::flow::{Stream, rng};
+use crate::flow::{Reach, Stream, rng};
 use crate::net::{Network, Workspace};
-use crate::predict::select;
-use crate::prior::start_from;
 
 /// A distance between two clouds, the Chamfer distance in the paper.
 pub type Distance<'a> = &'a dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> f64;
@@ -32,6 +32,7 @@ const HISTORY: u64 = 1 << 20;
 #[derive(Debug)]
 pub struct Trainer<'a> {
     training: Feed<'a>,
+    reach: Option<Reach>,
     validation: &'a CloudSet,
     /// Fingerprints of the two sets.
     data: [u64; 2],
@@ -99,6 +100,7 @@ impl<'a> Trainer<'a> {
         Ok(Self {
             data: [training.fingerprint(), fingerprint(validation)],
             initial: start.fingerprint(),
+            reach: training.reach(),
             training,
             validation,
             settings,
@@ -198,7 +200,34 @@ impl<'a> Trainer<'a> {
             step: best.step,
             validation_distance: best.distance,
             network: network.expect("the best weights are this network's"),
+            refinement: None,
+            reach: self.reach,
+            uncertainty_factor: None,
         })
+    }
+
+    /// Clouds of the training set, or of the window on the stream; 0 where a network is the source.
+    pub fn clouds(&self) -> usize {
+        self.training.clouds()
+    }
+
+    /// What `model`, the network of this run, has to learn on the ends of its own flow for the training clouds; of a stream for
+    /// those of the last step. As [`Refiner::new`].
+    ///
+    /// # Errors
+    /// [`TrainError`] as [`Refiner::new`], and where a stream's samples cannot be made.
+    pub fn refiner(
+        &mut self,
+        model: &Model,
+        made: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<Refiner>, TrainError> {
+        match self.training.at_step(self.step)? {
+            Some(set) => Refiner::new(model, set, made),
+            None => {
+                let expected = "of a network that clouds teach";
+                Err(SettingsError::new("refinement", "of a distilled one", expected).into())
+            }
+        }
     }
 
     /// Settings of the run.
@@ -327,34 +356,26 @@ impl<'a> Trainer<'a> {
         Ok(mean)
     }
 
-    /// `distance` between validation cloud `cloud` and its prediction, whose points are drawn and selected as those of
-    /// [`Model::predict`].
+    /// `distance` between validation cloud `cloud` and its prediction.
     fn validate_cloud(&self, cloud: usize, distance: Distance) -> f64 {
         let Self {
             settings,
             validation,
             ..
         } = self;
+        let field = match &self.training {
+            Feed::Refiner(refiner) => refiner.refined(&self.average),
+            _ => Refined {
+                flow: &self.average,
+                last: None,
+                reach: self.reach,
+            },
+        };
+        let count = settings.validation_points;
         let mut rng = rng(settings.seed, Stream::Sample(cloud as u64));
-        let channels = self.average.shape().channels();
-        let drawn = settings.sampler.drawn(settings.validation_points);
-        let mut rows = vec![0.0; drawn * channels.count()];
-        settings.path.sample_prior(&mut rng, channels, &mut rows);
-        if let Some(surface) = validation.start(cloud) {
-            // As many points of it as are wanted, at even distances in its order, which is random.
-            let of = |row| row * validation.points_per_cloud / drawn;
-            let chosen: Vec<_> = (0..drawn).map(of).collect();
-            start_from(surface, &chosen, channels, &mut rows);
-        }
-        settings
-            .sampler
-            .integrate(&self.average, validation.condition(cloud), &mut rows);
-        let predicted = positions(&rows, channels);
-        let predicted: Vec<_> = (select(&predicted, settings.validation_points).iter())
-            .map(|&k| predicted[k])
-            .collect();
+        let predicted = predict_cloud(field, settings, (validation, cloud), count, &mut rng);
         let (points, _) = validation.cloud(cloud).as_chunks::<DIM>();
-        let subset = index::sample(&mut rng, points.len(), settings.validation_points);
+        let subset = index::sample(&mut rng, points.len(), count);
         let truth: Vec<[f32; DIM]> = subset.iter().map(|k| points[k]).collect();
         distance(&predicted, &truth)
     }

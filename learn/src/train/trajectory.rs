@@ -1,12 +1,13 @@
 //! One trajectory of a distillation: the inputs of the student's evaluations, and their targets.
 
+use super::refinement::Refined;
 use crate::flow::{Sampler, VelocityField};
 use crate::net::Network;
 
 /// What a trajectory is made by. Its clouds are `(n, N C)`, one for each of the student's `n` evaluations: `points` are the inputs,
 /// of which the first is given, a sample of the prior, and `targets` the velocities that are learned.
 pub(super) struct Trajectory<'a> {
-    pub teacher: &'a Network,
+    pub teacher: Refined<'a>,
     /// The teacher's sampler, of which as many steps lie in each of the student's.
     pub fine: &'a Sampler,
     pub student: &'a Network,
@@ -26,7 +27,7 @@ impl Trajectory<'_> {
         let Self {
             teacher, condition, ..
         } = *self;
-        (self.fine).integrate_observed(teacher, condition, &mut now, |taken, reached| {
+        (self.fine).integrate_observed(&teacher, condition, &mut now, |taken, reached| {
             if !taken.is_multiple_of(self.every()) {
                 return;
             }
@@ -48,7 +49,10 @@ impl Trajectory<'_> {
         for k in 0..self.steps() {
             reached.copy_from_slice(&points[k * cloud..(k + 1) * cloud]);
             let part = k * self.every()..(k + 1) * self.every();
-            (self.fine).integrate_part(self.teacher, self.condition, part, &mut reached, |_, _| {});
+            let Self {
+                teacher, condition, ..
+            } = self;
+            (self.fine).integrate_part(teacher, condition, part, &mut reached, |_, _| {});
             let start = &points[k * cloud..(k + 1) * cloud];
             self.mean_velocity(k, start, &reached, &mut targets[k * cloud..]);
             if k + 1 < self.steps() {
@@ -59,15 +63,18 @@ impl Trajectory<'_> {
     }
 
     /// The last denoising. It starts where the student's last step ends; its target is the data predicted by the teacher there, and
-    /// from these once more at the time of the teacher's own denoising.
+    /// from these once more by the teacher's own denoising.
     fn denoising(&self, points: &mut [f32], targets: &mut [f32]) {
         let Some(t) = self.denoise else { return };
         let cloud = self.cloud(points);
         self.student_step(self.steps() - 1, points);
         let start = &points[self.steps() * cloud..];
         let mut clean = start.to_vec();
-        for t in [Some(t), self.fine.denoise].into_iter().flatten() {
-            self.denoise_by_teacher(t, &mut clean);
+        self.denoise_by_teacher(t, &mut clean);
+        match (self.fine.denoise, self.teacher.last) {
+            (Some(t), Some(_)) => self.refine_by_teacher(t, &mut clean),
+            (Some(t), None) => self.denoise_by_teacher(t, &mut clean),
+            (None, _) => {}
         }
         let target = &mut targets[self.steps() * cloud..];
         for ((v, from), to) in target.iter_mut().zip(start).zip(&clean) {
@@ -81,6 +88,13 @@ impl Trajectory<'_> {
         points.iter_mut().for_each(|x| *x *= t);
         let mut velocity = vec![0.0; points.len()];
         (self.teacher).velocity(t, self.condition, points, &mut velocity);
+        add(points, &velocity, 1.0 - t);
+    }
+
+    /// Takes points to where the network of the teacher's denoising does: it knows the ends of a flow as they are.
+    fn refine_by_teacher(&self, t: f32, points: &mut [f32]) {
+        let mut velocity = vec![0.0; points.len()];
+        (self.teacher).last_velocity(t, self.condition, points, &mut velocity);
         add(points, &velocity, 1.0 - t);
     }
 

@@ -50,6 +50,9 @@ fn model(reduction: Reduction) -> Model {
         settings: TrainSettings::default(),
         step: 0,
         validation_distance: 0.0,
+        refinement: None,
+        reach: None,
+        uncertainty_factor: None,
         network: Network::new(shape, &mut rng(3, Stream::Parameters)).unwrap(),
     }
 }

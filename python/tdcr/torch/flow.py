@@ -172,12 +172,53 @@ class Sampler:
         return times
 
 
-def integrate(field: Field, points: Tensor, conditions: Tensor, sampler: Sampler | None = None) -> Tensor:
-    """Moves samples of the prior (B, N, C) to data (B, N, C), under conditions (B, D)."""
+#: A box of positions in normalised units, beyond which no data are: its corners `min` and `max`, as a model file has them.
+Reach = Mapping[str, list[float]]
+
+#: Of data that are known by their normalisation alone.
+NORMALISED: Reach = {"min": [-1.0] * 3, "max": [1.0] * 3}
+
+#: What a box of training data is widened by on each side.
+MARGIN = 0.02
+
+
+def reach_of(rows: Tensor) -> Reach:
+    """The box of the positions in rows (..., C), with some margin."""
+    positions = rows[..., :3].reshape(-1, 3)
+    return {"min": (positions.amin(0) - MARGIN).tolist(), "max": (positions.amax(0) + MARGIN).tolist()}
+
+
+def bounded(reach: Reach, t: float, points: Tensor, velocities: Tensor) -> Tensor:
+    """The velocities at time t, such that the data that they point at, X + (1 - t) u, lie in the box; those that do so stay."""
+    if t >= 1:
+        return velocities
+    low, high = (points.new_tensor(reach[corner]) for corner in ("min", "max"))
+    data = points[..., :3] + (1 - t) * velocities[..., :3]
+    within = torch.minimum(torch.maximum(data, low), high)
+    # What is not finite is an error, and to be seen as one.
+    keep = (within == data) | ~data.isfinite()
+    positions = torch.where(keep, velocities[..., :3], (within - points[..., :3]) / (1 - t))
+    return torch.cat([positions, velocities[..., 3:]], -1)
+
+
+def integrate(
+    field: Field,
+    points: Tensor,
+    conditions: Tensor,
+    sampler: Sampler | None = None,
+    last: Field | None = None,
+    reach: Reach | None = None,
+) -> Tensor:
+    """Moves samples of the prior (B, N, C) to data (B, N, C), under conditions (B, D).
+
+    `last` is the field of the last denoising, where it is another one: a model's refinement. Where `reach` says where data are,
+    velocities are bounded to point there: a learned one may carry points off from places that the training hardly knows.
+    """
     sampler = sampler or Sampler()
 
     def velocity(t: float, x: Tensor) -> Tensor:
-        return field(x, x.new_full((len(x),), t), conditions).to(x.dtype)
+        u = field(x, x.new_full((len(x),), t), conditions).to(x.dtype)
+        return u if reach is None else bounded(reach, t, x, u)
 
     times = sampler.times()
     if sampler.method == "heun":
@@ -186,6 +227,7 @@ def integrate(field: Field, points: Tensor, conditions: Tensor, sampler: Sampler
         data = multistep(velocity, points, times, *MULTISTEP[sampler.method], sampler.bound)
     if sampler.denoise is None:
         return data
+    field = last or field
     return sampler.bound(data + (1 - sampler.denoise) * velocity(sampler.denoise, data))
 
 

@@ -17,13 +17,16 @@ from tdcr import _tdcr
 from tdcr._files import write_whole
 from tdcr.data import Dataset
 from tdcr.errors import InputError, TrainError
-from tdcr.torch.flow import FlowPath, Sampler, integrate
+from tdcr.torch.flow import FlowPath, Reach, Sampler, integrate
 from tdcr.torch.layers import CHANNELS, Shape, channels_of
 from tdcr.torch.networks import file_tensors, load_file, network
 from tdcr.torch.settings import Settings
 
 #: Version of the format that this package reads and writes.
 FORMAT = 2
+
+#: What precedes the names of the tensors of the last denoising's network.
+REFINEMENT = "refinement."
 
 #: What a file holds: one of `tdcr`'s networks, which it reads, or any other module's weights, which need their module.
 KIND, OWN_KIND = "model", "torch module"
@@ -57,6 +60,13 @@ class Model:
     step: int
     #: Their mean Chamfer distance in validation, in normalised units squared.
     validation_distance: float
+    #: The network that takes the other's place in the last denoising, where `tdcr train` has learned one (its refinement).
+    refinement: nn.Module | None = None
+    #: Where the clouds are that it was trained on (corners `min` and `max`, normalised units), which its velocities point at;
+    #: None where that is not known.
+    reach: Reach | None = None
+    #: What the spread of its clouds is multiplied by, to be their uncertainty; None where it was not found.
+    uncertainty_factor: float | None = None
 
     @classmethod
     def load(cls, path: str | Path, own: nn.Module | None = None) -> Self:
@@ -84,10 +94,15 @@ class Model:
             needed = "the module that its weights are of" if own is None else "no module: it holds one of tdcr's networks"
             raise TrainError(f"{path}: a file of kind {header['kind']!r}, expected {needed}")
         shape = content.pop("shape", None)
+        refined = content.pop("refined", False)
+        last = {name: tensors.pop(name) for name in list(tensors) if refined and name.startswith(REFINEMENT)}
         module: nn.Module
         try:
             if own is None:
                 load_file(module := network(shape), tensors)
+                if refined:
+                    load_file(refinement := network(shape), {name.removeprefix(REFINEMENT): last[name] for name in last})
+                    content["refinement"] = refinement.eval()
             else:
                 (module := own).load_state_dict(tensors)
         except RuntimeError as error:
@@ -109,6 +124,13 @@ class Model:
         else:
             content["shape"] = dict(self.shape)
             tensors = {name: value.float() for name, value in file_tensors(self.network).items()}
+            if self.refinement is not None:
+                content["refined"] = True
+                tensors |= {REFINEMENT + name: value.float() for name, value in file_tensors(self.refinement).items()}
+        if self.reach is not None:
+            content["reach"] = dict(self.reach)
+        if self.uncertainty_factor is not None:
+            content["uncertainty_factor"] = self.uncertainty_factor
         # Copies, as tensors of a file may not share memory.
         state = {name: value.detach().cpu().clone() for name, value in tensors.items()}
         kind = OWN_KIND if self.shape is None else KIND
@@ -164,13 +186,17 @@ class Model:
         path = FlowPath.of(self.settings)
         place = next(self.network.parameters(), torch.empty(0)).device
         sampler = sampler or Sampler.of(self.settings)
+        # At other times than that which it was learned for, the network itself denoises.
+        refined = self.refinement is not None and sampler.denoise == self.settings["sampler"].get("denoise")
+        last = self.refinement.to(place) if self.refinement is not None and refined else None
         clouds = []
         # One by one: a cloud of many points fills a device, and few clouds of a large network fit into its memory.
         for condition, own_seed in zip(conditions, seeds, strict=True):
             drawn = sampler.drawn(points)
             noise = _tdcr.start_noise(path.prior_deviation, path.prior_cut, drawn, self.colors, own_seed)
             start = torch.from_numpy(noise)[None].to(place)
-            rows = integrate(self.network, start, condition[None].to(place), sampler)[0].float().cpu().numpy()
+            ends = integrate(self.network, start, condition[None].to(place), sampler, last, self.reach)[0]
+            rows = ends.float().cpu().numpy()
             if not np.isfinite(rows).all():
                 raise TrainError("the network's cloud is not finite")
             clouds.append(rows[_tdcr.select_points(rows[:, :3].copy(), points)])

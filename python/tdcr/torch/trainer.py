@@ -22,7 +22,7 @@ from tdcr.errors import InputError, TrainError
 from tdcr.torch.batch import VALIDATION, chamfer, draw, generator
 from tdcr.torch.data import CloudSet, StreamWindow
 from tdcr.torch.files import locked
-from tdcr.torch.flow import FlowPath, Sampler, integrate, loss
+from tdcr.torch.flow import NORMALISED, FlowPath, Sampler, integrate, loss, reach_of
 from tdcr.torch.layers import Shape
 from tdcr.torch.model import Model
 from tdcr.torch.ranks import group
@@ -104,6 +104,8 @@ class Trainer:
                 f"conditions of dimension {validation.condition_dim} in validation, {training.condition_dim} in training"
             )
         self.provenance = training.provenance
+        # Known of a stream is what its normalisation says.
+        self.reach = reach_of(training.rows) if isinstance(training, CloudSet) else NORMALISED
         self.area = float(self.provenance["normalisation"]["scale"]) ** 2
         self.network = network.to(self.device)
         self.training, self.validation = training.to(self.device), validation.to(self.device)
@@ -255,7 +257,7 @@ class Trainer:
             noise = path.prior((1, points, clouds.rows.shape[-1]), numbers)
             subset = torch.randperm(clouds.points_per_cloud, generator=numbers, device=self.device)[:points]
             with self.autocast():
-                predicted = integrate(network, noise, clouds.conditions[cloud : cloud + 1], sampler)
+                predicted = integrate(network, noise, clouds.conditions[cloud : cloud + 1], sampler, reach=self.reach)
             total += chamfer(predicted[0, :, :3], clouds.rows[cloud, subset, :3])
         return total / count
 
@@ -320,6 +322,7 @@ class Trainer:
             settings=self.settings,
             step=self.best.step,
             validation_distance=self.best.distance,
+            reach=self.reach,
         )
 
 

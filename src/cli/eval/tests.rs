@@ -39,6 +39,7 @@ impl Predictor for Fixed {
             points: self.points.clone(),
             colors: None,
             evaluations: 3,
+            ..Prediction::default()
         })
     }
 }
@@ -81,7 +82,14 @@ fn an_added_predictor_is_scored_in_json_in_the_table_and_in_the_report() {
     let alone = alone.run(None, &Silent).unwrap();
     assert_eq!(
         keys(&alone),
-        ["first", "nearest", "mean", "perfect", "floor"]
+        [
+            "first",
+            "nearest",
+            "mean",
+            "perfect",
+            "perfect-selected",
+            "floor"
+        ]
     );
 
     let mut evaluator = Evaluator::new(fixed("first", &data), &data, SETTINGS).unwrap();
@@ -92,7 +100,15 @@ fn an_added_predictor_is_scored_in_json_in_the_table_and_in_the_report() {
     }
     let journal = folder.path().join("journal");
     let evaluation = evaluator.run(Some(&journal), &Silent).unwrap();
-    let expected = ["first", "nearest", "mean", "toy", "perfect", "floor"];
+    let expected = [
+        "first",
+        "nearest",
+        "mean",
+        "toy",
+        "perfect",
+        "perfect-selected",
+        "floor",
+    ];
     assert_eq!(keys(&evaluation), expected);
     // What is added changes no other row, and is found again in the journal.
     for (with, without) in evaluation.per_test.iter().zip(&alone.per_test) {
@@ -124,6 +140,7 @@ fn an_added_predictor_is_scored_in_json_in_the_table_and_in_the_report() {
         "cd_nearest",
         "cd_mean",
         "cd_perfect",
+        "cd_perfect_selected",
         "cd_floor",
         "tip_nearest",
     ] {

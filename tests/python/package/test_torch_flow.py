@@ -171,3 +171,35 @@ def test_samplers_that_are_none_are_refused():
         Sampler(spare=-1)
     with pytest.raises(ValueError, match="colors are 'bounded'"):
         Sampler(colors="bounded")
+
+
+@pytest.mark.parametrize("denoise", [0.995, 0.9])
+def test_a_refined_model_that_knows_its_reach_predicts_as_tdcr_predict(tdcr, tmp_path, written, denoise):
+    model, path = Model.load(written), tmp_path / "model.safetensors"
+    model.refinement = Model.load(written).network
+    with torch.no_grad():
+        for value in model.refinement.parameters():
+            value.mul_(0.9)
+    model.reach = {"min": [-0.1, -0.2, 0.0], "max": [0.2, 0.1, 0.3]}
+    clouds = {}
+    for factor in (None, 2.5):
+        model.uncertainty_factor = factor
+        model.save(path)
+        out = tmp_path / f"{factor}.npz"
+        command = ["--command", ",".join(map(str, COMMAND)), "--points", 300, "--seed", 5, "--precision", "float32"]
+        tdcr("predict", "--model", path, *command, "--sampler-denoise", denoise, "--out", out)
+        clouds[factor] = np.load(out)
+    read = Model.load(path)
+    assert (read.reach, read.uncertainty_factor) == (model.reach, 2.5)
+    ours = read.predict([COMMAND], points=300, seed=5, sampler=Sampler(denoise=denoise))
+    np.testing.assert_allclose(ours.points[0], clouds[2.5]["points"], atol=2e-6)
+    # Inside the box, which the network without it leaves; refined at its own time alone.
+    corners = np.array([model.reach["min"], model.reach["max"]]) * 0.35
+    assert (ours.points[0] >= corners[0] - 1e-6).all() and (ours.points[0] <= corners[1] + 1e-6).all()
+    read.reach = None
+    assert np.abs(read.predict([COMMAND], points=300, seed=5).points[0] - ours.points[0]).max() > 0.02
+    plain = Model.load(path)
+    plain.refinement = None
+    unrefined = plain.predict([COMMAND], points=300, seed=5, sampler=Sampler(denoise=denoise)).points
+    assert np.array_equal(unrefined, ours.points) == (denoise != 0.995)
+    np.testing.assert_allclose(clouds[2.5]["uncertainty"], 2.5 * clouds[None]["uncertainty"], rtol=1e-6)
