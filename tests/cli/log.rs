@@ -95,3 +95,57 @@ fn what_is_no_log_is_refused() {
     let missing = folder.path().join("missing.mcap");
     refuse(&["log", "info", text(&missing)], 1, "missing.mcap");
 }
+
+/// A log by the format's Python library with its defaults.
+#[test]
+fn a_log_with_zstd_chunks_is_repaired_with_all_its_messages() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/hw/tests/data/events-zstd.mcap"
+    );
+    let out = folder.path().join("out.mcap");
+    let repaired = succeed_json(&["log", "repair", path, "--out", text(&out)]);
+    assert_eq!(
+        (&repaired["whole"], &repaired["messages"]),
+        (&true.into(), &14.into())
+    );
+    for file in [path, text(&out)] {
+        let info = succeed_json(&["log", "info", file]);
+        assert_eq!(
+            (&info["whole"], &info["messages"]),
+            (&true.into(), &14.into())
+        );
+    }
+    // Another compression is refused by name, and nothing is written.
+    let mut bytes = fs::read(path).unwrap();
+    let names: Vec<usize> = (0..bytes.len() - 8)
+        .filter(|&at| bytes[at..].starts_with(b"\x04\0\0\0zstd"))
+        .collect();
+    names
+        .iter()
+        .for_each(|at| bytes[at + 4..at + 8].copy_from_slice(b"xxxx"));
+    let other = folder.path().join("other.mcap");
+    fs::write(&other, bytes).unwrap();
+    let unwritten = folder.path().join("unwritten.mcap");
+    refuse(&["log", "info", text(&other)], 1, "compressed by `xxxx`");
+    refuse(
+        &["log", "repair", text(&other), "--out", text(&unwritten)],
+        1,
+        "compressed by `xxxx`",
+    );
+    refuse(
+        &[
+            "log",
+            "pictures",
+            text(&other),
+            "--out",
+            text(folder.path()),
+        ],
+        1,
+        "compressed by `xxxx`",
+    );
+    let robot = ["calibrate", "--robot", "2m", "--data", text(&other)];
+    refuse(&robot, 1, "compressed by `xxxx`");
+    assert!(!unwritten.exists());
+}

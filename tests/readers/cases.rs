@@ -54,10 +54,20 @@ pub fn sound(name: &str) -> Vec<Case> {
             b"# by hand\na,train\nb.ply, val\n\nc,test\n".to_vec(),
         )],
         "journal" => vec![("entries", readers::journal_file())],
-        "rig_log" => vec![(
-            "sample",
-            include_bytes!("../../hw/tests/data/sample.mcap").to_vec(),
-        )],
+        "rig_log" => vec![
+            (
+                "sample",
+                include_bytes!("../../hw/tests/data/sample.mcap").to_vec(),
+            ),
+            (
+                "zstd",
+                include_bytes!("../../hw/tests/data/events-zstd.mcap").to_vec(),
+            ),
+            (
+                "lz4",
+                include_bytes!("../../hw/tests/data/events-lz4.mcap").to_vec(),
+            ),
+        ],
         "commands" => vec![
             ("csv", b"# m\n0.01, 0.02\n\n3e-2,-0\n".to_vec()),
             ("json", b"[[0.01, 0.02], [3e-2, -0]]".to_vec()),

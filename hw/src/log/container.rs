@@ -166,8 +166,10 @@ pub(super) struct ChunkHeader {
     pub compression: String,
     /// Where the records begin in the record's content.
     pub records_at: u64,
-    /// Their bytes.
+    /// Their bytes, as they are stored.
     pub records: u64,
+    /// Their bytes where they are not compressed.
+    pub uncompressed: u64,
 }
 
 impl ChunkHeader {
@@ -188,6 +190,7 @@ impl ChunkHeader {
             compression,
             records_at,
             records,
+            uncompressed,
         })
     }
 }
@@ -199,7 +202,7 @@ pub(super) fn is_message_index(content: &[u8]) -> bool {
     index.is_some_and(|bytes| bytes as usize == fields.0.len() && bytes % 16 == 0)
 }
 
-/// Whether a plain chunk could begin with these records.
+/// Whether a chunk that is not compressed could begin with these records.
 pub(super) fn may_begin_chunk(records: &[u8], length: u64) -> bool {
     let Some((header, _)) = records.split_first_chunk() else {
         return false;

@@ -33,7 +33,7 @@ impl Contents {
     /// Reads all of the log at `path`.
     ///
     /// # Errors
-    /// [`LogError`] where the file cannot be read, or is no log. Damage is none.
+    /// [`LogError`] where the file cannot be read, is no log, or is compressed in a way that is not read. Damage is none.
     pub fn of(path: &Path) -> Result<Self, LogError> {
         let mut reader = LogReader::open(path)?;
         let mut topics = BTreeMap::new();
@@ -63,10 +63,7 @@ impl Contents {
             topic.last = topic.last.max(time);
         }
         let recovery = reader.recovery().clone();
-        if recovery.is_nothing() {
-            let path = path.to_owned();
-            return Err(LogError::NotALog { path });
-        }
+        recovery.require_readable(path)?;
         Ok(Self { topics, recovery })
     }
 

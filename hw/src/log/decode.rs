@@ -11,7 +11,7 @@ use tdcr_sim::camera::{Distortion, Intrinsics};
 use tdcr_sim::cloud::PointCloud;
 
 use super::error::DecodeError;
-use super::image::{RGB, depths, image, read_png};
+use super::image::{RGB, check_png, depths, image, read_png, write_png};
 use super::json::{Command, HomesJson, Json, RegistersJson, StatusesJson, Text};
 use super::read::Channel;
 use super::record::{Event, Goal, Image, Level, LogRecord, Reading, Transform};
@@ -280,10 +280,7 @@ fn intrinsics(message: &CameraCalibration) -> Result<Intrinsics, DecodeError> {
 fn color(bytes: &Bytes<'_>) -> Result<Image<[u8; 3]>, DecodeError> {
     if bytes.schema() == <CompressedImage as Named>::NAME {
         let compressed: CompressedImage = bytes.protobuf()?;
-        if compressed.format != "png" {
-            let found = format!("`{}`", compressed.format);
-            return Err(field("format", found, "`png`"));
-        }
+        require_png(&compressed)?;
         return read_png(&compressed.data);
     }
     let raw: RawImage = bytes.protobuf()?;
@@ -296,6 +293,29 @@ fn color(bytes: &Bytes<'_>) -> Result<Image<[u8; 3]>, DecodeError> {
         return Err(field("encoding", found, "`rgb8`"));
     }
     image(raw.width, raw.height, pixels.to_vec())
+}
+
+/// A colour image as a PNG file of 8-bit RGB: the log's own bytes where it holds such.
+///
+/// # Errors
+/// [`DecodeError`] for a message that is no colour image.
+pub(crate) fn color_png(channel: &Channel, message: &[u8]) -> Result<Vec<u8>, DecodeError> {
+    let bytes = Bytes { channel, message };
+    if bytes.schema() == <CompressedImage as Named>::NAME {
+        let compressed: CompressedImage = bytes.protobuf()?;
+        require_png(&compressed)?;
+        check_png(&compressed.data)?;
+        return Ok(compressed.data.into());
+    }
+    let bad = |error: png::EncodingError| field("data", error, "an image of some pixels");
+    write_png(&color(&bytes)?).map_err(bad)
+}
+
+fn require_png(image: &CompressedImage) -> Result<(), DecodeError> {
+    match image.format.as_str() {
+        "png" => Ok(()),
+        other => Err(field("format", format!("`{other}`"), "`png`")),
+    }
 }
 
 fn depth(raw: &RawImage) -> Result<Image<f32>, DecodeError> {

@@ -25,11 +25,32 @@ pub enum LogError {
         /// Its path.
         path: PathBuf,
     },
+    /// Its messages are compressed in a way that is not read.
+    #[error(
+        "{}: a chunk is compressed by `{compression}`, expected zstd, lz4 or none: `mcap compress --compression none` undoes it",
+        path.display()
+    )]
+    Compressed {
+        /// The log.
+        path: PathBuf,
+        /// How it is compressed.
+        compression: String,
+    },
     /// The container. After a failure to write, nothing more is written.
     #[error("the log cannot be written: {source}")]
     Write {
         /// What its writer says.
         source: mcap::McapError,
+    },
+    /// The disk has little room left, which others need more.
+    #[error(
+        "{:.1} MB are free on its disk, {:.1} MB of them for what is worth more", *free as f64 / 1e6, *reserve as f64 / 1e6
+    )]
+    Room {
+        /// Bytes that are free.
+        free: u64,
+        /// Bytes that it leaves.
+        reserve: u64,
     },
     /// A record that a log cannot hold.
     #[error("{record} cannot be logged: {problem}")]

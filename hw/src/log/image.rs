@@ -97,18 +97,26 @@ pub(super) fn write_png(image: &Image<[u8; 3]>) -> Result<Vec<u8>, png::Encoding
     Ok(file)
 }
 
-/// A colour image from a PNG file of 8-bit RGB.
-pub(super) fn read_png(file: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
-    let bad = |found: String| DecodeError::Field {
+fn bad(found: String) -> DecodeError {
+    DecodeError::Field {
         field: "data",
         found,
         expected: "a PNG file of 8-bit RGB, of at most 16 million pixels",
-    };
+    }
+}
+
+/// Refuses what does not begin as a PNG file of 8-bit RGB.
+pub(super) fn check_png(file: &[u8]) -> Result<(), DecodeError> {
+    open_png(file).map(drop)
+}
+
+/// A decoder of a PNG file of 8-bit RGB that has read what stands before its pixels.
+fn open_png(file: &[u8]) -> Result<png::Reader<Cursor<&[u8]>>, DecodeError> {
     let mut decoder = Decoder::new(Cursor::new(file));
     decoder.set_limits(Limits {
         bytes: 4 * MOST_PIXELS as usize,
     });
-    let mut reader = decoder.read_info().map_err(|e| bad(e.to_string()))?;
+    let reader = decoder.read_info().map_err(|e| bad(e.to_string()))?;
     let info = reader.info();
     let (width, height) = (info.width, info.height);
     if (info.color_type, info.bit_depth) != (ColorType::Rgb, BitDepth::Eight) {
@@ -118,6 +126,13 @@ pub(super) fn read_png(file: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
     if u64::from(width) * u64::from(height) > MOST_PIXELS {
         return Err(bad(format!("a PNG file of {width} x {height} pixels")));
     }
+    Ok(reader)
+}
+
+/// A colour image from a PNG file of 8-bit RGB.
+pub(super) fn read_png(file: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
+    let mut reader = open_png(file)?;
+    let (width, height) = (reader.info().width, reader.info().height);
     let mut bytes = vec![0; 3 * width as usize * height as usize];
     reader
         .next_frame(&mut bytes)

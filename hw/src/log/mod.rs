@@ -48,6 +48,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod compression;
 mod container;
 mod contents;
 mod decode;
@@ -61,12 +62,14 @@ mod record;
 mod recovery;
 mod repair;
 mod resync;
+mod room;
 mod servos;
 mod shared;
 mod topic;
 mod write;
 
 pub use contents::{Contents, TopicContents};
+pub(crate) use decode::color_png;
 pub use error::{DecodeError, LogError};
 pub use read::{Channel, Entry, LogReader, Message, Schema};
 pub use record::{
@@ -75,7 +78,9 @@ pub use record::{
 };
 pub use recovery::{Damage, Problem, Recovery};
 pub use repair::repair;
+pub use room::free_space;
 pub use servos::servo_sink;
 pub use shared::SharedLog;
+pub(crate) use shared::finish_all;
 pub use topic::Topic;
-pub use write::{ImageFormat, LogSettings, LogWriter};
+pub use write::{ChunkFormat, ImageFormat, LogSettings, LogWriter};

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use mcap::MAGIC;
 use mcap::records::op;
 
+use super::compression::Compression;
 use super::container::{
     ChunkHeader, Fields, MessageRecord, PLAIN_CHUNK_HEADER, RECORD_HEADER, attachment, is_header,
     is_message_index, metadata, record, record_header,
@@ -73,8 +74,8 @@ pub enum Entry {
 
 /// Reads an MCAP file in its order, in bounded memory: a chunk at a time.
 ///
-/// Damage is not an error: what is whole is given, and [`recovery`](Self::recovery) says what was not. Only uncompressed
-/// chunks are read, which is what [`LogWriter`](super::LogWriter) writes.
+/// Damage is not an error: what is whole is given, and [`recovery`](Self::recovery) says what was not. Chunks may be plain, or
+/// compressed by zstd or lz4.
 #[derive(Debug)]
 pub struct LogReader<R> {
     source: R,
@@ -108,8 +109,20 @@ struct Chunk {
     next: usize,
     /// Where the records begin in the file.
     at: u64,
+    /// Whether they lie in the file as they are.
+    plain: bool,
     /// Whether the file ends within the chunk.
     cut: bool,
+}
+
+impl Chunk {
+    /// Where in the file the next record lies, or of a compressed chunk all of them.
+    fn place(&self) -> u64 {
+        match self.plain {
+            true => self.at + self.next as u64,
+            false => self.at,
+        }
+    }
 }
 
 impl LogReader<BufReader<File>> {
@@ -145,7 +158,7 @@ impl<R: Read + Seek> LogReader<R> {
             definitions,
             recovery: Recovery::default(),
             // A file in which each byte seems to begin a chunk would otherwise be read as often as it has bytes.
-            search: length.saturating_mul(8),
+            search: length.saturating_mul(8).max(LONGEST_RECORD),
         })
     }
 
@@ -305,19 +318,30 @@ impl<R: Read + Seek> LogReader<R> {
             };
             return self.damaged(record_at, problem);
         };
-        if !header.compression.is_empty() {
+        let Some(compression) = Compression::named(&header.compression) else {
             let problem = Problem::Compressed(header.compression);
             self.recovery.note(record_at, problem);
             return self.go_to(at.saturating_add(length).min(self.length));
-        }
-        if header.records.min(left) > LONGEST_RECORD {
-            return self.damaged(record_at, Problem::TooLong(length));
+        };
+        let plain = compression == Compression::None;
+        let longest = match plain {
+            true => header.records.min(left),
+            false => header.records.min(left).max(header.uncompressed),
+        };
+        if longest > LONGEST_RECORD {
+            return self.damaged(record_at, Problem::TooLong(longest));
         }
         self.chunked = true;
         let records_at = at + header.records_at;
         self.source.seek(SeekFrom::Start(records_at))?;
-        let records = self.read_content(header.records.min(self.length - records_at))?;
+        let stored = self.read_content(header.records.min(self.length - records_at))?;
         let cut = length > left;
+        let (records, undone) = compression.undo(stored, header.uncompressed);
+        if let (Err(problem), false) = (undone, cut) {
+            let problem = Problem::Decompression(header.compression, problem);
+            self.recovery.note(record_at, problem);
+            return self.go_to(at + length);
+        }
         // Of a part, there is no telling but by its records.
         if !cut && header.crc != 0 && crc32fast::hash(&records) != header.crc {
             self.recovery.note(record_at, Problem::Checksum);
@@ -327,6 +351,7 @@ impl<R: Read + Seek> LogReader<R> {
             records,
             next: 0,
             at: records_at,
+            plain,
             cut,
         };
         self.at = (at + length.min(left)).min(self.length);
@@ -348,7 +373,7 @@ impl<R: Read + Seek> LogReader<R> {
 
     /// Reads the next record of `chunk`, and returns what is left of the chunk.
     fn next_record(&mut self, mut chunk: Chunk) -> (Option<Message>, Chunk) {
-        let at = chunk.at + chunk.next as u64;
+        let at = chunk.place();
         let mut records = &chunk.records[chunk.next..];
         let Some((opcode, content)) = record(&mut records) else {
             let problem = match chunk.cut {

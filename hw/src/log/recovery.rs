@@ -1,8 +1,11 @@
 //! What was found in a log that may not be whole.
 
 use std::fmt;
+use std::path::Path;
 
 use mcap::records::op;
+
+use super::error::LogError;
 
 /// Damage that is kept one by one: of the rest, only the number.
 const MOST_DAMAGE: usize = 100;
@@ -18,6 +21,8 @@ pub struct Recovery {
     pub damage: Vec<Damage>,
     /// How many places there were.
     pub damages: u64,
+    /// The first compression of a chunk that is not read, if there is such a chunk.
+    pub unread: Option<String>,
 }
 
 /// A place that could not be read.
@@ -46,6 +51,8 @@ pub enum Problem {
     Chunk,
     /// A chunk is compressed, in a way that is not read.
     Compressed(String),
+    /// A chunk is not what its compression says: its messages are lost. By which, and what is wrong.
+    Decompression(String, String),
     /// A message is of a channel that no record describes.
     NoChannel(u16),
 }
@@ -76,8 +83,11 @@ impl fmt::Display for Problem {
             Self::Chunk => write!(f, "lengths within a chunk disagree"),
             Self::Compressed(name) => write!(
                 f,
-                "a chunk is compressed by `{name}`, which is not read here: `mcap compress --compression none` undoes it"
+                "a chunk is compressed by `{name}`, expected zstd, lz4 or none: `mcap compress --compression none` undoes it"
             ),
+            Self::Decompression(name, problem) => {
+                write!(f, "a chunk cannot be decompressed by {name}: {problem}")
+            }
             Self::NoChannel(id) => {
                 write!(f, "a message is of channel {id}, which is not described")
             }
@@ -97,8 +107,25 @@ impl Recovery {
         at_start && self.messages == 0
     }
 
+    /// Refuses the log at `path` if nothing of it was read because of how it is compressed.
+    pub(super) fn require_readable(&self, path: &Path) -> Result<(), LogError> {
+        match &self.unread {
+            Some(compression) if self.messages == 0 => Err(LogError::Compressed {
+                path: path.to_owned(),
+                compression: compression.clone(),
+            }),
+            _ if self.is_nothing() => Err(LogError::NotALog {
+                path: path.to_owned(),
+            }),
+            _ => Ok(()),
+        }
+    }
+
     pub(super) fn note(&mut self, at: u64, problem: Problem) {
         self.damages += 1;
+        if let (Problem::Compressed(name), None) = (&problem, &self.unread) {
+            self.unread = Some(name.clone());
+        }
         if self.damage.len() < MOST_DAMAGE {
             self.damage.push(Damage { at, problem });
         }

@@ -26,17 +26,13 @@ pub fn repair(from: &Path, to: &Path) -> Result<Recovery, LogError> {
     };
     let file = AtomicFile::create(to).map_err(at(to))?;
     let write = |source| LogError::Write { source };
-    let mut writer = options(LogSettings::default().chunk)
+    let mut writer = options(LogSettings::default())
         .create(NoSeek::new(BufWriter::new(file)))
         .map_err(write)?;
     while let Some(entry) = reader.next_entry().map_err(at(from))? {
         copy(&mut writer, &entry).map_err(write)?;
     }
-    if reader.recovery().is_nothing() {
-        return Err(LogError::NotALog {
-            path: from.to_owned(),
-        });
-    }
+    reader.recovery().require_readable(from)?;
     writer.finish().map_err(write)?;
     let mut buffered = writer.into_inner().into_inner();
     buffered.flush().map_err(at(to))?;

@@ -4,6 +4,7 @@ use std::io::{self, Read, Seek, SeekFrom};
 
 use mcap::records::op;
 
+use super::compression::Compression;
 use super::container::{
     ChunkHeader, PLAIN_CHUNK_HEADER, RECORD_HEADER, may_begin_chunk, record_header,
 };
@@ -15,7 +16,7 @@ const WINDOW: usize = 64 << 10;
 /// Bytes by which a chunk is known: its record's header, its own, and that of its first record.
 const KNOWN_BY: usize = RECORD_HEADER + PLAIN_CHUNK_HEADER + RECORD_HEADER;
 
-/// Where the first plain chunk at or after `from` begins that is whole by its checksum. `budget` is how many bytes may be
+/// Where the first chunk at or after `from` begins that is whole by its checksum, or by its compression. `budget` is how many bytes may be
 /// read for it, and becomes what is left of it.
 pub(super) fn next_chunk(
     source: &mut (impl Read + Seek),
@@ -36,15 +37,24 @@ pub(super) fn next_chunk(
         source.read_exact(&mut window)?;
         for (offset, start) in window.windows(KNOWN_BY).enumerate() {
             let found = at + offset as u64;
-            let Some(header) = plain_chunk(start, length - found) else {
+            let Some((header, compression)) = chunk(start, length - found) else {
                 continue;
             };
-            if *budget < header.records {
+            let cost = match compression {
+                Compression::None => header.records,
+                _ => header.records.saturating_add(header.uncompressed),
+            };
+            if *budget < cost {
                 return Ok(None);
             }
-            *budget -= header.records;
+            *budget -= cost;
             let records_at = found + RECORD_HEADER as u64 + header.records_at;
-            if checksum(source, records_at, header.records)? == header.crc {
+            source.seek(SeekFrom::Start(records_at))?;
+            let whole = match compression {
+                Compression::None => checksum(source, header.records)? == header.crc,
+                _ => is_whole(source, &header, compression)?,
+            };
+            if whole {
                 return Ok(Some(found));
             }
         }
@@ -55,7 +65,7 @@ pub(super) fn next_chunk(
 }
 
 /// What the chunk says of itself that seems to begin with `start`, in a file with `left` bytes from there on.
-fn plain_chunk(start: &[u8], left: u64) -> Option<ChunkHeader> {
+fn chunk(start: &[u8], left: u64) -> Option<(ChunkHeader, Compression)> {
     let (header, content) = start.split_first_chunk()?;
     let (opcode, length) = record_header(*header);
     if opcode != op::CHUNK || length > LONGEST_RECORD || length > left - RECORD_HEADER as u64 {
@@ -63,12 +73,28 @@ fn plain_chunk(start: &[u8], left: u64) -> Option<ChunkHeader> {
     }
     let header = ChunkHeader::parse(content, length)?;
     let records = content.get(header.records_at as usize..)?;
-    let plain = header.compression.is_empty() && header.crc != 0;
-    (plain && may_begin_chunk(records, header.records)).then_some(header)
+    let compression = Compression::named(&header.compression)?;
+    let may_be = match compression {
+        Compression::None => header.crc != 0 && may_begin_chunk(records, header.records),
+        _ => header.uncompressed <= LONGEST_RECORD && compression.may_begin(records),
+    };
+    may_be.then_some((header, compression))
 }
 
-fn checksum(source: &mut (impl Read + Seek), at: u64, length: u64) -> io::Result<u32> {
-    source.seek(SeekFrom::Start(at))?;
+/// Whether the compressed records that come next are whole.
+fn is_whole(
+    source: &mut impl Read,
+    header: &ChunkHeader,
+    compression: Compression,
+) -> io::Result<bool> {
+    let mut stored = vec![0; header.records as usize];
+    source.read_exact(&mut stored)?;
+    let (records, undone) = compression.undo(stored, header.uncompressed);
+    Ok(undone.is_ok() && (header.crc == 0 || crc32fast::hash(&records) == header.crc))
+}
+
+/// The checksum of so many bytes that come next.
+fn checksum(source: &mut impl Read, length: u64) -> io::Result<u32> {
     let mut hasher = crc32fast::Hasher::new();
     let mut block = [0; 8 << 10];
     let mut left = length;

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
-use mcap::{WriteOptions, Writer};
+use mcap::{Compression, WriteOptions, Writer};
 use nalgebra::Isometry3;
 use tdcr_sim::camera::Camera;
 use tdcr_sim::render::RgbdFrame;
@@ -17,6 +17,7 @@ use super::encode::{EFFORT, Encoded, encode};
 use super::error::LogError;
 use super::read::LONGEST_RECORD;
 use super::record::{Image, LogRecord, Transform};
+use super::room::Room;
 use super::topic::Topic;
 use crate::camera::Stamped;
 use crate::clock::Clock;
@@ -31,34 +32,57 @@ pub enum ImageFormat {
     Raw,
 }
 
+/// How chunks are compressed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ChunkFormat {
+    /// By zstd, fast: depth images take a quarter of their bytes, for some milliseconds each.
+    #[default]
+    Zstd,
+    /// As they are: of a chunk that is cut off, each message is read that is whole.
+    Plain,
+}
+
 /// How a log is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LogSettings {
     /// Colour images.
     pub colors: ImageFormat,
+    /// Chunks.
+    pub chunks: ChunkFormat,
     /// Bytes after which a chunk is written. A chunk is held in memory until then, with the message that fills it.
     pub chunk: u64,
     /// Time, by the records' time stamps, after which a chunk is written though it is not full.
     pub flush_after: Duration,
+    /// Bytes that are to stay free on the disk: before it takes them, the log ends.
+    pub reserve: u64,
 }
 
 impl Default for LogSettings {
     fn default() -> Self {
         Self {
             colors: ImageFormat::default(),
+            chunks: ChunkFormat::default(),
             chunk: 1 << 20,
             flush_after: Duration::from_secs(1),
+            reserve: 4 << 20,
         }
     }
 }
 
 /// Options of our files: chunks are put together in memory and written whole, so what is on the disk is at any time the
 /// start of the finished file.
-pub(super) fn options(chunk: u64) -> WriteOptions {
+pub(super) fn options(settings: LogSettings) -> WriteOptions {
+    let compression = match settings.chunks {
+        ChunkFormat::Zstd => Some(Compression::Zstd),
+        ChunkFormat::Plain => None,
+    };
     WriteOptions::new()
-        .compression(None)
+        .compression(compression)
+        .compression_level(1)
+        // In the thread that writes: a rig's others have work of their own.
+        .compression_threads(0)
         .library(concat!("tdcr ", env!("CARGO_PKG_VERSION")))
-        .chunk_size(Some(chunk))
+        .chunk_size(Some(settings.chunk))
         .disable_seeking(true)
 }
 
@@ -71,6 +95,7 @@ pub struct LogWriter {
     writer: Writer<NoSeek<BufWriter<File>>>,
     path: PathBuf,
     settings: LogSettings,
+    room: Room,
     /// The clock's start since the Unix epoch.
     start: Duration,
     /// By names of topics and schemas.
@@ -96,13 +121,14 @@ impl LogWriter {
             path: path.to_owned(),
             source,
         })?;
-        let writer = options(settings.chunk)
+        let writer = options(settings)
             .create(NoSeek::new(BufWriter::new(file)))
             .map_err(|source| LogError::Write { source })?;
         Ok(Self {
             writer,
             path: path.to_owned(),
             settings,
+            room: Room::new(settings.reserve),
             start: clock.start(),
             channels: HashMap::new(),
             flushed: clock.now(),
@@ -140,8 +166,8 @@ impl LogWriter {
     /// Logs `record` of a `time` of the clock.
     ///
     /// # Errors
-    /// [`LogError`] where the record is none that a log can hold, which costs nothing but the record; and where it cannot be
-    /// written, after which nothing is.
+    /// [`LogError`] where the record is none that a log can hold, which costs nothing but the record; [`LogError::Room`] where the
+    /// log is to end, as its disk is full but for the reserve; and where it cannot be written, after which nothing is.
     pub fn write(&mut self, time: Duration, record: &LogRecord) -> Result<(), LogError> {
         // 584 years fit.
         let nanoseconds = u64::try_from((self.start + time).as_nanos()).unwrap_or(u64::MAX);
@@ -151,6 +177,10 @@ impl LogWriter {
                 record: "a message",
                 problem: format!("it has {} bytes", encoded.bytes.len()),
             });
+        }
+        let length = encoded.bytes.len() as u64;
+        if let Some([free, reserve]) = self.room.lacks(&self.path, self.settings.chunk, length) {
+            return Err(LogError::Room { free, reserve });
         }
         self.put(nanoseconds, encoded)
             .map_err(|source| LogError::Write { source })?;

@@ -1,17 +1,18 @@
 //! The pictures of a capture's samples.
 
 use std::path::Path;
+use std::time::Duration;
 
 use super::stream::{RecordedError, Stream};
-use crate::log::{Image, LogRecord, Topic};
+use crate::log::{LogRecord, Message, Topic, color_png};
 
 /// What the cameras showed when a sample was captured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SamplePictures {
     /// The sample's number.
     pub sample: u64,
-    /// Colours (8-bit RGB) of each camera, in the order of the rig's file; none where the log has lost them.
-    pub colors: Vec<Option<Image<[u8; 3]>>>,
+    /// Colours of each camera as a PNG file of 8-bit RGB, in the order of the rig's file; none where the log has lost them.
+    pub colors: Vec<Option<Vec<u8>>>,
 }
 
 /// The samples of a capture's log, in the order in which they were captured.
@@ -22,7 +23,8 @@ pub struct Samples {
     stream: Stream,
     /// Serial numbers in the order of the rig's file, as the log names cameras before anything else.
     serials: Vec<String>,
-    last: Vec<Option<Image<[u8; 3]>>>,
+    /// The last picture of each, as the log has it: most are of no sample, and are not looked at.
+    last: Vec<Option<(Duration, Message)>>,
 }
 
 impl Samples {
@@ -59,19 +61,23 @@ impl Samples {
                 Topic::Calibration(_) | Topic::Color(_) | Topic::Events
             )
         };
-        while let Some((_, record)) = self.stream.next(of_samples)? {
-            match record {
-                LogRecord::Calibration { serial, .. } => {
+        while let Some((time, message)) = self.stream.next_message(of_samples)? {
+            if let Some(Topic::Color(serial)) = Topic::parse(&message.channel.topic) {
+                let view = self.view(serial);
+                self.last[view] = Some((time, message));
+                continue;
+            }
+            let bad = |source| RecordedError::Message { time, source };
+            match LogRecord::decode(&message.channel, &message.data).map_err(bad)? {
+                Some(LogRecord::Calibration { serial, .. }) => {
                     self.view(serial);
                 }
-                LogRecord::Color { serial, image } => {
-                    let view = self.view(serial);
-                    self.last[view] = Some(image);
-                }
-                LogRecord::Event(event) => {
+                Some(LogRecord::Event(event)) => {
                     if let Some(sample) = event.sample() {
                         // What is shown again is logged again.
-                        let colors = self.last.iter_mut().map(Option::take).collect();
+                        let last = self.last.iter_mut().map(Option::take);
+                        let colors = last.map(|last| last.map(png).transpose());
+                        let colors = colors.collect::<Result<_, _>>()?;
                         return Ok(Some(SamplePictures { sample, colors }));
                     }
                 }
@@ -82,24 +88,46 @@ impl Samples {
     }
 }
 
+/// The PNG file of a picture.
+fn png((time, message): (Duration, Message)) -> Result<Vec<u8>, RecordedError> {
+    color_png(&message.channel, &message.data)
+        .map_err(|source| RecordedError::Message { time, source })
+}
+
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
-
-    use std::time::Duration;
 
     use tdcr_sim::camera::Intrinsics;
 
     use super::*;
     use crate::clock::VirtualClock;
-    use crate::log::{Event, Level, LogSettings, LogWriter};
+    use crate::log::{Event, Image, ImageFormat, Level, LogSettings, LogWriter};
+
+    /// The last byte of a picture in a PNG file.
+    fn last_byte(file: &[u8]) -> u8 {
+        let mut reader = png::Decoder::new(std::io::Cursor::new(file))
+            .read_info()
+            .unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        pixels[pixels.len() - 1]
+    }
 
     #[test]
     fn a_samples_pictures_are_the_last_before_it() {
+        for colors in [ImageFormat::Png, ImageFormat::Raw] {
+            pictures_of(LogSettings {
+                colors,
+                ..LogSettings::default()
+            });
+        }
+    }
+
+    fn pictures_of(settings: LogSettings) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("log.mcap");
-        let mut log =
-            LogWriter::create(&path, &VirtualClock::new(), LogSettings::default()).unwrap();
+        let mut log = LogWriter::create(&path, &VirtualClock::new(), settings).unwrap();
         let calibration = |serial: &str| LogRecord::Calibration {
             serial: serial.to_owned(),
             intrinsics: Intrinsics::from_fovy(2, 1, 1.0),
@@ -140,7 +168,7 @@ mod tests {
         let mut samples = Samples::open(&path).unwrap();
         let mut found = Vec::new();
         while let Some(SamplePictures { sample, colors }) = samples.next_sample().unwrap() {
-            let greys = colors.iter().map(|c| c.as_ref().map(|c| c.pixels[1][0]));
+            let greys = colors.iter().map(|c| c.as_deref().map(last_byte));
             found.push((sample, greys.collect::<Vec<_>>()));
         }
         assert_eq!(

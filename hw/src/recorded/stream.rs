@@ -124,6 +124,14 @@ impl Stream {
                 path: self.path.clone(),
                 source,
             })?;
+            // Messages that are passed over would make another log of it.
+            if let Some(compression) = &self.reader.recovery().unread {
+                return Err(LogError::Compressed {
+                    path: self.path.clone(),
+                    compression: compression.clone(),
+                }
+                .into());
+            }
             match entry {
                 None => return Ok(None),
                 Some(Entry::Message(message)) => return Ok(Some(message)),
@@ -137,6 +145,21 @@ impl Stream {
         &mut self,
         wanted: impl Fn(&Topic) -> bool,
     ) -> Result<Option<(Duration, LogRecord)>, RecordedError> {
+        while let Some((time, message)) = self.next_message(&wanted)? {
+            let record = LogRecord::decode(&message.channel, &message.data)
+                .map_err(|source| RecordedError::Message { time, source })?;
+            if let Some(record) = record {
+                return Ok(Some((time, record)));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The next message of a topic that is `wanted`, not decoded; `None` after the last.
+    pub fn next_message(
+        &mut self,
+        wanted: impl Fn(&Topic) -> bool,
+    ) -> Result<Option<(Duration, Message)>, RecordedError> {
         loop {
             let message = match self.first.take() {
                 Some(first) => first,
@@ -147,13 +170,8 @@ impl Stream {
             };
             let time = Duration::from_nanos(message.log_time.saturating_sub(self.start));
             self.last = self.last.max(time);
-            if !Topic::parse(&message.channel.topic).is_some_and(|topic| wanted(&topic)) {
-                continue;
-            }
-            let record = LogRecord::decode(&message.channel, &message.data)
-                .map_err(|source| RecordedError::Message { time, source })?;
-            if let Some(record) = record {
-                return Ok(Some((time, record)));
+            if Topic::parse(&message.channel.topic).is_some_and(|topic| wanted(&topic)) {
+                return Ok(Some((time, message)));
             }
         }
     }

@@ -6,8 +6,8 @@ use std::time::Duration;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tdcr_hw::clock::VirtualClock;
 use tdcr_hw::log::{
-    Entry, Event, Goal, Image, ImageFormat, Level, LogReader, LogRecord, LogSettings, LogWriter,
-    Message, Reading, Recovery, ServoHome, ServoStatus, Transform,
+    ChunkFormat, Entry, Event, Goal, Image, ImageFormat, Level, LogReader, LogRecord, LogSettings,
+    LogWriter, Message, Reading, Recovery, ServoHome, ServoStatus, Transform,
 };
 use tdcr_hw::servo::{
     HardwareErrors, Identity, OperatingMode, Registers, ServoId, Ticks, Torque, WatchdogState,
@@ -156,6 +156,7 @@ pub fn write(path: &Path, times: usize, chunk: u64, colors: ImageFormat) {
     let settings = LogSettings {
         chunk,
         colors,
+        chunks: ChunkFormat::Plain,
         ..LogSettings::default()
     };
     let mut log = LogWriter::create(path, &VirtualClock::new(), settings).unwrap();

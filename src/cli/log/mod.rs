@@ -194,6 +194,11 @@ fn mend(args: &RepairArgs, console: &Console) -> anyhow::Result<()> {
     let found = Found::new(&repair(&args.file, out)?);
     console.summary(&found, |found| {
         let text = found.text();
-        format!("{text}{}: written, whole\n", out.display())
+        let what = if found.whole {
+            "whole"
+        } else {
+            "with what could be read"
+        };
+        format!("{text}{}: written, {what}\n", out.display())
     })
 }

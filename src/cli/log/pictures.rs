@@ -12,7 +12,7 @@ use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 
 use crate::cli::console::{Console, Interrupted};
-use crate::cli::{images, output};
+use crate::cli::output;
 
 /// Write the colour pictures of a capture's samples as files, for programs that mask them
 ///
@@ -97,8 +97,7 @@ fn write(out: &Path, pictures: &SamplePictures) -> anyhow::Result<Vec<bool>> {
         let folder = out.join(camera(view));
         fs::create_dir_all(&folder)
             .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-        let png = images::rgb_png([color.width, color.height], color.pixels.as_flattened())?;
-        output::write(&folder.join(format!("{:06}.png", pictures.sample)), png)?;
+        output::write(&folder.join(format!("{:06}.png", pictures.sample)), color)?;
     }
     Ok(there)
 }
