@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import json
+import os
+import signal
+import threading
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +23,7 @@ from tdcr._arrays import Floats, Progress, as_count, as_flag, as_float, as_numbe
 from tdcr._files import as_path
 from tdcr._results import Result
 from tdcr.data import MOST, Dataset, PathLike, as_seed
-from tdcr.errors import CommandError
+from tdcr.errors import CommandError, TdcrError
 from tdcr.robot import Robot
 from tdcr.vision import Cloud, View, as_view
 
@@ -117,11 +123,41 @@ class CaptureReport:
     log: Path | None
 
 
+#: Rigs that are not gone.
+_OPEN: weakref.WeakSet[Rig] = weakref.WeakSet()
+
+
+@atexit.register
+def _release_all() -> None:
+    """Releases every rig of this process, as a ``with`` block does at its end."""
+    for rig in list(_OPEN):
+        # A fork has its parent's rigs, and no business with them.
+        if rig._process == os.getpid():
+            with contextlib.suppress(TdcrError):
+                rig.release()
+
+
+def _end_by_exception() -> None:
+    """Has signals that would end the process without a word raise ``SystemExit``, so that ``with`` blocks come to their end."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _exit)
+
+
+def _exit(number: int, _frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)
+
+
 class Rig:
     """A robot with servos and cameras: simulated, recorded or real, as its file says; the same calls on each.
 
     Nothing moves before the servos are homed and :meth:`engage` is called. The tension is released where something goes wrong,
-    where a call is interrupted, and at the end of a ``with`` block::
+    where a call is interrupted, at the end of a ``with`` block, and at the end of the process. SIGTERM and SIGHUP (a window
+    that is closed, a connection that is lost) raise ``SystemExit`` once a rig was opened in the main thread, where they had
+    their default action::
 
         with tdcr.Rig("rig-sim.toml") as rig:
             rig.engage()
@@ -137,8 +173,11 @@ class Rig:
     """
 
     def __init__(self, path: PathLike, *, real_time: bool = False) -> None:
+        _end_by_exception()
         self._native = _tdcr.Rig(as_path(path, "path"), as_flag(real_time, "real_time"))
         self.robot = Robot._of(self._native.robot)
+        self._process = os.getpid()
+        _OPEN.add(self)
 
     def __enter__(self) -> Rig:
         return self
@@ -293,7 +332,8 @@ class Rig:
 
         Args:
             out: Folder of the data set.
-            commands: Number of commands, split 80/10/10 into train, val and test; at least 10.
+            commands: Number of commands, split 80/10/10 into train, val and test; of fewer than 10 one tests and one
+                validates, as far as they go.
             points: Points per cloud.
             voxel: Edge of the voxels that thin the fused clouds (m).
             seed: Seed of commands, samples and splits.

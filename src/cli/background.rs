@@ -1,6 +1,5 @@
 //! `tdcr background`.
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -42,12 +41,10 @@ pub(super) fn run(args: &BackgroundArgs, console: &Console) -> anyhow::Result<()
     let mut go_on = || {
         console.advance(u64::from(begun > 0));
         begun += 1;
-        match console.interrupted() {
-            true => ControlFlow::Break(()),
-            false => ControlFlow::Continue(()),
-        }
+        console.go_on()
     };
     match rig.record_background(&args.out, args.pictures as usize, &mut go_on) {
+        // There was none to release.
         Err(RigError::Interrupted) => return Err(Interrupted.into()),
         recorded => recorded?,
     }

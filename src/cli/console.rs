@@ -2,6 +2,7 @@
 
 use std::ffi::OsStr;
 use std::io::{IsTerminal, Write};
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,9 +11,11 @@ use std::time::Instant;
 use anyhow::Context;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde::Serialize;
+use tdcr::hw::rig::leave as leave_rigs;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 
+use super::keys::restore_terminal;
 use super::printable::printable;
 use super::{Global, INTERRUPTED};
 
@@ -20,6 +23,7 @@ use super::{Global, INTERRUPTED};
 pub(super) struct Console {
     format: Format,
     bars: Bars,
+    quiet: bool,
     signals: Arc<Signals>,
     stage: Mutex<Option<Running>>,
 }
@@ -68,7 +72,7 @@ impl Console {
         ctrlc::set_handler(move || {
             let awaited = heard.awaited.load(Ordering::Relaxed);
             if heard.came.swap(true, Ordering::Relaxed) || !awaited {
-                std::process::exit(INTERRUPTED.into());
+                leave();
             }
             say("\nstopping at the next safe point; press Ctrl-C again to stop at once");
         })
@@ -84,6 +88,7 @@ impl Console {
                 (false, true) => Bars::Live,
                 (false, false) => Bars::Lines,
             },
+            quiet: global.quiet,
             signals,
             stage: Mutex::new(None),
         })
@@ -125,6 +130,44 @@ impl Console {
             .context("cannot write to stdout")
     }
 
+    /// Writes a part of a result that is too long to be held, in the format that [`is_json`](Self::is_json) says.
+    pub fn part(&self, text: &str) -> anyhow::Result<()> {
+        let write = || {
+            let mut stdout = std::io::stdout().lock();
+            stdout
+                .write_all(printable(text).as_bytes())
+                .and_then(|()| stdout.flush())
+                .context("cannot write to stdout")
+        };
+        match self.stage.lock() {
+            // A live bar makes room for it.
+            Ok(stage) if stage.is_some() => stage
+                .as_ref()
+                .map_or(Ok(()), |running| running.bar.suspend(write)),
+            _ => write(),
+        }
+    }
+
+    /// Whether results are JSON.
+    pub fn is_json(&self) -> bool {
+        matches!(self.format, Format::Json)
+    }
+
+    /// Says a line about the work on stderr, unless only errors and the result are wanted.
+    pub fn tell(&self, line: &str) {
+        if !self.quiet {
+            say(line);
+        }
+    }
+
+    /// Whether to go on with work that may hold a robot: not after a signal that asks the process to end.
+    pub fn go_on(&self) -> ControlFlow<()> {
+        match self.interrupted() {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        }
+    }
+
     fn with_stage(&self, act: impl FnOnce(&Running)) {
         // A poisoned lock means that another thread panicked: progress no longer matters.
         if let Ok(stage) = self.stage.lock()
@@ -133,6 +176,16 @@ impl Console {
             act(running);
         }
     }
+}
+
+/// Ends the process at once: motors that any command has on go off, logs end whole, the terminal is as it was.
+fn leave() -> ! {
+    let released = leave_rigs();
+    restore_terminal();
+    if !released.off.is_empty() || !released.is_complete() {
+        say(&released.to_string());
+    }
+    std::process::exit(INTERRUPTED.into())
 }
 
 /// Writes a line to stderr. One that cannot be written is dropped: there is nowhere to say so, and the work goes on.

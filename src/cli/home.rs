@@ -1,15 +1,17 @@
 //! `tdcr home`.
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
-use tdcr::hw::capture::{CaptureError, Session, SessionSettings};
-use tdcr::hw::rig::{Homing, HomingReport, Pace, Rig, RigError, RigFile, ServoLink};
-use tdcr::pipeline::{CaptureSettings, Monitor};
+use tdcr::hw::capture::{Session, SessionSettings};
+use tdcr::hw::rig::{Homing, HomingReport, Pace, Rig, RigFile, ServoLink};
+use tdcr::pipeline::CaptureSettings;
 
-use super::console::{Console, Interrupted};
+use super::console::Console;
+
+/// Bytes that the log leaves on its disk: where servos stand is written there too.
+const LOG_LEAVES: u64 = 1 << 20;
 
 /// Tell a rig where its servos stand, which forget their turns without power; nothing moves but with --check
 ///
@@ -57,7 +59,7 @@ pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
     let log = match (lasting && !args.no_log, args.rig.file_stem()) {
         (true, Some(stem)) => {
             let folder = args.rig.parent().unwrap_or(Path::new(""));
-            Some(rig.log_in(folder, &format!("{}.home", stem.display()))?)
+            Some(rig.log_in(folder, &format!("{}.home", stem.display()), LOG_LEAVES)?)
         }
         _ => None,
     };
@@ -114,17 +116,9 @@ fn check(rig: &mut Rig, console: &Console) -> anyhow::Result<Vec<f64>> {
         voxel_size: CaptureSettings::default().voxel_size,
         masks: None,
     };
-    let mut go_on = || match console.interrupted() {
-        true => ControlFlow::Break(()),
-        false => ControlFlow::Continue(()),
-    };
-    let checked = Session::begin(rig, &settings, None, &mut go_on).and_then(|mut session| {
-        let pulls = session.check_tendons()?;
-        session.end()?;
-        Ok(pulls)
-    });
-    match checked {
-        Err(CaptureError::Rig(RigError::Interrupted)) => Err(Interrupted.into()),
-        checked => Ok(checked?),
-    }
+    let mut go_on = || console.go_on();
+    let mut session = Session::begin(rig, &settings, None, &mut go_on)?;
+    let pulls = session.check_tendons()?;
+    session.end()?;
+    Ok(pulls)
 }

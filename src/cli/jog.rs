@@ -1,7 +1,6 @@
 //! `tdcr jog`.
 
 use std::fs;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -11,12 +10,16 @@ use serde_json::json;
 use tdcr::hw::capture::{CaptureError, Captured, Session, SessionSettings};
 use tdcr::hw::plan::{PlanError, Shape};
 use tdcr::hw::rig::{Pace, Rig, RigFile};
-use tdcr::pipeline::CaptureSettings;
+use tdcr::pipeline::{CaptureSettings, Monitor, lock_folder};
 use tdcr::report::counted;
 use tdcr::sim::cloud::write_ply;
 
-use super::console::{Console, say};
+use super::console::{Console, Interrupted};
+use super::is_interruption;
 use super::keys::{Keys, Pressed};
+
+/// Bytes that the log leaves on its disk: some clouds of tens of thousands of points.
+const LOG_LEAVES: u64 = 16 << 20;
 
 /// Bend a robot by keys, and capture what pleases
 ///
@@ -70,35 +73,75 @@ struct Jogged<'a> {
 }
 
 pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
-    super::output::folder("--out", &args.out, "a folder for what is captured")?;
+    let out = &args.out;
+    super::output::folder("--out", out, "a folder for what is captured")?;
+    let file = RigFile::load(&args.rig)?;
+    let _lock = lock_folder(out)?;
     let keys = args.keys()?;
     // A person watches; a script of keys does not.
     let pace = match std::io::IsTerminal::is_terminal(&std::io::stdin()) {
         true => Pace::RealTime,
         false => Pace::Computed,
     };
-    let mut rig = Rig::open_file(RigFile::load(&args.rig)?, pace)?;
+    let mut rig = Rig::open_file(file, pace)?;
+    let mut jogged = Jogged {
+        dir: out,
+        log: match args.no_log {
+            true => None,
+            false => Some(rig.log_in(out, "log", LOG_LEAVES)?),
+        },
+        moves: 0,
+        refused: 0,
+        captured: 0,
+    };
+    let ended = obey(&mut rig, &keys, args, &mut jogged, console);
+    // What was captured is worth more than the log.
+    if let Err(error) = rig.finish_log() {
+        tracing::warn!("the log is not whole: {error}");
+    }
+    match ended {
+        Err(error) if !is_interruption(&error) => return Err(error),
+        _ => {}
+    }
+    console.summary(&jogged, |jogged| {
+        format!(
+            "{}, {} refused, {} captured in {}",
+            counted(jogged.moves, "move"),
+            jogged.refused,
+            counted(jogged.captured, "cloud"),
+            jogged.dir.display()
+        )
+    })?;
+    ended
+}
+
+/// Does what keys say, until one says to end, or a signal does. The tension is released then.
+fn obey(
+    rig: &mut Rig,
+    keys: &Keys,
+    args: &JogArgs,
+    jogged: &mut Jogged,
+    console: &Console,
+) -> anyhow::Result<()> {
     let settings = SessionSettings {
         seed: 0,
         voxel_size: CaptureSettings::default().voxel_size,
         masks: None,
     };
-    let log = match args.no_log {
-        true => None,
-        false => {
-            let out = &args.out;
-            fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
-            Some(rig.log_in(out, "log")?)
-        }
-    };
-    let mut go_on = || ControlFlow::Continue(());
-    let mut session = Session::begin(&mut rig, &settings, None, &mut go_on)?;
+    let mut go_on = || console.go_on();
+    let mut session = Session::begin(rig, &settings, None, &mut go_on)?;
     session.check_tendons()?;
-    let (mut module, mut moves, mut refused, mut captured) = (0, 0, 0, 0);
-    say("1 to 9: module; w a s d: bend; + -: tension; h: straight; c: capture; q: let go and end");
+    let mut module = 0;
+    console.tell(
+        "1 to 9: module; w a s d: bend; + -: tension; h: straight; c: capture; q: let go and end",
+    );
     loop {
+        if console.interrupted() {
+            session.end()?;
+            return Err(Interrupted.into());
+        }
         let key = match keys.pressed() {
-            Pressed::Key('q') | Pressed::End => break,
+            Pressed::Key('q') | Pressed::End => return Ok(session.end()?),
             Pressed::Key(key) => key,
             Pressed::Nothing => {
                 session.rig().poll()?;
@@ -106,10 +149,10 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
             }
         };
         if key == 'c' {
-            let sample = session.observe(captured as u64)?;
-            save(&args.out, captured, &sample)?;
-            captured += 1;
-            say(&format!(
+            let sample = session.observe(jogged.captured as u64)?;
+            save(&args.out, jogged.captured, &sample)?;
+            jogged.captured += 1;
+            console.tell(&format!(
                 "captured {}",
                 counted(sample.cloud.len(), "point")
             ));
@@ -128,44 +171,26 @@ pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
             continue;
         };
         match session.visit(shape) {
-            Ok(()) => moves += 1,
+            Ok(()) => jogged.moves += 1,
             Err(CaptureError::Plan(
                 error @ (PlanError::Shape(_) | PlanError::NoCommand { .. }),
             )) => {
                 return Err(error.into());
             }
             Err(CaptureError::Plan(error)) => {
-                refused += 1;
-                say(&error.to_string());
+                jogged.refused += 1;
+                console.tell(&error.to_string());
             }
             Err(error) => return Err(error.into()),
         }
         let pulls = session.rig().last_states().unwrap_or_default().iter();
         let pulls: Vec<String> = pulls.map(|state| format!("{:.2}", state.pull)).collect();
-        say(&format!(
+        console.tell(&format!(
             "module {}: pulling with {} A",
             module + 1,
             pulls.join(", ")
         ));
     }
-    session.end()?;
-    rig.finish_log()?;
-    let jogged = Jogged {
-        log,
-        dir: &args.out,
-        moves,
-        refused,
-        captured,
-    };
-    console.summary(&jogged, |jogged| {
-        format!(
-            "{}, {} refused, {} captured in {}",
-            counted(jogged.moves, "move"),
-            jogged.refused,
-            counted(jogged.captured, "cloud"),
-            jogged.dir.display()
-        )
-    })
 }
 
 /// The shape that a key asks for; `None` for a key without meaning.

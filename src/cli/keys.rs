@@ -1,13 +1,19 @@
 //! Keys as they are pressed, while something else goes on.
 
-use std::io::{IsTerminal, Read};
+use std::io::{ErrorKind, IsTerminal, Read};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-use console::{Key, Term};
+use rustix::termios::{
+    InputModes, LocalModes, OptionalActions, SpecialCodeIndex, Termios, tcgetattr, tcsetattr,
+};
 
 /// Keys of the terminal, or characters of a stdin that is none.
-pub(super) struct Keys(Receiver<char>);
+pub(super) struct Keys {
+    pressed: Receiver<char>,
+    _terminal: Unbuffered,
+}
 
 /// What came since one last asked.
 pub(super) enum Pressed {
@@ -23,43 +29,47 @@ impl Keys {
     /// Listens from now on: to keys, and to those that a game controller stands for.
     #[cfg(feature = "joystick")]
     pub fn listen_with_joystick() -> anyhow::Result<Self> {
-        let (sender, receiver) = channel();
+        let (sender, pressed) = channel();
         super::joystick::device::listen(sender.clone())?;
-        Self::read(sender);
-        Ok(Self(receiver))
+        Ok(Self::read(sender, pressed))
     }
 
     /// Listens from now on.
     pub fn listen() -> Self {
-        let (sender, receiver) = channel();
-        Self::read(sender);
-        Self(receiver)
+        let (sender, pressed) = channel();
+        Self::read(sender, pressed)
     }
 
-    fn read(sender: Sender<char>) {
+    fn read(sender: Sender<char>, pressed: Receiver<char>) -> Self {
+        let terminal = Unbuffered::begin();
+        let of_bytes = match std::io::stdin().is_terminal() {
+            true => keys_of_terminal,
+            false => characters,
+        };
         // The thread waits in a read and ends with the process, or where nobody listens any more.
         thread::spawn(move || {
-            let terminal = std::io::stdin().is_terminal();
-            let term = Term::stdout();
+            let mut bytes = [0; 64];
             loop {
-                let key = match terminal {
-                    true => term.read_key_raw().ok().map(of_key),
-                    false => {
-                        let mut byte = [0];
-                        let count = std::io::stdin().read(&mut byte).unwrap_or(0);
-                        (count > 0).then(|| char::from(byte[0]))
-                    }
+                // A terminal gives the bytes of a key at once.
+                let count = match std::io::stdin().lock().read(&mut bytes) {
+                    Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+                    count => count.unwrap_or(0),
                 };
-                if key.is_none_or(|key| sender.send(key).is_err()) {
+                let mut keys = of_bytes(&bytes[..count]).into_iter();
+                if count == 0 || keys.any(|key| sender.send(key).is_err()) {
                     break;
                 }
             }
         });
+        Self {
+            pressed,
+            _terminal: terminal,
+        }
     }
 
     /// The next key.
     pub fn pressed(&self) -> Pressed {
-        match self.0.try_recv() {
+        match self.pressed.try_recv() {
             Ok(key) => Pressed::Key(key),
             Err(TryRecvError::Empty) => Pressed::Nothing,
             Err(TryRecvError::Disconnected) => Pressed::End,
@@ -67,15 +77,90 @@ impl Keys {
     }
 }
 
-fn of_key(key: Key) -> char {
-    match key {
-        Key::ArrowUp => 'w',
-        Key::ArrowDown => 's',
-        Key::ArrowLeft => 'a',
-        Key::ArrowRight => 'd',
-        Key::Enter => '\n',
-        Key::Char(key) => key,
-        Key::CtrlC | Key::Escape => 'q',
-        _ => ' ',
+fn characters(bytes: &[u8]) -> Vec<char> {
+    bytes.iter().copied().map(char::from).collect()
+}
+
+/// Keys of what a terminal sends: an arrow is an escape sequence of three bytes, `q` an escape alone.
+fn keys_of_terminal(mut bytes: &[u8]) -> Vec<char> {
+    let mut keys = Vec::new();
+    loop {
+        let (key, rest) = match bytes {
+            [] => return keys,
+            [0x1b, b'[' | b'O', b'A', rest @ ..] => ('w', rest),
+            [0x1b, b'[' | b'O', b'B', rest @ ..] => ('s', rest),
+            [0x1b, b'[' | b'O', b'C', rest @ ..] => ('d', rest),
+            [0x1b, b'[' | b'O', b'D', rest @ ..] => ('a', rest),
+            [0x1b, b'[' | b'O', _, rest @ ..] => (' ', rest),
+            [0x1b, rest @ ..] => ('q', rest),
+            [key, rest @ ..] => (char::from(*key), rest),
+        };
+        keys.push(key);
+        bytes = rest;
+    }
+}
+
+/// The mode of the terminal at stdin before keys were read one by one.
+static BEFORE: Mutex<Option<Termios>> = Mutex::new(None);
+
+/// The terminal at stdin, if it is one, gives keys as they are pressed and shows none, until this is dropped. Ctrl-C sends its signal
+/// as ever; the keys that stop a program or its output do not, as nobody would look after the servos.
+struct Unbuffered;
+
+impl Unbuffered {
+    fn begin() -> Self {
+        let stdin = std::io::stdin();
+        // What is no terminal has no mode.
+        if let Ok(before) = tcgetattr(&stdin) {
+            let mut mode = before.clone();
+            mode.local_modes -= LocalModes::ICANON | LocalModes::ECHO;
+            mode.input_modes -= InputModes::IXON;
+            for code in [SpecialCodeIndex::VQUIT, SpecialCodeIndex::VSUSP] {
+                mode.special_codes[code] = DISABLED;
+            }
+            mode.special_codes[SpecialCodeIndex::VMIN] = 1;
+            mode.special_codes[SpecialCodeIndex::VTIME] = 0;
+            if tcsetattr(&stdin, OptionalActions::Now, &mode).is_ok() {
+                *BEFORE.lock().unwrap_or_else(PoisonError::into_inner) = Some(before);
+            }
+        }
+        Self
+    }
+}
+
+/// What a special code is that no key sends (`_POSIX_VDISABLE`).
+const DISABLED: u8 = match cfg!(target_os = "linux") {
+    true => 0,
+    false => 0xff,
+};
+
+impl Drop for Unbuffered {
+    fn drop(&mut self) {
+        restore_terminal();
+    }
+}
+
+/// Puts the terminal at stdin into the mode that it had before keys were read, if any were.
+pub(super) fn restore_terminal() {
+    let before = (BEFORE.lock().unwrap_or_else(PoisonError::into_inner)).take();
+    if let Some(before) = before {
+        // One that is gone has no mode any more.
+        let _ = tcsetattr(std::io::stdin(), OptionalActions::Now, &before);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrows_bend_and_an_escape_alone_lets_go() {
+        assert_eq!(
+            keys_of_terminal(b"2w\x1b[A\x1b[B\x1bOC\x1b[Dc"),
+            ['2', 'w', 'w', 's', 'd', 'a', 'c']
+        );
+        assert_eq!(keys_of_terminal(b"\x1b"), ['q']);
+        assert_eq!(keys_of_terminal(b"w\x1b["), ['w', 'q', '[']);
+        assert_eq!(characters(b"+\n"), ['+', '\n']);
     }
 }

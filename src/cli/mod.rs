@@ -49,6 +49,8 @@ use std::path::Path;
 use anyhow::{Context, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use tdcr::hw::capture::CaptureError;
+use tdcr::hw::rig::RigError;
 use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::{Precision, TimeFeatures};
@@ -249,12 +251,14 @@ fn is_interruption(error: &anyhow::Error) -> bool {
         Some(PageError::Stage(stage)) => Some(stage),
         _ => error.downcast_ref(),
     };
-    let stopped = matches!(
-        stage,
-        Some(PipelineError::Interrupted | PipelineError::Abandoned)
-    );
+    let stopped = stage.is_some_and(PipelineError::is_interruption);
     let study = matches!(error.downcast_ref(), Some(StudyError::Interrupted));
-    stopped || study || error.is::<Interrupted>()
+    let rig = match error.downcast_ref() {
+        Some(CaptureError::Rig(rig)) => Some(rig),
+        _ => error.downcast_ref(),
+    };
+    let released = matches!(rig, Some(RigError::Interrupted));
+    stopped || study || released || error.is::<Interrupted>()
 }
 
 /// An error and its causes, each said once: a message may quote its cause already.

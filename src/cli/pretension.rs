@@ -1,6 +1,5 @@
 //! `tdcr pretension`.
 
-use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -10,9 +9,8 @@ use tdcr::hw::rig::{
     ByHand, Gauged, Pace, PretensionSettings, Pretensioned, Rig, RigError, RigFile, Turn,
     WinchState,
 };
-use tdcr::pipeline::Monitor;
 
-use super::console::{Console, Interrupted, say};
+use super::console::Console;
 
 /// Tension all tendons alike by the currents of their servos, and call that home
 ///
@@ -62,10 +60,7 @@ pub(super) fn run(args: &PretensionArgs, console: &Console) -> anyhow::Result<()
             anyhow::bail!("--current has several values; expected one, or --by-hand");
         }
     };
-    let tensioned = match tensioned {
-        Err(RigError::Interrupted) => return Err(Interrupted.into()),
-        tensioned => tensioned?,
-    };
+    let tensioned = tensioned?;
     let servo = |found: &Pretensioned| Servo {
         id: found.id.get(),
         wound: found.wound,
@@ -96,8 +91,8 @@ fn wind(
         ..PretensionSettings::default()
     };
     let mut show = |states: &[WinchState]| {
-        say(&pulls(states.iter().map(|state| state.pull)));
-        go_on(console)
+        console.tell(&pulls(states.iter().map(|state| state.pull)));
+        console.go_on()
     };
     Rig::open_file(file, Pace::Computed)?.pretension(&settings, &mut show)
 }
@@ -115,7 +110,7 @@ fn by_hand(
         ..ByHand::default()
     };
     let mut show = |gauged: &[Gauged]| {
-        say(&pulls(gauged.iter().map(|gauged| gauged.pull)));
+        console.tell(&pulls(gauged.iter().map(|gauged| gauged.pull)));
         for (tendon, gauged) in gauged.iter().enumerate() {
             let Gauged {
                 id, pull, target, ..
@@ -125,12 +120,12 @@ fn by_hand(
                 Turn::Tighten => "further",
                 Turn::Loosen => "back",
             };
-            say(&format!(
+            console.tell(&format!(
                 "  turn the bevel gear of tendon {} {told}: servo {id} pulls with {pull:.3} A of {target}",
                 tendon + 1
             ));
         }
-        go_on(console)
+        console.go_on()
     };
     Rig::open_file(file, Pace::Computed)?.pretension_by_hand(&settings, &mut show)
 }
@@ -138,11 +133,4 @@ fn by_hand(
 fn pulls(pulls: impl Iterator<Item = f64>) -> String {
     let pulls: Vec<String> = pulls.map(|pull| format!("{pull:6.3}")).collect();
     format!("pulling with {} A", pulls.join(" "))
-}
-
-fn go_on(console: &Console) -> ControlFlow<()> {
-    match console.interrupted() {
-        true => ControlFlow::Break(()),
-        false => ControlFlow::Continue(()),
-    }
 }

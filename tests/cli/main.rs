@@ -23,6 +23,7 @@ mod picture;
 mod predict;
 mod reach;
 mod refusals;
+mod release;
 mod render;
 mod resume;
 mod road;

@@ -16,7 +16,7 @@ use crate::{refuse, stderr, succeed_json, tdcr, text};
 const PING: [u8; 10] = [0xFF, 0xFF, 0xFD, 0x00, 0x01, 0x03, 0x00, 0x01, 0x19, 0x4E];
 
 /// A server, ended with the test.
-struct Server {
+pub(crate) struct Server {
     child: Child,
     stdout: BufReader<std::process::ChildStdout>,
     port: String,
@@ -28,7 +28,7 @@ impl Server {
     }
 
     /// With a robot behind the servos.
-    fn of(robot: &str, arguments: &[&str]) -> Self {
+    pub(crate) fn of(robot: &str, arguments: &[&str]) -> Self {
         let mut child = tdcr(&[&["servo-sim", "--robot", robot], arguments].concat())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -42,6 +42,11 @@ impl Server {
             stdout,
             port: port.trim_end().to_owned(),
         }
+    }
+
+    /// The path of its port.
+    pub(crate) fn port(&self) -> &str {
+        &self.port
     }
 
     /// Sends bytes as any program would, and returns what comes back; nothing for what takes longer than a second.
@@ -186,7 +191,7 @@ fn wrong_options_are_named() {
 }
 
 /// The file in `folder` of a rig whose servos are those of a server, without cameras.
-fn rig_on(server: &Server, folder: &Path) -> PathBuf {
+pub(crate) fn rig_on(server: &Server, folder: &Path) -> PathBuf {
     let file = include_str!("../../examples/rig-sim.toml");
     let end = file.find("[[cameras]]").unwrap();
     let on_port = format!("link = {{ serial = \"{}\" }}", server.port);
@@ -198,15 +203,17 @@ fn rig_on(server: &Server, folder: &Path) -> PathBuf {
     rig
 }
 
+/// What is said of servos on a port where a busy machine ran their server late.
+pub(crate) const LATE: [&str; 4] = [
+    "did not answer",
+    // A part of it came in time.
+    "answered arrived damaged",
+    "was lost",
+    "its watchdog ended it",
+];
+
 /// Homes a rig on a port: again where a busy machine ran the server later than the driver waits, or than the servos' watchdog.
 fn home(rig: &Path, options: &[&str]) -> Output {
-    const LATE: [&str; 4] = [
-        "did not answer",
-        // A part of it came in time.
-        "answered arrived damaged",
-        "was lost",
-        "its watchdog ended it",
-    ];
     let logs = || -> BTreeSet<PathBuf> {
         let files = std::fs::read_dir(rig.parent().unwrap()).unwrap();
         let paths = files.map(|file| file.unwrap().path());

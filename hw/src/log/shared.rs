@@ -1,11 +1,15 @@
 //! A log that several parts of a rig write to.
 
 use std::fmt;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
 use super::error::LogError;
 use super::write::LogWriter;
+use crate::servo::locked_within;
+
+/// All logs of the process; those that are gone do not upgrade.
+static LOGS: Mutex<Vec<Weak<Mutex<State>>>> = Mutex::new(Vec::new());
 
 /// A handle of a log. A rig goes on where its log fails, on a full disk for one: the first failure is kept, and told by
 /// [`finish`](Self::finish).
@@ -21,7 +25,11 @@ enum State {
 impl SharedLog {
     /// A handle of `log`.
     pub fn new(log: LogWriter) -> Self {
-        Self(Arc::new(Mutex::new(State::Open(Box::new(log)))))
+        let state = Arc::new(Mutex::new(State::Open(Box::new(log))));
+        let mut logs = LOGS.lock().unwrap_or_else(PoisonError::into_inner);
+        logs.retain(|log| log.strong_count() > 0);
+        logs.push(Arc::downgrade(&state));
+        Self(state)
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -41,7 +49,13 @@ impl SharedLog {
             Err(error @ LogError::Record { .. }) => tracing::warn!("{error}"),
             Err(error) => {
                 tracing::warn!("the log ends here: {error}");
-                *state = State::Failed(error);
+                let ended = std::mem::replace(&mut *state, State::Failed(error));
+                // What it has is whole, as far as its end can be written.
+                if let State::Open(log) = ended
+                    && let Err(error) = log.finish()
+                {
+                    tracing::debug!("{error}");
+                }
             }
         }
     }
@@ -60,6 +74,20 @@ impl SharedLog {
             State::Open(log) => log.finish(),
             State::Failed(error) => Err(error),
             State::Finished => Ok(()),
+        }
+    }
+}
+
+/// Ends all logs of the process, as far as each is to be had within `patience`. Their handles write nothing more.
+pub(crate) fn finish_all(patience: Duration) {
+    let logs = LOGS.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    for log in logs.iter().filter_map(Weak::upgrade) {
+        let taken = locked_within(&log, patience)
+            .map(|mut state| std::mem::replace(&mut *state, State::Finished));
+        if let Some(State::Open(log)) = taken
+            && let Err(error) = log.finish()
+        {
+            tracing::warn!("the log is not whole: {error}");
         }
     }
 }

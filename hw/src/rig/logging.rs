@@ -85,13 +85,17 @@ impl Rig {
     /// cameras see, commands, and what happens; begins with the robot, the cameras and where home is. With such a log in place
     /// of servos and cameras, the same program runs again as it ran. A log that was written until now ends.
     ///
-    /// Where the log cannot be written on, the rig goes on without: [`finish_log`](Self::finish_log) says why.
+    /// The log ends while `reserve` bytes are still free on its disk, for what is worth more. Where it cannot be written on, the rig
+    /// goes on without: [`finish_log`](Self::finish_log) says why.
     ///
     /// # Errors
     /// [`RigError::Log`] where it cannot be begun.
-    pub fn log_in(&mut self, folder: &Path, stem: &str) -> Result<PathBuf, RigError> {
+    pub fn log_in(&mut self, folder: &Path, stem: &str, reserve: u64) -> Result<PathBuf, RigError> {
         self.finish_log()?;
-        let settings = LogSettings::default();
+        let settings = LogSettings {
+            reserve,
+            ..LogSettings::default()
+        };
         let (writer, path) = LogWriter::create_numbered(folder, stem, &*self.clock, settings)?;
         let log = SharedLog::new(writer);
         let now = self.clock.now();

@@ -5,8 +5,8 @@
 //!
 //! A rig moves its robot only while it is [engaged](Rig::engage), which it refuses to be until every servo is
 //! [homed](Rig::home_here). All that moves goes through [`Rig::step`] and [`Rig::poll`], which look at every reading and
-//! release the tension where something is wrong ([`EmergencyStop`]); so do an interruption ([`Rig::move_along`]) and a panic (`Drop`).
-//! Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
+//! release the tension where something is wrong ([`EmergencyStop`]); so do an interruption ([`Rig::move_along`]), a panic (`Drop`),
+//! and [`leave`], for a process that ends without unwinding. Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
 //! whenever a rig is engaged.
 
 mod background;
@@ -16,6 +16,7 @@ mod error;
 mod file;
 mod gauge;
 mod homing;
+mod leave;
 mod logging;
 mod masks;
 mod motion;
@@ -40,6 +41,7 @@ pub use file::{
     TendonMode,
 };
 pub use homing::HomingReport;
+pub use leave::leave;
 pub use masks::{BackgroundSpec, ComponentsSpec, LargestSpec, MasksSpec};
 pub use open::Pace;
 pub use pretension::{PretensionSettings, Pretensioned};
@@ -60,7 +62,7 @@ use tdcr_sim::robot::Robot;
 use crate::camera::{RgbdCamera, Soak, Stamped, grab_all};
 use crate::clock::Clock;
 use crate::mask::Masker;
-use crate::servo::{Logged, PerServo, ServoBus, ServoId};
+use crate::servo::{Held, Logged, PerServo, ServoBus, ServoId};
 use crate::simulated::Simulator;
 use logging::{LogSlot, LoggedCamera};
 use motion::Drive;
@@ -122,7 +124,7 @@ impl Rig {
             turns,
         } = parts;
         let slot = LogSlot::default();
-        let bus = Box::new(Logged::new(bus, clock.clone(), slot.of_servos()));
+        let bus = Box::new(Logged::new(Held::new(bus), clock.clone(), slot.of_servos()));
         let cameras = cameras.into_iter().map(|camera| {
             let slot = slot.clone();
             Box::new(LoggedCamera { camera, slot }) as Box<dyn RgbdCamera>
@@ -247,13 +249,16 @@ impl Rig {
 }
 
 impl Drop for Rig {
-    /// Releases the tension of a rig that is engaged: after an error or a panic.
+    /// Releases the tension of a rig that is engaged, after an error or a panic, and ends its log.
     fn drop(&mut self) {
         if self.is_engaged() {
             let released = self.release_at_once();
             if !released.is_complete() {
                 tracing::warn!("{released}");
             }
+        }
+        if let Err(error) = self.finish_log() {
+            tracing::debug!("{error}");
         }
     }
 }

@@ -6,6 +6,7 @@
 mod error;
 mod faulty;
 mod forward;
+mod held;
 mod limited;
 mod logged;
 
@@ -15,6 +16,8 @@ use std::time::Duration;
 pub use error::{Fault, ServoError};
 pub use faulty::{Faulty, Odds};
 pub(crate) use forward::for_those;
+pub(crate) use held::locked_within;
+pub use held::{Held, switch_off_all};
 pub use limited::{Limited, Limits};
 pub use logged::{Logged, Record};
 

@@ -1,0 +1,25 @@
+//! Leaving all rigs at once, for a process that ends without unwinding.
+
+use std::time::Duration;
+
+use super::Released;
+use crate::log::finish_all;
+use crate::servo::switch_off_all;
+
+/// How long one waits for whoever speaks with servos, or writes a log, just then.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Switches off all motors that any rig of this process has on, from whatever thread, and ends all logs; says what became of
+/// the motors. It is for handlers of signals that end the process: nothing drives a servo afterwards, and a thread that tries to
+/// waits for ever.
+pub fn leave() -> Released {
+    let mut released = Released::default();
+    for (id, result) in switch_off_all(PATIENCE) {
+        match result {
+            Ok(()) => released.off.push(id),
+            Err(error) => released.unknown.push((id, error)),
+        }
+    }
+    finish_all(PATIENCE);
+    released
+}
