@@ -149,7 +149,7 @@ fn settings_of_which_no_data_set_can_be_made_are_refused_by_name() {
     }
     let few = Meta { count: 9, ..meta() };
     let error = Collector::open(tempdir().unwrap().path(), &few).unwrap_err();
-    assert!(matches!(error, DataError::TooFewSamples { found: 9 }));
+    assert!(matches!(error, DataError::TooFewSamples { found: 9, .. }));
 }
 
 #[test]

@@ -240,7 +240,7 @@ fn files_that_are_no_model_are_refused_with_what_is_wrong() {
     let provenance = json!({"subject": null, "normalisation": normalisation});
     assert_eq!(
         content("provenance", provenance),
-        "header `tdcr`: motor 1 runs from 1.1 to 1, expected min <= max, finite"
+        "header `tdcr`: motor 2 runs from 1.1 to 1, expected min <= max, finite"
     );
     let reach = json!({"min": [0.5, 0.0, 0.0], "max": [0.0, 1.0, 1.0]});
     assert_eq!(

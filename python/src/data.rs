@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
-use tdcr::learn::data::{self, DataSet, Design, PayloadRange, Split, SplitSamples};
+use tdcr::learn::data::{self, DataSet, Design, Meta, PayloadRange, Split, SplitSamples};
 use tdcr::pipeline::{self, CollectSettings};
 use tdcr::sim::render::{BaseVisibility, Sensor};
 
@@ -63,10 +63,8 @@ impl Dataset {
 
     /// The robot that the clouds show, if the data set says so.
     fn robot(&self) -> Outcome<Option<Robot>> {
-        let subject = self.set.meta().and_then(|meta| meta.subject());
-        subject
-            .map(|subject| Robot::new(subject.robot.clone()))
-            .transpose()
+        let robot = self.set.meta().and_then(Meta::robot);
+        robot.map(|robot| Robot::new(robot.clone())).transpose()
     }
 
     /// Smallest and largest value of each number of a condition, and the scale of the points.

@@ -159,7 +159,16 @@ impl From<PredictError> for Failure {
 
 impl From<PipelineError> for Failure {
     fn from(error: PipelineError) -> Self {
+        let message = error.to_string();
         match error {
+            // Of the class of what ended it.
+            PipelineError::CaptureEnded { ended, .. } => match *ended {
+                PipelineError::Write { .. } => Self::Of("DataError", message),
+                ended => match ended.into() {
+                    Self::Of(class, _) => Self::Of(class, message),
+                    other => other,
+                },
+            },
             PipelineError::Robot(error) => error.into(),
             PipelineError::Data(error) => error.into(),
             PipelineError::Simulate(error) => error.into(),

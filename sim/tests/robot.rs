@@ -190,7 +190,7 @@ fn a_command_must_fit_the_tendons() {
     };
     for value in [0.0401, -1e-9, f64::NAN, f64::INFINITY] {
         assert!(refused(value).to_string().starts_with(&format!(
-            "command entry 2 is {value} m; tendon 2 takes 0 to 0.04 m"
+            "command entry 3 is {value} m; tendon 3 takes 0 to 0.04 m"
         )));
     }
     assert!(Loads::payload(-0.01).is_err() && Loads::payload(f64::NAN).is_err());

@@ -4,13 +4,16 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
-use tdcr::hw::capture::{CaptureError, Program};
+use tdcr::hw::capture::Program;
 use tdcr::hw::rig::{Pace, Rig, RigFile};
 use tdcr::learn::data::split_indices;
-use tdcr::pipeline::{CaptureLog, CaptureReport, CaptureSettings, capture};
+use tdcr::pipeline::{CaptureLog, CaptureReport, CaptureSettings, Monitor, capture};
 use tdcr::report::counted;
 
-use super::console::Console;
+use super::console::{Console, Interrupted};
+
+/// Samples from which on the shares of the splits are 80/10/10.
+const FEW: usize = 10;
 
 /// Make a data set with a rig: move the robot, see it with the rig's cameras, keep the clouds
 ///
@@ -22,7 +25,7 @@ pub(super) struct CaptureArgs {
     /// File of the rig
     #[arg(long, value_name = "FILE")]
     rig: PathBuf,
-    /// Number of commands, split 80/10/10 into train, val and test
+    /// Number of commands, split 80/10/10 into train, val and test; of fewer than 10 one tests and one validates, as far as they go
     #[arg(long, default_value_t = CaptureSettings::default().count, value_name = "N", value_parser = super::amount)]
     commands: usize,
     /// Points per cloud
@@ -60,17 +63,7 @@ struct Summary<'a> {
     report: CaptureReport,
 }
 
-/// What a capture would do.
-#[derive(Serialize)]
-struct Rehearsal {
-    rig: String,
-    /// Time in motion, without waiting and seeing (s).
-    moving_seconds: f64,
-    /// Smallest and largest position of each servo (ticks from home).
-    ranges: Vec<[i32; 2]>,
-    moves: Vec<Move>,
-}
-
+/// A sample of a capture that is only told.
 #[derive(Serialize)]
 struct Move {
     index: usize,
@@ -82,13 +75,30 @@ struct Move {
     steps: usize,
 }
 
+/// What a capture would do in all.
+#[derive(Serialize)]
+struct Rehearsal {
+    /// Time in motion, without waiting and seeing (s).
+    moving_seconds: f64,
+    /// Smallest and largest position of each servo (ticks from home).
+    ranges: Vec<[i32; 2]>,
+}
+
 pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for the data set")?;
-    split_indices(args.commands, args.seed)?;
+    let splits = split_indices(args.commands, args.seed)?;
     let file = RigFile::load(&args.rig)?;
     if args.dry_run {
-        let rehearsal = rehearse(&file, args)?;
-        return console.result(&rehearsal, Rehearsal::text);
+        return rehearse(&file, args, console);
+    }
+    if splits.val.is_empty() || splits.test.is_empty() || args.commands < FEW {
+        tracing::warn!(
+            "{}: {} train, {} val, {} test; {FEW} or more are split 80/10/10, and the same command with more adds to the set",
+            counted(args.commands, "sample"),
+            splits.train.len(),
+            splits.val.len(),
+            splits.test.len()
+        );
     }
     let settings = CaptureSettings {
         count: args.commands,
@@ -131,13 +141,18 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
     })
 }
 
-fn rehearse(file: &RigFile, args: &CaptureArgs) -> Result<Rehearsal, CaptureError> {
+/// Tells what would move, command by command, in memory that does not grow with their number.
+fn rehearse(file: &RigFile, args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
     let mut program = Program::new(file, args.seed)?;
     let mut at = program.rest().clone();
     let mut ranges = vec![[0, 0]; file.spec.servos.ids.len()];
     let mut steps = 0;
-    let mut moves = Vec::with_capacity(args.commands);
+    console.begin("dry run", args.commands as u64, 0);
+    console.part(&head(&file.spec.name, console)?)?;
     for index in 0..args.commands {
+        if console.interrupted() {
+            return Err(Interrupted.into());
+        }
         let drawn = program.draw(index as u64)?;
         let path = program.path(&at, &drawn.shape)?;
         let ticks: Vec<i32> = program
@@ -149,45 +164,75 @@ fn rehearse(file: &RigFile, args: &CaptureArgs) -> Result<Rehearsal, CaptureErro
             (*low, *high) = ((*low).min(ticks), (*high).max(ticks));
         }
         steps += path.len();
-        moves.push(Move {
+        let told = Move {
             index,
             command: drawn.command.as_slice().to_vec(),
             ticks,
             steps: path.len(),
-        });
+        };
+        console.part(&told.text(console)?)?;
         at = drawn.shape;
+        console.advance(1);
+        if (index + 1) % (args.commands / 10).max(100) == 0 {
+            console.note(&format!(
+                "{} s of motion",
+                (steps as f64 * file.spec.motion.period).round()
+            ));
+        }
     }
-    Ok(Rehearsal {
-        rig: file.spec.name.clone(),
+    console.end();
+    let rehearsal = Rehearsal {
         moving_seconds: steps as f64 * file.spec.motion.period,
         ranges,
-        moves,
+    };
+    console.part(&rehearsal.text(&file.spec.name, console)?)
+}
+
+/// What stands before the first command.
+fn head(rig: &str, console: &Console) -> anyhow::Result<String> {
+    Ok(match console.is_json() {
+        true => format!(
+            "{{\n  \"rig\": {},\n  \"moves\": [",
+            serde_json::to_string(rig)?
+        ),
+        false => "command  steps  positions (ticks from home)\n".to_owned(),
     })
 }
 
-impl Rehearsal {
-    fn text(&self) -> String {
-        let mut text = String::from("command  steps  positions (ticks from home)\n");
-        for Move {
+impl Move {
+    fn text(&self, console: &Console) -> anyhow::Result<String> {
+        let Self {
             index,
             ticks,
             steps,
             ..
-        } in &self.moves
-        {
-            let ticks: Vec<String> = ticks.iter().map(|ticks| format!("{ticks:>6}")).collect();
-            text += &format!("{index:>7}  {steps:>5}  {}\n", ticks.join(" "));
+        } = self;
+        if console.is_json() {
+            let comma = if *index > 0 { "," } else { "" };
+            return Ok(format!("{comma}\n    {}", serde_json::to_string(self)?));
         }
-        let ranges: Vec<String> = self
-            .ranges
-            .iter()
-            .map(|[a, b]| format!("{a} to {b}"))
-            .collect();
-        text + &format!(
-            "{} would move for {:.0} s, its servos from {} ticks; nothing has moved",
-            self.rig,
-            self.moving_seconds,
+        let ticks: Vec<String> = ticks.iter().map(|ticks| format!("{ticks:>6}")).collect();
+        Ok(format!("{index:>7}  {steps:>5}  {}\n", ticks.join(" ")))
+    }
+}
+
+impl Rehearsal {
+    fn text(&self, rig: &str, console: &Console) -> anyhow::Result<String> {
+        let Self {
+            moving_seconds,
+            ranges,
+        } = self;
+        if console.is_json() {
+            let ranges = serde_json::to_string(ranges)?;
+            return Ok(format!(
+                "\n  ],\n  \"moving_seconds\": {},\n  \"ranges\": {ranges}\n}}\n",
+                serde_json::to_string(moving_seconds)?
+            ));
+        }
+        let ranges: Vec<String> = ranges.iter().map(|[a, b]| format!("{a} to {b}")).collect();
+        Ok(format!(
+            "{rig} would move for {moving_seconds:.0} s, its servos from {} ticks; nothing has moved\n",
             ranges.join(", ")
-        )
+        ))
     }
 }

@@ -263,11 +263,11 @@ fn predict(
         let tendons = subject.map(|subject| subject.robot.tendons());
         let (what, unit) = match tendons.as_ref().map(|tendons| tendons.get(*index)) {
             Some(Some(tendon)) => (
-                format!("tendon {index}"),
+                format!("tendon {}", index + 1),
                 format!(" {}", tendon.drive.unit()),
             ),
             Some(None) => ("the payload".to_owned(), " kg".to_owned()),
-            None => (format!("motor {index}"), String::new()),
+            None => (format!("motor {}", index + 1), String::new()),
         };
         tracing::warn!(
             "{name}: {what} is {value}{unit}, outside the training range {min} to {max}{unit}: \

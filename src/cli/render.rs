@@ -227,7 +227,7 @@ fn name_of(instance: Instance) -> String {
         Instance::Unknown => "unknown".to_owned(),
         Instance::Rod => "rod".to_owned(),
         Instance::Disc(index) => format!("disc {index}"),
-        Instance::Tendon(index) => format!("tendon {index}"),
+        Instance::Tendon(index) => format!("tendon {}", index + 1),
         Instance::Obstacle(index) => format!("obstacle {index}"),
     }
 }

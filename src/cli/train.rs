@@ -291,7 +291,7 @@ fn set_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
             if !(range.min - width..=range.max + width).contains(&range.value) {
                 tracing::warn!(
                     "the {what} value of motor {} in {} is {}, far outside the model's {} to {}: are they in one unit?",
-                    range.index,
+                    range.index + 1,
                     dir.display(),
                     range.value,
                     range.min,

@@ -66,18 +66,15 @@ fn summary(dir: &Path, clouds: usize, monitor: &dyn Monitor) -> Result<SetSummar
         Tips::Settled(tips) => (tips, "The tips of simulated sets are settled again."),
         Tips::Estimated(tips) => (
             tips,
-            "Those of other sets are estimated from the test clouds: the mean of the 2 % of the points \
-             that are farthest from the lowest.",
+            "Those of other sets are estimated from the clouds: the mean of the 2 % of the points that are \
+             farthest from the lowest.",
         ),
     };
     Ok(SetSummary {
         name: set_name(dir),
         facts: SetInfo::new(dir, &survey)?.facts(),
         motors: (0..survey.motors()).map(|k| survey.motor(k)).collect(),
-        groups: MotorGroup::of(
-            survey.recipe().map(|recipe| &recipe.subject.robot),
-            survey.motors(),
-        ),
+        groups: MotorGroup::of(survey.robot(), survey.motors()),
         payloads: survey.payloads(),
         tips,
         tips_note: note.to_owned(),

@@ -7,7 +7,6 @@ use tdcr_learn::flow::{ColorSteps, Sampler, TimeGrid};
 use tdcr_learn::metrics::nearest_distances;
 use tdcr_learn::train::Model;
 use tdcr_sim::cloud::PointCloud;
-use tdcr_sim::robot::Robot;
 
 use crate::pipeline::{Evaluation, Evaluator, Metrics, PipelineError, Results, Row, RowScore};
 use crate::report::{Example, MethodDistances, MotorGroup, PerTest, Report, Role, Score};
@@ -130,7 +129,7 @@ fn motors(evaluator: &Evaluator) -> Vec<MotorGroup> {
         .test()
         .first()
         .map_or(0, |sample| sample.condition.motors.len());
-    MotorGroup::of(evaluator.robot().map(Robot::spec), count)
+    MotorGroup::of(evaluator.shown(), count)
 }
 
 /// Key of the row that ratios are of.

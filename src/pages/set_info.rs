@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use tdcr_learn::data::{DataError, Origin};
+use tdcr_learn::data::{DataError, Meta, Origin};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::CommandUnit;
 
@@ -57,7 +57,6 @@ impl SetInfo {
     /// [`PipelineError::Data`] where the size of its files cannot be read.
     pub fn new(dir: &Path, survey: &Survey) -> Result<Self, PipelineError> {
         let [train, val, test] = survey.counts;
-        let subject = survey.recipe().map(|recipe| &recipe.subject);
         let meta = survey.set.meta();
         let origin = match meta.map(|meta| &meta.origin) {
             Some(Origin::Simulated { design, .. }) => {
@@ -85,7 +84,7 @@ impl SetInfo {
                 zeros: payloads.iter().filter(|&&mass| mass == 0.0).count(),
             }),
         };
-        let robot = subject.map(|subject| &subject.robot);
+        let robot = survey.robot();
         let motor_units = MotorGroup::of(robot, motors.len()).into_iter();
         let motor_units = motor_units.flat_map(|group| {
             let unit = group.unit.map(CommandUnit::symbol);
@@ -94,8 +93,8 @@ impl SetInfo {
         Ok(Self {
             motor_units: motor_units.collect(),
             dir: dir.to_owned(),
-            robot: subject.map(|subject| subject.robot.name.clone()),
-            base: subject.map(|subject| subject.base == BaseVisibility::Shown),
+            robot: robot.map(|robot| robot.name.clone()),
+            base: (meta.and_then(Meta::base)).map(|base| base == BaseVisibility::Shown),
             origin,
             train,
             val,

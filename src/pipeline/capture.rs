@@ -1,6 +1,7 @@
 //! From a rig to a data set of clouds.
 
-use std::ops::{ControlFlow, Range};
+use std::collections::BTreeSet;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
@@ -9,6 +10,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use tdcr_hw::capture::{CaptureError, Session, SessionSettings};
+use tdcr_hw::log::free_space;
 use tdcr_hw::mask::MaskFolder;
 use tdcr_hw::rig::{Rig, RigSpec};
 use tdcr_learn::data::{Collector, Condition, DataError, Meta, Origin, Recording, Sample};
@@ -30,6 +32,12 @@ const JOURNAL: &str = "capture.jsonl";
 
 /// Stem of the names of logs in the data set's folder.
 const LOG: &str = "log";
+
+/// Room (bytes) that a sample takes besides its values: a file's headers, a line of the journal with its digits.
+const PER_SAMPLE: usize = 16 << 10;
+
+/// Room (bytes) that a data set takes besides its samples.
+const PER_SET: usize = 1 << 20;
 
 /// Layout of that file.
 const FORMAT: u32 = 1;
@@ -80,6 +88,24 @@ impl Default for CaptureSettings {
 }
 
 impl CaptureSettings {
+    /// Room on the disk (bytes) that so many samples still to come take at the most, with those that are there, for so many motors.
+    fn bytes(&self, missing: usize, motors: usize) -> u64 {
+        // Staged: a file for each, of points, colours and command, and a line of the journal. In the end the shards: points twice,
+        // colours, and the command twice.
+        let [staged, sharded] = [15, 27].map(|bytes| bytes * self.points + 8 * motors);
+        (missing * (staged + PER_SAMPLE) + self.count * sharded + PER_SET) as u64
+    }
+
+    /// The end of a capture that has `kept` samples in the folder `dir`.
+    fn ended(&self, ended: PipelineError, kept: usize, dir: &Path) -> PipelineError {
+        PipelineError::CaptureEnded {
+            ended: Box::new(ended),
+            kept,
+            count: self.count,
+            path: dir.to_owned(),
+        }
+    }
+
     fn meta(&self, rig: &Rig) -> Meta {
         let RigSpec {
             name,
@@ -133,12 +159,13 @@ impl CaptureSettings {
 /// what the servos did (`capture.jsonl`).
 ///
 /// Command `i` follows from the rig's file, the seed and `i` alone. A capture that ended early, however it did, is resumed by
-/// the same call, which loses at most seven samples; with a larger `count` the set grows. The tension is released whenever
-/// the call returns.
+/// the same call, and no sample that was finished is lost; with a larger `count` the set grows. The tension is released
+/// whenever the call returns.
 ///
 /// # Errors
-/// [`PipelineError::Capture`] where the rig stopped, [`PipelineError::Data`] for a folder that cannot be written or
-/// holds something else, [`PipelineError::Interrupted`].
+/// [`PipelineError::CaptureEnded`] once samples are captured: with [`PipelineError::Capture`] where the rig stopped,
+/// [`PipelineError::Data`] and [`PipelineError::Write`] for a disk that is full, or [`PipelineError::Interrupted`];
+/// [`PipelineError::Data`] for a folder that cannot be written or holds something else.
 pub fn capture(
     rig: &mut Rig,
     settings: &CaptureSettings,
@@ -150,22 +177,26 @@ pub fn capture(
     let meta = settings.meta(rig);
     let collector = Collector::open(dir, &meta)?;
     collector.keep_samples(stage("keep samples", monitor))?;
-    let blocks = collector.missing_blocks();
-    let missing: usize = blocks.iter().map(ExactSizeIterator::len).sum();
+    let missing: BTreeSet<usize> = collector.missing_blocks().into_iter().flatten().collect();
     let mut report = CaptureReport {
         samples: settings.count,
-        captured: missing,
+        captured: missing.len(),
         ..CaptureReport::default()
     };
     // A set that grows is one work.
     let key = json!({ "format": FORMAT, "seed": settings.seed, "origin": meta.origin });
-    let (journal, entries) = Journal::open(&dir.join(JOURNAL), &key)?;
+    let is_kept = |entry: &Entry| match entry {
+        // It was taken, and its cloud did not come to the disk: it is taken again.
+        Entry::Sample(record) => !missing.contains(&(record.index as usize)),
+        _ => true,
+    };
+    let (journal, entries) = Journal::open_kept(&dir.join(JOURNAL), &key, is_kept)?;
     entries.iter().for_each(|entry| report.count(entry));
-    if missing > 0 {
+    if !missing.is_empty() {
         monitor.begin(
             "capture",
             settings.count as u64,
-            (settings.count - missing) as u64,
+            (settings.count - missing.len()) as u64,
         );
         let reference = entries.into_iter().find_map(|entry| match entry {
             Entry::Sentinel { sentinel, .. } => Some(sentinel),
@@ -175,16 +206,26 @@ pub fn capture(
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };
+        let needed = settings.bytes(missing.len(), rig.winches().len());
+        if let Some(free) = free_space(dir)
+            && free < needed
+        {
+            let [free, needed] = [free, needed].map(|bytes| bytes as f64 / 1e6);
+            monitor.note(&format!(
+                "{free:.1} MB are free in {}, and the data set takes up to {needed:.1} MB more",
+                dir.display()
+            ));
+        }
         let masks = settings.masks.as_ref().map(MaskFolder::new);
         if let Some(masks) = &masks {
             // Before anything moves.
-            let wanted = blocks.iter().cloned().flatten();
+            let wanted = missing.iter().copied();
             let found = masks.must_have(rig.cameras().len(), wanted);
             found.map_err(|error| PipelineError::Capture(error.into()))?;
         }
         if settings.log == CaptureLog::Written {
-            let log = rig.log_in(dir, LOG).map_err(CaptureError::from)?;
-            report.log = Some(log);
+            let log = rig.log_in(dir, LOG, needed);
+            report.log = Some(log.map_err(CaptureError::from)?);
         }
         let session = SessionSettings {
             seed: settings.seed,
@@ -199,27 +240,36 @@ pub fn capture(
         };
         let begun = Session::begin(rig, &session, reference, &mut go_on);
         let captured = begun.map_err(PipelineError::from);
-        let captured = captured.and_then(|session| recorder.record(session, blocks, &collector));
+        let captured = captured.and_then(|session| {
+            let missing = missing.iter().copied();
+            recorder.record(session, missing, &collector)
+        });
         // The clouds are worth more than the log.
         if let Err(error) = rig.finish_log() {
             monitor.note(&format!("the log is not whole: {error}"));
         }
-        captured?;
+        captured.map_err(|ended| {
+            let missing = collector.missing_blocks();
+            let missing: usize = missing.iter().map(ExactSizeIterator::len).sum();
+            settings.ended(ended, settings.count - missing, dir)
+        })?;
         monitor.end();
     }
-    collector.finish(stage("write shards", monitor))?;
+    let finished = collector.finish(stage("write shards", monitor));
+    finished.map_err(|ended| settings.ended(ended.into(), settings.count, dir))?;
     report.rig_seconds = rig.clock().now().saturating_sub(rig_began).as_secs_f64();
     report.seconds = began.elapsed().as_secs_f64();
     Ok(report)
 }
 
-/// Consecutive samples and the index of the first.
-type Block = (usize, Vec<Sample>);
+/// A sample and its index.
+type Indexed = (usize, Sample);
 
-fn write(collector: &Collector, blocks: Receiver<Block>) -> Result<(), DataError> {
-    blocks
+/// Stores samples as they come: each is a block of its own.
+fn write(collector: &Collector, samples: Receiver<Indexed>) -> Result<(), DataError> {
+    samples
         .into_iter()
-        .try_for_each(|(first, samples)| collector.write_block(first, &samples))
+        .try_for_each(|(index, sample)| collector.write_block(index, &[sample]))
 }
 
 /// Captures samples and keeps the journal.
@@ -231,18 +281,18 @@ struct Recorder<'a> {
 }
 
 impl Recorder<'_> {
-    /// Captures blocks, and writes each while the next is captured.
+    /// Captures samples, and writes each while the next is captured.
     fn record(
         mut self,
         session: Session<'_>,
-        blocks: Vec<Range<usize>>,
+        missing: impl Iterator<Item = usize>,
         collector: &Collector,
     ) -> Result<(), PipelineError> {
-        // The servos are looked after while blocks go to the disk.
-        let (blocks_out, blocks_in) = sync_channel(1);
+        // The servos are looked after while samples go to the disk.
+        let (out, samples) = sync_channel(1);
         std::thread::scope(|scope| {
-            let writer = scope.spawn(|| write(collector, blocks_in));
-            let captured = self.run(session, blocks, blocks_out);
+            let writer = scope.spawn(|| write(collector, samples));
+            let captured = self.run(session, missing, out);
             let written = writer
                 .join()
                 .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
@@ -254,40 +304,36 @@ impl Recorder<'_> {
     fn run(
         &mut self,
         mut session: Session<'_>,
-        blocks: Vec<Range<usize>>,
-        out: SyncSender<Block>,
+        missing: impl Iterator<Item = usize>,
+        out: SyncSender<Indexed>,
     ) -> Result<(), PipelineError> {
         let mut since = self.settings.sentinel_every;
         let mut last = 0;
-        for block in blocks {
-            let first = block.start;
-            let mut samples = Vec::with_capacity(block.len());
-            for index in block {
-                if let Some(rested) = session.cool()? {
-                    let seconds = rested.as_secs_f64();
-                    self.add(&Entry::Rest {
-                        before: index,
-                        seconds,
-                    })?;
-                }
-                if since >= self.settings.sentinel_every {
-                    self.look(&mut session, index)?;
-                    since = 0;
-                }
-                samples.push(self.sample(&mut session, index)?);
-                for servo in session.restarted() {
-                    self.add(&Entry::Recalled {
-                        before: index,
-                        servo,
-                    })?;
-                }
-                (since, last) = (since + 1, index + 1);
-                self.monitor.advance(1);
+        for index in missing {
+            if let Some(rested) = session.cool()? {
+                let seconds = rested.as_secs_f64();
+                self.add(&Entry::Rest {
+                    before: index,
+                    seconds,
+                })?;
             }
+            if since >= self.settings.sentinel_every {
+                self.look(&mut session, index)?;
+                since = 0;
+            }
+            let sample = self.sample(&mut session, index)?;
+            for servo in session.restarted() {
+                self.add(&Entry::Recalled {
+                    before: index,
+                    servo,
+                })?;
+            }
+            (since, last) = (since + 1, index + 1);
             // The writer is gone only where it failed, and then says why.
-            if out.send((first, samples)).is_err() {
+            if out.send((index, sample)).is_err() {
                 return Ok(());
             }
+            self.monitor.advance(1);
         }
         self.look(&mut session, last)?;
         session

@@ -9,12 +9,12 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use tdcr_learn::data::{DataSet, PredictedClouds, Sample, Split};
+use tdcr_learn::data::{DataSet, Meta, PredictedClouds, Sample, Split};
 use tdcr_learn::flow::Sampler;
 use tdcr_learn::predict::{About, MeanCommand, NearestCommand, Prediction, Predictor};
 use tdcr_learn::prior::{Prior, SurfacePrior};
 use tdcr_learn::train::{FlowPredictor, Model};
-use tdcr_sim::robot::Robot;
+use tdcr_sim::robot::{Robot, RobotSpec};
 
 use super::contestant::{Clouds, Contestant, require_commands};
 use super::eval_settings::{EvalSettings, require_points};
@@ -72,6 +72,8 @@ pub struct Evaluator {
     /// Whether the test clouds have several colours between them.
     colored: bool,
     simulation: Option<Simulation>,
+    /// The robot that the data set shows, simulated or not.
+    shown: Option<RobotSpec>,
 }
 
 impl Evaluator {
@@ -135,6 +137,7 @@ impl Evaluator {
             require_same(subject, &recipe.subject)?;
         }
         let (training, mut test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
+        set.require_some(Split::Test, test.len())?;
         let available = test.iter().map(|sample| sample.cloud.len()).min();
         require_points(settings.points, available.unwrap_or(0))?;
         require_points(settings.emd_points, settings.points)?;
@@ -175,6 +178,7 @@ impl Evaluator {
             test,
             colored,
             simulation,
+            shown: set.meta().and_then(Meta::robot).cloned(),
         })
     }
 
@@ -206,7 +210,12 @@ impl Evaluator {
         &self.settings
     }
 
-    /// The robot of the data set; `None` where it names none.
+    /// What the data set's clouds show; `None` where it does not say.
+    pub fn shown(&self) -> Option<&RobotSpec> {
+        self.shown.as_ref()
+    }
+
+    /// The simulated robot of the data set; `None` where it is of none.
     pub fn robot(&self) -> Option<&Robot> {
         self.simulation.as_ref().map(|simulation| &simulation.robot)
     }

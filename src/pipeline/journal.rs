@@ -1,11 +1,13 @@
 //! A file of finished pieces of work, from which an interrupted stage resumes.
 
+use std::io::Write;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+use tdcr_sim::files::write_atomically;
 
 use super::PipelineError;
 use super::line_file::LineFile;
@@ -44,14 +46,44 @@ impl Journal {
         Ok((journal, entries))
     }
 
+    /// The same of pieces that are to be kept; the others go.
+    pub fn open_kept<T: DeserializeOwned + Serialize>(
+        path: &Path,
+        key: &Value,
+        mut is_kept: impl FnMut(&T) -> bool,
+    ) -> Result<(Self, Vec<T>), PipelineError> {
+        let (journal, mut entries) = Self::open(path, key)?;
+        let found = entries.len();
+        entries.retain(&mut is_kept);
+        if entries.len() == found {
+            return Ok((journal, entries));
+        }
+        drop(journal);
+        let key_line = key.to_string();
+        let lines = entries.iter().map(|entry| line(&key_line, entry));
+        let text: String = [format!("{key_line}\n")].into_iter().chain(lines).collect();
+        let rewritten = write_atomically(path, |file| file.write_all(text.as_bytes()));
+        rewritten.map_err(|source| PipelineError::Write {
+            path: path.to_owned(),
+            source,
+        })?;
+        Self::open(path, key)
+    }
+
     /// Adds a finished piece. Pieces may come from several threads.
     pub fn add(&self, entry: &impl Serialize) -> Result<(), PipelineError> {
-        let entry = serde_json::to_string(entry).expect("plain values serialise");
-        let [before, between, behind] = FRAME;
-        let sum = checksum(&self.key, &entry);
+        let line = line(&self.key, entry);
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        file.add(&format!("{before}{sum}{between}{entry}{behind}"))
+        file.add(&line)
     }
+}
+
+/// The line of a piece.
+fn line(key: &str, entry: &impl Serialize) -> String {
+    let entry = serde_json::to_string(entry).expect("plain values serialise");
+    let [before, between, behind] = FRAME;
+    let sum = checksum(key, &entry);
+    format!("{before}{sum}{between}{entry}{behind}")
 }
 
 /// The piece in a line; `None` for one that is not as it was written.

@@ -81,6 +81,21 @@ pub enum PipelineError {
     /// The monitor asked to stop work that keeps nothing to resume from.
     #[error("interrupted")]
     Abandoned,
+    /// A capture ended early. What was captured is kept.
+    #[error(
+        "{}; {kept} of {count} samples are kept in {}: run the same command again to go on",
+        short(ended), path.display()
+    )]
+    CaptureEnded {
+        /// Why.
+        ended: Box<PipelineError>,
+        /// Samples that are in the folder, those of earlier runs too.
+        kept: usize,
+        /// Samples that are wanted.
+        count: usize,
+        /// Folder of the data set.
+        path: PathBuf,
+    },
     /// The robot was refused.
     #[error(transparent)]
     Robot(#[from] SpecError),
@@ -285,6 +300,25 @@ pub enum PipelineError {
         /// Points there are.
         most: usize,
     },
+}
+
+impl PipelineError {
+    /// Whether a monitor asked to stop.
+    pub fn is_interruption(&self) -> bool {
+        match self {
+            Self::Interrupted | Self::Abandoned => true,
+            Self::CaptureEnded { ended, .. } => ended.is_interruption(),
+            _ => false,
+        }
+    }
+}
+
+/// Why a stage ended, without how to go on.
+fn short(error: &PipelineError) -> String {
+    match error {
+        PipelineError::Interrupted => "interrupted".to_owned(),
+        error => error.to_string(),
+    }
 }
 
 impl From<DataError> for PipelineError {

@@ -3,14 +3,17 @@
 use std::path::Path;
 
 use rayon::prelude::*;
-use tdcr_learn::data::{Condition, DataSet, Normalisation, Recipe, Sample, Simulator, Split};
+use tdcr_learn::data::{Condition, DataSet, Meta, Normalisation, Recipe, Sample, Simulator, Split};
 use tdcr_sim::cloud::PointCloud;
-use tdcr_sim::robot::Robot;
+use tdcr_sim::robot::{Robot, RobotSpec};
 
 use super::{Monitor, PipelineError};
 
 /// Share of a cloud's points whose mean stands for the tip where no robot says where it is.
 const TIP_SHARE: f64 = 0.02;
+
+/// Most clouds whose tips are estimated: each is read for it.
+const MOST_ESTIMATED: usize = 2000;
 
 /// A data set at a glance.
 #[derive(Clone, Debug)]
@@ -28,7 +31,7 @@ pub struct Survey {
 pub enum Tips {
     /// Settled again under all conditions of all splits: world frame (m).
     Settled(Vec<[f64; 3]>),
-    /// Estimated from the test split's clouds: the mean of the points farthest from their lowest one.
+    /// Estimated from the clouds: the mean of the points farthest from their lowest one.
     Estimated(Vec<[f64; 3]>),
 }
 
@@ -58,6 +61,11 @@ impl Survey {
         self.set.meta().and_then(|meta| meta.origin.recipe())
     }
 
+    /// The robot that the clouds show; `None` where nobody says.
+    pub fn robot(&self) -> Option<&RobotSpec> {
+        self.set.meta().and_then(Meta::robot)
+    }
+
     /// The scales of motors and points.
     pub fn normalisation(&self) -> &Normalisation {
         self.set.normalisation()
@@ -80,12 +88,15 @@ impl Survey {
         payloads.map(f64::from).collect()
     }
 
-    /// Up to `count` clouds of the test split, evenly spread.
+    /// Up to `count` clouds of the test split, evenly spread; of the training split, where none tests.
     ///
     /// # Errors
     /// [`PipelineError::Data`].
     pub fn clouds(&self, count: usize) -> Result<Vec<PointCloud>, PipelineError> {
         let mut samples = self.set.read_split(Split::Test)?;
+        if samples.is_empty() {
+            samples = self.set.read_split(Split::Train)?;
+        }
         let shown = spread(samples.len(), count);
         Ok(shown
             .map(|index| std::mem::take(&mut samples[index].cloud))
@@ -98,9 +109,7 @@ impl Survey {
     /// [`PipelineError`] where the robot does not settle, the clouds cannot be read, or the monitor asks to stop.
     pub fn tips(&self, monitor: &dyn Monitor) -> Result<Tips, PipelineError> {
         let Some(recipe) = self.recipe() else {
-            let samples = self.set.read_split(Split::Test)?;
-            let estimates = samples.iter().map(estimated_tip).collect();
-            return Ok(Tips::Estimated(estimates));
+            return self.estimated_tips(monitor).map(Tips::Estimated);
         };
         let robot = Robot::new(recipe.subject.robot.clone())?;
         monitor.begin("settle", self.conditions.len() as u64, 0);
@@ -119,6 +128,28 @@ impl Survey {
         let tips: Result<_, PipelineError> = tips.collect();
         monitor.end();
         Ok(Tips::Settled(tips?))
+    }
+
+    /// Tips of the clouds of all splits, or of some evenly spread over them.
+    fn estimated_tips(&self, monitor: &dyn Monitor) -> Result<Vec<[f64; 3]>, PipelineError> {
+        let total: usize = self.counts.iter().sum();
+        let stride = total.div_ceil(MOST_ESTIMATED).max(1);
+        monitor.begin("find tips", total.div_ceil(stride) as u64, 0);
+        let (mut tips, mut first) = (Vec::new(), 0);
+        for split in Split::ALL {
+            let samples = self.set.samples(split)?;
+            for index in (first..samples.len()).step_by(stride) {
+                if monitor.interrupted() {
+                    return Err(PipelineError::Abandoned);
+                }
+                tips.extend(samples.read(index..index + 1)?.iter().map(estimated_tip));
+                monitor.advance(1);
+            }
+            // Where the next split's first one is, for even distances.
+            first = (stride - (samples.len() - first) % stride) % stride;
+        }
+        monitor.end();
+        Ok(tips)
     }
 }
 

@@ -84,7 +84,7 @@ fn map(
     cds: &[f64],
     colors: &Colors,
 ) -> Option<String> {
-    let titles = pair.map(|(motor, group)| format!("Motor {motor} ({})", group.unit_name()));
+    let titles = pair.map(|(motor, group)| format!("Motor {} ({})", motor + 1, group.unit_name()));
     let [x, y] = titles.each_ref().map(|title| AxisStyle {
         title,
         spacing: Spacing::Linear,

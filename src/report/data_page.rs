@@ -16,6 +16,8 @@ const BINS: usize = 20;
 const MAX_DOTS: usize = 2000;
 /// Tips from which on a workspace shows them as specks.
 const SPECKS: usize = 200;
+/// Tips from which on their outline tells of the robot, and not of the few commands.
+const OUTLINED: usize = 20;
 /// Histograms side by side, at most.
 const PANELS: usize = 4;
 const SHEET_COLUMNS: usize = 4;
@@ -66,7 +68,8 @@ impl DataPage {
         )
     }
 
-    /// Reachable tip positions in the y-z plane, the sets side by side: those seen, and the convex outline of all.
+    /// Tip positions in the y-z plane, the sets side by side: those seen, and the convex outline of all where these are enough to
+    /// say what the robot reaches.
     pub fn workspace(&self) -> Figure {
         let mut notes: Vec<&str> = Vec::new();
         for note in self.sets.iter().map(|set| set.tips_note.as_str()) {
@@ -74,10 +77,23 @@ impl DataPage {
                 notes.push(note);
             }
         }
+        let outlined = self.sets.iter().any(|set| set.tips.len() >= OUTLINED);
+        let (title, outline) = match outlined {
+            true => (
+                "Reachable workspace",
+                format!(
+                    "; the line is the convex outline of all of them, where there are {OUTLINED} or more"
+                ),
+            ),
+            false => (
+                "Positions of the tip",
+                format!(": fewer than {OUTLINED} do not say what the robot reaches"),
+            ),
+        };
         Figure {
-            title: "Reachable workspace".to_owned(),
+            title: title.to_owned(),
             caption: format!(
-                "Positions of the tip, seen along x; the line is the convex outline of all of them. {}",
+                "Positions of the tip, seen along x, both axes of one scale{outline}. {}",
                 notes.join(" ")
             ),
             panels: self.sets.iter().map(SetSummary::workspace).collect(),
@@ -103,7 +119,7 @@ impl SetSummary {
             let axis = format!("command ({})", group.unit_name());
             let motor = |k: usize| {
                 let values: Vec<f64> = self.motors[k].iter().map(|&x| group.shown(x)).collect();
-                histogram(&format!("motor {k}"), &axis, &values)
+                histogram(&format!("motor {}", k + 1), &axis, &values)
             };
             let panels: Vec<Panel> = group.motors.clone().map(motor).collect();
             // Rows of about the same length.
@@ -127,7 +143,10 @@ impl SetSummary {
             ink,
             points,
         };
-        let mut outline = convex_hull(&seen);
+        let mut outline = match seen.len() {
+            ..OUTLINED => Vec::new(),
+            _ => convex_hull(&seen),
+        };
         outline.extend(outline.first().copied());
         Panel {
             title: format!("{}, {}", self.name, counted(seen.len(), "tip")),

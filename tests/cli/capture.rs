@@ -1,8 +1,9 @@
 //! Rigs from the command line: scan, home, jog, pretension, capture.
 
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
+use std::process::{Output, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -324,4 +325,194 @@ fn mask_what_stands_out(picture: &Path, mask: &Path) {
     encoder.set_color(png::ColorType::Grayscale);
     let mut writer = encoder.write_header().unwrap();
     writer.write_image_data(&grey).unwrap();
+}
+
+/// A first try on a rig: it is a data set, and is told of as what it is.
+#[test]
+fn two_samples_are_a_data_set_that_knows_its_robot() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let out = folder.path().join("data");
+    let two = ["--commands", "2", "--points", "300", "--voxel", "0.004"];
+    let to = [
+        "capture",
+        "--rig",
+        text(&rig),
+        "--out",
+        text(&out),
+        "--no-log",
+    ];
+    let captured = tdcr(&[&to[..], &two].concat()).output().unwrap();
+    let said = stderr(&captured);
+    assert!(captured.status.success(), "{said}");
+    assert!(said.contains("2 samples: 1 train, 0 val, 1 test"), "{said}");
+    succeed(&["data", "check", text(&out)]);
+    let info = &succeed_json(&["data", "info", text(&out)])[0];
+    assert_eq!(
+        (&info["robot"], &info["base"]),
+        (&"paper robot".into(), &false.into())
+    );
+    assert_eq!(
+        info["motor_units"],
+        serde_json::json!(["m"; 6].map(Value::from))
+    );
+    let told = succeed(&["data", "info", text(&out)]);
+    assert!(
+        !told.contains("not known") && !told.contains("motor units"),
+        "{told}"
+    );
+    let page = folder.path().join("data.html");
+    succeed(&["data", "view", text(&out), "--out", text(&page)]);
+    let page = fs::read_to_string(page).unwrap();
+    assert!(page.contains("Positions of the tip") && !page.contains("Reachable workspace"));
+    assert!(page.contains("data, 2 tips") && page.contains("command (mm)"));
+    let run = folder.path().join("run");
+    let train = ["train", "--data", text(&out), "--out", text(&run)];
+    refuse(
+        &[&train[..], &["--steps", "10"]].concat(),
+        1,
+        "has no sample in val",
+    );
+}
+
+#[test]
+fn a_dry_run_of_a_million_commands_tells_of_each_and_ends_when_asked_to() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let million = ["--commands", "1000000", "--dry-run"];
+    let mut child = tdcr(&[&["capture", "--rig", text(&rig)], &million[..]].concat())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    // The head, and the first commands, long before the last is found.
+    let told: Vec<String> = lines.by_ref().take(20).map(Result::unwrap).collect();
+    assert!(
+        told[0].contains("positions") && told[19].trim_start().starts_with("18 "),
+        "{told:?}"
+    );
+    let id = child.id().to_string();
+    let sent = std::process::Command::new("kill")
+        .args(["-INT", &id])
+        .status();
+    assert!(sent.unwrap().success());
+    lines.for_each(drop);
+    let ended = child.wait_with_output().unwrap();
+    let said = stderr(&ended);
+    assert_eq!(ended.status.code(), Some(130), "{said}");
+    assert!(said.contains("dry run: 1000000 steps"), "{said}");
+    // As JSON it is one value.
+    let few = [
+        "capture",
+        "--rig",
+        text(&rig),
+        "--dry-run",
+        "--commands",
+        "12",
+    ];
+    let told = succeed_json(&few);
+    assert_eq!(told["moves"].as_array().unwrap().len(), 12);
+    assert_eq!(told["ranges"].as_array().unwrap().len(), 6);
+    assert!(told["moving_seconds"].as_f64().unwrap() > 1.0);
+}
+
+/// Runs a script with `DIR` as a disk of so many megabytes, which is gone afterwards; `None` where none can be mounted.
+fn on_a_small_disk(folder: &Path, megabytes: u32, script: &str) -> Option<Output> {
+    let disk = folder.join("disk");
+    fs::create_dir_all(&disk).unwrap();
+    let script = format!(
+        "mount -t tmpfs -o size={megabytes}m tmpfs {disk} || exit 99\nDIR={disk} TDCR={}\n{script}",
+        env!("CARGO_BIN_EXE_tdcr"),
+        disk = disk.display(),
+    );
+    let run = std::process::Command::new("unshare")
+        .args(["--map-root-user", "--mount", "sh", "-c", &script])
+        .output()
+        .ok()?;
+    (run.status.code() != Some(99) && !stderr(&run).contains("unshare:")).then_some(run)
+}
+
+#[test]
+fn a_full_disk_ends_the_log_and_not_the_capture() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let script = format!(
+        "$TDCR capture --rig {} --out $DIR/data --commands 20 --points 300 --voxel 0.004 || exit 3\n\
+         $TDCR log info --json --quiet $DIR/data/log.mcap || exit 4\n$TDCR data check $DIR/data",
+        rig.display()
+    );
+    let Some(run) = on_a_small_disk(folder.path(), 6, &script) else {
+        eprintln!("no disk can be mounted: skipped");
+        return;
+    };
+    let said = stderr(&run);
+    assert!(run.status.success(), "{}: {said}", run.status);
+    assert!(said.contains("the log ends here"), "{said}");
+    let told = String::from_utf8_lossy(&run.stdout);
+    assert!(
+        told.contains("\"whole\": true") && told.contains("data: good"),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_disk_too_small_for_the_data_keeps_what_was_captured_and_says_how_much() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let script = format!(
+        "$TDCR capture --rig {} --out $DIR/data --commands 20 --points 10000 --voxel 0.004 && exit 3\n\
+         ls $DIR/data/.partial | grep -c block; grep -c index $DIR/data/capture.jsonl",
+        rig.display()
+    );
+    let Some(run) = on_a_small_disk(folder.path(), 1, &script) else {
+        eprintln!("no disk can be mounted: skipped");
+        return;
+    };
+    let (said, told) = (
+        stderr(&run),
+        String::from_utf8_lossy(&run.stdout).into_owned(),
+    );
+    assert!(run.status.success(), "{}: {said}{told}", run.status);
+    let kept = told.lines().next().unwrap();
+    assert!(kept.parse::<u32>().unwrap() > 2, "{told}");
+    assert!(
+        said.contains(&format!("{kept} of 20 samples are kept in")),
+        "{said}{told}"
+    );
+    assert!(said.contains("and the data set takes up to"), "{said}");
+    assert!(said.to_lowercase().contains("no space left"), "{said}");
+}
+
+#[test]
+fn quiet_commands_of_a_rig_say_nothing_and_jog_has_its_folder_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small_rig(folder.path());
+    let pretension = [
+        "pretension",
+        "--rig",
+        text(&rig),
+        "--current",
+        "0.05",
+        "--quiet",
+    ];
+    let quiet = tdcr(&pretension).output().unwrap();
+    assert!(
+        quiet.status.success() && stderr(&quiet).is_empty(),
+        "{}",
+        stderr(&quiet)
+    );
+    let out = folder.path().join("jog");
+    let jog = ["jog", "--rig", text(&rig), "--out", text(&out), "--quiet"];
+    let mut first = tdcr(&jog).stdin(Stdio::piped()).spawn().unwrap();
+    while !out.join("log.mcap").exists() {
+        assert!(first.try_wait().unwrap().is_none());
+        sleep(Duration::from_millis(20));
+    }
+    let second = tdcr(&jog).stdin(Stdio::null()).output().unwrap();
+    let said = stderr(&second);
+    assert_eq!(second.status.code(), Some(1), "{said}");
+    assert!(said.contains("another process"), "{said}");
+    drop(first.stdin.take());
+    assert!(first.wait().unwrap().success());
 }

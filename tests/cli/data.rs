@@ -40,7 +40,7 @@ fn a_data_set_is_described_drawn_and_found_good() {
     ]);
     let page = fs::read_to_string(&page).unwrap();
     assert_eq!(page.matches("loaded, 20 tips").count(), 2);
-    assert_eq!(page.matches("motor 5</text>").count(), 2);
+    assert_eq!(page.matches("motor 6</text>").count(), 2);
     assert!(page.contains("payload (kg)") && page.contains("data:image/png;base64,"));
     assert!(!page.contains("NaN") && !page.contains("{{"));
     let sheet = folder.path().join("sheet.png");

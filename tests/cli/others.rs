@@ -285,6 +285,6 @@ fn a_run_goes_on_from_a_model_on_other_data_in_the_models_units() {
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
-    let warned = "the largest value of motor 0 in ";
+    let warned = "the largest value of motor 1 in ";
     assert!(stderr(&output).contains(warned), "{}", stderr(&output));
 }

@@ -169,7 +169,7 @@ fn what_lies_outside_the_training_range_is_named() {
     let said = stderr(&output);
     assert!(output.status.success());
     assert!(
-        said.contains("the command: tendon 2 is 0.04 m, outside the training range 0."),
+        said.contains("the command: tendon 3 is 0.04 m, outside the training range 0."),
         "{said}"
     );
     assert!(

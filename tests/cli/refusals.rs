@@ -39,17 +39,17 @@ fn a_wrong_command_is_named() {
     settle(
         "0.01,0.02,0.05,0,0,0",
         1,
-        "command entry 2 is 0.05 m; tendon 2 takes 0 to 0.04 m",
+        "command entry 3 is 0.05 m; tendon 3 takes 0 to 0.04 m",
     );
     settle(
         "0.01,-0.02,0.01,0,0,0",
         1,
-        "command entry 1 is -0.02 m; tendon 1 takes 0 to 0.04 m",
+        "command entry 2 is -0.02 m; tendon 2 takes 0 to 0.04 m",
     );
     settle(
         "NaN,0.02,0.01,0,0,0",
         1,
-        "command entry 0 is NaN m; tendon 0 takes 0 to 0.04 m",
+        "command entry 1 is NaN m; tendon 1 takes 0 to 0.04 m",
     );
     settle("0.01,inf,0.01,0,0,0", 1, "command entry 1 is inf m");
     settle("0.01,two,0.01,0,0,0", 2, "`two` is not a number");

@@ -72,10 +72,10 @@ fn payload_and_tendons_are_shown_when_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     let load = ["--payload", "0.02"];
     let hidden = render(&folder.path().join("hidden"), &load);
-    assert_eq!(pixels(&hidden, "payload") + pixels(&hidden, "tendon 0"), 0);
+    assert_eq!(pixels(&hidden, "payload") + pixels(&hidden, "tendon 1"), 0);
     let options = [&load[..], &["--show", "payload", "--show", "tendons"]].concat();
     let shown = render(&folder.path().join("shown"), &options);
-    assert!(pixels(&shown, "payload") > 50 && pixels(&shown, "tendon 0") > 0);
+    assert!(pixels(&shown, "payload") > 50 && pixels(&shown, "tendon 1") > 0);
 }
 
 /// A pyramid under the base as an STL text: 6 cm wide, its tip 1 cm below the base's origin.

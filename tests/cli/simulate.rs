@@ -62,7 +62,7 @@ fn wrong_commands_are_named_with_their_line() {
     };
     simulate(
         &format!("{PULL}0.1,0,0,0,0,0\n"),
-        "line 2: command entry 0 is 0.1 m; tendon 0 takes",
+        "line 2: command entry 1 is 0.1 m; tendon 1 takes",
     );
     simulate(
         "0.1,0,0\n",

@@ -32,8 +32,8 @@ fn pages_say_commands_in_the_units_and_groups_of_the_robot() {
         .filter(|svg| svg.contains("motor "))
         .collect();
     assert_eq!(rows.len(), 2);
-    assert!(rows[0].contains("module 1") && rows[0].contains("motor 3<"));
-    assert!(rows[1].contains("module 2") && rows[1].contains("motor 4<"));
+    assert!(rows[0].contains("module 1") && rows[0].contains("motor 4<"));
+    assert!(rows[1].contains("module 2") && rows[1].contains("motor 5<"));
     let info = &succeed_json(&["data", "info", text(&data)])[0];
     let units = info["motor_units"].as_array().unwrap();
     assert_eq!(

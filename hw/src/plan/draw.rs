@@ -112,7 +112,9 @@ impl Draws {
                     };
                     return Ok(Drawn { shape, command });
                 }
-                Err(error @ PlanError::Shape(_)) => return Err(error),
+                Err(error @ (PlanError::Shape(_) | PlanError::TooLong { .. })) => {
+                    return Err(error);
+                }
                 Err(error) => last = Some(error),
             }
         }
@@ -245,6 +247,18 @@ mod tests {
             }
             at = next.shape;
         }
+    }
+
+    #[test]
+    fn ways_without_end_take_no_memory() {
+        let robot = real();
+        let rest = Shape(vec![Bend::new(0.0, 0.0, 12.0); 2]);
+        let limits = vec![[0.0, 0.3]; 6];
+        let mut planner = Planner::new(&robot, limits, TENSION, 1e-14).unwrap();
+        let bent = Shape(vec![Bend::new(0.0, 0.3, 12.0); 2]);
+        let refused = planner.path(&rest, &bent, &rest).unwrap_err();
+        assert!(matches!(refused, PlanError::TooLong { .. }), "{refused}");
+        assert!(refused.to_string().contains("motion.slew"), "{refused}");
     }
 
     #[test]

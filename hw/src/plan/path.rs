@@ -9,6 +9,9 @@ use super::shape::{Shape, ShapeError, Shaper};
 /// Distance along a path (m, of the tendon that moves the most) at which tensions are asked of the simulator.
 const CHECK_EVERY: f64 = 5e-4;
 
+/// Most steps of a way: hours of motion, and some tens of megabytes.
+const LONGEST: usize = 500_000;
+
 /// Why there is no way.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
@@ -21,10 +24,11 @@ pub enum PlanError {
     Command(#[from] CommandError),
     /// A command lies beyond the limits of its servo.
     #[error(
-        "tendon {tendon} would have the command {command:.4} m; its servo allows {low:.4} to {high:.4} m"
+        "tendon {} would have the command {command:.4} m; its servo allows {low:.4} to {high:.4} m",
+        tendon + 1
     )]
     Limit {
-        /// Which tendon.
+        /// Which tendon, from 0; people read it from 1.
         tendon: usize,
         /// Its command (m).
         command: f64,
@@ -34,9 +38,9 @@ pub enum PlanError {
         high: f64,
     },
     /// A tendon would go slack, or be overloaded.
-    #[error("tendon {tendon} would have a tension of {tension:.2} N, {} of the way; expected {low} to {high} N", percent(*.part))]
+    #[error("tendon {} would have a tension of {tension:.2} N, {} of the way; expected {low} to {high} N", tendon + 1, percent(*.part))]
     Tension {
-        /// Which tendon.
+        /// Which tendon, from 0; people read it from 1.
         tendon: usize,
         /// Its tension (N).
         tension: f64,
@@ -52,6 +56,16 @@ pub enum PlanError {
     NotSettled {
         /// Where on the way, from 0 to 1.
         part: f64,
+    },
+    /// The way has more steps than anybody waits for.
+    #[error(
+        "the way has {steps:.1e} steps of {step:.1e} m, more than {LONGEST}: allow a larger motion.slew, or a longer motion.period"
+    )]
+    TooLong {
+        /// Its steps.
+        steps: f64,
+        /// A step (m).
+        step: f64,
     },
     /// Chance has found no command.
     #[error(
@@ -151,7 +165,12 @@ impl Planner {
             .map(|(a, b)| (a - b).abs())
             .fold(0.0, f64::max);
         // Lengths are all but straight in the bends; a tenth is kept for what they are not.
-        let steps = (1.1 * length / self.step).ceil().max(1.0) as usize;
+        let steps = (1.1 * length / self.step).ceil().max(1.0);
+        if steps > LONGEST as f64 {
+            let step = self.step;
+            return Err(PlanError::TooLong { steps, step });
+        }
+        let steps = steps as usize;
         let between = (CHECK_EVERY / self.step).floor().max(1.0) as usize;
         self.settler.settle(&ends[0], &Loads::default());
         (1..=steps)

@@ -26,10 +26,10 @@ pub struct Shape(pub Vec<Bend>);
 #[non_exhaustive]
 pub enum ShapeError {
     /// A tendon is driven by its tension.
-    #[error("tendon {0} is driven by its tension; expected tendons driven by lengths")]
+    #[error("tendon {} is driven by its tension; expected tendons driven by lengths", .0 + 1)]
     TensionDrive(usize),
     /// A tendon is fastened to no disc.
-    #[error("tendon {0} ends at the base; expected tendons that end at discs")]
+    #[error("tendon {} ends at the base; expected tendons that end at discs", .0 + 1)]
     NoModule(usize),
     /// The robot cannot be placed.
     #[error("{0}")]

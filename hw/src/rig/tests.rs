@@ -113,7 +113,7 @@ fn a_wrong_file_is_refused_with_line_field_and_reason() {
         (
             "home_tension = [6.0]",
             "home_tension = [9000.0]",
-            "servos.home_tension is 9000 N, for which tendon 0",
+            "servos.home_tension is 9000 N, for which tendon 1",
         ),
         (
             "bend = [0.6, 0.8]",

@@ -98,8 +98,9 @@ fn home_commands(robot: &Robot, tensions: &[f64]) -> Result<Vec<f64>, RigError> 
         let [low, high] = tendon.range;
         if !(low..=high).contains(command) {
             let found = format!(
-                "{} N, for which tendon {k} has the command {command:.4} m",
-                tensions[k]
+                "{} N, for which tendon {} has the command {command:.4} m",
+                tensions[k],
+                k + 1
             );
             let expected =
                 format!("a tension for which that is within the robot's {low} to {high} m");

@@ -1,7 +1,7 @@
 //! Boards for printing, read back as an image would be.
 
 use nalgebra::Point2;
-use tdcr_hw::extrinsics::{Detector, GreyImage};
+use tdcr_hw::extrinsics::{Detector, GreyImage, World, read_board};
 
 use crate::board;
 
@@ -70,4 +70,26 @@ fn the_vector_drawing_is_the_board() {
         points += 1;
     }
     assert!(dark > points / 3);
+}
+
+/// The example is a board, and its print fits A4 paper.
+#[test]
+fn the_example_of_a_board_is_read_with_and_without_a_world() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/board.toml");
+    let (board, world) = read_board(&path).unwrap();
+    assert!(matches!(world, World::FirstCamera));
+    let [width, height] = board.size().map(|side| side + board.spec().square);
+    assert!(width < 0.297 && height < 0.210, "{width} x {height} m");
+    // The lines that are left to the user.
+    let text = std::fs::read_to_string(&path).unwrap();
+    let (above, world) = text.split_once("# [world]").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let with = folder.path().join("board.toml");
+    std::fs::write(
+        &with,
+        format!("{above}[world]{}", world.replace("\n# ", "\n")),
+    )
+    .unwrap();
+    let (_, world) = read_board(&with).unwrap();
+    assert!(!matches!(world, World::FirstCamera));
 }

@@ -8,10 +8,7 @@ use super::shard::{Array, Batch, Sizes};
 use super::shard_file::ShardFile;
 use super::{DataError, Sample};
 
-/// Samples in a block, the last excepted: what is made, and at worst lost, at once.
-const BLOCK: usize = 8;
-
-/// Consecutive samples of a data set, in files of at most [`BLOCK`].
+/// Consecutive samples of a data set, in files of at most [`Origin::block`](super::Origin::block).
 #[derive(Clone, Debug)]
 pub(super) struct Blocks {
     /// Folder of the files.
@@ -34,10 +31,10 @@ impl Blocks {
 
     /// Index ranges of all blocks, ascending.
     pub(super) fn ranges(&self) -> impl Iterator<Item = Range<usize>> + use<> {
-        let Range { start, end } = self.samples;
+        let (Range { start, end }, block) = (self.samples.clone(), self.meta.origin.block());
         (start..end)
-            .step_by(BLOCK)
-            .map(move |first| first..end.min(first + BLOCK))
+            .step_by(block)
+            .map(move |first| first..end.min(first + block))
     }
 
     /// Index ranges of the blocks without a file, or with a truncated one.

@@ -25,9 +25,9 @@ pub enum Finding {
         condition: Vec<f32>,
     },
     /// A motor's smallest or largest value is not that of the normalisation files.
-    #[error("motor {motor} runs from {} to {}, the normalisation files say {} to {}", .found[0], .found[1], .stated[0], .stated[1])]
+    #[error("motor {} runs from {} to {}, the normalisation files say {} to {}", motor + 1, .found[0], .found[1], .stated[0], .stated[1])]
     MotorRange {
-        /// The motor, from 0; the payload counts as the last.
+        /// The motor, from 0 (people read it from 1); the payload counts as the last.
         motor: usize,
         /// Range over all splits.
         found: [f64; 2],

@@ -68,7 +68,7 @@ impl DataSet {
         &self.normalisation
     }
 
-    /// Reads a split in metres: 15 bytes of memory a point.
+    /// Reads a split in metres: 15 bytes of memory a point. It has no sample only where the data set has fewer than ten.
     ///
     /// # Errors
     /// [`DataError::NoShards`], [`DataError::SampleCount`], and whatever is wrong with a shard, by file and dataset.
@@ -110,7 +110,7 @@ impl DataSet {
     /// to check that their writer meant the same normalisation.
     ///
     /// # Errors
-    /// As [`read_split`](Self::read_split), and [`DataError::Disagrees`] for a copy that does not match.
+    /// As [`read_split`](Self::read_split), [`DataError::EmptySplit`], and [`DataError::Disagrees`] for a copy that does not match.
     pub fn cloud_set(&self, split: Split) -> Result<CloudSet, DataError> {
         self.cloud_set_in(split, &self.normalisation, Channels::Xyz)
     }
@@ -128,6 +128,7 @@ impl DataSet {
     ) -> Result<CloudSet, DataError> {
         units.require_length(self.normalisation.motor_min.len())?;
         let shards = self.shards(split)?;
+        self.require_some(split, shards.sizes.samples)?;
         let Sizes {
             samples,
             points,
@@ -162,6 +163,20 @@ impl DataSet {
         }
         units.normalise_points(&mut set.points);
         Ok(set)
+    }
+
+    /// Refuses a split of no samples.
+    ///
+    /// # Errors
+    /// [`DataError::EmptySplit`] unless there are some.
+    pub fn require_some(&self, split: Split, samples: usize) -> Result<(), DataError> {
+        match samples {
+            0 => Err(DataError::EmptySplit {
+                path: self.dir.clone(),
+                split: split.folder(),
+            }),
+            _ => Ok(()),
+        }
     }
 
     /// Finds a split's shards and checks that they fit together.
@@ -202,7 +217,11 @@ impl DataSet {
             counts.push(found.samples);
         }
         let samples = counts.iter().sum();
-        let Some(points) = points.filter(|_| samples > 0) else {
+        let is_empty = self
+            .meta
+            .as_ref()
+            .is_some_and(|meta| meta.split_size(split) == 0);
+        let Some(points) = points.filter(|_| samples > 0 || is_empty) else {
             return Err(DataError::NoShards { path: dir });
         };
         if let Some(meta) = &self.meta {

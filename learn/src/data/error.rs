@@ -160,10 +160,22 @@ pub enum DataError {
         expected: bool,
     },
     /// Too few samples to fill the three splits.
-    #[error("{found} samples cannot be split 80/10/10, expected at least {MIN_SAMPLES}")]
+    #[error("{found} samples cannot be split 80/10/10, expected at least {fewest}")]
     TooFewSamples {
         /// The number of samples.
         found: usize,
+        /// The fewest there may be.
+        fewest: usize,
+    },
+    /// A split that has no sample is to be learned from, or scored on.
+    #[error(
+        "{} has no sample in {split}, as the whole data set has fewer than {MIN_SAMPLES}: add some", path.display()
+    )]
+    EmptySplit {
+        /// The data set's folder.
+        path: PathBuf,
+        /// Name of the split.
+        split: &'static str,
     },
     /// Too many samples for their indices to fit into memory.
     #[error("{found} samples cannot be split, expected at most {MAX_SAMPLES}")]

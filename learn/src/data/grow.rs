@@ -14,8 +14,8 @@ impl Collector {
     /// [`missing_blocks`](Self::missing_blocks) are those of the samples to come. It is left to
     /// [`finish`](Self::finish) to replace the smaller set, which can be read until then.
     ///
-    /// The splits depend on the number of samples, so samples change places between them. Of the smaller set's samples the
-    /// last few, less than a block, are to be made again. `progress` is called with the blocks done and the blocks in all,
+    /// The splits depend on the number of samples, so samples change places between them. Of a smaller simulated set the
+    /// last few samples, less than a block, are to be made again. `progress` is called with the blocks done and the blocks in all,
     /// and may ask to stop. Memory is needed for one shard of each split.
     ///
     /// # Errors

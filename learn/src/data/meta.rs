@@ -7,7 +7,7 @@ use super::DataError;
 use super::conditions::Design;
 use super::shard::Sizes;
 use super::simulator::{Recipe, Subject};
-use super::split::{MAX_SAMPLES, require_count, split_size};
+use super::split::{MAX_SAMPLES, MIN_SAMPLES, require_count, split_size};
 use super::{Split, SplitIndices, split_indices};
 use crate::limits::{MAX_JSON, read_file};
 use serde::{Deserialize, Serialize};
@@ -97,6 +97,22 @@ impl Origin {
             Self::Recorded { .. } | Self::Imported { .. } => None,
         }
     }
+
+    /// Fewest samples of a data set. A first try on a rig is one or two.
+    fn fewest_samples(&self) -> usize {
+        match self {
+            Self::Simulated { .. } | Self::Imported { .. } => MIN_SAMPLES,
+            Self::Recorded { .. } => 1,
+        }
+    }
+
+    /// Samples that are stored at once, and at worst lost: those of a rig, each of which takes seconds of its time, one by one.
+    pub(super) fn block(&self) -> usize {
+        match self {
+            Self::Simulated { .. } | Self::Imported { .. } => 8,
+            Self::Recorded { .. } => 1,
+        }
+    }
 }
 
 impl Meta {
@@ -141,7 +157,7 @@ impl Meta {
         if self.format != Self::FORMAT {
             return invalid("format", &self.format, "2, the version this program knows");
         }
-        require_count(self.count)?;
+        require_count(self.count, self.origin.fewest_samples())?;
         for (field, value, most, expected) in [
             ("motors", self.motors, MAX_MOTORS, "1 to 4096"),
             (
@@ -176,6 +192,24 @@ impl Meta {
     /// What the clouds show; `None` where they were not simulated.
     pub fn subject(&self) -> Option<&Subject> {
         self.origin.recipe().map(|recipe| &recipe.subject)
+    }
+
+    /// The robot that the clouds show; `None` where nobody says.
+    pub fn robot(&self) -> Option<&RobotSpec> {
+        match &self.origin {
+            Origin::Simulated { recipe, .. } => Some(&recipe.subject.robot),
+            Origin::Recorded { recording } => Some(&recording.robot),
+            Origin::Imported { .. } => None,
+        }
+    }
+
+    /// Whether the base is in the clouds; `None` where nobody says.
+    pub fn base(&self) -> Option<BaseVisibility> {
+        match &self.origin {
+            Origin::Simulated { recipe, .. } => Some(recipe.subject.base),
+            Origin::Recorded { recording } => Some(recording.base),
+            Origin::Imported { .. } => None,
+        }
     }
 
     /// Whether the conditions have payloads.

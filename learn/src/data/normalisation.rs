@@ -174,8 +174,10 @@ impl Normalisation {
         match bounds.position(|(min, max)| !ordered(min, max)) {
             None => Ok(()),
             Some(j) => Err(format!(
-                "motor {j} runs from {} to {}, expected min <= max, finite",
-                self.motor_min[j], self.motor_max[j]
+                "motor {} runs from {} to {}, expected min <= max, finite",
+                j + 1,
+                self.motor_min[j],
+                self.motor_max[j]
             )),
         }
     }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::DataError;
 
-/// Fewest samples for which no split is empty.
+/// Fewest samples that split 80/10/10 with none empty.
 pub(super) const MIN_SAMPLES: usize = 10;
 
 /// Most samples: far above any data set's, and few enough that their indices fit into memory.
@@ -100,12 +100,13 @@ impl SplitIndices {
 
 /// Assigns samples `0..count` to the splits by a random permutation that depends on `seed` alone.
 ///
-/// Sizes are 80/10/10 % rounded by largest remainder (ties to the earlier split), which no integers come closer to.
+/// Sizes are 80/10/10 % rounded by largest remainder (ties to the earlier split), which no integers come closer to. Of fewer than
+/// 10 samples one tests and one validates, as long as one is left to train: of two, none validates.
 ///
 /// # Errors
-/// [`DataError::TooFewSamples`] below 10, where a split would be empty; [`DataError::TooManySamples`] above 10,000,000.
+/// [`DataError::TooFewSamples`] for none; [`DataError::TooManySamples`] above 10,000,000.
 pub fn split_indices(count: usize, seed: u64) -> Result<SplitIndices, DataError> {
-    require_count(count)?;
+    require_count(count, 1)?;
     let mut indices: Vec<usize> = (0..count).collect();
     indices.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
     let [train_size, val_size, _] = split_sizes(count);
@@ -118,11 +119,14 @@ pub fn split_indices(count: usize, seed: u64) -> Result<SplitIndices, DataError>
     Ok(SplitIndices { train, val, test })
 }
 
-/// Refuses numbers of samples that cannot be split.
-pub(super) fn require_count(count: usize) -> Result<(), DataError> {
+/// Refuses numbers of samples that cannot be split, and fewer than `fewest`.
+pub(super) fn require_count(count: usize, fewest: usize) -> Result<(), DataError> {
     match count {
-        0..MIN_SAMPLES => Err(DataError::TooFewSamples { found: count }),
-        MIN_SAMPLES..=MAX_SAMPLES => Ok(()),
+        _ if count < fewest => Err(DataError::TooFewSamples {
+            found: count,
+            fewest,
+        }),
+        ..=MAX_SAMPLES => Ok(()),
         _ => Err(DataError::TooManySamples { found: count }),
     }
 }
@@ -132,8 +136,13 @@ pub(super) fn split_size(count: usize, split: Split) -> usize {
     split_sizes(count)[split as usize]
 }
 
-/// Largest-remainder rounding of `count * TENTHS / 10`.
+/// Largest-remainder rounding of `count * TENTHS / 10`; of few samples one each, as far as they go.
 fn split_sizes(count: usize) -> [usize; 3] {
+    if count < MIN_SAMPLES {
+        let test = usize::from(count > 1);
+        let val = usize::from(count > 2);
+        return [count - val - test, val, test];
+    }
     let (tens, ones) = (count / 10, count % 10);
     let mut sizes = TENTHS.map(|share| share * tens + share * ones / 10);
     let mut by_remainder = [0, 1, 2];
@@ -209,10 +218,24 @@ mod tests {
     }
 
     #[test]
-    fn fewer_than_ten_samples_are_refused() {
+    fn few_samples_are_split_as_far_as_they_go() {
+        let sizes = [[1, 0, 0], [1, 0, 1], [1, 1, 1], [2, 1, 1]];
+        for (count, sizes) in (1..).zip(sizes) {
+            assert_eq!(split_sizes(count), sizes);
+        }
+        assert_eq!(split_sizes(9), [7, 1, 1]);
+        let splits = split_indices(2, 3).unwrap();
+        assert_eq!(
+            [splits.train.len(), splits.val.len(), splits.test.len()],
+            [1, 0, 1]
+        );
         assert!(matches!(
-            split_indices(9, 0),
-            Err(DataError::TooFewSamples { found: 9 })
+            split_indices(0, 0),
+            Err(DataError::TooFewSamples {
+                found: 0,
+                fewest: 1
+            })
         ));
+        assert!(require_count(9, MIN_SAMPLES).is_err());
     }
 }

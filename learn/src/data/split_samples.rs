@@ -39,10 +39,14 @@ impl DataSet {
 }
 
 impl SplitSamples {
-    /// Number of samples `B`, at least 1.
-    #[allow(clippy::len_without_is_empty, reason = "no split is empty")]
+    /// Number of samples `B`.
     pub fn len(&self) -> usize {
         self.shards.last().map_or(0, |(_, indices)| indices.end)
+    }
+
+    /// Whether there is none, as in a data set of fewer than ten.
+    pub fn is_empty(&self) -> bool {
+        self.shards.is_empty()
     }
 
     /// Points per cloud `N`.

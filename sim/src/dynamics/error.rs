@@ -23,8 +23,9 @@ pub enum DynamicsError {
     },
     /// A tendon whose length is imposed.
     #[error(
-        "tendon {tendon} is inextensible and its length is commanded; for motion give it an \
-         `axial_stiffness`, or a drive with a gain"
+        "tendon {} is inextensible and its length is commanded; for motion give it an \
+         `axial_stiffness`, or a drive with a gain",
+        tendon + 1
     )]
     Inextensible {
         /// The tendon, from 0.

@@ -25,9 +25,9 @@ pub enum CommandError {
         found: usize,
     },
     /// An entry that is not a number, or out of the tendon's range.
-    #[error("command entry {index} is {value} {unit}; tendon {index} takes {low} to {high} {unit}")]
+    #[error("command entry {0} is {value} {unit}; tendon {0} takes {low} to {high} {unit}", index + 1)]
     Range {
-        /// The entry, from 0.
+        /// The entry, from 0; people read it from 1.
         index: usize,
         /// Its value.
         value: f64,

@@ -125,7 +125,7 @@ impl Model {
         let refuse = |tendon: usize, disc: usize| {
             let found = format!("of no length below disc {disc}");
             let expected = "successive holes at least 1e-6 m apart in the straight pose";
-            Err(refuse(&format!("tendon {tendon}"), found, expected))
+            Err(refuse(&format!("tendon {}", tendon + 1), found, expected))
         };
         for segment in &self.segments {
             let in_joint = segment.from.norm() < 1e-12 && segment.to.norm() < 1e-12;

@@ -108,7 +108,8 @@ pub enum NotSettled {
     Flutter(Growth),
     /// A commanded length that the tendon does not reach.
     #[error(
-        "the robot did not settle: tendon {tendon} is {length} m long where {commanded} m are commanded"
+        "the robot did not settle: tendon {} is {length} m long where {commanded} m are commanded",
+        tendon + 1
     )]
     Length {
         /// The tendon, from 0.

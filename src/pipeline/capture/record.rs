@@ -54,11 +54,10 @@ pub(super) enum Entry {
     Recalled { before: usize, servo: u8 },
 }
 
-/// What is known of a sample besides its cloud. One that was captured again is there again, the last one being that of the
-/// data set.
+/// What is known of a sample besides its cloud. Of each sample of the data set there is one.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Record {
-    index: u64,
+    pub(super) index: u64,
     /// Time of the rig's clock (s).
     time: f64,
     /// The command (m): the sample's condition.

@@ -60,7 +60,28 @@ fn commands(dir: &Path) -> Vec<Vec<f32>> {
     commands
 }
 
-/// Lets something go wrong after the ninth sample, one of the second block.
+/// Samples that a capture which ended says to have kept.
+fn kept(ended: &PipelineError) -> usize {
+    match ended {
+        PipelineError::CaptureEnded { kept, .. } => *kept,
+        other => panic!("{other}"),
+    }
+}
+
+/// Indices of the samples in a journal, ascending.
+fn journalled(dir: &Path) -> Vec<u64> {
+    let journal = std::fs::read_to_string(dir.join(JOURNAL)).unwrap();
+    let lines = journal
+        .lines()
+        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let mut indices: Vec<u64> = lines
+        .filter_map(|line| line["entry"]["index"].as_u64())
+        .collect();
+    indices.sort_unstable();
+    indices
+}
+
+/// Lets something go wrong after the ninth sample.
 struct Inject(AtomicU64, Simulator, Fault);
 
 impl Monitor for Inject {
@@ -114,26 +135,34 @@ fn a_capture_is_a_data_set_that_resumes_and_grows() {
     // The positions of the servos lie beside.
     let journal = std::fs::read_to_string(whole.join(JOURNAL)).unwrap();
     assert_eq!(journal.matches("\"kind\":\"sample\"").count(), 20);
-    // Interrupted twice, once before the first block is whole.
-    for after in [3, 14] {
+    // Interrupted twice: what was finished is kept, and told.
+    for (after, all) in [(3, 3), (10, 13)] {
         let mut rig = rig();
         let stop = StopAfter(AtomicU64::new(0), after);
-        let ended = capture(&mut rig, &settings(20), &stopped, &stop);
-        assert!(
-            matches!(ended, Err(PipelineError::Interrupted)),
-            "{ended:?}"
+        let ended = capture(&mut rig, &settings(20), &stopped, &stop).unwrap_err();
+        assert!(ended.is_interruption());
+        assert_eq!(kept(&ended), all);
+        let said = format!(
+            "interrupted; {all} of 20 samples are kept in {}",
+            stopped.display()
         );
+        assert!(ended.to_string().starts_with(&said), "{ended}");
         assert!(!rig.is_engaged());
+        assert_eq!(journalled(&stopped), (0..all as u64).collect::<Vec<_>>());
     }
+    // A sample whose cloud did not come to the disk is taken again, and stands in the journal once.
+    let last = stopped.join(".partial/block-00000012.h5");
+    std::fs::remove_file(last).unwrap();
     let report = capture(&mut rig(), &settings(20), &stopped, &Silent).unwrap();
-    assert!(report.captured < 20, "{report:?}");
+    assert_eq!(report.captured, 8, "{report:?}");
     assert_eq!(commands(&stopped), expected);
+    assert_eq!(journalled(&stopped), (0..20).collect::<Vec<_>>());
     // Done is done: nothing is asked of the rig.
     let mut idle = rig();
     let report = capture(&mut idle, &settings(20), &stopped, &Silent).unwrap();
     assert_eq!((report.captured, report.rig_seconds), (0, 0.0));
     let report = capture(&mut idle, &settings(24), &stopped, &Silent).unwrap();
-    assert_eq!(report.captured, 8, "those after the last whole block");
+    assert_eq!(report.captured, 4);
     assert_eq!(commands(&stopped).len(), 24);
     // Another rig is another data set.
     let other = CaptureSettings {
@@ -144,6 +173,27 @@ fn a_capture_is_a_data_set_that_resumes_and_grows() {
         .unwrap_err()
         .to_string();
     assert!(refused.contains("voxel_size"), "{refused}");
+}
+
+/// A first try on a rig is two samples.
+#[test]
+fn a_capture_of_two_samples_is_a_data_set_that_grows() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("two");
+    let report = capture(&mut rig(), &settings(2), &dir, &Silent).unwrap();
+    assert_eq!(report.captured, 2);
+    let set = DataSet::open(&dir).unwrap();
+    let sizes = Split::ALL.map(|split| set.samples(split).unwrap().len());
+    assert_eq!(sizes, [1, 0, 1]);
+    assert!(check(&dir).unwrap().is_empty());
+    let few = set.cloud_set(Split::Val).unwrap_err().to_string();
+    assert!(
+        few.contains("no sample in val") && few.contains("fewer than 10"),
+        "{few}"
+    );
+    let report = capture(&mut rig(), &settings(10), &dir, &Silent).unwrap();
+    assert_eq!(report.captured, 8);
+    assert_eq!(commands(&dir).len(), 10);
 }
 
 /// Every condition and cloud of a data set.
@@ -403,7 +453,8 @@ fn whatever_goes_wrong_in_a_capture_the_robot_is_safe_and_the_data_is_whole() {
         let ended = capture(&mut faulty, &settings(14), &dir, &after_nine);
         match (&ended, stops) {
             (Ok(report), false) => assert_eq!(report.captured, 14),
-            (Err(PipelineError::Capture(_)), true) => {}
+            (Err(PipelineError::CaptureEnded { ended, .. }), true)
+                if matches!(**ended, PipelineError::Capture(_)) => {}
             _ => panic!("{fault}: {ended:?}"),
         }
         assert!(!faulty.is_engaged());
@@ -429,7 +480,10 @@ fn whatever_goes_wrong_in_a_capture_the_robot_is_safe_and_the_data_is_whole() {
         }
         // The data is whole: the same call with a rig in order completes it.
         let report = capture(&mut rig(), &settings(14), &dir, &Silent).unwrap();
-        assert_eq!(report.captured, if stops { 6 } else { 0 }, "{fault}");
+        let missing = ended.as_ref().map_or_else(|ended| 14 - kept(ended), |_| 0);
+        assert_eq!(report.captured, missing, "{fault}");
+        assert!(missing <= 5, "{fault}: the nine before it are kept");
+        assert_eq!(journalled(&dir), (0..14).collect::<Vec<_>>(), "{fault}");
         assert_eq!(commands(&dir).len(), 14, "{fault}");
     }
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use tdcr_hw::recorded::{LoggedCloud, LoggedClouds};
-use tdcr_learn::data::{DataError, DataSet, Meta, Origin, Split};
+use tdcr_learn::data::{DataError, DataSet, Meta, Split};
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::inverse::recording::{Order, Recording, Shown};
 use tdcr_sim::render::BaseVisibility;
@@ -78,7 +78,9 @@ impl RecordingFile {
         for &split in splits {
             match rows.add_split(&set, split, dir) {
                 Ok(()) => {}
-                Err(RecordingFileError::DataSet(error @ DataError::NoShards { .. })) => {
+                Err(RecordingFileError::DataSet(
+                    error @ (DataError::NoShards { .. } | DataError::EmptySplit { .. }),
+                )) => {
                     missing = Some(error);
                 }
                 Err(error) => return Err(error),
@@ -129,12 +131,7 @@ impl RecordingFile {
 
 /// Whether a data set's clouds show the base.
 fn base_of(meta: Option<&Meta>) -> bool {
-    let base = match meta.map(|meta| &meta.origin) {
-        Some(Origin::Simulated { recipe, .. }) => recipe.subject.base,
-        Some(Origin::Recorded { recording }) => recording.base,
-        _ => BaseVisibility::Hidden,
-    };
-    base == BaseVisibility::Shown
+    meta.and_then(Meta::base) == Some(BaseVisibility::Shown)
 }
 
 /// Leaves [`CLOUD_POINTS`] points at most, evenly spread over the cloud.
@@ -186,6 +183,7 @@ impl<'a> Rows<'a> {
         dir: &Path,
     ) -> Result<(), RecordingFileError> {
         let samples = set.samples(split)?;
+        set.require_some(split, samples.len())?;
         for first in (0..samples.len()).step_by(AT_A_TIME) {
             let some = samples.read(first..samples.len().min(first + AT_A_TIME))?;
             for (number, mut sample) in (first..).zip(some) {

@@ -154,7 +154,7 @@ def test_a_path_is_followed(robot: tdcr.Robot) -> None:
     [
         ({"command": COMMAND[:5]}, InputError, r"command has shape \(5,\); expected \(6,\)"),
         ({"command": [*COMMAND[:5], np.nan]}, InputError, r"command\[5\] is nan; expected finite numbers"),
-        ({"command": [*COMMAND[:5], 0.5]}, CommandError, "command entry 5 is 0.5 m; tendon 5 takes"),
+        ({"command": [*COMMAND[:5], 0.5]}, CommandError, "command entry 6 is 0.5 m; tendon 6 takes"),
         ({"command": ["a"] * 6}, InputError, "command has entries of type"),
         ({"command": COMMAND, "payload": -1.0}, LoadsError, "the payload is -1 kg"),
         ({"command": COMMAND, "wrench": np.zeros((3, 6))}, InputError, r"wrench has shape \(3, 6\); expected \(10, 6\)"),
