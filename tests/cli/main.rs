@@ -9,6 +9,7 @@ mod capture;
 mod colors;
 mod compare;
 mod data;
+mod disks;
 mod distill;
 mod eval;
 mod export;

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::error::LogError;
-use super::read::{Entry, LogReader};
+use super::message::Entry;
+use super::read::LogReader;
 use super::recovery::Recovery;
 
 /// What is in a log, topic by topic.

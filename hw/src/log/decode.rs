@@ -13,7 +13,7 @@ use tdcr_sim::cloud::PointCloud;
 use super::error::DecodeError;
 use super::image::{RGB, check_png, depths, image, read_png, write_png};
 use super::json::{Command, HomesJson, Json, RegistersJson, StatusesJson, Text};
-use super::read::Channel;
+use super::message::Channel;
 use super::record::{Event, Goal, Image, Level, LogRecord, Reading, Transform};
 use super::topic::Topic;
 use crate::servo::{ServoId, Ticks};

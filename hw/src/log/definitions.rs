@@ -8,7 +8,7 @@ use mcap::MAGIC;
 use mcap::records::op;
 
 use super::container::{ChannelRecord, Fields, MessageRecord, RECORD_HEADER, SchemaRecord, record};
-use super::read::{Channel, Message, Schema};
+use super::message::{Channel, Message, Schema};
 
 /// Bytes of the footer record: two places in the file and a checksum.
 const FOOTER: usize = RECORD_HEADER + 8 + 8 + 4;

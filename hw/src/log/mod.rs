@@ -57,6 +57,7 @@ mod encode;
 mod error;
 mod image;
 mod json;
+mod message;
 mod read;
 mod record;
 mod recovery;
@@ -71,7 +72,8 @@ mod write;
 pub use contents::{Contents, TopicContents};
 pub(crate) use decode::color_png;
 pub use error::{DecodeError, LogError};
-pub use read::{Channel, Entry, LogReader, Message, Schema};
+pub use message::{Channel, Entry, Message, Schema};
+pub use read::LogReader;
 pub use record::{
     Event, Goal, Image, Level, LogRecord, Reading, ServoHome, ServoStatus, Transform, WORLD,
     camera_frame,

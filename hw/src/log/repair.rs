@@ -9,7 +9,8 @@ use mcap::{McapResult, Writer};
 use tdcr_sim::files::AtomicFile;
 
 use super::error::LogError;
-use super::read::{Entry, LogReader};
+use super::message::Entry;
+use super::read::LogReader;
 use super::recovery::Recovery;
 use super::write::{LogSettings, options};
 
