@@ -311,7 +311,7 @@ fn masks_of_a_logs_pictures_give_the_same_clouds() {
 
 /// A mask of what is of another colour than the picture's corner.
 fn mask_what_stands_out(picture: &Path, mask: &Path) {
-    let file = std::io::BufReader::new(fs::File::open(picture).unwrap());
+    let file = BufReader::new(fs::File::open(picture).unwrap());
     let mut reader = png::Decoder::new(file).read_info().unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut pixels).unwrap();
@@ -437,7 +437,11 @@ fn quiet_commands_of_a_rig_say_nothing_and_jog_has_its_folder_alone() {
     );
     let out = folder.path().join("jog");
     let jog = ["jog", "--rig", text(&rig), "--out", text(&out), "--quiet"];
-    let mut first = tdcr(&jog).stdin(Stdio::piped()).spawn().unwrap();
+    let mut first = tdcr(&jog)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
     while !out.join("log.mcap").exists() {
         assert!(first.try_wait().unwrap().is_none());
         sleep(Duration::from_millis(20));

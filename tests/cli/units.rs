@@ -73,7 +73,7 @@ fn pages_say_commands_in_the_units_and_groups_of_the_robot() {
     assert!(said.contains("root mean square, 400 points a cloud"));
     // Tips are known of simulated robots.
     assert!(value("tip") > 0.0 && value("tip_nearest") > 0.0);
-    assert!(said.contains("Errors over the commands") && said.contains("Motor 4 (mm)"));
+    assert!(said.contains("Errors over the commands") && said.contains("Motor 5 (mm)"));
 }
 
 #[test]
@@ -106,7 +106,7 @@ fn motors_of_imported_clouds_have_units_of_their_own() {
     assert!(!page.contains("command (m)"));
     // Few tips are drawn large enough to be seen.
     let workspace = page.split("<svg ").nth(1).unwrap();
-    assert!(workspace.contains("again, 1 tip") || workspace.contains("again, 2 tips"));
+    assert!(workspace.contains("again, 16 tips"), "of all clouds");
     assert!(workspace.contains("r=\"3\""));
 }
 
