@@ -17,7 +17,7 @@ const MAX_DOTS: usize = 2000;
 /// Tips from which on a workspace shows them as specks.
 const SPECKS: usize = 200;
 /// Tips from which on their outline tells of the robot, and not of the few commands.
-const OUTLINED: usize = 20;
+const OUTLINED: usize = 50;
 /// Histograms side by side, at most.
 const PANELS: usize = 4;
 const SHEET_COLUMNS: usize = 4;
@@ -164,6 +164,7 @@ impl SetSummary {
                     seen.iter().copied().step_by(stride).collect(),
                 ),
                 mark(Shape::Line, Ink::Vermilion, outline),
+                mark(Shape::Unseen, Ink::Black, square(&seen)),
             ],
         }
     }
@@ -187,6 +188,25 @@ impl SetSummary {
             sections::settings(&self.facts),
             sections::figure("", &image, &caption),
         )
+    }
+}
+
+/// Corners of the square around points, so that axes of one scale have ticks of one step.
+fn square(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let range = |axis: usize| {
+        let values = points.iter().map(|p| p[axis]);
+        let low = values.clone().fold(f64::INFINITY, f64::min);
+        [low, values.fold(f64::NEG_INFINITY, f64::max)]
+    };
+    let ranges = [range(0), range(1)];
+    let half = ranges.map(|[low, high]| 0.5 * (high - low));
+    let half = half[0].max(half[1]);
+    match half > 0.0 && half.is_finite() {
+        true => {
+            let middle = ranges.map(|[low, high]| 0.5 * (low + high));
+            [-half, half].map(|by| middle.map(|x| x + by)).into()
+        }
+        false => Vec::new(),
     }
 }
 
@@ -261,6 +281,13 @@ mod tests {
         assert_eq!(convex_hull(&[&square[..], &inside].concat()), square);
         assert_eq!(convex_hull(&[]), Vec::<[f64; 2]>::new());
         assert_eq!(convex_hull(&[[1.0, 2.0]; 3]), [[1.0, 2.0]]);
+    }
+
+    #[test]
+    fn the_square_around_points_holds_them_and_has_sides_alike() {
+        let corners = square(&[[0.0, 5.0], [4.0, 6.0], [1.0, 5.5]]);
+        assert_eq!(corners, [[0.0, 3.5], [4.0, 7.5]]);
+        assert!(square(&[]).is_empty() && square(&[[1.0, 2.0]]).is_empty());
     }
 
     #[test]
