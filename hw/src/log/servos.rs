@@ -1,6 +1,6 @@
 //! What a bus was told and what it said, as records.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use super::record::{Event, Goal, Level, LogRecord, Reading, ServoStatus};
@@ -11,7 +11,7 @@ use crate::servo::{
 
 /// A sink for [`Logged`](crate::servo::Logged) that writes to `log`.
 ///
-/// Faults that readings report are logged when they change. A servo's failure to answer is logged once, and that it answers
+/// Faults that readings report are logged when they change, and watchdogs when they trip. A servo's failure to answer is logged once, and that it answers
 /// again.
 ///
 /// ```no_run
@@ -29,6 +29,7 @@ pub fn servo_sink(log: SharedLog) -> impl FnMut(Duration, Record<'_>) + Send {
     let mut sink = ServoSink {
         log,
         errors: BTreeMap::new(),
+        tripped: BTreeSet::new(),
         failing: BTreeMap::new(),
     };
     move |time, record| sink.record(time, record)
@@ -76,6 +77,8 @@ struct ServoSink {
     log: SharedLog,
     /// Faults that each servo last reported.
     errors: BTreeMap<ServoId, HardwareErrors>,
+    /// Servos that said last that their watchdog has tripped.
+    tripped: BTreeSet<ServoId>,
     /// What servos that did not answer last failed with.
     failing: BTreeMap<ServoId, String>,
 }
@@ -173,6 +176,14 @@ impl ServoSink {
                     if self.errors.insert(id, present.errors) != Some(present.errors) {
                         changed.push(ServoStatus {
                             hardware_errors: Some(present.errors),
+                            ..ServoStatus::of(id)
+                        });
+                    }
+                    if present.watchdog != WatchdogState::Tripped {
+                        self.tripped.remove(&id);
+                    } else if self.tripped.insert(id) {
+                        changed.push(ServoStatus {
+                            watchdog: Some(WatchdogState::Tripped),
                             ..ServoStatus::of(id)
                         });
                     }

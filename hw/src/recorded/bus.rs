@@ -30,7 +30,9 @@ pub enum Orders {
 ///
 /// Where orders are compared, calls are answered in the order of the log: a reading is the next one, an order is compared with
 /// the next of its kind, and other questions are answered by what comes next, if that is an answer, else by the last that was
-/// said. The clock is then at the time at which the logged call returned, or where it was, if that is later.
+/// said. The clock is then at the time at which the logged call returned, or where it was, if that is later. How often a rig
+/// reads servos that hold their goals, and tells them the same once more, is a matter of time: such repetitions need not be those
+/// of the log.
 ///
 /// Where orders are refused, calls are answered by time: a reading is the first that was logged at the clock's time or later,
 /// for which the clock waits, and other questions are answered by the last that was said up to then.
@@ -40,14 +42,18 @@ pub struct RecordedBus {
     orders: Orders,
     /// All servos of the log up to here.
     servos: BTreeMap<ServoId, Known>,
+    /// Goals that the servos were told last, here.
+    told: BTreeMap<ServoId, Ticks>,
+    /// The last reading.
+    last: Vec<(ServoId, Reading)>,
     /// The first record that has not been reached.
     next: Option<(Duration, LogRecord)>,
 }
 
 /// The last that a log said of a servo.
-struct Known {
-    status: ServoStatus,
-    goal: Goal,
+pub(super) struct Known {
+    pub status: ServoStatus,
+    pub goal: Goal,
 }
 
 impl RecordedBus {
@@ -61,6 +67,8 @@ impl RecordedBus {
             clock,
             orders,
             servos: BTreeMap::new(),
+            told: BTreeMap::new(),
+            last: Vec::new(),
             next: None,
         };
         bus.fetch()?;
@@ -127,17 +135,40 @@ impl RecordedBus {
             Orders::Compare => Duration::ZERO,
             Orders::Refuse => self.clock.now(),
         };
-        while let Some((time, record)) = self.step()? {
+        loop {
+            // Servos that were not told yet to go on stay where they are.
+            if self.is_told_next(ids) && !self.last.is_empty() {
+                return Ok(self.last.clone());
+            }
+            let Some((time, record)) = self.step()? else {
+                break;
+            };
             let LogRecord::Present(readings) = record else {
                 continue;
             };
             let asked = readings.is_empty() || readings.iter().any(|(id, _)| ids.contains(id));
             if time >= from && asked {
                 self.clock.wait_until(time);
+                self.last.clone_from(&readings);
                 return Ok(readings);
             }
         }
         Err(self.stream.ended())
+    }
+
+    /// Whether the next record tells any of `ids` to go where it was not told to go here.
+    fn is_told_next(&self, ids: &[ServoId]) -> bool {
+        let Some((_, LogRecord::Goals(goals))) = &self.next else {
+            return false;
+        };
+        self.orders == Orders::Compare
+            && goals.iter().any(|(id, goal)| {
+                let told = self.told.get(id);
+                ids.contains(id)
+                    && goal
+                        .position
+                        .is_some_and(|goal| told.is_some_and(|told| *told != goal))
+            })
     }
 
     /// Goes on to the next record, if it answers a question for a `value` of any of `ids`.
@@ -195,13 +226,26 @@ impl RecordedBus {
         if orders.is_empty() {
             return Vec::new();
         }
+        let repeats = |&(id, order): &(ServoId, Order)| match order {
+            Order::Position(goal) => self.told.get(&id) == Some(&goal),
+            _ => false,
+        };
+        if orders.iter().all(repeats) {
+            return orders.iter().map(|_| Ok(())).collect();
+        }
         let (time, record) = match self.next_orders(orders) {
             Ok(found) => found,
             Err(error) => return fail(orders.iter().map(|(id, _)| id), error),
         };
         self.clock.wait_until(time);
+        let told = &mut self.told;
         let one = |&(id, given): &(ServoId, Order)| match given.logged(&record, id) {
-            Some(recorded) if recorded == given => Ok(()),
+            Some(recorded) if recorded == given => {
+                if let Order::Position(goal) = given {
+                    told.insert(id, goal);
+                }
+                Ok(())
+            }
             // A servo that was told so and did not hear it.
             None => Err(ServoError::NoAnswer {
                 id,
@@ -217,14 +261,23 @@ impl RecordedBus {
         orders.iter().map(one).collect()
     }
 
-    /// The next record with an order to one of these servos, of the kind of its order here.
+    /// The next record with an order to one of these servos, of the kind of its order here, which is no repetition.
     fn next_orders(
         &mut self,
         orders: &[(ServoId, Order)],
     ) -> Result<(Duration, LogRecord), RecordedError> {
-        while let Some((time, record)) = self.step()? {
-            let is_told = |(id, order): &(ServoId, Order)| order.logged(&record, *id).is_some();
-            if orders.iter().any(is_told) {
+        loop {
+            let known: Vec<Option<Order>> = (orders.iter())
+                .map(|(id, order)| order.known(self.servos.get(id)?))
+                .collect();
+            let Some((time, record)) = self.step()? else {
+                break;
+            };
+            let is_told = |((id, order), known): (&(ServoId, Order), &Option<Order>)| {
+                let logged = order.logged(&record, *id);
+                logged == Some(*order) || logged.is_some() && logged != *known
+            };
+            if orders.iter().zip(&known).any(is_told) {
                 return Ok((time, record));
             }
         }
@@ -360,6 +413,8 @@ impl PresentState for RecordedBus {
                 position: reading.position,
                 velocity: reading.velocity,
                 current: reading.current,
+                watchdog: (known.and_then(|known| known.status.watchdog))
+                    .unwrap_or(WatchdogState::Off),
                 errors: (known.and_then(|known| known.status.hardware_errors)).unwrap_or_default(),
             })
         };

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::bus::Known;
 use crate::log::LogRecord;
 use crate::servo::{OperatingMode, ServoId, Ticks, Torque, WatchdogState};
 
@@ -45,6 +46,21 @@ impl Order {
                 }
             }
             _ => None,
+        }
+    }
+}
+
+impl Order {
+    /// The order of the same kind that would change nothing, as far as `servo` is known.
+    pub(super) fn known(&self, servo: &Known) -> Option<Self> {
+        let Known { status, goal } = servo;
+        match self {
+            Self::Position(_) => goal.position.map(Self::Position),
+            Self::Current(_) => goal.current.map(Self::Current),
+            Self::CurrentLimit(_) => status.current_limit.map(Self::CurrentLimit),
+            Self::Torque(_) => status.torque.map(Self::Torque),
+            Self::Mode(_) => status.mode.map(Self::Mode),
+            Self::Watchdog(_) => status.watchdog.map(Self::Watchdog),
         }
     }
 }

@@ -38,6 +38,17 @@ pub enum Fault {
     Other(u8),
 }
 
+impl ServoError {
+    /// Whether the same may go well another time: bytes were lost or damaged, or come from somebody else.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::NoAnswer { .. } | Self::Damaged { .. } | Self::WrongLength { .. } => true,
+            Self::Refused { fault, .. } => *fault == Fault::Crc,
+            _ => false,
+        }
+    }
+}
+
 /// Why a servo did not do what it was told, or said nothing of use.
 #[derive(Debug, Error)]
 pub enum ServoError {

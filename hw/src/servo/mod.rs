@@ -161,6 +161,8 @@ pub struct Present {
     pub current: f64,
     /// Faults that it reports. It switches its motor off for those that its shutdown setting names.
     pub errors: HardwareErrors,
+    /// What its watchdog does. One that has tripped holds the servo where it was, and refuses goals.
+    pub watchdog: WatchdogState,
 }
 
 /// Neighbouring bytes of a servo's control table.
@@ -231,7 +233,7 @@ pub trait PositionGoals {
 
 /// Bounds currents, or drives with them.
 pub trait CurrentGoals {
-    /// Sends goal currents (A), to all at once. `Ok` says that they were sent. In
+    /// Sends goal currents (A), to all at once, and makes sure that they are held. In
     /// [`CurrentBasedPosition`](OperatingMode::CurrentBasedPosition) mode they bound the tension.
     fn set_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()>;
 }

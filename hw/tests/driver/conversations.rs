@@ -159,7 +159,7 @@ fn a_damaged_answer_is_asked_for_again_after_a_pause() {
     ]);
     assert_eq!(bus.read(servo(1), 132, 4).unwrap().data, [166, 0, 0, 0]);
 
-    let mut bus = self::bus([0; 3].map(|_| read_of(now(status.clone()))));
+    let mut bus = self::bus([0; 6].map(|_| read_of(now(status.clone()))));
     let error = bus.read(servo(1), 132, 4).unwrap_err();
     assert!(
         matches!(error, ServoError::Damaged { id } if id == servo(1)),
@@ -170,7 +170,7 @@ fn a_damaged_answer_is_asked_for_again_after_a_pause() {
 
 #[test]
 fn silence_ends_at_the_deadline_and_says_how_long_it_was() {
-    let mut bus = bus([0; 3].map(|_| read_of(vec![])));
+    let mut bus = bus([0; 6].map(|_| read_of(vec![])));
     let error = bus.read(servo(1), 132, 4).unwrap_err();
     // 14 bytes out and 15 back at 10 us each, the longest return delay, and the line's latency.
     let expected = Duration::from_micros(140 + 508 + 150 + 1000);

@@ -258,6 +258,70 @@ fn orders_other_than_those_of_the_recording_are_refused() {
     assert!(said[0].contains("only looked at"), "{said:?}");
 }
 
+/// How often a rig reads servos that hold their goals, and tells them the same again, depends on the computer: the rest goes as it
+/// went.
+#[test]
+fn repetitions_need_not_be_those_of_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("log.mcap");
+    let mut log = LogWriter::create(&path, &VirtualClock::new(), LogSettings::default()).unwrap();
+    let told = |tick| {
+        let position = Some(Ticks(tick));
+        let goal = Goal {
+            position,
+            current: None,
+        };
+        LogRecord::Goals(vec![(id(1), goal)])
+    };
+    let seen = |tick| {
+        let reading = Reading {
+            position: Ticks(tick),
+            velocity: 0.0,
+            current: 0.0,
+        };
+        LogRecord::Present(vec![(id(1), reading)])
+    };
+    let on = ServoStatus {
+        torque: Some(Torque::On),
+        ..ServoStatus::of(id(1))
+    };
+    let off = ServoStatus {
+        torque: Some(Torque::Off),
+        ..ServoStatus::of(id(1))
+    };
+    // The last goals are told twice, and the motor is looked at in between.
+    let records = [
+        LogRecord::Status(vec![on]),
+        told(10),
+        seen(9),
+        told(20),
+        seen(18),
+        told(20),
+        seen(19),
+        LogRecord::Status(vec![on]),
+        seen(20),
+        LogRecord::Status(vec![off]),
+    ];
+    for (second, record) in (0..).zip(&records) {
+        log.write(Duration::from_secs(second), record).unwrap();
+    }
+    log.finish().unwrap();
+    let clock = Arc::new(VirtualClock::new());
+    let mut bus = RecordedBus::open(&path, clock, Orders::Compare).unwrap();
+    let one = [id(1)];
+    let tell = |bus: &mut RecordedBus, tick| words(bus.set_goal_positions(&[(id(1), Ticks(tick))]));
+    let see = |bus: &mut RecordedBus| bus.present(&one)[0].as_ref().unwrap().position.0;
+    assert_eq!(words(bus.set_torque(&one, Torque::On)), ["ok"]);
+    assert_eq!(tell(&mut bus, 10), ["ok"]);
+    // More often than it was: where it stands does not change before it is told to.
+    assert_eq!([see(&mut bus), see(&mut bus), see(&mut bus)], [9; 3]);
+    assert_eq!(tell(&mut bus, 10), ["ok"]);
+    assert_eq!(tell(&mut bus, 20), ["ok"]);
+    // Less often: what was not asked for is passed over.
+    assert_eq!(see(&mut bus), 18);
+    assert_eq!(words(bus.set_torque(&one, Torque::Off)), ["ok"]);
+}
+
 #[test]
 fn what_a_log_cannot_play_is_named() {
     let folder = tempfile::tempdir().unwrap();

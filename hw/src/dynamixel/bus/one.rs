@@ -57,6 +57,12 @@ impl<T: Transport> Bus<T> {
                     return ControlFlow::Continue(());
                 }
                 answer = match status.error.fault() {
+                    // Perhaps of an earlier one that lost a byte, so that this one completed it: the answer to this one may
+                    // follow.
+                    Some(Fault::Crc) => {
+                        answer = Some(Err(Fault::Crc));
+                        return ControlFlow::Continue(());
+                    }
                     Some(fault) => Some(Err(fault)),
                     None if status.parameters.len() == bytes => {
                         Some(Ok(parse(status.error, status.parameters)))

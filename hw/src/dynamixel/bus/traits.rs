@@ -47,8 +47,30 @@ fn torque_of(id: ServoId, count: i64) -> Result<Torque, ServoError> {
 }
 
 impl<T: Transport> Bus<T> {
-    /// Makes the goals of servos their positions, where their mode has positions for goals.
+    /// Makes the goals of servos their positions, where their mode has positions for goals. Nobody acknowledges goals that are
+    /// sent to several, so those that did not arrive are sent again.
     fn hold(&mut self, ids: &[ServoId]) -> PerServo<()> {
+        let mut results = self.hold_once(ids);
+        for attempt in 1..self.settings.attempts {
+            let missed = |result: &Result<(), ServoError>| match result {
+                Err(ServoError::Refused { .. }) => true,
+                Err(error) => error.may_pass(),
+                Ok(()) => false,
+            };
+            let again: Vec<usize> = (0..ids.len()).filter(|&k| missed(&results[k])).collect();
+            if again.is_empty() {
+                break;
+            }
+            self.pause_before(attempt);
+            let left: Vec<ServoId> = again.iter().map(|&k| ids[k]).collect();
+            for (k, result) in again.into_iter().zip(self.hold_once(&left)) {
+                results[k] = result;
+            }
+        }
+        results
+    }
+
+    fn hold_once(&mut self, ids: &[ServoId]) -> PerServo<()> {
         let modes = self.mode(ids);
         let blocks = self.blocks(ids);
         let servos = ids.iter().zip(modes).zip(blocks);
@@ -192,8 +214,34 @@ impl<T: Transport> CurrentGoals for Bus<T> {
             })
             .collect();
         for_those(goals, |goals| {
-            self.send_quantities(Item::GoalCurrent, "goal current in A", goals)
+            let mut sent = self.send_quantities(Item::GoalCurrent, "goal current in A", goals);
+            let ids: Vec<ServoId> = goals.iter().map(|&(id, _)| id).collect();
+            // Nobody has acknowledged them.
+            let found = self.read_items(&ids, Item::GoalCurrent);
+            for ((&(id, goal), found), sent) in goals.iter().zip(found).zip(&mut sent) {
+                if sent.is_ok() {
+                    *sent = self.make_sure_of_current(id, goal, found);
+                }
+            }
+            sent
         })
+    }
+}
+
+impl<T: Transport> Bus<T> {
+    /// Writes a goal current once more where the servo does not hold it.
+    fn make_sure_of_current(
+        &mut self,
+        id: ServoId,
+        goal: f64,
+        found: Result<i64, ServoError>,
+    ) -> Result<(), ServoError> {
+        let entry = self.meet(id)?.table().entry(Item::GoalCurrent);
+        let count = count_of(id, entry, "goal current in A", goal)?;
+        match found {
+            Ok(found) if found == count => Ok(()),
+            _ => self.write_item(id, Item::GoalCurrent, count).map(drop),
+        }
     }
 }
 
@@ -234,6 +282,7 @@ impl<T: Transport> PresentState for Bus<T> {
                     velocity: block.velocity,
                     current: block.current,
                     errors: block.errors,
+                    watchdog: block.watchdog,
                 })
             })
             .collect()
