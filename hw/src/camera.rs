@@ -1,7 +1,7 @@
 //! RGB-D cameras: one trait, what they give, and what is done alike with all of them.
 //!
 //! Times are those of the rig's [`Clock`]. A camera exposes pictures in a rhythm of its own, keeps the last few, and gives each
-//! of them once. [`grab_all`] takes pictures of several cameras from one moment, [`Soak`] waits until a camera that was just
+//! of them once. [`grab_all`] takes pictures of several cameras from one moment, [`Gathering`] does so in turns, [`Soak`] waits until a camera that was just
 //! started has found its exposure, [`Fresh`] finds cameras that repeat themselves, and [`UsbVersion::warning`] says what is
 //! wrong with a slow cable.
 
@@ -14,7 +14,7 @@ mod usb;
 pub(crate) use forward::described_by;
 pub use fresh::Fresh;
 pub use soak::{Soak, Soaked};
-pub use together::{Together, grab_all};
+pub use together::{Gathering, Together, grab_all};
 pub use usb::UsbVersion;
 
 use std::io;

@@ -16,6 +16,9 @@ pub trait Clock: Debug + Send + Sync {
     /// The clock's start since the Unix epoch, for the time stamps of logs.
     fn start(&self) -> Duration;
 
+    /// Whether its time passes while a program computes, and not only where somebody waits.
+    fn runs(&self) -> bool;
+
     /// Waits for `duration`.
     fn wait(&self, duration: Duration) {
         self.wait_until(self.now() + duration);
@@ -60,6 +63,10 @@ impl Clock for SystemClock {
     fn start(&self) -> Duration {
         self.since_epoch
     }
+
+    fn runs(&self) -> bool {
+        true
+    }
 }
 
 /// A clock that stands still until somebody waits, and then is at the end of that wait.
@@ -90,6 +97,10 @@ impl Clock for VirtualClock {
 
     fn start(&self) -> Duration {
         Duration::ZERO
+    }
+
+    fn runs(&self) -> bool {
+        false
     }
 }
 

@@ -203,7 +203,9 @@ impl Rig {
             let mut rig = locked(rig)?;
             let command = held(&mut rig)?;
             let (pictures, cloud) = look(&mut rig, grid)?;
-            let pose = seen_tip(rig.robot(), &command, &cloud)
+            let robot = rig.robot().clone();
+            let pose = rig
+                .hold_while(|| seen_tip(&robot, &command, &cloud))?
                 .map_err(|error| Failure::Of("RigError", error.to_string()))?;
             let unseen = "the cameras do not see enough of the robot to tell where its tip is";
             let pose = pose.ok_or_else(|| Failure::Of("RigError", unseen.to_owned()))?;
@@ -228,9 +230,12 @@ impl Rig {
     /// A command by chance that can be reached from home.
     fn draw<'py>(&self, py: Python<'py>, seed: u64) -> Outcome<Bound<'py, PyArray1<f64>>> {
         let drawn = self.short(py, |rig| {
-            Program::new(rig.file(), seed)?
-                .draw(0)
-                .map_err(CaptureError::from)
+            let file = rig.file().clone();
+            let draw = || {
+                let drawn = Program::new(&file, seed)?.draw(0);
+                drawn.map_err(CaptureError::from)
+            };
+            rig.hold_while(draw)?
         })?;
         let drawn = drawn.map_err(|error| Failure::Of("RigError", error.to_string()))?;
         Ok(PyArray1::from_slice(py, drawn.command.as_slice()))
@@ -340,11 +345,13 @@ fn look(rig: &mut tdcr::hw::rig::Rig, grid: VoxelGrid) -> Outcome<(Pictures, Poi
     let masker = rig.masker()?;
     let fuser = Fuser { grid, masker };
     // Masks by sample number are of captures.
-    let kept = fuser
-        .keep_robot(&pictures, 0)
-        .map_err(|error| Failure::Of("RigError", error.to_string()))?;
-    let cloud = fuser.fuse(&kept);
-    Ok((kept, cloud))
+    rig.hold_while(|| {
+        let kept = fuser
+            .keep_robot(&pictures, 0)
+            .map_err(|error| Failure::Of("RigError", error.to_string()))?;
+        let cloud = fuser.fuse(&kept);
+        Ok((kept, cloud))
+    })?
 }
 
 /// The command that the servos' positions stand for, within the tendons' ranges: servos are a tick off their goals.

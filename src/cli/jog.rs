@@ -220,7 +220,8 @@ fn save(dir: &Path, number: usize, sample: &Captured) -> anyhow::Result<()> {
     let path = dir.join(format!("jog-{name:04}.ply"));
     let motors = json!({
         "ctrl": sample.command,
-        "ticks": sample.goals.iter().map(|goal| goal.0).collect::<Vec<_>>(),
+        "ticks": sample.states.iter().map(|state| state.position.0).collect::<Vec<_>>(),
+        "goals": sample.goals.iter().map(|goal| goal.0).collect::<Vec<_>>(),
     });
     super::output::write(&path.with_extension("json"), format!("{motors}\n"))?;
     Ok(write_ply(&path, &sample.cloud)?)

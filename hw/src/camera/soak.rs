@@ -74,6 +74,19 @@ impl Soak {
     /// # Errors
     /// [`CameraError::Unsteady`] where it does not become so in time, and those of the camera.
     pub fn run(&self, camera: &mut impl RgbdCamera) -> Result<Soaked, CameraError> {
+        self.run_in_turns(camera, self.patience, &mut || Ok(()))
+    }
+
+    /// The same, in turns that are no longer than `turn`; `between` is called after each.
+    ///
+    /// # Errors
+    /// As [`run`](Self::run), and those of `between`.
+    pub fn run_in_turns<E: From<CameraError>>(
+        &self,
+        camera: &mut impl RgbdCamera,
+        turn: Duration,
+        between: &mut dyn FnMut() -> Result<(), E>,
+    ) -> Result<Soaked, E> {
         let start = camera.clock().now();
         let deadline = start + self.patience;
         let mut frames = 0;
@@ -81,17 +94,26 @@ impl Soak {
         let mut last: Option<Look> = None;
         let mut change = [0.0; 2];
         loop {
-            let frame = camera.grab_after(camera.clock().now(), deadline);
+            let now = camera.clock().now();
+            let frame = camera.grab_after(now, deadline.min(now.saturating_add(turn)));
+            between()?;
             let frame = match frame {
+                Err(CameraError::NoFrame { .. }) if camera.clock().now() < deadline => continue,
                 // A camera that gave pictures until the end of the wait was there, but not steady.
                 Err(CameraError::NoFrame { serial, .. }) if frames > 0 => {
-                    return Err(CameraError::Unsteady {
+                    return Err(E::from(CameraError::Unsteady {
                         serial,
                         waited: self.patience,
                         brightness: change[0],
                         coverage: change[1],
                         tolerance: self.tolerance,
-                    });
+                    }));
+                }
+                Err(CameraError::NoFrame { serial, .. }) => {
+                    return Err(E::from(CameraError::NoFrame {
+                        serial,
+                        waited: self.patience,
+                    }));
                 }
                 frame => frame?,
             };

@@ -42,6 +42,46 @@ pub enum CaptureError {
         /// What it may be (m).
         limit: f64,
     },
+    /// A servo does not come to its goal, or left it.
+    #[error(
+        "servo {id} stands at {position} ticks from home, {} from its goal of {goal}, after {} s; motion.arrived is {limit}: does its \
+         tendon jam, or is motion.patience short? What it stands off under a tension, a larger Position P Gain makes less",
+        (goal - position).abs(), waited.as_secs()
+    )]
+    OffGoal {
+        /// Address of the servo.
+        id: u8,
+        /// Its goal (ticks from home).
+        goal: i32,
+        /// Where it stands (ticks from home).
+        position: i32,
+        /// How far from it that may be (ticks).
+        limit: i32,
+        /// How long one waited.
+        waited: Duration,
+    },
+    /// A tendon pulls with another tension than its command.
+    #[error(
+        "servo {id} takes {pull:.3} A under command {index}, in which the simulated tension of {tension:.1} N would take {expected:.3} A: \
+         has {}? Samples since the last look at home are not to be trusted",
+        if pull < expected {
+            "its tendon snapped, jammed, or left its spool"
+        } else {
+            "its tendon jammed, or one that it pulls against"
+        }
+    )]
+    Pull {
+        /// Which command.
+        index: u64,
+        /// Address of the servo.
+        id: u8,
+        /// Its current (A).
+        pull: f64,
+        /// What the tension takes, by what the servo took at home (A).
+        expected: f64,
+        /// The simulated tension (N).
+        tension: f64,
+    },
     /// A tendon does not pull.
     #[error(
         "servo {id} takes {pull:.3} A where all tendons share one tension, and the median of the servos {expected:.3} A: has its tendon \

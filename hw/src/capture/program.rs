@@ -24,11 +24,18 @@ impl Program {
     pub fn new(file: &RigFile, seed: u64) -> Result<Self, CaptureError> {
         let robot = file.compile()?;
         let winches = file.winches(&robot)?;
-        let limits = winches.iter().map(|winch| {
-            let ends = winch.limits.map(|ticks| winch.spool.command(Ticks(ticks)));
-            [ends[0].min(ends[1]), ends[0].max(ends[1])]
-        });
         let motion = &file.spec.motion;
+        let tendons = winches.iter().zip(robot.tendons());
+        let limits = tendons.map(|(winch, tendon)| {
+            let ends = winch.limits.map(|ticks| winch.spool.command(Ticks(ticks)));
+            // Where a servo then stands is a command too, and may lie off the goal.
+            let off = f64::from(motion.arrived) * winch.spool.metres_per_tick();
+            let [low, high] = [tendon.range[0] + off, tendon.range[1] - off];
+            [
+                ends[0].min(ends[1]).max(low),
+                ends[0].max(ends[1]).min(high),
+            ]
+        });
         let tension = file.spec.commands.tension;
         let step = motion.slew * motion.period;
         let mut planner = Planner::new(&robot, limits.collect(), tension, step)?;
@@ -63,6 +70,14 @@ impl Program {
     /// As [`Planner::path`].
     pub fn path(&mut self, from: &Shape, to: &Shape) -> Result<Vec<Command>, PlanError> {
         self.planner.path(from, to, &self.draws.rest)
+    }
+
+    /// The tensions (N) that the simulator finds in the tendons of a shape.
+    ///
+    /// # Errors
+    /// As [`Planner::tensions`].
+    pub fn tensions(&mut self, shape: &Shape) -> Result<Vec<f64>, PlanError> {
+        self.planner.tensions(shape)
     }
 
     /// The positions of a command, from home.

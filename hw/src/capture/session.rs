@@ -9,11 +9,13 @@ use tdcr_sim::cloud::{PointCloud, VoxelGrid};
 use super::error::CaptureError;
 use super::fuse::{Fuser, masked};
 use super::program::Program;
-use super::still::{StillDepth, Stillness, change};
+use super::still::Stillness;
+use super::tendons::Scale;
+use super::wait::{Purpose, Seen};
 use crate::log::{Event, Level, LogRecord};
 use crate::mask::MaskFolder;
 use crate::plan::Shape;
-use crate::rig::{Pictures, Rig, RigError, WinchState};
+use crate::rig::{Rig, RigError, WinchState};
 use crate::servo::Ticks;
 
 /// How often temperatures are read while servos cool.
@@ -41,11 +43,12 @@ pub struct Captured {
     pub index: u64,
     /// When the first picture was taken, by the rig's clock.
     pub time: Duration,
-    /// The command (m), to a tick.
+    /// The command that the robot had (m): the positions of the servos, as they were read after the pictures. It is not that of
+    /// their goals, from which they stand some ticks off.
     pub command: Vec<f64>,
-    /// The same as positions of the servos, from home.
+    /// Goals of the servos, from home. Each stood within `motion.arrived` of its goal before and after the pictures.
     pub goals: Vec<Ticks>,
-    /// What the servos did when the pictures were taken.
+    /// What the servos did after the pictures were taken.
     pub states: Vec<WinchState>,
     /// What the cameras saw of the robot, fused and thinned (m, world).
     pub cloud: PointCloud,
@@ -68,27 +71,20 @@ pub struct Sentinel {
     pub current_drift: f64,
 }
 
-/// What was seen at last of a robot that one waited for.
-struct Seen {
-    /// As the cameras gave it.
-    pictures: Pictures,
-    /// With the depth of the robot alone, by the rig's masks.
-    robot: Pictures,
-    stillness: Stillness,
-}
-
 /// A capture in progress: a rig that is engaged until the session ends.
 pub struct Session<'a> {
     pub(super) rig: &'a mut Rig,
     pub(super) program: Program,
-    fuser: Fuser,
+    pub(super) fuser: Fuser,
     masks: Option<MaskFolder>,
     /// Where the robot is.
     pub(super) at: Shape,
     reference: Option<Sentinel>,
+    /// What each servo takes, as of the last look whether tendons pull; none before.
+    pub(super) scales: Vec<Scale>,
     /// Servos that restarted since that was last asked.
     pub(super) restarted: Vec<u8>,
-    go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
+    pub(super) go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
 }
 
 impl<'a> Session<'a> {
@@ -118,6 +114,7 @@ impl<'a> Session<'a> {
             at: program.rest().clone(),
             program,
             reference,
+            scales: Vec::new(),
             restarted: Vec::new(),
             rig,
             go_on,
@@ -144,7 +141,8 @@ impl<'a> Session<'a> {
     /// # Errors
     /// [`CaptureError`]; after one of the rig the tension is released.
     pub fn sample(&mut self, index: u64) -> Result<Captured, CaptureError> {
-        let drawn = self.program.draw(index)?;
+        let program = &mut self.program;
+        let drawn = self.rig.hold_while(|| program.draw(index))??;
         self.persist(|session| {
             session.rig.poll()?;
             session.visit(drawn.shape.clone())?;
@@ -157,7 +155,8 @@ impl<'a> Session<'a> {
     /// # Errors
     /// [`CaptureError::Plan`] where it cannot be reached, and nothing has moved; else as [`sample`](Self::sample).
     pub fn visit(&mut self, shape: Shape) -> Result<(), CaptureError> {
-        let path = self.program.path(&self.at, &shape)?;
+        let (program, at) = (&mut self.program, &self.at);
+        let path = self.rig.hold_while(|| program.path(at, &shape))??;
         self.rig.move_along(&path, self.go_on)?;
         self.at = shape;
         Ok(())
@@ -166,28 +165,27 @@ impl<'a> Session<'a> {
     /// Waits until the robot is still and captures it as it is, under the number `index`.
     ///
     /// # Errors
-    /// As [`sample`](Self::sample).
+    /// [`CaptureError::OffGoal`] and [`CaptureError::Pull`] where it is not where it was told to be; as [`sample`](Self::sample).
     pub fn observe(&mut self, index: u64) -> Result<Captured, CaptureError> {
         let Seen {
             pictures,
             robot,
+            states,
             stillness,
-        } = self.wait_until_still(index as usize)?;
-        let states = self.rig.poll()?.to_vec();
-        let robot = match &self.masks {
-            Some(folder) => masked(folder, &pictures, index as usize)?,
-            None => robot,
-        };
-        self.rig.poll()?;
-        let cloud = self.fuser.fuse(&robot);
-        self.rig.poll()?;
+        } = self.wait_until_still(Purpose::Sample(index))?;
+        let (fuser, masks) = (&self.fuser, &self.masks);
+        let cloud = self.rig.hold_while(|| {
+            let robot = match masks {
+                Some(folder) => masked(folder, &pictures, index as usize)?,
+                None => robot,
+            };
+            Ok::<_, CaptureError>(fuser.fuse(&robot))
+        })??;
         if cloud.is_empty() {
             return Err(CaptureError::NotSeen { index });
         }
         self.rig.log_event(Level::Info, Event::sample_text(index));
         self.rig.log(|| LogRecord::Cloud(cloud.clone()));
-        let goals = self.rig.held_goals().unwrap_or_default().to_vec();
-        let winches = self.rig.winches().iter().zip(&goals);
         Ok(Captured {
             index,
             time: pictures
@@ -196,10 +194,8 @@ impl<'a> Session<'a> {
                 .map(|frame| frame.time)
                 .min()
                 .unwrap_or_default(),
-            command: winches
-                .map(|(winch, &goal)| winch.spool.command(goal))
-                .collect(),
-            goals,
+            command: states.iter().map(|state| state.command).collect(),
+            goals: self.rig.held_goals().unwrap_or_default().to_vec(),
             states,
             cloud,
             skew: pictures.skew,
@@ -220,10 +216,10 @@ impl<'a> Session<'a> {
 
     pub(super) fn look_home(&mut self) -> Result<Sentinel, CaptureError> {
         self.visit(self.program.rest().clone())?;
-        let robot = self.wait_until_still(0)?.robot;
-        let pulls: Vec<f64> = self.rig.poll()?.iter().map(|state| state.pull).collect();
-        let cloud = self.fuser.fuse(&robot);
-        self.rig.poll()?;
+        let Seen { robot, states, .. } = self.wait_until_still(Purpose::Home)?;
+        let pulls: Vec<f64> = states.iter().map(|state| state.pull).collect();
+        let fuser = &self.fuser;
+        let cloud = self.rig.hold_while(|| fuser.fuse(&robot))?;
         if cloud.is_empty() {
             return Err(CaptureError::NotSeenAtHome);
         }
@@ -300,62 +296,6 @@ impl<'a> Session<'a> {
     /// As [`Rig::release`].
     pub fn end(self) -> Result<(), RigError> {
         self.rig.release()
-    }
-
-    fn ask(&mut self) -> Result<(), RigError> {
-        match (self.go_on)() {
-            ControlFlow::Continue(()) => Ok(()),
-            ControlFlow::Break(()) => {
-                self.rig.release()?;
-                Err(RigError::Interrupted)
-            }
-        }
-    }
-
-    /// Waits until servos and depth are still, as long as patience lasts; the last pictures.
-    fn wait_until_still(&mut self, sample: usize) -> Result<Seen, CaptureError> {
-        let motion = self.rig.spec().motion.clone();
-        let began = self.rig.clock().now();
-        let deadline = began + Duration::from_secs_f64(motion.patience);
-        let mut before: Option<Pictures> = None;
-        loop {
-            self.ask()?;
-            let speed = self.rig.poll()?.iter().map(|state| state.velocity.abs());
-            let speed = speed.fold(0.0, f64::max);
-            let now = self.rig.clock().now();
-            let late = now >= deadline;
-            if speed > motion.still_speed && !late {
-                continue;
-            }
-            let pictures = self.rig.grab()?;
-            let robot = self.fuser.keep_robot(&pictures, sample)?;
-            let changes = before.as_ref().map(|before| {
-                let frames = before.frames.iter().zip(&robot.frames);
-                let changes = frames.filter_map(|(a, b)| change(&a.value, &b.value));
-                changes.fold(None, |most: Option<f64>, c| {
-                    Some(most.map_or(c, |m| m.max(c)))
-                })
-            });
-            let still =
-                changes.is_some_and(|most| most.is_none_or(|most| most <= motion.still_depth));
-            if still && speed <= motion.still_speed || late {
-                let stillness = Stillness {
-                    waited: now - began,
-                    change: changes.flatten(),
-                    speed,
-                    end: match still && speed <= motion.still_speed {
-                        true => StillDepth::Still,
-                        false => StillDepth::Moving,
-                    },
-                };
-                return Ok(Seen {
-                    pictures,
-                    robot,
-                    stillness,
-                });
-            }
-            before = Some(robot);
-        }
     }
 }
 

@@ -151,6 +151,19 @@ impl Planner {
         Ok(self.robot().command(&values)?)
     }
 
+    /// The tensions (N) that the simulator finds under the command of a shape, followed from where it was last asked for.
+    ///
+    /// # Errors
+    /// As [`command`](Self::command); [`PlanError::NotSettled`].
+    pub fn tensions(&mut self, shape: &Shape) -> Result<Vec<f64>, PlanError> {
+        let command = self.command(shape)?;
+        let settled = self.settler.follow(&command, &Loads::default());
+        match settled.converged {
+            true => Ok(settled.tendon_tensions.to_vec()),
+            false => Err(PlanError::NotSettled { part: 1.0 }),
+        }
+    }
+
     /// Commands from `from` (not included) to `to`, on the straight line of bends and tensions, no tendon moving by more than
     /// a step between two, each with tensions within their bounds.
     ///

@@ -85,17 +85,7 @@ impl Rig {
         settings: &ByHand,
         show: &mut dyn FnMut(&[Gauged]) -> ControlFlow<()>,
     ) -> Result<Vec<Pretensioned>, RigError> {
-        let servos = self.winches().len();
-        let currents = &settings.currents;
-        let fits = currents.iter().all(|c| c.is_finite() && *c > 0.0);
-        if !fits || (currents.len() != 1 && currents.len() != servos) {
-            let expected = format!("currents above 0 (A), a single one or {servos}");
-            return Err(RigError::field(
-                "current",
-                format!("{currents:?}"),
-                expected,
-            ));
-        }
+        self.check_pulls(&settings.currents)?;
         // Positions count from here meanwhile.
         self.home_here()?;
         self.engage()?;

@@ -1,8 +1,25 @@
 //! Refusing rig files that make no sense.
 
 use super::RigError;
-use super::file::{CameraLink, RigCameraSpec, RigFile, ServoLink};
+use super::file::{CameraLink, RigCameraSpec, RigFile, RigSpec, ServoLink, TendonMode};
+use super::settings::LARGEST_CURRENT;
+use crate::dynamixel::BAUD_RATES;
 use crate::servo::ServoId;
+
+/// Radii of spools on servos of this size (m).
+const SPOOLS: [f64; 2] = [5e-4, 0.1];
+
+/// Limits of currents (A).
+const CURRENTS: [f64; 2] = [0.01, LARGEST_CURRENT];
+
+/// Farthest position that these servos have (ticks): 256 turns (e-Manual, "Extended Position Control Mode").
+const FARTHEST: i32 = 1_048_575;
+
+/// Speed of the fastest of these servos without load (rad/s): the XL330-M288's 103 rev/min at 5 V, and a tenth for 6 V.
+const FASTEST: f64 = 12.0;
+
+/// Stall torque of the strongest of these servos (N m): the XC330-M288's 0.93 at 5 V, and what 6 V add.
+const STRONGEST: f64 = 1.2;
 
 impl RigFile {
     /// Refuses values that make no sense.
@@ -26,7 +43,6 @@ impl RigFile {
                 return Err(RigError::field(field, id, "no address twice"));
             }
         }
-        let positive = |value: &f64| value.is_finite() && *value > 0.0;
         let one_or_each = |field: &str, found: usize| match found == 1 || found == tendons {
             true => Ok(()),
             false => {
@@ -40,29 +56,20 @@ impl RigFile {
         };
         one_or_each("directions", servos.directions.len())?;
         one_or_each("limits", servos.limits.len())?;
-        for (name, list, fits, expected) in [
-            (
-                "spool_radius",
-                &servos.spool_radius,
-                &positive as &dyn Fn(&f64) -> bool,
-                "a radius above 0 (m)",
-            ),
-            (
-                "home_tension",
-                &servos.home_tension,
-                &|x| x.is_finite() && *x >= 0.0,
-                "a tension of 0 or more (N)",
-            ),
-            (
-                "current_limit",
-                &servos.current_limit,
-                &positive,
-                "a current above 0 (A)",
-            ),
+        if !BAUD_RATES.contains(&servos.baud) {
+            let expected = format!("one of the servos' rates, {BAUD_RATES:?}");
+            return Err(RigError::field("servos.baud", servos.baud, expected));
+        }
+        for (name, unit, list, bounds) in [
+            ("spool_radius", "m", &servos.spool_radius, SPOOLS),
+            ("home_tension", "N", &servos.home_tension, [0.0, 1e5]),
+            ("current_limit", "A", &servos.current_limit, CURRENTS),
         ] {
             one_or_each(name, list.len())?;
             for (k, value) in list.iter().enumerate() {
-                if !fits(value) {
+                let [low, high] = bounds;
+                if !(low..=high).contains(value) {
+                    let expected = format!("{low} to {high} {unit}");
                     return Err(RigError::field(
                         format!("servos.{name}[{k}]"),
                         value,
@@ -72,8 +79,11 @@ impl RigFile {
             }
         }
         for (k, limits @ [low, high]) in servos.limits.iter().enumerate() {
-            if !(low <= &0 && &0 <= high && low < high) {
-                let expected = "[smallest, largest] about home, which is 0 (ticks)";
+            let within = -FARTHEST <= *low && *high <= FARTHEST;
+            if !(within && low <= &0 && &0 <= high && low < high) {
+                let expected = format!(
+                    "[smallest, largest] about home, which is 0, within {FARTHEST} to either side (ticks)"
+                );
                 let field = format!("servos.limits[{k}]");
                 return Err(RigError::field(field, format!("{limits:?}"), expected));
             }
@@ -97,7 +107,10 @@ impl RigFile {
                 return Err(RigError::field(field, "\"simulated\"", expected));
             }
         }
-        self.spec.masks.check("masks", self.spec.cameras.len())?;
+        let sizes: Vec<[u32; 2]> = (self.spec.cameras.iter())
+            .map(|camera| camera.camera.resolution)
+            .collect();
+        self.spec.masks.check("masks", &sizes)?;
         let modules = self.robot.modules.len();
         if let Some((field, found, expected)) = self.spec.commands.fault(modules) {
             return Err(RigError::field(
@@ -106,7 +119,58 @@ impl RigFile {
                 expected,
             ));
         }
-        self.spec.motion.check()?;
-        self.spec.safety.check()
+        let RigSpec { motion, safety, .. } = &self.spec;
+        motion.check()?;
+        safety.check(motion)?;
+        self.check_that_all_can_act()
+    }
+
+    /// Refuses limits that nothing can ever reach.
+    fn check_that_all_can_act(&self) -> Result<(), RigError> {
+        let RigSpec {
+            servos,
+            commands,
+            motion,
+            safety,
+            ..
+        } = &self.spec;
+        let bounded = servos.mode == TendonMode::CurrentBasedPosition;
+        let least = servos
+            .current_limit
+            .iter()
+            .copied()
+            .fold(f64::MAX, f64::min);
+        if let Some(current) = safety.current
+            && bounded
+            && current >= least
+        {
+            let expected = format!(
+                "below servos.current_limit, {least} A: no servo draws more than that, so the motion would never end for it"
+            );
+            return Err(RigError::field("safety.current", current, expected));
+        }
+        let radii = || servos.spool_radius.iter().copied();
+        let largest = radii().fold(0.0, f64::max);
+        if motion.slew > FASTEST * largest {
+            let expected = format!(
+                "no more than {:.3} m/s, which spools of {largest} m wind at the {FASTEST} rad/s of the fastest servo",
+                FASTEST * largest
+            );
+            return Err(RigError::field("motion.slew", motion.slew, expected));
+        }
+        let smallest = radii().fold(f64::MAX, f64::min);
+        let [low, high] = commands.tension;
+        if high > STRONGEST / smallest {
+            let expected = format!(
+                "no more than {:.0} N, which the {STRONGEST} N m of the strongest servo pull with on spools of {smallest} m",
+                STRONGEST / smallest
+            );
+            return Err(RigError::field(
+                "commands.tension",
+                format!("[{low}, {high}]"),
+                expected,
+            ));
+        }
+        Ok(())
     }
 }

@@ -276,7 +276,8 @@ impl RigFile {
     /// # Errors
     /// [`RigError::Field`] where the robot cannot stand at home with the tensions that the file gives.
     pub fn winches(&self, robot: &Robot) -> Result<Vec<Winch>, RigError> {
-        Winch::all(&self.spec.servos, robot).map_err(|error| self.located(error))
+        let RigSpec { servos, safety, .. } = &self.spec;
+        Winch::all(servos, safety, robot).map_err(|error| self.located(error))
     }
 
     /// A path that the file names.

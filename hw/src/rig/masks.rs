@@ -85,6 +85,9 @@ pub struct LargestSpec {
     pub gap: u32,
 }
 
+/// How far from the world's origin a box may reach (m): farther than any depth camera sees.
+const WORLD: f64 = 100.0;
+
 /// All pixels with a depth: the start of other masks.
 #[derive(Clone, Copy, Debug)]
 struct Seen;
@@ -96,8 +99,9 @@ impl Masker for Seen {
 }
 
 impl MasksSpec {
-    /// Refuses values that make no sense, those of the table `field` of a rig with so many cameras.
-    pub(super) fn check(&self, field: &str, cameras: usize) -> Result<(), RigError> {
+    /// Refuses values that make no sense, those of the table `field` of a rig whose cameras have pictures of these widths and
+    /// heights.
+    pub(super) fn check(&self, field: &str, cameras: &[[u32; 2]]) -> Result<(), RigError> {
         let within = |name: String, [low, high]: [f64; 2], [least, most]: [f64; 2]| {
             let fits = least <= low && low <= high && high <= most;
             let expected = format!("two numbers of {least} to {most}, the smaller first");
@@ -108,9 +112,10 @@ impl MasksSpec {
         if let Some(bounds) = self.workspace {
             for axis in 0..3 {
                 let [low, high] = [bounds.low[axis], bounds.high[axis]];
-                if !(low.is_finite() && high.is_finite() && low < high) {
+                let bounded = low.abs() <= WORLD && high.abs() <= WORLD;
+                if !(bounded && low < high) {
                     let found = format!("{low} to {high} along axis {axis}");
-                    let expected = "low below high (m)";
+                    let expected = format!("low below high, both within {WORLD} m");
                     return Err(RigError::field(format!("{field}.box"), found, expected));
                 }
             }
@@ -125,16 +130,16 @@ impl MasksSpec {
             within(format!("{field}.color.value"), color.value, unit)?;
         }
         if let Some(background) = &self.background {
-            for (name, value) in [
-                ("deviations", background.deviations),
-                ("margin", background.margin),
+            for (name, value, most) in [
+                ("deviations", background.deviations, 100.0),
+                ("margin", background.margin, 1.0),
             ] {
-                if !(value.is_finite() && value >= 0.0) {
+                if !(0.0..=most).contains(&value) {
                     let name = format!("{field}.background.{name}");
-                    return Err(RigError::field(name, value, "a number of 0 or more"));
+                    return Err(RigError::field(name, value, format!("0 to {most}")));
                 }
             }
-            if cameras == 0 {
+            if cameras.is_empty() {
                 let (name, log) = (format!("{field}.background"), background.log.display());
                 let expected = "a background only where there are cameras";
                 return Err(RigError::field(name, log, expected));
@@ -145,6 +150,39 @@ impl MasksSpec {
             let expected = "one of components and largest";
             let name = format!("{field}.components");
             return Err(RigError::field(name, found, expected));
+        }
+        // A gap as large as a picture parts nothing, and no component has more pixels than it.
+        let side = cameras.iter().flatten().min().copied();
+        let pixels = (cameras.iter()).map(|&[width, height]| width as usize * height as usize);
+        let pixels = pixels.min().unwrap_or(usize::MAX);
+        let gaps = [
+            (
+                "components",
+                self.components.map(|components| components.gap),
+            ),
+            ("largest", self.largest.map(|largest| largest.gap)),
+        ];
+        for (name, gap) in gaps {
+            if let (Some(gap), Some(side)) = (gap, side)
+                && gap >= side
+            {
+                let expected = format!("0 to {}: pictures have a side of {side} pixels", side - 1);
+                return Err(RigError::field(
+                    format!("{field}.{name}.gap"),
+                    gap,
+                    expected,
+                ));
+            }
+        }
+        if let Some(found) = self.components.map(|components| components.pixels)
+            && found > pixels
+        {
+            let expected = format!("no more than {pixels}, those of a picture");
+            return Err(RigError::field(
+                format!("{field}.components.pixels"),
+                found,
+                expected,
+            ));
         }
         let nested = self.any.iter().enumerate();
         let nested = nested.map(|(k, masks)| (format!("{field}.any[{k}]"), masks));

@@ -4,9 +4,11 @@
 //! follows from them: virtual where all are in memory, the system's where any is real.
 //!
 //! A rig moves its robot only while it is [engaged](Rig::engage), which it refuses to be until every servo is
-//! [homed](Rig::home_here). All that moves goes through [`Rig::step`] and [`Rig::poll`], which look at every reading and
-//! release the tension where something is wrong ([`EmergencyStop`]); so do an interruption ([`Rig::move_along`]), a panic (`Drop`),
-//! and [`leave`], for a process that ends without unwinding. Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
+//! [homed](Rig::home_here). All that moves goes through [`Rig::step`] and [`Rig::poll`], which look at every reading, make sure
+//! that goals have arrived, and release the tension where something is wrong ([`EmergencyStop`]); so do an interruption
+//! ([`Rig::move_along`]), a panic (`Drop`), and [`leave`], for a process that ends without unwinding. What takes its time meanwhile
+//! is done by [`Rig::hold_while`].
+//! Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
 //! whenever a rig is engaged.
 
 mod background;
@@ -15,6 +17,8 @@ mod check;
 mod error;
 mod file;
 mod gauge;
+mod goals;
+mod hold;
 mod homing;
 mod leave;
 mod logging;
@@ -40,6 +44,7 @@ pub use file::{
     CameraLink, Direction, RigCameraSpec, RigFile, RigSpec, SensorModel, ServoLink, ServosSpec,
     TendonMode,
 };
+pub use goals::OffGoal;
 pub use homing::HomingReport;
 pub use leave::leave;
 pub use masks::{BackgroundSpec, ComponentsSpec, LargestSpec, MasksSpec};
@@ -59,7 +64,7 @@ use std::time::Duration;
 use tdcr_sim::render::RgbdFrame;
 use tdcr_sim::robot::Robot;
 
-use crate::camera::{RgbdCamera, Soak, Stamped, grab_all};
+use crate::camera::{RgbdCamera, Stamped};
 use crate::clock::Clock;
 use crate::mask::Masker;
 use crate::servo::{Held, Logged, PerServo, ServoBus, ServoId};
@@ -213,38 +218,6 @@ impl Rig {
                 })
             })
             .collect()
-    }
-
-    /// Waits until all cameras have found their exposure: before the rig is engaged, as nobody looks at the servos meanwhile.
-    ///
-    /// # Errors
-    /// [`RigError::Camera`].
-    pub fn warm_up(&mut self) -> Result<(), RigError> {
-        for camera in &mut self.cameras {
-            Soak::default().run(camera)?;
-        }
-        Ok(())
-    }
-
-    /// Pictures of all cameras, of the present or later.
-    ///
-    /// # Errors
-    /// [`RigError::Camera`] for the first camera that gave none; the tension is released then, as nobody sees any more what
-    /// it does.
-    pub fn grab(&mut self) -> Result<Pictures, RigError> {
-        let patience = Duration::from_secs_f64(self.file.spec.motion.picture);
-        let together = grab_all(&mut self.cameras, &*self.clock, patience);
-        let frames: Result<Vec<_>, _> = together.frames.into_iter().collect();
-        match frames {
-            Ok(frames) => Ok(Pictures {
-                frames,
-                skew: together.skew.unwrap_or_default(),
-            }),
-            Err(error) => {
-                self.release_at_once();
-                Err(error.into())
-            }
-        }
     }
 }
 

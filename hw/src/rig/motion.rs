@@ -5,13 +5,16 @@ use std::time::Duration;
 
 use tdcr_sim::robot::Command;
 
+use super::goals::Told;
 use super::stop::{Cause, EmergencyStop, Released};
 use super::turns::Turns;
 use super::watch::{Vitals, Watch};
 use super::winch::WinchState;
 use super::{Rig, RigError};
 use crate::log::{Level, LogRecord};
-use crate::servo::{OperatingMode, PerServo, ServoBus, ServoError, ServoId, Ticks, Torque};
+use crate::servo::{
+    Fault, OperatingMode, PerServo, ServoBus, ServoError, ServoId, Ticks, Torque, WatchdogState,
+};
 
 /// How often one asks how the servos fare.
 const CHECK_UP: Duration = Duration::from_millis(500);
@@ -30,16 +33,26 @@ pub(super) enum Drive {
 #[derive(Debug)]
 pub(super) struct Engaged {
     /// Homes in the servos' own counts.
-    homes: Vec<Ticks>,
+    pub(super) homes: Vec<Ticks>,
     /// Goals, from home.
     pub(super) goals: Vec<Ticks>,
+    /// Whether the servos hold them.
+    pub(super) told: Told,
+    /// How far each servo has wound its tendon, or let it out (negative), since it last turned back (ticks).
+    pub(super) wound: Vec<i32>,
     watch: Watch,
     /// When the next goals are due.
-    next: Duration,
+    pub(super) next: Duration,
     /// When the next check-up is.
     check_up: Duration,
     /// The last state of each servo.
-    states: Vec<WinchState>,
+    pub(super) states: Vec<WinchState>,
+    /// Whether a servo missed the last look.
+    pub(super) missed: bool,
+    /// When something was last said on the bus.
+    pub(super) heard: Duration,
+    /// How long nothing was, at the longest, since all servos were seen in order.
+    pub(super) silence: Duration,
 }
 
 impl Rig {
@@ -67,10 +80,15 @@ impl Rig {
                 self.drive = Drive::Engaged(Box::new(Engaged {
                     homes,
                     goals: states.iter().map(|state| state.position).collect(),
+                    told: Told::Sent(1),
+                    wound: vec![0; self.ids.len()],
                     watch: Watch::new(self.ids.len()),
                     next: now,
                     check_up: now,
                     states,
+                    missed: false,
+                    heard: now,
+                    silence: Duration::ZERO,
                 }));
                 self.log_event(Level::Info, "the motors are on");
                 self.poll().map(drop)
@@ -94,7 +112,8 @@ impl Rig {
             torque: Ok(Torque::On),
             ..vitals
         });
-        Watch::check(ids, on.collect(), safety).map_err(|cause| {
+        let silence = [Duration::ZERO, safety.watchdog()];
+        Watch::check(ids, on.collect(), safety, silence).map_err(|cause| {
             let release = Released::default();
             EmergencyStop { cause, release }
         })?;
@@ -127,8 +146,7 @@ impl Rig {
             .map(|(&id, present)| (id, present.position));
         let hold: Vec<_> = hold.collect();
         all(self.bus.set_goal_positions(&hold))?;
-        let watchdog = Duration::from_secs_f64(safety.watchdog);
-        all(self.bus.set_watchdog(ids, Some(watchdog)))?;
+        arm(&mut *self.bus, ids, safety.watchdog())?;
         all(self.bus.set_torque(ids, Torque::On))?;
         // Some forget the goal when they are switched on.
         all(self.bus.set_goal_positions(&hold))?;
@@ -167,37 +185,46 @@ impl Rig {
         let Drive::Engaged(engaged) = &mut self.drive else {
             return Err(RigError::Released);
         };
-        engaged.goals.copy_from_slice(goals);
-        let servos = self.ids.iter().zip(goals).zip(&engaged.homes);
-        let counts: Vec<(ServoId, Ticks)> = servos
-            .map(|((&id, goal), home)| (id, Ticks(goal.0.saturating_add(home.0))))
-            .collect();
-        // A goal that one servo missed is sent again with the next; that it is lost, reading tells.
-        for error in self
-            .bus
-            .set_goal_positions(&counts)
-            .into_iter()
-            .filter_map(Result::err)
-        {
-            tracing::debug!("{error}");
+        let servos = self.winches.iter().zip(goals).zip(&engaged.goals);
+        for (wound, ((winch, to), from)) in engaged.wound.iter_mut().zip(servos) {
+            let winds = i32::from(winch.spool.direction) * to.0.saturating_sub(from.0);
+            *wound = match winds.signum() == -wound.signum() {
+                true => winds,
+                false => wound.saturating_add(winds),
+            };
         }
-        self.poll()
+        engaged.goals.copy_from_slice(goals);
+        engaged.told = Told::Held;
+        self.send_goals()?;
+        // What one servo misses of goals in motion is made up for by the next ones.
+        self.wait_until_due()?;
+        self.watch()
     }
 
-    /// Waits until goals are due, and looks at what the servos do. Whoever computes for longer than the servos' watchdog
-    /// allows calls this meanwhile.
+    /// Waits until goals are due, makes sure that the last ones are held, and looks at what the servos do. Whoever waits for
+    /// longer than the servos' watchdog allows calls this meanwhile; who computes, [`hold_while`](Self::hold_while).
     ///
     /// # Errors
     /// As [`step`](Self::step).
     pub fn poll(&mut self) -> Result<&[WinchState], RigError> {
+        self.wait_until_due()?;
+        self.make_sure_of_goals()?;
+        self.watch()
+    }
+
+    fn wait_until_due(&mut self) -> Result<(), RigError> {
         let Drive::Engaged(engaged) = &mut self.drive else {
             return Err(RigError::Released);
         };
         let period = self.file.spec.motion.period();
         self.clock.wait_until(engaged.next);
-        let now = self.clock.now();
-        engaged.next = (engaged.next + period).max(now);
-        match self.look(now) {
+        engaged.next = (engaged.next + period).max(self.clock.now());
+        Ok(())
+    }
+
+    /// Looks at what the servos do, and stops where something is wrong.
+    fn watch(&mut self) -> Result<&[WinchState], RigError> {
+        match self.look() {
             Ok(()) => {}
             Err(Looked::Wrong(cause)) => return Err(self.stop(cause)),
             Err(Looked::Unwritten(error)) => {
@@ -220,31 +247,40 @@ impl Rig {
     }
 
     /// Reads all servos and judges what they say.
-    fn look(&mut self, now: Duration) -> Result<(), Looked> {
+    fn look(&mut self) -> Result<(), Looked> {
         let Drive::Engaged(engaged) = &mut self.drive else {
             return Ok(());
         };
         let safety = &self.file.spec.safety;
+        let now = self.clock.now();
         let present = self.bus.present(&self.ids);
+        engaged.talked(now, self.clock.now());
+        let silence = [engaged.silence, safety.watchdog()];
         let servos = self.winches.iter().zip(&engaged.homes).zip(present);
         let states = servos.map(|((winch, &home), present)| {
-            let present = present?;
-            match present.errors.is_empty() {
-                true => Ok(winch.state(home, present)),
-                false => Err(ServoError::Hardware {
-                    id: winch.id,
-                    errors: present.errors,
-                }),
+            let (present, id) = (present?, winch.id);
+            let errors = present.errors;
+            match present.watchdog {
+                _ if !errors.is_empty() => Err(ServoError::Hardware { id, errors }),
+                WatchdogState::Tripped => Err(ServoError::WatchdogTripped { id }),
+                _ => Ok(winch.state(home, present)),
             }
         });
         let (goals, winches) = (&engaged.goals, &self.winches);
-        let read = (engaged.watch).take(now, winches, goals, states.collect(), safety)?;
+        let states = states.collect();
+        let read = (engaged.watch).take(now, winches, goals, states, safety, silence)?;
+        engaged.missed = read.iter().any(Option::is_none);
+        if !engaged.missed {
+            engaged.silence = Duration::ZERO;
+        }
         for (state, read) in engaged.states.iter_mut().zip(read) {
             *state = read.unwrap_or(*state);
         }
         if now >= engaged.check_up {
             engaged.check_up = now + CHECK_UP;
-            Watch::check(&self.ids, vitals(&mut *self.bus, &self.ids), safety)?;
+            let vitals = vitals(&mut *self.bus, &self.ids);
+            engaged.heard = self.clock.now();
+            Watch::check(&self.ids, vitals, safety, silence)?;
         }
         let servos = self.ids.iter().zip(&engaged.homes).zip(&engaged.states);
         let turns: Vec<Turns> = servos
@@ -327,6 +363,21 @@ impl From<EmergencyStop> for RigError {
 /// The values of all servos, or the first error.
 pub(super) fn all<T>(values: PerServo<T>) -> Result<Vec<T>, ServoError> {
     values.into_iter().collect()
+}
+
+/// Arms the watchdogs of servos, and makes sure that they are.
+fn arm(bus: &mut dyn ServoBus, ids: &[ServoId], watchdog: Duration) -> Result<(), ServoError> {
+    all(bus.set_watchdog(ids, Some(watchdog)))?;
+    let found = all(bus.watchdog(ids))?;
+    let armed = |state: WatchdogState| matches!(state, WatchdogState::Armed(_));
+    match ids.iter().zip(found).find(|(_, state)| !armed(*state)) {
+        None => Ok(()),
+        Some((&id, _)) => Err(ServoError::Refused {
+            id,
+            action: "arm its watchdog".to_owned(),
+            fault: Fault::Result,
+        }),
+    }
 }
 
 fn vitals(bus: &mut dyn ServoBus, ids: &[ServoId]) -> Vec<Vitals> {

@@ -56,6 +56,7 @@ impl Rig {
         settings: &PretensionSettings,
         show: &mut dyn FnMut(&[WinchState]) -> ControlFlow<()>,
     ) -> Result<Vec<Pretensioned>, RigError> {
+        self.check_pulls(&[settings.current])?;
         // Positions count from here meanwhile.
         self.home_here()?;
         self.engage()?;
@@ -71,6 +72,33 @@ impl Rig {
                 Err(error)
             }
         }
+    }
+
+    /// Refuses currents to pull with, one for each servo or a single one, that a servo cannot come to or may not have for long.
+    pub(super) fn check_pulls(&self, currents: &[f64]) -> Result<(), RigError> {
+        let servos = self.winches.len();
+        let fits = currents
+            .iter()
+            .all(|current| current.is_finite() && *current > 0.0);
+        if !fits || (currents.len() != 1 && currents.len() != servos) {
+            let expected = format!("currents above 0 (A), a single one or {servos}");
+            return Err(RigError::field(
+                "current",
+                format!("{currents:?}"),
+                expected,
+            ));
+        }
+        for (winch, current) in self.winches.iter().zip(currents.iter().cycle()) {
+            let most = winch.overload.min(winch.current_limit);
+            if *current >= most {
+                let expected = format!(
+                    "below {most} A, which servo {} may not exceed (servos.current_limit, safety.current)",
+                    winch.id
+                );
+                return Err(RigError::field("current", current, expected));
+            }
+        }
+        Ok(())
     }
 
     fn wind(

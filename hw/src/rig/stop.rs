@@ -76,10 +76,44 @@ pub enum Cause {
         /// Where it says to be.
         now: Ticks,
     },
-    /// A servo's motor is off that should be on.
+    /// A servo's watchdog has stopped it: it holds its place and takes no goals.
     #[error(
-        "the motor of servo {id} went off by itself: it restarted, shut down, or its watchdog ended it"
+        "the watchdog of servo {id} stopped it: {}",
+        silence(*.silent, *.allowed)
     )]
+    Watchdog {
+        /// Which one.
+        id: ServoId,
+        /// How long nothing was said on the bus, at the longest, since the servos were last seen in order.
+        silent: Duration,
+        /// How long a servo may hear nothing.
+        allowed: Duration,
+    },
+    /// A servo does not hold the goal that it was told, however often.
+    #[error(
+        "servo {id} holds the goal of {} ticks from home where it was told {}, {times} times",
+        held.0, goal.0
+    )]
+    Goal {
+        /// Which one.
+        id: ServoId,
+        /// Its goal, from home.
+        goal: Ticks,
+        /// What it holds in its place.
+        held: Ticks,
+        /// How often it was told.
+        times: usize,
+    },
+    /// A servo was not to be told its goal.
+    #[error("servo {id} did not take its goal: {source}")]
+    Refused {
+        /// Which one.
+        id: ServoId,
+        /// Why.
+        source: ServoError,
+    },
+    /// A servo's motor is off that should be on.
+    #[error("the motor of servo {id} went off by itself: it restarted, or shut down")]
     Off {
         /// Which one.
         id: ServoId,
@@ -102,12 +136,28 @@ pub enum Cause {
     },
 }
 
+/// How long the bus was silent, against what is allowed.
+fn silence(silent: Duration, allowed: Duration) -> String {
+    let [longest, most] = [silent, allowed].map(|time| time.as_millis());
+    match silent >= allowed {
+        true => format!("the bus was silent for {longest} ms, and safety.watchdog is {most} ms"),
+        false => format!(
+            "it heard nothing for the {most} ms of safety.watchdog, though the bus was silent for {longest} ms at the most: is its \
+             cable loose?"
+        ),
+    }
+}
+
 impl Cause {
-    /// What an error of a servo says at once, without being repeated.
-    pub(super) fn of(error: &ServoError) -> Option<Self> {
+    /// What an error of a servo says at once, without being repeated, on a bus that was silent for so long at the most.
+    pub(super) fn of(error: &ServoError, [silent, allowed]: [Duration; 2]) -> Option<Self> {
         match *error {
             ServoError::Hardware { id, errors } => Some(Self::Hardware { id, errors }),
-            ServoError::WatchdogTripped { id } => Some(Self::Off { id }),
+            ServoError::WatchdogTripped { id } => Some(Self::Watchdog {
+                id,
+                silent,
+                allowed,
+            }),
             ServoError::Restarted { id } => Some(Self::Restarted { id }),
             _ => None,
         }
@@ -130,6 +180,9 @@ impl Cause {
             | Self::Lag { id, .. }
             | Self::Beyond { id, .. }
             | Self::Jump { id, .. }
+            | Self::Watchdog { id, .. }
+            | Self::Goal { id, .. }
+            | Self::Refused { id, .. }
             | Self::Off { id }
             | Self::Restarted { id }
             | Self::Lost { id, .. } => id,

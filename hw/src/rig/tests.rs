@@ -12,6 +12,7 @@ use crate::plan::{Bend, Shape};
 use crate::servo::Torque;
 use crate::simulated::Fault;
 
+mod held;
 mod masks;
 mod tendons;
 
@@ -101,6 +102,112 @@ fn a_wrong_file_is_refused_with_line_field_and_reason() {
             "rig.toml:14: servos.spool_radius[0] is 0;",
         ),
         (
+            "spool_radius = [0.005]",
+            "spool_radius = [1e300]",
+            "rig.toml:14: servos.spool_radius[0] is 1000",
+        ),
+        (
+            "baud = 1000000",
+            "baud = 1000001",
+            "servos.baud is 1000001; expected one of the servos' rates",
+        ),
+        (
+            "current_limit = [0.8]",
+            "current_limit = [75.0]",
+            "servos.current_limit[0] is 75; expected 0.01 to 2.352 A",
+        ),
+        (
+            "[-1300, 2400]",
+            "[-1300, 2147483647]",
+            "servos.limits[0] is [-1300, 2147483647]",
+        ),
+        (
+            "current = 0.75",
+            "current = 75.0",
+            "safety.current is 75; expected 0.001 to 2.352",
+        ),
+        (
+            "current = 0.75",
+            "current = 0.8",
+            "rig.toml:33: safety.current is 0.8; expected below servos.current_limit, 0.8 A",
+        ),
+        (
+            "current_limit = [0.8]",
+            "current_limit = [0.8, 0.8, 0.8, 0.8, 0.8, 0.6]",
+            "safety.current is 0.75; expected below servos.current_limit, 0.6 A",
+        ),
+        (
+            "slew = 0.02",
+            "slew = 1e-12",
+            "rig.toml:29: motion.slew is 0.000000000001; expected 0.0001 to 1",
+        ),
+        (
+            "slew = 0.02",
+            "slew = 0.2",
+            "motion.slew is 0.2; expected no more than 0.060 m/s",
+        ),
+        (
+            "tension = [1.0, 60.0]",
+            "tension = [1.0, 6000.0]",
+            "commands.tension is [1, 6000]; expected no more than 240 N",
+        ),
+        (
+            "watchdog = 0.5",
+            "watchdog = 0.02",
+            "rig.toml:32: safety.watchdog is 0.02; expected at least 2 times motion.period, 0.05",
+        ),
+        (
+            "slew = 0.02",
+            "slew = 0.02\npicture = 6.0",
+            "motion.picture is 6; expected no more than motion.patience, 5",
+        ),
+        (
+            "slew = 0.02",
+            "slew = 0.02\narrived = 400",
+            "motion.arrived is 400; expected no more than safety.lag, 300",
+        ),
+        (
+            "slew = 0.02",
+            "slew = 0.02\nstill_speed = 1e300",
+            "motion.still_speed is 1000",
+        ),
+        (
+            "slew = 0.02",
+            "slew = 0.02\nstill_depth = 1.0",
+            "motion.still_depth is 1; expected 0.000001 to 0.05",
+        ),
+        (
+            "release = \"home\"",
+            "lag = 2147483647",
+            "safety.lag is 2147483647; expected 1 to 2048",
+        ),
+        (
+            "release = \"home\"",
+            "drift = 1e300",
+            "safety.drift is 1000",
+        ),
+        (
+            "resume_below = 50.0",
+            "resume_below = -300.0",
+            "safety.resume_below is -300; expected 10 to 100",
+        ),
+        (
+            "largest = { gap = 6 }",
+            "largest = { gap = 4294967295 }",
+            "rig.toml:41: masks.largest.gap is 4294967295; expected 0 to 479",
+        ),
+        (
+            "largest = { gap = 6 }",
+            "not = { components = { pixels = 20, gap = 480 } }",
+            "masks.not.components.gap is 480; expected 0 to 479",
+        ),
+        (
+            "largest = { gap = 6 }",
+            "components = { pixels = 400000, gap = 2 }",
+            "masks.components.pixels is 400000; expected no more than 307200",
+        ),
+        ("low = [-0.20,", "low = [-1e300,", "masks.box is -1000"),
+        (
             "spool_radius",
             "spool_diameter",
             "unknown field `spool_diameter`",
@@ -179,7 +286,12 @@ fn a_wrong_file_is_refused_with_line_field_and_reason() {
         (
             "largest = { gap = 6 }",
             "background = { log = \"empty.mcap\", margin = -0.1 }",
-            "masks.background.margin is -0.1; expected a number of 0 or more",
+            "masks.background.margin is -0.1; expected 0 to 1",
+        ),
+        (
+            "largest = { gap = 6 }",
+            "background = { log = \"empty.mcap\", deviations = 1e9 }",
+            "masks.background.deviations is 1000000000; expected 0 to 100",
         ),
     ] {
         assert!(SIMULATED.contains(from), "{from}");

@@ -43,8 +43,8 @@ impl Watch {
         }
     }
 
-    /// Takes a read of all servos at `now`, with the goals that they have; returns the states, those of servos that did not
-    /// answer this time as they last were.
+    /// Takes a read of all servos at `now`, with the goals that they have; returns the states of those that answered. `silence` is
+    /// how long the bus was silent before it, and how long it may be.
     ///
     /// # Errors
     /// The first [`Cause`] to end the motion.
@@ -55,6 +55,7 @@ impl Watch {
         goals: &[Ticks],
         states: Vec<Result<WinchState, ServoError>>,
         safety: &SafetySettings,
+        silence: [Duration; 2],
     ) -> Result<Vec<Option<WinchState>>, Cause> {
         let lasts = |since: &mut Option<Duration>, is: bool| {
             let began = match is {
@@ -72,7 +73,7 @@ impl Watch {
             let state = match state {
                 Ok(state) => state,
                 Err(source) => {
-                    if let Some(cause) = Cause::of(&source) {
+                    if let Some(cause) = Cause::of(&source, silence) {
                         return Err(cause);
                     }
                     seen.failed += 1;
@@ -107,11 +108,11 @@ impl Watch {
                 });
             }
             let current = state.pull.abs();
-            if let Some(lasting) = lasts(&mut seen.overloaded, current > safety.current) {
+            if let Some(lasting) = lasts(&mut seen.overloaded, current > winch.overload) {
                 return Err(Cause::Current {
                     id,
                     current,
-                    limit: safety.current,
+                    limit: winch.overload,
                     lasting,
                 });
             }
@@ -136,9 +137,11 @@ impl Watch {
         ids: &[ServoId],
         vitals: Vec<Vitals>,
         safety: &SafetySettings,
+        silence: [Duration; 2],
     ) -> Result<(), Cause> {
         for (&id, vitals) in ids.iter().zip(vitals) {
-            if let Some(cause) = vitals.errors.as_ref().err().and_then(Cause::of) {
+            let error = vitals.errors.as_ref().err();
+            if let Some(cause) = error.and_then(|error| Cause::of(error, silence)) {
                 return Err(cause);
             }
             if let Ok(errors) = vitals.errors
@@ -176,6 +179,8 @@ mod tests {
     use crate::rig::{Direction, Spool};
 
     const GOAL: Ticks = Ticks(500);
+    /// Of the bus, and what is allowed.
+    const SILENCE: [Duration; 2] = [Duration::from_millis(812), Duration::from_millis(500)];
 
     fn winch() -> Winch {
         Winch {
@@ -186,7 +191,8 @@ mod tests {
                 home_command: 0.1,
             },
             limits: [-100, 2000],
-            current_limit: 1.0,
+            current_limit: 1.5,
+            overload: 1.2,
             home_tension: 5.0,
         }
     }
@@ -257,6 +263,13 @@ mod tests {
                 Some("went from 500 to -2000 ticks in an instant"),
             ),
             (
+                "a watchdog",
+                vec![fine, || Err(ServoError::WatchdogTripped { id: winch().id })],
+                Some(
+                    "servo 7 stopped it: the bus was silent for 812 ms, and safety.watchdog is 500 ms",
+                ),
+            ),
+            (
                 "a restart",
                 vec![|| Err(ServoError::Restarted { id: winch().id })],
                 Some("restarted"),
@@ -268,7 +281,9 @@ mod tests {
             let mut ended = None;
             for (k, read) in reads.into_iter().enumerate() {
                 let now = Duration::from_millis(200) * k as u32;
-                if let Err(cause) = watch.take(now, &[winch()], &[GOAL], vec![read()], &safety) {
+                let states = vec![read()];
+                let taken = watch.take(now, &[winch()], &[GOAL], states, &safety, SILENCE);
+                if let Err(cause) = taken {
                     ended = Some((k, cause.to_string()));
                     break;
                 }
@@ -313,7 +328,8 @@ mod tests {
             (off, Some("went off by itself")),
             (overloaded, Some("overload")),
         ] {
-            let checked = Watch::check(&[winch().id], vec![vitals], &SafetySettings::default());
+            let safety = SafetySettings::default();
+            let checked = Watch::check(&[winch().id], vec![vitals], &safety, SILENCE);
             let said = checked.err().map(|cause| cause.to_string());
             assert_eq!(said.is_some(), ends.is_some(), "{said:?}");
             assert!(said.unwrap_or_default().contains(ends.unwrap_or_default()));

@@ -3,10 +3,14 @@
 use tdcr_sim::robot::Robot;
 
 use super::file::ServosSpec;
+use super::settings::SafetySettings;
 use super::spool::Spool;
 use super::{Homing, RigError};
 use crate::plan::{ShapeError, Shaper};
 use crate::servo::{Present, ServoId, Ticks};
+
+/// Share of its current limit that a servo may draw for long, where the rig's file does not say.
+const OVERLOAD: f64 = 0.95;
 
 /// A servo with the spool and tendon behind it. Positions count from home.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,6 +23,8 @@ pub struct Winch {
     pub limits: [i32; 2],
     /// Largest current of a goal (A).
     pub current_limit: f64,
+    /// Largest current that may last for longer than `safety.overload_time` (A).
+    pub overload: f64,
     /// Tension at home (N).
     pub home_tension: f64,
 }
@@ -38,7 +44,11 @@ pub struct WinchState {
 
 impl Winch {
     /// The winches of a checked rig file.
-    pub(super) fn all(servos: &ServosSpec, robot: &Robot) -> Result<Vec<Self>, RigError> {
+    pub(super) fn all(
+        servos: &ServosSpec,
+        safety: &SafetySettings,
+        robot: &Robot,
+    ) -> Result<Vec<Self>, RigError> {
         let home_command = home_commands(robot, &servos.home_tension)?;
         let winch = |(k, &id): (usize, &u8)| {
             let bad = || RigError::field(format!("servos.ids[{k}]"), id, "an address of 0 to 252");
@@ -51,6 +61,9 @@ impl Winch {
                 },
                 limits: *each(&servos.limits, k),
                 current_limit: *each(&servos.current_limit, k),
+                overload: safety
+                    .current
+                    .unwrap_or(OVERLOAD * each(&servos.current_limit, k)),
                 home_tension: *each(&servos.home_tension, k),
             })
         };

@@ -60,6 +60,14 @@ fn commands(dir: &Path) -> Vec<Vec<f32>> {
     commands
 }
 
+/// Labels are where servos stood, some ticks off their goals, which depends on where they came from: 20 ticks are 0.15 mm.
+fn assert_alike(found: &[Vec<f32>], expected: &[Vec<f32>]) {
+    assert_eq!(found.len(), expected.len());
+    for (found, expected) in found.iter().flatten().zip(expected.iter().flatten()) {
+        assert!((found - expected).abs() < 1.5e-4, "{found} {expected}");
+    }
+}
+
 /// Samples that a capture which ended says to have kept.
 fn kept(ended: &PipelineError) -> usize {
     match ended {
@@ -155,7 +163,7 @@ fn a_capture_is_a_data_set_that_resumes_and_grows() {
     std::fs::remove_file(last).unwrap();
     let report = capture(&mut rig(), &settings(20), &stopped, &Silent).unwrap();
     assert_eq!(report.captured, 8, "{report:?}");
-    assert_eq!(commands(&stopped), expected);
+    assert_alike(&commands(&stopped), &expected);
     assert_eq!(journalled(&stopped), (0..20).collect::<Vec<_>>());
     // Done is done: nothing is asked of the rig.
     let mut idle = rig();
@@ -359,7 +367,7 @@ fn a_capture_finds_home_again_where_a_servo_lost_its_turns() {
         rig_with(|text| {
             let recalls = "[safety]\nlost_turns = \"recall\"";
             text.replace("[safety]", recalls)
-                .replace("spool_radius = [0.005]", "spool_radius = [0.0035]")
+                .replace("spool_radius = [0.005]", "spool_radius = [0.0033]")
                 .replace("[-1300,", "[-4000,")
         })
     };
@@ -380,7 +388,7 @@ fn a_capture_finds_home_again_where_a_servo_lost_its_turns() {
     let (found, expected) = (contents(&disturbed), contents(&whole));
     assert_eq!(found.len(), expected.len());
     for ((a, cloud), (b, other)) in found.iter().zip(&expected) {
-        assert_eq!(a, b);
+        assert_alike(std::slice::from_ref(a), std::slice::from_ref(b));
         assert!(apart(cloud, other) < 1e-2, "{}", apart(cloud, other));
     }
 }
@@ -420,7 +428,7 @@ fn a_capture_rests_where_a_servo_is_hot_and_goes_on() {
         rests.len() == 1 && rests[0].contains("\"before\":9"),
         "{rests:?}"
     );
-    assert_eq!(commands(&cool), commands(&hot));
+    assert_alike(&commands(&cool), &commands(&hot));
 }
 
 #[test]
@@ -438,7 +446,7 @@ fn whatever_goes_wrong_in_a_capture_the_robot_is_safe_and_the_data_is_whole() {
         (Fault::Overheated(servo(3)), true),
         (Fault::Overloaded(servo(4)), true),
         (Fault::PowerCycled(servo(5)), true),
-        // Seen at the next look at home.
+        // Seen by what its servo takes in the next samples, or at the next look at home.
         (Fault::Snapped(servo(6)), true),
         (Fault::Jammed(servo(4)), true),
         (Fault::Unplugged, true),
