@@ -121,7 +121,11 @@ impl Session<'_> {
             let slack = tension >= LEAST && pull < SLACK * expected;
             let jammed = pull > JAMMED * expected + scale.per_newton * LEAST;
             // Of what it should take, or that of what it takes.
-            let share = if slack { pull / expected } else { expected / pull };
+            let share = if slack {
+                pull / expected
+            } else {
+                expected / pull
+            };
             (slack || jammed).then_some((share, winch.id, pull, expected, tension))
         });
         // Where one tendon snaps, others slacken.

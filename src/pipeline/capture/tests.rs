@@ -343,7 +343,8 @@ impl Monitor for Unpower {
     fn begin(&self, _: &str, _: u64, _: u64) {}
     fn advance(&self, _: u64) {
         let horns = self.1.truth().horns;
-        let beyond = horns.iter().position(|horn| !(0.0..4096.0).contains(horn));
+        // Let out so far that what its tendon then turns leads it no nearer.
+        let beyond = horns.iter().position(|horn| *horn < -40.0);
         if let (Some(index), 0) = (beyond, self.0.load(Ordering::Relaxed)) {
             let id = ServoId::new(index as u8 + 1).unwrap();
             self.0.store(u64::from(id.get()), Ordering::Relaxed);

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use tdcr_sim::camera::Camera;
 
 use super::*;
-use crate::capture::{CaptureError, Session, SessionSettings};
 use crate::camera::{CameraError, described_by};
+use crate::capture::{CaptureError, Session, SessionSettings};
 use crate::clock::Clock;
 use crate::servo::{PositionGoals, ServoError, Ticks, WatchdogState};
 use crate::simulated::camera::{CameraSetup, SimulatedCamera};
