@@ -199,6 +199,8 @@ def rollout_jvp(
         ParameterError: For a parameter that the robot does not have, and for two that overlap.
         InputError: For shapes that do not fit, and for a start that is to be settled.
     """
+    if not isinstance(rates, RolloutRates):
+        raise InputError(f"rates is {rates!r}; expected tdcr.RolloutRates")
     question = _question(robot, commands, payload, wrench, loads, start, dt, frame_skip)
     names = as_texts(parameters, "parameters")
     (rows, length, tendons), discs = question.commands.shape, question.robots[0].discs

@@ -39,3 +39,18 @@ def refuses(number: int) -> int:
     if number == 3:
         raise ValueError("3 is refused")
     return number
+
+
+def affinity(_: int) -> tuple[int, int]:
+    """Processors that its process may run on, and threads that it computes with."""
+    return len(os.sched_getaffinity(0)), tdcr.threads()
+
+
+def ends(status: int) -> int:
+    """Ends its process."""
+    os._exit(status)
+
+
+def unsendable(_: int) -> object:
+    """Returns what no other process can have."""
+    return (number for number in range(3))

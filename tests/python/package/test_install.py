@@ -32,6 +32,11 @@ def test_readmes_quick_start_prints_what_it_says_in_an_empty_environment(tmp_pat
     script.write_text(code)
     found = subprocess.run([python, script], check=True, capture_output=True, text=True, timeout=60.0, cwd=tmp_path)
     assert found.stdout == printed
+    # The command line came with it.
+    command = tmp_path / "venv/bin/tdcr"
+    for front in ([command], [python, "-m", "tdcr"]):
+        said = subprocess.run([*front, "--help"], check=True, capture_output=True, text=True, timeout=60.0, cwd=tmp_path).stdout
+        assert "Usage: tdcr [OPTIONS] <COMMAND>" in said and "Robots in simulation:" in said
     # Optional packages are named where they are missing.
     for module, package in (("torch", "torch safetensors"), ("jax", "jax"), ("envs", "gymnasium"), ("plot", "matplotlib")):
         refused = subprocess.run([python, "-c", f"import tdcr.{module}"], capture_output=True, text=True, cwd=tmp_path)

@@ -264,7 +264,7 @@ def test_motions_may_have_no_rows_and_no_commands(robot: package.Robot) -> None:
         ({"commands": np.full((2, 4, 6), 0.5)}, CommandError, r"row 0: step 0: command entry 0 is 0.5 m"),
         ({"dt": 0.0}, DynamicsError, "the time step is 0 s"),
         ({"frame_skip": 0}, InputError, "frame_skip is 0; expected 1 to"),
-        ({"integrator": "leapfrog"}, InputError, "integrator is 'leapfrog'; expected one of 'semi-implicit-euler'"),
+        ({"integrator": "leapfrog"}, InputError, "integrator is 'leapfrog'; expected 'semi-implicit-euler', 'runge-kutta4'"),
         ({"payload": [0.0, -1.0]}, LoadsError, "row 1: the payload is -1 kg"),
         ({"payload": [0.0, 0.0, 0.0]}, InputError, r"payload has shape \(3,\); expected \(2,\)"),
         ({"wrench": np.zeros((9, 6))}, InputError, r"wrench has shape \(9, 6\); expected \(10, 6\)"),

@@ -200,3 +200,77 @@ def test_without_matplotlib_the_error_says_what_to_install() -> None:
     code = "import sys; sys.modules['matplotlib'] = None; import tdcr; import tdcr.plot"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "MissingPackageError: tdcr.plot needs Matplotlib, which is not installed: pip install matplotlib" in done.stderr
+
+
+def test_an_animation_goes_through_the_motion_in_its_time() -> None:
+    robot = tdcr.Robot("2m")
+    ends = robot.random_commands(2, seed=3)
+    motion = tdcr.simulate(robot, np.linspace(*ends, 30), start="settled", frame_skip=10)
+    for fps, speed in ((25.0, 1.0), (10.0, 0.5), (50.0, 2.0)):
+        ax = plt.figure().add_subplot(projection="3d")
+        shown = tdcr.plot.animate(ax, "2m", motion, fps=fps, speed=speed)
+        limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+        # From the first state to the last, a picture each 1 / fps; the robot is where it was then.
+        times = np.arange(motion.times[0], motion.times[-1] + speed / fps, speed / fps).clip(max=motion.times[-1])
+        assert shown._save_count == len(times)
+        backbone, discs, tendons, trace, title = [], [], [], [], []
+        for picture in range(len(times)):
+            artists = shown._func(picture)
+            backbone.append(np.array(artists[0].get_data_3d()).T)
+            discs.append(corners(artists[1]))
+            tendons.append(np.array(artists[2]._segments3d[0]))
+            trace.append(np.array(artists[3].get_data_3d()).T)
+            title.append(artists[4].get_text())
+        for k, time in enumerate(times):
+            (place,) = np.flatnonzero([np.allclose(backbone[k][1:], 1e3 * pose, atol=1e-9) for pose in motion.positions])
+            # No other state is nearer in time.
+            assert abs(motion.times[place] - time) <= np.abs(motion.times - time).min() + 1e-12
+            assert title[k] == f"t = {motion.times[place]:.2f} s"
+            # The tip's way up to then; and nothing leaves the axes, which stand still.
+            assert np.allclose(trace[k], 1e3 * motion.tip[: place + 1])
+            # Rims are circles about the discs' origins.
+            assert np.allclose(discs[k].mean(axis=1), 1e3 * motion.positions[place])
+            assert (backbone[k] >= limits[:, 0]).all() and (backbone[k] <= limits[:, 1]).all()
+        assert not np.allclose(tendons[0], tendons[-1])
+        assert np.array_equal(limits, [ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+        assert (ax.get_xlabel(), ax.get_zlabel()) == ("x (mm)", "z (mm)")
+        plt.close(ax.figure)
+
+
+def test_an_animation_of_a_path_is_a_file_of_moving_pictures(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    robot = tdcr.Robot("2m")
+    path = tdcr.follow(robot, np.linspace(*robot.random_commands(2, seed=3), 4))
+    ax = plt.figure(figsize=(2, 2)).add_subplot(projection="3d")
+    shown = tdcr.plot.animate(ax, robot, path, tendons=False, trace=False)
+    shown.save(tmp_path / "path.gif", writer="pillow")
+    with image.open(tmp_path / "path.gif") as file:
+        assert file.n_frames == 4
+        frames = []
+        for number in range(4):
+            file.seek(number)
+            frames.append(np.array(file.convert("L")))
+    assert all((frames[k] != frames[k + 1]).sum() > 50 for k in range(3))
+    assert shown._func(3)[4].get_text() == "pose 4 of 4"
+    assert "<img" in shown.to_jshtml()
+    plt.close(ax.figure)
+
+
+def test_animations_that_make_no_sense_are_refused() -> None:
+    robot = tdcr.Robot("2m")
+    path = tdcr.follow(robot, robot.random_commands(3))
+    ax = plt.figure().add_subplot(projection="3d")
+    for arguments, says in (
+        ({"fps": 0.0}, "fps is 0.0; expected a number above 0"),
+        ({"speed": -1.0}, "speed is -1.0; expected a number above 0"),
+        ({"times": [0.0, 1.0]}, r"times has shape \(2,\); expected \(3,\)"),
+        ({"times": [0.0, 2.0, 1.0]}, "times do not rise"),
+        ({"times": [0.0, 1.0, 1e9]}, "pictures, of 1e\\+09 s at 25 a second and speed 1; expected at most 100000"),
+    ):
+        with pytest.raises(InputError, match=says):
+            tdcr.plot.animate(ax, robot, path, **arguments)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="there are no poses"):
+        tdcr.plot.animate(ax, robot, path[:0])
+    with pytest.raises(InputError, match='expected axes with projection="3d"'):
+        tdcr.plot.animate(plt.figure().add_subplot(), robot, path)  # type: ignore[arg-type]
+    plt.close("all")

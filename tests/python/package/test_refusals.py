@@ -87,6 +87,13 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
             tdcr.rollout_vjp,
             {"robot": ROBOT, "commands": ROWS[:, np.newaxis], "by_positions": None, "parameters": [], "dt": 0.002},
         ),
+        (
+            tdcr.rollout_jvp,
+            {"robot": ROBOT, "commands": ROWS[:, np.newaxis], "rates": tdcr.RolloutRates(payload=np.ones(1)), "parameters": []}
+            | {"payload": None, "wrench": None, "loads": None, "dt": 0.002, "frame_skip": 1, "progress": None},
+        ),
+        (tdcr.parameters, {"robot": ROBOT}),
+        (ROBOT.check_parameters, {"parameters": ["gain[0]"]}),
         (tdcr.linearise, {"robot": ROBOT, "state": tdcr.State.straight(ROBOT), "command": COMMAND, "payload": 0.0, "dt": 0.002}),
         (tdcr.MovingRobot, {"robot": ROBOT, "dt": 0.002, "integrator": "implicit-euler", "frame_skip": 1}),
         (moving.reset, {"command": COMMAND, "loads": None, "payload": None}),
