@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use crate::robot::{Backbone, Disc, Limit};
+use crate::robot::{Backbone, Disc, Hinges, Limit};
 
 /// Energy of a joint's backbone and limit with its derivatives along `q exp(xi)`, disc frame.
 pub(crate) struct JointElasticity {
@@ -17,7 +17,7 @@ pub(crate) struct JointElasticity {
 impl Disc {
     /// The elasticity of the disc's joint at rotation `q`; `None` where it turns freely.
     pub(crate) fn elasticity(&self, q: &UnitQuaternion<f64>) -> Option<JointElasticity> {
-        if self.backbone.is_none() && self.limit.is_none() {
+        if self.backbone.is_none() && self.limit.is_none() && self.hinges.is_none() {
             return None;
         }
         let mut sum = JointElasticity {
@@ -31,7 +31,62 @@ impl Disc {
         if let Some(limit) = &self.limit {
             limit.add(q, &mut sum);
         }
+        if let Some(hinges) = &self.hinges {
+            hinges.add(q, &mut sum);
+        }
         Some(sum)
+    }
+
+    /// Change of the energy's gradient (N m, disc frame) at rotation `q` for a change of the stiffness of the joint's backbone about the
+    /// disc's axes, or of its hinges.
+    pub(crate) fn gradient_by_stiffness(
+        &self,
+        q: &UnitQuaternion<f64>,
+        change: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        match (&self.hinges, &self.backbone) {
+            (Some(hinges), _) => hinges.axes_at(q).dual * change.component_mul(&hinges.strain(q)),
+            (None, Some(backbone)) => backbone.gradient_by_stiffness(q, change),
+            (None, None) => Vector3::zeros(),
+        }
+    }
+
+    /// Derivative by the stiffness of the work of the energy's gradient along a turn (rad, disc frame) at rotation `q`.
+    pub(crate) fn work_by_stiffness(
+        &self,
+        q: &UnitQuaternion<f64>,
+        turn: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        match (&self.hinges, &self.backbone) {
+            (Some(hinges), _) => {
+                let step = hinges.axes_at(q).dual.tr_mul(turn);
+                step.component_mul(&hinges.strain(q))
+            }
+            (None, Some(backbone)) => backbone.work_by_stiffness(q, turn),
+            (None, None) => Vector3::zeros(),
+        }
+    }
+}
+
+impl Hinges {
+    /// Angles from the rest (rad).
+    fn strain(&self, q: &UnitQuaternion<f64>) -> Vector3<f64> {
+        self.angles(q) - self.rest
+    }
+
+    /// `V = 1/2 k' (t - t0)^2` of the angles `t`. The second derivative along turns is that along the angles, but for what turns
+    /// along several axes do to second order.
+    fn add(&self, q: &UnitQuaternion<f64>, sum: &mut JointElasticity) {
+        if self.stiffness == Vector3::zeros() {
+            return;
+        }
+        let strain = self.strain(q);
+        let moments = self.stiffness.component_mul(&strain);
+        let axes = self.axes_at(q);
+        let gradient = axes.dual * moments;
+        sum.energy += 0.5 * strain.dot(&moments);
+        sum.gradient += gradient;
+        sum.hessian += axes.form(&self.stiffness) - axes.curving(&gradient);
     }
 }
 
@@ -48,7 +103,7 @@ impl Backbone {
     }
 
     /// Change of the energy's gradient (N m, disc frame) at rotation `q` for a change of the stiffness.
-    pub(crate) fn gradient_by_stiffness(
+    fn gradient_by_stiffness(
         &self,
         q: &UnitQuaternion<f64>,
         change: &Vector3<f64>,
@@ -60,11 +115,7 @@ impl Backbone {
     }
 
     /// Derivative by the stiffness of the work of the energy's gradient along a turn (rad, disc frame) at rotation `q`.
-    pub(crate) fn work_by_stiffness(
-        &self,
-        q: &UnitQuaternion<f64>,
-        turn: &Vector3<f64>,
-    ) -> Vector3<f64> {
+    fn work_by_stiffness(&self, q: &UnitQuaternion<f64>, turn: &Vector3<f64>) -> Vector3<f64> {
         let phi = self.strain(q);
         (inverse_right_jacobian(&phi).0 * turn).component_mul(&phi)
     }

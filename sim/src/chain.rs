@@ -1,11 +1,12 @@
 //! Kinematics of the chain on SO(3)^n.
 //!
-//! The coordinates of a joint are a rotation vector `xi_i` in its disc's own frame, `q_i exp(xi_i)`, as MuJoCo's ball joints
-//! have them. Inside, the same vectors are kept in world axes, so that nothing changes frames along the chain.
+//! The coordinates of a ball joint are a rotation vector `xi_i` in its disc's own frame, `q_i exp(xi_i)`, as MuJoCo's ball joints
+//! have them; those of [`Hinges`](crate::robot::Hinges) are their angles, and the joint's rotation is one that they can have. Inside,
+//! turns are kept in world axes, so that nothing changes frames along the chain: of hinges, turns in the span of their axes.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use crate::robot::Robot;
+use crate::robot::{Disc, HingeAxes, Robot};
 
 /// Configuration `q`: the rotation of each disc relative to the body below, from the base up.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,16 +27,50 @@ impl Configuration {
         (chain.positions, orientations)
     }
 
-    /// The straight pose of a robot: no joint turned.
+    /// The straight pose of a robot: no joint turned, all hinges at the angle 0.
     pub fn straight(robot: &Robot) -> Self {
-        Self(vec![UnitQuaternion::identity(); robot.discs().len()])
+        let joints = robot.discs().iter();
+        Self(joints.map(Disc::straight_rotation).collect())
     }
 
-    /// Writes `self * exp(step)` to `out`: joint `i` turned by the rotation vector
-    /// `step[3 i .. 3 i + 3]` (rad), given in its disc's own frame.
-    pub fn retract(&self, step: &[f64], out: &mut Self) {
-        for ((from, to), turn) in self.0.iter().zip(&mut out.0).zip(step.chunks_exact(3)) {
-            *to = turned(from, &Vector3::from_column_slice(turn));
+    /// Writes where a step leads to `out`: joint `i` of `robot` turned by `step[3 i .. 3 i + 3]` (rad), the rotation vector of
+    /// `self * exp(step)` in its disc's own frame, or steps of its hinges' angles.
+    pub fn retract(&self, robot: &Robot, step: &[f64], out: &mut Self) {
+        let joints = self.0.iter().zip(&mut out.0).zip(robot.discs());
+        for (((from, to), disc), step) in joints.zip(step.chunks_exact(3)) {
+            *to = disc.moved(from, &Vector3::from_column_slice(step));
+        }
+    }
+}
+
+impl Disc {
+    /// The rotation of the disc's joint in the straight pose.
+    pub(crate) fn straight_rotation(&self) -> UnitQuaternion<f64> {
+        (self.hinges.as_ref()).map_or_else(UnitQuaternion::identity, |hinges| hinges.zero)
+    }
+
+    /// The rotation to which a step of the joint's coordinates leads from `q` (rad).
+    #[inline]
+    pub(crate) fn moved(
+        &self,
+        q: &UnitQuaternion<f64>,
+        step: &Vector3<f64>,
+    ) -> UnitQuaternion<f64> {
+        match &self.hinges {
+            None => turned(q, step),
+            Some(hinges) => hinges.moved(q, step),
+        }
+    }
+
+    /// The step of the joint's coordinates that leads from one rotation to another near it, to first order (rad).
+    pub(crate) fn step_between(
+        &self,
+        from: &UnitQuaternion<f64>,
+        to: &UnitQuaternion<f64>,
+    ) -> Vector3<f64> {
+        match &self.hinges {
+            None => (from.inverse() * to).imag() * 2.0,
+            Some(hinges) => hinges.between(from, to),
         }
     }
 }
@@ -72,6 +107,8 @@ pub(crate) struct Chain {
     pub centres: Vec<Vector3<f64>>,
     /// Origin of each disc in the world (m).
     pub positions: Vec<Vector3<f64>>,
+    /// Of each joint that consists of hinges their axes in the world; of a robot without hinges no entries.
+    pub hinges: Vec<Option<HingeAxes>>,
 }
 
 impl Chain {
@@ -83,6 +120,11 @@ impl Chain {
             orientations: vec![base; n + 1],
             centres: vec![Vector3::zeros(); n],
             positions: vec![Vector3::zeros(); n],
+            hinges: if robot.has_hinges() {
+                vec![None; n]
+            } else {
+                Vec::new()
+            },
         }
     }
 
@@ -101,6 +143,33 @@ impl Chain {
             *joint_centre = centre;
             *position = centre + below * disc.origin;
         }
+        for (joint, axes) in self.hinges.iter_mut().enumerate() {
+            let hinges = robot.discs()[joint].hinges.as_ref();
+            let orientation = &self.orientations[joint + 1];
+            *axes = hinges.map(|hinges| hinges.axes_at(&q.0[joint]).turned(orientation));
+        }
+    }
+
+    /// The axes of the hinges of a joint in the world; `None` for a ball joint.
+    #[inline]
+    pub fn hinges(&self, joint: usize) -> Option<&HingeAxes> {
+        self.hinges.get(joint)?.as_ref()
+    }
+
+    /// What takes steps of a joint's coordinates to turns, world axes: of a ball joint the orientation of its disc. Transposed, it
+    /// takes moments to those about the coordinates' axes.
+    #[inline]
+    pub fn axes(&self, joint: usize) -> &Matrix3<f64> {
+        self.hinges(joint)
+            .map_or(self.disc(joint), |hinges| &hinges.axes)
+    }
+
+    /// What takes moments about the axes of a joint's coordinates to moments, world axes. Transposed, it takes turns to steps of the
+    /// coordinates.
+    #[inline]
+    pub fn dual(&self, joint: usize) -> &Matrix3<f64> {
+        self.hinges(joint)
+            .map_or(self.disc(joint), |hinges| &hinges.dual)
     }
 
     /// Writes the orientation of each disc as a quaternion: of the two the one nearer to that of the body below, counted

@@ -28,7 +28,7 @@ mod unsymmetric;
 pub(crate) use contact::{ContactLu, Inflow};
 pub(crate) use held::HeldLengths;
 pub(crate) use krylov::{Arnoldi, dot, probe};
-pub(crate) use loaded::{LoadedFactor, LoadedMatrix};
+pub(crate) use loaded::{LoadedFactor, LoadedMatrix, project};
 pub(crate) use softest::{smallest_eigenvalue, smallest_real_part};
 pub(crate) use unsymmetric::{ChainLu, ChainMatrix, Side};
 
@@ -159,6 +159,11 @@ impl Factor {
             for s in 0..A {
                 pivot += slopes[s] * partial[s].transpose();
             }
+            // Hinges turn about their axes alone, and their second derivatives are those along the angles.
+            let hinges = expansion.hinges(joint);
+            if let (Some(hinges), Some(curving)) = (hinges, expansion.curving(joint, &moment)) {
+                pivot = hinges.confine(&(pivot + curving));
+            }
             // Its inverse, of a positive definite matrix near it where it is not one itself.
             self.largest = self.largest.max(pivot.trace().abs());
             let inverse = match invert_positive(&pivot) {
@@ -172,6 +177,7 @@ impl Factor {
                     inverse
                 }
             };
+            let inverse = hinges.map_or(inverse, |hinges| hinges.release(&inverse));
             // The quadratic with this turn at its minimiser (Schur complement).
             below += noncommuting(&moment);
             let reduced = inverse * below.transpose();

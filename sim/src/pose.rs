@@ -109,7 +109,7 @@ impl ToolFrame {
         }
     }
 
-    /// The frame's Jacobian by the joints' turns `q exp(dq)`, each in its disc's own frame: six rows, the origin (m) and the
+    /// The frame's Jacobian by the joints' coordinates, turns `q exp(dq)` in the disc's own frame or hinges' angles: six rows, the origin (m) and the
     /// rotation (rad) in the world, `3 n` columns (rad).
     pub fn joint_jacobian(&self, robot: &Robot, configuration: &Configuration) -> DMatrix<f64> {
         let mut chain = Chain::new(robot);
@@ -118,7 +118,7 @@ impl ToolFrame {
             chain.positions[self.disc] + chain.disc(self.disc) * self.in_disc.translation.vector;
         let mut jacobian = DMatrix::zeros(6, robot.dof());
         for joint in 0..=self.disc {
-            let axes = chain.disc(joint);
+            let axes = chain.axes(joint);
             let arm = origin - chain.centres[joint];
             let mut shift = jacobian.fixed_view_mut::<3, 3>(0, 3 * joint);
             shift.copy_from(&(-arm.cross_matrix() * axes));
@@ -139,7 +139,8 @@ pub fn rotation_cotangent(orientation: &UnitQuaternion<f64>, derivative: [f64; 4
     (Quaternion::new(w, x, y, z) * orientation.conjugate().into_inner()).imag() * 0.5
 }
 
-/// Derivatives of a cost by the joints' turns `q exp(dq)`, each in its disc's own frame (three entries per joint, rad), given
+/// Derivatives of a cost by the joints' coordinates, turns `q exp(dq)` in the disc's own frame or hinges' angles (three entries per
+/// joint, rad), given
 /// those by the discs' poses: the adjoint of the kinematics, in O(n).
 ///
 /// # Panics
@@ -165,7 +166,7 @@ pub(crate) fn add_joint_cotangent(chain: &Chain, cotangents: &[PoseTangent], out
     let levers = levers(chain, cotangents);
     for (joint, lever) in levers.iter().enumerate().rev() {
         turn += lever;
-        let own_axes = chain.disc(joint).tr_mul(&turn);
+        let own_axes = chain.axes(joint).tr_mul(&turn);
         for axis in 0..3 {
             out[3 * joint + axis] += own_axes[axis];
         }

@@ -131,7 +131,7 @@ impl Posture {
 
 impl Robot {
     /// Lengths of the tendons in configuration `q` (m), and their Jacobian by the joint coordinates:
-    /// one row per tendon, `3 n` columns (m/rad), turns in the discs' own frames.
+    /// one row per tendon, `3 n` columns (m/rad), turns in the discs' own frames or hinges' angles.
     ///
     /// # Panics
     /// If `q` has fewer joints than the robot.
@@ -141,7 +141,7 @@ impl Robot {
         let chain = &posture.chain;
         let mut jacobian = DMatrix::zeros(self.tendons().len(), self.dof());
         let mut add = |tendon: usize, joint: usize, gradient: &Vector3<f64>| {
-            let own_axes = chain.disc(joint).tr_mul(gradient);
+            let own_axes = chain.axes(joint).tr_mul(gradient);
             for axis in 0..3 {
                 jacobian[(tendon, 3 * joint + axis)] += own_axes[axis];
             }

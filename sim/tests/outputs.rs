@@ -181,7 +181,7 @@ fn a_tool_moves_with_the_joints_below_it() {
         let [low, high] = [-step, step].map(|by| {
             let mut turns = vec![0.0; robot.dof()];
             turns[column] = by;
-            (settled.configuration).retract(&turns, &mut moved.configuration);
+            (settled.configuration).retract(&robot, &turns, &mut moved.configuration);
             (moved.positions, moved.orientations) = moved.configuration.place(&robot);
             tool.pose(&moved.pose())
         });

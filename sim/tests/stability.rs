@@ -225,7 +225,7 @@ fn constrained_hessian(robot: &Robot, settled: &Equilibrium) -> DMatrix<f64> {
     let gravity = Vector3::from(robot.spec().gravity);
     let lagrangian = |step: &DVector<f64>| {
         let mut q = start.clone();
-        start.retract(step.as_slice(), &mut q);
+        start.retract(robot, step.as_slice(), &mut q);
         let (now, _) = robot.tendon_kinematics(&q);
         let pulls = now.iter().zip(&lengths).zip(&settled.tendon_tensions);
         let pulled: f64 = pulls.map(|((now, then), t)| t * (now - then)).sum();

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
-use tdcr::hw::rig::{RigError, RigFile};
+use tdcr::hw::rig::RigError;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 
@@ -35,7 +35,7 @@ struct Recorded<'a> {
 }
 
 pub(super) fn run(args: &BackgroundArgs, console: &Console) -> anyhow::Result<()> {
-    let rig = RigFile::load(&args.rig)?;
+    let rig = super::load_rig(&args.rig)?;
     console.begin("background", args.pictures.into(), 0);
     let mut begun = 0;
     let mut go_on = || {

@@ -87,7 +87,7 @@ struct Rehearsal {
 pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for the data set")?;
     let splits = split_indices(args.commands, args.seed)?;
-    let file = RigFile::load(&args.rig)?;
+    let file = super::load_rig(&args.rig)?;
     if args.dry_run {
         return rehearse(&file, args, console);
     }

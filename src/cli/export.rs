@@ -148,7 +148,11 @@ fn text_of(spec: &RobotSpec, args: &ExportArgs) -> anyhow::Result<String> {
                 integrator: args.integrator.map(Into::into).unwrap_or_default(),
                 command: args.command.clone(),
             };
-            mjcf::export(spec, &options)?
+            let text = mjcf::export(spec, &options)?;
+            for note in mjcf::export_notes(spec)? {
+                tracing::warn!("{note}");
+            }
+            text
         }
         Format::Urdf => tdcr::sim::formats::urdf::export(spec)?,
         Format::Json => serde_json::to_string_pretty(spec)? + "\n",

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 use tdcr::hw::capture::{Session, SessionSettings};
-use tdcr::hw::rig::{Homing, HomingReport, Pace, Rig, RigFile, ServoLink};
+use tdcr::hw::rig::{Homing, HomingReport, Pace, Rig, ServoLink};
 use tdcr::pipeline::CaptureSettings;
 
 use super::console::Console;
@@ -53,7 +53,7 @@ struct HomedServo {
 }
 
 pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
-    let mut rig = Rig::open_file(RigFile::load(&args.rig)?, Pace::Computed)?;
+    let mut rig = Rig::open_file(super::load_rig(&args.rig)?, Pace::Computed)?;
     // Servos in memory end with the program, and with them what their homing was about.
     let lasting = matches!(rig.spec().servos.link, ServoLink::Serial(_));
     let log = match (lasting && !args.no_log, args.rig.file_stem()) {

@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde_json::json;
 use tdcr::hw::capture::{CaptureError, Captured, Session, SessionSettings};
 use tdcr::hw::plan::{PlanError, Shape};
-use tdcr::hw::rig::{Pace, Rig, RigFile};
+use tdcr::hw::rig::{Pace, Rig};
 use tdcr::pipeline::{CaptureSettings, Monitor, lock_folder};
 use tdcr::report::counted;
 use tdcr::sim::cloud::write_ply;
@@ -75,7 +75,7 @@ struct Jogged<'a> {
 pub(super) fn run(args: &JogArgs, console: &Console) -> anyhow::Result<()> {
     let out = &args.out;
     super::output::folder("--out", out, "a folder for what is captured")?;
-    let file = RigFile::load(&args.rig)?;
+    let file = super::load_rig(&args.rig)?;
     let _lock = lock_folder(out)?;
     let keys = args.keys()?;
     // A person watches; a script of keys does not.

@@ -50,7 +50,7 @@ use anyhow::{Context, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::hw::capture::CaptureError;
-use tdcr::hw::rig::RigError;
+use tdcr::hw::rig::{RigError, RigFile};
 use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::{Precision, TimeFeatures};
@@ -58,6 +58,7 @@ use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pages::PageError;
 use tdcr::pipeline::{PipelineError, SamplerPlan};
+use tdcr::sim::formats::Note;
 use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::RobotSpec;
 use tdcr::study::StudyError;
@@ -343,10 +344,22 @@ fn refuse_unwritable_names(arguments: &[OsString]) -> anyhow::Result<()> {
 /// Loads a robot by name or file; warns of what was ignored in a file of another tool.
 fn load_robot(name_or_path: &str) -> anyhow::Result<RobotSpec> {
     let (spec, notes) = RobotSpec::load_with_notes(name_or_path)?;
+    warn_of(&notes);
+    Ok(spec)
+}
+
+/// Loads a rig's file; warns of what was ignored in that of its robot.
+fn load_rig(path: &Path) -> anyhow::Result<RigFile> {
+    let file = RigFile::load(path)?;
+    warn_of(&file.notes);
+    Ok(file)
+}
+
+/// Warns of what a robot here has otherwise than in the file of another tool.
+fn warn_of(notes: &[Note]) {
     for note in notes {
         tracing::warn!("{}", printable(&note.to_string()));
     }
-    Ok(spec)
 }
 
 /// A trained model from its file.

@@ -52,7 +52,7 @@ struct Servo {
 }
 
 pub(super) fn run(args: &PretensionArgs, console: &Console) -> anyhow::Result<()> {
-    let file = RigFile::load(&args.rig)?;
+    let file = super::load_rig(&args.rig)?;
     let tensioned = match (args.by_hand, args.current.as_slice()) {
         (true, currents) => by_hand(file, currents, args.patience, console),
         (false, &[current]) => wind(file, current, args.step, console),

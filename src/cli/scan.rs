@@ -8,7 +8,7 @@ use clap::Args;
 use serde::Serialize;
 use tdcr::hw::clock::SystemClock;
 use tdcr::hw::dynamixel::{Bus, BusSettings, Model};
-use tdcr::hw::rig::{Pace, Rig, RigFile};
+use tdcr::hw::rig::{Pace, Rig};
 use tdcr::hw::serial::{Serial, SerialSettings};
 use tdcr::hw::servo::{ServoBus, ServoId};
 
@@ -57,7 +57,7 @@ struct Scan {
 pub(super) fn run(args: &ScanArgs, console: &Console) -> anyhow::Result<()> {
     let scan = match (&args.rig, &args.port) {
         (Some(path), _) => {
-            let mut rig = Rig::open_file(RigFile::load(path)?, Pace::Computed)?;
+            let mut rig = Rig::open_file(super::load_rig(path)?, Pace::Computed)?;
             let ids: Vec<ServoId> = rig.winches().iter().map(|winch| winch.id).collect();
             let cameras = rig
                 .cameras()

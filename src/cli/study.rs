@@ -65,7 +65,8 @@ pub(super) fn run(args: &StudyArgs, console: &Console) -> anyhow::Result<()> {
     }
     output::folder("--out", &args.out, "a folder for the results")?;
     let file = args.file.as_deref().context("no study is given")?;
-    let study = Study::load(file)?;
+    let (study, notes) = Study::load_with_notes(file)?;
+    super::warn_of(&notes);
     report(
         &run_study(&study, &args.out, args.part, console)?,
         args.part,

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use serde_json::Value;
 use tdcr_learn::data::{Design, Subject};
 use tdcr_sim::files::read_text;
+use tdcr_sim::formats::Note;
 use tdcr_sim::robot::RobotSpec;
 
 use super::cases::Cases;
@@ -64,12 +65,23 @@ impl Study {
     /// [`StudyError::Read`], [`StudyError::Parse`] or [`StudyError::File`], which say the file, the key and what would be
     /// right.
     pub fn load(path: &Path) -> Result<Self, StudyError> {
+        Self::load_with_notes(path).map(|(study, _)| study)
+    }
+
+    /// As [`Study::load`], with notes on what was passed over in robots' files of other tools.
+    ///
+    /// # Errors
+    /// As [`Study::load`].
+    pub fn load_with_notes(path: &Path) -> Result<(Self, Vec<Note>), StudyError> {
         let text = read_text(path, LARGEST).map_err(|source| StudyError::Read {
             path: path.to_owned(),
             source,
         })?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self::parse(&text, folder, path)
+        let mut notes = Vec::new();
+        let file = InFile::parse(&text, path)?;
+        let study = file.in_folder(folder, path, &mut notes)?;
+        Ok((study, notes))
     }
 
     /// A study from JSON with the keys of a file. `folder` and `path` as of [`Study::parse`].
@@ -81,7 +93,7 @@ impl Study {
             path: path.to_owned(),
             reason: error.to_string(),
         })?;
-        file.in_folder(folder, path)
+        file.in_folder(folder, path, &mut Vec::new())
     }
 
     /// A study from the text of its file. `folder` is where paths of robots begin, `path` what errors call the file.
@@ -89,23 +101,32 @@ impl Study {
     /// # Errors
     /// As [`Study::load`].
     pub fn parse(text: &str, folder: &Path, path: &Path) -> Result<Self, StudyError> {
-        let file: InFile = toml::from_str(text).map_err(|error| StudyError::Parse {
-            path: path.to_owned(),
-            reason: error.to_string(),
-        })?;
-        file.in_folder(folder, path)
+        InFile::parse(text, path)?.in_folder(folder, path, &mut Vec::new())
     }
 }
 
 impl InFile {
-    fn in_folder(self, folder: &Path, path: &Path) -> Result<Study, StudyError> {
-        self.study(folder).map_err(|refusal| StudyError::File {
+    fn parse(text: &str, path: &Path) -> Result<Self, StudyError> {
+        toml::from_str(text).map_err(|error| StudyError::Parse {
             path: path.to_owned(),
-            refusal: Box::new(refusal),
+            reason: error.to_string(),
         })
     }
 
-    fn study(self, folder: &Path) -> Result<Study, Refusal> {
+    fn in_folder(
+        self,
+        folder: &Path,
+        path: &Path,
+        notes: &mut Vec<Note>,
+    ) -> Result<Study, StudyError> {
+        self.study(folder, notes)
+            .map_err(|refusal| StudyError::File {
+                path: path.to_owned(),
+                refusal: Box::new(refusal),
+            })
+    }
+
+    fn study(self, folder: &Path, notes: &mut Vec<Note>) -> Result<Study, Refusal> {
         let mut robots = BTreeMap::new();
         let set = (self.set.into_iter())
             .map(|(name, value)| {
@@ -136,7 +157,7 @@ impl InFile {
                                     "the name or path of a robot",
                                 ));
                             };
-                            let robot = load_robot(&key, name, folder)?;
+                            let robot = load_robot(&key, name, folder, notes)?;
                             robots.insert(name.to_owned(), robot);
                         }
                     }
@@ -164,7 +185,7 @@ impl InFile {
         let robot_name = self.robot.unwrap_or_else(|| Subject::ROBOT.to_owned());
         let robot = match models.as_ref().and_then(Models::first) {
             Some(model) => model.subject.robot.clone(),
-            None => load_robot("robot", &robot_name, folder)?,
+            None => load_robot("robot", &robot_name, folder, notes)?,
         };
         for (key, value) in [
             ("tension_limit", self.tension_limit),
@@ -260,17 +281,25 @@ fn check_models(
     }
 }
 
-fn load_robot(key: &str, name: &str, folder: &Path) -> Result<RobotSpec, Refusal> {
+fn load_robot(
+    key: &str,
+    name: &str,
+    folder: &Path,
+    notes: &mut Vec<Note>,
+) -> Result<RobotSpec, Refusal> {
     let path = match RobotSpec::standard(name) {
         Some(_) => name.to_owned(),
         // A name that is no path is named as it is in the error.
         None if Path::new(name).extension().is_none() => name.to_owned(),
         None => folder.join(name).to_string_lossy().into_owned(),
     };
-    RobotSpec::load(&path).map_err(|source| Refusal::Robot {
+    let loaded = RobotSpec::load_with_notes(&path);
+    let (robot, found) = loaded.map_err(|source| Refusal::Robot {
         key: key.to_owned(),
         source,
-    })
+    })?;
+    notes.extend(found);
+    Ok(robot)
 }
 
 fn variable(key: &str, name: &str) -> Result<Variable, Refusal> {

@@ -110,6 +110,9 @@ fn path(parameter: Parameter, spec: &RobotSpec) -> Option<String> {
         Parameter::Bending(m, Axis::X) => format!("modules[{m}].backbone.bending[0]"),
         Parameter::Bending(m, _) => format!("modules[{m}].backbone.bending[1]"),
         Parameter::Torsion(m) => format!("modules[{m}].backbone.torsion"),
+        Parameter::HingeStiffness(m, hinge) => {
+            format!("modules[{m}].joint.hinges[{hinge}].stiffness")
+        }
         Parameter::Density(m) => format!("modules[{m}].mass"),
         Parameter::Youngs(m) => format!("modules[{m}].rod.youngs"),
         Parameter::HoleRadius(body) | Parameter::Hole(body, ..) => holes(body)?,

@@ -17,6 +17,7 @@ mod files;
 mod growth;
 mod log;
 mod names;
+mod notes;
 mod others;
 mod output;
 mod parts;

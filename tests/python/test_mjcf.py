@@ -1,5 +1,6 @@
 """Models that tdcr writes, in MuJoCo: they load, and MuJoCo computes in them what it computes in ours of independent make."""
 
+import json
 import pathlib
 
 import mujoco
@@ -291,3 +292,38 @@ def test_a_rod_that_bends_unlike_it_twists_settles_where_ours_does(torsion, tole
     np.testing.assert_allclose(d.xpos[2:], settled["positions"], atol=tolerance)
     # Not for want of bending: the tip is well aside.
     assert np.hypot(*d.xpos[-1][:2]) > 0.01
+
+
+CAMERAS = """<mujoco><worldbody>
+<camera pos="0.4 0 0.1" mode="targetbody" target="d1"/>
+<camera pos="0.4 0.1 0.1" mode="targetbodycom" target="d0"/>
+<camera pos="0.4 0.1 0.1" mode="trackcom" euler="90 0 0"/>
+<camera pos="0.4 0.1 0.1" mode="track" zaxis="1 -0.3 0.2"/>
+<camera pos="0.4 0.1 0.1" mode="trackcom" euler="90 10 0" target="d1"/>
+<camera pos="0 0 0.5" mode="targetbody" target="base"/>
+<camera pos="0.2 -0.3 0.1" axisangle="1 0 0 80"/>
+<body name="base" pos="0.1 0 0" euler="0 0 30"><geom type="box" size=".02 .02 .02" contype="0" conaffinity="0"/>
+<camera pos="0.4 0 0.1" mode="targetbodycom" target="base"/>
+<camera pos="0.4 0 0.1" mode="trackcom" xyaxes="0 1 0 0 0 1"/>
+<body name="d0" pos="0 0 0.05" euler="10 0 0"><joint type="ball" stiffness="0.1"/>
+<geom type="cylinder" size=".015 .002" contype="0" conaffinity="0"/>
+<body name="d1" pos="0 0 0.05"><joint type="ball" stiffness="0.1"/>
+<geom type="cylinder" size=".015 .002" density="3000" contype="0" conaffinity="0"/>
+</body></body></body></worldbody></mujoco>"""
+
+
+def test_cameras_of_a_model_are_where_mujoco_has_them_at_the_start(tdcr, tmp_path):
+    file = tmp_path / "cameras.xml"
+    file.write_text(CAMERAS)
+    model = mujoco.MjModel.from_xml_string(CAMERAS)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    cameras = json.loads(tdcr("export", "--robot", file, "--format", "json")["text"])["cameras"]
+    assert len(cameras) == model.ncam == 9
+    for index, camera in enumerate(cameras):
+        np.testing.assert_allclose(camera["position"], data.cam_xpos[index], atol=1e-12)
+        matrix = np.zeros(9)
+        mujoco.mju_quat2Mat(matrix, np.array(camera["aim"]["orientation"]))
+        # MuJoCo's cameras look along -z with y up, ours along z with y down.
+        expected = data.cam_xmat[index].reshape(3, 3) @ np.diag([1.0, -1.0, -1.0])
+        np.testing.assert_allclose(matrix.reshape(3, 3), expected, atol=1e-12)

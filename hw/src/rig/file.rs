@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use tdcr_sim::files::read_text;
+use tdcr_sim::formats::Note;
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
 
@@ -215,6 +216,8 @@ pub struct RigFile {
     pub spec: RigSpec,
     /// The robot, watched by the rig's cameras where it has any.
     pub robot: RobotSpec,
+    /// What of the robot's file, if it is one of another tool, was passed over or is otherwise here.
+    pub notes: Vec<Note>,
     /// Its text, for the lines of what is wrong.
     text: Arc<str>,
 }
@@ -242,9 +245,11 @@ impl RigFile {
             path: path.to_owned(),
             reason: error.to_string(),
         })?;
+        let (robot, notes) = RobotSpec::load_with_notes(&robot_name(&spec.robot, path))?;
         let mut file = Self {
             path: path.to_owned(),
-            robot: RobotSpec::load(&robot_name(&spec.robot, path))?,
+            robot,
+            notes,
             spec,
             text: text.into(),
         };

@@ -7,7 +7,7 @@ use super::forces::Forces;
 use super::links::{Link, Motion, MovingChain, PointMass, set_in_motion};
 use super::symmetric::transpose_times;
 use super::{DynamicsError, Energy, State};
-use crate::chain::Configuration;
+use crate::chain::{Chain, Configuration};
 use crate::robot::{Command, Loads, Robot};
 use crate::tendon::Posture;
 
@@ -30,14 +30,14 @@ pub(super) struct EquationsOfMotion {
 }
 
 impl EquationsOfMotion {
-    /// The equations of `robot`, whose joints have `armatures` (kg m²), implicit damping included.
-    pub fn new(robot: &Robot, armatures: &[f64]) -> Result<Self, DynamicsError> {
+    /// The equations of `robot`, whose joints have `armatures` ([`Link::armatures`]), implicit damping included.
+    pub fn new(robot: &Robot, armatures: &[Vector3<f64>]) -> Result<Self, DynamicsError> {
         if let Some(tendon) = robot.tendons().iter().position(|t| t.holds_length()) {
             return Err(DynamicsError::Inextensible { tendon });
         }
         let links = Link::all(robot);
         let inert =
-            |(armature, link): (&f64, &Link)| *armature == 0.0 && link.has_axis_without_inertia();
+            |(armature, link): (&Vector3<f64>, &Link)| link.has_axis_without_inertia(armature);
         if let Some(joint) = armatures.iter().zip(&links).position(inert) {
             return Err(DynamicsError::NoInertia { joint });
         }
@@ -104,17 +104,21 @@ impl EquationsOfMotion {
         self.posture.place(&self.robot, q);
         set_in_motion(
             &self.links,
-            &self.posture.chain.orientations,
+            &self.posture.chain,
             velocity,
             &mut self.motions,
         );
         self.forces
             .torques(q, &self.posture, command, &mut self.torques);
         let moving = self.links.iter().zip(&self.motions);
-        let orientations = &self.posture.chain.orientations[1..];
-        for ((torque, (link, motion)), orientation) in
-            self.torques.iter_mut().zip(moving).zip(orientations)
-        {
+        let chain = &self.posture.chain;
+        for (joint, (torque, (link, motion))) in self.torques.iter_mut().zip(moving).enumerate() {
+            if let Some(hinges) = &link.hinges {
+                let rates = Vector3::from_column_slice(&velocity[3 * joint..3 * joint + 3]);
+                *torque -= chain.dual(joint) * hinges.damping.component_mul(&rates);
+                continue;
+            }
+            let orientation = chain.disc(joint);
             *torque -= motion.rate * link.damping;
             if link.extra_damping != Vector3::zeros() {
                 let rate = transpose_times(orientation, &motion.rate);
@@ -128,14 +132,14 @@ impl EquationsOfMotion {
         self.torques.fill(Vector3::zeros());
     }
 
-    /// Writes the accelerations in a state, each in its disc's frame (rad/s²), to `out`; `armatures`
+    /// Writes the accelerations of the joints' coordinates in a state (rad/s²) to `out`; `armatures`
     /// may hold implicit damping besides.
     pub fn accelerate(
         &mut self,
         q: &Configuration,
         velocity: &[f64],
         command: &[f64],
-        armatures: &[f64],
+        armatures: &[Vector3<f64>],
         out: &mut [f64],
     ) {
         self.enter(q, velocity, command);
@@ -145,15 +149,21 @@ impl EquationsOfMotion {
             payload: &self.payload,
             orientations,
             motions: &self.motions,
+            hinges: &self.posture.chain.hinges,
         };
         let accelerations = &mut self.accelerations;
         (self.bodies).accelerate(&chain, armatures, &self.torques, accelerations);
-        to_discs(orientations, &self.accelerations, out);
+        to_coordinates(&self.posture.chain, &self.accelerations, out);
     }
 
     /// Writes `M^-1 torques` to `out`, in the posture and with the payload of the last state: `torques` (N m) and `out`
     /// in world axes, `armatures` part of the mass matrix `M`. O(n) time.
-    pub fn solve(&mut self, armatures: &[f64], torques: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+    pub fn solve(
+        &mut self,
+        armatures: &[Vector3<f64>],
+        torques: &[Vector3<f64>],
+        out: &mut [Vector3<f64>],
+    ) {
         // What torques do to a chain at rest.
         let still = |motion: &Motion| Motion {
             arm: motion.arm,
@@ -165,6 +175,7 @@ impl EquationsOfMotion {
             payload: &self.payload,
             orientations: &self.posture.chain.orientations[1..],
             motions: &motions,
+            hinges: &self.posture.chain.hinges,
         };
         self.bodies.accelerate(&chain, armatures, torques, out);
     }
@@ -202,7 +213,13 @@ impl EquationsOfMotion {
             moment += arm.cross(&force) + *out;
             force += self.body_forces[k];
             arm = self.motions[k].arm;
-            *out = moment + accelerations[k] * self.links[k].armature - self.torques[k];
+            *out = match (&self.links[k].hinges, self.posture.chain.hinges(k)) {
+                (Some(hinges), Some(axes)) => {
+                    let own = axes.dual.tr_mul(&accelerations[k]);
+                    moment + axes.dual * hinges.armature.component_mul(&own) - self.torques[k]
+                }
+                _ => moment + accelerations[k] * self.links[k].armature - self.torques[k],
+            };
         }
     }
 
@@ -220,10 +237,15 @@ impl EquationsOfMotion {
                 body = body.with(&self.payload.body(&self.orientations()[i]));
             }
             let spin = &motion.spin;
+            let rates = Vector3::from_column_slice(&state.velocity[3 * i..3 * i + 3]);
+            let armature = match &link.hinges {
+                None => 0.5 * link.armature * motion.rate.norm_squared(),
+                Some(hinges) => 0.5 * rates.dot(&hinges.armature.component_mul(&rates)),
+            };
             kinetic += 0.5 * body.mass * velocity.norm_squared()
                 + velocity.dot(&spin.cross(&body.moment))
                 + 0.5 * spin.dot(&body.inertia.times(spin))
-                + 0.5 * link.armature * motion.rate.norm_squared();
+                + armature;
             spin_below = *spin;
         }
         let potential = self.forces.potential(command);
@@ -234,10 +256,10 @@ impl EquationsOfMotion {
     }
 }
 
-/// World vectors, one per disc, in the discs' own frames.
-fn to_discs(orientations: &[Matrix3<f64>], world: &[Vector3<f64>], out: &mut [f64]) {
-    let turned = orientations.iter().zip(world);
-    for (out, (orientation, world)) in out.as_chunks_mut::<3>().0.iter_mut().zip(turned) {
-        *out = transpose_times(orientation, world).into();
+/// Turns, rates or accelerations of the joints, world axes, by the joints' coordinates.
+pub(super) fn to_coordinates(chain: &Chain, world: &[Vector3<f64>], out: &mut [f64]) {
+    let joints = out.as_chunks_mut::<3>().0.iter_mut().zip(world);
+    for (joint, (out, world)) in joints.enumerate() {
+        *out = transpose_times(chain.dual(joint), world).into();
     }
 }

@@ -8,6 +8,9 @@
 //! its equation of motion `n + k u = tau` gives `u = G (tau - n0 - J (alpha_below + c) - H a)`,
 //! `G = (J + k I)^-1`, and without it the chain above has the inertia `k G J`, `k G H`,
 //! `M - H' G H`. `c` and the linear bias acceleration are those of [`Motion`]. No inertia is a difference of large numbers, however small `J` is beside `k`.
+//!
+//! Hinges along the columns of `A`, with armatures `K`, turn by `u = A q` alone: `G = A (A' J A + K)^-1 A'`, and what the chain above
+//! has without the joint is `J - J G J`, `H - J G H`, `M - H' G H`.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -16,6 +19,7 @@ use super::symmetric::{
     Symmetric, cross_symmetric, symmetric, times, times_cross, transpose_times,
     twice_symmetric_part,
 };
+use crate::robot::HingeAxes;
 
 /// Acceleration of one joint as an affine function of the accelerations below it.
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +27,7 @@ struct Response {
     /// `G (tau - n0)`.
     own: Vector3<f64>,
     /// `G J`.
-    to_angular: Symmetric,
+    to_angular: Matrix3<f64>,
     /// `G H`.
     to_linear: Matrix3<f64>,
 }
@@ -32,6 +36,13 @@ struct Response {
 #[derive(Clone, Debug)]
 pub(super) struct ArticulatedBodies {
     responses: Vec<Response>,
+}
+
+/// What a joint passes on of the chain above it to the body below, about its own centre: inertia, and moment at no acceleration.
+struct Passed {
+    inertia: Symmetric,
+    coupling: Matrix3<f64>,
+    moment: Vector3<f64>,
 }
 
 /// The chain above a joint.
@@ -47,7 +58,7 @@ impl ArticulatedBodies {
     pub fn new(joints: usize) -> Self {
         let none = Response {
             own: Vector3::zeros(),
-            to_angular: Symmetric::default(),
+            to_angular: Matrix3::zeros(),
             to_linear: Matrix3::zeros(),
         };
         Self {
@@ -60,7 +71,7 @@ impl ArticulatedBodies {
     pub fn accelerate(
         &mut self,
         chain: &MovingChain,
-        armatures: &[f64],
+        armatures: &[Vector3<f64>],
         torques: &[Vector3<f64>],
         out: &mut [Vector3<f64>],
     ) {
@@ -69,7 +80,12 @@ impl ArticulatedBodies {
     }
 
     /// From the tip to the base: articulated inertias, and the response of each joint.
-    fn gather(&mut self, chain: &MovingChain, armatures: &[f64], torques: &[Vector3<f64>]) {
+    fn gather(
+        &mut self,
+        chain: &MovingChain,
+        armatures: &[Vector3<f64>],
+        torques: &[Vector3<f64>],
+    ) {
         let (Some(tip), Some(motion)) = (chain.orientations.last(), chain.motions.last()) else {
             return;
         };
@@ -77,11 +93,14 @@ impl ArticulatedBodies {
         let poses = chain.orientations.iter().zip(chain.motions);
         let joints = (chain.links.iter().zip(armatures)).zip(poses);
         let responses = self.responses.iter_mut().zip(torques);
-        for (((link, armature), (orientation, motion)), (response, torque)) in
-            joints.zip(responses).rev()
-        {
+        let steps = joints.zip(responses).enumerate().rev();
+        for (joint, (((link, armature), (orientation, motion)), (response, torque))) in steps {
             above.add_disc(link, orientation, motion);
-            *response = above.pass_joint(*armature, torque, motion);
+            let hinges = chain.hinges.get(joint).and_then(Option::as_ref);
+            *response = match hinges {
+                None => above.pass_ball(armature.x, torque, motion),
+                Some(hinges) => above.pass_hinges(hinges, armature, torque, motion),
+            };
         }
     }
 
@@ -94,7 +113,7 @@ impl ArticulatedBodies {
             alpha += motion.angular_bias;
             // u = G (tau - n0) - G J (alpha_below + c) - G H a.
             *out = response.own
-                - response.to_angular.times(&alpha)
+                - times(&response.to_angular, &alpha)
                 - times(&response.to_linear, &shift);
             alpha += *out;
         }
@@ -127,9 +146,9 @@ impl Above {
         self.mass.zz += body.mass;
     }
 
-    /// Goes below the joint, to the centre of the next.
+    /// Goes below a ball joint, to the centre of the next.
     #[inline(always)]
-    fn pass_joint(&mut self, armature: f64, torque: &Vector3<f64>, motion: &Motion) -> Response {
+    fn pass_ball(&mut self, armature: f64, torque: &Vector3<f64>, motion: &Motion) -> Response {
         // G = (J + k I)^-1, and the joint's response with it.
         let mut joint = self.inertia;
         joint.xx += armature;
@@ -141,33 +160,75 @@ impl Above {
         let own = inverse.times(&(torque - self.moment));
 
         // What the chain above does to the body below through the joint: k G J, k G H, M - H' G H.
-        let inertia = to_angular.scaled(armature);
-        let coupling = to_linear * armature;
+        let passed = Passed {
+            inertia: to_angular.scaled(armature),
+            coupling: to_linear * armature,
+            moment: torque - own * armature,
+        };
+        let response = Response {
+            own,
+            to_angular: to_angular.matrix(),
+            to_linear,
+        };
+        self.go_below(&response, &passed, motion);
+        response
+    }
+
+    /// The same below a joint of hinges.
+    fn pass_hinges(
+        &mut self,
+        hinges: &HingeAxes,
+        armature: &Vector3<f64>,
+        torque: &Vector3<f64>,
+        motion: &Motion,
+    ) -> Response {
+        let inertia = self.inertia.matrix();
+        let axes = &hinges.axes;
+        let joint = axes.tr_mul(&(inertia * axes)) + Matrix3::from_diagonal(armature);
+        let inverse = axes * symmetric(&joint).inverse().matrix() * axes.transpose();
+        let response = Response {
+            own: inverse * (torque - self.moment),
+            to_angular: inverse * inertia,
+            to_linear: inverse * self.coupling,
+        };
+        let passed = Passed {
+            inertia: symmetric(&(inertia - inertia * response.to_angular)),
+            coupling: self.coupling - inertia * response.to_linear,
+            moment: self.moment + inertia * response.own,
+        };
+        self.go_below(&response, &passed, motion);
+        response
+    }
+
+    /// Goes below a joint to the centre of the next, given what the joint passes on and how it responds.
+    #[inline(always)]
+    fn go_below(&mut self, response: &Response, passed: &Passed, motion: &Motion) {
+        let Response { own, to_linear, .. } = response;
+        let Passed {
+            inertia,
+            coupling,
+            moment,
+        } = passed;
         let mass = self
             .mass
-            .sub(&Symmetric::product(&self.coupling, &to_linear));
+            .sub(&Symmetric::product(&self.coupling, to_linear));
         // The force and the moment at no acceleration of the body below, about the centre of the next joint.
         let r = &motion.arm;
         let force = self.force
-            + transpose_times(&self.coupling, &own)
-            + transpose_times(&coupling, &motion.angular_bias)
+            + transpose_times(&self.coupling, own)
+            + transpose_times(coupling, &motion.angular_bias)
             + mass.times(&motion.linear_bias);
-        self.moment = torque - own * armature
+        self.moment = moment
             + inertia.times(&motion.angular_bias)
-            + times(&coupling, &motion.linear_bias)
+            + times(coupling, &motion.linear_bias)
             + r.cross(&force);
         self.force = force;
         // The inertias about that centre (parallel axes).
         let lever = cross_symmetric(r, &mass);
         self.inertia = inertia
-            .sub(&twice_symmetric_part(&times_cross(&coupling, r)))
+            .sub(&twice_symmetric_part(&times_cross(coupling, r)))
             .sub(&symmetric(&times_cross(&lever, r)));
         self.coupling = coupling + lever;
         self.mass = mass;
-        Response {
-            own,
-            to_angular,
-            to_linear,
-        }
     }
 }

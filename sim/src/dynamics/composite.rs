@@ -16,10 +16,14 @@ use nalgebra::{Matrix3, Matrix6, Matrix6x3, Vector3, Vector6};
 use super::acceleration::EquationsOfMotion;
 use super::links::RigidBody;
 
-/// A joint, and the bodies from its disc up.
+/// A joint, and the bodies from its disc up; or one hinge of a joint, and all that it carries: of several hinges the lower ones
+/// carry bodies without mass, so that the axis of each is fixed to what it carries.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Composite {
-    /// Motion of the disc per rate of the joint, in the disc's axes.
+    /// The joint's number, and that of its hinge.
+    pub joint: usize,
+    pub hinge: Option<usize>,
+    /// Motion of the disc per rate of the joint's coordinates; zero but for the hinge's own.
     pub axes: Matrix6x3<f64>,
     /// Velocity of the disc, and of the body below.
     pub velocity: Vector6<f64>,
@@ -58,13 +62,41 @@ impl Moved {
 }
 
 impl Composite {
+    /// A hinge that carries another one at the same place, the motion below it, and its velocity.
+    fn without_mass(
+        joint: usize,
+        hinge: usize,
+        axes: Matrix6x3<f64>,
+        [velocity_below, acceleration_below]: [Vector6<f64>; 2],
+        velocity: Vector6<f64>,
+    ) -> Self {
+        Self {
+            joint,
+            hinge: Some(hinge),
+            axes,
+            velocity,
+            velocity_below,
+            acceleration_below,
+            inertia: Matrix6::zeros(),
+            coriolis: Matrix6::zeros(),
+            force: Vector6::zeros(),
+        }
+    }
+
+    /// What of a vector by the joint's coordinates is along this one's.
+    pub fn own(&self, vector: Vector3<f64>) -> Vector3<f64> {
+        match self.hinge {
+            None => vector,
+            Some(hinge) => Vector3::ith(hinge, vector[hinge]),
+        }
+    }
+
     pub fn force_change(&self, moved: &Moved) -> Matrix6x3<f64> {
         self.inertia * moved.rest + self.coriolis * moved.velocity
     }
 }
 
-/// Fills `out` for the posture that `equations` are in, joint rates and accelerations in the discs'
-/// frames. The base is at rest.
+/// Fills `out` for the posture that `equations` are in, rates and accelerations of the joints' coordinates. The base is at rest.
 pub(super) fn compose(
     equations: &EquationsOfMotion,
     velocity: &[f64],
@@ -96,11 +128,23 @@ pub(super) fn compose_on(
         // Axes of the joint, and the motion of its disc: v_i = v_(i-1) + S_i u_i, and its derivative.
         let orientation = chain.disc(i);
         let centre = chain.centres[i] - equations.robot.base();
-        let axes = stack(orientation, &(centre.cross_matrix() * orientation));
+        let rates = [velocity, acceleration].map(|rates| Vector3::from(*rates));
+        let hinges = equations.links[i].hinges.as_ref();
+        let upper = hinges.map(|hinges| hinges.count - 1);
+        if let Some(upper) = upper {
+            for hinge in 0..upper {
+                let axes = one_axis(chain.axes(i), hinge, &centre);
+                let below = [v, a];
+                go_above(&axes, &rates, &mut v, &mut a);
+                out.push(Composite::without_mass(i, hinge, axes, below, v));
+            }
+        }
+        let axes = match upper {
+            None => stack(orientation, &(centre.cross_matrix() * orientation)),
+            Some(upper) => one_axis(chain.axes(i), upper, &centre),
+        };
         let (velocity_below, acceleration_below) = (v, a);
-        let rate = axes * Vector3::from(*velocity);
-        v += rate;
-        a += axes * Vector3::from(*acceleration) + cross_motion(&v) * rate;
+        go_above(&axes, &rates, &mut v, &mut a);
         // Inertia, B and force of the body alone (Newton and Euler).
         let mut body = equations.links[i].body(orientation);
         if i == last {
@@ -109,6 +153,8 @@ pub(super) fn compose_on(
         let inertia = spatial_inertia(&body, &centre);
         let momentum = inertia * v;
         out.push(Composite {
+            joint: i,
+            hinge: upper,
             axes,
             velocity: v,
             velocity_below,
@@ -120,12 +166,31 @@ pub(super) fn compose_on(
         });
     }
     // Sums over the bodies above.
-    for i in (0..last).rev() {
+    for i in (0..out.len() - 1).rev() {
         let above = out[i + 1];
         out[i].inertia += above.inertia;
         out[i].coriolis += above.coriolis;
         out[i].force += above.force;
     }
+}
+
+/// The motion of one hinge, about its axis through a joint's `centre`.
+fn one_axis(axes: &Matrix3<f64>, hinge: usize, centre: &Vector3<f64>) -> Matrix6x3<f64> {
+    let mut own = Matrix3::zeros();
+    own.set_column(hinge, &axes.column(hinge));
+    stack(&own, &(centre.cross_matrix() * own))
+}
+
+/// From the motion of the body below a joint to that of its disc: `v_i = v_(i-1) + S_i u_i`, and its derivative.
+fn go_above(
+    axes: &Matrix6x3<f64>,
+    [velocity, acceleration]: &[Vector3<f64>; 2],
+    v: &mut Vector6<f64>,
+    a: &mut Vector6<f64>,
+) {
+    let rate = axes * velocity;
+    *v += rate;
+    *a += axes * acceleration + cross_motion(v) * rate;
 }
 
 /// Inertia about the base's origin of a body given about a joint's `centre`.

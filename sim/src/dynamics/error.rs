@@ -66,6 +66,17 @@ pub enum DynamicsError {
         /// How the step was taken.
         integrator: Integrator,
     },
+    /// A joint of hinges that was turned to where they have no angles.
+    #[error(
+        "the hinges of joint {joint} turn beyond {angles:.3?} rad into gimbal lock, or one of them beyond half a turn: motions here \
+         end there; expected three hinges about axes that stay apart, or a ball joint in their place"
+    )]
+    HingesOutOfReach {
+        /// The joint, from 0 at the base.
+        joint: usize,
+        /// Its hinges' angles before the step (rad).
+        angles: Vec<f64>,
+    },
     /// An implicit step whose equations were not solved.
     #[error(
         "the implicit step of {timestep} s could not be solved, nor in halves down to {smallest:.1e} s; take a shorter \

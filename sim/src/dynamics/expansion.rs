@@ -1,7 +1,10 @@
 //! A step and what its derivatives are made of.
 
+use nalgebra::Vector3;
+
 use super::acceleration::EquationsOfMotion;
 use super::composite::{Composite, compose};
+use super::links::Link;
 use super::{DynamicsError, State};
 use crate::energy::following::{add_forces, add_moments};
 use crate::energy::{DeadForces, Expansion, Potential};
@@ -14,8 +17,8 @@ pub(super) struct StepExpansion {
     pub timestep: f64,
     pub equations: EquationsOfMotion,
     /// Armatures with the implicit damping `h D` (kg m²): it acts on the change of the rates, as an armature would.
-    pub armatures: Vec<f64>,
-    /// The accelerations `a` of the step, in the discs' frames (rad/s²).
+    pub armatures: Vec<Vector3<f64>>,
+    /// The accelerations `a` of the step, by the joints' coordinates (rad/s²).
     pub accelerations: Vec<f64>,
     /// Composite bodies at these accelerations.
     pub composites: Vec<Composite>,
@@ -31,9 +34,7 @@ impl StepExpansion {
         if !(timestep.is_finite() && timestep > 0.0) {
             return Err(DynamicsError::Timestep(timestep));
         }
-        let armatures: Vec<f64> = (robot.discs().iter())
-            .map(|disc| disc.armature + timestep * disc.damping)
-            .collect();
+        let armatures = Link::armatures(robot, timestep);
         Ok(Self {
             timestep,
             equations: EquationsOfMotion::new(robot, &armatures)?,

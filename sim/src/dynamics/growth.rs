@@ -18,10 +18,10 @@ use nalgebra::{Complex, Matrix3, Vector3};
 use super::DynamicsError;
 use super::acceleration::EquationsOfMotion;
 use super::implicit::{ImplicitMatrix, Part, Weights};
-use super::links::PointMass;
+use super::links::{Link, PointMass};
 use crate::chain::Configuration;
 use crate::energy::following::{add_product, add_transposed_product};
-use crate::factor::{Arnoldi, Curvature, dot, probe};
+use crate::factor::{Arnoldi, Curvature, dot, probe, project};
 use crate::robot::{Loads, Robot};
 
 /// Growth of a motion, as a share of its rate's size, that is not told from none; and of a robot without damping about some axis, which
@@ -90,7 +90,7 @@ impl SmallMotionRates {
     /// # Errors
     /// [`DynamicsError`] for a joint without inertia, or an inextensible tendon whose length is commanded.
     pub fn new(robot: &Robot) -> Result<Self, DynamicsError> {
-        let armatures: Vec<f64> = robot.discs().iter().map(|disc| disc.armature).collect();
+        let armatures = Link::armatures(robot, 0.0);
         Ok(Self {
             equations: EquationsOfMotion::new(robot, &armatures)?,
             matrix: ImplicitMatrix::new(robot),
@@ -148,15 +148,14 @@ impl SmallMotionRates {
     /// Whether no joint has damping.
     fn without_damping(&self) -> bool {
         let links = self.equations.links.iter();
-        let damping = links.map(|link| link.extra_damping.add_scalar(link.damping).amax());
+        let damping = links.map(|link| link.damping().amax());
         damping.fold(0.0, f64::max) == 0.0
     }
 
     /// `nu`: the largest `|n| / d` (1/s); infinite for a joint without damping.
     fn fastest(&self, loads: &Loads) -> Option<f64> {
-        let places = (self.equations.links.iter()).zip(self.equations.orientations());
-        let eased: Option<Vec<_>> = places
-            .map(|(link, orientation)| inverse_root(&link.damping_matrix(orientation)))
+        let eased: Option<Vec<_>> = (0..self.joints())
+            .map(|joint| inverse_root(&self.damping_matrix(joint)))
             .collect();
         let Some(eased) = eased else {
             return Some(f64::INFINITY);
@@ -251,7 +250,8 @@ impl SmallMotionRates {
 
     /// Whether a solution with the factorised sum, multiplied by it, gives its right-hand side.
     fn is_accurate(&mut self, loads: &Loads, weights: Weights) -> bool {
-        let rhs = probe(self.joints());
+        let mut rhs = probe(self.joints());
+        project(&self.equations.posture.chain.hinges, &mut rhs);
         let mut solution = rhs.clone();
         self.matrix.solve(&rhs, &mut solution);
         let (mass, stiffness) = (self.mass(&solution), self.stiffness(loads, &solution));
@@ -283,6 +283,8 @@ impl SmallMotionRates {
         for ((second, first), turn) in second.iter_mut().zip(first).zip(turns) {
             *second = *first + turn;
         }
+        // What hinges do not allow is of no mode.
+        project(&self.equations.posture.chain.hinges, second);
     }
 
     /// What the rates of a space about `shift` say.
@@ -331,24 +333,26 @@ impl SmallMotionRates {
     fn mass(&mut self, turns: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut out = vec![Vector3::zeros(); turns.len()];
         self.equations.residual(turns, &mut out);
+        project(&self.equations.posture.chain.hinges, &mut out);
         out
     }
 
+    fn damping_matrix(&self, joint: usize) -> Matrix3<f64> {
+        let chain = &self.equations.posture.chain;
+        self.equations.links[joint].damping_matrix(chain.disc(joint), chain.hinges(joint))
+    }
+
     fn damping(&self, turns: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-        let places = self
-            .equations
-            .links
-            .iter()
-            .zip(self.equations.orientations());
-        places
-            .zip(turns)
-            .map(|((link, orientation), turn)| link.damping_matrix(orientation) * turn)
+        let joints = turns.iter().enumerate();
+        joints
+            .map(|(joint, turn)| self.damping_matrix(joint) * turn)
             .collect()
     }
 
     fn stiffness(&self, loads: &Loads, turns: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut out = vec![Vector3::zeros(); turns.len()];
         (self.matrix).stiffness_product(&self.equations, loads, turns, &mut out);
+        project(&self.equations.posture.chain.hinges, &mut out);
         out
     }
 }

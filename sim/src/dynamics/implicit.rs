@@ -5,10 +5,9 @@ use faer::Mat;
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use super::State;
-use super::acceleration::EquationsOfMotion;
+use super::acceleration::{EquationsOfMotion, to_coordinates};
 use super::composite::Composite;
-use super::symmetric::transpose_times;
-use crate::chain::Configuration;
+use crate::chain::{Chain, Configuration};
 use crate::energy::following::{add_bodies, add_forces, add_moments, add_product, follows};
 use crate::energy::{DeadForces, Expansion, Potential};
 use crate::factor::{ChainLu, ChainMatrix, Curvature, Side};
@@ -122,11 +121,18 @@ impl ImplicitMatrix {
         // M and D: each disc's inertia about its joint's centre, and what resists the joint.
         let places = equations.links.iter().zip(equations.orientations());
         let blocks = self.bodies.iter_mut().zip(&mut self.joints);
-        for ((body, joint), (link, orientation)) in blocks.zip(places) {
+        for (index, ((body, joint), (link, orientation))) in blocks.zip(places).enumerate() {
             *body = link.body(orientation).spatial() * weights.mass;
-            let alike = link.armature * weights.mass + weights.joints;
-            *joint =
-                Matrix3::identity() * alike + link.damping_matrix(orientation) * weights.damping;
+            let axes = posture.chain.hinges(index);
+            let damping = link.damping_matrix(orientation, axes) * weights.damping;
+            *joint = damping
+                + match axes {
+                    None => Matrix3::identity() * (link.armature * weights.mass + weights.joints),
+                    Some(_) => {
+                        link.armature_matrix(axes) * weights.mass
+                            + Matrix3::identity() * weights.joints
+                    }
+                };
         }
         if let Some((tip, orientation)) =
             (self.bodies.last_mut()).zip(equations.orientations().last())
@@ -216,42 +222,42 @@ impl ImplicitEuler {
             *force = -*force - stiff * h;
         }
         self.matrix.solve(&self.forces, &mut self.solution);
-        let accelerations = out.as_chunks_mut::<3>().0.iter_mut();
-        let turned = equations.orientations().iter().zip(&self.solution);
-        for (out, (orientation, world)) in accelerations.zip(turned) {
-            *out = transpose_times(orientation, world).into();
-        }
+        to_coordinates(&equations.posture.chain, &self.solution, out);
         true
     }
 }
 
-/// The mass matrix with `armatures` (kg m²), in the discs' frames.
-pub(super) fn mass_matrix(composites: &[Composite], armatures: &[f64]) -> Mat<f64> {
-    let dof = 3 * composites.len();
+/// The mass matrix with `armatures` (kg m²), by the joints' coordinates.
+pub(super) fn mass_matrix(composites: &[Composite], armatures: &[Vector3<f64>]) -> Mat<f64> {
+    let dof = 3 * armatures.len();
     let mut mass = Mat::zeros(dof, dof);
     for (i, upper) in composites.iter().enumerate() {
         let rows = upper.axes.tr_mul(&upper.inertia);
         for (j, lower) in composites[..=i].iter().enumerate() {
             let block: Matrix3<f64> = rows * lower.axes;
             for (r, c) in (0..9).map(|k| (k / 3, k % 3)) {
-                mass[(3 * i + r, 3 * j + c)] = block[(r, c)];
-                mass[(3 * j + c, 3 * i + r)] = block[(r, c)];
+                let (row, column) = (3 * upper.joint + r, 3 * lower.joint + c);
+                mass[(row, column)] += block[(r, c)];
+                if i != j {
+                    mass[(column, row)] += block[(r, c)];
+                }
             }
         }
-        for axis in 3 * i..3 * i + 3 {
-            mass[(axis, axis)] += armatures[i];
-        }
+    }
+    for (axis, armature) in armatures.iter().flat_map(|joint| joint.iter()).enumerate() {
+        mass[(axis, axis)] += armature;
     }
     mass
 }
 
-/// A matrix of turns in world axes, in the discs' frames.
-pub(super) fn in_discs(world: &Mat<f64>, orientations: &[Matrix3<f64>]) -> Mat<f64> {
+/// A form of turns in world axes, as one of the joints' coordinates.
+pub(super) fn in_coordinates(world: &Mat<f64>, chain: &Chain) -> Mat<f64> {
     let mut out = Mat::zeros(world.nrows(), world.ncols());
-    for (i, upper) in orientations.iter().enumerate() {
-        for (j, lower) in orientations.iter().enumerate() {
+    let joints = chain.centres.len();
+    for i in 0..joints {
+        for j in 0..joints {
             let block = Matrix3::from_fn(|r, c| world[(3 * i + r, 3 * j + c)]);
-            let turned = upper.tr_mul(&block) * lower;
+            let turned = chain.axes(i).tr_mul(&block) * chain.axes(j);
             for (r, c) in (0..9).map(|k| (k / 3, k % 3)) {
                 out[(3 * i + r, 3 * j + c)] = turned[(r, c)];
             }

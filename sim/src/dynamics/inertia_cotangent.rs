@@ -43,8 +43,9 @@ pub(super) fn pull_back_inertia(
         // The centre's acceleration `a` and virtual displacement `d`; the body's `alpha`, `w` and `W`.
         centre += body_below.angular.cross(&motion.arm) + motion.linear_bias;
         moved += body_below.turn.cross(&motion.arm);
-        let acceleration =
-            orientation * Vector3::from_column_slice(&accelerations[3 * k..3 * k + 3]);
+        let chain = &equations.posture.chain;
+        let own = Vector3::from_column_slice(&accelerations[3 * k..3 * k + 3]);
+        let acceleration = chain.axes(k) * own;
         let spin = motion.spin;
         let angular = body_below.angular + motion.angular_bias + acceleration;
         let turn = body_below.turn + turns[k];
@@ -64,10 +65,21 @@ pub(super) fn pull_back_inertia(
         let by_inertia =
             turn_own * angular_own.transpose() + turn_own.cross(&spin_own) * spin_own.transpose();
         inertia.rotational -= (by_inertia + by_inertia.transpose()) * 0.5;
-        out.armature[k] -= turns[k].dot(&acceleration);
-        out.damping[k] -= turns[k].dot(&(motion.rate + acceleration * timestep));
-        let [turned, rate] = [&turns[k], &motion.rate].map(|vector| orientation.tr_mul(vector));
-        out.extra_damping[k] -= turned.component_mul(&rate);
+        match chain.hinges(k) {
+            None => {
+                out.armature[k] -= turns[k].dot(&acceleration);
+                out.damping[k] -= turns[k].dot(&(motion.rate + acceleration * timestep));
+                let [turned, rate] =
+                    [&turns[k], &motion.rate].map(|vector| orientation.tr_mul(vector));
+                out.extra_damping[k] -= turned.component_mul(&rate);
+            }
+            // Of every hinge alike, along its angle.
+            Some(hinges) => {
+                let [turned, rate] = [&turns[k], &motion.rate].map(|v| hinges.dual.tr_mul(v));
+                out.armature[k] -= turned.dot(&own);
+                out.damping[k] -= turned.dot(&(rate + own * timestep));
+            }
+        }
         // What moving the centre costs.
         let mut body = link.body(orientation);
         if k + 1 == n {

@@ -7,15 +7,15 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use super::composite::{Moved, cross_with_force};
 use super::expansion::StepExpansion;
-use super::implicit::{in_discs, mass_matrix};
+use super::implicit::{in_coordinates, mass_matrix};
 use super::{DynamicsError, State};
 use crate::energy::following::jacobian;
-use crate::robot::{Command, Drive, Loads, Robot};
+use crate::robot::{Command, Drive, Hinges, Loads, Robot};
 
 /// A step to first order: `x+ + dx+`, `dx+ = A dx + B du`.
 ///
 /// The coordinates of a state are those of MuJoCo's `mjd_transitionFD`: turns of the joints in their
-/// discs' frames, `q exp(dq)` (rad), three per joint, then their rates (rad/s).
+/// discs' frames, `q exp(dq)`, or their hinges' angles (rad), three per joint, then their rates (rad/s).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linearisation {
     /// By the state: `6 n x 6 n`.
@@ -75,8 +75,9 @@ impl Lineariser {
         }
     }
 
-    /// Minus the derivative of the residual moments on the joints, `g`, in the discs' frames: along
-    /// `q exp(dq)` that is their Jacobian by turns and, since turns do not commute, `1/2 [g]x`.
+    /// Minus the derivative of the residual moments on the joints, `g`, by their coordinates: along
+    /// `q exp(dq)` that is their Jacobian by turns and, since turns do not commute, `1/2 [g]x`. Along hinges' angles the Jacobian has
+    /// what turns about several axes do to second order.
     fn add_loads(&self, loads: &Loads, forces: &mut Mat<f64>) {
         let StepExpansion {
             equations,
@@ -85,13 +86,16 @@ impl Lineariser {
         } = &self.step;
         let jacobian = jacobian(loads, 1.0, &equations.posture, expansion);
         let orientations = equations.orientations();
-        let by_turns = in_discs(&jacobian, orientations);
+        let by_turns = in_coordinates(&jacobian, &equations.posture.chain);
         let dof = by_turns.nrows();
         let mut by_turn: MatMut<'_, f64> = forces.as_mut().subcols_mut(0, dof);
         by_turn -= &by_turns;
         let mut gradient = vec![Vector3::zeros(); orientations.len()];
         expansion.gradient(&mut gradient);
         for (joint, (gradient, orientation)) in gradient.iter().zip(orientations).enumerate() {
+            if equations.posture.chain.hinges(joint).is_some() {
+                continue;
+            }
             let twist = orientation.tr_mul(gradient).cross_matrix() * -0.5;
             add_block(forces, 3 * joint, 3 * joint, &twist);
         }
@@ -99,7 +103,7 @@ impl Lineariser {
 
     fn add_commands(&self, forces: &mut Mat<f64>) {
         let equations = &self.step.equations;
-        let orientations = equations.orientations();
+        let chain = &equations.posture.chain;
         let first = 2 * equations.robot.dof();
         let columns = self.step.expansion.dense_columns();
         for (t, tendon) in equations.robot.tendons().iter().enumerate() {
@@ -108,8 +112,8 @@ impl Lineariser {
                 Drive::Tension => 1.0,
                 Drive::Gain(_) | Drive::Length => -weight,
             };
-            for (joint, (slope, orientation)) in slopes.iter().zip(orientations).enumerate() {
-                let torque = orientation.tr_mul(slope) * -tension;
+            for (joint, slope) in slopes.iter().enumerate() {
+                let torque = chain.axes(joint).tr_mul(slope) * -tension;
                 for axis in 0..3 {
                     forces[(3 * joint + axis, first + t)] = torque[axis];
                 }
@@ -136,12 +140,13 @@ impl Lineariser {
                         joint.axes.tr_mul(&joint.force_change(&by_rate)),
                     )
                 };
-                add_block(forces, 3 * i, 3 * j, &-turn);
-                add_block(forces, 3 * i, dof + 3 * j, &-rate);
+                let (row, column) = (3 * joint.joint, 3 * turned.joint);
+                add_block(forces, row, column, &-turn);
+                add_block(forces, row, dof + column, &-rate);
             }
-            let link = &self.step.equations.links[j];
-            let damping = Matrix3::from_diagonal(&link.extra_damping.add_scalar(link.damping));
-            add_block(forces, 3 * j, dof + 3 * j, &-damping);
+            let damping = turned.own(self.step.equations.links[turned.joint].damping());
+            let (row, damping) = (3 * turned.joint, Matrix3::from_diagonal(&damping));
+            add_block(forces, row, dof + row, &-damping);
         }
     }
 
@@ -165,7 +170,8 @@ impl Lineariser {
             let next = Vector3::from_fn(|axis, _| {
                 velocity[rows + axis] + h * self.step.accelerations[rows + axis]
             });
-            let (back, jacobian) = turn_jacobians(&(next * h));
+            let hinges = self.step.equations.links[joint].hinges.as_deref();
+            let (back, jacobian) = step_jacobians(hinges, &(next * h));
             let rates = jacobian * h * step.fixed_rows::<3>(dof + rows);
             step.fixed_rows_mut::<3>(rows).copy_from(&rates);
             let mut own = step.fixed_view_mut::<3, 3>(rows, rows);
@@ -174,6 +180,21 @@ impl Lineariser {
         Linearisation {
             a: step.columns(0, 2 * dof).into_owned(),
             b: step.columns(2 * dof, columns - 2 * dof).into_owned(),
+        }
+    }
+}
+
+/// What a change of a joint's coordinates at the start of a `step` (rad) of them, and one of the step, are at its end: for a ball joint
+/// [`turn_jacobians`].
+pub(super) fn step_jacobians(
+    hinges: Option<&Hinges>,
+    step: &Vector3<f64>,
+) -> (Matrix3<f64>, Matrix3<f64>) {
+    match hinges {
+        None => turn_jacobians(step),
+        Some(hinges) => {
+            let present = Matrix3::from_diagonal(&hinges.present());
+            (present, present)
         }
     }
 }

@@ -11,7 +11,7 @@ use super::implicit::ImplicitMatrix;
 use super::stepper::LARGEST_TURN;
 use super::symmetric::transpose_times;
 use super::{DynamicsError, State};
-use crate::chain::{Configuration, turned};
+use crate::chain::Configuration;
 use crate::robot::{Loads, Robot};
 
 /// Change of a joint's turn in the step (rad) from which Newton's method has converged.
@@ -89,13 +89,19 @@ impl ImplicitMidpoint {
         let solved = (0..MAX_ITERATIONS)
             .map_while(|iteration| self.newton_step(equations, loads, command, h, iteration))
             .any(|size| size <= TOLERANCE);
-        if !solved || !self.go_half_way(h) {
+        if !solved || !self.go_half_way(&equations.robot, h) {
             return false;
         }
         // q+ = q exp(h u), v+ = v + h a.
         let rates = self.u.as_chunks::<3>().0;
-        for (q, rate) in self.reached.configuration.0.iter_mut().zip(rates) {
-            *q = turned(q, &(Vector3::from(*rate) * h));
+        let joints = self
+            .reached
+            .configuration
+            .0
+            .iter_mut()
+            .zip(equations.robot.discs());
+        for ((q, disc), rate) in joints.zip(rates) {
+            *q = disc.moved(q, &(Vector3::from(*rate) * h));
         }
         for (v, a) in self.reached.velocity.iter_mut().zip(&self.acceleration) {
             *v += h * a;
@@ -104,17 +110,18 @@ impl ImplicitMidpoint {
     }
 
     /// Sets the mean rates and the configuration half-way; whether no joint turns too far.
-    fn go_half_way(&mut self, h: f64) -> bool {
+    fn go_half_way(&mut self, robot: &Robot, h: f64) -> bool {
         let pairs = self.reached.velocity.iter().zip(&self.acceleration);
         for (u, (v, a)) in self.u.iter_mut().zip(pairs) {
             *u = v + 0.5 * h * a;
         }
         let mut resolved = true;
         let joints = self.reached.configuration.0.iter().zip(&mut self.q.0);
-        for ((q, half_way), rate) in joints.zip(self.u.as_chunks::<3>().0) {
+        let joints = joints.zip(self.u.as_chunks::<3>().0).zip(robot.discs());
+        for (((q, half_way), rate), disc) in joints {
             let turn = Vector3::from(*rate) * h;
             resolved &= turn.norm() <= LARGEST_TURN;
-            *half_way = turned(q, &(turn * 0.5));
+            *half_way = disc.moved(q, &(turn * 0.5));
         }
         resolved
     }
@@ -128,16 +135,14 @@ impl ImplicitMidpoint {
         h: f64,
         iteration: usize,
     ) -> Option<f64> {
-        if !self.go_half_way(h) {
+        if !self.go_half_way(&equations.robot, h) {
             return None;
         }
         equations.enter(&self.q, &self.u, command);
         let accelerations = self.acceleration.as_chunks::<3>().0;
-        let orientations = equations.orientations();
-        for (world, (own, orientation)) in
-            (self.world.iter_mut()).zip(accelerations.iter().zip(orientations))
-        {
-            *world = orientation * Vector3::from(*own);
+        let chain = &equations.posture.chain;
+        for (joint, (world, own)) in self.world.iter_mut().zip(accelerations).enumerate() {
+            *world = chain.axes(joint) * Vector3::from(*own);
         }
         equations.residual(&self.world, &mut self.residual);
         if iteration < FACTORISATIONS {
@@ -146,11 +151,10 @@ impl ImplicitMidpoint {
         }
         self.matrix.solve(&self.residual, &mut self.step);
         let mut largest: f64 = 0.0;
-        let changes = self.step.iter().zip(equations.orientations());
-        for (own, (step, orientation)) in
-            (self.acceleration.as_chunks_mut::<3>().0.iter_mut()).zip(changes)
-        {
-            let change = transpose_times(orientation, step);
+        let chain = &equations.posture.chain;
+        let joints = self.acceleration.as_chunks_mut::<3>().0.iter_mut();
+        for (joint, (own, step)) in joints.zip(&self.step).enumerate() {
+            let change = transpose_times(chain.dual(joint), step);
             *own = (Vector3::from(*own) - change).into();
             largest = largest.max(change.norm());
         }

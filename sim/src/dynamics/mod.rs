@@ -1,7 +1,7 @@
 //! Motion in time: stepping, rollouts, and their derivatives.
 //!
 //! A [`State`] is a configuration and the rates of its joints, in MuJoCo's coordinates for ball
-//! joints. A [`Stepper`] moves a state by one time step under a command and loads; the command may
+//! joints and hinges. A [`Stepper`] moves a state by one time step under a command and loads; the command may
 //! change at every step. Steps take O(n) time for `n` discs and allocate nothing.
 //!
 //! ```
@@ -48,6 +48,7 @@ mod error;
 mod expansion;
 mod forces;
 mod growth;
+mod hinge_reach;
 mod implicit;
 mod inertia_cotangent;
 mod linearise;

@@ -1,13 +1,13 @@
 //! The classical Runge-Kutta method on the rotation group (Munthe-Kaas, Applied Numerical Mathematics 29, 1999).
 //!
 //! A joint's rotation over a step is `q exp(theta)`; `theta` follows `dtheta/dt = J^-1(theta) v` with the rates `v` and the right
-//! Jacobian `J` of the exponential map, and the method integrates `theta` and `v`.
+//! Jacobian `J` of the exponential map, and the method integrates `theta` and `v`. Of hinges, `theta` are steps of the angles.
 
 use nalgebra::Vector3;
 
 use super::State;
 use super::acceleration::EquationsOfMotion;
-use crate::chain::{Configuration, turned};
+use crate::chain::Configuration;
 use crate::robot::Robot;
 
 /// Workspace of the method.
@@ -46,7 +46,7 @@ impl RungeKutta {
         equations: &mut EquationsOfMotion,
         state: &mut State,
         command: &[f64],
-        armatures: &[f64],
+        armatures: &[Vector3<f64>],
         h: f64,
     ) {
         self.rate.fill(0.0);
@@ -64,8 +64,13 @@ impl RungeKutta {
         }
         // q+ = q exp(theta), v+ = v plus the weighted accelerations.
         let turns = self.turn_sum.as_chunks::<3>().0;
-        for (q, turn) in state.configuration.0.iter_mut().zip(turns) {
-            *q = turned(q, &Vector3::from(*turn));
+        let joints = state
+            .configuration
+            .0
+            .iter_mut()
+            .zip(equations.robot.discs());
+        for ((q, disc), turn) in joints.zip(turns) {
+            *q = disc.moved(q, &Vector3::from(*turn));
         }
         add(&mut state.velocity, 1.0, &self.acceleration_sum);
     }
@@ -76,7 +81,7 @@ impl RungeKutta {
         equations: &mut EquationsOfMotion,
         start: &State,
         command: &[f64],
-        armatures: &[f64],
+        armatures: &[Vector3<f64>],
         ahead: f64,
     ) {
         // v and q of the stage, and dtheta/dt there.
@@ -88,9 +93,14 @@ impl RungeKutta {
             .0
             .iter()
             .zip(self.rate.as_chunks_mut::<3>().0);
-        for ((start, rate), (q, v)) in joints.zip(stage) {
+        let joints = joints.zip(stage).zip(equations.robot.discs());
+        for (((start, rate), (q, v)), disc) in joints {
             let (turn, v) = (Vector3::from(*rate) * ahead, Vector3::from(*v));
-            *q = turned(start, &turn);
+            *q = disc.moved(start, &turn);
+            if disc.hinges.is_some() {
+                *rate = v.into();
+                continue;
+            }
             // The inverse right Jacobian of the exponential map, to the order that the method needs.
             let commutator = turn.cross(&v);
             *rate = (v + commutator * 0.5 + turn.cross(&commutator) / 12.0).into();

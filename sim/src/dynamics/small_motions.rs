@@ -5,13 +5,14 @@ use faer::{Mat, Side};
 
 use super::acceleration::EquationsOfMotion;
 use super::composite::compose;
-use super::implicit::{in_discs, mass_matrix};
+use super::implicit::{in_coordinates, mass_matrix};
+use super::links::Link;
 use super::{DynamicsError, Integrator, State, Stepper};
 use crate::energy::Expansion;
 use crate::robot::{Command, Loads, Robot};
 
 /// `M dv/dt + D v + K q = 0`: a robot at rest in some pose, moved a little. The coordinates are the
-/// turns of the joints.
+/// turns of the joints in their discs' frames, or their hinges' angles.
 #[derive(Clone, Debug)]
 pub(crate) struct SmallMotions {
     /// Mass matrix with the armatures (kg m²).
@@ -32,7 +33,7 @@ const RUNGE_KUTTA_RADIUS: f64 = 2.6;
 const HALVINGS: usize = 10;
 
 impl SmallMotions {
-    /// Those of `robot` about a pose at rest; joint turns in the discs' own frames.
+    /// Those of `robot` about a pose at rest.
     ///
     /// # Errors
     /// [`DynamicsError`] when command or loads are not of this robot, or it cannot move.
@@ -43,7 +44,7 @@ impl SmallMotions {
         loads: &Loads,
     ) -> Result<Self, DynamicsError> {
         let discs = robot.discs();
-        let armatures: Vec<f64> = discs.iter().map(|disc| disc.armature).collect();
+        let armatures = Link::armatures(robot, 0.0);
         let mut equations = EquationsOfMotion::new(robot, &armatures)?;
         equations.accept(state, command, loads)?;
         equations.posture.place(robot, &state.configuration);
@@ -55,13 +56,13 @@ impl SmallMotions {
         potential.expand(&state.configuration, &equations.posture, &mut expansion);
         Ok(Self {
             mass: mass_matrix(&composites, &armatures),
-            damping: (discs.iter())
-                .flat_map(|disc| disc.extra_damping.add_scalar(disc.damping).data.0[0])
+            damping: (equations.links.iter())
+                .flat_map(|link| link.damping().data.0[0])
                 .collect(),
             explicit: (discs.iter())
                 .flat_map(|disc| disc.extra_damping.data.0[0])
                 .collect(),
-            stiffness: in_discs(&expansion.dense(), equations.orientations()),
+            stiffness: in_coordinates(&expansion.dense(), &equations.posture.chain),
         })
     }
 

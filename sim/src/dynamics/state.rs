@@ -10,7 +10,8 @@ use crate::robot::Robot;
 pub struct State {
     /// Rotation of each disc relative to the body below.
     pub configuration: Configuration,
-    /// Angular velocity of each joint in its disc's own frame (rad/s), three entries per joint.
+    /// Rates of the joints' coordinates (rad/s), three entries per joint: the angular velocity in its disc's own frame, or of hinges the
+    /// rates of their angles in order, then 0.
     pub velocity: Vec<f64>,
 }
 

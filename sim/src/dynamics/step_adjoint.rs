@@ -10,7 +10,7 @@ use nalgebra::{Vector3, Vector6};
 use super::composite::{Moved, cross_with_force};
 use super::expansion::StepExpansion;
 use super::inertia_cotangent::pull_back_inertia;
-use super::linearise::turn_jacobians;
+use super::linearise::step_jacobians;
 use super::{DynamicsError, State};
 use crate::energy::following::add_transposed_product;
 use crate::model_tangent::{Expanded, ModelTangent};
@@ -114,19 +114,19 @@ impl StepAdjoint {
         let h = self.step.timestep;
         let joints = turns.as_chunks_mut::<3>().0.iter_mut();
         let joints = joints.zip(rates.as_chunks_mut::<3>().0);
-        let motions = (velocity.as_chunks::<3>().0.iter())
-            .zip(self.step.accelerations.as_chunks::<3>().0)
-            .zip(self.step.equations.orientations());
-        for (((turn, rate), ((v, a), orientation)), out) in
-            joints.zip(motions).zip(&mut self.scratch)
-        {
+        let motions =
+            (velocity.as_chunks::<3>().0.iter()).zip(self.step.accelerations.as_chunks::<3>().0);
+        let chain = &self.step.equations.posture.chain;
+        let joints = joints.zip(motions).zip(&mut self.scratch);
+        for (joint, (((turn, rate), (v, a)), out)) in joints.enumerate() {
             let next = Vector3::from(*v) + Vector3::from(*a) * h;
-            let (back, jacobian) = turn_jacobians(&(next * h));
             let after = Vector3::from(*turn);
+            let hinges = self.step.equations.links[joint].hinges.as_deref();
+            let (back, jacobian) = step_jacobians(hinges, &(next * h));
             let by_rate = Vector3::from(*rate) + jacobian.tr_mul(&after) * h;
             *turn = back.tr_mul(&after).into();
             *rate = by_rate.into();
-            *out = orientation * by_rate * h;
+            *out = chain.dual(joint) * by_rate * h;
         }
     }
 
@@ -147,8 +147,12 @@ impl StepAdjoint {
         );
         expansion.gradient(&mut self.gradient);
         for (joint, turn) in turns.as_chunks_mut::<3>().0.iter_mut().enumerate() {
-            let twist = self.gradient[joint].cross(&self.multipliers[joint]) * 0.5;
-            let by_turn = equations.orientations()[joint].tr_mul(&(twist - self.scratch[joint]));
+            let chain = &equations.posture.chain;
+            let twist = match chain.hinges(joint) {
+                None => self.gradient[joint].cross(&self.multipliers[joint]) * 0.5,
+                Some(_) => Vector3::zeros(),
+            };
+            let by_turn = chain.axes(joint).tr_mul(&(twist - self.scratch[joint]));
             *turn = (Vector3::from(*turn) + by_turn).into();
         }
     }
@@ -162,21 +166,23 @@ impl StepAdjoint {
             ..
         } = &self.step;
         // Motions S w along the multipliers: sums over the joints below each joint.
-        let own: Vec<Vector3<f64>> = (equations.orientations().iter().zip(&self.multipliers))
-            .map(|(orientation, multiplier)| orientation.tr_mul(multiplier))
+        let chain = &equations.posture.chain;
+        let own: Vec<Vector3<f64>> = (self.multipliers.iter().enumerate())
+            .map(|(joint, multiplier)| chain.dual(joint).tr_mul(multiplier))
             .collect();
         let mut sum = Vector6::zeros();
-        let below: Vec<Vector6<f64>> = (composites.iter().zip(&own))
-            .map(|(joint, own)| {
+        let below: Vec<Vector6<f64>> = (composites.iter())
+            .map(|joint| {
                 let below = sum;
-                sum += joint.axes * own;
+                sum += joint.axes * own[joint.joint];
                 below
             })
             .collect();
         // From the tip down: what a moved joint does to the forces on those above it, I S w and B' S w, and below it.
         let (mut inertia, mut coriolis) = (Vector6::zeros(), Vector6::zeros());
         for (j, joint) in composites.iter().enumerate().rev() {
-            let along = joint.axes * own[j];
+            let own = own[joint.joint];
+            let along = joint.axes * own;
             inertia += joint.inertia * along;
             coriolis += joint.coriolis.tr_mul(&along);
             let rest = inertia + joint.inertia * below[j];
@@ -186,12 +192,11 @@ impl StepAdjoint {
                 .axes
                 .tr_mul(&cross_with_force(&joint.force).tr_mul(&below[j]));
             let by_turn = work(&Moved::by_turn(joint)) + force;
-            let link = &equations.links[j];
-            let damping = link.extra_damping.add_scalar(link.damping);
-            let by_rate = work(&Moved::by_rate(joint)) + own[j].component_mul(&damping);
+            let damping = joint.own(equations.links[joint.joint].damping());
+            let by_rate = work(&Moved::by_rate(joint)) + own.component_mul(&damping);
             for axis in 0..3 {
-                turns[3 * j + axis] -= by_turn[axis];
-                rates[3 * j + axis] -= by_rate[axis];
+                turns[3 * joint.joint + axis] -= by_turn[axis];
+                rates[3 * joint.joint + axis] -= by_rate[axis];
             }
         }
     }

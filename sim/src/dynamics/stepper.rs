@@ -3,11 +3,12 @@
 use nalgebra::Vector3;
 
 use super::acceleration::EquationsOfMotion;
+use super::hinge_reach::HingeReach;
 use super::implicit::ImplicitEuler;
+use super::links::Link;
 use super::midpoint::ImplicitMidpoint;
 use super::runge_kutta::RungeKutta;
 use super::{DynamicsError, Energy, State};
-use crate::chain::turned;
 use crate::robot::{Command, Loads, Robot};
 
 /// Largest turn of a joint in one step (rad). No integrator is accurate at half of it, and beyond half a
@@ -50,11 +51,12 @@ impl Integrator {
 pub struct Stepper {
     timestep: f64,
     equations: EquationsOfMotion,
-    /// Per joint, what resists its acceleration besides the discs (kg m²).
-    armatures: Vec<f64>,
+    /// Per joint, what resists its acceleration besides the discs (kg m²): [`Link::armatures`].
+    armatures: Vec<Vector3<f64>>,
     scheme: Scheme,
-    /// Accelerations in the discs' frames (rad/s²).
+    /// Accelerations of the joints' coordinates (rad/s²).
     accelerations: Vec<f64>,
+    hinges: HingeReach,
     fallbacks: usize,
 }
 
@@ -103,9 +105,7 @@ impl Stepper {
                 (Scheme::ImplicitMidpoint(scheme), 0.5 * timestep)
             }
         };
-        let armatures: Vec<f64> = (robot.discs().iter())
-            .map(|disc| disc.armature + implicit * disc.damping)
-            .collect();
+        let armatures = Link::armatures(robot, implicit);
         let equations = EquationsOfMotion::new(robot, &armatures)?;
         Ok(Self {
             timestep,
@@ -113,6 +113,7 @@ impl Stepper {
             armatures,
             scheme,
             accelerations: vec![0.0; robot.dof()],
+            hinges: HingeReach::new(robot),
             fallbacks: 0,
         })
     }
@@ -144,7 +145,8 @@ impl Stepper {
     ///
     /// # Errors
     /// [`DynamicsError`] when state, command or loads are not of this robot, or an implicit step has no solution that can be
-    /// found (the state is left as it was), or the motion diverged: a joint turns by more than [`LARGEST_TURN`] in the step.
+    /// found (the state is left as it was), or the motion diverged: a joint turns by more than [`LARGEST_TURN`] in the step, or a
+    /// hinge beyond what it has angles for.
     pub fn step(
         &mut self,
         state: &mut State,
@@ -153,12 +155,13 @@ impl Stepper {
     ) -> Result<(), DynamicsError> {
         self.equations.accept(state, command, loads)?;
         let (h, command) = (self.timestep, command.as_slice());
+        self.hinges.remember(state);
         let equations = &mut self.equations;
         match &mut self.scheme {
             Scheme::SemiImplicitEuler => {
                 let (q, v) = (&state.configuration, &state.velocity);
                 equations.accelerate(q, v, command, &self.armatures, &mut self.accelerations);
-                advance(state, &self.accelerations, h);
+                advance(&equations.robot, state, &self.accelerations, h);
             }
             Scheme::RungeKutta4(scheme) => {
                 scheme.step(equations, state, command, &self.armatures, h);
@@ -170,7 +173,7 @@ impl Stepper {
                     self.fallbacks += 1;
                     equations.accelerate(q, v, command, &self.armatures, accelerations);
                 }
-                advance(state, accelerations, h);
+                advance(&equations.robot, state, accelerations, h);
             }
             Scheme::ImplicitMidpoint(scheme) => {
                 let halved = scheme.step(equations, loads, state, command, h)?;
@@ -187,7 +190,7 @@ impl Stepper {
             _ => rates,
         };
         match turn {
-            (_, turn) if turn <= LARGEST_TURN => Ok(()),
+            (_, turn) if turn <= LARGEST_TURN => self.hinges.check(state),
             (joint, turn) => Err(DynamicsError::Diverged {
                 joint,
                 turn,
@@ -226,16 +229,17 @@ fn largest_turn(rates: &[f64], h: f64) -> (usize, f64) {
     })
 }
 
-/// `v+ = v + h a`, then `q+ = q exp(h v+)`.
-fn advance(state: &mut State, accelerations: &[f64], h: f64) {
+/// `v+ = v + h a`, then `q+ = q exp(h v+)`, or of hinges the angles `t+ = t + h v+`.
+fn advance(robot: &Robot, state: &mut State, accelerations: &[f64], h: f64) {
     let joints = state
         .configuration
         .0
         .iter_mut()
         .zip(state.velocity.as_chunks_mut::<3>().0);
-    for ((q, velocity), acceleration) in joints.zip(accelerations.as_chunks::<3>().0) {
+    let joints = joints.zip(accelerations.as_chunks::<3>().0);
+    for (((q, velocity), acceleration), disc) in joints.zip(robot.discs()) {
         let next = Vector3::from(*velocity) + Vector3::from(*acceleration) * h;
         *velocity = next.into();
-        *q = turned(q, &(next * h));
+        *q = disc.moved(q, &(next * h));
     }
 }

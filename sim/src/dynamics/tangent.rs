@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::linearise::turn_jacobians;
+use super::linearise::step_jacobians;
 use super::step_adjoint::StepAdjoint;
 use super::{DynamicsError, Rollout, State};
 use crate::chain::Chain;
@@ -97,8 +97,9 @@ pub fn rollout_tangent(
         let (turns, old_rates) = coordinates.split_at_mut(dof);
         let joints = turns.as_chunks_mut::<3>().0.iter_mut();
         let moved = (after.velocity.as_chunks::<3>().0.iter()).zip(rates.as_chunks::<3>().0);
-        for (turn, (velocity, rate)) in joints.zip(moved) {
-            let (back, jacobian) = turn_jacobians(&(Vector3::from(*velocity) * timestep));
+        for ((turn, (velocity, rate)), disc) in joints.zip(moved).zip(robot.discs()) {
+            let by = Vector3::from(*velocity) * timestep;
+            let (back, jacobian) = step_jacobians(disc.hinges.as_deref(), &by);
             *turn =
                 (back * Vector3::from(*turn) + jacobian * Vector3::from(*rate) * timestep).into();
         }
@@ -149,7 +150,7 @@ impl<'a> Model<'a> {
             + vectors(&self.direction.moments, &gradient.moments)
     }
 
-    /// Change of the discs' poses when the joints turn by `turns`, in the discs' frames.
+    /// Change of the discs' poses when the joints' coordinates change by `turns`.
     fn move_discs(&self, chain: &Chain, robot: &Robot, turns: &[f64]) -> Vec<PoseTangent> {
         let (mut rotation, mut centre) = (Vector3::zeros(), Vector3::zeros());
         let mut below = robot.base();
@@ -163,7 +164,7 @@ impl<'a> Model<'a> {
                 centre += rotation.cross(&(chain.centres[i] - below))
                     + chain.orientations[i] * longer.sum::<Vector3<f64>>();
                 below = chain.centres[i];
-                rotation += chain.disc(i) * Vector3::from(*turn);
+                rotation += chain.axes(i) * Vector3::from(*turn);
                 PoseTangent {
                     position: centre + rotation.cross(&(chain.positions[i] - below)),
                     rotation,

@@ -82,7 +82,7 @@ fn turning(loads: &Loads, share: f64, posture: &Posture) -> impl Iterator<Item =
 }
 
 /// The Jacobian `3 n x 3 n` of the residual moments by the joints' turns, world axes (N m/rad): the
-/// expansion's Hessian, and what `share` of the loads without a potential add to it.
+/// expansion's Hessian, and what `share` of the loads without a potential add to it, [confined](Expansion::confine).
 pub(crate) fn jacobian(
     loads: &Loads,
     share: f64,
@@ -100,6 +100,7 @@ pub(crate) fn jacobian(
             }
         }
     }
+    expansion.confine(&mut jacobian);
     jacobian
 }
 

@@ -8,7 +8,7 @@ use crate::tendon::Posture;
 
 impl Potential<'_> {
     /// Writes the gradient by each joint's turn, world axes (N m), at `q`, whose posture is
-    /// `posture`; `tensions` is scratch, one entry per tendon. Allocates nothing.
+    /// `posture`, of hinges also along turns that they do not allow; `tensions` is scratch, one entry per tendon. Allocates nothing.
     pub fn gradient(
         &self,
         q: &Configuration,

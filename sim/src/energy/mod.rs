@@ -32,7 +32,7 @@ use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::chain::{Chain, Configuration};
-use crate::robot::{Robot, Span};
+use crate::robot::{HingeAxes, Robot, Span};
 use crate::tendon::Posture;
 
 /// The potential of one robot under one command and load.
@@ -62,6 +62,8 @@ pub(crate) struct Expansion {
     pub slopes: Vec<Vector3<f64>>,
     /// Weight of each column (N/m).
     pub weights: Vec<f64>,
+    /// The axes of joints that consist of hinges, as in [`Chain::hinges`].
+    pub hinges: Vec<Option<HingeAxes>>,
 }
 
 impl Expansion {
@@ -77,17 +79,60 @@ impl Expansion {
             disc_blocks: vec![Matrix3::zeros(); n],
             slopes: vec![Vector3::zeros(); n * columns.slots],
             weights: vec![0.0; columns.slot.len()],
+            hinges: Chain::new(robot).hinges,
             columns,
         }
     }
 
-    /// The residual (N m): largest Euclidean norm of the gradient by a joint's turn.
+    /// The axes of the hinges of a joint; `None` for a ball joint.
+    #[inline]
+    pub fn hinges(&self, joint: usize) -> Option<&HingeAxes> {
+        self.hinges.get(joint)?.as_ref()
+    }
+
+    /// What adds to the block of a joint of hinges, whose second derivatives are those along steps of their angles, where the gradient
+    /// by the turn of its disc is `above`.
+    #[inline]
+    pub fn curving(&self, joint: usize, above: &Vector3<f64>) -> Option<Matrix3<f64>> {
+        let hinges = self.hinges(joint)?;
+        Some(hinges.curving(&(self.joint_gradient[joint] + above)))
+    }
+
+    /// Leaves of a matrix `3 n x 3 n` by the joints' turns, world axes, what is along turns that hinges allow; the others are held by
+    /// the size of the Hessian, apart from these.
+    pub fn confine(&self, matrix: &mut Mat<f64>) {
+        if self.hinges.is_empty() {
+            return;
+        }
+        let held = self.scale();
+        let n = self.joint_blocks.len();
+        for (joint, hinges) in self.hinges.iter().enumerate() {
+            let Some(hinges) = hinges else { continue };
+            let free = hinges.projector();
+            for other in 0..n {
+                let block = take_block(matrix, joint, other);
+                set_block(matrix, joint, other, &(free * block));
+            }
+            for other in 0..n {
+                let block = take_block(matrix, other, joint);
+                set_block(matrix, other, joint, &(block * free));
+            }
+            add_block(matrix, joint, joint, &((Matrix3::identity() - free) * held));
+        }
+    }
+
+    /// The residual (N m): largest Euclidean norm of the gradient by a joint's turn, of hinges along turns that they allow.
     pub fn residual(&self) -> f64 {
         let mut above = Vector3::zeros();
         let mut largest: f64 = 0.0;
-        for (own, disc) in self.joint_gradient.iter().zip(&self.disc_gradient).rev() {
+        let terms = self.joint_gradient.iter().zip(&self.disc_gradient);
+        for (joint, (own, disc)) in terms.enumerate().rev() {
             above += disc;
-            let squared = (own + above).norm_squared();
+            let mut moment = own + above;
+            if let Some(hinges) = self.hinges(joint) {
+                moment = hinges.project(&moment);
+            }
+            let squared = moment.norm_squared();
             // Not `max`: a NaN must not get lost.
             if squared > largest || squared.is_nan() {
                 largest = squared;
@@ -96,13 +141,18 @@ impl Expansion {
         largest.sqrt()
     }
 
-    /// Writes the gradient by each joint's turn, all terms, world axes (N m).
+    /// Writes the gradient by each joint's turn, all terms, world axes (N m); of hinges along turns that they allow.
     pub fn gradient(&self, out: &mut [Vector3<f64>]) {
         let mut above = Vector3::zeros();
         let terms = self.joint_gradient.iter().zip(&self.disc_gradient);
         for (gradient, (own, disc)) in out.iter_mut().zip(terms).rev() {
             above += disc;
             *gradient = own + above;
+        }
+        for (gradient, hinges) in out.iter_mut().zip(&self.hinges) {
+            if let Some(hinges) = hinges {
+                *gradient = hinges.project(gradient);
+            }
         }
     }
 
@@ -131,6 +181,9 @@ impl Expansion {
             above += self.disc_blocks[k];
             moment += self.disc_gradient[k];
             add_block(&mut hessian, k, k, &(above + self.joint_blocks[k]));
+            if let Some(curving) = self.curving(k, &moment) {
+                add_block(&mut hessian, k, k, &curving);
+            }
             let twisted = above + noncommuting(&moment).transpose();
             for i in 0..k {
                 add_block(&mut hessian, k, i, &twisted);
@@ -225,6 +278,7 @@ impl Potential<'_> {
     }
 
     fn expand_joints(&self, q: &Configuration, chain: &Chain, out: &mut Expansion) {
+        out.hinges.copy_from_slice(&chain.hinges);
         for (i, (disc, q)) in self.robot.discs().iter().zip(&q.0).enumerate() {
             (out.joint_gradient[i], out.joint_blocks[i]) = match disc.elasticity(q) {
                 None => (Vector3::zeros(), Matrix3::zeros()),
@@ -412,5 +466,15 @@ pub(crate) fn add_block(hessian: &mut Mat<f64>, row: usize, column: usize, block
         for r in 0..3 {
             hessian[(3 * row + r, 3 * column + c)] += block[(r, c)];
         }
+    }
+}
+
+fn take_block(matrix: &Mat<f64>, row: usize, column: usize) -> Matrix3<f64> {
+    Matrix3::from_fn(|r, c| matrix[(3 * row + r, 3 * column + c)])
+}
+
+fn set_block(matrix: &mut Mat<f64>, row: usize, column: usize, block: &Matrix3<f64>) {
+    for (r, c) in (0..9).map(|k| (k / 3, k % 3)) {
+        matrix[(3 * row + r, 3 * column + c)] = block[(r, c)];
     }
 }

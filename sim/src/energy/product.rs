@@ -46,6 +46,9 @@ impl Expansion {
                 + blocks * (turn + below)
                 + moment.cross(&below) * 0.5
                 + above;
+            if let Some(curving) = self.curving(joint, &moment) {
+                product += curving * turn;
+            }
             for (pull, slope) in active.iter().zip(&self.slopes[joint * slots..]) {
                 product += slope * *pull;
             }

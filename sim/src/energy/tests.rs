@@ -6,16 +6,18 @@ use crate::robot::{Command, Frame, Loads, Payload, RobotSpec, Wrench};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::random_robot::{Kind, random_robot, within};
+use crate::random_robot::{Kind, random_hinged_robot, random_robot, within};
 
-/// The standard robots, and random ones.
+/// The standard robots, and random ones, some with hinges.
 fn robots() -> Vec<Robot> {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let standard = RobotSpec::STANDARD
         .iter()
         .map(|name| Robot::load(name).expect("a standard robot"));
-    let random = (0..12).map(|_| random_robot(Kind::Elastic, &mut rng));
-    standard.chain(random).collect()
+    let mut robots: Vec<Robot> = standard.collect();
+    robots.extend((0..12).map(|_| random_robot(Kind::Elastic, &mut rng)));
+    robots.extend((0..8).map(|_| random_hinged_robot(Kind::Elastic, &mut rng)));
+    robots
 }
 
 /// A payload, a line load and a dead force.
@@ -49,7 +51,7 @@ impl<'a> Landscape<'a> {
         let straight = Configuration::straight(robot);
         let mut bent = straight.clone();
         let turns: Vec<f64> = (0..robot.dof()).map(|_| within(-0.4, 0.4, rng)).collect();
-        straight.retract(&turns, &mut bent);
+        straight.retract(robot, &turns, &mut bent);
         let mut dead = DeadForces::new(robot);
         dead.set(robot, &dead_loads(robot, rng));
         Self {
@@ -70,7 +72,7 @@ impl<'a> Landscape<'a> {
 
     fn energy(&self, step: &[f64]) -> f64 {
         let mut moved = self.bent.clone();
-        self.bent.retract(step, &mut moved);
+        self.bent.retract(self.robot, step, &mut moved);
         let mut posture = Posture::new(self.robot);
         posture.place(self.robot, &moved);
         self.potential().energy(&moved, &posture)
@@ -104,7 +106,7 @@ fn gradient_is_the_central_difference_of_the_energy() {
         expansion.gradient(&mut gradient);
         let h = 1e-5;
         for (joint, gradient) in gradient.iter().enumerate() {
-            let own_axes = posture.chain.disc(joint).tr_mul(gradient);
+            let own_axes = posture.chain.axes(joint).tr_mul(gradient);
             for (axis, analytic) in own_axes.iter().enumerate() {
                 let i = 3 * joint + axis;
                 let up = landscape.energy(&along(robot.dof(), &[(i, h)]));
@@ -126,7 +128,7 @@ fn hessian_is_the_second_difference_of_the_energy() {
         let world = expansion.dense();
         let block = |k: usize, i: usize| {
             let b = Matrix3::from_fn(|r, c| world[(3 * k + r, 3 * i + c)]);
-            posture.chain.disc(k).tr_mul(&b) * posture.chain.disc(i)
+            posture.chain.axes(k).tr_mul(&b) * posture.chain.axes(i)
         };
         let h = 1e-4;
         for i in 0..robot.dof() {

@@ -193,9 +193,15 @@ impl ContactLu {
                 row_turn -= row[s] * held;
                 reduced -= moment[s] * held;
             }
+            // Hinges turn about their axes alone.
+            let hinges = expansion.hinges(joint);
+            if let (Some(hinges), Some(curving)) = (hinges, expansion.curving(joint, &carried)) {
+                pivot = hinges.confine(&(pivot + curving));
+            }
             let Some(inverse) = pivot.try_inverse() else {
                 return false;
             };
+            let inverse = hinges.map_or(inverse, |hinges| hinges.release(&inverse));
             // The law of what lies above the joint below.
             turns = reduced - col_turn * (inverse * row_turn);
             let mut eased = [zero; A];

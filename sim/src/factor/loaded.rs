@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Matrix6, Vector3};
 use super::Curvature;
 use super::unsymmetric::{ChainLu, ChainMatrix, Side};
 use crate::energy::{Expansion, following};
-use crate::robot::Loads;
+use crate::robot::{HingeAxes, Loads};
 use crate::tendon::Posture;
 
 /// Error of a solution, as a share of the right-hand side, from which the elimination does not count as accurate.
@@ -29,8 +29,8 @@ pub(crate) struct LoadedMatrix<'a> {
 pub(crate) enum LoadedFactor {
     /// By elimination along the chain.
     Chain(Box<ChainLu>),
-    /// Of the dense matrix, rows exchanged.
-    Dense(Box<PartialPivLu<f64>>),
+    /// Of the dense matrix, rows exchanged, and the axes of hinges.
+    Dense(Box<PartialPivLu<f64>>, Vec<Option<HingeAxes>>),
 }
 
 impl LoadedMatrix<'_> {
@@ -82,7 +82,8 @@ impl LoadedMatrix<'_> {
     fn is_accurate(&self, stiffness: f64, lu: &ChainLu) -> bool {
         // A right-hand side without symmetries.
         let probe = |joint: usize| Vector3::new(1.0, -0.6, 0.3) * (1.0 + (joint as f64).sin());
-        let rhs: Vec<_> = (0..self.joints()).map(probe).collect();
+        let mut rhs: Vec<_> = (0..self.joints()).map(probe).collect();
+        project(&self.expansion.hinges, &mut rhs);
         let none = vec![Vector3::zeros(); self.joints()];
         let (mut solution, mut product) = (none.clone(), none.clone());
         lu.solve(&rhs, &none, Side::Matrix, &mut solution);
@@ -94,6 +95,7 @@ impl LoadedMatrix<'_> {
             &solution,
             &mut product,
         );
+        project(&self.expansion.hinges, &mut product);
         let found = product
             .iter()
             .zip(&solution)
@@ -126,7 +128,7 @@ impl LoadedFactor {
             expansion,
         } = *matrix;
         let dense = following::jacobian(loads, share, posture, expansion);
-        Self::Dense(Box::new(dense.partial_piv_lu()))
+        Self::Dense(Box::new(dense.partial_piv_lu()), expansion.hinges.clone())
     }
 
     /// Writes the solution for a right-hand side of `joint` terms and `disc` terms as in [`Expansion`].
@@ -139,7 +141,7 @@ impl LoadedFactor {
     ) {
         match self {
             Self::Chain(lu) => lu.solve(joint, disc, side, solution),
-            Self::Dense(lu) => {
+            Self::Dense(lu, hinges) => {
                 // What acts on a disc turns all joints below it.
                 let mut total = joint.to_vec();
                 let mut above = Vector3::zeros();
@@ -155,7 +157,17 @@ impl LoadedFactor {
                 for (joint, turn) in solution.iter_mut().enumerate() {
                     *turn = Vector3::from_fn(|axis, _| found[(3 * joint + axis, 0)]);
                 }
+                project(hinges, solution);
             }
+        }
+    }
+}
+
+/// Leaves of turns or moments of the joints what is along turns that hinges allow.
+pub(crate) fn project(hinges: &[Option<HingeAxes>], vectors: &mut [Vector3<f64>]) {
+    for (vector, hinges) in vectors.iter_mut().zip(hinges) {
+        if let Some(hinges) = hinges {
+            *vector = hinges.project(vector);
         }
     }
 }

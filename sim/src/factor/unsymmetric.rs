@@ -96,7 +96,7 @@ impl ChainLu {
         let mut curvature = Curvature::Positive;
         // The form of what lies above: by motion and motion, motion and sum, sum and motion, sum and sum.
         let mut bodies = Matrix6::zeros();
-        let mut moment = Vector3::zeros();
+        let (mut moment, mut above) = (Vector3::zeros(), Vector3::zeros());
         let mut up = [Vector6::zeros(); A];
         let mut down = [Vector6::zeros(); A];
         let mut sums = [[0.0; A]; A];
@@ -107,6 +107,7 @@ impl ChainLu {
             turns += expansion.disc_blocks[joint] * scale;
             bodies += own;
             moment += expansion.disc_gradient[joint] * scale;
+            above += expansion.disc_gradient[joint];
             for &column in &self.columns.top[joint] {
                 let slot = self.columns.slot[column];
                 sums[slot][slot] = expansion.weights[column] * scale;
@@ -135,7 +136,13 @@ impl ChainLu {
             for (s, slope) in slopes.iter().enumerate() {
                 pivot += slope * col_sums[s].transpose();
             }
+            // Hinges turn about their axes alone.
+            let hinges = expansion.hinges(joint);
+            if let (Some(hinges), Some(curving)) = (hinges, expansion.curving(joint, &above)) {
+                pivot = hinges.confine(&(pivot + curving * scale));
+            }
             let inverse = pivot.try_inverse()?;
+            let inverse = hinges.map_or(inverse, |hinges| hinges.release(&inverse));
             if !is_positive(&pivot) {
                 curvature = Curvature::Modified;
             }

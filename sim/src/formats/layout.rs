@@ -1,8 +1,8 @@
 //! From a flat chain of discs to modules.
 
 use crate::robot::{
-    Backbone, BaseSpec, Body, Cameras, Holes, MassSpec, ModuleSpec, PerDisc, RigidMass, RobotSpec,
-    RouteSpec, Routing, Waypoint,
+    Backbone, BaseSpec, Body, Cameras, HingeJoint, Holes, MassSpec, ModuleSpec, PerDisc, RigidMass,
+    RobotSpec, RouteSpec, Routing, Waypoint,
 };
 
 /// A robot disc by disc, as other tools describe it.
@@ -29,6 +29,8 @@ pub(crate) struct DiscLayout {
     pub damping: f64,
     pub armature: f64,
     pub backbone: Option<Backbone>,
+    /// Hinges in place of a ball joint.
+    pub joint: Option<HingeJoint>,
 }
 
 /// Mass of one disc, as in [`MassSpec`].
@@ -96,6 +98,7 @@ fn continues(run: &[DiscLayout], next: &DiscLayout) -> bool {
         && first.half_height == next.half_height
         && first.holes == next.holes
         && first.backbone.is_some() == next.backbone.is_some()
+        && first.joint.is_some() == next.joint.is_some()
 }
 
 fn module(run: &[DiscLayout]) -> ModuleSpec {
@@ -103,6 +106,7 @@ fn module(run: &[DiscLayout]) -> ModuleSpec {
     let densities: Vec<f64> = run.iter().filter_map(|d| d.mass.density()).collect();
     let rigid: Vec<RigidMass> = run.iter().filter_map(|d| d.mass.rigid()).collect();
     let backbones: Vec<Backbone> = run.iter().filter_map(|d| d.backbone).collect();
+    let joints: Vec<HingeJoint> = run.iter().filter_map(|d| d.joint.clone()).collect();
     ModuleSpec {
         discs: run.len(),
         first_offset: first.step,
@@ -119,6 +123,7 @@ fn module(run: &[DiscLayout]) -> ModuleSpec {
         holes: Holes::At(first.holes.clone()),
         damping: per_disc(run.iter().map(|d| d.damping).collect()),
         armature: per_disc(run.iter().map(|d| d.armature).collect()),
+        joint: (!joints.is_empty()).then(|| per_disc(joints)),
         backbone: (!backbones.is_empty()).then(|| per_disc(backbones)),
         rod: None,
         limit: None,
@@ -143,9 +148,9 @@ impl DiscMass {
 }
 
 /// One value where all are the same.
-fn per_disc<T: Copy + PartialEq>(values: Vec<T>) -> PerDisc<T> {
+fn per_disc<T: Clone + PartialEq>(values: Vec<T>) -> PerDisc<T> {
     match values.first() {
-        Some(&first) if values.iter().all(|value| *value == first) => PerDisc::Uniform(first),
+        Some(first) if values.iter().all(|value| value == first) => PerDisc::Uniform(first.clone()),
         _ => PerDisc::Each(values),
     }
 }

@@ -90,6 +90,7 @@ static MODULE: Kind = kind(
     &[
         ("mass", &MASS),
         ("holes", &CIRCLE),
+        ("joint", &JOINT),
         ("backbone", &BACKBONE),
         ("rod", &ROD),
         ("limit", &LIMIT),
@@ -99,6 +100,8 @@ static MODULE: Kind = kind(
 static MASS: Kind = kind(&[], &[("rigid", &RIGID), ("solid", &SOLID)]);
 static RIGID: Kind = kind(&[&["mass"], &["inertia"]], &[]);
 static SOLID: Kind = kind(&[&["density"]], &[]);
+static JOINT: Kind = kind(&[&["hinges"]], &[("hinges", &HINGE)]);
+static HINGE: Kind = kind(&[&["axis"]], &[]);
 static BACKBONE: Kind = kind(&[&["bending"], &["torsion"]], &[]);
 static ROD: Kind = kind(
     &[&["youngs"], &["poisson"], &["radius"], &["density"]],

@@ -62,9 +62,9 @@ impl Expanded<'_> {
         self.pull_back_spans(turns, &by_length, out);
         self.pull_back_dead(turns, out);
         for (i, disc) in self.robot.discs().iter().enumerate() {
-            if let Some(backbone) = &disc.backbone {
+            if disc.backbone.is_some() || disc.hinges.is_some() {
                 let turn = self.posture.chain.disc(i).tr_mul(&turns[i]);
-                out.backbone[i] += backbone.work_by_stiffness(&self.q.0[i], &turn);
+                out.backbone[i] += disc.work_by_stiffness(&self.q.0[i], &turn);
             }
         }
     }

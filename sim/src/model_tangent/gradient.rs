@@ -193,9 +193,9 @@ impl Expanded<'_> {
 
     fn add_backbone(&self, tangent: &ModelTangent, out: &mut GradientTangent) {
         for (i, disc) in self.robot.discs().iter().enumerate() {
-            if let Some(backbone) = &disc.backbone {
+            if disc.backbone.is_some() || disc.hinges.is_some() {
                 let stiffer = &tangent.backbone[i];
-                let change = backbone.gradient_by_stiffness(&self.q.0[i], stiffer);
+                let change = disc.gradient_by_stiffness(&self.q.0[i], stiffer);
                 out.joint[i] += self.posture.chain.disc(i) * change;
             }
         }

@@ -52,7 +52,7 @@ pub(crate) struct ModelTangent {
     pub spans: Vec<[Vector3<f64>; 2]>,
     /// Joint offset of each disc, in the frame of the body below.
     pub joint_offsets: Vec<Vector3<f64>>,
-    /// Backbone stiffness of each joint, about the disc's axes.
+    /// Stiffness of each joint: of its backbone about the disc's axes, or of its hinges.
     pub backbone: Vec<Vector3<f64>>,
     /// Dead force on the origin of each disc, world frame.
     pub at_origin: Vec<Vector3<f64>>,
@@ -195,6 +195,9 @@ impl ModelTangent {
             Parameter::AxialStiffness(t) => tangent.stiffness[t] = series(robot, t).1,
             Parameter::Bending(module, axis) => tangent.stiffen(robot, module, axis),
             Parameter::Torsion(module) => tangent.stiffen(robot, module, Axis::Z),
+            Parameter::HingeStiffness(module, hinge) => {
+                tangent.stiffen(robot, module, Axis::ALL[hinge])
+            }
             Parameter::Youngs(module) => tangent.stiffen_rod(robot, module),
             Parameter::Density(_)
             | Parameter::HoleRadius(_)

@@ -7,8 +7,8 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::mass::Part;
 use super::spec_error::refuse;
 use super::{
-    Body, Disc, Drive, ModuleSpec, PerDisc, Robot, RobotSpec, Routing, Segment, Span, SpecError,
-    Tendon, TendonSpec, Waypoint,
+    Body, Disc, Drive, Hinges, ModuleSpec, PerDisc, Robot, RobotSpec, Routing, Segment, Span,
+    SpecError, Tendon, TendonSpec, Waypoint,
 };
 
 /// What a robot consists of.
@@ -232,6 +232,10 @@ fn disc(module: &ModuleSpec, index: usize, origin_below: Vector3<f64>) -> Disc {
         armature: of(&module.armature, index),
         backbone: rod.or(module.backbone.as_ref().map(|b| of(b, index))),
         limit: module.limit.as_ref().map(|l| of(l, index)),
+        hinges: module.joint.as_ref().map(|joint| {
+            let (damping, armature) = (of(&module.damping, index), of(&module.armature, index));
+            Box::new(Hinges::of_joint(&of(joint, index), damping, armature))
+        }),
     }
 }
 

@@ -5,8 +5,8 @@ use serde::Deserialize;
 
 use super::angle;
 use super::{
-    Backbone, BaseSpec, Cameras, Holes, Limit, MassSpec, ModuleSpec, PerDisc, RobotSpec, RodSpec,
-    RouteSpec, Routing, TendonSpec,
+    Backbone, BaseSpec, Cameras, HingeJoint, Holes, Limit, MassSpec, ModuleSpec, PerDisc,
+    RobotSpec, RodSpec, RouteSpec, Routing, TendonSpec,
 };
 
 /// Image size of the cameras around a robot whose file gives none (pixels).
@@ -65,6 +65,7 @@ pub(super) struct ModuleInFile {
     holes: Holes,
     damping: PerDisc<f64>,
     armature: PerDisc<f64>,
+    joint: Option<PerDisc<HingeJoint>>,
     backbone: Option<PerDisc<Backbone>>,
     rod: Option<RodSpec>,
     limit: Option<PerDisc<Limit>>,
@@ -106,6 +107,7 @@ impl TryFrom<ModuleInFile> for ModuleSpec {
             holes: file.holes,
             damping: file.damping,
             armature: file.armature,
+            joint: file.joint,
             backbone: file.backbone,
             rod: file.rod,
             limit: file.limit,

@@ -4,6 +4,7 @@ mod angle;
 mod cameras;
 mod command;
 mod compile;
+mod hinges;
 mod holes;
 mod in_file;
 mod joint;
@@ -23,6 +24,8 @@ mod value;
 pub use cameras::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, RingSpec};
 pub use command::{Command, CommandError};
 pub(crate) use compile::joints_along;
+pub(crate) use hinges::HingeAxes;
+pub use hinges::{Hinge, HingeJoint, Hinges};
 pub use holes::{HoleCircle, Holes};
 pub use joint::{Backbone, Limit, RodDamping, RodSpec};
 pub use loads::{Frame, Loads, LoadsError, Payload, Wrench};
@@ -58,10 +61,10 @@ pub struct Robot(Arc<Model>);
 pub struct Disc {
     /// Origin in the frame of the body below, in the straight pose (m).
     pub offset: Vector3<f64>,
-    /// Centre of the ball joint seen from that of the joint below (joint 0: from the base origin),
+    /// Centre of the joint seen from that of the joint below (joint 0: from the base origin),
     /// in the frame of the body below (m).
     pub joint_offset: Vector3<f64>,
-    /// Origin seen from the centre of the disc's ball joint, in the disc's frame (m).
+    /// Origin seen from the centre of the disc's joint, in the disc's frame (m).
     pub origin: Vector3<f64>,
     /// Mass of the disc and of the rod it carries (kg).
     pub mass: f64,
@@ -83,6 +86,8 @@ pub struct Disc {
     pub backbone: Option<Backbone>,
     /// Soft limit of the disc's joint.
     pub limit: Option<Limit>,
+    /// The hinges that the disc's joint consists of; a ball joint where there are none.
+    pub hinges: Option<Box<Hinges>>,
 }
 
 /// One tendon.
@@ -180,9 +185,15 @@ impl Robot {
         on.then(|| arc_length.clamp(0.0, length))
     }
 
-    /// Number of joint coordinates: three for each ball joint.
+    /// Number of joint coordinates: three for each joint. Those of a ball joint are a rotation vector in its disc's frame, those of
+    /// [`Hinges`] their angles in order, and 0 for what is missing to three.
     pub fn dof(&self) -> usize {
         3 * self.0.discs.len()
+    }
+
+    /// Whether any joint consists of hinges.
+    pub(crate) fn has_hinges(&self) -> bool {
+        self.discs().iter().any(|disc| disc.hinges.is_some())
     }
 
     /// Tendon segments between neighbouring bodies, ordered by joint.

@@ -29,6 +29,8 @@ pub enum Parameter {
     Bending(usize, Axis),
     /// Torsion stiffness of all joints of a module (N m/rad).
     Torsion(usize),
+    /// Stiffness of one hinge of all joints of a module (N m/rad), counted from the body below.
+    HingeStiffness(usize, usize),
     /// Density of a module's discs (kg/m³), all alike.
     Density(usize),
     /// Young's modulus of a module's rod (Pa).
@@ -40,9 +42,9 @@ pub enum Parameter {
     Hole(Body, usize, Axis),
     /// Distance between the discs of a module (m).
     Pitch(usize),
-    /// Viscous damping of all joints of a module (N m s/rad). Equilibria do not depend on it.
+    /// Viscous damping of all joints of a module, or of all their hinges (N m s/rad). Equilibria do not depend on it.
     Damping(usize),
-    /// Armature inertia of all joints of a module (kg m²). Equilibria do not depend on it.
+    /// Armature inertia of all joints of a module, or of all their hinges (kg m²). Equilibria do not depend on it.
     Armature(usize),
 }
 
@@ -112,7 +114,7 @@ impl Parameter {
             Self::Force(..) => "N",
             Self::Moment(..) => "N m",
             Self::Gain(_) | Self::AxialStiffness(_) => "N/m",
-            Self::Bending(..) | Self::Torsion(_) => "N m/rad",
+            Self::Bending(..) | Self::Torsion(_) | Self::HingeStiffness(..) => "N m/rad",
             Self::Density(_) => "kg/m\u{b3}",
             Self::Youngs(_) => "Pa",
             Self::HoleRadius(_) | Self::Hole(..) | Self::Pitch(_) => "m",
@@ -143,6 +145,9 @@ impl fmt::Display for Parameter {
             Self::AxialStiffness(t) => write!(f, "axial stiffness of tendon {t}"),
             Self::Bending(m, axis) => write!(f, "bending stiffness of module {m} about {axis}"),
             Self::Torsion(m) => write!(f, "torsion stiffness of module {m}"),
+            Self::HingeStiffness(m, hinge) => {
+                write!(f, "stiffness of hinge {hinge} of module {m}")
+            }
             Self::Density(m) => write!(f, "density of module {m}"),
             Self::Youngs(m) => write!(f, "Young's modulus of the rod of module {m}"),
             Self::HoleRadius(at) => write!(f, "hole radius of {}", body(at)),
@@ -186,6 +191,14 @@ pub(crate) fn check(spec: &RobotSpec, parameter: Parameter) -> Result<(), Parame
                 }
                 Some(false) => "the module has no backbone",
                 Some(true) => return Ok(()),
+            }
+        }
+        Parameter::HingeStiffness(module, hinge) => {
+            match spec.modules.get(module).map(|module| &module.joint) {
+                None => "no such module",
+                Some(None) => "the module's joints are not hinges",
+                Some(Some(joint)) if joint.all(|joint| hinge < joint.hinges.len()) => return Ok(()),
+                Some(Some(_)) => "no such hinge",
             }
         }
         Parameter::Youngs(module) => match spec.modules.get(module).map(|module| module.rod) {

@@ -7,6 +7,7 @@
 //! | `force[D].x`, `moment[D].x` | a force or moment on disc `D`, along a world axis (`x`, `y` or `z`) |
 //! | `gain[T]`, `axial_stiffness[T]` | of tendon `T` |
 //! | `bending[M].x`, `torsion[M]` | stiffness of the joints of module `M` (bending: `x` or `y`) |
+//! | `hinge_stiffness[M][H]` | stiffness of hinge `H` of the joints of module `M` |
 //! | `density[M]`, `youngs[M]`, `pitch[M]`, `damping[M]`, `armature[M]` | of module `M` |
 //! | `hole_radius[B]`, `hole[B][H].x` | the holes, or hole `H`, of body `B`: `base`, or a disc for its module |
 //!
@@ -31,7 +32,7 @@ pub struct ParameterKeyError {
 }
 
 /// The names of parameters and what follows each, an example.
-const FORMS: [(&str, &str); 15] = [
+const FORMS: [(&str, &str); 16] = [
     ("command", "command[0]"),
     ("payload", "payload"),
     ("force", "force[9].x"),
@@ -40,6 +41,7 @@ const FORMS: [(&str, &str); 15] = [
     ("axial_stiffness", "axial_stiffness[0]"),
     ("bending", "bending[0].x"),
     ("torsion", "torsion[0]"),
+    ("hinge_stiffness", "hinge_stiffness[0][1]"),
     ("density", "density[1]"),
     ("youngs", "youngs[0]"),
     ("hole_radius", "hole_radius[base] or hole_radius[3]"),
@@ -74,6 +76,7 @@ impl Parameter {
             Self::AxialStiffness(tendon) => format!("axial_stiffness[{tendon}]"),
             Self::Bending(module, axis) => format!("bending[{module}].{axis}"),
             Self::Torsion(module) => format!("torsion[{module}]"),
+            Self::HingeStiffness(module, hinge) => format!("hinge_stiffness[{module}][{hinge}]"),
             Self::Density(module) => format!("density[{module}]"),
             Self::Youngs(module) => format!("youngs[{module}]"),
             Self::HoleRadius(at) => format!("hole_radius[{}]", body(at)),
@@ -125,6 +128,9 @@ impl<'a> Rest<'a> {
             "axial_stiffness" => Parameter::AxialStiffness(self.number("tendon")?),
             "bending" => Parameter::Bending(self.number("module")?, self.axis()?),
             "torsion" => Parameter::Torsion(self.number("module")?),
+            "hinge_stiffness" => {
+                Parameter::HingeStiffness(self.number("module")?, self.number("hinge")?)
+            }
             "density" => Parameter::Density(self.number("module")?),
             "youngs" => Parameter::Youngs(self.number("module")?),
             "hole_radius" => Parameter::HoleRadius(self.body()?),

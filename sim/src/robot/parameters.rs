@@ -64,6 +64,7 @@ impl RobotSpec {
             std::iter::once(Body::Base).chain(discs)
         };
         let bending = |m| [Axis::X, Axis::Y].map(|axis| Parameter::Bending(m, axis));
+        let hinges = |m| (0..3).map(move |hinge| Parameter::HingeStiffness(m, hinge));
         let places = |body| {
             let count = self.holes(body).map_or(0, |holes| holes.count());
             let place =
@@ -74,6 +75,7 @@ impl RobotSpec {
             .chain(tendons.map(Parameter::AxialStiffness))
             .chain(modules.clone().flat_map(bending))
             .chain(modules.clone().map(Parameter::Torsion))
+            .chain(modules.clone().flat_map(hinges))
             .chain(modules.clone().map(Parameter::Youngs))
             .chain(modules.clone().map(Parameter::Density))
             .chain(modules.clone().map(Parameter::Pitch))
@@ -103,6 +105,7 @@ impl RobotSpec {
             Parameter::Payload => ActsOn::Disc(self.disc_count() - 1),
             Parameter::Bending(module, _)
             | Parameter::Torsion(module)
+            | Parameter::HingeStiffness(module, _)
             | Parameter::Density(module)
             | Parameter::Youngs(module)
             | Parameter::Pitch(module)

@@ -26,6 +26,14 @@ impl<T> PerDisc<T> {
         }
     }
 
+    /// Whether all values are so.
+    pub(crate) fn all(&self, is_so: impl FnMut(&T) -> bool) -> bool {
+        match self {
+            Self::Uniform(value) => std::slice::from_ref(value).iter().all(is_so),
+            Self::Each(values) => values.iter().all(is_so),
+        }
+    }
+
     /// Changes each value.
     pub(crate) fn change(&mut self, change: impl FnMut(&mut T)) {
         match self {

@@ -4,11 +4,13 @@ use serde::{Deserialize, Serialize};
 
 use super::cameras::Cameras;
 use super::in_file::{ModuleInFile, RobotInFile};
-use super::{Backbone, Body, Holes, Limit, MassSpec, PerDisc, RodSpec, RouteSpec, TendonSpec};
+use super::{
+    Backbone, Body, HingeJoint, Holes, Limit, MassSpec, PerDisc, RodSpec, RouteSpec, TendonSpec,
+};
 
-/// A disc-and-ball-joint tendon-driven continuum robot.
+/// A tendon-driven continuum robot of discs and joints.
 ///
-/// A chain of cylindrical discs stands on a base; each disc turns on a ball joint carried by the
+/// A chain of cylindrical discs stands on a base; each disc turns on a ball joint, or on hinges, carried by the
 /// body below. Lengths are in metres, in the frame of the body they belong to; every body's z axis
 /// points along the backbone, towards the tip, in the straight pose.
 ///
@@ -95,7 +97,7 @@ pub struct ModuleSpec {
     /// degrees and routed from the base, go through nine holes of the base, 40 degrees apart.
     #[serde(skip_serializing_if = "is_zero")]
     pub clocking: f64,
-    /// Distance of each disc's ball joint below the disc's origin, along the disc's z axis (m).
+    /// Distance of each disc's joint below the disc's origin, along the disc's z axis (m).
     /// 0, as in the paper, where the file does not give it; half the pitch makes a chain of discs
     /// converge to a continuous rod fastest.
     #[serde(skip_serializing_if = "is_zero")]
@@ -108,10 +110,13 @@ pub struct ModuleSpec {
     pub mass: MassSpec,
     /// Tendon holes in the disc frame, at z = 0, before they are turned by the clocking.
     pub holes: Holes,
-    /// Viscous damping of each ball joint (N m s/rad). Has no effect on an equilibrium.
+    /// Viscous damping of each ball joint, or of every hinge (N m s/rad). Has no effect on an equilibrium.
     pub damping: PerDisc<f64>,
-    /// Armature inertia of each ball joint (kg m²). Has no effect on an equilibrium.
+    /// Armature inertia of each ball joint, or of every hinge (kg m²). Has no effect on an equilibrium.
     pub armature: PerDisc<f64>,
+    /// Hinges that each joint consists of, in place of a ball joint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joint: Option<PerDisc<HingeJoint>>,
     /// Elastic backbone; joints without one, and without a rod, turn freely.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub backbone: Option<PerDisc<Backbone>>,

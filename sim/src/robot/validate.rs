@@ -3,8 +3,9 @@
 use std::f64::consts::{PI, TAU};
 
 use super::{
-    Backbone, BaseSpec, Body, Drive, Holes, Limit, MassSpec, ModuleSpec, PerDisc, RobotSpec,
-    RodSpec, RouteSpec, Routing, SpecError, TendonSpec, joints_along, spec_error::refuse,
+    Backbone, BaseSpec, Body, Drive, HingeJoint, Holes, Limit, MassSpec, ModuleSpec, PerDisc,
+    RobotSpec, RodSpec, RouteSpec, Routing, SpecError, TendonSpec, joints_along,
+    spec_error::refuse,
 };
 
 /// Far above any robot built, and small enough that every product of sizes fits in memory.
@@ -280,6 +281,9 @@ impl ModuleSpec {
         }
         self.each(&self.damping, &at("damping"), |f, d| not_negative(f, *d))?;
         self.each(&self.armature, &at("armature"), |f, a| not_negative(f, *a))?;
+        if let Some(joint) = &self.joint {
+            self.validate_hinges(joint, at)?;
+        }
         if let Some(backbone) = &self.backbone {
             self.each(backbone, &at("backbone"), Backbone::validate)?;
         }
@@ -302,6 +306,24 @@ impl ModuleSpec {
             at_most(MAX_DISTANCE, &at(field), &[distance], NEAR)?;
         }
         self.holes.validate_distances(&at("holes"))
+    }
+
+    fn validate_hinges(
+        &self,
+        joint: &PerDisc<HingeJoint>,
+        at: &dyn Fn(&str) -> String,
+    ) -> Result<(), SpecError> {
+        for (field, given) in [
+            ("backbone", self.backbone.is_some()),
+            ("rod", self.rod.is_some()),
+        ] {
+            if given {
+                let expected =
+                    "none beside a `joint` of hinges, which have a stiffness of their own";
+                return Err(refuse(&at(field), "given", expected));
+            }
+        }
+        self.each(joint, &at("joint"), HingeJoint::validate)
     }
 
     fn validate_rod(&self, rod: &RodSpec, at: &dyn Fn(&str) -> String) -> Result<(), SpecError> {
@@ -461,7 +483,7 @@ pub(super) fn positive(field: &str, value: f64) -> Result<(), SpecError> {
     }
 }
 
-fn not_negative(field: &str, value: f64) -> Result<(), SpecError> {
+pub(super) fn not_negative(field: &str, value: f64) -> Result<(), SpecError> {
     if value.is_finite() && value >= 0.0 {
         at_most(LARGEST, field, &[value], "a number from 0 to 1e15")
     } else {

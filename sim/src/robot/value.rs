@@ -40,6 +40,11 @@ impl RobotSpec {
             }
             Parameter::Bending(module, axis) => bending(module, &|b| b.bending[axis.index()]),
             Parameter::Torsion(module) => bending(module, &|b| b.torsion),
+            Parameter::HingeStiffness(module, hinge) => {
+                let joint = self.modules[module].joint.as_ref();
+                let joint = joint.expect("checked: has hinges");
+                mean(joint, &|joint| joint.hinges[hinge].stiffness)
+            }
             Parameter::Density(module) => match &self.modules[module].mass {
                 MassSpec::Density(density) => mean(density, &|density| *density),
                 MassSpec::Solid(solid) => mean(solid, &|solid| solid.density),
@@ -108,6 +113,11 @@ pub(crate) fn shift(spec: &mut RobotSpec, parameter: Parameter, by: f64) {
             change_backbone(spec, module, |b| b.bending[axis.index()] += by);
         }
         Parameter::Torsion(module) => change_backbone(spec, module, |b| b.torsion += by),
+        Parameter::HingeStiffness(module, hinge) => {
+            if let Some(joint) = &mut spec.modules[module].joint {
+                joint.change(|joint| joint.hinges[hinge].stiffness += by);
+            }
+        }
         Parameter::Density(module) => match &mut spec.modules[module].mass {
             MassSpec::Density(density) => change(density, |density| *density += by),
             MassSpec::Solid(solid) => change(solid, |solid| solid.density += by),

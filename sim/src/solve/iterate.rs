@@ -1,8 +1,8 @@
 //! The iterate of a solve: a configuration on SO(3)^n, and a step from it.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
-use crate::chain::{Configuration, turned};
+use crate::chain::Configuration;
 use crate::robot::Robot;
 use crate::tendon::Posture;
 
@@ -16,8 +16,9 @@ pub(crate) struct Iterate {
     pub step: Vec<Vector3<f64>>,
     /// Where the step starts.
     from: Configuration,
-    /// The step in the discs' axes there (rad).
+    /// The step in the joints' coordinates there (rad).
     turns: Vec<Vector3<f64>>,
+    straight: Configuration,
 }
 
 impl Iterate {
@@ -30,6 +31,7 @@ impl Iterate {
         Self {
             robot: robot.clone(),
             from: configuration.clone(),
+            straight: configuration.clone(),
             configuration,
             posture,
             step: zero.clone(),
@@ -39,13 +41,18 @@ impl Iterate {
 
     /// Moves to the straight pose.
     pub fn set_straight(&mut self) {
-        self.configuration.0.fill(UnitQuaternion::identity());
+        self.configuration.0.copy_from_slice(&self.straight.0);
         self.place();
     }
 
-    /// Moves to `q`.
+    /// Moves to `q`; joints of hinges to a rotation near theirs that they can have.
     pub fn set(&mut self, q: &Configuration) {
         self.configuration.0.copy_from_slice(&q.0);
+        for (q, disc) in self.configuration.0.iter_mut().zip(self.robot.discs()) {
+            if let Some(hinges) = &disc.hinges {
+                *q = hinges.rotation(&hinges.angles(q));
+            }
+        }
         self.place();
     }
 
@@ -62,15 +69,15 @@ impl Iterate {
     pub fn start_step(&mut self) {
         self.from.0.copy_from_slice(&self.configuration.0);
         for (joint, (turn, step)) in self.turns.iter_mut().zip(&self.step).enumerate() {
-            *turn = self.posture.chain.disc(joint).tr_mul(step);
+            *turn = self.posture.chain.dual(joint).tr_mul(step);
         }
     }
 
     /// Moves to where a share of the step leads from its start.
     pub fn move_by(&mut self, share: f64) {
-        let joints = self.from.0.iter().zip(&self.turns);
-        for (to, (from, turn)) in self.configuration.0.iter_mut().zip(joints) {
-            *to = turned(from, &(turn * share));
+        let joints = self.from.0.iter().zip(&self.turns).zip(self.robot.discs());
+        for (to, ((from, turn), disc)) in self.configuration.0.iter_mut().zip(joints) {
+            *to = disc.moved(from, &(turn * share));
         }
         self.place();
     }

@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 
 use super::stability::{Stability, Verdict};
 use super::tolerance::moment_tolerance;
-use crate::chain::{Configuration, turned};
+use crate::chain::Configuration;
 use crate::energy::{Expansion, Potential};
 use crate::factor::{Curvature, Factor};
 use crate::robot::{Robot, joints_along};
@@ -137,9 +137,10 @@ impl Descent {
         let again = self.prediction.again(from, to);
         let joints = iterate.configuration.0.iter_mut().enumerate();
         for ((i, q), predicted) in joints.zip(&mut self.prediction.configuration.0) {
-            let missed = (predicted.inverse() * *q).imag() * (2.0 * again);
-            *predicted = turned(q, &iterate.posture.chain.disc(i).tr_mul(&iterate.step[i]));
-            *q = turned(predicted, &missed);
+            let disc = &self.robot.discs()[i];
+            let missed = disc.step_between(predicted, q) * again;
+            *predicted = disc.moved(q, &iterate.posture.chain.dual(i).tr_mul(&iterate.step[i]));
+            *q = disc.moved(predicted, &missed);
         }
         iterate.place();
     }
@@ -195,13 +196,13 @@ impl Descent {
     }
 
     /// Writes the step that leaves a saddle, along the direction of negative curvature. That has no
-    /// preferred sense; the one in which its largest component, in the discs' axes, is positive is taken.
+    /// preferred sense; the one in which its largest component, in the joints' coordinates, is positive is taken.
     fn saddle_step(&mut self) {
         let Iterate { posture, step, .. } = &mut self.iterate;
         self.factor.negative_curvature(step);
         let mut largest: f64 = 0.0;
         for (i, turn) in step.iter().enumerate() {
-            for component in posture.chain.disc(i).tr_mul(turn).iter() {
+            for component in posture.chain.dual(i).tr_mul(turn).iter() {
                 if component.abs() > largest.abs() {
                     largest = *component;
                 }

@@ -87,7 +87,7 @@ fn weight_moment(robot: &Robot) -> f64 {
     moment * robot.gravity().norm()
 }
 
-/// Largest moment (N m) of a tendon about a joint, and of a backbone bent by a radian.
+/// Largest moment (N m) of a tendon about a joint, and of a backbone or a hinge bent by a radian.
 fn strength(robot: &Robot, straight: &[f64]) -> f64 {
     let pull = |tendon: usize| largest_tension(&robot.tendons()[tendon], straight[tendon]);
     let segments = robot.segments().iter();
@@ -95,9 +95,10 @@ fn strength(robot: &Robot, straight: &[f64]) -> f64 {
     let levers =
         (segments.map(|s| (s.tendon, s.to.norm()))).chain(spans.map(|s| (s.tendon, s.to.norm())));
     let tendons = levers.map(|(tendon, lever)| pull(tendon) * lever);
-    let backbone = |disc: &Disc| {
-        disc.backbone
-            .map_or(0.0, |backbone| backbone.stiffness().amax())
+    let backbone = |disc: &Disc| match (&disc.backbone, &disc.hinges) {
+        (Some(backbone), _) => backbone.stiffness().amax(),
+        (None, Some(hinges)) => hinges.stiffness.amax(),
+        (None, None) => 0.0,
     };
     let backbones = robot.discs().iter().map(backbone);
     tendons.fold(0.0, f64::max) + backbones.fold(0.0, f64::max)

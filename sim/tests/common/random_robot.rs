@@ -2,8 +2,8 @@
 
 use rand::{Rng, RngExt};
 use tdcr_sim::robot::{
-    Backbone, Body, Drive, Friction, HoleCircle, Holes, Limit, MassSpec, PerDisc, Pull, RigidMass,
-    Robot, RobotSpec, RouteSpec, Routing, TendonSpec, Waypoint,
+    Backbone, Body, Drive, Friction, Hinge, HingeJoint, HoleCircle, Holes, Limit, MassSpec,
+    PerDisc, Pull, RigidMass, Robot, RobotSpec, RouteSpec, Routing, TendonSpec, Waypoint,
 };
 
 /// Which robots to draw.
@@ -18,6 +18,45 @@ pub enum Kind {
 /// A random robot of 1 to 4 modules.
 pub fn random_robot(kind: Kind, rng: &mut impl Rng) -> Robot {
     Robot::new(random_spec(kind, rng)).expect("random specifications are valid")
+}
+
+/// A random robot some of whose modules have hinges in place of ball joints, the lowest for certain.
+pub fn random_hinged_robot(kind: Kind, rng: &mut impl Rng) -> Robot {
+    Robot::new(random_hinged_spec(kind, rng)).expect("random specifications are valid")
+}
+
+pub fn random_hinged_spec(kind: Kind, rng: &mut impl Rng) -> RobotSpec {
+    let mut spec = random_spec(kind, rng);
+    for (index, module) in spec.modules.iter_mut().enumerate() {
+        if index == 0 || rng.random() {
+            module.backbone = None;
+            let joints = (0..module.discs).map(|_| random_hinges(rng)).collect();
+            module.joint = Some(PerDisc::Each(joints));
+        }
+    }
+    spec
+}
+
+/// One to three hinges about axes in any order and direction, not at right angles, at rest and at the angles 0 anywhere near straight.
+fn random_hinges(rng: &mut impl Rng) -> HingeJoint {
+    let count = [1, 2, 2, 2, 3, 3][rng.random_range(0..6)];
+    let first = rng.random_range(0..3);
+    let step = rng.random_range(1..=2);
+    let hinges = (0..count).map(|k| {
+        let mut axis: [f64; 3] = std::array::from_fn(|_| within(-0.3, 0.3, rng));
+        axis[(first + step * k) % 3] += if rng.random() { 1.0 } else { -1.0 };
+        Hinge {
+            axis,
+            stiffness: within(0.3, 1.0, rng),
+            rest: within(-0.1, 0.1, rng),
+            damping: within(0.0, 0.1, rng),
+            armature: within(0.0, 1e-2, rng),
+        }
+    });
+    HingeJoint {
+        hinges: hinges.collect(),
+        zero: std::array::from_fn(|_| within(-0.1, 0.1, rng)),
+    }
 }
 
 /// Uniform in the range.

@@ -11,13 +11,13 @@ use crate::random_robot::within;
 use crate::{all_loads, difference, random_robots, random_state, without_kinks};
 
 /// `state` with coordinate `index` moved by `size`.
-pub fn nudged(state: &State, index: usize, size: f64) -> State {
+pub fn nudged(robot: &Robot, state: &State, index: usize, size: f64) -> State {
     let dof = state.velocity.len();
     let mut nudged = state.clone();
     if index < dof {
         let mut turn = vec![0.0; dof];
         turn[index] = size;
-        (state.configuration).retract(&turn, &mut nudged.configuration);
+        (state.configuration).retract(robot, &turn, &mut nudged.configuration);
     } else {
         nudged.velocity[index - dof] += size;
     }
@@ -59,10 +59,10 @@ fn the_linearisation_is_the_central_difference_of_a_step() {
         let size = 1e-5;
         let mut worst = [0.0_f64; 2];
         for column in 0..2 * robot.dof() {
-            let ahead = step(nudged(&state, column, size), &command);
-            let back = step(nudged(&state, column, -size), &command);
+            let ahead = step(nudged(&robot, &state, column, size), &command);
+            let back = step(nudged(&robot, &state, column, -size), &command);
             let found = linear.a.column(column);
-            for (found, change) in found.iter().zip(difference(&back, &ahead)) {
+            for (found, change) in found.iter().zip(difference(&robot, &back, &ahead)) {
                 worst[0] = worst[0].max((found - change / (2.0 * size)).abs());
             }
         }
@@ -76,7 +76,7 @@ fn the_linearisation_is_the_central_difference_of_a_step() {
                 &nudged_command(&robot, &command, column, -size),
             );
             let found = linear.b.column(column);
-            for (found, change) in found.iter().zip(difference(&back, &ahead)) {
+            for (found, change) in found.iter().zip(difference(&robot, &back, &ahead)) {
                 worst[1] = worst[1].max((found - change / (2.0 * size)).abs());
             }
         }
@@ -153,7 +153,7 @@ fn the_adjoint_is_the_central_difference_of_the_cost() {
     let scale = largest(&gradient.start);
     for (index, found) in gradient.start.iter().enumerate() {
         let moved = |size| Rollout {
-            start: nudged(&rollout.start, index, size),
+            start: nudged(&robot, &rollout.start, index, size),
             ..rollout.clone()
         };
         check(*found, &moved, scale);

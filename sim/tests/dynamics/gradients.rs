@@ -38,6 +38,8 @@ fn all_parameters(spec: &RobotSpec) -> Vec<Parameter> {
             Parameter::Pitch(m),
             Parameter::Damping(m),
             Parameter::Armature(m),
+            Parameter::HingeStiffness(m, 0),
+            Parameter::HingeStiffness(m, 1),
         ]);
     }
     let bodies = [Body::Base, Body::Disc(0), Body::Disc(tip)];
@@ -229,7 +231,7 @@ impl Case {
         let [(a, from), (b, to)] = [from, to].map(Self::states);
         let mut sum = 0.0;
         for (weights, (from, to)) in self.weights.iter().zip(from.iter().zip(&to)) {
-            let coordinates = crate::difference(from, to);
+            let coordinates = crate::difference(&a, from, to);
             let by = weights.coordinates.iter().zip(&coordinates);
             sum += by.map(|(weight, change)| weight * change).sum::<f64>();
             let [before, after] = [orientations(&a, from), orientations(&b, to)];
@@ -390,7 +392,7 @@ fn gradients_by_start_and_commands_are_differences_of_motions() {
     };
     for (index, found) in gradient.start.iter().enumerate() {
         let expected = case.numeric(1e-4, |by| {
-            let start = nudged(&case.rollout.start, index, by);
+            let start = nudged(&robot, &case.rollout.start, index, by);
             other(Rollout {
                 start,
                 ..case.rollout.clone()
@@ -487,7 +489,7 @@ fn derivatives_by_poses_become_those_by_joints() {
         let found = joint_cotangent(&robot, &state.configuration, &cotangents);
         assert_eq!(found.len(), robot.dof());
         for (index, found) in found.iter().enumerate() {
-            let [up, down] = [1e-5, -1e-5].map(|by| cost(&nudged(&state, index, by)));
+            let [up, down] = [1e-5, -1e-5].map(|by| cost(&nudged(&robot, &state, index, by)));
             let expected = (up - down) / 2e-5;
             assert!((found - expected).abs() < 1e-8, "{found} and {expected}");
         }

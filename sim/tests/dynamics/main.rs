@@ -10,22 +10,30 @@ mod refusals;
 mod rods;
 mod steps;
 
+use nalgebra::{UnitQuaternion, Vector3};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use random_robot::{Kind, random_robot, within};
+use random_robot::{Kind, random_hinged_robot, random_robot, within};
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::dynamics::State;
-use tdcr_sim::robot::{Frame, Loads, Payload, Pull, Robot, Wrench};
+use tdcr_sim::robot::{Frame, Hinges, Loads, Payload, Pull, Robot, Wrench};
 
 /// A bent robot in motion.
 fn random_state(robot: &Robot, rng: &mut ChaCha8Rng) -> State {
     let turn: Vec<f64> = (0..robot.dof()).map(|_| within(-0.2, 0.2, rng)).collect();
     let straight = Configuration::straight(robot);
     let mut state = State::straight(robot);
-    straight.retract(&turn, &mut state.configuration);
+    straight.retract(robot, &turn, &mut state.configuration);
     state
         .velocity
         .iter_mut()
         .for_each(|v| *v = within(-2.0, 2.0, rng));
+    // What a joint of fewer than three hinges does not have stands still.
+    for (joint, disc) in robot.discs().iter().enumerate() {
+        if let Some(hinges) = &disc.hinges {
+            state.velocity[3 * joint + hinges.count..3 * joint + 3].fill(0.0);
+        }
+    }
     state
 }
 
@@ -65,18 +73,37 @@ fn all_loads(robot: &Robot, rng: &mut ChaCha8Rng) -> Loads {
     loads
 }
 
-/// Robots of every kind, of at least four discs.
+/// Robots of every kind, of at least four discs, and half as many more with hinges.
 fn random_robots(count: usize, rng: &mut ChaCha8Rng) -> Vec<Robot> {
-    std::iter::repeat_with(|| random_robot(Kind::Elastic, rng))
-        .filter(|robot| robot.discs().len() >= 4)
+    let long = |robot: &Robot| robot.discs().len() >= 4;
+    let mut robots: Vec<Robot> = std::iter::repeat_with(|| random_robot(Kind::Elastic, rng))
+        .filter(long)
         .take(count)
-        .collect()
+        .collect();
+    // Streams of their own: the others stay as they are.
+    let mut rng = ChaCha8Rng::seed_from_u64(count as u64);
+    let hinged = std::iter::repeat_with(|| random_hinged_robot(Kind::Elastic, &mut rng));
+    robots.extend(hinged.filter(long).take(count.div_ceil(2)));
+    robots
+}
+
+/// The joint's coordinates that lead from one rotation to the other.
+fn turn(
+    hinges: Option<&Hinges>,
+    from: &UnitQuaternion<f64>,
+    to: &UnitQuaternion<f64>,
+) -> Vector3<f64> {
+    match hinges {
+        None => (from.inverse() * to).scaled_axis(),
+        Some(hinges) => hinges.angles(to) - hinges.angles(from),
+    }
 }
 
 /// The turns and rates that lead from `from` to `to`.
-fn difference(from: &State, to: &State) -> Vec<f64> {
+fn difference(robot: &Robot, from: &State, to: &State) -> Vec<f64> {
     let turns = (from.configuration.0.iter().zip(&to.configuration.0))
-        .flat_map(|(from, to)| <[f64; 3]>::from((from.inverse() * to).scaled_axis()));
+        .zip(robot.discs())
+        .flat_map(|((from, to), disc)| <[f64; 3]>::from(turn(disc.hinges.as_deref(), from, to)));
     let rates = from.velocity.iter().zip(&to.velocity).map(|(a, b)| b - a);
     turns.chain(rates).collect()
 }

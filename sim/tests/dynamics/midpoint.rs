@@ -74,7 +74,7 @@ fn a_step_with_the_rates_turned_round_leads_back() {
             }
             state.velocity.iter_mut().for_each(|rate| *rate = -*rate);
         }
-        let apart = difference(&start, &state);
+        let apart = difference(&robot, &start, &state);
         assert!(apart.iter().all(|d| d.abs() < 1e-6), "{apart:?}");
         assert_eq!(stepper.fallbacks(), 0);
     }
@@ -96,7 +96,7 @@ fn where_its_matrix_is_indefinite_the_implicit_euler_method_says_so() {
     let command = robot.mean_command();
     let mut bent = State::straight(&robot);
     let turns: Vec<f64> = (0..robot.dof()).map(|i| 0.01 * (i as f64).sin()).collect();
-    (State::straight(&robot).configuration).retract(&turns, &mut bent.configuration);
+    (State::straight(&robot).configuration).retract(&robot, &turns, &mut bent.configuration);
     for (force, frame, fallbacks) in [
         (50.0, Frame::World, 1),
         (0.1, Frame::World, 0),

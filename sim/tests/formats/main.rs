@@ -126,6 +126,7 @@ fn random_module(rng: &mut ChaCha8Rng, holes: usize) -> ModuleSpec {
         armature: per_disc(rng, discs, |rng| rng.random_range(0.0..0.02)),
         backbone: rng.random::<bool>().then(|| per_disc(rng, discs, backbone)),
         rod: None,
+        joint: None,
         limit: None,
         tendons: rng.random::<bool>().then(|| random_tendon(rng)),
     }

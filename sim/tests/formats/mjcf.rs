@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use tdcr_sim::camera::Camera;
 use tdcr_sim::dynamics::{Integrator, State, Stepper};
 use tdcr_sim::formats::ExportError;
-use tdcr_sim::formats::mjcf::{self, ExportOptions, export, import, import_text};
+use tdcr_sim::formats::mjcf::{self, ExportOptions, export, export_notes, import, import_text};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{
     Backbone, CommandUnit, Loads, MassSpec, Payload, PerDisc, RigidMass, Robot, RobotSpec,
@@ -262,54 +262,67 @@ fn on_joints(joints: &str) -> String {
 }
 
 #[test]
-fn hinges_at_one_place_are_a_ball_joint_with_a_note() {
+fn hinges_at_one_place_are_read_in_their_order() {
     let read = |joints: &str| {
         let imported = import_text(&on_joints(joints)).unwrap();
-        let backbone = Robot::new(imported.spec).unwrap().discs()[1].backbone;
+        let disc = Robot::new(imported.spec).unwrap().discs()[1].clone();
         let notes = imported.notes.iter().map(ToString::to_string);
-        (backbone.unwrap(), notes.collect::<Vec<_>>().join("\n"))
+        (disc, notes.collect::<Vec<_>>().join("\n"))
     };
-    let hinge = |axis: &str, stiffness: f64| {
-        format!("<joint axis=\"{axis}\" stiffness=\"{stiffness}\" damping=\"0.1\"/>")
-    };
-    let [x, y, z] = [
-        hinge("1 0 0", 0.1),
-        hinge("0 -2 0", 0.2),
-        hinge("0 0 1", 0.3),
-    ];
-    let (three, notes) = read(&format!("{z}{x}{y}"));
-    assert_eq!((three.bending, three.torsion), ([0.1, 0.2], 0.3));
-    assert!(
-        notes.contains("<joint>: three hinges are read as a ball joint"),
-        "{notes}"
-    );
+    let z = "<joint axis=\"0 0 1\" stiffness=\"0.3\" damping=\"0.1\" armature=\"0.02\"/>";
+    let x = "<joint axis=\"1 0 0\" stiffness=\"0.1\" damping=\"0.1\"/>";
+    let y =
+        "<joint axis=\"0 -2 0\" stiffness=\"0.2\" damping=\"0.1\" springref=\"0.3\" ref=\"0.1\"/>";
+    let (disc, notes) = read(&format!("{z}{x}{y}"));
+    let hinges = disc.hinges.as_ref().unwrap();
+    assert_eq!(hinges.count, 3);
+    assert_eq!(hinges.axes, [Vector3::z(), Vector3::x(), -Vector3::y()]);
+    assert_eq!(hinges.stiffness.as_slice(), [0.3, 0.1, 0.2]);
+    assert_eq!(hinges.damping.as_slice(), [0.1; 3]);
+    assert_eq!(hinges.armature.as_slice(), [0.02, 0.0, 0.0]);
+    assert!((hinges.rest - Vector3::new(0.0, 0.0, 0.2)).norm() < 1e-15);
+    assert!(disc.backbone.is_none());
+    assert!(!notes.contains("<joint>"), "{notes}");
     assert!(
         notes.contains("<body>: a mocap body: read as fixed"),
         "{notes}"
     );
-    let (universal, notes) = read(&format!("{x}{y}"));
-    assert_eq!(universal.bending, [0.1, 0.2]);
-    assert!(universal.torsion > 100.0, "{universal:?}");
-    assert!(notes.contains("two hinges are read as a ball joint with a stiff spring about z"));
+    // Two, of any directions, and one alone.
+    let (disc, _) = read(&format!("{x}<joint axis=\"0.2 1 1\"/>"));
+    assert_eq!(disc.hinges.unwrap().count, 2);
+    let (disc, _) = read(x);
+    assert_eq!(disc.hinges.unwrap().count, 1);
 
     let refused = |joints: &str| import_text(&on_joints(joints)).unwrap_err().to_string();
     for (joints, expected) in [
         (
-            x.clone(),
-            "<joint>: a hinge alone; expected a ball joint, or two or three",
+            format!("{x}{x}"),
+            "parallel to that of hinge 0; expected another direction",
         ),
-        (format!("{x}{x}"), "there are two hinges about this axis"),
+        (
+            format!("{x}{y}{x}"),
+            "at the angles 0 the joint is in gimbal lock",
+        ),
+        (format!("{x}{y}{z}{y}"), "or one to three hinges"),
+        (
+            format!("{x}{y}<joint type=\"ball\" stiffness=\"0.1\"/>{y}"),
+            "hinges about two of",
+        ),
         (
             format!("{x}<joint axis=\"0 1 0\" pos=\"0 0 0.01\" damping=\"0.1\"/>"),
             "lies beside the body's first joint",
         ),
         (
-            format!("{x}<joint axis=\"0 1 0\"/>"),
-            "damping or armature differ from those of the body's first hinge",
+            format!("<joint axis=\"0 1 1\"/><joint type=\"ball\" stiffness=\"0.1\"/>"),
+            "beside a ball joint: expected an axis along x, y or z",
         ),
         (
-            format!("{x}<joint axis=\"0 1 1\" damping=\"0.1\"/>"),
-            "attribute axis=\"0 1 1\": expected an axis along x, y or z",
+            "<joint axis=\"0 0 0\"/>".to_owned(),
+            "attribute axis=\"0 0 0\": expected a direction",
+        ),
+        (
+            "<joint axis=\"1 0 0\" range=\"-1 1\"/>".to_owned(),
+            "MuJoCo's limits are not springs as they are here",
         ),
         (
             "<joint type=\"slide\"/>".to_owned(),
@@ -319,6 +332,129 @@ fn hinges_at_one_place_are_a_ball_joint_with_a_note() {
         let said = refused(&joints);
         assert!(said.contains(expected), "{said}\nnot\n{expected}");
     }
+}
+
+/// Universal joints about x, then y: at rest MuJoCo 4.0.0 has the tip there.
+#[test]
+fn universal_joints_settle_where_mujoco_rests() {
+    let path =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/formats/by_hand/universal_joints.xml");
+    let imported = import(&path).unwrap();
+    let robot = Robot::new(imported.spec).unwrap();
+    let command = robot.command(&[0.14, 0.14, 0.18, 0.18]).unwrap();
+    let settled = robot.settle(&command, &Loads::default());
+    assert!(settled.converged);
+    let tip = settled.positions[9];
+    let apart = (tip - Vector3::new(0.08587, 0.07468, 0.05242)).amax();
+    assert!(apart < 6e-6, "{tip:?}");
+    // There and back.
+    let text = export(robot.spec(), &ExportOptions::default()).unwrap();
+    assert!(export_notes(robot.spec()).unwrap().is_empty());
+    let again = Robot::new(import_text(&text).unwrap().spec).unwrap();
+    for (a, b) in robot.discs().iter().zip(again.discs()) {
+        assert_eq!(a.hinges, b.hinges);
+    }
+}
+
+/// The camera of a model of two discs where its attributes put it, in MuJoCo's camera frame, and the notes.
+fn camera(attributes: &str) -> (Isometry3<f64>, String) {
+    let text = on_joints("<joint type=\"ball\"/>");
+    let camera = format!("<worldbody><camera {attributes}/>");
+    let imported = import_text(&text.replace("<worldbody>", &camera)).unwrap();
+    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let pose = Camera::placed(&imported.spec.cameras)[0].pose;
+    let notes = imported.notes.iter().map(ToString::to_string);
+    let notes: Vec<_> = notes.filter(|note| note.contains("<camera")).collect();
+    (pose * half_turn, notes.join("\n"))
+}
+
+/// The discs' origins are at z = 0.02 and 0.04, their masses alike. MuJoCo's own poses are compared in Python.
+#[test]
+fn cameras_stand_and_look_as_they_do_in_mujoco_at_the_start() {
+    let place = Vector3::new(0.4, 0.0, 0.1);
+    let looks_at = |attributes: &str, point: Vector3<f64>| {
+        let (pose, notes) = camera(&format!("pos=\"0.4 0 0.1\" {attributes}"));
+        assert!((pose.translation.vector - place).norm() < 1e-12);
+        let along = pose.rotation * -Vector3::z();
+        assert!(
+            (along - (point - place).normalize()).norm() < 1e-12,
+            "{attributes}: {along}"
+        );
+        assert!((pose.rotation * Vector3::x()).z.abs() < 1e-12, "level");
+        assert!(
+            notes.contains("turns after its target in MuJoCo"),
+            "{notes}"
+        );
+    };
+    looks_at(
+        "mode=\"targetbody\" target=\"upper\"",
+        Vector3::new(0.0, 0.0, 0.04),
+    );
+    looks_at(
+        "mode=\"targetbodycom\" target=\"lower\"",
+        Vector3::new(0.0, 0.0, 0.03),
+    );
+    // Where it is, turned as it says.
+    for mode in ["fixed", "track", "trackcom"] {
+        let (pose, notes) = camera(&format!(
+            "pos=\"0.4 0 0.1\" xyaxes=\"0 1 0 0 0 1\" mode=\"{mode}\""
+        ));
+        assert!((pose.translation.vector - place).norm() < 1e-12);
+        assert!((pose.rotation * Vector3::z() - Vector3::x()).norm() < 1e-12);
+        assert_eq!(
+            notes.contains("follows a centre of mass"),
+            mode == "trackcom"
+        );
+    }
+    // From the target's centre of mass, at 0.04, to that of all, at 0.03.
+    let (pose, _) = camera("pos=\"0.4 0 0.1\" mode=\"trackcom\" target=\"upper\"");
+    assert!((pose.translation.vector - Vector3::new(0.4, 0.0, 0.09)).norm() < 1e-12);
+}
+
+#[test]
+fn orthographic_cameras_are_left_out_by_name() {
+    let text = on_joints("<joint type=\"ball\"/>");
+    for attribute in [
+        "projection=\"orthographic\" fovy=\"0.2\"",
+        "orthographic=\"true\"",
+    ] {
+        let camera = format!("<worldbody><camera pos=\"0.4 0 0.05\" {attribute}/>");
+        let imported = import_text(&text.replace("<worldbody>", &camera)).unwrap();
+        let notes = imported.notes.iter().map(ToString::to_string);
+        let notes = notes.collect::<Vec<_>>().join("\n");
+        assert!(
+            notes.contains("<camera>: left out: its projection is orthographic"),
+            "{notes}"
+        );
+        assert!(
+            notes.contains("8 around the robot in their place"),
+            "{notes}"
+        );
+    }
+    let wrong = text.replace(
+        "<worldbody>",
+        "<worldbody><camera mode=\"targetbody\" target=\"nobody\"/>",
+    );
+    let said = import_text(&wrong).unwrap_err().to_string();
+    assert!(
+        said.contains("target=\"nobody\": expected the name of a body"),
+        "{said}"
+    );
+}
+
+#[test]
+fn an_export_of_bending_unlike_torsion_says_so() {
+    let mut spec = RobotSpec::standard("2m").unwrap();
+    assert!(export_notes(&spec).unwrap().is_empty());
+    spec.modules[1].backbone = Some(PerDisc::Uniform(Backbone {
+        torsion: 0.15,
+        ..Backbone::isotropic(0.05)
+    }));
+    let notes = export_notes(&spec).unwrap();
+    assert!(
+        notes[0].contains("differ at 5 joints, by up to 3.000 times"),
+        "{notes:?}"
+    );
 }
 
 #[test]

@@ -176,9 +176,10 @@ fn what_a_robot_cannot_have_is_named_with_its_line() {
     let text = model();
     let joint = "<joint type=\"ball\" damping=\"0.1\" armature=\"0.01\"/>";
     let line = 1 + text[..text.find(joint).unwrap()].matches('\n').count();
-    let hinge = text.replacen("type=\"ball\"", "type=\"hinge\"", 1);
-    let message = import_text(&hinge).unwrap_err().to_string();
-    let expected = format!("line {line}, <joint>: a hinge alone; expected a ball joint");
+    let slide = text.replacen("type=\"ball\"", "type=\"slide\"", 1);
+    let message = import_text(&slide).unwrap_err().to_string();
+    let expected =
+        format!("line {line}, <joint>: attribute type=\"slide\": expected ball or hinge");
     assert!(message.contains(&expected), "{message}\nnot\n{expected}");
 
     let free = "<joint type=\"ball\" frictionloss=\"1\"/>";

@@ -46,7 +46,7 @@ impl Case {
             let step: Vec<f64> = (0..robot.dof())
                 .map(|i| 1e-6 * ((i * nudge) as f64).sin())
                 .collect();
-            settled.configuration.retract(&step, &mut start);
+            settled.configuration.retract(&robot, &step, &mut start);
             settled = settler.settle_from(&start, &command, &self.loads).clone();
         }
         assert!(settled.converged, "{}", settled.residual);
@@ -113,6 +113,12 @@ impl Case {
             Parameter::Bending(m, axis) => {
                 joints(&mut spec.modules[m], &|b| b.bending[axis.index()] += by);
             }
+            Parameter::HingeStiffness(m, hinge) => match &mut spec.modules[m].joint {
+                Some(PerDisc::Each(joints)) => {
+                    (joints.iter_mut()).for_each(|joint| joint.hinges[hinge].stiffness += by)
+                }
+                other => panic!("{other:?}"),
+            },
             Parameter::Torsion(m) => joints(&mut spec.modules[m], &|b| b.torsion += by),
             Parameter::Density(m) => match &mut spec.modules[m].mass {
                 MassSpec::Density(PerDisc::Uniform(density)) => *density += by,
@@ -200,6 +206,12 @@ pub fn all_parameters(spec: &RobotSpec) -> Vec<(Parameter, f64)> {
             all.push((Parameter::Bending(m, Axis::X), 2e-3));
             all.push((Parameter::Bending(m, Axis::Y), 2e-3));
             all.push((Parameter::Torsion(m), 2e-3));
+        }
+        for hinge in 0..3 {
+            let parameter = Parameter::HingeStiffness(m, hinge);
+            if spec.value(parameter).is_ok() {
+                all.push((parameter, 2e-3));
+            }
         }
         if let Some(rod) = module.rod {
             all.push((Parameter::Youngs(m), 1e-2 * rod.youngs));
@@ -353,13 +365,18 @@ fn assert_products_agree(
 
 pub fn random_case(rng: &mut impl Rng) -> Case {
     let robot = random_robot(Kind::Elastic, rng);
+    case_of(&robot, rng)
+}
+
+/// A robot under a payload and a random command.
+pub fn case_of(robot: &Robot, rng: &mut impl Rng) -> Case {
     let payload = Payload {
         mass: 0.01,
         offset: [0.01, 0.0, 0.005],
     };
     Case {
         command: robot.random_command(rng).as_slice().to_vec(),
-        spec: own_routes(&robot),
+        spec: own_routes(robot),
         loads: Loads::default().with_payload(payload).unwrap(),
     }
 }

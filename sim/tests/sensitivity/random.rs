@@ -1,6 +1,7 @@
 //! Random robots.
 
-use crate::case::{NOISE, assert_derivatives_agree, derivatives_agree, random_case};
+use crate::case::{NOISE, assert_derivatives_agree, case_of, derivatives_agree, random_case};
+use crate::random_robot::{Kind, random_hinged_robot};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::{Frame, Limit, PerDisc, Wrench};
@@ -46,6 +47,32 @@ fn they_are_so_with_moments_and_following_forces() {
         checked += usize::from(derivatives_agree(&case, &format!("robot {k}"), NOISE));
     }
     assert!(checked >= 6, "{checked} robots settled");
+}
+
+/// Universal joints and others, some modules on ball joints, with and without following loads.
+#[test]
+fn they_are_so_on_hinges() {
+    let mut rng = ChaCha8Rng::seed_from_u64(35);
+    let mut checked = 0;
+    for k in 0..12 {
+        let mut case = case_of(&random_hinged_robot(Kind::Elastic, &mut rng), &mut rng);
+        case.spec
+            .modules
+            .iter_mut()
+            .for_each(|module| module.limit = None);
+        if k % 2 == 1 {
+            let wrench = Wrench {
+                disc: case.spec.disc_count() - 1,
+                point: [0.01, 0.02, -0.015],
+                force: [0.03, -0.02, 0.05],
+                moment: [1e-3, 2e-3, -1e-3],
+                frame: Frame::Disc,
+            };
+            case.loads = case.loads.with_wrench(wrench).unwrap();
+        }
+        checked += usize::from(derivatives_agree(&case, &format!("hinges {k}"), NOISE));
+    }
+    assert!(checked >= 9, "{checked} robots settled");
 }
 
 #[test]

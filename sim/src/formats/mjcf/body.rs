@@ -208,10 +208,10 @@ impl<'a> BodyReader<'a> {
             "geom" if stands_still => group.still_geoms.push(index),
             "geom" => masses.geoms.push(self.geom(index, class)?),
             "site" => group.sites.push(self.site(index, member)?),
-            "camera" if document.elements[member.body].tag != "worldbody" => {
+            "camera" if !stands_still => {
                 self.note(
                     index,
-                    "left out: cameras stand in the world, around the robot",
+                    "left out: it moves with its body, and cameras stand still around the robot",
                 );
             }
             "camera" | "light" => {}
@@ -230,9 +230,32 @@ impl<'a> BodyReader<'a> {
         });
     }
 
-    fn has_joint(&self, body: usize) -> bool {
+    pub fn has_joint(&self, body: usize) -> bool {
         let mut children = self.document.children(body);
         children.any(|(_, child)| matches!(child.tag.as_str(), "joint" | "freejoint"))
+    }
+
+    /// The masses of one body alone, in its frame.
+    pub fn masses_of(
+        &self,
+        body: usize,
+        childclass: Option<&str>,
+    ) -> Result<Vec<PartMass>, ImportError> {
+        let mut masses = BodyMasses::default();
+        for (index, element) in self.document.children(body) {
+            match element.tag.as_str() {
+                "inertial" => {
+                    let attributes = Attributes::own(self.document, index);
+                    masses.given = Some(PartMass::read(&attributes, &self.compiler)?);
+                }
+                "geom" => {
+                    let attributes = self.classes.resolve(self.document, index, childclass)?;
+                    masses.geoms.push(Geom::read(&attributes, &self.compiler)?);
+                }
+                _ => {}
+            }
+        }
+        Ok(masses.parts(self.compiler.inertia_from_geom).collect())
     }
 
     fn is_payload(&self, body: usize) -> bool {

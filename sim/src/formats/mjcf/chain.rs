@@ -17,8 +17,6 @@ pub(super) struct Chain<'a> {
     pub payload: Payload,
     /// The holes by the names of their sites.
     pub holes: HashMap<&'a str, Waypoint>,
-    /// Discs with the axis that their hinges do not turn about.
-    pub held: Vec<(usize, usize)>,
 }
 
 /// A body's holes: x and y of each (m), and their height in the body's frame (m).
@@ -32,7 +30,7 @@ impl<'a> BodyReader<'a> {
     pub fn chain(&mut self, worldbody: usize) -> Result<Chain<'a>, ImportError> {
         let world = self.world(worldbody)?;
         let Some(first) = self.only_one(worldbody, &world.carried)? else {
-            let reason = "expected a body on a ball joint: the first disc";
+            let reason = "expected a body on a ball joint or on hinges: the first disc";
             return Err(self.document.refuse(worldbody, reason));
         };
         let (discs, groups): (Vec<DiscBody>, Vec<RigidGroup<'a>>) =
@@ -66,9 +64,6 @@ impl<'a> BodyReader<'a> {
             discs: layouts,
             payload,
             holes,
-            held: (discs.iter().enumerate())
-                .filter_map(|(index, disc)| Some((index, disc.joint.held?)))
-                .collect(),
         })
     }
 
@@ -196,7 +191,7 @@ impl<'a> BodyReader<'a> {
     ) -> Result<DiscLayout, ImportError> {
         let refuse = |reason: &str| Err(self.document.refuse(disc.element, reason));
         let straight = disc.straight(pose, below);
-        if is_turned(pose) && !disc.joint.is_elastic() {
+        if is_turned(pose) && !disc.joint.has_rest() {
             return refuse(
                 "turned against the body below, on a joint without stiffness: \
                  expected bodies in line",
@@ -218,6 +213,7 @@ impl<'a> BodyReader<'a> {
             damping: disc.joint.damping,
             armature: disc.joint.armature,
             backbone: disc.backbone(pose),
+            joint: disc.hinges(pose),
         })
     }
 
@@ -240,7 +236,7 @@ impl<'a> BodyReader<'a> {
 /// frame can be chosen such that the disc is straight above it: turned as a disc that turns freely
 /// is, its origin on the disc's axis and below the disc.
 fn base_frame(first: &DiscBody) -> Isometry3<f64> {
-    let turn = if first.joint.is_elastic() || !is_turned(&first.pose) {
+    let turn = if first.joint.has_rest() || !is_turned(&first.pose) {
         UnitQuaternion::identity()
     } else {
         first.pose.rotation

@@ -1,14 +1,14 @@
-//! One body on a ball joint as a disc.
+//! One body on a ball joint or on hinges as a disc.
 
 use nalgebra::{Isometry3, Vector3};
 
 use super::body::{BodyReader, Carried, RigidGroup, Site};
 use super::check::SMALLEST_MASS;
 use super::frame::SAME_PLACE;
-use super::joint_element::BallJoint;
+use super::joint_element::{BodyJoint, JointKind};
 use super::mass::{Geom, GeomMass, PartMass, Shape};
 use crate::formats::{DiscMass, ImportError, is_inertia};
-use crate::robot::{Backbone, RigidMass};
+use crate::robot::{Backbone, HingeJoint, RigidMass};
 
 /// Angles (rad), and shares of the largest moment of inertia, that count as none.
 const NEGLIGIBLE: f64 = 1e-9;
@@ -19,7 +19,7 @@ pub(super) struct DiscBody {
     pub element: usize,
     /// Pose of the body in the frame of the body (with those fastened to it) that carries it.
     pub pose: Isometry3<f64>,
-    pub joint: BallJoint,
+    pub joint: BodyJoint,
     /// Height of the origin in the body's frame (m).
     pub center: f64,
     /// Height of the origin above the joint (m).
@@ -35,8 +35,9 @@ impl BodyReader<'_> {
         body: &Carried<'_>,
         group: &RigidGroup<'_>,
     ) -> Result<DiscBody, ImportError> {
-        let Some(joint) = self.ball_joint(&group.joints)? else {
-            return Err(self.document.refuse(body.element, "expected a ball joint"));
+        let Some(joint) = self.body_joint(&group.joints)? else {
+            let reason = "expected a ball joint, or hinges";
+            return Err(self.document.refuse(body.element, reason));
         };
         let refuse = |reason: &str| Err(self.document.refuse(body.element, reason));
         if group.masses.is_empty() {
@@ -131,17 +132,33 @@ impl DiscBody {
 
     /// The spring of the joint, at rest in `pose`.
     pub fn backbone(&self, pose: &Isometry3<f64>) -> Option<Backbone> {
-        let [x, y, torsion] = self.joint.springs.into();
-        let rest = if is_turned(pose) {
-            pose.rotation.scaled_axis().into()
-        } else {
-            [0.0; 3]
+        let JointKind::Ball(springs) = &self.joint.kind else {
+            return None;
         };
-        self.joint.is_elastic().then_some(Backbone {
-            bending: [x, y],
-            torsion,
-            rest,
+        self.joint.has_rest().then_some(Backbone {
+            bending: [springs.x, springs.y],
+            torsion: springs.z,
+            rest: turn_of(pose),
         })
+    }
+
+    /// The hinges that the joint consists of, at the angles 0 in `pose`.
+    pub fn hinges(&self, pose: &Isometry3<f64>) -> Option<HingeJoint> {
+        match &self.joint.kind {
+            JointKind::Ball(_) => None,
+            JointKind::Hinges(joint) => Some(HingeJoint {
+                zero: turn_of(pose),
+                ..joint.clone()
+            }),
+        }
+    }
+}
+
+/// Rotation vector of a pose; none where it is negligible.
+fn turn_of(pose: &Isometry3<f64>) -> [f64; 3] {
+    match is_turned(pose) {
+        true => pose.rotation.scaled_axis().into(),
+        false => [0.0; 3],
     }
 }
 

@@ -3,10 +3,10 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::check::{longest, representable};
-use super::joint::SeriesJoint;
 use super::keyframe::{KEYFRAME, Start};
 use super::options::ExportOptions;
 use super::write::{XmlWriter, number, numbers};
+use super::written_joint::WrittenJoint;
 use crate::camera::Camera;
 use crate::formats::ExportError;
 use crate::geometry::{Kind, Solid, base_solids, disc_color};
@@ -36,7 +36,7 @@ const IN_SERIES: &str = "Bending and torsion differ: each joint is a ball with t
 pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, ExportError> {
     let robot = Robot::new(spec.clone())?;
     representable(&robot, &options.payload)?;
-    let joints: Vec<SeriesJoint> = robot.discs().iter().map(SeriesJoint::of).collect();
+    let joints: Vec<WrittenJoint> = robot.discs().iter().map(WrittenJoint::of).collect();
     let start = Start::of(&robot, options)?;
     let timestep = start.timestep(&robot, &joints, options)?;
     let mut xml = XmlWriter::default();
@@ -59,7 +59,7 @@ pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, Expor
             write_solid(&mut xml, &solid);
         }
     }
-    if !joints.iter().all(SeriesJoint::is_ball) {
+    if !joints.iter().all(WrittenJoint::is_as_here) {
         xml.comment(IN_SERIES);
     }
     write_chain(&mut xml, &robot, &joints, &options.payload);
@@ -71,6 +71,29 @@ pub fn export(spec: &RobotSpec, options: &ExportOptions) -> Result<String, Expor
         write_keyframe(&mut xml, &start, &start.coordinates(&robot, &joints));
     }
     Ok(xml.finish())
+}
+
+/// What the model that [`export`] writes has otherwise than the robot, if anything: to be said to whoever takes it.
+///
+/// # Errors
+/// [`ExportError`] for an invalid robot.
+pub fn export_notes(spec: &RobotSpec) -> Result<Vec<String>, ExportError> {
+    let robot = Robot::new(spec.clone())?;
+    let unlike = |disc: &&Disc| !WrittenJoint::of(disc).is_as_here();
+    let ratio = |disc: &Disc| {
+        let springs = disc.backbone.map_or(Vector3::zeros(), |b| b.stiffness());
+        springs.max() / springs.min()
+    };
+    let ratios = robot.discs().iter().filter(unlike).map(ratio);
+    let count = ratios.clone().count();
+    let Some(largest) = ratios.reduce(f64::max) else {
+        return Ok(Vec::new());
+    };
+    Ok(vec![format!(
+        "bending and torsion differ at {count} joints, by up to {largest:.3} times, which MuJoCo's ball joints cannot: each is written \
+         as a ball in series with hinges. Turns about one axis are the same, combined ones are not, by the fourth power of the angle: \
+         the tip of 2m is 4e-5 mm off where torsion is 0.77 times bending, 0.01 mm at 1.15 times and 0.6 mm at 3 times"
+    )])
 }
 
 fn write_visual(xml: &mut XmlWriter, spec: &RobotSpec) {
@@ -164,7 +187,7 @@ fn write_solid(xml: &mut XmlWriter, solid: &Solid) {
 }
 
 /// The base and the discs, each within the one below.
-fn write_chain(xml: &mut XmlWriter, robot: &Robot, joints: &[SeriesJoint], payload: &Payload) {
+fn write_chain(xml: &mut XmlWriter, robot: &Robot, joints: &[WrittenJoint], payload: &Payload) {
     let spec = robot.spec();
     let mut base = vec![
         ("name", "base".to_owned()),
@@ -189,13 +212,16 @@ fn write_chain(xml: &mut XmlWriter, robot: &Robot, joints: &[SeriesJoint], paylo
 }
 
 /// Opens the body of a disc, and leaves it open for the next.
-fn write_disc(xml: &mut XmlWriter, robot: &Robot, index: usize, disc: &Disc, joint: &SeriesJoint) {
+fn write_disc(xml: &mut XmlWriter, robot: &Robot, index: usize, disc: &Disc, joint: &WrittenJoint) {
     let rest = disc.backbone.map_or(Vector3::zeros(), |b| b.rest.into());
+    let bend = match &disc.hinges {
+        None => UnitQuaternion::from_scaled_axis(rest),
+        Some(hinges) => hinges.zero,
+    };
     let mut body = vec![("name", format!("disc{index}"))];
-    if rest == Vector3::zeros() {
+    if bend == UnitQuaternion::identity() {
         body.push(("pos", vector(&disc.offset)));
     } else {
-        let bend = UnitQuaternion::from_scaled_axis(rest);
         let joint = disc.offset - disc.origin;
         body.push(("pos", vector(&(joint + bend * disc.origin))));
         body.push(("quat", quaternion(&bend)));

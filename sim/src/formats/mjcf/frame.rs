@@ -114,6 +114,11 @@ impl Compiler {
         Ok(())
     }
 
+    /// An angle of the model in radians.
+    pub fn angle(&self, angle: f64) -> f64 {
+        angle * self.angle_unit
+    }
+
     /// The pose that an element's attributes give, in the frame of the element it stands in.
     pub fn pose(&self, attributes: &Attributes<'_>) -> Result<Isometry3<f64>, ImportError> {
         let position = attributes.numbers::<3>("pos")?.unwrap_or_default();

@@ -1,21 +1,17 @@
 //! From a MuJoCo model to a robot's specification.
 
 use std::collections::HashSet;
-use std::f64::consts::PI;
 use std::path::Path;
-
-use nalgebra::Vector3;
 
 use super::actuator::DrivenTendon;
 use super::attributes::{Attributes, Classes};
 use super::body::BodyReader;
-use super::chain::Chain;
 use super::check::longest;
 use super::document::Document;
 use super::frame::Compiler;
 use super::keyframe::KEYFRAME;
-use crate::formats::{DiscMass, ImportError, Imported, Layout};
-use crate::robot::{Backbone, Drive, Robot};
+use crate::formats::{ImportError, Imported, Layout};
+use crate::robot::Robot;
 
 /// Sections of a model that change nothing of a robot.
 const PASSED_OVER: [&str; 7] = [
@@ -27,12 +23,10 @@ const PASSED_OVER: [&str; 7] = [
     "default",
     "contact",
 ];
-/// How much stiffer than all else a joint is about an axis that its hinges do not turn about.
-const HELD: f64 = 1e3;
 
 /// The robot of a MuJoCo model in a file (MJCF), and in those it includes.
 ///
-/// Reads a chain of bodies on ball joints (or two or three hinges at one place) that carry one another,
+/// Reads a chain of bodies on ball joints, or on one to three hinges at one place, that carry one another,
 /// above a body that stands fixed in the world; masses from geoms and inertials; tendons through sites; `position`, `motor` and
 /// `general` actuators that pull them. A disc's origin is its centre of mass, so a joint may lie
 /// below it. Runs of like discs become modules. Commands are in the order of the actuators; a note
@@ -42,7 +36,7 @@ const HELD: f64 = 1e3;
 /// [`ImportError`] when a file cannot be read or is not MJCF, and for whatever a robot cannot have,
 /// with its line, tag and attribute, and what would be right. What changes neither how the robot
 /// moves nor where it rests (keyframes, sensors, lights) becomes a [`Note`](crate::formats::Note), and
-/// so does what robots here do otherwise: contacts, mocap bodies, hinges.
+/// so does what robots here do otherwise: contacts, mocap bodies.
 pub fn import(path: &Path) -> Result<Imported, ImportError> {
     read_robot(&Document::read(path)?)
 }
@@ -70,9 +64,8 @@ fn read_robot(document: &Document) -> Result<Imported, ImportError> {
         used_sites: used_sites(document),
         notes: Vec::new(),
     };
-    let mut chain = reader.chain(worldbody)?;
+    let chain = reader.chain(worldbody)?;
     let tendons = reader.tendons(&chain.holes)?;
-    hold_axes(&mut chain, &tendons, world.gravity);
     reader.note_contacts();
     let cameras = reader.cameras(worldbody, &chain.base, &chain.discs)?;
     for section in ["keyframe", "sensor"] {
@@ -180,43 +173,6 @@ impl World {
             world.gravity = [0.0; 3];
         }
         Ok(world)
-    }
-}
-
-/// Gives joints a spring about the axis that their hinges do not turn about, by far stiffer than what
-/// the robot's other springs, tendons and weights can turn.
-fn hold_axes(chain: &mut Chain<'_>, tendons: &[DrivenTendon], gravity: [f64; 3]) {
-    let weight = Vector3::from(gravity).norm();
-    let (mut length, mut mass, mut strongest, mut widest) = (0.0, 0.0, 0.0_f64, 0.0_f64);
-    for disc in &chain.discs {
-        length += disc.step;
-        mass += match disc.mass {
-            DiscMass::Density(density) => {
-                density * PI * disc.radius.powi(2) * 2.0 * disc.half_height
-            }
-            DiscMass::Rigid(rigid) => rigid.mass,
-        };
-        widest = widest.max(disc.radius);
-        if let Some(Backbone {
-            bending, torsion, ..
-        }) = disc.backbone
-        {
-            strongest = strongest.max(bending[0]).max(bending[1]).max(torsion);
-        }
-    }
-    let pull = |tendon: &DrivenTendon| match tendon.route.tendon.drive {
-        Drive::Gain(gain) => gain * widest * widest,
-        Drive::Tension | Drive::Length => tendon.route.tendon.range[1] * widest,
-    };
-    let pulls: f64 = tendons.iter().map(pull).sum();
-    let stiffness = HELD * (strongest + pulls + mass * weight * length);
-    for &(disc, axis) in &chain.held {
-        if let Some(backbone) = &mut chain.discs[disc].backbone {
-            match axis {
-                2 => backbone.torsion = stiffness,
-                axis => backbone.bending[axis] = stiffness,
-            }
-        }
     }
 }
 

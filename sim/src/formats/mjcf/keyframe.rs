@@ -3,8 +3,9 @@
 use faer::Mat;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::joint::{Freedom, SeriesJoint};
+use super::joint::Freedom;
 use super::options::{ExportOptions, Integrator};
+use super::written_joint::WrittenJoint;
 use crate::chain::Configuration;
 use crate::dynamics::{self, SmallMotions, State};
 use crate::formats::ExportError;
@@ -73,7 +74,7 @@ impl Start {
     }
 
     /// MuJoCo's coordinates of the pose.
-    pub fn coordinates(&self, robot: &Robot, joints: &[SeriesJoint]) -> Vec<f64> {
+    pub fn coordinates(&self, robot: &Robot, joints: &[WrittenJoint]) -> Vec<f64> {
         let turns = robot.discs().iter().zip(&self.configuration.0);
         let turns = turns.zip(joints);
         turns
@@ -86,7 +87,7 @@ impl Start {
     pub fn timestep(
         &self,
         robot: &Robot,
-        joints: &[SeriesJoint],
+        joints: &[WrittenJoint],
         options: &ExportOptions,
     ) -> Result<f64, ExportError> {
         let state = State::at_rest(self.configuration.clone());
@@ -111,15 +112,15 @@ impl Start {
         }
     }
 
-    /// Small motions of the joints as MuJoCo has them, from those of ball joints: each freedom turns
+    /// Small motions of the joints as MuJoCo has them, from those of the joints here: each freedom turns
     /// its disc about an axis, and has a spring, damping and armature of its own.
     fn in_series(
         &self,
         robot: &Robot,
-        joints: &[SeriesJoint],
+        joints: &[WrittenJoint],
         balls: &SmallMotions,
     ) -> SmallMotions {
-        if joints.iter().all(SeriesJoint::is_ball) {
+        if joints.iter().all(WrittenJoint::is_as_here) {
             // What MuJoCo's joints have of the damping is alike about all axes.
             let mut balls = balls.clone();
             let damping = balls.damping.iter_mut().zip(&mut balls.explicit);
@@ -147,7 +148,10 @@ impl Start {
                     left.axis.dot(&(block * right.axis)) + own
                 })
             };
-        let armature = |disc: &Disc| Vector3::repeat(disc.armature);
+        let armature = |disc: &Disc| match disc.hinges {
+            None => Vector3::repeat(disc.armature),
+            Some(_) => Vector3::zeros(),
+        };
         let spring = |disc: &Disc| disc.backbone.map_or(Vector3::zeros(), |b| b.stiffness());
         SmallMotions {
             mass: spread(&balls.mass, armature, |freedom| freedom.armature),

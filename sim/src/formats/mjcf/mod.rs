@@ -8,6 +8,7 @@
 //! | here | MuJoCo |
 //! |---|---|
 //! | disc | body with a ball joint, `pos` the disc's offset, joint `pos` below the origin |
+//! | hinges | hinges, `springref` their rest; the body's orientation is that at the angles 0 |
 //! | density, rigid mass | cylinder with `density`, `inertial` |
 //! | backbone | `stiffness` of the joint; its rest bend is the body's orientation |
 //! | bending unlike torsion | a hinge about each softer axis, in series with the ball joint |
@@ -28,8 +29,8 @@
 
 mod actuator;
 mod attributes;
-mod ball_joint;
 mod body;
+mod body_joint;
 mod chain;
 mod check;
 mod disc;
@@ -42,10 +43,12 @@ mod joint_element;
 mod keyframe;
 mod mass;
 mod options;
+mod stage;
 mod view;
 mod write;
+mod written_joint;
 
-pub use export::export;
+pub use export::{export, export_notes};
 pub use import::{import, import_text};
 pub use options::{ExportOptions, Integrator};
 

@@ -20,7 +20,7 @@ const FASTEST: f64 = 100.0;
 /// The robot as URDF text, its numbers in full precision.
 ///
 /// # Errors
-/// [`ExportError`] for an invalid robot, and for a name that XML cannot hold.
+/// [`ExportError`] for an invalid robot, for joints of hinges, and for a name that XML cannot hold.
 pub fn export(spec: &RobotSpec) -> Result<String, ExportError> {
     let robot = Robot::new(spec.clone())?;
     let refuse = |field: &str, value: String, expected| ExportError::Unsupported {
@@ -32,6 +32,14 @@ pub fn export(spec: &RobotSpec) -> Result<String, ExportError> {
     if !spec.name.chars().all(is_xml_char) {
         let found = format!("{:?}", spec.name);
         return Err(refuse("name", found, "text without control characters"));
+    }
+    if let Some(module) = spec.modules.iter().position(|m| m.joint.is_some()) {
+        let expected = "ball joints: hinges are written to MJCF alone";
+        return Err(refuse(
+            &format!("modules[{module}].joint"),
+            "given".to_owned(),
+            expected,
+        ));
     }
     for (disc, model) in robot.discs().iter().enumerate() {
         if is_inertia(model.inertia.into()).is_err() {

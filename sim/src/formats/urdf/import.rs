@@ -256,6 +256,7 @@ impl Reader<'_> {
             damping: damping[0],
             armature: 0.0,
             backbone: None,
+            joint: None,
         })
     }
 

@@ -82,9 +82,10 @@ impl Unknown {
         let bounds = |parameter: &Parameter| match parameter {
             Parameter::Hole(..) => [f64::NEG_INFINITY, f64::INFINITY],
             // A backbone may be limp and a disc weightless; anything else vanishes only with the robot.
-            Parameter::Bending(..) | Parameter::Torsion(_) | Parameter::Density(_) => {
-                [0.0, if first > 0.0 { most } else { f64::INFINITY }]
-            }
+            Parameter::Bending(..)
+            | Parameter::Torsion(_)
+            | Parameter::HingeStiffness(..)
+            | Parameter::Density(_) => [0.0, if first > 0.0 { most } else { f64::INFINITY }],
             _ => [least, most],
         };
         let all = self.parameters.iter().map(bounds);

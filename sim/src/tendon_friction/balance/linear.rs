@@ -8,8 +8,8 @@ use nalgebra::Vector3;
 
 use super::Balance;
 use crate::energy::{Expansion, following};
-use crate::factor::{ContactLu, Inflow};
-use crate::robot::Robot;
+use crate::factor::{ContactLu, Inflow, project};
+use crate::robot::{HingeAxes, Robot};
 
 /// Error of a solution in O(n), as a share of the right-hand side, from which on the dense factors are taken.
 const INACCURATE: f64 = 1e-8;
@@ -26,6 +26,8 @@ pub(in crate::tendon_friction) struct Linear {
     /// Turn of each joint, world axes (rad).
     pub solution: Vec<Vector3<f64>>,
     product: Vec<Vector3<f64>>,
+    /// The axes of hinges where the factors are of.
+    hinges: Vec<Option<HingeAxes>>,
 }
 
 impl Linear {
@@ -37,6 +39,7 @@ impl Linear {
             rhs: none.clone(),
             solution: none.clone(),
             product: none,
+            hinges: Expansion::new(robot).hinges,
         }
     }
 
@@ -57,6 +60,7 @@ impl Linear {
                 for (joint, turn) in self.solution.iter_mut().enumerate() {
                     *turn = Vector3::from_fn(|axis, _| found[(3 * joint + axis, 0)]);
                 }
+                project(&self.hinges, &mut self.solution);
             }
         }
     }
@@ -73,8 +77,10 @@ impl Linear {
             // A right-hand side without symmetries.
             *rhs = Vector3::new(1.0, -0.6, 0.3) * (1.0 + (joint as f64).sin());
         }
+        project(&expansion.hinges, &mut self.rhs);
         chain.solve(&self.rhs, &mut self.solution);
         chain.product(expansion, &self.solution, &mut self.product);
+        project(&expansion.hinges, &mut self.product);
         // Not a number is not below.
         (self.product.iter().zip(&self.rhs)).all(|(found, rhs)| (found - rhs).norm() < INACCURATE)
     }
@@ -92,6 +98,7 @@ impl Balance {
         changed: impl Fn(&Self, usize, Inflow, usize) -> Inflow,
     ) {
         self.linear.dense = None;
+        self.linear.hinges.clone_from(&self.expansion.hinges);
         let follows = self.loads.wrenches().iter().any(following::follows);
         if !follows {
             self.set_inflows(changed);
@@ -158,6 +165,7 @@ impl Balance {
         for tendon in 0..self.lines.len() {
             self.add_tension_slopes(tendon, &mut jacobian);
         }
+        self.expansion.confine(&mut jacobian);
         jacobian
     }
 

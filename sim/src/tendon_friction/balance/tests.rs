@@ -8,11 +8,15 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 #[allow(dead_code, reason = "shared with tests that draw other robots")]
-use crate::random_robot::{Kind, random_spec, within};
+use crate::random_robot::{Kind, random_hinged_spec, random_spec, within};
 
 /// A random robot with friction in the holes of every tendon.
 fn rough_robot(rng: &mut impl Rng) -> Robot {
-    let mut spec: RobotSpec = random_spec(Kind::Elastic, rng);
+    let spec = random_spec(Kind::Elastic, rng);
+    roughened(spec, rng)
+}
+
+fn roughened(mut spec: RobotSpec, rng: &mut impl Rng) -> Robot {
     let tendons = (spec.modules.iter_mut())
         .filter_map(|module| module.tendons.as_mut())
         .chain(spec.routes.iter_mut().map(|route| &mut route.tendon));
@@ -28,7 +32,7 @@ fn rough_robot(rng: &mut impl Rng) -> Robot {
 fn bent(robot: &Robot, from: &Configuration, size: f64, rng: &mut impl Rng) -> Configuration {
     let turns: Vec<f64> = (0..robot.dof()).map(|_| within(-size, size, rng)).collect();
     let mut to = from.clone();
-    from.retract(&turns, &mut to);
+    from.retract(robot, &turns, &mut to);
     to
 }
 
@@ -63,7 +67,7 @@ fn moments(
     before: &[TendonProfile],
 ) -> Vec<Vector3<f64>> {
     let mut moved = q.clone();
-    q.retract(step, &mut moved);
+    q.retract(&balance.robot, step, &mut moved);
     balance.start_at(&moved);
     balance.evaluate(before, SlipRule::Assumed);
     let mut gradient = vec![Vector3::zeros(); moved.0.len()];
@@ -175,7 +179,11 @@ fn rough_standard(name: &str, rng: &mut impl Rng) -> Robot {
 fn solving_in_linear_time_gives_what_the_dense_jacobian_does() {
     let mut rng = ChaCha8Rng::seed_from_u64(33);
     let robots = ["2m", "3m", "5m"].map(|name| rough_standard(name, &mut rng));
-    let random: Vec<Robot> = (0..30).map(|_| rough_robot(&mut rng)).collect();
+    let mut random: Vec<Robot> = (0..30).map(|_| rough_robot(&mut rng)).collect();
+    random.extend((0..20).map(|_| {
+        let spec = random_hinged_spec(Kind::Elastic, &mut rng);
+        roughened(spec, &mut rng)
+    }));
     let mut in_chain = 0;
     for robot in robots.iter().chain(&random) {
         let mut balance = Balance::new(robot);

@@ -75,6 +75,13 @@ impl<'a> Probe<'a> {
         self.data.forward();
     }
 
+    /// Lays the robot to rest at MuJoCo's coordinates.
+    pub fn place_at(&mut self, qpos: &[f64]) {
+        self.data.qpos_mut().copy_from_slice(qpos);
+        self.data.qvel_mut().fill(0.0);
+        self.data.forward();
+    }
+
     /// Largest force on a joint (N m) at rest in a configuration.
     pub fn force_at(&mut self, configuration: &Configuration) -> f64 {
         self.place(configuration);

@@ -16,7 +16,7 @@ use crate::probe::{Probe, largest_difference};
     dead_code,
     reason = "other tests draw robots that MuJoCo does not model"
 )]
-mod random_robot;
+pub mod random_robot;
 use random_robot::{Kind, random_robot, within};
 
 /// The robot as MuJoCo reads it from our export, a payload included.
@@ -46,7 +46,7 @@ fn random_state(robot: &Robot, rng: &mut impl Rng) -> State {
     let straight = Configuration::straight(robot);
     let mut state = State::straight(robot);
     let turns: Vec<f64> = (0..robot.dof()).map(|_| within(-0.3, 0.3, rng)).collect();
-    straight.retract(&turns, &mut state.configuration);
+    straight.retract(robot, &turns, &mut state.configuration);
     state.velocity = (0..robot.dof()).map(|_| within(-2.0, 2.0, rng)).collect();
     state
 }
