@@ -16,7 +16,7 @@ from tdcr.errors import InputError, RobotError
 
 
 class Robot:
-    """A tendon-driven continuum robot: discs on ball joints, pulled by tendons.
+    """A tendon-driven continuum robot: discs on ball joints or hinges, pulled by tendons.
 
     Robots never change; :meth:`with_values` makes others. They compare by what they consist of, and can be pickled.
 

@@ -11,6 +11,9 @@ use crate::chain::{Chain, Configuration};
 use crate::robot::{Command, Loads, Robot};
 use crate::tendon::Posture;
 
+/// How far a rotation may be from one that hinges can have (rad): far above rounding, as in files.
+const MOST_OFF: f64 = 1e-6;
+
 /// The equations of motion of one robot; reuses its memory.
 #[derive(Clone, Debug)]
 pub(super) struct EquationsOfMotion {
@@ -71,9 +74,21 @@ impl EquationsOfMotion {
             command.as_slice().len(),
             self.robot.tendons().len(),
         )?;
+        self.check_hinges(&state.configuration)?;
         loads.check(&self.robot)?;
         self.payload = PointMass::payload(&self.robot, loads);
         self.forces.set_loads(loads);
+        Ok(())
+    }
+
+    fn check_hinges(&self, q: &Configuration) -> Result<(), DynamicsError> {
+        for (joint, (link, q)) in self.links.iter().zip(&q.0).enumerate() {
+            let Some(hinges) = &link.hinges else { continue };
+            let off = hinges.rotation(&hinges.angles(q)).angle_to(q);
+            if off > MOST_OFF {
+                return Err(DynamicsError::NotOfHinges { joint, off });
+            }
+        }
         Ok(())
     }
 

@@ -66,6 +66,16 @@ pub enum DynamicsError {
         /// How the step was taken.
         integrator: Integrator,
     },
+    /// A state in which a joint of hinges has a rotation that no angles of theirs give.
+    #[error(
+        "joint {joint} is turned by {off:.1e} rad from what its hinges can; expected rotations about their axes"
+    )]
+    NotOfHinges {
+        /// The joint, from 0 at the base.
+        joint: usize,
+        /// How far its rotation is from one that they can have (rad).
+        off: f64,
+    },
     /// A joint of hinges that was turned to where they have no angles.
     #[error(
         "the hinges of joint {joint} turn beyond {angles:.3?} rad into gimbal lock, or one of them beyond half a turn: motions here \

@@ -313,7 +313,7 @@ fn hinges_at_one_place_are_read_in_their_order() {
             "lies beside the body's first joint",
         ),
         (
-            format!("<joint axis=\"0 1 1\"/><joint type=\"ball\" stiffness=\"0.1\"/>"),
+            "<joint axis=\"0 1 1\"/><joint type=\"ball\" stiffness=\"0.1\"/>".to_owned(),
             "beside a ball joint: expected an axis along x, y or z",
         ),
         (

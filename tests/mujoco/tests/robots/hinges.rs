@@ -130,14 +130,10 @@ fn trajectories_on_hinges_are_mujocos_for_five_hundred_steps() {
         let mut stepper = Stepper::new(&robot, h, Integrator::SemiImplicitEuler).unwrap();
         let mut state = State::straight(&robot);
         let mut probe = Probe::new(&model, &robot, &command, &Loads::default());
-        for step in 0..500 {
-            if stepper
+        for _ in 0..500 {
+            stepper
                 .step(&mut state, &command, &Loads::default())
-                .is_err()
-            {
-                assert!(step > 0, "none can be taken");
-                break;
-            }
+                .unwrap();
             probe.step(1);
         }
         let rates = largest_difference(probe.data().qvel(), &of(&state.velocity, &present(&robot)));
