@@ -1,4 +1,8 @@
 //! Robots of every kind the specification knows, drawn at random.
+#![allow(
+    dead_code,
+    reason = "tests share it, and none draws robots of all kinds"
+)]
 
 use rand::{Rng, RngExt};
 use tdcr_sim::robot::{
