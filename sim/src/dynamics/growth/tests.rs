@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::dynamics::composite::compose;
-use crate::dynamics::implicit::{in_discs, mass_matrix};
+use crate::dynamics::implicit::{in_coordinates, mass_matrix};
 use crate::energy::following::{add_forces, add_moments, jacobian};
 use crate::energy::{DeadForces, Expansion, Potential};
 use crate::random_robot::{Kind, random_robot, within};
@@ -23,7 +23,7 @@ fn dense(
     loads: &Loads,
     unit: f64,
 ) -> Complex<f64> {
-    let armatures: Vec<f64> = robot.discs().iter().map(|disc| disc.armature).collect();
+    let armatures = Link::armatures(robot, 0.0);
     let mut equations = EquationsOfMotion::new(robot, &armatures).unwrap();
     equations.payload = PointMass::payload(robot, loads);
     let still = vec![0.0; robot.dof()];
@@ -45,7 +45,7 @@ fn dense(
     potential.expand(q, &posture, &mut expansion);
     add_moments(loads, 1.0, &posture, &mut expansion);
     let world = jacobian(loads, 1.0, &posture, &expansion);
-    let stiffness = in_discs(&world, equations.orientations());
+    let stiffness = in_coordinates(&world, &equations.posture.chain);
     let n = robot.dof();
     let forces = Mat::from_fn(n, 2 * n, |row, column| {
         if column < n {
