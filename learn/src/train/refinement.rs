@@ -174,7 +174,7 @@ impl Refiner {
                 index,
             };
             lesson.predict(&field, ends);
-            lesson.aim(field.channels(), ends, targets, time)?;
+            lesson.aim(&field, ends, targets, time)?;
             Ok(true)
         });
         let whole = lessons.try_reduce(|| true, |a, b| Ok::<_, TrainError>(a && b))?;
@@ -309,15 +309,17 @@ impl Lesson<'_> {
         flow.integrate(field, set.condition(index), ends);
     }
 
-    /// The velocities that take the ends to the surface in the time that is left at `time`.
+    /// The velocities that take the ends to the surface in the time that is left at `time`. Colours keep those that the flow gives
+    /// them: they are as good as they get, and a colour that is off would need a velocity beside which no displacement counts.
     fn aim(
         &self,
-        channels: Channels,
+        field: &Refined,
         ends: &[f32],
         targets: &mut [f32],
         time: f32,
     ) -> Result<(), TrainError> {
         let Self { set, index, .. } = *self;
+        let channels = field.channels();
         let (cloud, _) = set.cloud(index).as_chunks::<DIM>();
         let points = positions(ends, channels);
         let nearest = match cloud.len() >= TARGETS {
@@ -330,17 +332,13 @@ impl Lesson<'_> {
             set: "training",
             reason: format!("cloud {index}, or its prediction: {error}"),
         })?;
-        let mut rows = Vec::new();
-        let row = channels.count();
-        for ((nearest, end), target) in nearest
-            .into_iter()
-            .zip(ends.chunks_exact(row))
-            .zip(targets.chunks_exact_mut(row))
-        {
-            rows.clear();
-            set.gather(index, nearest.into_iter(), channels, &mut rows);
-            for (k, (target, x)) in target.iter_mut().zip(end).enumerate() {
-                let sum: f32 = rows.iter().skip(k).step_by(row).sum();
+        if channels == Channels::XyzRgb {
+            field.velocity(time, set.condition(index), ends, targets);
+        }
+        let rows = targets.chunks_exact_mut(channels.count());
+        for ((nearest, point), target) in nearest.into_iter().zip(points).zip(rows) {
+            for (k, (target, x)) in target.iter_mut().zip(point).enumerate() {
+                let sum: f32 = nearest.iter().map(|&other| cloud[other][k]).sum();
                 *target = (sum / TARGETS as f32 - x) / (1.0 - time);
             }
         }
