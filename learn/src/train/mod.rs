@@ -1,7 +1,8 @@
 //! Training a velocity network by flow matching, and the files that training leaves.
 //!
-//! A [`Trainer`] takes steps on a [`Feed`] (a data set, a stream, or the trajectories of a [`Teacher`]) with
-//! [`TrainSettings`]. [`TrainingState`] is the whole run on disk, from which it is resumed exactly; [`Model`] predicts.
+//! A [`Trainer`] takes steps on a [`Feed`] (a data set, a stream, the trajectories of a [`Teacher`], or the ends of a flow:
+//! [`Refiner`]) with [`TrainSettings`]. [`TrainingState`] is the whole run on disk, from which it is resumed exactly; [`Model`]
+//! predicts.
 
 mod check;
 mod difference;
