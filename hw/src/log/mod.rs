@@ -4,6 +4,7 @@
 //! A [`LogWriter`] takes [`LogRecord`]s and their times. What is on the disk is at any time the start of the finished file,
 //! so a log of a process that was killed lacks only its end. A [`LogReader`] reads logs whole or not, up to their last whole
 //! message and beyond damaged parts, and says what was missing; [`repair`] writes a whole log of what it finds.
+//! Chunks are compressed by zstd unless [`LogSettings`] say otherwise; those that are plain or compressed by lz4 are read too.
 //!
 //! | topic | schema | record |
 //! |---|---|---|
