@@ -208,16 +208,16 @@ impl Question<'_> {
         }
         let (turns, rates) = gradient.start.split_at(3 * motions.discs);
         out.velocity.copy_from_slice(rates);
-        let joints = rollout.start.configuration.0.iter();
-        let turns = joints.zip(turns.as_chunks::<3>().0);
-        for (out, (q, turn)) in out
+        let joints = robot.discs().iter().zip(&rollout.start.configuration.0);
+        let by_steps = joints.zip(turns.as_chunks::<3>().0);
+        for (out, ((disc, q), by_step)) in out
             .configuration
             .as_chunks_mut::<4>()
             .0
             .iter_mut()
-            .zip(turns)
+            .zip(by_steps)
         {
-            *out = quaternion_cotangent(q, &Vector3::from(*turn));
+            *out = quaternion_cotangent(q, &disc.turn_cotangent(q, &Vector3::from(*by_step)));
         }
         let wrenches = gradient.forces.iter().zip(&gradient.moments);
         for (out, (f, m)) in out.wrench.as_chunks_mut::<6>().0.iter_mut().zip(wrenches) {

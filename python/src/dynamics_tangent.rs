@@ -67,8 +67,11 @@ impl Numbers {
             &all[row * width..(row + 1) * width]
         }
         let part = |all| of_row(all, row, motions.rows);
-        let turns = start.iter().zip(part(&self.configuration).as_chunks().0);
-        let turns = turns.flat_map(|(q, change)| <[f64; 3]>::from(turn_of(q, *change)));
+        let joints = motions.robot(row).discs().iter().zip(start);
+        let steps = joints.zip(part(&self.configuration).as_chunks().0);
+        let steps = steps.flat_map(|((disc, q), change)| {
+            <[f64; 3]>::from(disc.step_along(q, &turn_of(q, *change)))
+        });
         let rates = part(&self.velocity).iter().copied();
         let (forces, moments) = part(&self.wrench)
             .as_chunks::<6>()
@@ -88,7 +91,7 @@ impl Numbers {
         }
         RolloutDirection {
             commands: held.collect(),
-            start: turns.chain(rates).collect(),
+            start: steps.chain(rates).collect(),
             forces,
             moments,
             parameters,

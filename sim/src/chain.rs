@@ -62,6 +62,24 @@ impl Disc {
         }
     }
 
+    /// The step of the joint's coordinates that turns its rotation `q` by the rotation vector `turn` (rad), `q exp(turn)`, to first
+    /// order: the turn itself, or of hinges the steps of their angles, then 0; what they cannot turn by is left out.
+    pub fn step_along(&self, q: &UnitQuaternion<f64>, turn: &Vector3<f64>) -> Vector3<f64> {
+        match &self.hinges {
+            None => *turn,
+            Some(hinges) => hinges.axes_at(q).dual.tr_mul(turn),
+        }
+    }
+
+    /// The transpose of [`step_along`](Self::step_along): derivatives of a cost by a turn of the joint at `q`, from those by a step of
+    /// its coordinates.
+    pub fn turn_cotangent(&self, q: &UnitQuaternion<f64>, by_step: &Vector3<f64>) -> Vector3<f64> {
+        match &self.hinges {
+            None => *by_step,
+            Some(hinges) => hinges.axes_at(q).dual * by_step,
+        }
+    }
+
     /// The step of the joint's coordinates that leads from one rotation to another near it, to first order (rad).
     pub(crate) fn step_between(
         &self,

@@ -129,6 +129,42 @@ def test_forward_mode_is_that_of_differences_and_of_reverse_mode() -> None:
         tdcr.rollout_jvp(ROBOT, commands, tdcr.RolloutRates(payload=np.ones(3)), payload)
 
 
+def test_derivatives_by_where_hinges_start_are_differences_along_their_angles() -> None:
+    """A quaternion of a joint of hinges may only change along them; axes at an angle, so that a basis is not its dual."""
+    hinges = [{"axis": axis, "stiffness": 0.1} for axis in ([1.0, 0.0, 0.0], [0.6, 0.8, 0.0])]
+    fields = ROBOT.to_dict()
+    robot = tdcr.Robot(fields | {"modules": [module | {"joint": {"hinges": hinges}} for module in fields["modules"]]})
+    rng = np.random.default_rng(6)
+    angles = rng.uniform(-0.1, 0.1, size=(10, 2))
+    commands = rng.uniform(0.01, 0.03, size=(1, 3, 6))
+
+    def turned(axis: list[float], angle: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.cos(angle / 2)[:, None], np.sin(angle / 2)[:, None] * axis], axis=1)
+
+    def start(angles: np.ndarray) -> np.ndarray:
+        (w, *a), (v, *b) = (turned(hinges[k]["axis"], angles[:, k]).T for k in (0, 1))
+        first, second = np.array(a).T, np.array(b).T
+        vector = w[:, None] * second + v[:, None] * first + np.cross(first, second)
+        return np.concatenate([(w * v - (first * second).sum(axis=1))[:, None], vector], axis=1)
+
+    weights = [rng.normal(size=(1, 3, 10, width)) for width in (3, 4)]
+
+    def cost(angles: np.ndarray) -> float:
+        moved = tdcr.rollout(robot, commands, start=tdcr.State(start(angles)), dt=0.001)
+        assert moved.failures == {}
+        return sum((w * s).sum() for w, s in zip(weights, (moved.positions, moved.quaternions), strict=True))
+
+    direction, size = rng.normal(size=(10, 2)), 1e-5
+    slope = (start(angles + size * direction) - start(angles - size * direction)) / (2.0 * size)
+    expected = (cost(angles + size * direction) - cost(angles - size * direction)) / (2.0 * size)
+    at = tdcr.State(start(angles))
+    back = tdcr.rollout_vjp(robot, commands, *weights, start=at, dt=0.001)
+    assert (back.configuration[0] * slope).sum() == pytest.approx(expected, rel=1e-6)
+    ahead = tdcr.rollout_jvp(robot, commands, tdcr.RolloutRates(configuration=slope[None]), start=at, dt=0.001)
+    found = sum((w * s).sum() for w, s in zip(weights, (ahead.positions, ahead.quaternions), strict=True))
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
 def test_jax_has_the_same_gradients_under_jit_and_vmap() -> None:
     jax = pytest.importorskip("jax")
     jax.config.update("jax_enable_x64", True)
