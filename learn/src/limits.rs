@@ -1,13 +1,8 @@
 //! How much memory a file may ask for.
 //!
 //! A small file can describe a large array: by compression, by chunks that are not stored, by a number in a header. What
-//! is allocated for a file is at most [`EXPANSION`] times its length and [`ALLOWANCE`] more, and a file is read into
-//! memory up to a length that its reader names. Clouds and weights are noise in their last bits: no honest file comes
-//! near.
-
-use std::fs::File;
-use std::io::{self, Read};
-use std::path::Path;
+//! is allocated for a file is at most [`EXPANSION`] times its length and [`ALLOWANCE`] more. Clouds and weights are noise
+//! in their last bits: no honest file comes near.
 
 /// Bytes of memory for each byte of a file. Clouds that were recorded compress to a half, with most of their points
 /// missing to a tenth.
@@ -18,9 +13,6 @@ const ALLOWANCE: u64 = 64 << 20;
 
 /// Most bytes of a file of clouds or weights that is read into memory as a whole.
 pub(crate) const MAX_FILE: u64 = 4 << 30;
-
-/// Most bytes of a file of JSON.
-pub(crate) const MAX_JSON: u64 = 64 << 20;
 
 /// A file that asks for more memory than its length warrants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -53,23 +45,6 @@ pub(crate) fn bytes(shape: &[u64], element: u64) -> u64 {
         .fold(element, |product, &size| product.saturating_mul(size))
 }
 
-/// Reads a file of at most `most` bytes. Devices and pipes, whose length nobody knows, are read up to there.
-pub(crate) fn read_file(path: &Path, most: u64) -> io::Result<Vec<u8>> {
-    let file = File::open(path)?;
-    let mut bytes = Vec::new();
-    let length = file.metadata()?.len();
-    if length <= most {
-        // Room for one byte more, which tells that the file has ended.
-        bytes.reserve_exact(length as usize + 1);
-        file.take(most + 1).read_to_end(&mut bytes)?;
-        if bytes.len() as u64 <= most {
-            return Ok(bytes);
-        }
-    }
-    let reason = format!("longer than {most} bytes, the most that is read");
-    Err(io::Error::new(io::ErrorKind::FileTooLarge, reason))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,15 +61,5 @@ mod tests {
         );
         assert!(require(u64::MAX, u64::MAX).is_ok());
         assert_eq!(bytes(&[u64::MAX, 3], 4), u64::MAX);
-    }
-
-    #[test]
-    fn a_file_without_an_end_is_read_no_further_than_its_limit() {
-        let error = read_file(Path::new("/dev/zero"), 1000).expect_err("an endless file");
-        assert_eq!(error.kind(), io::ErrorKind::FileTooLarge);
-        assert_eq!(
-            error.to_string(),
-            "longer than 1000 bytes, the most that is read"
-        );
     }
 }

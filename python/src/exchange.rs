@@ -8,7 +8,7 @@ use tdcr::learn::data::{self, DataSet, ExportFormat, ImportSettings, LengthUnit}
 use crate::errors::{Outcome, choice};
 use crate::run;
 
-/// Makes a data set of a folder of clouds and motor files; returns how many clouds.
+/// Makes a data set of a folder of clouds and motor files; returns what one should know besides.
 #[pyfunction]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn import_clouds(
@@ -20,7 +20,7 @@ pub fn import_clouds(
     voxel: Option<f64>,
     split: Option<PathBuf>,
     seed: u64,
-) -> Outcome<usize> {
+) -> Outcome<Vec<String>> {
     let known = [
         ("m", LengthUnit::Metre),
         ("cm", LengthUnit::Centimetre),
@@ -33,9 +33,8 @@ pub fn import_clouds(
         split,
         seed,
     };
-    Ok(run::long(py, None, |_| {
-        data::import(&folder, &out, &settings)
-    })??)
+    let imported = run::long(py, None, |_| data::import(&folder, &out, &settings))??;
+    Ok(imported.notes)
 }
 
 /// Writes the clouds of a data set as files of their own; returns how many.

@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr::sim::chain::Configuration;
+use tdcr::sim::files::without_mark;
 use tdcr::sim::formats::mjcf::Integrator;
 use tdcr::sim::formats::{mjcf, urdf};
 use tdcr::sim::render::BaseVisibility;
@@ -61,7 +62,7 @@ impl Robot {
     /// A robot from the JSON text of a robot file.
     #[staticmethod]
     fn from_json(text: &str) -> Outcome<Self> {
-        let spec: RobotSpec = serde_json::from_str(text)
+        let spec: RobotSpec = serde_json::from_str(without_mark(text))
             .map_err(|error| Failure::Of("RobotError", format!("not a robot: {error}")))?;
         spec.validate()?;
         Self::new(spec)

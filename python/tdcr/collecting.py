@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -100,6 +101,8 @@ def import_clouds(
 ) -> Dataset:
     """Makes a data set of clouds of other programs; as ``tdcr data import``.
 
+    Files of other endings and columns that may be colours of unknown names are passed over with a warning.
+
     Args:
         folder: Clouds (``.ply``, ``.pcd``, ``.npy``, ``.npz``) and beside each a motor file ``{"ctrl": [...]}`` of its name.
         out: Folder of the data set.
@@ -112,7 +115,7 @@ def import_clouds(
     Raises:
         DataError: For files that cannot be read; the message names the file and what is wrong with it.
     """
-    _tdcr.import_clouds(
+    notes = _tdcr.import_clouds(
         as_path(folder, "folder"),
         as_path(out, "out"),
         as_text(units, "units"),
@@ -121,6 +124,8 @@ def import_clouds(
         None if split is None else as_path(split, "split"),
         as_seed(seed),
     )
+    for note in notes:
+        warnings.warn(f"{as_path(folder, 'folder')}: {note}", stacklevel=2)
     return Dataset(out)
 
 

@@ -9,6 +9,7 @@
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
+use tdcr::sim::files::{LARGEST_TEXT, read_text};
 
 /// A command of a file.
 pub(super) struct Row {
@@ -74,11 +75,11 @@ fn read<T>(
 ) -> anyhow::Result<Vec<T>> {
     let name = file.display();
     let text =
-        std::fs::read_to_string(file).with_context(|| format!("cannot read {what} from {name}"))?;
+        read_text(file, LARGEST_TEXT).with_context(|| format!("cannot read {what} from {name}"))?;
     let mut made = Vec::new();
     if file
         .extension()
-        .is_some_and(|extension| extension == "json")
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
     {
         let rows: Vec<Vec<f64>> = serde_json::from_str(&text)
             .with_context(|| format!("{name} is not a list of lists of numbers"))?;
@@ -86,8 +87,6 @@ fn read<T>(
             made.push(make(row, None).with_context(|| format!("{name} entry {number}"))?);
         }
     } else {
-        // Spreadsheets begin a file with a byte order mark.
-        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let lines = (1..).zip(text.lines().map(str::trim));
         let mut lines = lines
             .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))

@@ -46,7 +46,7 @@ use std::ffi::OsString;
 use std::num::NonZero;
 use std::path::Path;
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::hw::capture::CaptureError;
@@ -58,9 +58,10 @@ use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pages::PageError;
 use tdcr::pipeline::{PipelineError, SamplerPlan};
+use tdcr::report::counted;
 use tdcr::sim::formats::Note;
 use tdcr::sim::render::{BaseVisibility, Sensor};
-use tdcr::sim::robot::RobotSpec;
+use tdcr::sim::robot::{self, Robot, RobotSpec};
 use tdcr::study::StudyError;
 use tracing_subscriber::filter::LevelFilter;
 
@@ -137,14 +138,32 @@ impl RobotArg {
 /// Command of the tendons.
 #[derive(Debug, Args)]
 struct CommandArg {
-    /// Command of every tendon (m, or N for a tension drive), separated by commas
+    /// Command of every tendon (m, or N for a tension drive), separated by commas; none for a robot without tendons
     #[arg(
         long = "command",
         value_parser = numbers,
         allow_hyphen_values = true,
         value_name = "C,C,..."
     )]
-    lengths: Box<[f64]>,
+    lengths: Option<Box<[f64]>>,
+}
+
+/// The command of a robot by `--command`, which a robot without tendons does without; `others` are the options that may stand in its
+/// place.
+fn command_of(
+    given: Option<&[f64]>,
+    robot: &Robot,
+    others: &str,
+) -> anyhow::Result<robot::Command> {
+    let tendons = robot.tendons().len();
+    if given.is_none() && tendons > 0 {
+        let name = &robot.spec().name;
+        let tendons = counted(tendons, "tendon");
+        bail!(
+            "robot `{name}` has {tendons}; expected --command C,C,... with a value for each{others}"
+        );
+    }
+    Ok(robot.command(given.unwrap_or_default())?)
 }
 
 /// How the network's flow is integrated.

@@ -15,7 +15,7 @@ use tdcr::sim::robot::Robot;
 
 use super::console::Console;
 use super::loads::{LoadArgs, LoadsSaid};
-use super::{CommandArg, images, output};
+use super::{CommandArg, command_of, images, output};
 
 /// Render a settled robot with its cameras: colour, depth and mask images, and the fused cloud
 #[derive(Debug, Args)]
@@ -105,7 +105,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         "a folder for the pictures of all cameras",
     )?;
     let robot = Robot::new(args.robot.load()?)?;
-    let command = robot.command(&args.command.lengths)?;
+    let command = command_of(args.command.lengths.as_deref(), &robot, "")?;
     let loads = args.loads.on(&robot)?;
     let equilibrium = robot.settle(&command, &loads);
     if let Some(failure) = equilibrium.failure(&robot, &command) {

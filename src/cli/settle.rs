@@ -28,11 +28,10 @@ use super::units::units;
 pub(super) struct SettleArgs {
     #[command(flatten)]
     robot: super::RobotArg,
-    /// Command of every tendon (m, or N for a tension drive), separated by commas; empty for a robot without tendons
+    /// Command of every tendon (m, or N for a tension drive), separated by commas; none for a robot without tendons
     #[arg(
         long = "command",
         value_parser = super::numbers,
-        required_unless_present_any = ["random", "commands"],
         conflicts_with_all = ["random", "commands"],
         allow_hyphen_values = true,
         value_name = "C,C,..."
@@ -129,8 +128,8 @@ struct Survey {
 
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     let picture = args.picture.wanted()?;
-    if picture.is_some() && args.command.is_none() {
-        bail!("--picture is of one command; expected --command beside it");
+    if picture.is_some() && (args.commands.is_some() || args.random.is_some()) {
+        bail!("--picture is of one command, not of --commands or --random");
     }
     let robot = Robot::new(args.robot.load()?)?;
     if let Some(file) = &args.commands {
@@ -140,7 +139,8 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     if let Some(count) = args.random {
         return survey(&robot, &loads, count, args.seed, console);
     }
-    let command = robot.command(args.command.as_deref().unwrap_or_default())?;
+    let others = ", --commands FILE or --random N";
+    let command = super::command_of(args.command.as_deref(), &robot, others)?;
     let equilibrium = robot.settle(&command, &loads);
     let failure = equilibrium.failure(&robot, &command);
     if let Some(picture) = picture {

@@ -10,6 +10,11 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use tdcr_sim::files;
+
+/// Largest event file that is gone on with (bytes): three million steps of ten scalars each.
+const LARGEST: u64 = 1 << 30;
+
 /// An event file that grows.
 #[derive(Debug)]
 pub(super) struct EventFile {
@@ -20,6 +25,13 @@ impl EventFile {
     /// Opens the file, or makes it, and drops from it half a record that a killed process left, and all after step
     /// `until`. Also returns the last step that it then has; 0 for none.
     pub fn open(path: &Path, until: u64) -> io::Result<(Self, u64)> {
+        if path.exists() {
+            let length = files::regular(path)?.len();
+            if length > LARGEST {
+                let reason = format!("{length} bytes; expected at most {LARGEST}");
+                return Err(io::Error::new(io::ErrorKind::FileTooLarge, reason));
+            }
+        }
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)

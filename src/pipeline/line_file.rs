@@ -1,10 +1,11 @@
 //! A file that grows by whole lines, from which killed work resumes.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
+use std::io::{self, BufReader, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
+use tdcr_sim::files;
 
 use super::PipelineError;
 
@@ -18,7 +19,8 @@ impl LineFile {
     /// Whether the file holds other work than that which `key` stands for.
     pub fn is_of_other_work(path: &Path, key: &Value) -> bool {
         let mut line = String::new();
-        let read = File::open(path).and_then(|file| BufReader::new(file).read_line(&mut line));
+        let read = files::open(path)
+            .and_then(|file| files::read_line(&mut BufReader::new(file), &mut line));
         read.is_ok() && line.ends_with('\n') && !is_key(&line, key)
     }
 
@@ -33,6 +35,9 @@ impl LineFile {
         mut keep: impl FnMut(&str) -> bool,
     ) -> Result<Self, PipelineError> {
         let mut open = || -> io::Result<File> {
+            if path.exists() {
+                files::regular(path)?;
+            }
             let mut file = OpenOptions::new()
                 .read(true)
                 .write(true)
@@ -42,8 +47,8 @@ impl LineFile {
             let mut whole = 0;
             let mut reader = BufReader::new(&file);
             let mut line = String::new();
-            while reader.read_line(&mut line).is_ok_and(|length| length > 0) && line.ends_with('\n')
-            {
+            let mut next = |line: &mut String| files::read_line(&mut reader, line);
+            while next(&mut line).is_ok_and(|length| length > 0) && line.ends_with('\n') {
                 let kept = match whole {
                     0 => is_key(&line, key),
                     _ => keep(&line),
@@ -52,7 +57,6 @@ impl LineFile {
                     break;
                 }
                 whole += line.len() as u64;
-                line.clear();
             }
             file.set_len(whole)?;
             file.seek(SeekFrom::End(0))?;

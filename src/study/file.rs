@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Deserialize;
 use serde_json::Value;
 use tdcr_learn::data::{Design, Subject};
-use tdcr_sim::files::read_text;
+use tdcr_sim::files::{Table, read_text, with_place};
 use tdcr_sim::formats::Note;
 use tdcr_sim::robot::RobotSpec;
 
@@ -91,7 +91,7 @@ impl Study {
     pub fn from_json(text: &str, folder: &Path, path: &Path) -> Result<Self, StudyError> {
         let file: InFile = serde_json::from_str(text).map_err(|error| StudyError::Parse {
             path: path.to_owned(),
-            reason: error.to_string(),
+            reason: with_place(&error.to_string(), &InFile::tables()),
         })?;
         file.in_folder(folder, path, &mut Vec::new())
     }
@@ -106,10 +106,21 @@ impl Study {
 }
 
 impl InFile {
+    /// The tables of a study's file.
+    fn tables() -> [Table; 5] {
+        [
+            Table::of::<Self>("the file itself, above all tables"),
+            Table::of::<Vary>("[[vary]]"),
+            Table::of::<SampleInFile>("[sample]"),
+            Table::of::<ModelsInFile>("[model]"),
+            Table::of::<HysteresisLoop>("[hysteresis]"),
+        ]
+    }
+
     fn parse(text: &str, path: &Path) -> Result<Self, StudyError> {
         toml::from_str(text).map_err(|error| StudyError::Parse {
             path: path.to_owned(),
-            reason: error.to_string(),
+            reason: with_place(&error.to_string(), &Self::tables()),
         })
     }
 

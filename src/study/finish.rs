@@ -1,10 +1,9 @@
 //! From a finished table to everything else in the folder.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufReader, Write};
 use std::path::Path;
 
-use tdcr_sim::files::write_atomically;
+use tdcr_sim::files::{self, write_atomically};
 
 use super::StudyError;
 use super::cases::Cases;
@@ -92,23 +91,24 @@ impl<'a> Table<'a> {
             line,
             reason,
         };
-        let file = File::open(&self.path).map_err(|error| fail(1, error.to_string()))?;
-        let mut lines = BufReader::new(file).lines();
-        let first = lines
-            .next()
-            .transpose()
-            .map_err(|error| fail(1, error.to_string()))?;
-        if first.map(|line| line + "\n") != Some(header(self.columns)) {
+        let file = files::open(&self.path).map_err(|error| fail(1, error.to_string()))?;
+        let mut lines = BufReader::new(file);
+        let mut line = String::new();
+        let mut next = |line: &mut String, number: usize| {
+            let length = files::read_line(&mut lines, line);
+            length.map_err(|error| fail(number, error.to_string()))
+        };
+        next(&mut line, 1)?;
+        if line.trim_end() != header(self.columns).trim_end() {
             return Err(fail(
                 1,
                 "these are not the columns of study.json".to_owned(),
             ));
         }
         let mut read = 0;
-        for line in lines {
+        while next(&mut line, read + 2)? > 0 {
             let number = read + 2;
-            let line = line.map_err(|error| fail(number, error.to_string()))?;
-            let cells = cells(&line);
+            let cells = cells(line.trim_end_matches(['\r', '\n']));
             if cells.len() != self.columns.len() {
                 let expected = self.columns.len();
                 return Err(fail(

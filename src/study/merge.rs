@@ -1,11 +1,10 @@
 //! Putting the parts of a study together.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader, Write, copy};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use tdcr_sim::files::write_atomically;
+use tdcr_sim::files::{self, write_atomically};
 
 use super::StudyError;
 use super::cases::Cases;
@@ -75,8 +74,8 @@ pub fn merge(parts: &[PathBuf], out: &Path, monitor: &dyn Monitor) -> Result<Fin
     write_atomically(&table, |file| {
         file.write_all(header(&first.columns).as_bytes())?;
         for (dir, _) in &found {
-            let mut rows = BufReader::new(File::open(dir.join(TABLE))?);
-            rows.read_line(&mut String::new())?;
+            let mut rows = BufReader::new(files::open(&dir.join(TABLE))?);
+            rows.skip_until(b'\n')?;
             copy(&mut rows, file)?;
         }
         Ok(())

@@ -1,9 +1,9 @@
 //! `study.json`: what was run.
 
-use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use tdcr_sim::files::{LARGEST_TEXT, read_text};
 
 use super::{Column, Study, StudyError};
 
@@ -54,7 +54,7 @@ impl Record {
             line,
             reason,
         };
-        let text = read_to_string(path).map_err(|error| fail(1, error.to_string()))?;
+        let text = read_text(path, LARGEST_TEXT).map_err(|error| fail(1, error.to_string()))?;
         serde_json::from_str(&text).map_err(|error| fail(error.line(), error.to_string()))
     }
 

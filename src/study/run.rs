@@ -156,8 +156,8 @@ fn put_in_place(rows: &Path, table: &Path, header: &str) -> Result<(), StudyErro
         path: table.to_owned(),
         source,
     };
-    let mut from = BufReader::new(std::fs::File::open(rows).map_err(fail)?);
-    from.read_line(&mut String::new()).map_err(fail)?;
+    let mut from = BufReader::new(tdcr_sim::files::open(rows).map_err(fail)?);
+    from.skip_until(b'\n').map_err(fail)?;
     tdcr_sim::files::write_atomically(table, |file| {
         file.write_all(header.as_bytes())?;
         std::io::copy(&mut from, file).map(drop)

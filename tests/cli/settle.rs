@@ -318,3 +318,78 @@ fn a_column_that_flutters_has_not_settled() {
         "{written}"
     );
 }
+
+/// JSON as editors of Windows write it, and endings in capitals.
+#[test]
+fn json_with_a_byte_order_mark_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let spec = tdcr::sim::robot::RobotSpec::standard("2m").unwrap();
+    let marked = |json: String| format!("\u{feff}{json}");
+    let robot = marked(serde_json::to_string(&spec).unwrap());
+    let robot = file(folder.path(), "r.JSON", &robot);
+    let commands = file(folder.path(), "c.JSON", &marked(format!("[[{COMMAND}]]")));
+    let plain = succeed_json(&["settle", "--command", COMMAND]);
+    let settle = ["settle", "--robot", text(&robot)];
+    let one = succeed_json(&[&settle[..], &["--command", COMMAND]].concat());
+    assert_eq!(one["positions"], plain["positions"]);
+    let many = succeed_json(&[&settle[..], &["--commands", text(&commands)]].concat());
+    assert_eq!(many["settled"][0]["tip_position"], plain["positions"][9]);
+    let wide: Vec<u8> = "\u{feff}[[1]]"
+        .encode_utf16()
+        .flat_map(u16::to_le_bytes)
+        .collect();
+    fs::write(&commands, wide).unwrap();
+    refuse(
+        &["settle", "--commands", text(&commands)],
+        1,
+        "UTF-16 text; expected UTF-8",
+    );
+}
+
+#[test]
+fn a_robot_without_tendons_needs_no_command_and_others_are_told_which() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut spec = tdcr::sim::robot::RobotSpec::standard("2m").unwrap();
+    spec.modules
+        .iter_mut()
+        .for_each(|module| module.tendons = None);
+    let robot = toml::to_string(&spec).unwrap();
+    let robot = file(folder.path(), "robot.toml", &robot);
+    let on = ["settle", "--robot", text(&robot)];
+    let alone = succeed_json(&on);
+    assert_eq!(
+        alone["positions"],
+        succeed_json(&[&on[..], &["--command", ""]].concat())["positions"]
+    );
+    let images = folder.path().join("images");
+    let expected = "robot `2m` has 6 tendons; expected --command C,C,... with a value for each";
+    refuse(&["settle"], 1, expected);
+    refuse(&["render", "--out", text(&images)], 1, expected);
+}
+
+#[test]
+fn a_field_in_a_table_that_has_none_of_its_name_is_sent_where_it_belongs() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = toml::to_string(&tdcr::sim::robot::RobotSpec::standard("2m").unwrap()).unwrap();
+    let robot = format!("tendons = {{ drive = \"length\" }}\n{robot}");
+    let robot = file(folder.path(), "robot.toml", &robot);
+    let expected = "`tendons` belongs in [[modules]]";
+    refuse(
+        &["settle", "--robot", text(&robot), "--command", COMMAND],
+        1,
+        expected,
+    );
+    let study = file(
+        folder.path(),
+        "study.toml",
+        "want = [\"tip\"]\nvalues = [1]\n",
+    );
+    refuse(&["study", text(&study)], 1, "`values` belongs in [[vary]]");
+    let rig = fs::read_to_string("examples/rig-sim.toml").unwrap();
+    let rig = file(folder.path(), "rig.toml", &format!("current = 0.5\n{rig}"));
+    refuse(
+        &["scan", "--rig", text(&rig)],
+        1,
+        "`current` belongs in [safety]",
+    );
+}

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use mcap::MAGIC;
 use mcap::records::op;
+use tdcr_sim::files;
 
 use super::compression::Compression;
 use super::container::{
@@ -80,7 +81,7 @@ impl LogReader<BufReader<File>> {
     /// # Errors
     /// [`LogError::File`]; a file that is not a log is found to be none when it is read.
     pub fn open(path: &Path) -> Result<Self, LogError> {
-        let opened = File::open(path).map(BufReader::new);
+        let opened = files::open(path).map(BufReader::new);
         opened.and_then(Self::new).map_err(|source| LogError::File {
             path: path.to_owned(),
             source,

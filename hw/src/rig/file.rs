@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::read_text;
+use tdcr_sim::files::{Table, read_text, with_place};
 use tdcr_sim::formats::Note;
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
@@ -243,7 +243,7 @@ impl RigFile {
     pub fn parse(text: &str, path: &Path) -> Result<Self, RigError> {
         let spec: RigSpec = toml::from_str(text).map_err(|error| RigError::Parse {
             path: path.to_owned(),
-            reason: error.to_string(),
+            reason: with_place(&error.to_string(), &tables()),
         })?;
         let (robot, notes) = RobotSpec::load_with_notes(&robot_name(&spec.robot, path))?;
         let mut file = Self {
@@ -289,6 +289,20 @@ impl RigFile {
     pub fn resolve(&self, path: &Path) -> PathBuf {
         beside(&self.path, path)
     }
+}
+
+/// The tables of a rig file.
+fn tables() -> [Table; 8] {
+    [
+        Table::of::<RigSpec>("the file itself, above all tables"),
+        Table::of::<ServosSpec>("[servos]"),
+        Table::of::<RigCameraSpec>("[[cameras]]"),
+        Table::of::<MasksSpec>("[masks]"),
+        Table::of::<CommandSettings>("[commands]"),
+        Table::of::<MotionSettings>("[motion]"),
+        Table::of::<SafetySettings>("[safety]"),
+        Table::of::<SimulationSettings>("[simulation]"),
+    ]
 }
 
 /// `path` as seen from the folder of the file `from`.

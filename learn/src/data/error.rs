@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::exchange::EXTENSIONS;
 use super::merge::MergeError;
 use super::part::Part;
 use super::split::{MAX_SAMPLES, MIN_SAMPLES};
@@ -135,6 +136,16 @@ pub enum DataError {
     /// A file of another program could not be read.
     #[error(transparent)]
     CloudFile(#[from] super::CloudFileError),
+    /// A folder to import without clouds.
+    #[error(
+        "no file in {} ends in {EXTENSIONS}: there is no cloud to import{}", .path.display(), endings(.found)
+    )]
+    NoClouds {
+        /// The folder.
+        path: PathBuf,
+        /// How files in it end.
+        found: Vec<String>,
+    },
     /// A design of experiments without points for the data set.
     #[error("{problem}")]
     Design {
@@ -349,6 +360,14 @@ impl DataError {
             path: path.to_owned(),
             source,
         }
+    }
+}
+
+/// How files end, in words.
+fn endings(found: &[String]) -> String {
+    match found {
+        [] => String::new(),
+        found => format!("; its files end in {}", found.join(", ")),
     }
 }
 

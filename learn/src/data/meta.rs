@@ -9,10 +9,9 @@ use super::shard::Sizes;
 use super::simulator::{Recipe, Subject};
 use super::split::{MAX_SAMPLES, MIN_SAMPLES, require_count, split_size};
 use super::{Split, SplitIndices, split_indices};
-use crate::limits::{MAX_JSON, read_file};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use tdcr_sim::files::write_atomically;
+use tdcr_sim::files::{LARGEST_TEXT, read_text, write_atomically};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::RobotSpec;
 
@@ -121,18 +120,18 @@ impl Meta {
 
     /// Reads `path`; `None` where there is no such file.
     pub(super) fn load(path: &Path) -> Result<Option<Self>, DataError> {
-        let bytes = match read_file(path, MAX_JSON) {
+        let text = match read_text(path, LARGEST_TEXT) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            bytes => bytes.map_err(DataError::io("read", path))?,
+            text => text.map_err(DataError::io("read", path))?,
         };
         let json = |source| DataError::Json {
             path: path.to_owned(),
             source,
         };
         // The version says how to read the rest.
-        let version: Version = serde_json::from_slice(&bytes).map_err(json)?;
+        let version: Version = serde_json::from_str(&text).map_err(json)?;
         version.require_known(path)?;
-        let meta: Self = serde_json::from_slice(&bytes).map_err(json)?;
+        let meta: Self = serde_json::from_str(&text).map_err(json)?;
         meta.validate().map_err(|problem| DataError::InvalidJson {
             path: path.to_owned(),
             problem: problem.to_string(),

@@ -32,6 +32,7 @@ mod error;
 mod exchange;
 mod folder;
 mod grow;
+mod hdf5_error;
 mod merge;
 mod meta;
 mod normalisation;
@@ -50,8 +51,8 @@ pub use conditions::{Condition, Design, PayloadRange, UnitPoints, conditions};
 pub use dataset::DataSet;
 pub use error::DataError;
 pub use exchange::{
-    CloudFileError, ExportFormat, ImportSettings, LengthUnit, NpzArray, NpzRows, NpzValues,
-    PredictedClouds, export, import, read_cloud, read_predictions, write_npy, write_npz,
+    CloudFileError, ExportFormat, ImportSettings, Imported, LengthUnit, NpzArray, NpzRows,
+    NpzValues, PredictedClouds, export, import, read_cloud, read_predictions, write_npy, write_npz,
 };
 pub use merge::{MergeError, merge};
 pub use meta::{Meta, Origin, Recording};

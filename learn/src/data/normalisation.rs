@@ -5,10 +5,9 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::write_atomically;
+use tdcr_sim::files::{LARGEST_TEXT, read_text, write_atomically};
 
 use super::DataError;
-use crate::limits::{MAX_JSON, read_file};
 
 const MOTORS_FILE: &str = "global_motors_scope-all.json";
 const POINTS_FILE: &str = "global_norm_scope-all_anchor-origin.json";
@@ -286,8 +285,8 @@ struct PointScale {
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, DataError> {
-    let bytes = read_file(path, MAX_JSON).map_err(DataError::io("read", path))?;
-    serde_json::from_slice(&bytes).map_err(|source| DataError::Json {
+    let text = read_text(path, LARGEST_TEXT).map_err(DataError::io("read", path))?;
+    serde_json::from_str(&text).map_err(|source| DataError::Json {
         path: path.to_owned(),
         source,
     })

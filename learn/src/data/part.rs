@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::TEMPORARY;
+use tdcr_sim::files::{LARGEST_TEXT, TEMPORARY, read_text};
 
 use super::DataError;
 use super::blocks::Blocks;
@@ -24,7 +24,6 @@ use super::collector::STAGING;
 use super::folder::foreign_entry;
 use super::meta::{META_FILE, Meta, Version, save_json};
 use super::split::MAX_SAMPLES;
-use crate::limits::{MAX_JSON, read_file};
 use crate::lock::try_lock;
 
 /// File that makes a folder a part's.
@@ -128,17 +127,17 @@ impl PartFolder {
     /// The part in the folder `dir`; `None` where there is no `part.json`.
     pub(super) fn load(dir: &Path) -> Result<Option<Self>, DataError> {
         let path = dir.join(PART_FILE);
-        let bytes = match read_file(&path, MAX_JSON) {
+        let text = match read_text(&path, LARGEST_TEXT) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            bytes => bytes.map_err(DataError::io("read", &path))?,
+            text => text.map_err(DataError::io("read", &path))?,
         };
         let json = |source| DataError::Json {
             path: path.clone(),
             source,
         };
-        let ContentsVersion { meta } = serde_json::from_slice(&bytes).map_err(json)?;
+        let ContentsVersion { meta } = serde_json::from_str(&text).map_err(json)?;
         meta.require_known(&path)?;
-        let Contents { part, of, meta } = serde_json::from_slice(&bytes).map_err(json)?;
+        let Contents { part, of, meta } = serde_json::from_str(&text).map_err(json)?;
         let invalid = |problem: DataError| DataError::InvalidJson {
             path: path.clone(),
             problem: problem.to_string(),

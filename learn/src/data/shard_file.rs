@@ -4,8 +4,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use hdf5_pure::{DType, Error, File, FormatError};
+use tdcr_sim::files;
 
 use super::DataError;
+use super::hdf5_error::reason;
 use super::shard::{Array, Batch, Sizes};
 use crate::limits;
 
@@ -23,9 +25,10 @@ impl ShardFile {
     /// Opens `path` and checks that it holds `arrays`, each of the right type and shape, and so the payloads if there
     /// are any.
     pub(super) fn open(path: &Path, arrays: &[Array]) -> Result<Self, DataError> {
+        files::regular(path).map_err(DataError::io("open", path))?;
         let file = File::open_streaming(path).map_err(|error| match error {
             Error::Io(error) => DataError::io("open", path)(error),
-            error => unreadable(path, "the file", error),
+            error => unreadable(path, "the file", reason(&error)),
         })?;
         let (length, header_length) = (file.file_size(), file.superblock().eof_address);
         if length < header_length {
@@ -250,7 +253,7 @@ impl ShardFile {
             Some(chunk) => {
                 let size = chunk.storage_size;
                 let reason = format!("a chunk of {size} bytes in a file of {file_bytes}");
-                Err(self.unreadable(array, reason))
+                Err(self.damaged(array, reason))
             }
         }
     }
@@ -285,7 +288,7 @@ impl ShardFile {
         let expected: u64 = array.shape(sizes).iter().product();
         if values.len() as u64 != expected {
             let problem = format!("{} elements stored, {expected} by its shape", values.len());
-            return Err(self.unreadable(array, problem));
+            return Err(self.damaged(array, problem));
         }
         Ok(values)
     }
@@ -299,15 +302,19 @@ impl ShardFile {
         }
     }
 
-    fn unreadable(&self, array: Array, reason: impl ToString) -> DataError {
+    fn unreadable(&self, array: Array, error: Error) -> DataError {
+        self.damaged(array, reason(&error))
+    }
+
+    fn damaged(&self, array: Array, reason: String) -> DataError {
         unreadable(&self.path, &format!("dataset `{}`", array.name()), reason)
     }
 }
 
-fn unreadable(path: &Path, what: &str, reason: impl ToString) -> DataError {
+fn unreadable(path: &Path, what: &str, reason: String) -> DataError {
     DataError::Unreadable {
         path: path.to_owned(),
         what: what.to_owned(),
-        reason: reason.to_string(),
+        reason,
     }
 }

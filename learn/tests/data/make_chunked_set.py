@@ -1,4 +1,5 @@
-"""Writes chunked/ beside this file, a data set as another program would: by h5py, points and colours in gzipped chunks, no meta.json.
+"""Writes chunked/ beside this file, a data set as another program would: by h5py, points and colours in gzipped chunks, no
+meta.json; and latest.h5, the shard of its validation split with libver="latest" (of HDF5 2.0: chunks of layout version 5).
 
 Sample i of a split, point k: motors[j] = 0.01 (i + j), data = (0.1 k, 0.01 i, -0.2), rgb = (k, i, 255).
 """
@@ -49,11 +50,17 @@ def main():
                 "center": np.zeros((count, 3), "f4"),
                 "scale": np.full(count, scale, "f4"),
             }
-            with h5py.File(FOLDER / split / f"shard-{shard:05}.h5", "w") as file:
-                for name, array in arrays.items():
-                    options = COMPRESSED if name in ("data", "rgb") else {}
-                    file.create_dataset(name, data=array, **options)
+            write(FOLDER / split / f"shard-{shard:05}.h5", arrays)
+            if split == "val":
+                write(FOLDER.parent / "latest.h5", arrays, libver="latest")
             first += count
+
+
+def write(path, arrays, **options):
+    with h5py.File(path, "w", **options) as file:
+        for name, array in arrays.items():
+            compressed = COMPRESSED if name in ("data", "rgb") else {}
+            file.create_dataset(name, data=array, **compressed)
 
 
 if __name__ == "__main__":

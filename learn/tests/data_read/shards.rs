@@ -243,3 +243,31 @@ fn a_shard_of_other_motors_or_points_than_the_set_is_refused() {
         }
     ));
 }
+
+/// A shard that h5py wrote with the newest features: sound, but newer than the reader.
+#[test]
+fn a_shard_with_chunks_of_a_newer_version_is_not_called_damaged() {
+    let dir = chunked();
+    let latest = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/latest.h5");
+    let shard = dir.path().join("val/shard-00000.h5");
+    fs::copy(latest, &shard).unwrap();
+    let said = DataSet::open(dir.path())
+        .and_then(|set| set.read_split(Split::Val))
+        .unwrap_err()
+        .to_string();
+    let expected = "cannot read dataset `data`: its data layout is of version 5, newer than this reader knows (up to 4)";
+    assert!(said.contains(expected), "{said}");
+    assert!(said.contains("h5repack"), "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_device_is_no_shard() {
+    let dir = chunked();
+    let shard = dir.path().join("val/shard-00000.h5");
+    fs::remove_file(&shard).unwrap();
+    std::os::unix::fs::symlink("/dev/zero", &shard).unwrap();
+    let read = DataSet::open(dir.path()).and_then(|set| set.read_split(Split::Val));
+    let said = read.unwrap_err().to_string();
+    assert!(said.contains("not a regular file"), "{said}");
+}

@@ -5,7 +5,9 @@
 
 mod atomic;
 mod reading;
+mod tables;
 
 pub use atomic::{AtomicFile, TEMPORARY, write_atomically};
-pub(crate) use reading::{LARGEST_MESH, LARGEST_TEXT};
-pub use reading::{read, read_text};
+pub(crate) use reading::LARGEST_MESH;
+pub use reading::{LARGEST_TEXT, open, read, read_line, read_text, regular, text_of, without_mark};
+pub use tables::{Table, with_place};

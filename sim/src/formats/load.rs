@@ -6,8 +6,11 @@ use thiserror::Error;
 
 use super::missing::{self, MissingFields};
 use super::{ImportError, Imported, Note, mjcf, urdf};
-use crate::files::{LARGEST_TEXT, read_text};
-use crate::robot::{Robot, RobotSpec, SpecError};
+use crate::files::{LARGEST_TEXT, Table, read_text, with_place};
+use crate::robot::{
+    Backbone, BaseSpec, CameraSpec, HoleCircle, Limit, ModuleSpec, RigidMass, RingSpec, Robot,
+    RobotSpec, RodSpec, RouteSpec, SolidMass, SpecError, TendonSpec,
+};
 
 /// Why a robot was not read from a file.
 #[derive(Debug, Error)]
@@ -93,7 +96,7 @@ impl RobotSpec {
         }
         let path = Path::new(name_or_path);
         let extension = path.extension().and_then(|extension| extension.to_str());
-        match extension {
+        match extension.map(str::to_ascii_lowercase).as_deref() {
             Some("toml") => parse(path, from_toml, missing::in_toml),
             Some("json") => parse(path, from_json, missing::in_json),
             Some("xml") => without_payload(mjcf::import(path)?),
@@ -162,12 +165,31 @@ fn parse(
             Some(missing) if !missing.is_empty() => RobotFileError::Missing { path, missing },
             _ => RobotFileError::Parse {
                 path,
-                reason: refusal.reason,
+                reason: with_place(&refusal.reason, &tables()),
             },
         }
     })?;
     spec.validate()?;
     Ok((spec, Vec::new()))
+}
+
+/// The tables of a robot file, those that users write most first.
+fn tables() -> [Table; 13] {
+    [
+        Table::of::<RobotSpec>("the file itself, above all tables"),
+        Table::of::<BaseSpec>("[base]"),
+        Table::of::<ModuleSpec>("[[modules]]"),
+        Table::of::<TendonSpec>("[modules.tendons]"),
+        Table::of::<Backbone>("[modules.backbone]"),
+        Table::of::<RodSpec>("[modules.rod]"),
+        Table::of::<Limit>("[modules.limit]"),
+        Table::of::<HoleCircle>("a circle of `holes`"),
+        Table::of::<RigidMass>("[modules.mass.rigid]"),
+        Table::of::<SolidMass>("[modules.mass.solid]"),
+        Table::of::<RouteSpec>("[[routes]]"),
+        Table::of::<RingSpec>("[cameras]"),
+        Table::of::<CameraSpec>("[[cameras]]"),
+    ]
 }
 
 /// A payload is a load on a robot, not part of it, and would be lost in silence.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::{Shape, ShapeError};
-use crate::files::{LARGEST_MESH, read};
+use crate::files::{LARGEST_MESH, read, without_mark};
 
 /// Why a mesh could not be read.
 #[non_exhaustive]
@@ -90,6 +90,7 @@ fn binary(bytes: &[u8]) -> Option<Vec<[f64; 3]>> {
 fn text(bytes: &[u8]) -> Result<Vec<[f64; 3]>, String> {
     let text = std::str::from_utf8(bytes)
         .ok()
+        .map(without_mark)
         .filter(|text| text.trim_start().starts_with("solid"));
     let Some(text) = text else {
         let length = bytes.len();

@@ -100,12 +100,16 @@ pub(super) fn import(args: &ImportArgs, console: &Console) -> anyhow::Result<()>
         split: args.split.clone(),
         seed: args.seed,
     };
-    let clouds = data::import(&args.dir, &args.out, &settings)?;
+    let imported = data::import(&args.dir, &args.out, &settings)?;
+    for note in &imported.notes {
+        tracing::warn!("{}: {note}", args.dir.display());
+    }
     let dir = args.out.clone();
     let scale = DataSet::open(&dir)?.normalisation().scale;
     if let Some(finding) = Finding::of_scale(scale) {
         tracing::warn!("{}: {finding} (`--units mm`, `--units cm`)", dir.display());
     }
+    let clouds = imported.clouds;
     Moved { dir, clouds }.tell(console)
 }
 

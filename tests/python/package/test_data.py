@@ -239,3 +239,10 @@ def test_clouds_are_exported_and_imported_as_by_the_command_line(dataset: tdcr.D
         tdcr.import_clouds(clouds, folder / "inches", units="inch")  # type: ignore[arg-type]
     with pytest.raises(DataError, match="nowhere"):
         tdcr.import_clouds(folder / "nowhere", folder / "empty")
+    (clouds / "points.las").write_bytes(b"")
+    with pytest.warns(UserWarning, match="files that end in .las were passed over"):
+        tdcr.import_clouds(clouds, folder / "noted", points=400, seed=2)
+    (folder / "others").mkdir()
+    (folder / "others/points.xyz").write_text("1 2 3")
+    with pytest.raises(DataError, match="there is no cloud to import; its files end in .xyz"):
+        tdcr.import_clouds(folder / "others", folder / "empty")

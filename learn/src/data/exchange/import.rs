@@ -1,19 +1,19 @@
 //! Folders of clouds with their motors, to a data set and from one.
 
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::ops::ControlFlow::Continue;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use tdcr_sim::cloud::{PointCloud, VoxelGrid, write_ply};
-use tdcr_sim::files::write_atomically;
+use tdcr_sim::files::{LARGEST_TEXT, read_text, write_atomically};
 
 use super::split_file::read_split;
-use super::{EXTENSIONS, Fault, NpzArray, NpzValues, read_cloud, write_npz};
+use super::{EXTENSIONS, Fault, NpzArray, NpzValues, parse_cloud, parser_of, write_npz};
 use crate::data::conditions::rng;
 use crate::data::folder::{foreign_entry, remove_folder};
 use crate::data::{Collector, Condition, DataError, DataSet, Meta, Origin, Sample, Split};
-use crate::limits::{MAX_JSON, read_file};
 
 /// Folder of what an export has written, inside the one that it is to fill.
 const STAGING: &str = ".partial-export";
@@ -99,14 +99,30 @@ struct Motors {
     ctrl: Vec<f32>,
 }
 
+/// What an import has made.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Imported {
+    /// Clouds of the data set.
+    pub clouds: usize,
+    /// What one should know besides: files and colours that were passed over.
+    pub notes: Vec<String>,
+}
+
 /// Makes a data set in the folder `out` of the clouds in `dir`, in the order of their names. Beside each cloud `NAME.ply`,
-/// `.pcd`, `.npy` or `.npz`, `NAME.json` holds its motors, `{"ctrl": [...]}`, in any unit. Returns the number of
-/// clouds. Interrupted, the same call goes on where it stopped.
+/// `.pcd`, `.npy` or `.npz`, `NAME.json` holds its motors, `{"ctrl": [...]}`, in any unit. Interrupted, the same call goes
+/// on where it stopped.
 ///
 /// # Errors
-/// [`DataError::CloudFile`] names the file and the place in it; else as [`Collector`].
-pub fn import(dir: &Path, out: &Path, settings: &ImportSettings) -> Result<usize, DataError> {
-    let clouds = cloud_files(dir)?;
+/// [`DataError::NoClouds`] where no file of the folder is one of these; [`DataError::CloudFile`] names the file and the place
+/// in it; else as [`Collector`].
+pub fn import(dir: &Path, out: &Path, settings: &ImportSettings) -> Result<Imported, DataError> {
+    let Found { clouds, others } = cloud_files(dir, settings.split.as_deref())?;
+    if clouds.is_empty() {
+        return Err(DataError::NoClouds {
+            path: dir.to_owned(),
+            found: others.into_iter().collect(),
+        });
+    }
     let motors = clouds.first().map(|cloud| read_motors(cloud));
     let motors = motors.transpose()?.map_or(1, |motors| motors.len());
     let split = settings.split.as_deref();
@@ -133,13 +149,60 @@ pub fn import(dir: &Path, out: &Path, settings: &ImportSettings) -> Result<usize
         },
     };
     let collector = Collector::open(out, &meta)?;
+    let mut grey = Grey::default();
     for block in collector.missing_blocks() {
-        let sample = |index: usize| read_sample(&clouds[index], index, motors, settings);
+        let sample = |index: usize| read_sample(&clouds[index], index, motors, settings, &mut grey);
         let samples: Vec<Sample> = block.clone().map(sample).collect::<Result<_, _>>()?;
         collector.write_block(block.start, &samples)?;
     }
     collector.finish(|_, _| Continue(()))?;
-    Ok(meta.count)
+    Ok(Imported {
+        clouds: meta.count,
+        notes: grey.note().into_iter().chain(note_of(&others)).collect(),
+    })
+}
+
+/// Clouds that became grey though their files have columns or arrays that are not known.
+#[derive(Default)]
+struct Grey {
+    clouds: usize,
+    /// The first of them, and its columns or arrays.
+    first: Option<(PathBuf, Vec<String>)>,
+}
+
+impl Grey {
+    fn add(&mut self, path: &Path, passed_over: Vec<String>) {
+        if !passed_over.is_empty() {
+            self.clouds += 1;
+            self.first
+                .get_or_insert_with(|| (path.to_owned(), passed_over));
+        }
+    }
+
+    fn note(&self) -> Option<String> {
+        let (path, names) = self.first.as_ref()?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let which = match self.clouds {
+            1 => name.into_owned(),
+            clouds => format!("{name} and {} more", clouds - 1),
+        };
+        Some(format!(
+            "no colours were found in {which}, whose points are grey; passed over: {}. Colours are read from columns red, green and \
+             blue, diffuse_red and so on, r, g and b, or rgb, and from arrays rgb or colors",
+            names.join(", ")
+        ))
+    }
+}
+
+/// What to note of files beside the clouds and their motors.
+fn note_of(others: &BTreeSet<String>) -> Option<String> {
+    let others: Vec<&str> = others.iter().map(String::as_str).collect();
+    (!others.is_empty()).then(|| {
+        format!(
+            "files that end in {} were passed over; clouds end in {EXTENSIONS}",
+            others.join(", ")
+        )
+    })
 }
 
 fn read_sample(
@@ -147,6 +210,7 @@ fn read_sample(
     index: usize,
     motors: usize,
     settings: &ImportSettings,
+    grey: &mut Grey,
 ) -> Result<Sample, DataError> {
     let condition = Condition {
         motors: read_motors(path)?,
@@ -155,11 +219,11 @@ fn read_sample(
     if condition.motors.len() != motors {
         let found = condition.motors.len();
         let problem = format!("{found} values, expected {motors} as in the first file");
-        return Err(Fault::new("ctrl", problem)
-            .at(&path.with_extension("json"))
-            .into());
+        return Err(Fault::new("ctrl", problem).at(&motor_file(path)).into());
     }
-    let mut cloud = read_cloud(path)?;
+    let parsed = parse_cloud(path)?;
+    grey.add(path, parsed.passed_over);
+    let mut cloud = parsed.cloud;
     if settings.unit != LengthUnit::Metre {
         for x in cloud.points.as_flattened_mut() {
             *x = (f64::from(*x) * settings.unit.metres()) as f32;
@@ -172,11 +236,21 @@ fn read_sample(
     Ok(Sample { condition, cloud })
 }
 
+/// The file of a cloud's motors.
+fn motor_file(cloud: &Path) -> PathBuf {
+    let files = ["json", "JSON"].map(|extension| cloud.with_extension(extension));
+    let [usual, upper] = files;
+    match !usual.exists() && upper.exists() {
+        true => upper,
+        false => usual,
+    }
+}
+
 /// The motors beside a cloud.
 fn read_motors(cloud: &Path) -> Result<Vec<f32>, DataError> {
-    let path = cloud.with_extension("json");
-    let bytes = read_file(&path, MAX_JSON).map_err(DataError::io("read", &path))?;
-    let motors = serde_json::from_slice::<Motors>(&bytes);
+    let path = motor_file(cloud);
+    let text = read_text(&path, LARGEST_TEXT).map_err(DataError::io("read", &path))?;
+    let motors = serde_json::from_str::<Motors>(&text);
     let motors = motors.map_err(|source| DataError::Json {
         path: path.clone(),
         source,
@@ -189,18 +263,33 @@ fn read_motors(cloud: &Path) -> Result<Vec<f32>, DataError> {
     }
 }
 
-/// The clouds in a folder, by name.
-fn cloud_files(dir: &Path) -> Result<Vec<PathBuf>, DataError> {
-    let mut files = vec![];
+/// What a folder holds.
+struct Found {
+    /// The clouds, by name.
+    clouds: Vec<PathBuf>,
+    /// How other files end, but for those of motors.
+    others: BTreeSet<String>,
+}
+
+/// The clouds in a folder, in which the file of splits may lie.
+fn cloud_files(dir: &Path, split: Option<&Path>) -> Result<Found, DataError> {
+    let (mut clouds, mut others) = (vec![], BTreeSet::new());
+    let split = split.and_then(|split| split.canonicalize().ok());
     for entry in std::fs::read_dir(dir).map_err(DataError::io("list", dir))? {
         let path = entry.map_err(DataError::io("list", dir))?.path();
-        let extension = path.extension().and_then(|extension| extension.to_str());
-        if extension.is_some_and(|extension| EXTENSIONS.contains(&extension)) {
-            files.push(path);
+        let extension = path.extension();
+        let extension = extension.map(|extension| extension.to_string_lossy().into_owned());
+        match extension {
+            _ if parser_of(&path).is_some() => clouds.push(path),
+            Some(json) if json.eq_ignore_ascii_case("json") => {}
+            Some(other) if path.is_file() && path.canonicalize().ok() != split => {
+                others.insert(format!(".{other}"));
+            }
+            _ => {}
         }
     }
-    files.sort_unstable();
-    Ok(files)
+    clouds.sort_unstable();
+    Ok(Found { clouds, others })
 }
 
 /// Writes the clouds of the data set `set` to the folder `out`, which is made if it is not there: one folder for each

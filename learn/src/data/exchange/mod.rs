@@ -9,15 +9,16 @@ mod predictions;
 mod split_file;
 mod table;
 
-pub use import::{ExportFormat, ImportSettings, LengthUnit, export, import};
+pub use import::{ExportFormat, ImportSettings, Imported, LengthUnit, export, import};
 pub use npz::{NpzArray, NpzRows, NpzValues, write_npy, write_npz};
 pub use predictions::{PredictedClouds, read_predictions};
 
 use std::path::{Path, PathBuf};
 
 use tdcr_sim::cloud::PointCloud;
+use tdcr_sim::files;
 
-use crate::limits::{MAX_FILE, read_file};
+use crate::limits::MAX_FILE;
 
 /// Colour of points whose file gives none.
 const GREY: [u8; 3] = [128; 3];
@@ -25,8 +26,49 @@ const GREY: [u8; 3] = [128; 3];
 /// Most points of a file: more than any depth camera or laser scanner sees from around a robot.
 const MAX_POINTS: usize = 1 << 25;
 
-/// Extensions of the files that clouds are read from.
-pub(super) const EXTENSIONS: [&str; 4] = ["ply", "pcd", "npy", "npz"];
+/// Reads the bytes of a file.
+type Parse = fn(&[u8]) -> Result<Parsed, Fault>;
+
+/// Extensions of the files that clouds are read from, in any case, and what reads them.
+const FORMATS: [(&str, Parse); 4] = [
+    ("ply", ply::parse),
+    ("pcd", pcd::parse),
+    ("npy", npy::parse_npy),
+    ("npz", npy::parse_npz),
+];
+
+/// What reads the file `path`, by its extension; `None` where that is of no format that is known.
+fn parser_of(path: &Path) -> Option<Parse> {
+    let extension = path.extension()?.to_str()?;
+    let mut formats = FORMATS.iter();
+    let (_, parse) = formats.find(|(known, _)| extension.eq_ignore_ascii_case(known))?;
+    Some(*parse)
+}
+
+/// The extensions, in words.
+pub(super) const EXTENSIONS: &str = ".ply, .pcd, .npy or .npz";
+
+/// A cloud as a file has it.
+struct Parsed {
+    cloud: PointCloud,
+    /// Columns or arrays of a file without colours that might be some, under other names.
+    passed_over: Vec<String>,
+}
+
+impl Parsed {
+    /// A cloud of which nothing was passed over.
+    fn of(cloud: PointCloud) -> Self {
+        Self {
+            cloud,
+            passed_over: Vec::new(),
+        }
+    }
+}
+
+/// Whether a point was seen: depth cameras mark with NaN what they did not see.
+fn is_finite(point: &[f32; 3]) -> bool {
+    point.iter().all(|x| x.is_finite())
+}
 
 /// Why a file of another program could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -77,26 +119,24 @@ fn require_points(place: impl ToString, count: usize) -> Result<(), Fault> {
 
 /// Reads a cloud, in the unit of the file, from a PLY (ASCII or binary little-endian), PCD (ASCII or binary), NPY or NPZ file, by its
 /// extension. Points that are not finite, with which depth cameras mark what they did not see, are left out; points
-/// without a colour are grey.
+/// without a colour are grey. Colours are from 0 to 1 where they are floats, else from 0 to 255.
 ///
 /// # Errors
 /// [`CloudFileError`] with the place in the file; also where no point is left.
 pub fn read_cloud(path: &Path) -> Result<PointCloud, CloudFileError> {
-    let extension = path.extension().and_then(|extension| extension.to_str());
-    let parse: fn(&[u8]) -> Result<PointCloud, Fault> = match extension {
-        Some("ply") => ply::parse,
-        Some("pcd") => pcd::parse,
-        Some("npy") => npy::parse_npy,
-        Some("npz") => npy::parse_npz,
-        _ => {
-            let problem = "unknown extension, expected .ply, .pcd, .npy or .npz";
-            return Err(Fault::new("name", problem).at(path));
-        }
-    };
-    let bytes = read_file(path, MAX_FILE).map_err(|error| Fault::new("file", error).at(path))?;
-    let mut cloud = parse(&bytes).map_err(|fault| fault.at(path))?;
-    let seen = |point: &[f32; 3]| point.iter().all(|x| x.is_finite());
-    let kept: Vec<bool> = cloud.points.iter().map(seen).collect();
+    Ok(parse_cloud(path)?.cloud)
+}
+
+/// The same, with what was passed over.
+fn parse_cloud(path: &Path) -> Result<Parsed, CloudFileError> {
+    let parse = parser_of(path).ok_or_else(|| {
+        let problem = format!("unknown extension, expected {EXTENSIONS}");
+        Fault::new("name", problem).at(path)
+    })?;
+    let bytes = files::read(path, MAX_FILE).map_err(|error| Fault::new("file", error).at(path))?;
+    let mut parsed = parse(&bytes).map_err(|fault| fault.at(path))?;
+    let cloud = &mut parsed.cloud;
+    let kept: Vec<bool> = cloud.points.iter().map(is_finite).collect();
     let mut keep = kept.iter();
     cloud.points.retain(|_| *keep.next().unwrap_or(&false));
     let mut keep = kept.iter();
@@ -104,7 +144,7 @@ pub fn read_cloud(path: &Path) -> Result<PointCloud, CloudFileError> {
     if cloud.is_empty() {
         return Err(Fault::new("points", "no finite point, expected at least 1").at(path));
     }
-    Ok(cloud)
+    Ok(parsed)
 }
 
 #[cfg(test)]

@@ -8,14 +8,14 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 use super::table::Kind;
-use super::{Fault, GREY, require_points};
+use super::{Fault, GREY, Parsed, is_finite, require_points};
 use crate::limits;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
 /// Names of the array of points, and of that of colours.
 const POINTS: [&str; 4] = ["points", "data", "xyz", "arr_0"];
-const COLORS: [&str; 3] = ["rgb", "colors", "colours"];
+const COLORS: [&str; 5] = ["rgb", "colors", "colours", "color", "colour"];
 
 /// A table of numbers in the bytes of a file, row-major.
 pub(super) struct Table<'a> {
@@ -33,32 +33,44 @@ impl Table<'_> {
         rows.map(move |row| move |column| kind.read(&row[column * size..]))
     }
 
-    /// The colours in the three columns from `first` on: 0 to 255 where they are bytes, else 0 to 1.
-    pub fn colors(&self, first: usize) -> Vec<[u8; 3]> {
-        let unit = if self.kind == Kind::U8 { 1.0 } else { 255.0 };
-        // Casts saturate, so that what is out of range is the nearest colour.
-        let color = |value: f64| (value * unit).round() as u8;
-        let rows = self.rows();
-        rows.map(|at| [0, 1, 2].map(|k| color(at(first + k))))
-            .collect()
+    /// The colours of `points`, in the three columns from `first` on, as [`Kind::color`] reads them. Points that are not finite
+    /// have none.
+    pub fn colors(&self, first: usize, points: &[[f32; 3]]) -> Result<Vec<[u8; 3]>, Fault> {
+        let mut colors = Vec::with_capacity(points.len());
+        for (number, (at, point)) in self.rows().zip(points).enumerate() {
+            let mut color = GREY;
+            if is_finite(point) {
+                for (k, channel) in color.iter_mut().enumerate() {
+                    let value = at(first + k);
+                    *channel = self.kind.color(value).map_err(|expected| {
+                        let problem =
+                            format!("column {} is {value}, expected {expected}", first + k);
+                        Fault::new(format!("row {number}"), problem)
+                    })?;
+                }
+            }
+            colors.push(color);
+        }
+        Ok(colors)
     }
 }
 
 /// A cloud of `(N, 3)` points, or `(N, 6)` with colours from 0 to 1, or to 255 in an array of bytes.
-pub(super) fn parse_npy(bytes: &[u8]) -> Result<PointCloud, Fault> {
+pub(super) fn parse_npy(bytes: &[u8]) -> Result<Parsed, Fault> {
     let table = parse(bytes)?;
-    if table.columns < 3 {
-        return Err(wrong_shape(&table, "(N, 3) or (N, 6)"));
+    if ![3, 6].contains(&table.columns) {
+        let expected = "(N, 3), or (N, 6) with colours: a row for each point";
+        return Err(wrong_shape(&table, expected));
     }
     let mut cloud = points(&table);
     if table.columns == 6 {
-        cloud.colors = table.colors(3);
+        cloud.colors = table.colors(3, &cloud.points)?;
     }
-    Ok(cloud)
+    Ok(Parsed::of(cloud))
 }
 
 /// A cloud of an archive's arrays: points `(N, 3)` under one of [`POINTS`], colours `(N, 3)` under one of [`COLORS`].
-pub(super) fn parse_npz(bytes: &[u8]) -> Result<PointCloud, Fault> {
+pub(super) fn parse_npz(bytes: &[u8]) -> Result<Parsed, Fault> {
     let mut archive =
         ZipArchive::new(Cursor::new(bytes)).map_err(|error| Fault::new("archive", error))?;
     let mut find = |names: &[&'static str]| -> Result<Option<Member>, Fault> {
@@ -79,17 +91,26 @@ pub(super) fn parse_npz(bytes: &[u8]) -> Result<PointCloud, Fault> {
     })?;
     let table = member.table()?;
     if table.columns != 3 {
-        return Err(wrong_shape(&table, "(N, 3)"));
+        return Err(member.inside(wrong_shape(&table, "(N, 3), a row for each point")));
     }
     let mut cloud = points(&table);
     if let Some(member) = find(&COLORS)? {
         let colors = member.table()?;
-        if (colors.rows, colors.columns) != (table.rows, 3) {
-            return Err(wrong_shape(&colors, "the shape of the points"));
-        }
-        cloud.colors = colors.colors(0);
+        let coloured = match (colors.rows, colors.columns) == (table.rows, 3) {
+            true => colors.colors(0, &cloud.points),
+            false => Err(wrong_shape(&colors, "the shape of the points")),
+        };
+        cloud.colors = coloured.map_err(|fault| member.inside(fault))?;
+        return Ok(Parsed::of(cloud));
     }
-    Ok(cloud)
+    let names = archive.file_names().filter_map(|name| {
+        let name = name.ok()?;
+        Some(name.strip_suffix(".npy")?.to_owned())
+    });
+    Ok(Parsed {
+        passed_over: names.filter(|name| name != member.name).collect(),
+        cloud,
+    })
 }
 
 /// An array of an archive, unpacked.
@@ -119,7 +140,8 @@ impl Member {
         parse_shaped(&self.npy).map_err(|fault| self.inside(fault))
     }
 
-    fn inside(&self, fault: Fault) -> Fault {
+    /// A fault of the array, with its name.
+    pub fn inside(&self, fault: Fault) -> Fault {
         Fault {
             place: format!("array `{}`, {}", self.name, fault.place),
             ..fault
@@ -190,7 +212,9 @@ fn parse_shaped(bytes: &[u8]) -> Result<(Vec<usize>, Table<'_>), Fault> {
         after.ok_or_else(|| fault(&format!("no `{key}`")))
     };
     if !value("fortran_order")?.starts_with("False") {
-        return Err(fault("the array is in Fortran order, expected C order"));
+        return Err(fault(
+            "the array is in Fortran order, expected C order: save numpy.ascontiguousarray of it",
+        ));
     }
     let descr = value("descr")?.trim_start_matches('\'');
     let descr = descr.split('\'').next().unwrap_or("");

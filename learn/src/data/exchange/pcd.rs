@@ -1,16 +1,14 @@
 //! PCD of the Point Cloud Library: ASCII and binary.
 
-use tdcr_sim::cloud::PointCloud;
-
 use super::ply::Lines;
 use super::table::{Column, Kind, Layout};
-use super::{Fault, require_points};
+use super::{Fault, Parsed, require_points};
 
 /// Most numbers of a point: PCL's largest descriptor has 7,992.
 const MAX_COLUMNS: usize = 1 << 14;
 
 /// The cloud of a file.
-pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
+pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, Fault> {
     let mut lines = Lines::new(bytes);
     let (mut fields, mut sizes, mut types, mut counts) = (vec![], vec![], vec![], vec![]);
     let (mut width, mut height, mut points) = (None, None, None);
@@ -43,7 +41,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
     let count = points.or(area);
     let count = count.ok_or_else(|| Fault::new("header", "no POINTS, expected their number"))?;
     require_points("header", count)?;
-    match data {
+    let cloud = match data {
         "ascii" => {
             let text = std::str::from_utf8(lines.rest)
                 .map_err(|_| Fault::new("points", "not text, though DATA is ascii"))?;
@@ -58,7 +56,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
             format!("line {}", lines.number),
             "expected DATA ascii or binary",
         )),
-    }
+    };
+    Ok(layout.parsed(cloud?))
 }
 
 /// One column for each number of a point.

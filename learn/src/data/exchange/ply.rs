@@ -1,12 +1,10 @@
 //! PLY: ASCII and binary little-endian, vertices before anything of variable length.
 
-use tdcr_sim::cloud::PointCloud;
-
 use super::table::{Column, Kind, Layout};
-use super::{Fault, require_points};
+use super::{Fault, Parsed, require_points};
 
 /// The cloud of a file's vertices.
-pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
+pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, Fault> {
     let mut lines = Lines::new(bytes);
     if lines.next()? != "ply" {
         return Err(Fault::new("line 1", "not a PLY file, expected `ply`"));
@@ -58,7 +56,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
     let layout = Layout::of(rest[0].2.clone())?;
     let count = rest[0].1;
     require_points("header", count)?;
-    match format {
+    let cloud = match format {
         Format::Ascii => {
             let text = std::str::from_utf8(lines.rest)
                 .map_err(|_| Fault::new("points", "not text, though the format is ascii"))?;
@@ -78,7 +76,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<PointCloud, Fault> {
             let offset = bytes.len() - lines.rest.len() + skipped;
             layout.binary(&lines.rest[skipped..], count, offset)
         }
-    }
+    };
+    Ok(layout.parsed(cloud?))
 }
 
 /// What follows the first `count` lines.
@@ -127,7 +126,9 @@ pub(super) struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    pub fn new(rest: &'a [u8]) -> Self {
+    /// Lines of a file, which may begin with the byte order mark of UTF-8.
+    pub fn new(bytes: &'a [u8]) -> Self {
+        let rest = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
         Self { rest, number: 0 }
     }
 

@@ -3,11 +3,12 @@
 use std::io::Cursor;
 use std::path::Path;
 
+use tdcr_sim::files;
 use zip::ZipArchive;
 
 use super::npy::Member;
 use super::{CloudFileError, Fault};
-use crate::limits::{MAX_FILE, read_file};
+use crate::limits::MAX_FILE;
 
 /// Clouds of several commands.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,7 +28,7 @@ pub struct PredictedClouds {
 /// [`CloudFileError`] for what cannot be read, an array of another shape, and a number that is not finite.
 pub fn read_predictions(path: &Path) -> Result<PredictedClouds, CloudFileError> {
     let read = || {
-        let bytes = read_file(path, MAX_FILE).map_err(|error| Fault::new("file", error))?;
+        let bytes = files::read(path, MAX_FILE).map_err(|error| Fault::new("file", error))?;
         parse(&bytes)
     };
     read().map_err(|fault| fault.at(path))
@@ -51,9 +52,9 @@ fn parse(bytes: &[u8]) -> Result<PredictedClouds, Fault> {
     let [clouds, count, 3] = shape[..] else {
         return Err(wrong_shape("points", &shape, "(T, N, 3)"));
     };
-    let mut rows = table.rows().map(|at| [0, 1, 2].map(|axis| at(axis) as f32));
-    let mut next = |_| rows.by_ref().take(count).collect::<Vec<_>>();
-    let points: Vec<Vec<[f32; 3]>> = (0..clouds).map(&mut next).collect();
+    let rows = table.rows().map(|at| [0, 1, 2].map(|axis| at(axis) as f32));
+    let all: Vec<[f32; 3]> = rows.collect();
+    let points: Vec<Vec<[f32; 3]>> = all.chunks_exact(count).map(<[_]>::to_vec).collect();
     for (cloud, points) in points.iter().enumerate() {
         if let Some(point) = points.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
             let problem = format!("point {point} of cloud {cloud} is not finite");
@@ -71,7 +72,8 @@ fn parse(bytes: &[u8]) -> Result<PredictedClouds, Fault> {
                     &format!("{shape:?} as the points"),
                 ));
             }
-            let colors = table.colors(0);
+            let colors = table.colors(0, &all);
+            let colors = colors.map_err(|fault| member.inside(fault))?;
             Some(colors.chunks_exact(count).map(<[_]>::to_vec).collect())
         }
     };

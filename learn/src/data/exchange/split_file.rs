@@ -3,19 +3,19 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use tdcr_sim::files::{LARGEST_TEXT, read_text};
+
 use super::{CloudFileError, Fault};
 use crate::data::{Split, SplitIndices};
-use crate::limits::{MAX_JSON, read_file};
 
 /// Reads a CSV file of lines `NAME,SPLIT`: the name of a cloud's file, with its extension or without, and `train`, `val` or
 /// `test`. Empty lines and lines that begin with `#` are passed over. Every one of `clouds` must be named once.
 pub(super) fn read_split(path: &Path, clouds: &[PathBuf]) -> Result<SplitIndices, CloudFileError> {
-    let bytes = read_file(path, MAX_JSON).map_err(|error| Fault::new("file", error).at(path))?;
-    parse(&bytes, clouds).map_err(|fault| fault.at(path))
+    let text = read_text(path, LARGEST_TEXT).map_err(|error| Fault::new("file", error).at(path))?;
+    parse(&text, clouds).map_err(|fault| fault.at(path))
 }
 
-fn parse(bytes: &[u8], clouds: &[PathBuf]) -> Result<SplitIndices, Fault> {
-    let text = std::str::from_utf8(bytes).map_err(|_| Fault::new("file", "not text"))?;
+fn parse(text: &str, clouds: &[PathBuf]) -> Result<SplitIndices, Fault> {
     let mut indices = HashMap::new();
     for (index, cloud) in clouds.iter().enumerate() {
         for name in [cloud.file_stem(), cloud.file_name()].into_iter().flatten() {
@@ -80,7 +80,7 @@ mod tests {
     #[test]
     fn clouds_are_named_with_and_without_extension() {
         let text = "# by hand\na, test\n\nb.c.ply,train\nd,e,val\nf,train\n";
-        let split = parse(text.as_bytes(), &clouds()).unwrap();
+        let split = parse(text, &clouds()).unwrap();
         assert_eq!(split.train, [1, 3]);
         assert_eq!((split.val, split.test), (vec![2], vec![0]));
     }
@@ -102,7 +102,7 @@ mod tests {
                 "file: no cloud for train",
             ),
         ] {
-            let error = parse(text.as_bytes(), &clouds()).unwrap_err();
+            let error = parse(text, &clouds()).unwrap_err();
             let said = error.at(Path::new("split.csv")).to_string();
             assert!(
                 said.starts_with(&format!("split.csv: {expected}")),

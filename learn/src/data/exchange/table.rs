@@ -2,7 +2,34 @@
 
 use tdcr_sim::cloud::PointCloud;
 
-use super::{Fault, GREY};
+use super::{Fault, GREY, Parsed, is_finite};
+
+/// Names of the columns of red, green and blue; the first that are all there count.
+const COLORS: [[&str; 3]; 3] = [
+    ["red", "green", "blue"],
+    ["diffuse_red", "diffuse_green", "diffuse_blue"],
+    ["r", "g", "b"],
+];
+/// Names of a column of packed colours.
+const PACKED: [&str; 2] = ["rgb", "rgba"];
+/// Names of columns that are known to be no colours.
+const OTHERS: [&str; 13] = [
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "normal_x",
+    "normal_y",
+    "normal_z",
+    "curvature",
+    "intensity",
+    "alpha",
+    "confidence",
+];
+/// Rounding that a colour given from 0 to 1 may have beyond.
+const ROUNDING: f64 = 1e-3;
 
 /// How a number is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,6 +77,24 @@ impl Kind {
             Self::F64 => f64::from_bits(word),
         }
     }
+
+    /// The colour that a number of this kind stands for: 0 to 1 in floats, else 0 to 255.
+    ///
+    /// # Errors
+    /// What would be right, for a number outside of that.
+    pub fn color(self, value: f64) -> Result<u8, &'static str> {
+        match self {
+            Self::F32 | Self::F64 => match (-ROUNDING..=1.0 + ROUNDING).contains(&value) {
+                // A cast saturates.
+                true => Ok((255.0 * value).round() as u8),
+                false => Err("a colour from 0 to 1, as the numbers are floats"),
+            },
+            _ => match (0.0..=255.0).contains(&value) && value.fract() == 0.0 {
+                true => Ok(value as u8),
+                false => Err("a colour from 0 to 255, as the numbers are integers"),
+            },
+        }
+    }
 }
 
 /// Where in a row a cloud's numbers are.
@@ -61,25 +106,31 @@ pub(super) struct Layout {
 
 enum Color {
     None,
-    /// Red, green, blue in columns of their own, 0 to 255.
+    /// Red, green, blue in columns of their own, as [`Kind::color`] reads them.
     Separate([usize; 3]),
     /// 0x00RRGGBB in the bits of one column.
     Packed(usize),
 }
 
 impl Layout {
-    /// Finds `x y z` and, if they are there, `red green blue` or `rgb`.
+    /// Finds `x y z` and, if they are there, colours under one of the names [`COLORS`] or [`PACKED`].
     pub fn of(columns: Vec<Column>) -> Result<Self, Fault> {
-        let find = |name: &str| columns.iter().position(|column| column.name == name);
+        let find = |name: &str| {
+            let mut names = columns.iter().map(|column| &column.name);
+            names.position(|found| found.eq_ignore_ascii_case(name))
+        };
         let mut position = [0; 3];
         for (place, name) in position.iter_mut().zip(["x", "y", "z"]) {
             let problem = || Fault::new("header", format!("no `{name}`, expected x, y and z"));
             *place = find(name).ok_or_else(problem)?;
         }
-        let separate = ["red", "green", "blue"].map(&find);
-        let packed = find("rgb").or_else(|| find("rgba"));
+        let separate = COLORS.iter().find_map(|names| {
+            let [red, green, blue] = names.map(&find);
+            Some([red?, green?, blue?])
+        });
+        let packed = PACKED.iter().find_map(|name| find(name));
         let color = match (separate, packed) {
-            ([Some(red), Some(green), Some(blue)], _) => Color::Separate([red, green, blue]),
+            (Some(places), _) => Color::Separate(places),
             (_, Some(packed)) if columns[packed].kind.size() == 4 => Color::Packed(packed),
             _ => Color::None,
         };
@@ -88,6 +139,19 @@ impl Layout {
             position,
             color,
         })
+    }
+
+    /// The cloud, and of one without colours what might be some.
+    pub fn parsed(&self, cloud: PointCloud) -> Parsed {
+        let names = self.columns.iter().map(|column| &column.name);
+        let unknown = |name: &&String| {
+            !name.is_empty() && !OTHERS.iter().any(|known| known.eq_ignore_ascii_case(name))
+        };
+        let passed_over = match self.color {
+            Color::None => names.filter(unknown).cloned().collect(),
+            _ => Vec::new(),
+        };
+        Parsed { cloud, passed_over }
     }
 
     /// Bytes of a binary row.
@@ -106,13 +170,14 @@ impl Layout {
         }
         let mut cloud = PointCloud::default();
         let mut row = vec![0.0; self.columns.len()];
-        for bytes in bytes.chunks_exact(stride).take(count) {
+        for (number, bytes) in bytes.chunks_exact(stride).take(count).enumerate() {
             let mut rest = bytes;
             for (value, column) in row.iter_mut().zip(&self.columns) {
                 *value = column.kind.read(rest);
                 rest = &rest[column.kind.size()..];
             }
-            self.push(&row, &mut cloud);
+            self.push(&row, &mut cloud)
+                .map_err(|problem| Fault::new(format!("point {number}"), problem))?;
         }
         Ok(cloud)
     }
@@ -143,16 +208,29 @@ impl Layout {
                 let problem = format!("{} numbers, expected {}", row.len(), self.columns.len());
                 return Err(Fault::new(format!("line {number}"), problem));
             }
-            self.push(&row, &mut cloud);
+            self.push(&row, &mut cloud)
+                .map_err(|problem| Fault::new(format!("line {number}"), problem))?;
         }
         Ok(cloud)
     }
 
-    fn push(&self, row: &[f64], cloud: &mut PointCloud) {
+    /// Adds a row; says what is wrong with its colour.
+    fn push(&self, row: &[f64], cloud: &mut PointCloud) -> Result<(), String> {
+        let point = self.position.map(|place| row[place] as f32);
         let color = match self.color {
             Color::None => GREY,
-            // A cast saturates at 0 and 255.
-            Color::Separate(places) => places.map(|place| row[place] as u8),
+            // What was not seen is left out, and has no colour either.
+            _ if !is_finite(&point) => GREY,
+            Color::Separate(places) => {
+                let mut color = GREY;
+                for (channel, place) in color.iter_mut().zip(places) {
+                    let Column { name, kind } = &self.columns[place];
+                    *channel = kind.color(row[place]).map_err(|expected| {
+                        format!("`{name}` is {}, expected {expected}", row[place])
+                    })?;
+                }
+                color
+            }
             Color::Packed(place) => {
                 let bits = match self.columns[place].kind {
                     Kind::F32 => (row[place] as f32).to_bits(),
@@ -161,6 +239,7 @@ impl Layout {
                 [16, 8, 0].map(|shift| (bits >> shift) as u8)
             }
         };
-        cloud.push(self.position.map(|place| row[place] as f32), color);
+        cloud.push(point, color);
+        Ok(())
     }
 }

@@ -2,7 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+#[path = "../common/mod.rs"]
 mod common;
+mod unusual;
 
 use std::fs;
 use std::io::{Read, Write};
@@ -60,7 +62,7 @@ fn what_is_exported_is_imported_again() {
             }
         }
         let again = dir.path().join(format!("{name}-set"));
-        assert_eq!(import(&flat, &again, &SETTINGS).unwrap(), 43);
+        assert_eq!(import(&flat, &again, &SETTINGS).unwrap().clouds, 43);
         let again_set = DataSet::open(&again).unwrap();
         assert_eq!(sorted(&again_set), sorted(&set));
         assert_eq!(check(&again).unwrap(), []);
@@ -218,7 +220,7 @@ fn clouds_without_motors_or_with_others_are_named() {
     refuse(Some("{\"ctrl\": []}"), "no value, expected one per motor");
     refuse(None, "cannot read");
     fs::write(clouds.join("03.json"), "{\"ctrl\": [3, 1]}").unwrap();
-    assert_eq!(import(&clouds, &out, &SETTINGS).unwrap(), 12);
+    assert_eq!(import(&clouds, &out, &SETTINGS).unwrap().clouds, 12);
     assert!(import(Path::new("/no/such/folder"), &out, &SETTINGS).is_err());
 }
 
