@@ -138,15 +138,20 @@ pub(super) fn run(args: &CalibrateArgs, console: &Console) -> anyhow::Result<()>
 
 fn table(found: &Calibrated, out: Option<&Path>) -> String {
     let mut text = String::from("recording           before (mm)   after (mm)   rows\n");
-    let rows = [
+    let clouds = found.measured == Measured::Clouds;
+    let mut rows = [
         (
-            "training",
+            if clouds { "training RMS" } else { "training" },
             Some(found.uncalibrated_rmse),
             Some(found.train_rmse),
             Some(found.rows),
         ),
         (
-            "validation",
+            if clouds {
+                "validation RMS"
+            } else {
+                "validation"
+            },
             found.uncalibrated_validation_rmse,
             found.validation_rmse,
             found.validation_rows,
@@ -164,6 +169,8 @@ fn table(found: &Calibrated, out: Option<&Path>) -> String {
             found.validation_rows,
         ),
     ];
+    // Of clouds the medians come first: stray points make most of the root mean squares.
+    rows.rotate_left(2);
     for (name, before, after, rows) in rows {
         if let (Some(before), Some(after), Some(rows)) = (before, after, rows) {
             // Writing to a string cannot fail.
@@ -175,9 +182,9 @@ fn table(found: &Calibrated, out: Option<&Path>) -> String {
             );
         }
     }
-    if found.measured == Measured::Clouds {
+    if clouds {
         text.push_str(
-            "distances of the clouds' points from the robot's surface: root mean square, and the median, which stray points hardly change\n",
+            "distances of the clouds' points from the robot's surface: the median, and the root mean square, which stray points raise\n",
         );
     }
     if found.validated_on_splits {
@@ -247,7 +254,9 @@ fn servos(found: &FoundServos) -> String {
         let _ = writeln!(
             text,
             "{:6}   {:24} {:6}   {percent:.0} %",
-            servo.tendon, servo.column, servo.sign
+            servo.tendon + 1,
+            servo.column,
+            servo.sign
         );
     }
     let degrees = found.turn.to_degrees();

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::inverse::recording::{Correlation, FittedUnknown, Misses, Replay};
+use tdcr_sim::robot::Drive;
 
 use crate::pipeline::recording::{Calibration, Compared, Measured, RecordingFile};
 use crate::report::{Aspect, CalibrationReport, Example, Figure, Ink, Mark, Panel, Scale, Shape};
@@ -10,8 +11,12 @@ use crate::report::{Aspect, CalibrationReport, Example, Figure, Ink, Mark, Panel
 const MM: f64 = 1e3;
 /// Bins of the histogram of errors.
 const BINS: usize = 40;
-/// Points of clouds that are shown at most.
-const CLOUD_POINTS: usize = 4000;
+/// Points of a mark that are shown at most.
+const POINTS: usize = 4000;
+/// Points that are drawn as dots of full size at most.
+const FEW: usize = 300;
+/// Share of the errors that a histogram shows at least.
+const SHOWN: f64 = 0.99;
 /// Motions that are named at most.
 const MOTIONS: usize = 14;
 /// Plots side by side.
@@ -27,6 +32,10 @@ pub struct CalibrationPage<'a> {
     robot: String,
     /// What was measured.
     measured: Measured,
+    /// How the tendons are driven.
+    drives: Vec<Drive>,
+    /// What the rows are counted by.
+    time: &'static str,
     /// The recordings: of the training first.
     held: Vec<Held<'a>>,
     /// What was found.
@@ -65,6 +74,13 @@ impl<'a> CalibrationPage<'a> {
         Self {
             robot: calibration.found.robot.clone(),
             measured: calibration.found.measured,
+            drives: (calibration.spec.tendons().iter())
+                .map(|tendon| tendon.drive)
+                .collect(),
+            time: match calibration.columns.time {
+                Some(_) => "time (s)",
+                None => "row",
+            },
             held: train.chain(validation).collect(),
             unknowns: calibration.found.parameters.clone(),
             correlations: calibration.found.correlations.clone(),
@@ -75,21 +91,26 @@ impl<'a> CalibrationPage<'a> {
     pub fn to_html(&self) -> String {
         let mm = |rmse: f64| format!("{:.2} mm", MM * rmse);
         let headline = (self.held.iter()).map(|held| {
-            format!(
-                "{}: {} before, {} after",
-                held.name,
-                mm(held.before.rmse),
-                mm(held.after.rmse)
-            )
+            let changed = |before, after| format!("{} before, {} after", mm(before), mm(after));
+            let rmse = changed(held.before.rmse, held.after.rmse);
+            match (held.before.median, held.after.median) {
+                (Some(before), Some(after)) => {
+                    let median = changed(before, after);
+                    format!("{}: {median} (root mean square: {rmse})", held.name)
+                }
+                _ => format!("{}: {rmse}", held.name),
+            }
         });
         let headline: Vec<String> = headline.collect();
         CalibrationReport {
             title: format!("Calibration of {}", self.robot),
             headline: headline.join(". ") + match self.measured {
                 Measured::Markers => ". Root mean square distances of the markers from where the robot says, mean offset taken off.",
-                Measured::Clouds => ". Root mean square distances of the clouds' points from the robot's surface.",
+                Measured::Clouds => ". Median distances of the clouds' points from the robot's surface; stray points raise the root mean square.",
             },
-            figures: self.held.iter().flat_map(Held::figures).collect(),
+            figures: (self.held.iter())
+                .flat_map(|held| self.figures(held))
+                .collect(),
             examples: self.held.iter().map(Held::overlay).collect(),
             unknowns: (self.unknowns.iter())
                 .map(|u| {
@@ -104,116 +125,31 @@ impl<'a> CalibrationPage<'a> {
         }
         .to_html()
     }
-}
 
-impl Held<'_> {
-    /// Measured and simulated places of the markers, row by row, or points of clouds and the places of the surface nearest to
-    /// them (m).
-    fn pairs(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
-        let rows = self.file.recording.points.iter().zip(&self.replay.points);
-        let mut pairs = Vec::new();
-        for (measured, said) in rows {
-            let said = said.iter().flatten();
-            pairs.extend(
-                measured
-                    .iter()
-                    .zip(said)
-                    .filter_map(|(p, q)| Some(((*p)?, *q))),
-            );
+    fn figures(&self, held: &Held) -> Vec<Figure> {
+        let mut figures = vec![held.paths(), self.histogram(held), self.patterns(held)];
+        if self.measured == Measured::Markers {
+            figures.push(held.along(self.time));
         }
-        let mut of_clouds = Vec::new();
-        for (row, nearest) in self.replay.surface.iter().enumerate() {
-            let cloud = self.file.recording.cloud(row).iter().copied();
-            of_clouds.extend(cloud.zip(nearest.iter().flatten().copied()));
-        }
-        let stride = of_clouds.len().div_ceil(CLOUD_POINTS).max(1);
-        pairs.extend(of_clouds.into_iter().step_by(stride));
-        pairs
+        figures.extend(self.by_command(held));
+        figures
     }
 
-    /// Each row's largest error of a marker, or root mean square distance of its cloud (mm); not finite where there is none.
-    fn errors(&self, misses: &Misses) -> Vec<f64> {
-        (misses.misses.iter().zip(&misses.distances))
-            .map(|(row, distances)| {
-                let largest = row
-                    .iter()
-                    .flatten()
-                    .map(Vector3::norm)
-                    .fold(f64::NAN, f64::max);
-                let squares: f64 = distances.iter().map(|d| d * d).sum();
-                // Of no point this is not finite.
-                largest.max((squares / distances.len() as f64).sqrt()) * MM
-            })
-            .collect()
+    /// What the error of a row is.
+    fn error(&self) -> &'static str {
+        match self.measured {
+            Measured::Markers => "the largest distance of a marker, the mean offset taken off",
+            Measured::Clouds => "the median distance of its points from the surface",
+        }
     }
 
-    fn overlay(&self) -> Example {
-        let cloud = |points: Vec<Vector3<f64>>| PointCloud {
-            points: points
-                .iter()
-                .map(|p| [p.x as f32, p.y as f32, p.z as f32])
-                .collect(),
-            ..PointCloud::default()
+    fn histogram(&self, held: &Held) -> Figure {
+        let all = [held.before, held.after].map(|misses| held.errors(misses));
+        let finite = |errors: &[f64]| {
+            let finite = errors.iter().copied().filter(|x| x.is_finite());
+            finite.collect::<Vec<f64>>()
         };
-        let (truth, prediction) = self.pairs().into_iter().unzip();
-        Example {
-            label: self.name.to_owned(),
-            truth: cloud(truth),
-            prediction: cloud(prediction),
-            ..Example::default()
-        }
-    }
-
-    fn figures(&self) -> Vec<Figure> {
-        vec![
-            self.paths(),
-            self.histogram(),
-            self.patterns(),
-            self.along(),
-        ]
-        .into_iter()
-        .chain(self.by_command())
-        .collect()
-    }
-
-    fn paths(&self) -> Figure {
-        let pairs = self.pairs();
-        let panel = |&(a, b): &(usize, usize)| Panel {
-            title: format!("{}{}", AXES[a], AXES[b]),
-            x: Scale::linear(&format!("{} (mm)", AXES[a])),
-            y: Scale::linear(&format!("{} (mm)", AXES[b])),
-            aspect: Aspect::Equal,
-            marks: vec![
-                mark(
-                    "measured",
-                    Shape::Specks,
-                    Ink::Black,
-                    pairs.iter().map(|(p, _)| [MM * p[a], MM * p[b]]).collect(),
-                ),
-                mark(
-                    "calibrated robot",
-                    Shape::Specks,
-                    Ink::Vermilion,
-                    pairs.iter().map(|(_, p)| [MM * p[a], MM * p[b]]).collect(),
-                ),
-            ],
-        };
-        Figure {
-            title: format!("{}: what was measured, and where the robot is", self.name),
-            caption: "Each marker of a row is a point, without the alignment of means. Of clouds some points are shown, and the \
-                places of the robot's surface nearest to them."
-                .into(),
-            panels: VIEWS.iter().map(panel).collect(),
-        }
-    }
-
-    fn histogram(&self) -> Figure {
-        let all = [self.before, self.after].map(|misses| self.errors(misses));
-        let most = all[1]
-            .iter()
-            .copied()
-            .filter(|x| x.is_finite())
-            .fold(1e-3, f64::max);
+        let most = 1.25 * quantile(finite(&all[1]).into_iter(), SHOWN).max(1e-3);
         let curve = |errors: &[f64]| -> Vec<[f64; 2]> {
             let width = most / BINS as f64;
             let count = errors.iter().filter(|x| x.is_finite()).count().max(1) as f64;
@@ -227,8 +163,11 @@ impl Held<'_> {
                 .collect()
         };
         Figure {
-            title: format!("{}: how often which error", self.name),
-            caption: "Errors beyond the axis are left out.".into(),
+            title: format!("{}: how often which error", held.name),
+            caption: format!(
+                "Of a row: {}. Errors beyond the axis are left out.",
+                self.error()
+            ),
             panels: vec![Panel {
                 title: "Errors".into(),
                 x: Scale::linear("error (mm)"),
@@ -243,17 +182,17 @@ impl Held<'_> {
     }
 
     /// Root mean square error of each motion.
-    fn patterns(&self) -> Figure {
-        let errors = self.errors(self.after);
+    fn patterns(&self, held: &Held) -> Figure {
+        let errors = held.errors(held.after);
         let mut names: Vec<&String> = Vec::new();
-        for name in &self.file.patterns {
+        for name in &held.file.patterns {
             if !names.contains(&name) {
                 names.push(name);
             }
         }
         let points: Vec<[f64; 2]> = (names.iter().enumerate())
             .map(|(k, name)| {
-                let own: Vec<f64> = (errors.iter().zip(&self.file.patterns))
+                let own: Vec<f64> = (errors.iter().zip(&held.file.patterns))
                     .filter(|(error, pattern)| error.is_finite() && pattern == name)
                     .map(|(error, _)| error * error)
                     .collect();
@@ -280,9 +219,10 @@ impl Held<'_> {
             }
         };
         Figure {
-            title: format!("{}: the motions with the largest errors", self.name),
+            title: format!("{}: the motions with the largest errors", held.name),
             caption: format!(
-                "Root mean square over the rows of a motion; {MOTIONS} motions at most."
+                "Root mean square over the rows of a motion; of a row: {}. {MOTIONS} motions at most.",
+                self.error()
             ),
             panels: vec![Panel {
                 title: "Error by motion".into(),
@@ -294,44 +234,33 @@ impl Held<'_> {
         }
     }
 
-    /// Residuals against time, one plot for each axis.
-    fn along(&self) -> Figure {
-        let start = self.file.recording.times.first().copied().unwrap_or(0.0);
-        let panels = (0..3).map(|axis| {
-            let rows = self.file.recording.times.iter().zip(&self.after.misses);
-            let points = rows
-                .filter_map(|(t, row)| Some([t - start, MM * row.iter().flatten().next()?[axis]]));
-            residual_panel("time (s)", axis, points.collect())
-        });
-        Figure {
-            title: format!("{}: residuals against time", self.name),
-            caption: "Of the first marker, the mean taken off.".into(),
-            panels: panels.collect(),
-        }
-    }
-
     /// Length of the residual against what each servo reports, pulling and letting go apart.
-    fn by_command(&self) -> Vec<Figure> {
-        let errors = self.errors(self.after);
-        let pulls = &self.file.recording.pulls;
+    fn by_command(&self, held: &Held) -> Vec<Figure> {
+        let errors = held.errors(held.after);
+        let pulls = &held.file.recording.pulls;
         let servos = pulls.first().map_or(0, Vec::len);
+        let shape = dots(pulls.len());
         let panel = |servo: usize| {
+            let (reported, unit) = match self.drives.get(servo) {
+                Some(Drive::Tension) => ("tension reported (N)", 1.0),
+                _ => ("pull reported (mm)", MM),
+            };
             let points = |pulling: bool| -> Vec<[f64; 2]> {
-                (1..pulls.len())
+                let rows = (1..pulls.len())
                     .filter(|&row| (pulls[row][servo] > pulls[row - 1][servo]) == pulling)
-                    .map(|row| [MM * pulls[row][servo], errors[row]])
-                    .collect()
+                    .map(|row| [unit * pulls[row][servo], errors[row]]);
+                thinned(rows.collect())
             };
             Panel {
-                title: format!("Servo {servo}"),
-                x: Scale::linear("reported (mm, or mN)"),
+                title: format!("Servo {}", servo + 1),
+                x: Scale::linear(reported),
                 y: Scale::linear("error (mm)"),
                 aspect: Aspect::Free,
                 marks: vec![
-                    mark("pulling", Shape::Specks, Ink::Blue, points(true)),
+                    mark("pulling", shape, Ink::Blue, points(true)),
                     mark(
                         "letting go, or at rest",
-                        Shape::Specks,
+                        shape,
                         Ink::Vermilion,
                         points(false),
                     ),
@@ -342,14 +271,147 @@ impl Held<'_> {
         (servos.chunks(PANELS).enumerate())
             .map(|(k, chunk)| Figure {
                 title: match k {
-                    0 => format!("{}: errors against what servos report", self.name),
+                    0 => format!("{}: errors against what servos report", held.name),
                     _ => String::new(),
                 },
-                caption: String::new(),
+                caption: match k {
+                    0 => format!("Of a row: {}.", self.error()),
+                    _ => String::new(),
+                },
                 panels: chunk.iter().map(|&servo| panel(servo)).collect(),
             })
             .collect()
     }
+}
+
+impl Held<'_> {
+    /// Measured and simulated places of the markers, row by row, or points of clouds and the places of the surface nearest to
+    /// them (m).
+    fn pairs(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let rows = self.file.recording.points.iter().zip(&self.replay.points);
+        let mut pairs = Vec::new();
+        for (measured, said) in rows {
+            let said = said.iter().flatten();
+            pairs.extend(
+                measured
+                    .iter()
+                    .zip(said)
+                    .filter_map(|(p, q)| Some(((*p)?, *q))),
+            );
+        }
+        let mut of_clouds = Vec::new();
+        for (row, nearest) in self.replay.surface.iter().enumerate() {
+            let cloud = self.file.recording.cloud(row).iter().copied();
+            of_clouds.extend(cloud.zip(nearest.iter().flatten().copied()));
+        }
+        pairs.extend(of_clouds);
+        thinned(pairs)
+    }
+
+    /// Each row's largest error of a marker, or median distance of its cloud (mm); not finite where there is none.
+    fn errors(&self, misses: &Misses) -> Vec<f64> {
+        (misses.misses.iter().zip(&misses.distances))
+            .map(|(row, distances)| {
+                let largest = row
+                    .iter()
+                    .flatten()
+                    .map(Vector3::norm)
+                    .fold(f64::NAN, f64::max);
+                let median = quantile(distances.iter().copied(), 0.5);
+                largest.max(median) * MM
+            })
+            .collect()
+    }
+
+    fn overlay(&self) -> Example {
+        let cloud = |points: Vec<Vector3<f64>>| PointCloud {
+            points: points
+                .iter()
+                .map(|p| [p.x as f32, p.y as f32, p.z as f32])
+                .collect(),
+            ..PointCloud::default()
+        };
+        let (truth, prediction) = self.pairs().into_iter().unzip();
+        Example {
+            label: self.name.to_owned(),
+            truth: cloud(truth),
+            prediction: cloud(prediction),
+            ..Example::default()
+        }
+    }
+
+    fn paths(&self) -> Figure {
+        let pairs = self.pairs();
+        let panel = |&(a, b): &(usize, usize)| Panel {
+            title: format!("{}{}", AXES[a], AXES[b]),
+            x: Scale::linear(&format!("{} (mm)", AXES[a])),
+            y: Scale::linear(&format!("{} (mm)", AXES[b])),
+            aspect: Aspect::Equal,
+            // What was measured lies above what was fitted to it.
+            marks: vec![
+                mark(
+                    "calibrated robot",
+                    Shape::Halos,
+                    Ink::Vermilion,
+                    pairs.iter().map(|(_, p)| [MM * p[a], MM * p[b]]).collect(),
+                ),
+                mark(
+                    "measured",
+                    Shape::Specks,
+                    Ink::Black,
+                    pairs.iter().map(|(p, _)| [MM * p[a], MM * p[b]]).collect(),
+                ),
+            ],
+        };
+        Figure {
+            title: format!("{}: what was measured, and where the robot is", self.name),
+            caption: format!(
+                "Each marker of a row is a point, without the alignment of means. Of clouds points are shown with the places of the \
+                 robot's surface nearest to them. Of many, {POINTS} at most."
+            ),
+            panels: VIEWS.iter().map(panel).collect(),
+        }
+    }
+
+    /// Residuals against time, one plot for each axis.
+    fn along(&self, time: &str) -> Figure {
+        let start = self.file.recording.times.first().copied().unwrap_or(0.0);
+        let panels = (0..3).map(|axis| {
+            let rows = self.file.recording.times.iter().zip(&self.after.misses);
+            let points = rows
+                .filter_map(|(t, row)| Some([t - start, MM * row.iter().flatten().next()?[axis]]));
+            residual_panel(time, axis, thinned(points.collect()))
+        });
+        Figure {
+            title: format!("{}: residuals in the order of time", self.name),
+            caption: "Of the first marker, the mean taken off.".into(),
+            panels: panels.collect(),
+        }
+    }
+}
+
+/// What so many points are drawn as.
+fn dots(count: usize) -> Shape {
+    match count {
+        0..=FEW => Shape::Dots,
+        _ => Shape::Specks,
+    }
+}
+
+/// Some of many, evenly spread.
+fn thinned<T>(all: Vec<T>) -> Vec<T> {
+    let stride = all.len().div_ceil(POINTS).max(1);
+    all.into_iter().step_by(stride).collect()
+}
+
+/// The value below which the share `q` of all lies; not a number of none.
+fn quantile(values: impl Iterator<Item = f64>, q: f64) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    let Some(last) = values.len().checked_sub(1) else {
+        return f64::NAN;
+    };
+    let place = (q * last as f64) as usize;
+    *values.select_nth_unstable_by(place, f64::total_cmp).1
 }
 
 fn residual_panel(x: &str, axis: usize, points: Vec<[f64; 2]>) -> Panel {
@@ -358,7 +420,7 @@ fn residual_panel(x: &str, axis: usize, points: Vec<[f64; 2]>) -> Panel {
         x: Scale::linear(x),
         y: Scale::linear("residual (mm)"),
         aspect: Aspect::Free,
-        marks: vec![mark("", Shape::Specks, Ink::Blue, points)],
+        marks: vec![mark("", dots(points.len()), Ink::Blue, points)],
     }
 }
 

@@ -77,6 +77,8 @@ pub enum Shape {
     Dots,
     /// Each by a small dot that lets others shine through: for thousands.
     Specks,
+    /// Each by a pale disc, around the dots that lie over it: for what is compared with them.
+    Halos,
     /// Corners of an area that lets others shine through.
     Area,
     /// Each two joined by a line.
@@ -114,8 +116,11 @@ const BELOW: f64 = 48.0;
 const LINE: f64 = 19.0;
 /// Distance of the lines of an upright title.
 const UPRIGHT_LINE: f64 = 15.0;
-/// Width of a letter of the caption's text.
+/// Width of a letter of the caption's text, and of the title's.
 const LETTER: f64 = 6.7;
+const TITLE_LETTER: f64 = 9.8;
+/// Distance of the title's lines.
+const TITLE_LINE: f64 = 23.0;
 
 impl Ink {
     fn hex(self) -> &'static str {
@@ -192,13 +197,20 @@ impl Figure {
         let mut body = String::new();
         for panel in &self.panels {
             let (svg, width, height) = panel.draw();
-            body += &format!("<g transform=\"translate({x:.1} 44)\">{svg}</g>");
+            body += &format!("<g transform=\"translate({x:.1} 0)\">{svg}</g>");
             x += width;
             tallest = tallest.max(height);
         }
         let width = x.max(PLOT);
+        let titles = wrap(&self.title, ((width - 32.0) / TITLE_LETTER) as usize);
+        let above = 44.0 + TITLE_LINE * titles.len().saturating_sub(1) as f64;
+        let mut body = format!("<g transform=\"translate(0 {above:.0})\">{body}</g>");
+        for (k, line) in titles.iter().enumerate() {
+            let y = 30.0 + TITLE_LINE * k as f64;
+            body += &text("title", 16.0, y, "start", line);
+        }
         let lines = wrap(&self.caption, ((width - 32.0) / LETTER) as usize);
-        let top = 44.0 + tallest + 26.0;
+        let top = above + tallest + 26.0;
         for (k, line) in lines.iter().enumerate() {
             let y = top + LINE * k as f64;
             body += &text("caption", 16.0, y, "start", line);
@@ -208,8 +220,7 @@ impl Figure {
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" \
              width=\"{width:.0}\" height=\"{height:.0}\" role=\"img\" aria-label=\"{title}\">\
-             <style>{STYLE}</style><rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\
-             <text class=\"title\" x=\"16\" y=\"30\">{title}</text>{body}</svg>\n"
+             <style>{STYLE}</style><rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>{body}</svg>\n"
         )
     }
 }
@@ -312,7 +323,7 @@ impl Mark {
     /// What stands for it in a legend.
     fn sample(&self, x: f64, y: f64) -> String {
         match self.shape {
-            Shape::Dots | Shape::Specks => self.draw(&[[x + 12.0, y]]),
+            Shape::Dots | Shape::Specks | Shape::Halos => self.draw(&[[x + 12.0, y]]),
             Shape::Area => {
                 let (right, top, bottom) = (x + 24.0, y - 5.0, y + 5.0);
                 self.draw(&[[x, top], [right, top], [right, bottom], [x, bottom]])
@@ -331,11 +342,16 @@ impl Mark {
                 };
                 return places.iter().map(dot).collect();
             }
-            Shape::Specks => {
-                let speck =
-                    |[x, y]: &[f64; 2]| format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.2\"/>");
-                let specks: String = places.iter().map(speck).collect();
-                return format!("<g fill=\"{ink}\" fill-opacity=\"0.5\">{specks}</g>");
+            Shape::Specks | Shape::Halos => {
+                let (radius, opacity) = match self.shape {
+                    Shape::Specks => (1.2, 0.5),
+                    _ => (3.4, 0.3),
+                };
+                let disc = |[x, y]: &[f64; 2]| {
+                    format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\"/>")
+                };
+                let discs: String = places.iter().map(disc).collect();
+                return format!("<g fill=\"{ink}\" fill-opacity=\"{opacity}\">{discs}</g>");
             }
             Shape::Area => {
                 let corners: Vec<String> = places
@@ -365,5 +381,50 @@ impl Mark {
             true => String::new(),
             false => format!("<path d=\"M{path}\" stroke=\"{ink}\" {stroke}/>"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn figure(title: &str) -> Figure {
+        let mark = |shape, ink| Mark {
+            name: String::new(),
+            shape,
+            ink,
+            points: vec![[0.0, 0.0], [1.0, 1.0]],
+        };
+        Figure {
+            title: title.to_owned(),
+            caption: String::new(),
+            panels: vec![Panel {
+                title: String::new(),
+                x: Scale::linear("x"),
+                y: Scale::linear("y"),
+                aspect: Aspect::Free,
+                marks: vec![
+                    mark(Shape::Halos, Ink::Vermilion),
+                    mark(Shape::Specks, Ink::Black),
+                ],
+            }],
+        }
+    }
+
+    #[test]
+    fn a_title_wider_than_its_figure_is_broken_and_moves_the_plots_down() {
+        let long = "Training: the motions with the largest errors of them all";
+        let (short, long) = (figure("Training").to_svg(), figure(long).to_svg());
+        assert_eq!(short.matches("class=\"title\"").count(), 1);
+        assert_eq!(long.matches("class=\"title\"").count(), 2);
+        assert!(short.contains("translate(0 44)") && long.contains("translate(0 67)"));
+    }
+
+    #[test]
+    fn what_is_measured_lies_above_wider_and_paler_discs() {
+        let svg = figure("").to_svg();
+        let place = |part: &str| svg.find(part).expect("drawn");
+        assert!(place("r=\"3.4\"") < place("r=\"1.2\""));
+        assert!(place("fill-opacity=\"0.3\"") < place("fill-opacity=\"0.5\""));
     }
 }

@@ -9,14 +9,14 @@ use tdcr::sim::robot::{Loads, Robot, RobotSpec};
 
 use crate::{refuse, stderr, succeed_json, tdcr, text};
 
-fn example(name: &str) -> PathBuf {
+pub fn example(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("examples/opencr")
         .join(name)
 }
 
 /// The first `rows` rows of a recording, one line changed.
-fn excerpt(folder: &Path, rows: usize, change: impl Fn(usize, &str) -> String) -> PathBuf {
+pub fn excerpt(folder: &Path, rows: usize, change: impl Fn(usize, &str) -> String) -> PathBuf {
     let whole = fs::read_to_string(example("real_robot_v4_train.csv")).unwrap();
     let lines: Vec<String> = (1..)
         .zip(whole.lines().take(rows + 1))
@@ -27,11 +27,11 @@ fn excerpt(folder: &Path, rows: usize, change: impl Fn(usize, &str) -> String) -
     file
 }
 
-fn same(_: usize, row: &str) -> String {
+pub fn same(_: usize, row: &str) -> String {
     row.to_owned()
 }
 
-fn on<'a>(data: &'a Path, robot: &'a Path, columns: &'a Path) -> Vec<&'a str> {
+pub fn on<'a>(data: &'a Path, robot: &'a Path, columns: &'a Path) -> Vec<&'a str> {
     let options = [
         "--robot",
         text(robot),
@@ -76,7 +76,7 @@ fn a_recording_calibrates_a_robot_that_the_same_command_reads_again() {
         );
     }
     let html = fs::read_to_string(&page).unwrap();
-    assert!(html.contains("Calibration of opencr") && html.contains("offset of servo 8"));
+    assert!(html.contains("Calibration of opencr") && html.contains("offset of servo 9"));
     // What was written says the same when nothing more is fitted.
     let map = folder.path().join("calibrated.columns.toml");
     let again = succeed_json(&[&on(&data, &out, &map)[..], &["--fit", "none"]].concat());

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use tdcr_learn::data::Split;
 use tdcr_sim::inverse::recording::{
-    Correlation, FittedUnknown, Misses, RecordingError, RecordingFit, RecordingSettings, Replay,
-    Transmission, fit_recording,
+    Correlation, FittedUnknown, Misses, Progress, RecordingError, RecordingFit, RecordingSettings,
+    Replay, Transmission, fit_recording,
 };
 use tdcr_sim::robot::{Robot, RobotSpec};
 use thiserror::Error;
@@ -300,7 +300,8 @@ fn fit(
     }
     let mut begun = false;
     let mut done = 0;
-    let fit = fit_recording(robot, given, &train.recording, &of_fit, &mut |progress| {
+    let stop = || monitor.interrupted();
+    let mut watch = |progress: Progress| {
         if !begun {
             monitor.begin("calibrate", progress.most as u64, 0);
             begun = true;
@@ -312,7 +313,8 @@ fn fit(
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         }
-    });
+    };
+    let fit = fit_recording(robot, given, &train.recording, &of_fit, &mut watch, &stop);
     if begun {
         monitor.end();
     }
@@ -325,12 +327,14 @@ const FAR: f64 = 0.1;
 /// What to note of a robot that is calibrated and still far from the recording.
 fn far(found: &Calibrated, robot: &Robot) -> Option<String> {
     let length = *robot.arc_lengths().last()?;
-    let share = found.train_rmse / length;
+    // Of clouds stray points make most of the root mean square.
+    let missed = found.train_median.unwrap_or(found.train_rmse);
+    let share = missed / length;
     (!found.parameters.is_empty() && share > FAR).then(|| {
         format!(
             "the calibrated robot still misses {:.1} mm, {:.0} % of its length: do the columns say which servo pulls which tendon, \
              which way and in which unit, and is the robot file right of lengths and holes?",
-            1e3 * found.train_rmse,
+            1e3 * missed,
             100.0 * share
         )
     })

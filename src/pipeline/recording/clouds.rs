@@ -1,7 +1,6 @@
 //! Recordings whose rows are clouds of a robot at rest: data sets, and logs of captures.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -9,11 +8,12 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use tdcr_hw::recorded::{LoggedCloud, LoggedClouds};
 use tdcr_learn::data::{DataError, DataSet, Meta, Split};
 use tdcr_sim::chain::Configuration;
+use tdcr_sim::files;
 use tdcr_sim::inverse::recording::{Order, Recording, Shown};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Drive, Robot};
 
-use super::{BadRow, RecordingFile, RecordingFileError};
+use super::{BadRow, MOST_ROWS, RecordingFile, RecordingFileError};
 
 /// Points of a cloud that are used, at most.
 const CLOUD_POINTS: usize = 200;
@@ -41,7 +41,7 @@ impl Source {
     pub fn of(path: &Path) -> Self {
         let begins = || -> std::io::Result<Vec<u8>> {
             let mut bytes = Vec::new();
-            let mut start = File::open(path)?.take(MCAP.len() as u64);
+            let mut start = files::open(path)?.take(MCAP.len() as u64);
             start.read_to_end(&mut bytes)?;
             Ok(bytes)
         };
@@ -108,6 +108,11 @@ impl RecordingFile {
                 Some(sample) => samples.insert(sample, next),
                 None => others.insert(others.len() as u64, next),
             };
+            let found = samples.len().max(others.len());
+            if found > MOST_ROWS {
+                let path = path.to_owned();
+                return Err(RecordingFileError::TooManyRows { path, found });
+            }
         }
         let chosen: BTreeMap<u64, LoggedCloud> = match samples.is_empty() {
             true => others,
@@ -184,6 +189,11 @@ impl<'a> Rows<'a> {
     ) -> Result<(), RecordingFileError> {
         let samples = set.samples(split)?;
         set.require_some(split, samples.len())?;
+        let found = self.file.recording.len() + samples.len();
+        if found > MOST_ROWS {
+            let path = dir.to_owned();
+            return Err(RecordingFileError::TooManyRows { path, found });
+        }
         for first in (0..samples.len()).step_by(AT_A_TIME) {
             let some = samples.read(first..samples.len().min(first + AT_A_TIME))?;
             for (number, mut sample) in (first..).zip(some) {

@@ -4,11 +4,13 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
+use tdcr_sim::files::{LARGEST_TEXT, Table, read_text, with_place, without_mark};
 use tdcr_sim::inverse::recording::{Servo, ServoMap, Transmission};
 use tdcr_sim::robot::{Drive, RobotSpec, TendonSpec};
 
 use super::RecordingFileError;
 use super::markers::MarkerColumns;
+use super::servo_column::{PullUnit, ServoColumn};
 
 /// A column map, as its TOML file has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,68 +72,6 @@ pub struct FramePose {
     pub orientation: [f64; 4],
 }
 
-/// The column of a servo, and what lies between the servo and its tendon.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ServoColumn {
-    /// Its name.
-    pub column: String,
-    /// Its unit.
-    pub unit: PullUnit,
-    /// Whether positive values pull the tendon (1) or let it go (-1).
-    #[serde(default = "one")]
-    pub sign: f64,
-    /// Value at which the tendon is not pulled, in the column's unit.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub zero: f64,
-    /// Radius of the spool (m), for angles.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub spool_radius: Option<f64>,
-    /// Pull of the tendon by what the column says.
-    #[serde(default = "one")]
-    pub gain: f64,
-    /// Pull where the column says `zero` (m, or N).
-    #[serde(default)]
-    pub offset: f64,
-    /// Half the play (m, or N).
-    #[serde(default)]
-    pub backlash: f64,
-}
-
-/// Units of what servos report.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PullUnit {
-    /// Metres of tendon.
-    M,
-    /// Centimetres.
-    Cm,
-    /// Millimetres.
-    Mm,
-    /// Micrometres.
-    Um,
-    /// Radians of a spool, which has a `spool_radius`.
-    Rad,
-    /// Degrees of a spool.
-    Deg,
-    /// Newtons, of a tendon driven by tension.
-    #[serde(rename = "N")]
-    N,
-}
-
-impl PullUnit {
-    /// The unit in metres, for lengths.
-    pub(super) fn metres(self) -> Option<f64> {
-        match self {
-            Self::M => Some(1.0),
-            Self::Cm => Some(1e-2),
-            Self::Mm => Some(1e-3),
-            Self::Um => Some(1e-6),
-            Self::Rad | Self::Deg | Self::N => None,
-        }
-    }
-}
-
 impl TimeUnit {
     /// The unit in seconds.
     pub(super) fn seconds(self) -> f64 {
@@ -144,50 +84,13 @@ impl TimeUnit {
     }
 }
 
-impl ServoColumn {
-    /// The pull that a value of the column is (m, or N).
-    pub(super) fn pull(&self, value: f64) -> f64 {
-        let unit = match (self.unit, self.spool_radius) {
-            (PullUnit::Rad, Some(radius)) => radius,
-            (PullUnit::Deg, Some(radius)) => radius.to_radians(),
-            (unit, _) => unit.metres().unwrap_or(1.0),
-        };
-        self.sign * unit * (value - self.zero)
-    }
-
-    fn check(&self, place: usize) -> Result<(), String> {
-        let at = |what: &str| format!("servos[{place}] ({}): {what}", self.column);
-        let angle = matches!(self.unit, PullUnit::Rad | PullUnit::Deg);
-        if self.sign.abs() != 1.0 {
-            return Err(at(
-                "`sign` is 1 where positive values pull, -1 where they let go",
-            ));
-        }
-        match (angle, self.spool_radius) {
-            (true, None) => return Err(at("an angle needs the `spool_radius` (m)")),
-            (false, Some(_)) => return Err(at("`spool_radius` is for the units rad and deg")),
-            (true, Some(radius)) if !(radius > 0.0 && radius.is_finite()) => {
-                return Err(at("`spool_radius` is a length above 0"));
-            }
-            _ => {}
-        }
-        let numbers = [self.zero, self.gain, self.offset, self.backlash];
-        if numbers.iter().any(|x| !x.is_finite()) || self.gain <= 0.0 || self.backlash < 0.0 {
-            return Err(at(
-                "expected finite numbers, `gain` above 0, `backlash` 0 or above",
-            ));
-        }
-        Ok(())
-    }
-}
-
 impl Columns {
     /// Reads a column map for `robot`.
     ///
     /// # Errors
     /// [`RecordingFileError`] for a file that cannot be read, or does not fit the robot.
     pub fn load(path: &Path, robot: &RobotSpec) -> Result<Self, RecordingFileError> {
-        let text = std::fs::read_to_string(path).map_err(|source| RecordingFileError::Read {
+        let text = read_text(path, LARGEST_TEXT).map_err(|source| RecordingFileError::Read {
             path: path.to_owned(),
             source,
         })?;
@@ -195,7 +98,8 @@ impl Columns {
             path: path.to_owned(),
             reason,
         };
-        let columns: Self = toml::from_str(&text).map_err(|error| refuse(error.to_string()))?;
+        let columns: Self = toml::from_str(&text)
+            .map_err(|error| refuse(with_place(&error.to_string(), &Self::tables())))?;
         columns.check(robot).map_err(refuse)?;
         Ok(columns)
     }
@@ -209,8 +113,8 @@ impl Columns {
             path: "columns".into(),
             reason,
         };
-        let columns: Self =
-            serde_json::from_str(text).map_err(|error| refuse(error.to_string()))?;
+        let columns: Self = serde_json::from_str(without_mark(text))
+            .map_err(|error| refuse(with_place(&error.to_string(), &Self::tables())))?;
         columns.check(robot).map_err(refuse)?;
         Ok(columns)
     }
@@ -240,6 +144,65 @@ impl Columns {
         }
     }
 
+    /// The tables of a column map.
+    fn tables() -> [Table; 5] {
+        [
+            Table::of::<Self>("the file itself, above all tables"),
+            Table::of::<TimeColumn>("`time`"),
+            Table::of::<FramePose>("[frame]"),
+            Table::of::<ServoColumn>("[[servos]]"),
+            Table::of::<MarkerColumns>("[[markers]]"),
+        ]
+    }
+
+    /// Refuses a column that stands for two things. One servo may drive two tendons only where it lets go of one as it pulls the
+    /// other.
+    fn check_names(&self) -> Result<(), String> {
+        let servos = self.servos.iter().enumerate();
+        let servos = servos.map(|(place, servo)| (format!("servos[{place}]"), &servo.column));
+        let markers = self.markers.iter().enumerate().flat_map(|(place, marker)| {
+            let columns = marker
+                .columns
+                .iter()
+                .chain(marker.orientation.iter().flatten());
+            columns.map(move |column| (format!("markers[{place}]"), column))
+        });
+        let time = self
+            .time
+            .iter()
+            .map(|time| ("time".to_owned(), &time.column));
+        let pattern = self
+            .pattern
+            .iter()
+            .map(|column| ("pattern".to_owned(), column));
+        let all: Vec<(String, &String)> =
+            servos.chain(markers).chain(time).chain(pattern).collect();
+        let sign = |place: usize| self.servos.get(place).map(|servo| servo.sign);
+        for (place, (what, column)) in all.iter().enumerate() {
+            let mut before = all[..place].iter().enumerate();
+            let found = before.find(|(_, (_, other))| other == column);
+            let Some((other, (first, _))) = found else {
+                continue;
+            };
+            let antagonists = sign(place).zip(sign(other)).is_some_and(|(a, b)| a == -b);
+            if !antagonists {
+                return Err(format!(
+                    "column `{column}` is that of {first} and of {what}; expected a column for each (two tendons of one servo have \
+                     `sign` 1 and -1)"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Names of the columns of each measured point, those of a pose for each of its points.
+    pub(super) fn marker_names(&self) -> Vec<String> {
+        let markers = self.markers.iter();
+        markers
+            .flat_map(|marker| vec![marker.columns.join(", "); marker.arms().len()])
+            .collect()
+    }
+
     fn check(&self, robot: &RobotSpec) -> Result<(), String> {
         let (found, tendons) = (self.servos.len(), robot.tendon_count());
         if found != tendons {
@@ -247,6 +210,7 @@ impl Columns {
                 "{found} servos; expected one [[servos]] for each of the robot's {tendons} tendons, in the order of a command"
             ));
         }
+        self.check_names()?;
         if !(self.lag >= 0.0 && self.lag.is_finite()) {
             return Err(format!("lag = {}; expected 0 or above", self.lag));
         }
@@ -365,14 +329,6 @@ fn second() -> TimeUnit {
 
 pub(super) fn upright() -> [f64; 4] {
     [1.0, 0.0, 0.0, 0.0]
-}
-
-fn one() -> f64 {
-    1.0
-}
-
-fn is_zero(value: &f64) -> bool {
-    *value == 0.0
 }
 
 #[cfg(test)]

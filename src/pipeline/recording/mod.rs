@@ -9,17 +9,20 @@ mod markers;
 mod reader;
 mod repeat;
 mod rows;
+mod servo_column;
 mod servos;
 mod told;
+mod wild;
 
 pub use calibrate::{
     BadRows, CalibrateError, CalibrateSettings, Calibrated, Calibration, Compared, Measured,
     calibrate,
 };
-pub use columns::{Columns, FramePose, PullUnit, ServoColumn, TimeColumn, TimeUnit};
+pub use columns::{Columns, FramePose, TimeColumn, TimeUnit};
 pub use fitted::Fitted;
 pub use markers::{DiscName, MarkerColumns};
 pub use rows::RecordingFile;
+pub use servo_column::{PullUnit, ServoColumn};
 pub use servos::{FoundServo, FoundServos};
 pub use told::MovedFrame;
 
@@ -28,6 +31,9 @@ use std::path::PathBuf;
 use tdcr_hw::recorded::RecordedError;
 use tdcr_learn::data::DataError;
 use thiserror::Error;
+
+/// Most rows of a recording: each is settled in every iteration of a fit.
+const MOST_ROWS: usize = 100_000;
 
 /// Lines that a message names at most.
 const NAMED: usize = 5;
@@ -98,6 +104,27 @@ pub enum RecordingFileError {
         found: usize,
         /// Tendons of the robot.
         tendons: usize,
+    },
+    /// A column that the map names is there more than once.
+    #[error("{} has {count} columns `{column}`; expected one", path.display())]
+    SameColumn {
+        /// The table's file.
+        path: PathBuf,
+        /// The column.
+        column: String,
+        /// How many there are.
+        count: usize,
+    },
+    /// More rows than a robot is calibrated on.
+    #[error(
+        "{} has {found} rows; expected at most {MOST_ROWS}: keep one of {} rows, which tells as much where they are that close",
+        path.display(), found.div_ceil(MOST_ROWS)
+    )]
+    TooManyRows {
+        /// The table's file, or the folder of the data set.
+        path: PathBuf,
+        /// Its rows.
+        found: usize,
     },
     /// Rows that cannot be used.
     #[error("{}", bad_rows(path, rows))]

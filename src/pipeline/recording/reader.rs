@@ -47,11 +47,12 @@ impl Reader<'_> {
         notes: &mut Vec<String>,
     ) -> Result<RecordingFile, RecordingFileError> {
         let frame = columns.pose();
-        let file = match Source::of(path) {
+        let mut file = match Source::of(path) {
             Source::Table => RecordingFile::load(path, columns)?,
             Source::DataSet => RecordingFile::of_data_set(path, splits, self.robot, frame)?,
             Source::Log => RecordingFile::of_log(path, self.robot, frame)?,
         };
+        file.take_out_wild(columns, self.robot);
         file.refuse_bad(path, self.bad_rows == BadRows::LeftOut)?;
         if !file.bad.is_empty() {
             let lines: Vec<String> = (file.bad.iter())

@@ -3,9 +3,13 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
+use tdcr_sim::files::{self, without_mark};
 use tdcr_sim::inverse::recording::Recording;
 
-use super::{BadRow, Columns, RecordingFileError};
+use super::{BadRow, Columns, MOST_ROWS, RecordingFileError};
+
+/// Largest table (bytes): so many rows of 250 columns.
+const LARGEST: u64 = 512 << 20;
 
 /// A marker alone that far from both neighbours, in distances of these from each other, has jumped.
 const JUMP: f64 = 5.0;
@@ -34,7 +38,7 @@ impl RecordingFile {
     /// # Errors
     /// [`RecordingFileError`] for a file that cannot be read, without the columns that the map names, or without rows.
     pub fn load(path: &Path, columns: &Columns) -> Result<Self, RecordingFileError> {
-        let bytes = std::fs::read(path).map_err(|source| RecordingFileError::Read {
+        let bytes = files::read(path, LARGEST).map_err(|source| RecordingFileError::Read {
             path: path.to_owned(),
             source,
         })?;
@@ -53,9 +57,8 @@ impl RecordingFile {
             });
         }
         let text = String::from_utf8_lossy(bytes);
-        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let mut lines = (1..)
-            .zip(text.lines())
+            .zip(without_mark(&text).lines())
             .filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
         let Some((_, header)) = lines.next() else {
             return Err(RecordingFileError::Empty {
@@ -68,39 +71,27 @@ impl RecordingFile {
             .unwrap_or(',');
         let names = cells(header, separator);
         let places = Places::new(&names, columns, path)?;
+        let mut rows = Vec::new();
         let mut file = Self {
             recording: Recording::default(),
             patterns: Vec::new(),
             lines: Vec::new(),
             bad: Vec::new(),
         };
-        for (line, text) in lines {
+        while let Some((line, text)) = lines.next() {
+            if rows.len() + file.bad.len() == MOST_ROWS {
+                return Err(RecordingFileError::TooManyRows {
+                    path: path.to_owned(),
+                    found: MOST_ROWS + 1 + lines.count(),
+                });
+            }
             let cells = cells(text, separator);
-            match places.read(&cells, &names, columns, file.recording.len()) {
-                Ok(row) => {
-                    if file
-                        .recording
-                        .times
-                        .last()
-                        .is_some_and(|last| row.time < *last)
-                    {
-                        file.bad.push(BadRow {
-                            line,
-                            reason: "its time is before that of the row above".to_owned(),
-                        });
-                        continue;
-                    }
-                    file.recording.times.push(row.time);
-                    file.recording.pulls.push(row.pulls);
-                    file.recording
-                        .points
-                        .push(row.points.into_iter().map(Some).collect());
-                    file.patterns.push(row.pattern);
-                    file.lines.push(line);
-                }
+            match places.read(&cells, &names, columns, rows.len()) {
+                Ok(row) => rows.push((line, row)),
                 Err(reason) => file.bad.push(BadRow { line, reason }),
             }
         }
+        file.add_in_time(rows);
         file.drop_jumps(columns);
         if file.recording.is_empty() && file.bad.is_empty() {
             return Err(RecordingFileError::Empty {
@@ -109,6 +100,36 @@ impl RecordingFile {
         }
         file.bad.sort_by_key(|bad| bad.line);
         Ok(file)
+    }
+
+    /// Adds rows in the order of time, and tells those that are not: one that is later than the two after it, which follow the one
+    /// before it, is out of order itself, else each that is earlier than one above.
+    fn add_in_time(&mut self, rows: Vec<(usize, Row)>) {
+        let times: Vec<f64> = rows.iter().map(|(_, row)| row.time).collect();
+        for (place, (line, row)) in rows.into_iter().enumerate() {
+            let last = self.recording.times.last().copied();
+            let earlier = |time: f64| last.is_some_and(|last| time < last);
+            let next = times.get(place + 1..).unwrap_or_default();
+            let ahead = match *next {
+                [a, b, ..] => row.time > a.max(b) && !earlier(a.min(b)),
+                _ => false,
+            };
+            let reason = match (earlier(row.time), ahead) {
+                (true, _) => "its time is before that of the row above",
+                (false, true) => "its time is after those of the rows below",
+                (false, false) => {
+                    self.recording.times.push(row.time);
+                    self.recording.pulls.push(row.pulls);
+                    let points = row.points.into_iter().map(Some);
+                    self.recording.points.push(points.collect());
+                    self.patterns.push(row.pattern);
+                    self.lines.push(line);
+                    continue;
+                }
+            };
+            let reason = reason.to_owned();
+            self.bad.push(BadRow { line, reason });
+        }
     }
 
     /// Refuses a file with bad rows, the first of them by line; `skip` leaves them out, unless no row is left.
@@ -128,9 +149,7 @@ impl RecordingFile {
     /// Tells rows in which a marker alone is far from both neighbours, and takes its place out: the servos still count.
     fn drop_jumps(&mut self, columns: &Columns) {
         let rows = self.recording.len();
-        let names: Vec<String> = (columns.markers.iter())
-            .flat_map(|marker| vec![marker.columns.join(", "); marker.arms().len()])
-            .collect();
+        let names = columns.marker_names();
         for (marker, name) in names.iter().enumerate() {
             let points: Vec<Vector3<f64>> = self
                 .recording
@@ -203,13 +222,20 @@ struct Row {
 impl Places {
     fn new(names: &[String], columns: &Columns, path: &Path) -> Result<Self, RecordingFileError> {
         let place = |wanted: &String| {
-            names.iter().position(|name| name == wanted).ok_or_else(|| {
-                RecordingFileError::NoColumn {
+            let mut found = (0..names.len()).filter(|&place| names[place] == *wanted);
+            match (found.next(), found.count()) {
+                (Some(place), 0) => Ok(place),
+                (Some(_), others) => Err(RecordingFileError::SameColumn {
+                    path: path.to_owned(),
+                    column: wanted.clone(),
+                    count: 1 + others,
+                }),
+                (None, _) => Err(RecordingFileError::NoColumn {
                     path: path.to_owned(),
                     column: wanted.clone(),
                     found: names.join(", "),
-                }
-            })
+                }),
+            }
         };
         Ok(Self {
             time: columns

@@ -262,9 +262,14 @@ mod tests {
             groups: vec![Group::Pretension, Group::Stiffness],
             ..RecordingSettings::default()
         };
-        let fit = fit_recording(&first, &given, &recording, &settings, &mut |_| {
-            ControlFlow::Continue(())
-        })
+        let fit = fit_recording(
+            &first,
+            &given,
+            &recording,
+            &settings,
+            &mut |_| ControlFlow::Continue(()),
+            &|| false,
+        )
         .expect("a fit");
         let truth = there.servos.iter().map(|servo| servo.offset);
         let truth: Vec<f64> = truth.chain([0.36 / 0.3, 0.26 / 0.3]).collect();
@@ -317,6 +322,7 @@ mod tests {
             unknowns: &unknowns,
             loss: 2e-3,
             friction: false,
+            stop: &|| false,
         };
         let weighing = problem::Weighing {
             rows: (0..4).collect(),
@@ -352,7 +358,7 @@ mod tests {
                 ..RecordingSettings::default()
             };
             let watch = &mut |_| ControlFlow::Continue(());
-            let refused = fit_recording(&first, &there, recording, &settings, watch);
+            let refused = fit_recording(&first, &there, recording, &settings, watch, &|| false);
             refused.expect_err("refused").to_string()
         };
         for group in [Group::Lag, Group::Backlash, Group::Friction] {

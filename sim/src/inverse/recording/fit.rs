@@ -122,19 +122,20 @@ pub struct RecordingFit {
 }
 
 /// Finds the unknowns of `settings` on a recording, starting from a robot and a transmission; tells `watch` after each iteration,
-/// and stops where that says so.
+/// and stops where that says so, or within an iteration where `stop`, which every thread asks at every row, does.
 ///
 /// The result is the same for any number of threads.
 ///
 /// # Errors
 /// [`RecordingError`] for input that makes no sense, a robot that settles in less than half of the rows, and
-/// [`RecordingError::Interrupted`] where `watch` stopped it.
+/// [`RecordingError::Interrupted`] where `watch` or `stop` stopped it.
 pub fn fit_recording(
     first: &RobotSpec,
     transmission: &Transmission,
     recording: &Recording,
     settings: &RecordingSettings,
     watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<RecordingFit, RecordingError> {
     check(first, transmission, recording)?;
     let explicit = Explicit::new(first)?;
@@ -169,6 +170,7 @@ pub fn fit_recording(
         unknowns: &unknowns,
         loss: settings.loss.unwrap_or(length / 40.0),
         friction: false,
+        stop,
     };
     let starts = settings.starts.max(1);
     let mut fitting = Fitting {
@@ -265,7 +267,11 @@ impl Fitting<'_> {
         steps: usize,
     ) -> Result<Found, RecordingError> {
         let rows = self.problem.recording.len();
+        let stop = self.problem.stop;
         let first = self.problem.evaluate(&x, weighing, memory);
+        if stop() {
+            return Err(RecordingError::Interrupted);
+        }
         let Some(first) = first else {
             return Err(RecordingError::Unsettled { settled: 0, rows });
         };
@@ -276,7 +282,7 @@ impl Fitting<'_> {
         let done = |_: &DVector<f64>, at: &Evaluation<Memory>| {
             let cost = at.cost();
             progress.rms = (cost / measured).sqrt();
-            if watch(*progress).is_break() {
+            if stop() || watch(*progress).is_break() {
                 stopped = true;
                 return true;
             }
@@ -289,7 +295,7 @@ impl Fitting<'_> {
         let evaluate =
             |x: &DVector<f64>, memory: &Memory| self.problem.evaluate(x, weighing, memory);
         let fit = minimise(x, first, &limits, steps, evaluate, done);
-        match stopped {
+        match stopped || stop() {
             true => Err(RecordingError::Interrupted),
             false => Ok(Found {
                 x: fit.x,

@@ -60,12 +60,13 @@ impl Recording {
 
 impl Run {
     /// Leads a path through the run: `visit` sees it at each row, the first time before the run, and before each step says whether
-    /// there is one.
+    /// there is one. Where `stop` says so, no further row settles.
     fn follow(
         &self,
         path: &mut FrictionPath,
         recording: &Recording,
         commands: &[Vec<f64>],
+        stop: &dyn Fn() -> bool,
         mut aim: impl FnMut(&mut FrictionPath, usize),
         mut visit: impl FnMut(&mut FrictionPath, usize, bool),
     ) {
@@ -73,7 +74,8 @@ impl Run {
             |robot: &Robot, row: usize| -> Option<Command> { robot.command(&commands[row]).ok() };
         let mut started = false;
         for row in self.lead.into_iter().chain(self.rows.clone()) {
-            let settled = command(path.robot(), row).is_some_and(|command| {
+            let next = command(path.robot(), row).filter(|_| !stop());
+            let settled = next.is_some_and(|command| {
                 aim(path, row);
                 let loads = recording.loads(row);
                 let state = match started {
@@ -105,6 +107,7 @@ pub(super) fn replay<T: Send>(
                 &mut path,
                 recording,
                 commands,
+                &|| false,
                 |_, _| {},
                 |path, row, settled| {
                     rows.push(settled.then(|| see(row, &path.state().equilibrium)));
@@ -143,10 +146,17 @@ impl Problem<'_> {
                     }
                 };
                 let (rows, commands) = (self.recording, &here.commands);
-                run.follow(&mut path, rows, commands, aim, |path, row, settled| {
-                    let last = memory[row].as_ref();
-                    parts.push(self.visit(here, changed, Place { row, last }, path, settled));
-                });
+                run.follow(
+                    &mut path,
+                    rows,
+                    commands,
+                    self.stop,
+                    aim,
+                    |path, row, settled| {
+                        let last = memory[row].as_ref();
+                        parts.push(self.visit(here, changed, Place { row, last }, path, settled));
+                    },
+                );
                 parts
             })
             .collect();

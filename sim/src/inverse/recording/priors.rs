@@ -119,7 +119,7 @@ impl Maker<'_> {
                 for t in 0..tendons {
                     let first = self.transmission.servos[t].gain;
                     self.add(
-                        format!("gain of servo {t}"),
+                        format!("gain of servo {}", t + 1),
                         "",
                         Target::Gain(t),
                         Logarithmic,
@@ -139,7 +139,7 @@ impl Maker<'_> {
                     let first = self.transmission.servos[t].offset;
                     let (unit, spread) = self.pull_unit(t, OFFSET * radius);
                     self.add(
-                        format!("offset of servo {t}"),
+                        format!("offset of servo {}", t + 1),
                         unit,
                         Target::Offset(t),
                         Linear,
@@ -152,7 +152,7 @@ impl Maker<'_> {
                     let (unit, spread) = self.pull_unit(t, BACKLASH * radius);
                     let first = self.transmission.servos[t].backlash.max(0.5 * spread);
                     self.add(
-                        format!("backlash of servo {t}"),
+                        format!("backlash of servo {}", t + 1),
                         unit,
                         Target::Backlash(t),
                         Linear,
@@ -173,7 +173,7 @@ impl Maker<'_> {
             Group::HoleAngles => {
                 for t in 0..tendons {
                     self.add(
-                        format!("turn of the holes of tendon {t}"),
+                        format!("turn of the holes of tendon {}", t + 1),
                         "rad",
                         Target::HoleAngle(t),
                         Linear,

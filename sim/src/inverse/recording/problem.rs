@@ -19,6 +19,8 @@ const STEP: f64 = 1e-4;
 const REACH: f64 = 3.0;
 
 /// What is to be explained, by which unknowns.
+///
+/// A row that is computed while `stop` says so is left as it was: what is computed then is thrown away.
 #[derive(Clone)]
 pub(super) struct Problem<'a> {
     pub explicit: &'a Explicit,
@@ -30,6 +32,7 @@ pub(super) struct Problem<'a> {
     pub loss: f64,
     /// Whether rows follow one another with friction in the holes; otherwise each is an equilibrium by itself.
     pub friction: bool,
+    pub stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 /// Which rows count, and how much they say beside the priors.
@@ -287,6 +290,9 @@ impl<'a> Problem<'a> {
         settler: &mut Settler,
         storage: &mut Changed,
     ) -> Part {
+        if (self.stop)() {
+            return self.stale(row, last);
+        }
         let loads = self.recording.loads(row);
         let Ok(command) = here.robot.command(&here.commands[row]) else {
             return self.stale(row, last);

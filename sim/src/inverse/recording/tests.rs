@@ -1,6 +1,7 @@
 //! Recordings of simulated robots whose truth is known.
 
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::Vector3;
 use rand::SeedableRng;
@@ -107,7 +108,10 @@ fn a_gain_that_all_servos_share_is_found() {
         ..RecordingSettings::default()
     };
     let given = Transmission::ideal(6, markers());
-    let fit = fit_recording(&first, &given, &recording, &settings, &mut onwards).expect("a fit");
+    let fit = fit_recording(&first, &given, &recording, &settings, &mut onwards, &|| {
+        false
+    })
+    .expect("a fit");
     for servo in &fit.transmission.servos {
         assert!((servo.gain / 0.75 - 1.0).abs() < 0.02, "{servo:?}");
     }
@@ -124,7 +128,15 @@ fn pretension_backlash_lag_and_stiffness_are_found_within_their_intervals() {
     let (real, there) = truth(&first);
     let recording = recording(&real, &there, 240);
     let given = Transmission::ideal(6, markers());
-    let fit = fit_recording(&first, &given, &recording, &settings(), &mut onwards).expect("a fit");
+    let fit = fit_recording(
+        &first,
+        &given,
+        &recording,
+        &settings(),
+        &mut onwards,
+        &|| false,
+    )
+    .expect("a fit");
     let truth: Vec<f64> = (there.servos.iter().map(|servo| servo.offset))
         .chain(there.servos.iter().map(|servo| servo.backlash))
         .chain([there.lag, 0.34 / 0.3, 0.27 / 0.3])
@@ -170,6 +182,7 @@ fn largest_miss(
         unknowns: &unknowns,
         loss: 2e-3,
         friction,
+        stop: &|| false,
     };
     let weighing = problem::Weighing {
         rows: (0..8).collect(),
@@ -263,7 +276,10 @@ fn friction_backlash_and_lag_are_found_along_a_path_within_their_intervals() {
         ],
         ..RecordingSettings::default()
     };
-    let fit = fit_recording(&first, &given, &recording, &settings, &mut onwards).expect("a fit");
+    let fit = fit_recording(&first, &given, &recording, &settings, &mut onwards, &|| {
+        false
+    })
+    .expect("a fit");
     let truth: Vec<f64> = (there.servos.iter().map(|servo| servo.offset))
         .chain(there.servos.iter().map(|servo| servo.backlash))
         .chain([there.lag, 0.34 / 0.3, 0.27 / 0.3, 0.15, 0.3])
@@ -295,7 +311,14 @@ fn a_watcher_stops_a_fit() {
     let (real, there) = truth(&first);
     let recording = recording(&real, &there, 20);
     let mut stop = |_| ControlFlow::Break(());
-    let stopped = fit_recording(&first, &there, &recording, &settings(), &mut stop);
+    let stopped = fit_recording(&first, &there, &recording, &settings(), &mut stop, &|| {
+        false
+    });
+    assert_eq!(stopped.err(), Some(RecordingError::Interrupted));
+    // Within an iteration, and not at its end alone.
+    let asked = AtomicUsize::new(0);
+    let stop = || asked.fetch_add(1, Ordering::Relaxed) > 30;
+    let stopped = fit_recording(&first, &there, &recording, &settings(), &mut onwards, &stop);
     assert_eq!(stopped.err(), Some(RecordingError::Interrupted));
 }
 
@@ -309,8 +332,15 @@ fn what_makes_no_sense_is_named() {
             groups,
             ..RecordingSettings::default()
         };
-        let error = fit_recording(&first, transmission, recording, &settings, &mut onwards)
-            .expect_err("refused");
+        let error = fit_recording(
+            &first,
+            transmission,
+            recording,
+            &settings,
+            &mut onwards,
+            &|| false,
+        )
+        .expect_err("refused");
         error.to_string()
     };
     let mut far = there.clone();
@@ -331,8 +361,15 @@ fn what_makes_no_sense_is_named() {
         groups: vec![Group::Gravity],
         ..RecordingSettings::default()
     };
-    let refused = fit_recording(&weightless, &there, &recording, &settings, &mut onwards)
-        .expect_err("refused");
+    let refused = fit_recording(
+        &weightless,
+        &there,
+        &recording,
+        &settings,
+        &mut onwards,
+        &|| false,
+    )
+    .expect_err("refused");
     assert!(
         refused.to_string().starts_with("cannot fit gravity: "),
         "{refused}"
@@ -344,7 +381,14 @@ fn what_makes_no_sense_is_named() {
         groups: vec![Group::Friction],
         ..RecordingSettings::default()
     };
-    let refused = fit_recording(&skipping, &there, &recording, &settings, &mut onwards);
+    let refused = fit_recording(
+        &skipping,
+        &there,
+        &recording,
+        &settings,
+        &mut onwards,
+        &|| false,
+    );
     let refused = refused.expect_err("refused").to_string();
     assert!(refused.contains("a tendon skips discs"), "{refused}");
     let few = Recording {
