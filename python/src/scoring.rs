@@ -22,8 +22,8 @@ use crate::stage::Stage;
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct ScoringOptions {
-    points: usize,
-    emd_points: usize,
+    points: Option<usize>,
+    emd_points: Option<usize>,
     tests: Option<usize>,
     seed: u64,
     worst: usize,

@@ -25,8 +25,8 @@ def evaluate(
     predictions: Any = None,
     colors: Any = None,
     commands: Any = None,
-    points: int = 10_000,
-    emd_points: int = 2000,
+    points: int | None = None,
+    emd_points: int | None = None,
     tests: int | None = None,
     worst: int = 5,
     report: PathLike | None = None,
@@ -50,8 +50,8 @@ def evaluate(
             order of the test split; or an NPZ file of ``points``, and maybe ``rgb`` and ``commands``.
         colors: Colours of ``predictions``, shape (T, N, 3), uint8, if they have any.
         commands: Conditions of ``predictions``, shape (T, D), which are checked against the test split's.
-        points: Points of each cloud that the Chamfer distance is computed on.
-        emd_points: Points of each cloud that the exact earth mover's distances are computed on.
+        points: Points of each cloud that the Chamfer distance is computed on; 10,000 by default, or as many as the clouds have.
+        emd_points: Points of each cloud that the exact earth mover's distances are computed on; 2,000 by default, or as many.
         tests: Test commands to score, the first ones of their split; ``None``: all.
         worst: How many of the worst test commands to list, and to show in the report.
         report: An HTML page of the scores to write: table, distribution, pictures of the worst predictions.
@@ -66,8 +66,9 @@ def evaluate(
         progress: Is called with the number of test commands scored since its last call.
 
     Returns:
-        What ``tdcr eval --json`` prints: ``cd`` and ``emd_squared`` (m²), ``emd`` (m), the same with ``_nearest`` (cloud of the
-        nearest training command), ``_mean``, ``_floor`` and so on; ``network_quantiles`` and the ``worst`` test commands.
+        What ``tdcr eval --json`` prints: ``points`` and ``emd_points`` that were compared; ``cd`` and ``emd_squared`` (m²),
+        ``emd`` (m), the same with ``_nearest`` (cloud of the nearest training command), ``_mean``, ``_floor`` and so on;
+        ``network_quantiles`` and the ``worst`` test commands.
 
     Raises:
         InputError: For clouds that do not fit, more points than there are, and a report that is no ``.html`` file in a folder
@@ -106,8 +107,8 @@ def evaluate(
         scored = _scored(predictions, colors, commands)
         name = scored if isinstance(scored, str) else "arrays"
     options = {
-        "points": as_count(points, "points"),
-        "emd_points": as_count(emd_points, "emd_points"),
+        "points": maybe_count(points, "points"),
+        "emd_points": maybe_count(emd_points, "emd_points"),
         "tests": None if tests is None else as_count(tests, "tests"),
         "seed": as_seed(seed),
         "worst": as_count(worst, "worst"),

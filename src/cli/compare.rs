@@ -125,7 +125,8 @@ pub(super) fn run(args: &CompareArgs, console: &Console) -> anyhow::Result<()> {
             base: super::visibility(args.base),
         },
     };
-    let comparer = Comparer::new(&args.a, other, &args.settings())?;
+    let comparer =
+        Comparer::new(&args.a, other, &args.settings()).map_err(super::eval::named_as_option)?;
     let comparison = comparer.run(args.worst, console)?;
     let compared = Compared {
         a: &args.a,

@@ -11,6 +11,7 @@ use tdcr_learn::flow::Sampler;
 use tdcr_learn::net::Precision;
 use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{FlowPredictor, TrainSettings};
+use tdcr_sim::files::{LARGEST_TEXT, read_text};
 
 use super::{PageError, evaluation as page, write};
 use crate::pipeline::{
@@ -109,19 +110,19 @@ pub fn demo(settings: &DemoSettings, out: &Path, monitor: &dyn Monitor) -> Resul
         train(&data, &run, size, &training, None, monitor)
     })?;
 
-    let scoring = EvalSettings {
+    let compared = EvalSettings {
         seed: settings.seed,
         ..EvalSettings::default()
     };
     let model = trained.model.clone().with_precision(precision);
     let model = Arc::new(model.map_err(|error| PipelineError::Train(error.into()))?);
     let predictor = FlowPredictor::new(model.clone(), Sampler::default());
-    let (evaluation, examples, per_test) = clock.time("evaluate", || {
-        let evaluator = Evaluator::new(Arc::new(predictor), &data, scoring)?;
+    let (scoring, evaluation, examples, per_test) = clock.time("evaluate", || {
+        let evaluator = Evaluator::new(Arc::new(predictor), &data, compared)?;
         let evaluation = evaluator.run(Some(&out.join("evaluation.jsonl")), monitor)?;
         let examples = examples(&evaluator, &evaluation)?;
         let per_test = page::per_test(&evaluator, &evaluation)?;
-        Ok((evaluation, examples, per_test))
+        Ok((*evaluator.scoring(), evaluation, examples, per_test))
     })?;
 
     let metrics = DemoMetrics {
@@ -181,9 +182,9 @@ struct StageClock {
 impl StageClock {
     fn open(path: PathBuf) -> Self {
         // Times are for the report alone: without them, or with others, the work goes on as well.
-        let seconds = std::fs::read(&path)
+        let seconds = read_text(&path, LARGEST_TEXT)
             .ok()
-            .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+            .and_then(|text| serde_json::from_str(&text).ok());
         Self {
             seconds: seconds.unwrap_or_default(),
             path,

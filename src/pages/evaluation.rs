@@ -86,7 +86,7 @@ pub fn evaluation_page(
     summary.extend([
         entry("Data set", data.display().to_string()),
         entry("Test commands", metrics.tests.to_string()),
-        entry("Seed", evaluator.settings().seed.to_string()),
+        entry("Seed", evaluator.scoring().seed.to_string()),
         entry("tdcr", env!("CARGO_PKG_VERSION").to_owned()),
     ]);
     Ok(Report {

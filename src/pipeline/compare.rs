@@ -11,7 +11,7 @@ use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Robot, RobotSpec};
 
-use super::eval_settings::{EvalSettings, require_points};
+use super::eval_settings::{EvalSettings, Scoring};
 use super::measure::{distances, subset};
 use super::pairing::{Entry, Pair, Pairing, Place};
 use super::scores::{Distances, Quantiles};
@@ -286,11 +286,14 @@ impl Comparer {
             }
         };
         let most = first.fewest_points().min(second.fewest_points());
-        let usual = EvalSettings::default();
-        let points = settings.points.unwrap_or(usual.points.min(most));
-        let emd_points = settings.emd_points.unwrap_or(usual.emd_points.min(points));
-        require_points(points, most)?;
-        require_points(emd_points, points)?;
+        let counts = EvalSettings {
+            points: settings.points,
+            emd_points: settings.emd_points,
+            ..EvalSettings::default()
+        };
+        let Scoring {
+            points, emd_points, ..
+        } = Scoring::new(&counts, most, most)?;
         Ok(Self {
             sides: [first, second],
             pairs,

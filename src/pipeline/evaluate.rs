@@ -17,7 +17,7 @@ use tdcr_learn::train::{FlowPredictor, Model};
 use tdcr_sim::robot::{Robot, RobotSpec};
 
 use super::contestant::{Clouds, Contestant, require_commands};
-use super::eval_settings::{EvalSettings, require_points};
+use super::eval_settings::{EvalSettings, Scoring};
 use super::journal::Journal;
 use super::measure::{Extent, Measure, subset};
 use super::scores::{Evaluation, Row, Scores};
@@ -67,7 +67,9 @@ pub struct Evaluator {
     contestants: Vec<Contestant>,
     standard: usize,
     nearest: Arc<NearestCommand>,
-    settings: EvalSettings,
+    scoring: Scoring,
+    /// What was asked for.
+    asked: EvalSettings,
     test: Vec<Sample>,
     /// Whether the test clouds have several colours between them.
     colored: bool,
@@ -121,8 +123,6 @@ impl Evaluator {
         data: &Path,
         settings: EvalSettings,
     ) -> Result<Self, PipelineError> {
-        let available = clouds.points.first().map_or(0, Vec::len);
-        require_points(settings.points, available)?;
         Self::of(Contestant::given(clouds), data, settings)
     }
 
@@ -138,12 +138,14 @@ impl Evaluator {
         }
         let (training, mut test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
         set.require_some(Split::Test, test.len())?;
-        let available = test.iter().map(|sample| sample.cloud.len()).min();
-        require_points(settings.points, available.unwrap_or(0))?;
-        require_points(settings.emd_points, settings.points)?;
+        let mut available = test.iter().map(|sample| sample.cloud.len()).min();
         if let Clouds::Given(clouds) = &contestant.clouds {
             require_commands(clouds, &test, set.normalisation())?;
+            available = available.min(clouds.points.iter().map(Vec::len).min());
         }
+        let available = available.unwrap_or(0);
+        // The cloud of the nearest training command is compared by earth mover's distances alone.
+        let scoring = Scoring::new(&settings, available, training.points_per_cloud)?;
         if let Some(found) = settings.tests {
             let most = test.len();
             if !(1..=most).contains(&found) {
@@ -174,7 +176,8 @@ impl Evaluator {
             standard: contestants.len(),
             contestants,
             nearest,
-            settings,
+            scoring,
+            asked: settings,
             test,
             colored,
             simulation,
@@ -206,8 +209,39 @@ impl Evaluator {
     }
 
     /// How clouds are compared.
-    pub fn settings(&self) -> &EvalSettings {
-        &self.settings
+    pub fn scoring(&self) -> &Scoring {
+        &self.scoring
+    }
+
+    /// That fewer points are compared than usual, where nobody asked for that: the clouds have no more.
+    pub fn note(&self) -> Option<String> {
+        let Scoring {
+            points, emd_points, ..
+        } = self.scoring;
+        let few = [
+            (
+                self.asked.points,
+                points,
+                Scoring::POINTS,
+                "Chamfer distances",
+            ),
+            (
+                self.asked.emd_points,
+                emd_points,
+                Scoring::EMD_POINTS,
+                "earth mover's distances",
+            ),
+        ];
+        let few: Vec<String> = (few.iter())
+            .filter(|(asked, count, usual, _)| asked.is_none() && count < usual)
+            .map(|(_, count, usual, what)| format!("{what} are on {count} points, not on {usual}"))
+            .collect();
+        (!few.is_empty()).then(|| {
+            format!(
+                "{}: there are no more, and scores on fewer points are higher",
+                few.join(", ")
+            )
+        })
     }
 
     /// What the data set's clouds show; `None` where it does not say.
@@ -241,12 +275,12 @@ impl Evaluator {
 
     /// The cloud of a contestant for test command `index`.
     fn cloud(&self, contestant: &Contestant, index: usize) -> Result<Prediction, PipelineError> {
-        let EvalSettings {
+        let Scoring {
             points,
             emd_points,
             seed,
             ..
-        } = self.settings;
+        } = self.scoring;
         let prediction = match &contestant.clouds {
             Clouds::Predicted(predictor) => {
                 let condition = &self.test[index].condition;
@@ -279,7 +313,7 @@ impl Evaluator {
     /// [`PipelineError::Predict`] where the command does not fit the data set.
     pub fn nearest(&self, index: usize) -> Result<Vec<[f32; 3]>, PipelineError> {
         let condition = &self.test[index].condition;
-        let EvalSettings { points, seed, .. } = self.settings;
+        let Scoring { points, seed, .. } = self.scoring;
         Ok(self.nearest.predict(condition, points, seed)?.points)
     }
 
@@ -323,7 +357,7 @@ impl Evaluator {
         let contestants: Vec<Value> = self.contestants.iter().map(of).collect::<Option<_>>()?;
         Some(json!({
             "format": JOURNAL_FORMAT,
-            "settings": self.settings,
+            "settings": self.scoring,
             "predictors": contestants,
             "tests": self.test.len(),
         }))
@@ -391,7 +425,7 @@ impl Evaluator {
     fn score(&self, index: usize) -> Result<Scores, PipelineError> {
         // One random stream, in this order: the true points, the standard rows, the references, what was added. So what is added
         // moves no other row.
-        let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
+        let mut rng = ChaCha8Rng::seed_from_u64(self.scoring.seed);
         rng.set_stream(index as u64);
         let sample = &self.test[index];
         let simulation = self.simulation.as_ref();
@@ -400,9 +434,9 @@ impl Evaluator {
             Ok::<_, PipelineError>((&simulation.robot, settled))
         });
         let measure = Measure {
-            settings: self.settings,
+            scoring: self.scoring,
             sample,
-            truth: subset(self.settings.points, &sample.cloud.points, &mut rng),
+            truth: subset(self.scoring.points, &sample.cloud.points, &mut rng),
             settled: settled.transpose()?,
             colored: self.colored,
         };
@@ -418,7 +452,7 @@ impl Evaluator {
         }
         let references = match simulation {
             Some(simulation) => {
-                let again = simulation.see_again(&sample.condition, self.settings.seed, index)?;
+                let again = simulation.see_again(&sample.condition, self.scoring.seed, index)?;
                 let keys = REFERENCES.map(|(key, _)| key);
                 Some(measure.references(keys, &again, &mut rng)?)
             }

@@ -10,7 +10,7 @@ use tdcr_learn::predict::{Prediction, select};
 use tdcr_sim::robot::Robot;
 use tdcr_sim::statics::Equilibrium;
 
-use super::eval_settings::EvalSettings;
+use super::eval_settings::Scoring;
 use super::scores::{Distances, RowScore, UncertaintyScore};
 use super::simulation::{Again, with_spare};
 use super::tip::tip_error;
@@ -28,7 +28,7 @@ pub(super) enum Extent {
 
 /// A test sample, and what clouds are measured by.
 pub(super) struct Measure<'a> {
-    pub settings: EvalSettings,
+    pub scoring: Scoring,
     pub sample: &'a Sample,
     /// The points of the true cloud that all clouds are compared with.
     pub truth: Vec<[f32; 3]>,
@@ -59,8 +59,8 @@ impl Measure<'_> {
             }
             _ => None,
         };
-        let few = self.settings.emd_points;
-        let cloud = subset(self.settings.points, &prediction.points, rng);
+        let few = self.scoring.emd_points;
+        let cloud = subset(self.scoring.points, &prediction.points, rng);
         Ok(RowScore {
             tip,
             color: colors.map(color).transpose()?,
@@ -86,7 +86,7 @@ impl Measure<'_> {
         again: &Again,
         rng: &mut impl Rng,
     ) -> Result<[RowScore; 3], MetricError> {
-        let (points, few) = (self.settings.points, self.settings.emd_points);
+        let (points, few) = (self.scoring.points, self.scoring.emd_points);
         let view = subset(points, &again.view.points, rng);
         let second = self.truth.get(few..2 * few).unwrap_or(&view[..few]);
         let of_floor = distances([&view, &self.truth], [second, &self.truth[..few]])?;

@@ -6,7 +6,7 @@ use serde::Serialize;
 use tdcr_learn::net::Precision;
 use tdcr_learn::train::Model;
 
-use super::{Distances, EvalSettings, Evaluation, Evaluator, Quantiles, RowScore, Scores};
+use super::{Distances, Evaluation, Evaluator, Quantiles, RowScore, Scores, Scoring};
 
 /// Keys of the rows that every evaluation of a simulated data set has, whose scores have names of their own.
 const OWN_KEYS: [&str; 5] = ["nearest", "mean", "perfect", "perfect-selected", "floor"];
@@ -110,7 +110,7 @@ pub struct OtherMetrics {
 
 impl Metrics {
     /// Of an evaluated model's network, in its present precision; of another program's clouds without a model.
-    pub fn new(evaluation: &Evaluation, settings: &EvalSettings, model: Option<&Model>) -> Self {
+    pub fn new(evaluation: &Evaluation, scoring: &Scoring, model: Option<&Model>) -> Self {
         let mean = evaluation.mean();
         let greatest = evaluation.greatest();
         let RowScore {
@@ -153,8 +153,8 @@ impl Metrics {
             tests: evaluation.per_test.len(),
             true_points: evaluation.true_points[0],
             distinct_true_points: evaluation.true_points[1],
-            points: settings.points,
-            emd_points: settings.emd_points,
+            points: scoring.points,
+            emd_points: scoring.emd_points,
             precision: model.map(|model| model.network.precision()),
             training_precision: model.map(|model| model.settings.precision),
             others: others(evaluation, &mean),
@@ -260,7 +260,7 @@ impl Results {
     ) -> Self {
         let worst = evaluation.worst_first().into_iter().take(worst);
         Self {
-            metrics: Metrics::new(evaluation, evaluator.settings(), model),
+            metrics: Metrics::new(evaluation, evaluator.scoring(), model),
             network_quantiles: DistanceQuantiles {
                 cd: evaluation.quantiles(|d| d.cd),
                 emd: evaluation.quantiles(|d| d.emd),

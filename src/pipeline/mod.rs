@@ -38,7 +38,7 @@ pub use collect::{CollectSettings, CollectTimes, collect, merge};
 pub use compare::{
     CompareSettings, Comparer, Comparison, Configuration, Counterpart, Spread, TipSource,
 };
-pub use eval_settings::EvalSettings;
+pub use eval_settings::{EvalSettings, Scoring};
 pub use evaluate::Evaluator;
 pub(crate) use line_file::LineFile;
 pub use metrics::{DistanceQuantiles, Metrics, OtherMetrics, Results, WorstTest};
@@ -293,8 +293,10 @@ pub enum PipelineError {
         most: usize,
     },
     /// More points are to be compared than there are.
-    #[error("{found} points are to be compared; expected 1 to {most}, as many as there are")]
+    #[error("{setting} is {found}; expected 1 to {most}, as many points as there are to compare")]
     ComparedPoints {
+        /// The field of [`EvalSettings`] or [`CompareSettings`] that asks for them.
+        setting: &'static str,
         /// Points asked for.
         found: usize,
         /// Points there are.

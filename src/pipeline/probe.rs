@@ -13,7 +13,7 @@ use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::statics::Equilibrium;
 
 use super::PipelineError;
-use super::eval_settings::EvalSettings;
+use super::eval_settings::Scoring;
 use super::measure::{distances, subset};
 use super::scores::Distances;
 use super::tip::tip_error;
@@ -25,7 +25,7 @@ pub(crate) struct Probe {
     robot: Robot,
     base: BaseVisibility,
     grid: VoxelGrid,
-    settings: EvalSettings,
+    scoring: Scoring,
 }
 
 /// What a predicted cloud scores.
@@ -46,7 +46,7 @@ impl Probe {
         robot: &Robot,
         base: BaseVisibility,
         voxel_size: f64,
-        settings: EvalSettings,
+        scoring: Scoring,
     ) -> Self {
         Self {
             model: model.clone(),
@@ -54,7 +54,7 @@ impl Probe {
             robot: robot.clone(),
             base,
             grid: VoxelGrid::new(voxel_size),
-            settings,
+            scoring,
         }
     }
 
@@ -70,12 +70,12 @@ impl Probe {
         settled: &Equilibrium,
         index: u64,
     ) -> Result<Probed, PipelineError> {
-        let EvalSettings {
+        let Scoring {
             points,
             emd_points,
             seed,
             ..
-        } = self.settings;
+        } = self.scoring;
         let subject = self.model.provenance.subject.as_ref();
         let knows_payload = subject.is_some_and(|subject| subject.payload.is_some());
         let condition = Condition {

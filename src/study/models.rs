@@ -17,12 +17,14 @@ use tdcr_sim::robot::Robot;
 use super::case::Setting;
 use super::variable::{Target, Variable};
 use super::{Levels, Refusal};
-use crate::pipeline::{EvalSettings, Probe};
+use crate::pipeline::{Probe, Scoring};
 
 /// Most models of a study.
 const MOST: usize = 1000;
 /// Largest log of a training run that is read (bytes).
 const LARGEST_LOG: u64 = 64 << 20;
+/// Usual points of the earth mover's distance.
+const EMD_POINTS: usize = 500;
 /// Columns of such a log.
 const STEP: &str = "step";
 const VALIDATION: &str = "validation_cd";
@@ -34,18 +36,14 @@ pub(super) struct ModelsInFile {
     file: String,
     #[serde(default = "points")]
     points: usize,
-    #[serde(default = "emd_points")]
-    emd_points: usize,
+    /// [`EMD_POINTS`], or as many as there are, by default.
+    emd_points: Option<usize>,
     #[serde(default = "voxels_of_the_paper")]
     voxel: f64,
 }
 
 fn points() -> usize {
     2000
-}
-
-fn emd_points() -> usize {
-    500
 }
 
 fn voxels_of_the_paper() -> f64 {
@@ -96,7 +94,7 @@ impl ModelsInFile {
     ) -> Result<Models, Refusal> {
         let mut models = Models {
             points: self.points,
-            emd_points: self.emd_points,
+            emd_points: self.emd_points.unwrap_or(EMD_POINTS.min(self.points)),
             file: self.file,
             voxel: self.voxel,
             found: BTreeMap::new(),
@@ -225,7 +223,7 @@ impl Models {
             .model
             .as_ref()
             .ok_or("the model's weights were not read")?;
-        let compared = EvalSettings {
+        let compared = Scoring {
             points: self.points,
             emd_points: self.emd_points,
             tests: None,

@@ -74,11 +74,7 @@ fn configurations_in_common_are_compared_in_whatever_order_they_are() {
         "commands of the first data set have 6 numbers, those of the second 9",
     );
     let points = ["compare", text(&few), text(&more), "--points", "401"];
-    refuse(
-        &points,
-        1,
-        "401 points are to be compared; expected 1 to 400",
-    );
+    refuse(&points, 1, "--points is 401; expected 1 to 400");
 }
 
 #[test]

@@ -170,8 +170,46 @@ fn a_network_trains_on_imported_clouds() {
         text(&path("page.html")),
     ]);
     let model = trained["model"].as_str().unwrap();
-    let points = ["--points", "300", "--emd-points", "100"];
+    // The clouds have 300 points: fewer than usual are compared, and that is said.
     let scored = ["eval", "--model", model, "--data", text(&again)];
-    let scores = succeed_json(&[&scored[..], &points].concat());
+    let output = crate::tdcr(&[&scored[..], &["--json"]].concat())
+        .output()
+        .unwrap();
+    let said = crate::stderr(&output);
+    assert!(
+        said.contains("Chamfer distances are on 300 points, not on 10000"),
+        "{said}"
+    );
+    assert!(
+        said.contains("earth mover's distances are on 300 points, not on 2000"),
+        "{said}"
+    );
+    let scores: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(scores["cd"].as_f64().unwrap() > 0.0 && scores["cd_floor"].is_null());
+    assert_eq!(
+        (&scores["points"], &scores["emd_points"]),
+        (&300.into(), &300.into())
+    );
+    let with = |options: &[&'static str]| [&scored[..], options].concat();
+    let fewer = succeed_json(&with(&["--points", "100"]));
+    assert_eq!(
+        (&fewer["points"], &fewer["emd_points"]),
+        (&100.into(), &100.into())
+    );
+    for (options, expected) in [
+        (
+            &["--points", "301"][..],
+            "--points is 301; expected 1 to 300",
+        ),
+        (
+            &["--points", "100", "--emd-points", "101"],
+            "--emd-points is 101; expected 1 to 100",
+        ),
+        (
+            &["--emd-points", "0"],
+            "--emd-points is 0; expected 1 to 300",
+        ),
+    ] {
+        refuse(&with(options), 1, expected);
+    }
 }

@@ -137,7 +137,7 @@ fn clouds_that_are_not_of_the_test_commands_are_refused() {
         sample
     };
     let few: Vec<Sample> = truth.iter().map(cut).collect();
-    refused(&few, "400 points are to be compared; expected 1 to 399");
+    refused(&few, "--points is 400; expected 1 to 399");
     let mut broken = truth.clone();
     broken[1].cloud.points[7][2] = f32::NAN;
     refused(

@@ -204,10 +204,11 @@ fn a_broken_or_foreign_model_is_named() {
     );
     predict("0.01,0.02,0.05,0,0,0", "command entry 2 is 0.05 m");
     predict(COMMAND, "cannot write point cloud /no/folder/x.ply");
+    let eval = ["eval", "--model", text(&model), "--data", text(&data)];
     refuse(
-        &["eval", "--model", text(&model), "--data", text(&data)],
+        &[&eval[..], &["--points", "401"]].concat(),
         1,
-        "10000 points are to be compared; expected 1 to 400",
+        "--points is 401; expected 1 to 400",
     );
     let other = folder.path().join("other");
     crate::succeed_json(&[

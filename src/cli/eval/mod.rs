@@ -8,13 +8,13 @@ mod tests;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use clap::Args;
 use tdcr::learn::data::read_predictions;
 use tdcr::learn::flow::Sampler;
 use tdcr::learn::train::Model;
 use tdcr::pages::{Evaluated, evaluation_page};
-use tdcr::pipeline::{EvalSettings, Evaluator, Results};
+use tdcr::pipeline::{EvalSettings, Evaluator, PipelineError, Results};
 
 use super::console::Console;
 use super::{PrecisionArgs, SamplerArgs, output};
@@ -57,12 +57,12 @@ pub(super) struct EvalArgs {
 /// How clouds are compared.
 #[derive(Debug, Args)]
 pub(super) struct ScoringArgs {
-    /// Points of each cloud that the Chamfer distance is computed on
-    #[arg(long, default_value_t = EvalSettings::default().points, value_name = "N")]
-    points: usize,
-    /// Points of each cloud that the exact earth mover's distances are computed on
-    #[arg(long, default_value_t = EvalSettings::default().emd_points, value_name = "N")]
-    emd_points: usize,
+    /// Points of each cloud that the Chamfer distance is computed on [default: 10000, or as many as the clouds have]
+    #[arg(long, value_name = "N")]
+    points: Option<usize>,
+    /// Points of each cloud that the exact earth mover's distances are computed on [default: 2000, or as many]
+    #[arg(long, value_name = "N")]
+    emd_points: Option<usize>,
     /// Test commands to score, the first N of their split [default: all]
     #[arg(long, value_name = "N")]
     tests: Option<usize>,
@@ -107,12 +107,30 @@ impl Scored {
     }
 }
 
+/// An error with a number of points as the option that set it.
+pub(super) fn named_as_option(error: PipelineError) -> anyhow::Error {
+    match error {
+        PipelineError::ComparedPoints {
+            setting,
+            found,
+            most,
+        } => {
+            let option = setting.replace('_', "-");
+            anyhow!(
+                "--{option} is {found}; expected 1 to {most}, as many points as there are to compare"
+            )
+        }
+        error => error.into(),
+    }
+}
+
 /// What is evaluated, and what scores it.
 fn prepare(args: &EvalArgs) -> anyhow::Result<(Scored, Evaluator)> {
     let settings = args.scoring.settings();
     if let Some(file) = &args.predictions {
         let (name, clouds) = (file.display().to_string(), read_predictions(file)?);
         let evaluator = Evaluator::of_clouds(clouds, &args.data, settings);
+        let evaluator = evaluator.map_err(named_as_option);
         let evaluator = evaluator.with_context(|| name.clone())?;
         return Ok((Scored::Clouds(name), evaluator));
     }
@@ -120,7 +138,8 @@ fn prepare(args: &EvalArgs) -> anyhow::Result<(Scored, Evaluator)> {
     let sampler = args.scoring.sampler.sampler(&model.settings)?;
     let precision = (args.scoring.precision).of_width(model.network.shape().width());
     let model = Arc::new(model.with_precision(precision)?);
-    let evaluator = Evaluator::of_model(model.clone(), sampler, &args.data, settings)?;
+    let evaluator = Evaluator::of_model(model.clone(), sampler, &args.data, settings);
+    let evaluator = evaluator.map_err(named_as_option)?;
     Ok((Scored::Model(model, sampler), evaluator))
 }
 
@@ -133,6 +152,9 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
     }
     let (scored, evaluator) = prepare(args)?;
     let evaluated = scored.told(args);
+    if let Some(note) = evaluator.note() {
+        tracing::warn!("{}: {note}", args.data.display());
+    }
     if evaluator.lacks_colors() {
         tracing::warn!(
             "{}: all points of the test clouds have one colour, as those that were imported without colours do: the \

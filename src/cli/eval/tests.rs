@@ -45,8 +45,8 @@ impl Predictor for Fixed {
 }
 
 const SETTINGS: EvalSettings = EvalSettings {
-    points: 300,
-    emd_points: 60,
+    points: Some(300),
+    emd_points: Some(60),
     tests: None,
     seed: 5,
 };
@@ -128,8 +128,9 @@ fn an_added_predictor_is_scored_in_json_in_the_table_and_in_the_report() {
     let mean = evaluation.mean();
     let toy = mean.get("toy").unwrap();
     assert!(toy.distances.cd > 0.0 && toy.tip.is_some_and(|tip| tip > 0.0));
-    let json =
-        |evaluation| serde_json::to_value(Metrics::new(evaluation, &SETTINGS, None)).unwrap();
+    let json = |evaluation| {
+        serde_json::to_value(Metrics::new(evaluation, evaluator.scoring(), None)).unwrap()
+    };
     let (scores, scores_alone) = (json(&evaluation), json(&alone));
     assert_eq!(scores["others"]["toy"]["cd"], toy.distances.cd);
     assert_eq!(scores["others"]["toy"]["evaluations"], 3.0);

@@ -254,7 +254,10 @@ def test_clouds_of_any_program_are_scored(
         colors=np.zeros((2, 400), np.uint8),
     )
     refused("commands has 1 rows; expected 2", predictions=clouds.points, commands=conditions[:1])
-    refused("400 points|at most|expected 1 to 400", predictions=clouds.points, points=401)
+    refused("^points is 401; expected 1 to 400", predictions=clouds.points, points=401)
+    refused("^emd_points is 300; expected 1 to 200", predictions=clouds.points, points=200, emd_points=300)
+    usual = tdcr.evaluate(data=dataset, predictions=clouds.points)
+    assert (usual["points"], usual["emd_points"]) == (400, 400)
     refused("1 .*2|2 .*1", predictions=clouds.points[:1])
     refused("colors is of predictions; a model is scored", model=predictor, colors=clouds.colors)
     refused("report is .*scores.pdf'; expected a name that ends in .html", predictions=file, report=folder / "scores.pdf")
@@ -288,7 +291,8 @@ def test_a_comparison_is_that_of_the_command_line(dataset: tdcr.Dataset, folder:
         ("robot and base are of the simulator; two data sets are compared", dataset, {"robot": "2m"}),
         ("tolerance is 2.0; expected 0 to 1", dataset, {"tolerance": 2.0}),
         ('match is "name"; expected one of "condition", "index"', dataset, {"match": "name"}),
-        ("401 points are to be compared; expected 1 to 400", dataset, {"points": 401}),
+        ("^points is 401; expected 1 to 400", dataset, {"points": 401}),
+        ("^emd_points is 401; expected 1 to 400", dataset, {"emd_points": 401}),
         ("report is .*expected a name that ends in .html", dataset, {"report": folder / "page.pdf"}),
     ]:
         with pytest.raises(InputError, match=match):
