@@ -1,6 +1,6 @@
 //! `study.json`: what was run.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use tdcr_sim::files::{LARGEST_TEXT, read_text};
@@ -48,9 +48,9 @@ impl Record {
         }
     }
 
-    fn of_file(path: &PathBuf) -> Result<Self, StudyError> {
+    fn of_file(path: &Path) -> Result<Self, StudyError> {
         let fail = |line, reason: String| StudyError::Table {
-            path: path.clone(),
+            path: path.to_owned(),
             line,
             reason,
         };

@@ -47,11 +47,8 @@ fn a_wild_cell_of_a_servo_is_refused_by_row_and_column_and_left_out_where_asked_
         "real_robot_v4_val.csv",
         "real_robot_v4_tendon_pull.csv",
     ] {
-        let whole = [
-            &on(&example(name), &robot, &columns)[..],
-            &["--fit", "none"],
-        ]
-        .concat();
+        let recording = example(name);
+        let whole = [&on(&recording, &robot, &columns)[..], &["--fit", "none"]].concat();
         assert_eq!(
             succeed_json(&whole)["bad_lines"],
             serde_json::json!([]),

@@ -15,13 +15,20 @@ pub type Case = (&'static str, Vec<u8>);
 pub fn sound(name: &str) -> Vec<Case> {
     match name {
         "robot_toml" => vec![("2m", ROBOT.into())],
-        "robot_json" => vec![("2m", json_of(&two_modules()))],
+        "robot_json" => vec![
+            ("2m", json_of(&two_modules())),
+            ("marked", marked(&json_of(&two_modules()))),
+        ],
         "mjcf" => vec![
             ("2m", include_bytes!("../../models_xml/2m.xml").to_vec()),
             ("by_hand", BY_HAND.into()),
         ],
         "urdf" => vec![("2m", include_bytes!("../../models_xml/2m.urdf").to_vec())],
-        "stl" => vec![("text", STL.into()), ("binary", binary_stl())],
+        "stl" => vec![
+            ("text", STL.into()),
+            ("marked", marked(STL.as_bytes())),
+            ("binary", binary_stl()),
+        ],
         "meta" => vec![("imported", json_of(&meta()))],
         "part" => vec![
             ("third", json_of(&part_of(3, meta()))),
@@ -37,16 +44,45 @@ pub fn sound(name: &str) -> Vec<Case> {
         }
         "shard" => {
             let shard = include_bytes!("../../learn/tests/data/chunked/val/shard-00000.h5");
-            vec![("h5py", shard.to_vec()), ("ours", zeros(1, 5, None))]
+            let latest = include_bytes!("../../learn/tests/data/latest.h5");
+            vec![
+                ("h5py", shard.to_vec()),
+                ("latest", latest.to_vec()),
+                ("ours", zeros(1, 5, None)),
+            ]
         }
-        "npy" => vec![("floats", [npy_header(2, "<f4"), vec![0; 24]].concat())],
+        "npy" => vec![
+            ("floats", [npy_header(2, "<f4"), vec![0; 24]].concat()),
+            ("colours", [npy_of([2, 6], "<f4"), vec![0; 48]].concat()),
+        ],
         "npz" => vec![
             ("stored", archive(2, CompressionMethod::Stored)),
             ("deflated", archive(200, CompressionMethod::Deflated)),
         ],
-        "pcd" => vec![("binary", pcd("1 1 1 1", 2, 32)), ("text", PCD.into())],
-        "ply" => vec![("binary", binary_ply()), ("text", PLY.into())],
-        "motors" => vec![("two", b"{\"ctrl\": [0.01, 2e-3]}".to_vec())],
+        "pcd" => vec![
+            ("binary", pcd("1 1 1 1", 2, 32)),
+            ("text", PCD.into()),
+            ("colours", COLORED_PCD.into()),
+        ],
+        "ply" => vec![
+            ("binary", binary_ply()),
+            ("text", PLY.into()),
+            ("floats", COLORED_PLY.into()),
+            ("marked", marked(COLORED_PLY.as_bytes())),
+        ],
+        "motors" => vec![
+            ("two", b"{\"ctrl\": [0.01, 2e-3]}".to_vec()),
+            ("marked", marked(b"{\"ctrl\": [0.01, 2e-3]}")),
+        ],
+        "predictions" => vec![("two", predictions(2, 3))],
+        "study_file" => vec![
+            ("stiffness", STUDY.into()),
+            ("marked", marked(STUDY.as_bytes())),
+        ],
+        "rig_file" => vec![(
+            "simulated",
+            include_bytes!("../../examples/rig-sim.toml").to_vec(),
+        )],
         "model" => vec![("mlp", model())],
         "training_state" => vec![("mlp", training_state())],
         "split_file" => vec![(
@@ -71,6 +107,7 @@ pub fn sound(name: &str) -> Vec<Case> {
         "commands" => vec![
             ("csv", b"# m\n0.01, 0.02\n\n3e-2,-0\n".to_vec()),
             ("json", b"[[0.01, 0.02], [3e-2, -0]]".to_vec()),
+            ("marked", marked(b"0.01, 0.02\n")),
         ],
         "columns" => vec![("all", include_bytes!("columns.toml").to_vec())],
         "recording" => vec![
@@ -184,8 +221,25 @@ pub fn hostile(name: &str) -> Vec<Case> {
             ("zeros", zeros(1_000_000, 5, Some(9))),
             ("one_large", zeros(1, 20_000_000, Some(9))),
         ],
+        "predictions" => vec![
+            ("bomb", predictions(1, 25_000_000)),
+            ("no_points", predictions(1 << 20, 0)),
+        ],
+        "study_file" => vec![
+            ("deep", format!("want = {}", "[".repeat(100_000)).into()),
+            (
+                "many",
+                "[[vary]]\nwhat = \"payload\"\n".repeat(20_000).into(),
+            ),
+            (
+                "endless_model",
+                b"want = [\"model\"]\n[model]\nfile = \"/dev/zero\"\n".to_vec(),
+            ),
+        ],
+        "rig_file" => vec![("deep", format!("servos = {}", "[".repeat(100_000)).into())],
         "npy" => vec![
             ("no_data", npy_header(1 << 60, "<f4")),
+            ("one_wide_row", npy_of([3, 1 << 60], "<f4")),
             (
                 "bytes",
                 [npy_header(1 << 20, "|u1"), vec![0; 3 << 20]].concat(),

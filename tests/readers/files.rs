@@ -17,6 +17,20 @@ pub const PCD: &str = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 2\nDATA asci
 pub const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
                    end_header\n1 2 3\n4 5 6\n";
 
+/// Colours in floats, under names that not all programs use.
+pub const COLORED_PLY: &str = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
+                   property float z\nproperty float diffuse_red\nproperty float diffuse_green\n\
+                   property float diffuse_blue\nend_header\n1 2 3 0.25 0 1\n4 5 6 0 0.5 0\n";
+pub const COLORED_PCD: &str =
+    "FIELDS x y z r g b\nSIZE 4 4 4 1 1 1\nTYPE F F F U U U\nPOINTS 1\nDATA ascii\n1 2 3 4 5 6\n";
+pub const STUDY: &str = "want = [\"tip\", \"manipulability\"]\n[[vary]]\nwhat = \"payload\"\n\
+                     range = [0.0, 0.1]\nsteps = 3\n[[vary]]\nwhat = \"command\"\n[sample]\ncount = 4\n";
+
+/// A text behind a byte order mark.
+pub fn marked(text: &[u8]) -> Vec<u8> {
+    ["\u{feff}".as_bytes(), text].concat()
+}
+
 pub fn json_of(value: &impl serde::Serialize) -> Vec<u8> {
     serde_json::to_vec(value).expect("plain values serialise")
 }
@@ -87,8 +101,13 @@ pub fn long_name() -> Vec<u8> {
 
 /// The header of an array of `rows` points.
 pub fn npy_header(rows: usize, descr: &str) -> Vec<u8> {
-    let mut text =
-        format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({rows}, 3), }}");
+    npy_of([rows, 3], descr)
+}
+
+/// The header of an array of any shape.
+pub fn npy_of<const N: usize>(shape: [usize; N], descr: &str) -> Vec<u8> {
+    let sizes: String = shape.iter().map(|size| format!("{size}, ")).collect();
+    let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({sizes}), }}");
     text += &" ".repeat(63 - (10 + text.len()) % 64);
     text += "\n";
     let length = (text.len() as u16).to_le_bytes();
@@ -105,6 +124,22 @@ pub fn archive(rows: usize, method: CompressionMethod) -> Vec<u8> {
         io::copy(&mut io::repeat(0).take(12 * rows as u64), writer).map(drop)
     };
     write(&mut writer).expect("memory can be written");
+    writer.finish().expect("memory can be written").into_inner()
+}
+
+/// An archive of `clouds` of `points` points each and their colours, all zeros.
+pub fn predictions(clouds: usize, points: usize) -> Vec<u8> {
+    let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
+    let mut write = |name: &str, header: Vec<u8>, bytes: usize| -> io::Result<()> {
+        writer.start_file(name, options)?;
+        writer.write_all(&header)?;
+        io::copy(&mut io::repeat(0).take(bytes as u64), &mut writer).map(drop)
+    };
+    let (shape, count) = ([clouds, points, 3], 3 * clouds * points);
+    write("points.npy", npy_of(shape, "<f4"), 4 * count).expect("memory can be written");
+    write("rgb.npy", npy_of(shape, "|u1"), count).expect("memory can be written");
+    write("commands.npy", npy_of([clouds, 2], "<f4"), 8 * clouds).expect("memory can be written");
     writer.finish().expect("memory can be written").into_inner()
 }
 

@@ -13,14 +13,18 @@ use serde_json::json;
 use tdcr::hw::dynamixel::joined::sections;
 use tdcr::hw::dynamixel::{Bus, BusSettings, Decoder, Instruction, Item, Status};
 use tdcr::hw::log::{Contents, Entry, LogReader, LogRecord, repair};
+use tdcr::hw::rig::RigFile;
 use tdcr::hw::servo::{Ping, PresentState, ServoId, Torque, TorqueSwitch};
 use tdcr::hw::transport::Babble;
-use tdcr::learn::data::{DataSet, ImportSettings, Split, import, merge, read_cloud};
+use tdcr::learn::data::{
+    DataSet, ImportSettings, Split, import, merge, read_cloud, read_predictions,
+};
 use tdcr::learn::train::{Model, TrainingState};
 use tdcr::pipeline::recording::{Columns, RecordingFile};
 use tdcr::pipeline::{PipelineError, Scores};
 use tdcr::sim::geometry::Shape;
 use tdcr::sim::robot::{Robot, RobotSpec};
+use tdcr::study::Study;
 
 // Parts of the program that no library has: here they are read with all that they need.
 #[path = "../../src/cli/commands.rs"]
@@ -37,7 +41,7 @@ mod line_file;
 pub type Reader = (&'static str, fn(&[u8]));
 
 /// All readers.
-pub const READERS: [Reader; 25] = [
+pub const READERS: [Reader; 28] = [
     ("robot_toml", robot_toml),
     ("robot_json", robot_json),
     ("mjcf", mjcf),
@@ -63,6 +67,9 @@ pub const READERS: [Reader; 25] = [
     ("rig_log", rig_log),
     ("columns", columns),
     ("recording", recording),
+    ("predictions", predictions),
+    ("study_file", study_file),
+    ("rig_file", rig_file),
 ];
 
 /// Robot files (TOML).
@@ -188,6 +195,21 @@ pub fn ply(bytes: &[u8]) {
 
 fn cloud(name: &str, bytes: &[u8]) {
     in_file(name, bytes, |path| drop(read_cloud(path)));
+}
+
+/// Clouds of several commands, to be scored.
+pub fn predictions(bytes: &[u8]) {
+    in_file("clouds.npz", bytes, |path| drop(read_predictions(path)));
+}
+
+/// Files of studies.
+pub fn study_file(bytes: &[u8]) {
+    in_file("study.toml", bytes, |path| drop(Study::load(path)));
+}
+
+/// Files of rigs.
+pub fn rig_file(bytes: &[u8]) {
+    in_file("rig.toml", bytes, |path| drop(RigFile::load(path)));
 }
 
 /// Motors beside a cloud that is imported.
