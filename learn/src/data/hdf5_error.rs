@@ -118,11 +118,8 @@ mod tests {
             (FormatError::UnsupportedVirtualLayout, "virtual dataset"),
             (FormatError::InvalidChunkIndexType(6), "indexed by type 6"),
         ] {
-            assert!(
-                said(format.clone()).contains(expected),
-                "{format:?}: {}",
-                said(format)
-            );
+            let text = said(format.clone());
+            assert!(text.contains(expected), "{format:?}: {text}");
         }
         let damaged = FormatError::SignatureNotFound;
         assert_eq!(said(damaged.clone()), damaged.to_string());
