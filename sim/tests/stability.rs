@@ -1,7 +1,6 @@
 //! Which equilibria count as settled, how stiff they are, and how exactly they are found.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
-#[allow(dead_code, reason = "other tests draw robots, these specifications")]
 #[path = "common/random_robot.rs"]
 mod random_robot;
 

@@ -5,7 +5,6 @@ mod energy;
 mod law;
 mod paths;
 #[path = "../common/random_robot.rs"]
-#[allow(dead_code, reason = "shared with tests that draw other robots")]
 mod random_robot;
 mod snap;
 

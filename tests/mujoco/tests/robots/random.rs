@@ -12,10 +12,6 @@ use tdcr_sim::robot::{Command, Loads, Robot, RobotSpec};
 use crate::probe::{Probe, largest_difference};
 
 #[path = "../../../../sim/tests/common/random_robot.rs"]
-#[allow(
-    dead_code,
-    reason = "other tests draw robots that MuJoCo does not model"
-)]
 pub mod random_robot;
 use random_robot::{Kind, random_robot, within};
 
