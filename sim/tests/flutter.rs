@@ -202,7 +202,7 @@ fn the_robots_own_motion_grows_as_said() {
         let mut state = State::straight(&robot);
         let mut turns = vec![0.0; robot.dof()];
         turns[0] = 1e-10;
-        Configuration::straight(&robot).retract(&turns, &mut state.configuration);
+        Configuration::straight(&robot).retract(&robot, &turns, &mut state.configuration);
         let mut stepper = Stepper::new(&robot, 2e-4, Integrator::ImplicitMidpoint).unwrap();
         // Size of the tip's motion over some swings, early and late.
         let mut largest = |seconds: f64| {
