@@ -155,7 +155,15 @@ impl SmallMotionRates {
     /// `nu`: the largest `|n| / d` (1/s); infinite for a joint without damping.
     fn fastest(&self, loads: &Loads) -> Option<f64> {
         let eased: Option<Vec<_>> = (0..self.joints())
-            .map(|joint| inverse_root(&self.damping_matrix(joint)))
+            .map(|joint| {
+                let damping = self.damping_matrix(joint);
+                match self.equations.posture.chain.hinges(joint) {
+                    None => inverse_root(&damping),
+                    Some(hinges) => {
+                        inverse_root(&hinges.confine(&damping)).map(|root| hinges.release(&root))
+                    }
+                }
+            })
             .collect();
         let Some(eased) = eased else {
             return Some(f64::INFINITY);
