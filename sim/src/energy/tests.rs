@@ -1,7 +1,7 @@
 //! The expansion against differences of the energy.
 
 use super::*;
-use crate::factor::{Curvature, Factor};
+use crate::factor::{Curvature, Factor, project};
 use crate::robot::{Command, Frame, Loads, Payload, RobotSpec, Wrench};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -158,7 +158,8 @@ fn products_are_those_of_the_dense_matrices() {
         let (posture, expansion) = landscape.expansion();
         let n = robot.discs().len();
         let mut three = || Vector3::from_fn(|_, _| within(-1.0, 1.0, &mut rng));
-        let turns: Vec<_> = (0..n).map(|_| three()).collect();
+        let mut turns: Vec<_> = (0..n).map(|_| three()).collect();
+        project(&expansion.hinges, &mut turns);
         let loads = wrenches(n, three);
         let dense = [
             expansion.dense(),
@@ -169,6 +170,7 @@ fn products_are_those_of_the_dense_matrices() {
         for (step, matrix) in dense.iter().enumerate() {
             if step == 1 {
                 following::add_transposed_product(&loads, &posture, &turns, &mut found);
+                project(&expansion.hinges, &mut found);
             }
             let vector = Mat::from_fn(3 * n, 1, |i, _| turns[i / 3][i % 3]);
             let expected = matrix.transpose() * vector;
@@ -180,6 +182,7 @@ fn products_are_those_of_the_dense_matrices() {
         let mut found = vec![Vector3::zeros(); n];
         expansion.product(&turns, &mut found);
         following::add_product(&loads, 1.0, &posture, &turns, &mut found);
+        project(&expansion.hinges, &mut found);
         let vector = Mat::from_fn(3 * n, 1, |i, _| turns[i / 3][i % 3]);
         let expected = &dense[1] * vector;
         for i in 0..3 * n {
@@ -229,10 +232,13 @@ fn the_factor_under_following_loads_solves_as_a_dense_factorisation_does() {
             expansion: &expansion,
         });
         chains += usize::from(matches!(factor, LoadedFactor::Chain(_)));
-        let total = |joint_index: usize| {
-            joint[joint_index] + disc[joint_index..].iter().sum::<Vector3<f64>>()
-        };
-        let rhs = Mat::from_fn(3 * n, 1, |i, _| total(i / 3)[i % 3]);
+        let mut total: Vec<Vector3<f64>> = (0..n)
+            .map(|joint_index| {
+                joint[joint_index] + disc[joint_index..].iter().sum::<Vector3<f64>>()
+            })
+            .collect();
+        project(&expansion.hinges, &mut total);
+        let rhs = Mat::from_fn(3 * n, 1, |i, _| total[i / 3][i % 3]);
         for side in [Side::Matrix, Side::Transpose] {
             let mut found = vec![Vector3::zeros(); n];
             factor.solve(&joint, &disc, side, &mut found);
@@ -268,7 +274,8 @@ fn the_factor_solves_as_a_dense_factorisation_does() {
                 .for_each(|block| *block += identity);
             let mut factor = Factor::new(&expansion);
             let curvature = factor.factorise(&expansion, 0.0);
-            let dense = expansion.dense();
+            let mut dense = expansion.dense();
+            expansion.confine(&mut dense);
             let eigenvalues = dense
                 .self_adjoint_eigenvalues(faer::Side::Lower)
                 .expect("finite");

@@ -62,6 +62,10 @@ fn a_step_with_the_rates_turned_round_leads_back() {
         let mut spec = without_kinks(&robot).spec().clone();
         for module in &mut spec.modules {
             module.damping = PerDisc::Uniform(0.0);
+            if let Some(PerDisc::Each(joints)) = &mut module.joint {
+                let hinges = joints.iter_mut().flat_map(|joint| &mut joint.hinges);
+                hinges.for_each(|hinge| hinge.damping = 0.0);
+            }
         }
         let robot = Robot::new(spec).unwrap();
         let (start, loads) = (random_state(&robot, &mut rng), all_loads(&robot, &mut rng));

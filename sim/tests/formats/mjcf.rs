@@ -243,7 +243,7 @@ fn the_keyframe_is_the_pose_that_a_command_settles_in() {
         assert!((same - 1.0).abs() < 1e-12, "{same}");
     }
     let refused = export(&spec, &with(vec![0.1; 6])).unwrap_err().to_string();
-    assert!(refused.contains("command entry 0 is 0.1 m"), "{refused}");
+    assert!(refused.contains("command entry 1 is 0.1 m"), "{refused}");
 }
 
 /// A model of two discs, each on these joints.
