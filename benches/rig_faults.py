@@ -5,9 +5,10 @@
 Each capture has simulated servos of its own behind a pseudo-terminal, in real time, and two cameras whose pictures (of the robot
 at home, from a log) come 0.6 to 1.5 s apart, while the servos' watchdog is 0.5 s. Faults of the line last; others come 100 s
 after the servos began. A capture that a fault of the line ends is resumed, ten times at the most. In the table are, for each
-fault, the samples that were kept, those of them that were taken after the fault came, how captures ended, and the largest distance
-between a servo's goal and its position (ticks) in any kept sample. The exit status is 1 where that exceeds `motion.arrived`, or a
-label is not the command at which the servos stood. JOBS captures (4) run at once: they wait most of the time.
+fault, the samples that were kept, those of them that were taken after the fault came, how captures ended, and the largest
+distance between a servo's goal and its position (ticks) in any kept sample. The exit status is 1 where that exceeds
+`motion.arrived`, or a label is not the command at which the servos stood. JOBS captures (4) run at once: they wait most of
+the time.
 """
 
 import concurrent.futures
@@ -33,7 +34,17 @@ QUICK = 5.0
 ARRIVED = 100
 RADIUS = 0.005
 LINE = ["lost=0.002", "corrupted=0.002", "duplicated=0.002", "late=0.02"]
-SERVO = ["silent:4", "overheated:5", "overloaded:5", "power-cycled:6", "snapped:1", "snapped:5", "jammed:2", "jammed:4", "unplugged"]
+SERVO = [
+    "silent:4",
+    "overheated:5",
+    "overloaded:5",
+    "power-cycled:6",
+    "snapped:1",
+    "snapped:5",
+    "jammed:2",
+    "jammed:4",
+    "unplugged",
+]
 FAULTS = sys.argv[3:] or ["none", *LINE, *SERVO]
 
 
@@ -50,13 +61,25 @@ def rig(servos, cameras):
 
 def tdcr(*arguments):
     command = [TDCR, *map(str, arguments)]
-    return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.run(command, capture_output=True, text=True)
 
 
 def slow_pictures(folder, seconds):
     """A log of the robot at home, its pictures 0.6 to 1.5 s apart."""
     (folder / "memory.toml").write_text(rig('link = "simulated"', 'link = "simulated"'))
-    done = tdcr("capture", "--rig", folder / "memory.toml", "--commands", 10, "--points", 100, "--voxel", 0.004, "--out", folder / "memory")
+    done = tdcr(
+        "capture",
+        "--rig",
+        folder / "memory.toml",
+        "--commands",
+        10,
+        "--points",
+        100,
+        "--voxel",
+        0.004,
+        "--out",
+        folder / "memory",
+    )
     assert done.returncode == 0, done.stderr
     kept = {}
     with (folder / "memory/log.mcap").open("rb") as file:
@@ -154,7 +177,10 @@ def main():
                 wrong = off > ARRIVED or spread > 1e-9
                 bad |= wrong
                 said = "; ".join(stops) or "its end"
-                print(f"{fault:18} {kept:4}  {shown:>5}  {off:11}  {seconds / 60:7.1f}  {said}{'  FALSE LABEL' if wrong else ''}", flush=True)
+                print(
+                    f"{fault:18} {kept:4}  {shown:>5}  {off:11}  {seconds / 60:7.1f}  {said}{'  FALSE LABEL' if wrong else ''}",
+                    flush=True,
+                )
     sys.exit(bad)
 
 
