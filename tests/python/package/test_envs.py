@@ -315,7 +315,7 @@ def test_actions_that_make_no_sense_are_refused_and_change_nothing() -> None:
     before = env.episodes.world.commands.copy()
     with pytest.raises(InputError, match=r"the actions have shape \(1, 5\); expected \(1, 6\)"):
         env.step(np.zeros(5))
-    with pytest.raises(CommandError, match="command entry 2"):
+    with pytest.raises(CommandError, match="command entry 3"):
         env.step(np.array([0.0, 0.0, np.nan, 0.0, 0.0, 0.0]))
     assert np.array_equal(env.episodes.world.commands, before)
 

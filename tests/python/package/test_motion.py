@@ -261,7 +261,7 @@ def test_motions_may_have_no_rows_and_no_commands(robot: package.Robot) -> None:
     ("change", "error", "says"),
     [
         ({"commands": np.full((2, 4, 5), 0.02)}, InputError, r"commands has shape \(2, 4, 5\); expected \(rows, T, 6\)"),
-        ({"commands": np.full((2, 4, 6), 0.5)}, CommandError, r"row 0: step 0: command entry 0 is 0.5 m"),
+        ({"commands": np.full((2, 4, 6), 0.5)}, CommandError, r"row 0: step 0: command entry 1 is 0.5 m"),
         ({"dt": 0.0}, DynamicsError, "the time step is 0 s"),
         ({"frame_skip": 0}, InputError, "frame_skip is 0; expected 1 to"),
         ({"integrator": "leapfrog"}, InputError, "integrator is 'leapfrog'; expected 'semi-implicit-euler', 'runge-kutta4'"),

@@ -168,7 +168,7 @@ def test_inputs_are_refused_by_name(robot: tdcr.Robot, arguments: dict[str, obje
 def test_a_batch_names_the_row_that_it_refuses(robot: tdcr.Robot) -> None:
     commands = robot.random_commands(3)
     commands[1, 2] = -1.0
-    with pytest.raises(CommandError, match="row 1: command entry 2 is -1 m"):
+    with pytest.raises(CommandError, match="row 1: command entry 3 is -1 m"):
         tdcr.settle_batch(robot, commands)
 
 
