@@ -220,11 +220,13 @@ fn a_folder_with_something_in_it_is_left_alone() {
 #[test]
 fn render_says_where_it_wrote_unless_it_is_to_be_quiet() {
     let folder = tempfile::tempdir().unwrap();
+    let render = |out: &Path, options: &[&str]| {
+        let what = ["render", "--robot", ROBOT, "--command", COMMAND];
+        succeed(&[&what[..], &["--out", text(out)], options].concat())
+    };
+    assert_eq!(render(&folder.path().join("quiet"), &["-q"]), "");
     let out = folder.path().join("views");
-    let render = ["render", "--robot", ROBOT, "--command", COMMAND];
-    let render = [&render[..], &["--out", text(&out)]].concat();
-    assert_eq!(succeed(&[&render[..], &["-q"]].concat()), "");
-    let said = succeed(&render);
+    let said = render(&out, &[]);
     assert!(
         said.starts_with(&format!("{}: 2 views, ", out.display())),
         "{said}"
