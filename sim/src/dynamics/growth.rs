@@ -10,7 +10,7 @@
 //!
 //! Elsewhere the rates are computed, as eigenvalues of the pencil by Arnoldi's iteration with its inverse about rates `sigma`
 //! above zero (Bai and Su, SIAM Journal on Matrix Analysis 26, 2005). Rates with positive real parts lie outside the circle
-//! that all others lie in, and so are found first. Spaces that hold all rates of up to ten discs are taken, of longer robots
+//! that all others lie in, and so are found first. Spaces that hold all rates of up to 20 discs are taken, of longer robots
 //! those about several `sigma`; O(n) for each dimension.
 
 use nalgebra::{Complex, Matrix3, Vector3};
@@ -35,14 +35,15 @@ const ERROR: f64 = 1e-6;
 /// Dimensions of the spaces: at first, and while a growing motion has not converged.
 const DIMENSIONS: [usize; 3] = [60, 90, 120];
 /// Rates about which those of long robots are looked for, as shares of that of the joints' stiffness over the robot's inertia.
-const SHIFTS: [f64; 4] = [10.0, 1.0, 0.1, 0.01];
+const SHIFTS: [f64; 4] = [1.0, 10.0, 0.1, 0.01];
 /// Neighbours of such a rate.
 const NUDGES: [f64; 3] = [1.0, 1.37, 0.71];
 /// Dimensions of the space for the largest share of the skew part, and what its value may lack.
 const LARGEST_SHARE: usize = 12;
 const SAFETY: f64 = 1.05;
-/// Error of a solution, as a share of the right-hand side, up to which a factorisation counts as accurate.
-const ACCURATE: f64 = 1e-8;
+/// Error of a solution, as a share of the right-hand side, up to which it counts as accurate; and how often it is refined at most.
+const ACCURATE: f64 = 1e-10;
+const REFINEMENTS: usize = 4;
 
 /// A small motion that grows: as `exp(rate t)`, with an oscillation or without.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -206,14 +207,10 @@ impl SmallMotionRates {
                 ..Found::default()
             });
         }
-        let shifts: &[f64] = if 6 * joints <= DIMENSIONS[0] {
-            &[1.0]
-        } else {
-            &SHIFTS
-        };
-        let mut all = Found::default();
-        let mut any = false;
-        for share in shifts {
+        // One space holds all rates of a short robot.
+        let complete = 6 * joints <= DIMENSIONS[DIMENSIONS.len() - 1];
+        let (mut all, mut computed) = (Found::default(), 0);
+        for share in SHIFTS {
             let shift = share * reference;
             // Where the elimination is not accurate, a little aside.
             let found = (NUDGES.iter())
@@ -221,14 +218,17 @@ impl SmallMotionRates {
             let Some(found) = found else {
                 continue;
             };
-            any = true;
+            computed += 1;
             all.drifts |= found.drifts;
             let rate = |growth: Option<Complex<f64>>| growth.map_or(0.0, |rate| rate.re);
             if rate(found.growth) > rate(all.growth) {
                 all.growth = found.growth;
             }
+            if complete {
+                return Some(all);
+            }
         }
-        any.then_some(all)
+        (computed == SHIFTS.len() || all.growth.is_some()).then_some(all)
     }
 
     /// The rates nearest to `shift` (1/s) above all.
@@ -241,13 +241,18 @@ impl SmallMotionRates {
     ) -> Option<Found> {
         let weights = Weights::of_step(if damped { shift.recip() } else { 0.0 }, shift.powi(-2));
         self.matrix.combine(&self.equations, loads, weights)?;
-        if !self.is_accurate(loads, weights) {
-            return None;
-        }
+        let refinements =
+            (0..=REFINEMENTS).find(|&often| self.is_accurate(loads, weights, often))?;
         let mut space = Arnoldi::new(2 * self.joints());
         let mut found = Found::default();
-        for dimension in DIMENSIONS {
-            space.extend(dimension, |state, out| self.step(shift, damped, state, out));
+        let dimensions = match 6 * self.joints() <= DIMENSIONS[DIMENSIONS.len() - 1] {
+            true => &DIMENSIONS[DIMENSIONS.len() - 1..],
+            false => &DIMENSIONS[..],
+        };
+        for &dimension in dimensions {
+            space.extend(dimension, |state, out| {
+                self.step(shift, loads, weights, refinements, state, out);
+            });
             found = self.judge(&space, shift, loads, damped, margin)?;
             if !found.unresolved || space.is_closed() {
                 break;
@@ -256,38 +261,78 @@ impl SmallMotionRates {
         Some(found)
     }
 
-    /// Whether a solution with the factorised sum, multiplied by it, gives its right-hand side.
-    fn is_accurate(&mut self, loads: &Loads, weights: Weights) -> bool {
+    /// Whether a solution with the factorised sum, refined so often, gives its right-hand side.
+    fn is_accurate(&mut self, loads: &Loads, weights: Weights, refinements: usize) -> bool {
         let mut rhs = probe(self.joints());
         project(&self.equations.posture.chain.hinges, &mut rhs);
         let mut solution = rhs.clone();
-        self.matrix.solve(&rhs, &mut solution);
-        let (mass, stiffness) = (self.mass(&solution), self.stiffness(loads, &solution));
-        let damping = self.damping(&solution);
-        let mut wrong = (0..rhs.len()).map(|k| {
-            let sum = mass[k] * weights.mass
-                + damping[k] * weights.damping
-                + stiffness[k] * weights.stiffness;
-            (sum - rhs[k]).norm()
-        });
+        self.solve(loads, weights, refinements, &rhs, &mut solution);
+        let left = self.left(loads, weights, &rhs, &solution);
         // Not a number is not below.
-        wrong.all(|wrong| wrong <= ACCURATE)
+        left.iter().all(|left| left.norm() <= ACCURATE)
+    }
+
+    /// Writes the solution with the factorised sum, refined so often (Golub and Van Loan, Matrix Computations, ch. 3.5.3).
+    fn solve(
+        &mut self,
+        loads: &Loads,
+        weights: Weights,
+        refinements: usize,
+        rhs: &[Vector3<f64>],
+        out: &mut [Vector3<f64>],
+    ) {
+        self.matrix.solve(rhs, out);
+        let mut change = vec![Vector3::zeros(); rhs.len()];
+        for _ in 0..refinements {
+            let left = self.left(loads, weights, rhs, out);
+            self.matrix.solve(&left, &mut change);
+            for (out, change) in out.iter_mut().zip(&change) {
+                *out += change;
+            }
+        }
+    }
+
+    /// What a solution leaves of its right-hand side.
+    fn left(
+        &mut self,
+        loads: &Loads,
+        weights: Weights,
+        rhs: &[Vector3<f64>],
+        solution: &[Vector3<f64>],
+    ) -> Vec<Vector3<f64>> {
+        let (mass, stiffness) = (self.mass(solution), self.stiffness(loads, solution));
+        let damping = self.damping(solution);
+        let left = |k: usize| {
+            rhs[k]
+                - mass[k] * weights.mass
+                - damping[k] * weights.damping
+                - stiffness[k] * weights.stiffness
+        };
+        (0..rhs.len()).map(left).collect()
     }
 
     /// Writes the inverse of the linearised pencil about `shift` times a `state` of turns and their rates over `shift`:
     /// of the rate `lambda` the eigenvalue is `shift / (lambda - shift)`.
-    fn step(&mut self, shift: f64, damped: bool, state: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+    fn step(
+        &mut self,
+        shift: f64,
+        loads: &Loads,
+        weights: Weights,
+        refinements: usize,
+        state: &[Vector3<f64>],
+        out: &mut [Vector3<f64>],
+    ) {
         let (turns, rates) = state.split_at(self.joints());
         let sum: Vec<_> = turns.iter().zip(rates).map(|(x, y)| x + y).collect();
         let mut rhs = self.mass(&sum);
-        if damped {
+        if weights.damping > 0.0 {
             for (rhs, damping) in rhs.iter_mut().zip(self.damping(turns)) {
                 *rhs += damping / shift;
             }
         }
         rhs.iter_mut().for_each(|moment| *moment = -*moment);
         let (first, second) = out.split_at_mut(turns.len());
-        self.matrix.solve(&rhs, first);
+        self.solve(loads, weights, refinements, &rhs, first);
         for ((second, first), turn) in second.iter_mut().zip(first).zip(turns) {
             *second = *first + turn;
         }

@@ -13,6 +13,7 @@
 //!
 //! [`Factor::definiteness`]: crate::factor::Factor::definiteness
 
+use nalgebra::Vector3;
 use serde::Serialize;
 use thiserror::Error;
 
@@ -59,7 +60,7 @@ pub enum Examined {
     /// The second derivative of the potential energy. It decides whatever inertia and damping the robot has.
     Energy,
     /// The linearised motion under loads without a potential, with the robot's own inertia and damping. Of robots of more
-    /// than ten discs the slowest rates, and those that a force could make grow; not all.
+    /// than 20 discs the slowest rates, and those that a force could make grow; not all.
     Motion,
     /// The real parts of the eigenvalues of the moments' Jacobian under loads without a potential: whether the robot would stay
     /// there if it moved slowly. It has a joint without inertia, or a tendon whose length is imposed, so that its motion is not
@@ -335,7 +336,7 @@ impl Robot {
         let held: Vec<bool> = (self.tendons().iter().enumerate())
             .map(|(t, tendon)| tendon.holds_length() && !equilibrium.is_slack(t, tendon))
             .collect();
-        let (posture, expansion) = self.expanded(command, loads, equilibrium, &held);
+        let (posture, mut expansion) = self.expanded(command, loads, equilibrium);
         let columns = match held.contains(&true) {
             true => expansion.dense_columns(),
             false => Vec::new(),
@@ -346,6 +347,13 @@ impl Robot {
         let Some(lengths) = HeldLengths::new(&gradients) else {
             return f64::NAN;
         };
+        // Springs along them, as stiff as the rest, resist no turn that keeps their lengths.
+        let scale = expansion.scale();
+        let columns_of = columns.iter().zip(&held).enumerate();
+        for (t, ((_, slopes), _)) in columns_of.filter(|(_, (_, held))| **held) {
+            let lever = slopes.iter().map(Vector3::norm_squared).fold(0.0, f64::max);
+            expansion.weights[t] = if lever > 0.0 { scale / lever } else { 0.0 };
+        }
         let smallest = if loads.wrenches().iter().any(follows) {
             let matrix = LoadedMatrix {
                 loads,
@@ -360,14 +368,12 @@ impl Robot {
         smallest.unwrap_or(f64::NAN)
     }
 
-    /// The potential's expansion in an equilibrium, with the tensions of held tendons and springs along them, which resist no turn
-    /// that keeps their lengths.
+    /// The potential's expansion in an equilibrium, with the tensions of held tendons.
     fn expanded(
         &self,
         command: &Command,
         loads: &Loads,
         equilibrium: &Equilibrium,
-        held: &[bool],
     ) -> (Posture, Expansion) {
         let mut posture = Posture::new(self);
         posture.place(self, &equilibrium.configuration);
@@ -384,7 +390,6 @@ impl Robot {
         for (t, tendon) in self.tendons().iter().enumerate() {
             if tendon.holds_length() {
                 tensions[t] = equilibrium.tendon_tensions[t];
-                expansion.weights[t] = if held[t] { tendon.spring() } else { 0.0 };
             } else {
                 let state = tendon.state(posture.lengths[t], command.as_slice()[t]);
                 (tensions[t], expansion.weights[t]) = (state.tension, state.stiffness);

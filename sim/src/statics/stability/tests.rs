@@ -77,8 +77,7 @@ fn the_smallest_stiffness_in_o_n_is_that_of_the_dense_hessian() {
                     ..settled.clone()
                 };
                 for pose in [&settled, &thrown] {
-                    let taut = vec![held; robot.tendons().len()];
-                    let (posture, expansion) = robot.expanded(&command, &loads, pose, &taut);
+                    let (posture, expansion) = robot.expanded(&command, &loads, pose);
                     let dense = reduced(&robot, &loads, &posture, &expansion);
                     let expected = dense.self_adjoint_eigenvalues(Side::Lower).unwrap()[0];
                     let found = robot.smallest_stiffness(&command, &loads, pose);
@@ -123,8 +122,7 @@ fn the_smallest_stiffness_under_following_loads_is_that_of_the_dense_jacobian() 
                 let loads = Loads::default().with_wrench(tip).unwrap();
                 let loads = loads.with_wrench(middle).unwrap();
                 let settled = robot.settle(&command, &loads);
-                let taut = vec![held; robot.tendons().len()];
-                let (posture, expansion) = robot.expanded(&command, &loads, &settled, &taut);
+                let (posture, expansion) = robot.expanded(&command, &loads, &settled);
                 let dense = reduced(&robot, &loads, &posture, &expansion);
                 let values = dense.eigenvalues().unwrap();
                 let expected = values
