@@ -184,6 +184,9 @@ impl<'a> Session<'a> {
         if cloud.is_empty() {
             return Err(CaptureError::NotSeen { index });
         }
+        let command: Vec<f64> = states.iter().map(|state| state.command).collect();
+        // Who reads clouds out of the log has them under what was measured, too.
+        self.rig.log(|| LogRecord::Command(command.clone()));
         self.rig.log_event(Level::Info, Event::sample_text(index));
         self.rig.log(|| LogRecord::Cloud(cloud.clone()));
         Ok(Captured {
@@ -194,7 +197,7 @@ impl<'a> Session<'a> {
                 .map(|frame| frame.time)
                 .min()
                 .unwrap_or_default(),
-            command: states.iter().map(|state| state.command).collect(),
+            command,
             goals: self.rig.held_goals().unwrap_or_default().to_vec(),
             states,
             cloud,

@@ -13,7 +13,7 @@
 //! | `/servos/status` | `tdcr.ServoStatus` (JSON) | models, modes, temperatures, voltages, faults |
 //! | `/servos/homes` | `tdcr.Homes` (JSON) | where home is, in servos' own counts |
 //! | `/servos/registers` | `tdcr.Registers` (JSON) | bytes of control tables |
-//! | `/command` | `tdcr.Command` (JSON) | a value per tendon (m or N) |
+//! | `/command` | `tdcr.Command` (JSON) | a value per tendon (m or N): what was asked for, and right before a sample's cloud what was measured |
 //! | `/events` | `foxglove.Log` | what happened, in words |
 //! | `/robot_description` | `std_msgs/String` (JSON) | the robot as URDF |
 //! | `/tf` | `foxglove.FrameTransforms` | cameras in the world, discs on those below them |

@@ -26,7 +26,8 @@ pub enum LogRecord {
     Homes(Vec<ServoHome>),
     /// Bytes of a servo's control table.
     Registers(Registers),
-    /// What was asked of the robot's tendons: one value each, in the unit of the robot's commands (m, or N for a tension).
+    /// What was asked of the robot's tendons: one value each, in the unit of the robot's commands (m, or N for a tension). Right
+    /// before a sample's cloud, what its servos stood at.
     Command(Vec<f64>),
     /// What happened, in words.
     Event(Event),

@@ -12,7 +12,7 @@ use crate::log::{LogRecord, Topic};
 pub struct LoggedCloud {
     /// The sample of a capture that it is; none for other clouds, such as looks at the robot at home.
     pub sample: Option<u64>,
-    /// What was last asked of the tendons (m, or N for a tension).
+    /// What was last asked of the tendons (m, or N for a tension); of a sample, what its servos stood at.
     pub command: Vec<f64>,
     /// The cloud, world frame (m).
     pub cloud: PointCloud,
