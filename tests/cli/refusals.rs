@@ -51,7 +51,7 @@ fn a_wrong_command_is_named() {
         1,
         "command entry 1 is NaN m; tendon 1 takes 0 to 0.04 m",
     );
-    settle("0.01,inf,0.01,0,0,0", 1, "command entry 1 is inf m");
+    settle("0.01,inf,0.01,0,0,0", 1, "command entry 2 is inf m");
     settle("0.01,two,0.01,0,0,0", 2, "`two` is not a number");
     refuse(&["settle"], 2, "--command");
     refuse(
@@ -202,7 +202,7 @@ fn a_broken_or_foreign_model_is_named() {
         "0.01,0.02",
         "the command has 2 entries; robot `2m` has 6 tendons",
     );
-    predict("0.01,0.02,0.05,0,0,0", "command entry 2 is 0.05 m");
+    predict("0.01,0.02,0.05,0,0,0", "command entry 3 is 0.05 m");
     predict(COMMAND, "cannot write point cloud /no/folder/x.ply");
     let eval = ["eval", "--model", text(&model), "--data", text(&data)];
     refuse(
