@@ -71,9 +71,9 @@ fn a_model_that_is_no_robot_is_named_with_its_line() {
     let model = succeed(&["export", "--payload", "0.02"]);
     fs::write(&file, &model).unwrap();
     settle("`payload` is 0.02 kg; expected none in a robot file");
-    fs::write(&file, model.replacen("type=\"ball\"", "type=\"hinge\"", 1)).unwrap();
+    fs::write(&file, model.replacen("type=\"ball\"", "type=\"slide\"", 1)).unwrap();
     settle(&format!(
-        "{}, line 29, <joint>: a hinge alone; expected a ball joint",
+        "{}, line 29, <joint>: attribute type=\"slide\": expected ball or hinge",
         file.display()
     ));
     fs::write(&file, "<mujoco>").unwrap();

@@ -5,7 +5,7 @@
 //! file of another tool says besides becomes a [`Note`].
 //!
 //! Exchange keeps meanings: a file that says something that a robot cannot have is refused with its line. What changes neither
-//! motion nor equilibria becomes a note, as do contacts, mocap bodies and hinges that are read as a ball joint. An exported
+//! motion nor equilibria becomes a note, as do contacts, mocap bodies and cameras that move. An exported
 //! model's time step is stable about its keyframe, by the exact criterion for MuJoCo's Euler integrator. URDF has no tendons:
 //! an element `<tdcr>` holds the robot's own file, and is believed only where links and joints say the same.
 //!
