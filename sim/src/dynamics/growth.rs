@@ -6,7 +6,8 @@
 //! a rate with a positive real part has an imaginary part of `nu` at most, and `s <= nu² m` (in the spirit of Metelitsyn's
 //! inequality: Merkin, Introduction to the Theory of Stability, 1997, ch. 6). So motions stay small where `S - nu² M` is
 //! positive definite, which an elimination in O(n) decides: what is slower than `nu` does not exist, and of what is faster the
-//! damping takes more than the loads bring.
+//! damping takes more than the loads bring. More generally, a rate with a positive real part needs `n² m >= s d²`; where
+//! `|n| <= kappa s`, too, that cannot be where `m` is below the larger of `s / nu²` and `d / (kappa nu)`.
 //!
 //! Elsewhere the rates are computed, as eigenvalues of the pencil by Arnoldi's iteration with its inverse about rates `sigma`
 //! above zero (Bai and Su, SIAM Journal on Matrix Analysis 26, 2005). Rates with positive real parts lie outside the circle
@@ -20,7 +21,7 @@ use super::acceleration::EquationsOfMotion;
 use super::implicit::{ImplicitMatrix, Part, Weights};
 use super::links::{Link, PointMass};
 use crate::chain::Configuration;
-use crate::energy::following::{add_product, add_transposed_product};
+use crate::energy::following::{add_product, add_transposed_product, follows};
 use crate::factor::{Arnoldi, Curvature, dot, probe, project};
 use crate::robot::{Loads, Robot};
 
@@ -41,6 +42,8 @@ const NUDGES: [f64; 3] = [1.0, 1.37, 0.71];
 /// Dimensions of the space for the largest share of the skew part, and what its value may lack.
 const LARGEST_SHARE: usize = 12;
 const SAFETY: f64 = 1.05;
+/// Most dimensions of the space for its largest share of the stiffness.
+const MOST_DIMENSIONS: usize = 40;
 /// Error of a solution, as a share of the right-hand side, up to which it counts as accurate; and how often it is refined at most.
 const ACCURATE: f64 = 1e-10;
 const REFINEMENTS: usize = 4;
@@ -184,16 +187,61 @@ impl SmallMotionRates {
         Some(SAFETY * shares.fold(0.0, f64::max))
     }
 
-    /// Whether `S - nu² M` has no eigenvalue below the margin.
+    /// Whether `S` has no eigenvalue below the margin, and `S / nu²` is above `M`, or where it is not, `D / (kappa nu)` is.
     fn stays_small(&mut self, loads: &Loads, fastest: f64, margin: f64) -> bool {
-        let weights = Weights {
-            mass: -fastest * fastest,
-            damping: 0.0,
-            stiffness: 1.0,
-            joints: -margin,
+        let symmetric = |mass, damping, stiffness, joints| Weights {
+            mass,
+            damping,
+            stiffness,
+            joints,
             part: Part::Symmetric,
         };
-        self.matrix.combine(&self.equations, loads, weights) == Some(Curvature::Positive)
+        let mut is_positive = |weights| {
+            self.matrix.combine(&self.equations, loads, weights) == Some(Curvature::Positive)
+        };
+        if is_positive(symmetric(-fastest * fastest, 0.0, 1.0, -margin)) {
+            return true;
+        }
+        if !is_positive(symmetric(0.0, 0.0, 1.0, -margin)) {
+            return false;
+        }
+        let Some(stiffest) = self.stiffest(loads) else {
+            return false;
+        };
+        // Of two that are to exceed a third the mean is enough.
+        let weights = [(0.5 / (stiffest * fastest)), (0.5 / (fastest * fastest))];
+        let mean = symmetric(-1.0, weights[0], weights[1], 0.0);
+        self.matrix.combine(&self.equations, loads, mean) == Some(Curvature::Positive)
+    }
+
+    /// `kappa`: the largest `|n| / s`, where `S` is positive definite and has just been factorised; `None` where it takes long.
+    fn stiffest(&self, loads: &Loads) -> Option<f64> {
+        let following = loads
+            .wrenches()
+            .iter()
+            .filter(|wrench| follows(wrench))
+            .count();
+        // Each wrench turns and moves one disc: the skew part has six dimensions for each.
+        let dimension = 6 * following + 2;
+        if dimension > MOST_DIMENSIONS {
+            return None;
+        }
+        let posture = &self.equations.posture;
+        let mut space = Arnoldi::new(self.joints());
+        space.extend(dimension, |x, out| {
+            let (mut there, mut back) = (
+                vec![Vector3::zeros(); x.len()],
+                vec![Vector3::zeros(); x.len()],
+            );
+            add_product(loads, 1.0, posture, x, &mut there);
+            add_transposed_product(loads, posture, x, &mut back);
+            for (there, back) in there.iter_mut().zip(&back) {
+                *there = (*there - back) * 0.5;
+            }
+            self.matrix.solve(&there, out);
+        });
+        let shares = space.ritz()?.into_iter().map(|ritz| ritz.value.norm());
+        Some(SAFETY * shares.fold(0.0, f64::max))
     }
 
     fn search(&mut self, loads: &Loads, damped: bool, margin: f64) -> Option<Found> {
