@@ -129,7 +129,7 @@ struct Survey {
 pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
     let picture = args.picture.wanted()?;
     if picture.is_some() && (args.commands.is_some() || args.random.is_some()) {
-        bail!("--picture is of one command, not of --commands or --random");
+        bail!("--picture is of one command; expected --command, not --commands or --random");
     }
     let robot = Robot::new(args.robot.load()?)?;
     if let Some(file) = &args.commands {

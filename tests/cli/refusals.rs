@@ -53,7 +53,11 @@ fn a_wrong_command_is_named() {
     );
     settle("0.01,inf,0.01,0,0,0", 1, "command entry 2 is inf m");
     settle("0.01,two,0.01,0,0,0", 2, "`two` is not a number");
-    refuse(&["settle"], 2, "--command");
+    refuse(
+        &["settle"],
+        1,
+        "robot `2m` has 6 tendons; expected --command",
+    );
     refuse(
         &["settle", "--command", COMMAND, "--payload", "-1"],
         1,
