@@ -151,6 +151,18 @@ def _exit(number: int, _frame: FrameType | None) -> None:
     raise SystemExit(128 + number)
 
 
+def _end_as_usual() -> None:
+    """Gives those signals their default action back in a fork, which holds no torque: a worker of a pool must end when told."""
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is _exit:
+            signal.signal(number, signal.SIG_DFL)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_end_as_usual)
+
+
 class Rig:
     """A robot with servos and cameras: simulated, recorded or real, as its file says; the same calls on each.
 

@@ -185,6 +185,25 @@ if sys.argv[2] != "nothing":
     assert process.returncode == expected[end], complaint
 
 
+def test_a_fork_ends_when_told_as_if_there_were_no_rig(small: Path) -> None:
+    script = """
+import os, signal, sys, time
+import tdcr
+rig = tdcr.Rig(sys.argv[1])
+child = os.fork()
+if child == 0:
+    try:
+        time.sleep(60)
+    finally:
+        os._exit(1)
+time.sleep(0.2)
+os.kill(child, signal.SIGTERM)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+    done = subprocess.run([sys.executable, "-c", script, str(small)], capture_output=True, text=True, timeout=30)
+    assert done.stdout == f"{-signal.SIGTERM}\n", done.stderr
+
+
 def test_two_commands_are_a_data_set(small: Path, tmp_path: Path) -> None:
     with tdcr.Rig(small) as rig:
         report = rig.capture(tmp_path / "two", commands=2, points=200, log=False)
