@@ -6,10 +6,10 @@ use std::f64::consts::PI;
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::dynamics::{Integrator, State, Stepper};
 use tdcr_sim::robot::{
-    Backbone, Frame, Holes, Loads, MassSpec, PerDisc, RigidMass, Robot, RobotSpec, RodDamping,
-    RodSpec, Wrench,
+    Backbone, Disc, Frame, Holes, Loads, MassSpec, PerDisc, RigidMass, Robot, RobotSpec,
+    RodDamping, RodSpec, Wrench,
 };
-use tdcr_sim::statics::{Equilibrium, Examined, NotSettled, Stability};
+use tdcr_sim::statics::{Equilibrium, Examined, Stability};
 
 /// A straight robot of one module without weight, tendons, damping and armature.
 fn straight(discs: usize, pitch: f64, joint_below: f64) -> RobotSpec {
@@ -70,6 +70,10 @@ fn push(robot: &Robot, force: [f64; 3], frame: Frame) -> Loads {
     Loads::default().with_wrench(tip).unwrap()
 }
 
+fn is_undamped(disc: &Disc) -> bool {
+    disc.damping == 0.0 && disc.extra_damping.iter().all(|damping| *damping == 0.0)
+}
+
 fn settle(robot: &Robot, loads: &Loads) -> Equilibrium {
     let settled = robot.settle(&robot.command(&[]).unwrap(), loads);
     assert!(settled.residual < 1e-9, "{}", settled.residual);
@@ -79,11 +83,13 @@ fn settle(robot: &Robot, loads: &Loads) -> Equilibrium {
         Examined::Energy
     };
     assert_eq!(settled.examined, Some(examined));
-    let stays = matches!(
-        settled.stability,
-        Some(Stability::Stable | Stability::Neutral)
-    );
-    assert_eq!(settled.converged, stays);
+    match settled.stability {
+        Some(Stability::Stable | Stability::Neutral) => assert!(settled.converged),
+        Some(Stability::Flutter) if robot.discs().iter().all(is_undamped) => {
+            assert!(settled.converged);
+        }
+        _ => assert!(!settled.converged),
+    }
     settled
 }
 
@@ -135,7 +141,7 @@ fn a_column_flutters_above_becks_load() {
             "{discs}, {load}"
         );
         let failure = settled.failure(&robot, &robot.command(&[]).unwrap());
-        assert!(matches!(failure, Some(NotSettled::Flutter(_))));
+        assert!(failure.is_none(), "{failure:?}");
     }
     for (discs, load) in [(25, 5.0), (25, 15.0), (25, 19.0), (200, 19.0)] {
         let robot = column(discs, 0.0);

@@ -288,6 +288,7 @@ fn table(settled: &Settled) -> String {
         match settled.stability {
             Some(Stability::Neutral) if settled.converged => "settled (neutral equilibrium)",
             Some(Stability::Unstable) => "NOT settled (unstable equilibrium)",
+            Some(Stability::Flutter) if settled.converged => "settled (flutter: it has no damping)",
             Some(Stability::Flutter) => "NOT settled (flutter)",
             _ if settled.converged => "settled",
             _ => "NOT settled",

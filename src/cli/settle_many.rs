@@ -223,6 +223,7 @@ fn for_people(table: &Table) -> String {
             row.residual,
             row.smallest_stiffness,
             match row.stability {
+                Some(Stability::Flutter) if row.converged => "   flutter (no damping)",
                 _ if row.converged => "",
                 Some(Stability::Flutter) => "   NOT settled (flutter)",
                 _ => "   NOT settled",

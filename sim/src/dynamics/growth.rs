@@ -150,7 +150,7 @@ impl SmallMotionRates {
     }
 
     /// Whether no joint has damping.
-    fn without_damping(&self) -> bool {
+    pub fn without_damping(&self) -> bool {
         let links = self.equations.links.iter();
         let damping = links.map(|link| link.damping().amax());
         damping.fold(0.0, f64::max) == 0.0
@@ -258,6 +258,7 @@ impl SmallMotionRates {
         // One space holds all rates of a short robot.
         let complete = 6 * joints <= DIMENSIONS[DIMENSIONS.len() - 1];
         let (mut all, mut computed) = (Found::default(), 0);
+        all.unresolved = true;
         for share in SHIFTS {
             let shift = share * reference;
             // Where the elimination is not accurate, a little aside.
@@ -268,15 +269,18 @@ impl SmallMotionRates {
             };
             computed += 1;
             all.drifts |= found.drifts;
+            all.unresolved &= found.unresolved;
             let rate = |growth: Option<Complex<f64>>| growth.map_or(0.0, |rate| rate.re);
             if rate(found.growth) > rate(all.growth) {
                 all.growth = found.growth;
             }
-            if complete {
+            // A mode much slower than the shift is known less well than about another.
+            if complete && !found.unresolved {
                 return Some(all);
             }
         }
-        (computed == SHIFTS.len() || all.growth.is_some()).then_some(all)
+        let examined = computed == SHIFTS.len() && !all.unresolved;
+        (examined || all.growth.is_some()).then_some(all)
     }
 
     /// The rates nearest to `shift` (1/s) above all.

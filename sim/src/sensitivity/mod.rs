@@ -108,10 +108,10 @@ impl Robot {
         loads: &Loads,
         equilibrium: &Equilibrium,
     ) -> Result<Sensitivity, SensitivityError> {
-        if let Some(Stability::Unstable | Stability::Flutter) = equilibrium.stability {
-            return Err(SensitivityError::Unstable);
-        }
         if !equilibrium.converged {
+            if let Some(Stability::Unstable | Stability::Flutter) = equilibrium.stability {
+                return Err(SensitivityError::Unstable);
+            }
             return Err(SensitivityError::NotSettled(equilibrium.residual));
         }
         let mut sensitivity = Sensitivity::expand(self, command, loads, equilibrium);

@@ -67,12 +67,15 @@ pub(super) enum End {
 }
 
 impl End {
-    /// Whether the end is an equilibrium that is not unstable.
+    /// Whether the end is an equilibrium that the robot stays in. One without damping is not asked not to swing: nothing would
+    /// take what any moment feeds.
     pub fn is_settled(self) -> bool {
         match self {
-            Self::AtRest(verdict) => {
-                matches!(verdict.stability, Stability::Stable | Stability::Neutral)
-            }
+            Self::AtRest(verdict) => match verdict.stability {
+                Stability::Stable | Stability::Neutral => true,
+                Stability::Flutter => verdict.undamped,
+                Stability::Unstable => false,
+            },
             Self::Stalled => false,
         }
     }

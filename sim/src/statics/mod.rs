@@ -67,7 +67,7 @@ pub struct Equilibrium {
     pub iterations: usize,
     /// Whether this is an equilibrium that a robot stays in: the residual is within
     /// [`Robot::moment_tolerance`], commanded lengths within [`Robot::length_tolerance`], and the equilibrium is
-    /// stable or neutral.
+    /// stable or neutral. A flutter of a robot without any damping counts, too: any moment may feed one.
     pub converged: bool,
     /// What kind of equilibrium this is; `None` where the residual is above the tolerance, and on paths with
     /// friction.

@@ -49,7 +49,7 @@ pub enum Stability {
     /// The energy falls in some direction: a saddle, which the least push makes the robot leave. With loads without a
     /// potential: it leaves without swinging (divergence).
     Unstable,
-    /// Under loads without a potential, small oscillations grow.
+    /// Under loads without a potential, small oscillations grow. Of a robot without any damping it counts as settled all the same.
     Flutter,
 }
 
@@ -249,6 +249,8 @@ pub(super) struct Verdict {
     pub stability: Stability,
     pub examined: Examined,
     pub growth: Option<Growth>,
+    /// Whether what was examined is the motion of a robot without damping.
+    pub undamped: bool,
 }
 
 impl Verdict {
@@ -257,6 +259,7 @@ impl Verdict {
             stability,
             examined: Examined::Energy,
             growth: None,
+            undamped: false,
         }
     }
 
@@ -270,6 +273,7 @@ impl Verdict {
         let expansion = &descent.expansion;
         let margin = descent.resolution().max(MARGIN * expansion.scale());
         let q = &descent.iterate.configuration;
+        let undamped = (motion.as_ref()).is_some_and(|motion| motion.without_damping());
         let found = motion.and_then(|motion| motion.examine(q, command, loads, margin));
         let (stability, growth) = match found {
             None => {
@@ -283,6 +287,7 @@ impl Verdict {
                     stability: of_jacobian(&matrix, margin),
                     examined: Examined::Statics,
                     growth: None,
+                    undamped: false,
                 };
             }
             Some(SmallMotion::Bounded) => (Stability::Stable, None),
@@ -296,6 +301,7 @@ impl Verdict {
             stability,
             examined: Examined::Motion,
             growth,
+            undamped,
         }
     }
 }

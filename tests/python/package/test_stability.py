@@ -80,9 +80,10 @@ def fastest(load: float, relaxation: float) -> complex:
 def test_a_column_flutters_as_numpy_says(load: float, relaxation: float) -> None:
     settled = tdcr.settle(column(relaxation), np.zeros(0), loads=follower(load))
     assert settled.stability == "flutter" and settled.examined == "motion"
-    assert not settled.converged
-    with pytest.raises(NotSettledError, match="flutter"):
-        settled.check()
+    assert settled.converged == (relaxation == 0.0)
+    if relaxation > 0.0:
+        with pytest.raises(NotSettledError, match="flutter"):
+            settled.check()
     expected = fastest(load, relaxation)
     assert settled.growth[0] == pytest.approx(expected.real, rel=1e-3)
     assert settled.growth[1] == pytest.approx(abs(expected.imag) / (2 * np.pi), rel=1e-4)

@@ -49,7 +49,11 @@ fn reduced(robot: &Robot, loads: &Loads, posture: &Posture, expansion: &Expansio
         columns[held[column]].1[row / 3][row % 3]
     });
     let svd = gradients.svd().unwrap();
-    let free = svd.U().subcols(held.len(), dense.nrows() - held.len());
+    // Of a straight module the lengths depend on each other.
+    let sizes = svd.S().column_vector();
+    let count = held.len().min(dense.nrows());
+    let rank = (0..count).filter(|&i| sizes[i] > 1e-10 * sizes[0]).count();
+    let free = svd.U().subcols(rank, dense.nrows() - rank);
     free.transpose() * &dense * free
 }
 
