@@ -63,6 +63,7 @@ class Again:
     def __init__(self, file: File) -> None:
         content = file.header["content"]
         self.tensors, self.shape, self.settings = file.tensors, content["shape"], content["settings"]
+        self.reach = content["reach"]
         self.units, self.reduction = content["provenance"]["normalisation"], content["provenance"].get("reduction")
 
     def affine(self, name: str, x: Array) -> Array:
@@ -94,7 +95,10 @@ class Again:
             gamma, beta = np.split(self.affine(f"{of}blocks.{block}.film", e), 2)
             m = self.norm(f"{of}blocks.{block}.norm", h) * (1 + gamma) + beta
             h = m + self.affine(f"{of}blocks.{block}.linear", silu(m))
-        return self.affine(f"{of}output", silu(h))
+        u = self.affine(f"{of}output", silu(h))
+        # What it points at lies in the box of the training clouds.
+        low, high = self.reach["min"], self.reach["max"]
+        return u if t >= 1 else (np.clip(x + (1 - t) * u, low, high) - x) / (1 - t)
 
     def representative(self, command: list[float]) -> tuple[Array, dict[str, Any] | None]:
         low, high = np.array(self.units["motor_min"]), np.array(self.units["motor_max"])
