@@ -279,7 +279,7 @@ impl SmallMotionRates {
                 return Some(all);
             }
         }
-        let examined = computed == SHIFTS.len() && !all.unresolved;
+        let examined = computed == SHIFTS.len() && !(complete && all.unresolved);
         (examined || all.growth.is_some()).then_some(all)
     }
 
