@@ -17,8 +17,8 @@ pub(crate) const BOTH: [u8; 3] = [0xd3, 0xd7, 0xdd];
 
 /// Height of the camera above the horizon (rad).
 const ELEVATION: f64 = 0.21;
-/// Least radius of a point (m), that of ten thousand on a robot; fewer are drawn larger.
-const POINT_RADIUS: f64 = 0.001;
+/// Least radius of a point (m), large enough for ten thousand of them to close the robot's surface; fewer are drawn larger.
+const POINT_RADIUS: f64 = 0.003;
 /// Free border (pixels); the scale bar has its own strip below.
 pub(crate) const BORDER: f64 = 10.0;
 const BAR_STRIP: f64 = 18.0;

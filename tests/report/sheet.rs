@@ -148,7 +148,7 @@ fn errors_and_uncertainties_have_colours_that_a_scale_explains() {
 
 #[test]
 fn the_robot_in_a_picture_is_as_long_as_the_scale_bar_says() {
-    // A straight tube: 0.25 m long, seen from 0.21 rad above the horizon, with balls round its points.
+    // A straight tube: 0.25 m long, seen from 0.21 rad above the horizon, with balls round its points that close it.
     let mut straight = example("straight", 0.0, 0.0, 0.0);
     straight.truth = bent_tube(0.0, 0.0, 0.0, 0.0, 1);
     straight.prediction = straight.truth.clone();
@@ -166,7 +166,7 @@ fn the_robot_in_a_picture_is_as_long_as_the_scale_bar_says() {
         .collect();
     let seen = (rows[rows.len() - 1] - rows[0] + 1) as f64 * metres_per_pixel;
     // 5,000 points at random are 2.5 mm apart: the eighth neighbour is about 4 mm away, at 5 % of the points 5 mm.
-    let expected = 0.25 * 0.21f64.cos() + 2.0 * 0.02 * 0.21f64.sin() + 2.0 * 0.35 * 0.005;
+    let expected = 0.25 * 0.21f64.cos() + 2.0 * 0.02 * 0.21f64.sin() + 2.0 * 1.25 * 0.005;
     assert!(
         (seen / expected - 1.0).abs() < 0.03,
         "{seen} m, expected {expected} m"
