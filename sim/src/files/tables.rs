@@ -44,7 +44,7 @@ fn misplaced(message: &str, tables: &[Table]) -> Option<String> {
     }
 }
 
-/// The message of an error that refuses a field, with what [`misplaced`] says besides.
+/// The message of an error that refuses a field, with what `misplaced` says besides.
 pub fn with_place(message: &str, tables: &[Table]) -> String {
     match misplaced(message, tables) {
         Some(place) => format!("{}; {place}", message.trim_end()),
