@@ -1,6 +1,6 @@
 """What a network learns in a given time under other settings, one changed at a time.
 
-    python3 benches/ablation.py OUT             trains, scores, and prints the tables of docs/learning.md
+    python3 benches/ablation.py OUT             trains, scores, and prints the tables of docs/experiments.md
     python3 benches/ablation.py OUT --pace      times the rows' steps instead, alternating, on a machine that is else idle
 
 OUT is a folder for data set, runs and scores. What it holds already is not made again, and an interrupted run goes on:

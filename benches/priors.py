@@ -1,6 +1,6 @@
 """How many samples a flow from a simulated surface needs, beside one from noise and beside the simulator alone.
 
-    python3 benches/priors.py OUT     makes sets, runs and scores in the folder OUT, and prints the tables of docs/learning.md
+    python3 benches/priors.py OUT     makes sets, runs and scores in the folder OUT, and prints the tables of docs/experiments.md
 
 The data show a robot that the simulator does not know exactly: its backbone is a tenth stiffer than the model's and bent at
 rest, a payload hangs from its tip, three D435 cameras with their noise see it from three sides only. Scores are those on other

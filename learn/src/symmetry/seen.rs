@@ -24,7 +24,7 @@ const SEED: u64 = 0x5ee;
 
 /// Largest ratio of the distance between an image of a view and the view of the image to that of two views of one robot.
 ///
-/// The paper's ring of 8 cameras is not symmetric under turns by 120 degrees: it gives 1.2 to 1.6 (`docs/learning.md` has the
+/// The paper's ring of 8 cameras is not symmetric under turns by 120 degrees: it gives 1.2 to 1.6 (`docs/experiments.md` has the
 /// table). Cameras on one side give a multiple.
 const MOST_FLOORS: f64 = 1.75;
 

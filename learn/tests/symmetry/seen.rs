@@ -119,7 +119,7 @@ fn a_base_in_sight_that_is_less_symmetric_takes_symmetries() {
     assert_eq!(seen.to_string(), "none, because the robot has none");
 }
 
-/// The table of docs/learning.md: what the paper's ring of cameras costs.
+/// The table of docs/experiments.md: what the paper's ring of cameras costs.
 #[test]
 #[ignore = "prints a table; a minute"]
 #[allow(clippy::print_stdout, reason = "a table to be read")]

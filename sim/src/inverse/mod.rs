@@ -4,9 +4,9 @@
 //! - [`calibration`]: which stiffnesses, densities and dimensions explain measured positions.
 //! - [`recording`]: the same from what a robot did in the order of time, its servos and markers among the unknowns.
 //!
-//! Both are nonlinear least squares within bounds, by Levenberg's and Marquardt's method. As in
-//! [`statics`](crate::statics) and [`sensitivity`](crate::sensitivity), tendons run through their holes
-//! without friction.
+//! All are nonlinear least squares within bounds, by Levenberg's and Marquardt's method. As in
+//! [`statics`](crate::statics) and [`sensitivity`](crate::sensitivity), tendons run through their holes without
+//! friction, but in a recording that is replayed with it.
 
 pub mod calibration;
 mod least_squares;
