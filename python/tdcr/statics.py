@@ -39,7 +39,7 @@ class Equilibrium(Result):
             small motions swing ever wider), or ``"unknown"`` where there is no equilibrium.
         examined: What that was told from: ``"energy"`` (its second derivative), ``"motion"`` (the linearised motion, with the
             robot's own inertia and damping, under loads without a potential), ``"statics"`` (under such loads the Jacobian of
-            the moments alone, for the robot cannot move), or ``"unknown"``.
+            the moments alone, as small motions could not be examined), or ``"unknown"``.
         growth: Rate of the small motion that grows fastest (1/s) and its frequency (Hz), shape (2,): zeros where none was
             found, or not looked for.
     """

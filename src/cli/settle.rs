@@ -352,8 +352,8 @@ fn said_of(examined: Examined, stability: Option<Stability>) -> Option<&'static 
             Some("the loads have no potential: their moments alone make the robot leave")
         }
         Examined::Statics => Some(
-            "the loads have no potential, and the robot cannot move (a joint without inertia, or an imposed length): its \
-             Jacobian alone was examined, and with inertia it might flutter",
+            "the loads have no potential, and small motions could not be examined (a joint without inertia, an imposed \
+             length, or rates too far apart to be computed): its Jacobian alone was, and in motion it might flutter",
         ),
     }
 }

@@ -10,6 +10,7 @@ mod cantilever;
 mod continuous;
 mod convergence;
 mod elastica;
+mod motion;
 mod published;
 mod rod;
 mod spatial;

@@ -7,7 +7,7 @@ use crate::convergence::{assert_order, errors};
 use crate::rod::{Parallel, Rod, TipLoad};
 
 /// Stiff about one axis, soft in torsion, heavy, and leaning.
-fn strip() -> Rod {
+pub fn strip() -> Rod {
     Rod {
         length: 0.9,
         stiffness: Vector3::new(1.0, 2.5, 0.6),
