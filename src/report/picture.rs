@@ -17,8 +17,8 @@ pub(crate) const BOTH: [u8; 3] = [0xd3, 0xd7, 0xdd];
 
 /// Height of the camera above the horizon (rad).
 const ELEVATION: f64 = 0.21;
-/// Least radius of a point (m), large enough for ten thousand of them to close the robot's surface; fewer are drawn larger.
-const POINT_RADIUS: f64 = 0.003;
+/// Radius of a point (m): one that lies off the robot is seen, and is no lump.
+const POINT_RADIUS: f64 = 0.001;
 /// Free border (pixels); the scale bar has its own strip below.
 pub(crate) const BORDER: f64 = 10.0;
 const BAR_STRIP: f64 = 18.0;
@@ -45,8 +45,8 @@ pub(crate) struct Framing {
     pub frame: Frame,
     /// Length of the scale bar (m).
     pub bar: f64,
-    /// Radius of a point (m).
-    radius: f64,
+    /// Radius of the balls that close the true surfaces (m).
+    closing: f64,
     /// Scale of the errors; `None` where no example has any.
     pub error: Option<ColorScale>,
     /// Scale of the uncertainties; `None` where no example has any.
@@ -59,8 +59,8 @@ impl Framing {
         let width = width.max(8 * BORDER as usize);
         // By the true clouds alone: they lie on a surface, while those of a bad network fill a space.
         let truths = examples.iter().map(|example| &example.truth);
-        let radius = truths.map(closing_radius).fold(POINT_RADIUS, f64::max);
-        let [[left, right], [bottom, top]] = bounds(examples, radius);
+        let closing = truths.map(closing_radius).fold(POINT_RADIUS, f64::max);
+        let [[left, right], [bottom, top]] = bounds(examples, closing);
         let inner = width as f64 - 2.0 * BORDER;
         let margins = 2.0 * BORDER + BAR_STRIP;
         let height = (inner * (top - bottom) / (right - left) + margins)
@@ -79,7 +79,7 @@ impl Framing {
         Self {
             frame,
             bar: mark_at_or_below(0.3 * width as f64 * metres_per_pixel),
-            radius,
+            closing,
             error: ColorScale::covering(examples.iter().flat_map(|e| &e.error).copied()),
             uncertainty: ColorScale::covering(
                 examples.iter().flat_map(|e| &e.uncertainty).copied(),
@@ -116,7 +116,8 @@ impl Framing {
         let layer = |cloud, paint| Layer {
             cloud,
             paint,
-            radius: self.radius,
+            ball: POINT_RADIUS,
+            closing: self.closing,
         };
         let truth = layer(&example.truth, Paint::Flat(TRUTH));
         let values = match subject {

@@ -1,4 +1,7 @@
 //! A small software renderer of point clouds: orthographic, depth-buffered balls on white.
+//!
+//! Balls that close the surface between points that are millimetres apart make a lump of each point that lies off the
+//! surface. So each point is a small ball, and the surface is drawn only where the large balls of several points come together.
 
 use tdcr_sim::cloud::PointCloud;
 
@@ -13,6 +16,10 @@ const BRIGHTNESS_LEVELS: f64 = 24.0;
 
 /// Depth difference to a neighbouring sample that shades a sample by a factor of 1/e (m).
 const EDGE_DEPTH: f64 = 0.02;
+
+/// Points whose large balls must cover a sample for the surface to be drawn there: one or two that lie off the surface are
+/// not it. About 17 cover a place of the surface ([`super::closing`]).
+const TOGETHER: usize = 3;
 
 /// An 8-bit RGB image, row-major from the top left.
 #[derive(Clone, Debug, PartialEq)]
@@ -117,13 +124,15 @@ pub(crate) enum Paint<'a> {
     Each(&'a [[u8; 3]]),
 }
 
-/// A cloud drawn as balls.
+/// A cloud drawn as balls, and as the surface that they sample.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layer<'a> {
     pub cloud: &'a PointCloud,
     pub paint: Paint<'a>,
-    /// Radius of a ball (m).
-    pub radius: f64,
+    /// Radius of each point's ball (m).
+    pub ball: f64,
+    /// Radius (m) of the balls that together close the surface; 0 draws no surface.
+    pub closing: f64,
 }
 
 /// Renders layers into one picture, each by itself; where several cover each other, the picture
@@ -188,20 +197,28 @@ impl DepthBuffer {
             shaded: !matches!(layer.paint, Paint::Each(_)),
         };
         let sample = frame.metres_per_pixel / SUPERSAMPLE as f64;
-        for (index, &point) in layer.cloud.points.iter().enumerate() {
-            let color = match layer.paint {
-                Paint::Own => layer.cloud.colors.get(index).copied(),
-                Paint::Flat(color) => Some(color),
-                Paint::Each(colors) => colors.get(index).copied(),
-            };
-            let [u, v, w] = view.project(point);
-            let x = (u - frame.center[0]) / sample + 0.5 * width as f64;
-            let y = (frame.center[1] - v) / sample + 0.5 * height as f64;
-            if let Some(color) = color
-                && [x, y, w].iter().all(|c| c.is_finite())
-            {
-                buffer.splat([x, y], w, layer.radius, sample, color);
-            }
+        let points: Vec<Splat> = (layer.cloud.points.iter().enumerate())
+            .filter_map(|(index, &point)| {
+                let color = match layer.paint {
+                    Paint::Own => layer.cloud.colors.get(index).copied(),
+                    Paint::Flat(color) => Some(color),
+                    Paint::Each(colors) => colors.get(index).copied(),
+                }?;
+                let [u, v, w] = view.project(point);
+                let x = (u - frame.center[0]) / sample + 0.5 * width as f64;
+                let y = (frame.center[1] - v) / sample + 0.5 * height as f64;
+                let finite = [x, y, w].iter().all(|c| c.is_finite());
+                finite.then_some(Splat { x, y, w, color })
+            })
+            .collect();
+        buffer.close(&points, layer.closing, sample);
+        for point in &points {
+            point.cover(layer.ball, sample, [width, height], |index, depth| {
+                if depth > buffer.depth[index] {
+                    buffer.depth[index] = depth;
+                    buffer.color[index] = point.color;
+                }
+            });
         }
         for depth in buffer.depth.iter().filter(|d| d.is_finite()) {
             buffer.range = [buffer.range[0].min(*depth), buffer.range[1].max(*depth)];
@@ -209,21 +226,27 @@ impl DepthBuffer {
         buffer
     }
 
-    /// Draws the near half of a ball of `radius` (m) at `[x, y]` (samples) and depth `w` (m), with
-    /// samples `sample` wide (m).
-    fn splat(&mut self, [x, y]: [f64; 2], w: f64, radius: f64, sample: f64, color: [u8; 3]) {
-        let r = radius / sample;
-        // Casts to usize saturate, so a ball beyond the left or top edge starts at 0.
-        for row in (y - r) as usize..((y + r + 1.0) as usize).min(self.height) {
-            for column in (x - r) as usize..((x + r + 1.0) as usize).min(self.width) {
-                let [dx, dy] = [column as f64 + 0.5 - x, row as f64 + 0.5 - y];
-                let squared = r * r - dx * dx - dy * dy;
-                let depth = w + squared.max(0.0).sqrt() * sample;
-                let index = row * self.width + column;
-                if squared >= 0.0 && depth > self.depth[index] {
-                    self.depth[index] = depth;
-                    self.color[index] = color;
+    /// Draws the surface that the balls of a radius (m) close: at the depth of the [`TOGETHER`]th nearest, in the colour of
+    /// the nearest that is not as far as a radius before it.
+    fn close(&mut self, points: &[Splat], radius: f64, sample: f64) {
+        let none = (f64::NEG_INFINITY, [255; 3]);
+        let mut nearest = vec![[none; TOGETHER]; self.depth.len()];
+        for point in points {
+            point.cover(radius, sample, [self.width, self.height], |index, depth| {
+                let nearest = &mut nearest[index];
+                let place = nearest.partition_point(|(nearer, _)| *nearer >= depth);
+                if place < TOGETHER {
+                    nearest[place..].rotate_right(1);
+                    nearest[place] = (depth, point.color);
                 }
+            });
+        }
+        for (index, nearest) in nearest.iter().enumerate() {
+            let (depth, _) = nearest[TOGETHER - 1];
+            if depth.is_finite() {
+                let color = nearest.iter().find(|(nearer, _)| *nearer <= depth + radius);
+                self.depth[index] = depth;
+                self.color[index] = color.unwrap_or(&nearest[TOGETHER - 1]).1;
             }
         }
     }
@@ -259,6 +282,40 @@ impl DepthBuffer {
     }
 }
 
+/// A point in a picture.
+struct Splat {
+    /// Place (samples).
+    x: f64,
+    y: f64,
+    /// Coordinate toward the camera (m).
+    w: f64,
+    color: [u8; 3],
+}
+
+impl Splat {
+    /// Calls `each` with the index and the depth (m) of all samples, `sample` wide (m), that the near half of a ball of `radius`
+    /// (m) covers in a picture of so many samples.
+    fn cover(
+        &self,
+        radius: f64,
+        sample: f64,
+        [width, height]: [usize; 2],
+        mut each: impl FnMut(usize, f64),
+    ) {
+        let (r, x, y) = (radius / sample, self.x, self.y);
+        // Casts to usize saturate, so a ball beyond the left or top edge starts at 0.
+        for row in (y - r) as usize..((y + r + 1.0) as usize).min(height) {
+            for column in (x - r) as usize..((x + r + 1.0) as usize).min(width) {
+                let [dx, dy] = [column as f64 + 0.5 - x, row as f64 + 0.5 - y];
+                let squared = r * r - dx * dx - dy * dy;
+                if squared >= 0.0 {
+                    each(row * width + column, self.w + squared.sqrt() * sample);
+                }
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -286,7 +343,8 @@ mod tests {
         let layer = |&(cloud, paint)| Layer {
             cloud,
             paint,
-            radius: 3e-3,
+            ball: 3e-3,
+            closing: 0.0,
         };
         let layers: Vec<Layer> = clouds.iter().map(layer).collect();
         render(&layers, GREY, &View::turned(0.0, 0.0), &FRAME)
@@ -350,6 +408,62 @@ mod tests {
         ];
         let image = picture(&[(&cloud(&far), Paint::Own), (&cloud(&wild), Paint::Own)]);
         assert_eq!(image, Image::white(40, 30));
+    }
+
+    #[test]
+    fn points_off_the_surface_are_small_balls_and_the_surface_is_closed() {
+        // A wall of points 2 mm apart, two points close together before it, and two beside it.
+        let wall: Vec<[f32; 3]> = (0..100)
+            .map(|k| {
+                [
+                    0.002 * (k % 10) as f32 - 0.009,
+                    0.0,
+                    0.002 * (k / 10) as f32 - 0.009,
+                ]
+            })
+            .collect();
+        let mut points = cloud(&wall);
+        for off in [
+            [0.001, -0.02, 0.0],
+            [0.0, -0.02, 0.0],
+            [-0.016, 0.0, 0.0],
+            [-0.0165, 0.0, 0.0],
+        ] {
+            points.points.push(off);
+            points.colors.push(BLUE);
+        }
+        let layer = Layer {
+            cloud: &points,
+            paint: Paint::Own,
+            ball: 1e-3,
+            closing: 4e-3,
+        };
+        let image = render(&[layer], GREY, &View::turned(0.0, 0.0), &FRAME);
+        let (mut red, mut blue) = ([0; 2], [0; 2]);
+        for y in 0..30 {
+            for x in 0..40 {
+                let beside = usize::from(x < 7);
+                match pixel(&image, x, y) {
+                    [255, 255, 255] => {}
+                    [r, _, b] if r > b => red[beside] += 1,
+                    _ => blue[beside] += 1,
+                }
+            }
+        }
+        // 18 mm by 18 mm, closed, and a border of less than a large ball's radius.
+        assert!(
+            (324..26 * 26).contains(&(red[0] + blue[0])),
+            "{red:?} {blue:?}"
+        );
+        for y in 7..23 {
+            assert!((12..28).all(|x| pixel(&image, x, y) != [255; 3]), "row {y}");
+        }
+        assert_eq!(red[1], 0);
+        // Two balls of 1 mm each, and the pixels at their edges.
+        assert!(
+            (4..20).contains(&blue[0]) && (4..20).contains(&blue[1]),
+            "{blue:?}"
+        );
     }
 
     #[test]
