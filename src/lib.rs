@@ -2,7 +2,7 @@
 //!
 //! The library behind the `tdcr` command line. [`sim`] settles robots and sees them with virtual
 //! RGB-D cameras; [`hw`] drives servos and RGB-D cameras, real or simulated; [`learn`] turns clouds into a shape predictor; [`pipeline`] joins the two into
-//! stages that resume where they were interrupted; [`report`] shows the result, and [`pages`] joins these two. [`study`]
+//! stages that resume where they were interrupted; [`base`] has what all of these use; [`report`] shows the result, and [`pages`] joins these two. [`study`]
 //! sweeps designs, loads and commands. [`cli`] is the command line, which the binary and the Python package run.
 //!
 //! ```
@@ -35,6 +35,7 @@ pub mod pipeline;
 pub mod report;
 pub mod study;
 
+pub use tdcr_base as base;
 pub use tdcr_hw as hw;
 pub use tdcr_learn as learn;
 pub use tdcr_sim as sim;

@@ -59,7 +59,6 @@
 //! - [`symmetry`]: a robot's symmetries in its clouds; data by one representative of each class.
 //! - [`predict`]: what turns a condition into a cloud: the trait, and the trivial predictors.
 //! - [`train`]: optimisers, schedule, weight average; models and resumable states on disk; distillation to few evaluations.
-//! - [`lock`]: folders that one process at a time writes to.
 //! - [`metrics`]: Chamfer and exact earth mover's distance; the spread of points about their surface.
 //!
 //! # What it is not for
@@ -70,9 +69,6 @@
 mod channels;
 pub mod data;
 pub mod flow;
-mod hash;
-mod limits;
-pub mod lock;
 pub mod metrics;
 pub mod net;
 mod pool;
@@ -80,5 +76,3 @@ pub mod predict;
 pub mod prior;
 pub mod symmetry;
 pub mod train;
-
-pub use limits::OverLimit;

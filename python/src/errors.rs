@@ -4,6 +4,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyModule;
+use tdcr::base::InvalidPart;
 use tdcr::learn::data::{DataError, SimulateError};
 use tdcr::learn::flow::FlowError;
 use tdcr::learn::predict::PredictError;
@@ -105,6 +106,7 @@ classes! {
     NotSettled => "NotSettledError",
     FlowError => "InputError",
     SettingsError => "InputError",
+    InvalidPart => "InputError",
     FileError => "TrainError",
     ShapeControlError => "InputError",
     SimulateError => "DataError",
@@ -124,7 +126,6 @@ impl From<DataError> for Failure {
     fn from(error: DataError) -> Self {
         let class = match &error {
             DataError::InvalidMeta { .. }
-            | DataError::InvalidPart { .. }
             | DataError::ConditionLength { .. }
             | DataError::Design { .. }
             | DataError::TooFewSamples { .. }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
-use tdcr::learn::data::Part;
+use tdcr::base::Part;
 use tdcr::study::{Finished, Study, StudyError, merge, run as run_study};
 
 use crate::errors::{Failure, Outcome};

@@ -9,7 +9,7 @@
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
-use tdcr::sim::files::{LARGEST_TEXT, read_text};
+use tdcr::base::files::{LARGEST_TEXT, read_text};
 
 /// A command of a file.
 pub(super) struct Row {

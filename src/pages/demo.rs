@@ -6,12 +6,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use serde::Serialize;
+use tdcr_base::files::{LARGEST_TEXT, read_text};
 use tdcr_learn::data::{DataSet, Split, split_indices};
 use tdcr_learn::flow::Sampler;
 use tdcr_learn::net::Precision;
 use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{FlowPredictor, TrainSettings};
-use tdcr_sim::files::{LARGEST_TEXT, read_text};
 
 use super::{PageError, evaluation as page, write};
 use crate::pipeline::{

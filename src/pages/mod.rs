@@ -79,7 +79,7 @@ pub fn set_name(dir: &Path) -> String {
 
 /// Writes a file that is whole, or keeps what it held.
 fn write(path: &Path, bytes: &[u8]) -> Result<(), PipelineError> {
-    tdcr_sim::files::write_atomically(path, |file| file.write_all(bytes)).map_err(|source| {
+    tdcr_base::files::write_atomically(path, |file| file.write_all(bytes)).map_err(|source| {
         PipelineError::Write {
             path: path.to_owned(),
             source,

@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 use serde::Serialize;
+use tdcr_base::Part;
 use tdcr_learn::data::{
-    self, Collector, Condition, Design, Meta, Origin, Part, PayloadRange, Recipe, Sample,
+    self, Collector, Condition, Design, Meta, Origin, PayloadRange, Recipe, Sample,
     SimulationTimes, Simulator, Subject, conditions,
 };
 use tdcr_sim::render::{BaseVisibility, Sensor};
@@ -172,7 +173,7 @@ fn simulate(
     if missing > 0 {
         let count = match settings.part {
             None => settings.count,
-            Some(part) => part.samples(settings.count).len(),
+            Some(part) => part.range(settings.count).len(),
         };
         monitor.begin("collect", count as u64, (count - missing) as u64);
     }

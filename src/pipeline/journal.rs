@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use tdcr_sim::files::write_atomically;
+use tdcr_base::files::write_atomically;
 
 use super::PipelineError;
 use super::line_file::LineFile;

@@ -5,7 +5,7 @@ use std::io::{self, BufReader, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use tdcr_sim::files;
+use tdcr_base::files;
 
 use super::PipelineError;
 

@@ -58,11 +58,11 @@ pub use training_data::{StreamSettings, TrainingData};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
+use tdcr_base::lock::try_lock;
 use tdcr_hw::capture::CaptureError;
 use tdcr_hw::rig::RigError;
 use tdcr_learn::data::{DataError, PayloadRange, SimulateError};
 use tdcr_learn::flow::FlowError;
-use tdcr_learn::lock::try_lock;
 use tdcr_learn::metrics::MetricError;
 use tdcr_learn::predict::PredictError;
 use tdcr_learn::prior::SurfaceError;

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use serde::Deserialize;
 use serde_json::Value;
+use tdcr_base::files::{Table, read_text, with_place};
 use tdcr_learn::data::{Design, Subject};
-use tdcr_sim::files::{Table, read_text, with_place};
 use tdcr_sim::formats::Note;
 use tdcr_sim::robot::RobotSpec;
 

@@ -3,7 +3,7 @@
 use std::io::{BufReader, Write};
 use std::path::Path;
 
-use tdcr_sim::files::{self, write_atomically};
+use tdcr_base::files::{self, write_atomically};
 
 use super::StudyError;
 use super::cases::Cases;

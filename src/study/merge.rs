@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Write, copy};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use tdcr_sim::files::{self, write_atomically};
+use tdcr_base::files::{self, write_atomically};
 
 use super::StudyError;
 use super::cases::Cases;

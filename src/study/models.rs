@@ -7,10 +7,10 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use tdcr_base::files::read_text;
 use tdcr_learn::data::Subject;
 use tdcr_learn::predict::Predictor;
 use tdcr_learn::train::{FlowPredictor, Model};
-use tdcr_sim::files::read_text;
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::Robot;
 

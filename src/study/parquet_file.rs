@@ -9,7 +9,7 @@ use parquet::errors::{ParquetError, Result};
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
-use tdcr_sim::files::AtomicFile;
+use tdcr_base::files::AtomicFile;
 
 use super::StudyError;
 use super::finish::Table;

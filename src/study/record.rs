@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::{LARGEST_TEXT, read_text};
+use tdcr_base::files::{LARGEST_TEXT, read_text};
 
 use super::{Column, Study, StudyError};
 

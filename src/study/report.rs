@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use nalgebra::Vector3;
-use tdcr_sim::files::write_atomically;
+use tdcr_base::files::write_atomically;
 
 use super::case::Setting;
 use super::cases::Cases;

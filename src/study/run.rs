@@ -7,7 +7,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::json;
-use tdcr_learn::data::Part;
+use tdcr_base::Part;
 
 use super::cases::Cases;
 use super::finish::finish;
@@ -51,7 +51,7 @@ pub fn run(
     let (started, began) = (SystemTime::now(), Instant::now());
     let cases = Cases::new(study).map_err(design)?;
     let _lock = lock_folder(dir)?;
-    let rows = part.map_or(0..cases.count(), |part| part.samples(cases.count()));
+    let rows = part.map_or(0..cases.count(), |part| part.range(cases.count()));
     let part = part.map(|part| [part.number(), part.of()]);
     let columns = columns(study, &cases);
     let (table, unfinished) = (dir.join(TABLE), dir.join(ROWS));
@@ -156,9 +156,9 @@ fn put_in_place(rows: &Path, table: &Path, header: &str) -> Result<(), StudyErro
         path: table.to_owned(),
         source,
     };
-    let mut from = BufReader::new(tdcr_sim::files::open(rows).map_err(fail)?);
+    let mut from = BufReader::new(tdcr_base::files::open(rows).map_err(fail)?);
     from.skip_until(b'\n').map_err(fail)?;
-    tdcr_sim::files::write_atomically(table, |file| {
+    tdcr_base::files::write_atomically(table, |file| {
         file.write_all(header.as_bytes())?;
         std::io::copy(&mut from, file).map(drop)
     })

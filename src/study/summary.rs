@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use nalgebra::Vector3;
-use tdcr_sim::files::AtomicFile;
+use tdcr_base::files::AtomicFile;
 
 use super::cases::Cases;
 use super::dexterity::{self, Dexterity, TipAxis};

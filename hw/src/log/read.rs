@@ -6,7 +6,7 @@ use std::path::Path;
 
 use mcap::MAGIC;
 use mcap::records::op;
-use tdcr_sim::files;
+use tdcr_base::files;
 
 use super::compression::Compression;
 use super::container::{

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::{Table, read_text, with_place};
+use tdcr_base::files::{Table, read_text, with_place};
 use tdcr_sim::formats::Note;
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};

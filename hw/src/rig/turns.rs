@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::write_atomically;
+use tdcr_base::files::write_atomically;
 
 use super::RigError;
 use crate::log::ServoHome;

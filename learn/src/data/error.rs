@@ -3,11 +3,12 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use tdcr_base::Part;
+use tdcr_base::limits::OverLimit;
+
 use super::exchange::EXTENSIONS;
 use super::merge::MergeError;
-use super::part::Part;
 use super::split::{MAX_SAMPLES, MIN_SAMPLES};
-use crate::limits::OverLimit;
 
 /// Why a data set could not be made or read. Every variant says what was found, where, and what would be right.
 ///
@@ -241,14 +242,6 @@ pub enum DataError {
         path: PathBuf,
         /// The part.
         part: Part,
-    },
-    /// A text or numbers that name no part.
-    #[error(
-        "`{found}` is no part, expected I/N, two whole numbers with 1 <= I <= N <= {MAX_SAMPLES}, such as 2/7"
-    )]
-    InvalidPart {
-        /// What was given.
-        found: String,
     },
     /// Folders cannot be merged to a data set.
     #[error(transparent)]

@@ -3,11 +3,13 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use tdcr_base::Part;
+
 use super::DataError;
 use super::blocks::Blocks;
 use super::collector::Collector;
 use super::meta::{META_FILE, Meta};
-use super::part::{Part, PartFolder};
+use super::part::PartFolder;
 
 /// Why folders are not the parts of one data set.
 #[derive(Debug, thiserror::Error)]

@@ -57,7 +57,6 @@ pub use exchange::{
 pub use merge::{MergeError, merge};
 pub use meta::{Meta, Origin, Recording};
 pub use normalisation::{Normalisation, OutOfRange};
-pub use part::Part;
 pub use sample::Sample;
 pub use simulator::{Recipe, SimulateError, SimulationTimes, Simulator, Subject};
 pub use split::{Split, SplitIndices, split_indices};

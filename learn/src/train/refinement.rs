@@ -10,6 +10,7 @@
 use rand::RngExt;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use tdcr_base::hash::hash_all;
 
 use super::error::{SettingsError, TrainError};
 use super::model::{Model, positions};
@@ -20,7 +21,6 @@ use super::{start, state};
 use crate::channels::DIM;
 use crate::data::CloudSet;
 use crate::flow::{FlowPath, Reach, Sampler, Stream, VelocityField, rng};
-use crate::hash::hash_all;
 use crate::metrics::nearest_points;
 use crate::net::{Channels, Network, NetworkShape};
 use crate::prior::start_from;

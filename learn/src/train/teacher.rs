@@ -6,6 +6,7 @@
 
 use rand::RngExt;
 use rayon::prelude::*;
+use tdcr_base::hash::hash_all;
 
 use super::error::SettingsError;
 use super::model::Model;
@@ -16,7 +17,6 @@ use super::start;
 use super::trajectory::Trajectory;
 use crate::data::Normalisation;
 use crate::flow::{FlowPath, Method, Reach, Sampler, Stream, rng};
-use crate::hash::hash_all;
 use crate::net::{Network, NetworkShape};
 use crate::symmetry::Reduction;
 

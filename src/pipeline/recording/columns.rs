@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::{LARGEST_TEXT, Table, read_text, with_place, without_mark};
+use tdcr_base::files::{LARGEST_TEXT, Table, read_text, with_place, without_mark};
 use tdcr_sim::inverse::recording::{Servo, ServoMap, Transmission};
 use tdcr_sim::robot::{Drive, RobotSpec, TendonSpec};
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
-use tdcr_sim::files::{self, without_mark};
+use tdcr_base::files::{self, without_mark};
 use tdcr_sim::inverse::recording::Recording;
 
 use super::{BadRow, Columns, MOST_ROWS, RecordingFileError};

@@ -6,8 +6,8 @@ use std::ops::ControlFlow::Continue;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use tdcr_base::files::{LARGEST_TEXT, read_text, write_atomically};
 use tdcr_sim::cloud::{PointCloud, VoxelGrid, write_ply};
-use tdcr_sim::files::{LARGEST_TEXT, read_text, write_atomically};
 
 use super::split_file::read_split;
 use super::{EXTENSIONS, Fault, NpzArray, NpzValues, parse_cloud, parser_of, write_npz};

@@ -8,6 +8,8 @@ mod reading;
 mod tables;
 
 pub use atomic::{AtomicFile, TEMPORARY, write_atomically};
-pub(crate) use reading::LARGEST_MESH;
-pub use reading::{LARGEST_TEXT, open, read, read_line, read_text, regular, text_of, without_mark};
+pub use reading::{
+    LARGEST_CLOUDS, LARGEST_MESH, LARGEST_TEXT, open, read, read_line, read_text, regular, text_of,
+    without_mark,
+};
 pub use tables::{Table, with_place};

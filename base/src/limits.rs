@@ -11,9 +11,6 @@ const EXPANSION: u64 = 16;
 /// Bytes of memory for any file, however small.
 const ALLOWANCE: u64 = 64 << 20;
 
-/// Most bytes of a file of clouds or weights that is read into memory as a whole.
-pub(crate) const MAX_FILE: u64 = 4 << 30;
-
 /// A file that asks for more memory than its length warrants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
@@ -29,8 +26,11 @@ pub struct OverLimit {
     pub limit: u64,
 }
 
-/// Refuses a file of `held` bytes that asks for more memory than that warrants.
-pub(crate) fn require(asked: u64, held: u64) -> Result<(), OverLimit> {
+/// Refuses a file of `held` bytes that asks for `asked` bytes of memory, where that is more than its length warrants.
+///
+/// # Errors
+/// [`OverLimit`].
+pub fn require(asked: u64, held: u64) -> Result<(), OverLimit> {
     let limit = held.saturating_mul(EXPANSION).saturating_add(ALLOWANCE);
     match asked <= limit {
         true => Ok(()),
@@ -38,8 +38,8 @@ pub(crate) fn require(asked: u64, held: u64) -> Result<(), OverLimit> {
     }
 }
 
-/// Bytes of an array, [`u64::MAX`] where they are even more.
-pub(crate) fn bytes(shape: &[u64], element: u64) -> u64 {
+/// Bytes of an array of elements of `element` bytes, [`u64::MAX`] where they are even more.
+pub fn bytes(shape: &[u64], element: u64) -> u64 {
     shape
         .iter()
         .fold(element, |product, &size| product.saturating_mul(size))

@@ -11,7 +11,9 @@ use std::path::Path;
 /// through each, takes a third of it.
 pub const LARGEST_TEXT: u64 = 64 << 20;
 /// Largest file of a mesh (bytes): 5 million triangles of binary STL.
-pub(crate) const LARGEST_MESH: u64 = 256 << 20;
+pub const LARGEST_MESH: u64 = 256 << 20;
+/// Largest file of clouds or weights that is read into memory as a whole (bytes).
+pub const LARGEST_CLOUDS: u64 = 4 << 30;
 
 /// The byte order mark of UTF-8, with which editors of Windows and spreadsheets begin a text.
 const MARK: char = '\u{feff}';
