@@ -11,6 +11,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use serde_json::Value;
+use tdcr::base::stats::quantile;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Axis, Command, Loads, Parameter, Robot};
@@ -212,14 +213,14 @@ fn survey(
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut settler = Settler::new(robot);
     let (mut converged, mut max_residual) = (0, 0.0_f64);
-    // Four bytes a solve: the one thing that grows with their number.
-    let mut times: Vec<f32> = Vec::new();
+    // Eight bytes a solve: the one thing that grows with their number.
+    let mut times: Vec<f64> = Vec::new();
     console.begin("settle", count, 0);
     for done in 0..count {
         let command = robot.random_command(&mut rng);
         let began = Instant::now();
         let settled = settler.settle(&command, loads);
-        times.push(began.elapsed().as_nanos() as f32 / 1e3);
+        times.push(began.elapsed().as_nanos() as f64 / 1e3);
         converged += u64::from(settled.converged);
         max_residual = max_residual.max(settled.residual);
         if done % 1024 == 1023 {
@@ -232,15 +233,13 @@ fn survey(
     console.end();
     let stopped = (times.len() as u64) < count;
     let count = times.len() as u64;
-    times.sort_by(f32::total_cmp);
-    let quantile =
-        |share: f64| f64::from(times[((times.len() - 1) as f64 * share).round() as usize]);
+    times.sort_unstable_by(f64::total_cmp);
     let survey = Survey {
         count,
         converged,
         max_residual,
-        median_us: quantile(0.5),
-        p99_us: quantile(0.99),
+        median_us: quantile(&times, 0.5),
+        p99_us: quantile(&times, 0.99),
     };
     console.result(&survey, |survey| {
         format!(

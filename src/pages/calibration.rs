@@ -1,6 +1,7 @@
 //! The page on a calibration: paths, errors, residuals, unknowns.
 
 use nalgebra::Vector3;
+use tdcr_base::stats::{median, quantile, sorted};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::inverse::recording::{Correlation, FittedUnknown, Misses, Replay};
 use tdcr_sim::robot::Drive;
@@ -145,11 +146,8 @@ impl<'a> CalibrationPage<'a> {
 
     fn histogram(&self, held: &Held) -> Figure {
         let all = [held.before, held.after].map(|misses| held.errors(misses));
-        let finite = |errors: &[f64]| {
-            let finite = errors.iter().copied().filter(|x| x.is_finite());
-            finite.collect::<Vec<f64>>()
-        };
-        let most = 1.25 * quantile(finite(&all[1]).into_iter(), SHOWN).max(1e-3);
+        let fitted = sorted(all[1].iter().copied().filter(|x| x.is_finite()));
+        let most = 1.25 * quantile(&fitted, SHOWN).max(1e-3);
         let curve = |errors: &[f64]| -> Vec<[f64; 2]> {
             let width = most / BINS as f64;
             let count = errors.iter().filter(|x| x.is_finite()).count().max(1) as f64;
@@ -317,8 +315,7 @@ impl Held<'_> {
                     .flatten()
                     .map(Vector3::norm)
                     .fold(f64::NAN, f64::max);
-                let median = quantile(distances.iter().copied(), 0.5);
-                largest.max(median) * MM
+                largest.max(median(&mut distances.clone())) * MM
             })
             .collect()
     }
@@ -402,16 +399,6 @@ fn dots(count: usize) -> Shape {
 fn thinned<T>(all: Vec<T>) -> Vec<T> {
     let stride = all.len().div_ceil(POINTS).max(1);
     all.into_iter().step_by(stride).collect()
-}
-
-/// The value below which the share `q` of all lies; not a number of none.
-fn quantile(values: impl Iterator<Item = f64>, q: f64) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    let Some(last) = values.len().checked_sub(1) else {
-        return f64::NAN;
-    };
-    let place = (q * last as f64) as usize;
-    *values.select_nth_unstable_by(place, f64::total_cmp).1
 }
 
 fn residual_panel(x: &str, axis: usize, points: Vec<[f64; 2]>) -> Panel {

@@ -8,8 +8,8 @@
 use std::collections::HashMap;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use tdcr_base::stats::{quantile, sorted};
 
-use super::summary::quantile;
 use super::table::{Cell, Column, Kind};
 use super::workspace::bounds;
 use crate::report::{HeatMap, HeatPanel, Spacing, StudyFigure};
@@ -116,10 +116,9 @@ impl Dexterity {
             .iter()
             .step_by(stride)
             .map(|tip| self.at(&tip.place));
-        let (mut shares, mut counts): (Vec<f64>, Vec<f64>) =
+        let (shares, counts): (Vec<f64>, Vec<f64>) =
             told.map(|(share, count)| (share, count as f64)).unzip();
-        shares.sort_by(f64::total_cmp);
-        counts.sort_by(f64::total_cmp);
+        let (shares, counts) = (sorted(shares), sorted(counts));
         let numbers = [
             quantile(&shares, 0.1),
             quantile(&shares, 0.5),

@@ -1,9 +1,10 @@
 //! Figures of a study in which nothing runs along an axis: distributions.
 
+use tdcr_base::stats::quantile;
+
 use super::Study;
 use super::axes::{readable, titled};
 use super::figures::{ACROSS, spacing};
-use super::summary::quantile;
 use super::table::Column;
 use super::thinned::Thinned;
 use super::want::Want;

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use tdcr_base::stats::quantile;
+
 use super::Study;
 use super::axes::{Axes, PlotAxis, readable, titled};
 use super::figures::{ACROSS, spacing};
-use super::summary::quantile;
 use super::table::Column;
 use super::thinned::Thinned;
 use super::want::Want;

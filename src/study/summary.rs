@@ -5,6 +5,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use tdcr_base::files::AtomicFile;
+use tdcr_base::stats::quantile;
 
 use super::cases::Cases;
 use super::dexterity::{self, Dexterity, TipAxis};
@@ -105,17 +106,6 @@ fn is_averaged(column: &Column) -> bool {
     column.kind != Kind::Text && !column.name.starts_with("tip_q")
 }
 
-/// The value that a share of sorted values is below, interpolated; none of no values.
-pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
-    if sorted.is_empty() {
-        return f64::NAN;
-    }
-    let place = share * (sorted.len() - 1) as f64;
-    let (below, part) = (place.floor() as usize, place.fract());
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + part * (sorted[above] - sorted[below])
-}
-
 /// The rows of one combination of levels.
 pub(super) struct Group {
     pub combination: usize,
@@ -193,20 +183,5 @@ impl Groups {
             group.axes.add(row, TipAxis::new(place, [qw, qx, qy, qz]));
         }
         ended
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_are_interpolated_between_values() {
-        let values = [1.0, 2.0, 4.0];
-        assert_eq!(
-            [0.0, 0.25, 0.5, 1.0].map(|share| quantile(&values, share)),
-            [1.0, 1.5, 2.0, 4.0]
-        );
-        assert!(quantile(&[], 0.5).is_nan());
     }
 }

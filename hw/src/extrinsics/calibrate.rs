@@ -1,6 +1,7 @@
 //! From corners in images to the poses of all cameras.
 
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use tdcr_base::stats::median;
 use tdcr_sim::camera::{Camera, Intrinsics};
 
 use super::adjust::{Fit, Held, Loss, Observation, Poses, adjust, error_of};
@@ -341,9 +342,8 @@ fn median_noise(lengths: impl Iterator<Item = Option<f64>>) -> f64 {
     let mut lengths: Vec<f64> = lengths
         .map(|length| length.unwrap_or(f64::INFINITY))
         .collect();
-    lengths.sort_by(f64::total_cmp);
-    let median = lengths.get(lengths.len() / 2).copied().unwrap_or_default();
-    (median / RAYLEIGH_MEDIAN).max(LEAST_NOISE)
+    // Of no lengths too.
+    (median(&mut lengths) / RAYLEIGH_MEDIAN).max(LEAST_NOISE)
 }
 
 /// The observations with errors up to `largest`; of sightings with too few of them none. Sightings are runs of observations.

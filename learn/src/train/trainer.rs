@@ -323,7 +323,7 @@ impl<'a> Trainer<'a> {
             return Err(TrainError::Spike {
                 step,
                 loss,
-                level: TrainSettings::loss_level(&self.losses).unwrap_or(f32::NAN),
+                level: TrainSettings::loss_level(&self.losses).unwrap_or(f64::NAN) as f32,
                 factor: self.settings.spike_factor,
             });
         }

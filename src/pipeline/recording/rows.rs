@@ -4,6 +4,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use tdcr_base::files::{self, without_mark};
+use tdcr_base::stats::{quantile, sorted};
 use tdcr_sim::inverse::recording::Recording;
 
 use super::{BadRow, Columns, MOST_ROWS, RecordingFileError};
@@ -162,13 +163,8 @@ impl RecordingFile {
                 all.clone().fold(f64::MIN, f64::max) - all.fold(f64::MAX, f64::min)
             };
             // Half of the places lie within their quartiles, whatever a few of them say.
-            let mut heights: Vec<f64> = points.iter().map(|p| (p - points[0]).norm()).collect();
-            heights.sort_by(f64::total_cmp);
-            let typical = heights
-                .get(3 * rows / 4)
-                .copied()
-                .unwrap_or(0.0)
-                .min((0..3).map(extent).fold(0.0, f64::max));
+            let distances = sorted(points.iter().map(|p| (p - points[0]).norm()));
+            let typical = quantile(&distances, 0.75).min((0..3).map(extent).fold(0.0, f64::max));
             for row in 1..rows.saturating_sub(1) {
                 let (before, at, after) = (points[row - 1], points[row], points[row + 1]);
                 let alone = (at - before).norm().min((at - after).norm());

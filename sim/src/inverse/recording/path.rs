@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use tdcr_base::stats::median;
 
 use super::Recording;
 use super::problem::{Model, Part, Place, Problem, Settled};
@@ -42,8 +43,7 @@ impl Recording {
             pairs.map(|(a, b)| (b - a).abs()).fold(0.0, f64::max)
         };
         let mut steps: Vec<f64> = (1..self.len()).map(moved).collect();
-        steps.sort_by(f64::total_cmp);
-        let far = MOVED * steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+        let far = MOVED * median(&mut steps);
         let cut =
             |&row: &usize| self.times[row] - self.times[row - 1] > longest && moved(row) > far;
         let mut starts = vec![0];

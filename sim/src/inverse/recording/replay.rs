@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use tdcr_base::stats::median;
 
 use super::cloud::Surface;
 use super::path::{self, rubs};
@@ -125,7 +126,8 @@ impl Replay {
                 pairs.map(|(point, place)| (point - place).norm()).collect()
             })
             .collect();
-        for distance in distances.iter().flatten() {
+        let mut all: Vec<f64> = distances.iter().flatten().copied().collect();
+        for distance in &all {
             sum += distance * distance;
             count += 1;
         }
@@ -133,7 +135,7 @@ impl Replay {
         Misses {
             means,
             rmse: (sum / f64::from(count.max(1))).sqrt(),
-            median: median(distances.iter().flatten().copied().collect()),
+            median: (!all.is_empty()).then(|| median(&mut all)),
             unsettled: unsettled.collect(),
             distances,
             misses,
@@ -155,9 +157,4 @@ impl Misses {
         let deviation = DEVIATION_BY_MEDIAN * self.median.unwrap_or(0.0);
         markers + points as f64 * deviation * deviation
     }
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }

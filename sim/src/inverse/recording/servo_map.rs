@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
+use tdcr_base::stats::median;
 
 use super::problem::place;
 use super::{Marker, Recording, RecordingError, Transmission, without_ranges};
@@ -203,13 +204,15 @@ fn pull(recording: &Recording, rows: std::ops::Range<usize>, servo: usize) -> Op
         .filter(|(other, _)| *other != servo)
         .map(|(_, reported)| *reported)
         .collect();
-    others.sort_by(f64::total_cmp);
     let points = recording.points[low].iter().zip(&recording.points[high]);
     Some(Pull {
         servo,
         from: reported(&low),
         to: reported(&high),
-        others: others.get(others.len() / 2).copied().unwrap_or(0.0),
+        others: match others.is_empty() {
+            true => 0.0,
+            false => median(&mut others),
+        },
         moved: points.map(|(low, high)| Some((*high)? - (*low)?)).collect(),
     })
 }
