@@ -4,6 +4,7 @@ use std::io::{BufReader, Write};
 use std::path::Path;
 
 use tdcr_base::files::{self, write_atomically};
+use tdcr_base::rows::Splitter;
 
 use super::StudyError;
 use super::cases::Cases;
@@ -11,7 +12,7 @@ use super::parquet_file;
 use super::record::{RECORD, ROWS, Record, TABLE};
 use super::report;
 use super::summary;
-use super::table::{Column, cells, header};
+use super::table::{Column, header};
 use super::worker::{SETTLED, STATUS, places};
 use crate::pipeline::Monitor;
 
@@ -93,6 +94,7 @@ impl<'a> Table<'a> {
         };
         let file = files::open(&self.path).map_err(|error| fail(1, error.to_string()))?;
         let mut lines = BufReader::new(file);
+        let mut splitter = Splitter::new(b',');
         let mut line = String::new();
         let mut next = |line: &mut String, number: usize| {
             let length = files::read_line(&mut lines, line);
@@ -108,7 +110,7 @@ impl<'a> Table<'a> {
         let mut read = 0;
         while next(&mut line, read + 2)? > 0 {
             let number = read + 2;
-            let cells = cells(line.trim_end_matches(['\r', '\n']));
+            let cells = splitter.cells(&line);
             if cells.len() != self.columns.len() {
                 let expected = self.columns.len();
                 return Err(fail(

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tdcr_base::files::read_text;
+use tdcr_base::rows::Splitter;
 use tdcr_learn::data::Subject;
 use tdcr_learn::predict::Predictor;
 use tdcr_learn::train::{FlowPredictor, Model};
@@ -297,15 +298,16 @@ impl TrainedModel {
 
 /// Steps and Chamfer distances (m²) of the validations in a run's log; lines that are none are left out.
 fn validations(log: &str) -> Vec<(u64, f64)> {
+    let mut splitter = Splitter::new(b',');
     let mut lines = log.lines();
-    let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+    let names = splitter.cells(lines.next().unwrap_or_default());
     let place = |name| names.iter().position(|found| *found == name);
     let (Some(step), Some(cd)) = (place(STEP), place(VALIDATION)) else {
         return Vec::new();
     };
     lines
         .filter_map(|line| {
-            let cells: Vec<&str> = line.split(',').collect();
+            let cells = splitter.cells(line);
             Some((cells.get(step)?.parse().ok()?, cells.get(cd)?.parse().ok()?))
         })
         .collect()

@@ -86,33 +86,10 @@ fn quoted(text: &str) -> String {
     }
 }
 
-/// The cells of a line.
-pub(super) fn cells(line: &str) -> Vec<String> {
-    let mut cells = vec![String::new()];
-    let mut within = false;
-    let mut letters = line.chars().peekable();
-    while let Some(letter) = letters.next() {
-        match letter {
-            '"' if within && letters.peek() == Some(&'"') => {
-                letters.next();
-                push(&mut cells, '"');
-            }
-            '"' => within = !within,
-            ',' if !within => cells.push(String::new()),
-            other => push(&mut cells, other),
-        }
-    }
-    cells
-}
-
-fn push(cells: &mut [String], letter: char) {
-    if let Some(last) = cells.last_mut() {
-        last.push(letter);
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use tdcr_base::rows::Splitter;
+
     use super::*;
 
     #[test]
@@ -124,14 +101,15 @@ mod tests {
             .map(|text| Cell::Text((*text).to_owned()))
             .collect();
         push_line(&mut line, &written);
+        let mut splitter = Splitter::new(b',');
         assert_eq!(
-            cells(line.trim_end()),
+            splitter.cells(&line),
             ["plain", "a, \"b\"", "", "two lines"]
         );
         let numbers = [0.1, 1e-12, -3.0, 12345.678];
         let mut line = String::new();
         push_line(&mut line, &numbers.map(Cell::Number));
-        let read = cells(line.trim_end());
+        let read = splitter.cells(&line);
         let read: Vec<f64> = read.iter().filter_map(|cell| cell.parse().ok()).collect();
         assert_eq!(read, numbers);
         let mut line = String::new();

@@ -39,6 +39,7 @@ mod statics;
 mod study;
 mod study_outputs;
 mod symmetry;
+mod tables;
 mod training;
 mod units;
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use tdcr_base::files::{self, without_mark};
+use tdcr_base::rows::Splitter;
 use tdcr_base::stats::{quantile, sorted};
 use tdcr_sim::inverse::recording::Recording;
 
@@ -66,11 +67,13 @@ impl RecordingFile {
                 path: path.to_owned(),
             });
         };
-        let separator = [',', ';', '\t']
+        let found = |separator: u8| header.bytes().filter(|&byte| byte == separator).count();
+        let separator = [b',', b';', b'\t']
             .into_iter()
-            .max_by_key(|s| (header.matches(*s).count(), *s == ','))
-            .unwrap_or(',');
-        let names = cells(header, separator);
+            .max_by_key(|&separator| (found(separator), separator == b','))
+            .unwrap_or(b',');
+        let mut splitter = Splitter::new(separator);
+        let names = splitter.trimmed(header);
         let places = Places::new(&names, columns, path)?;
         let mut rows = Vec::new();
         let mut file = Self {
@@ -86,7 +89,7 @@ impl RecordingFile {
                     found: MOST_ROWS + 1 + lines.count(),
                 });
             }
-            let cells = cells(text, separator);
+            let cells = splitter.trimmed(text);
             match places.read(&cells, &names, columns, rows.len()) {
                 Ok(row) => rows.push((line, row)),
                 Err(reason) => file.bad.push(BadRow { line, reason }),
@@ -179,20 +182,6 @@ impl RecordingFile {
             }
         }
     }
-}
-
-/// Cells of a line, without quotes.
-fn cells(line: &str, separator: char) -> Vec<String> {
-    let (mut cells, mut cell, mut quoted) = (Vec::new(), String::new(), false);
-    for letter in line.trim_end_matches(['\r', '\n']).chars() {
-        match letter {
-            '"' => quoted = !quoted,
-            letter if letter == separator && !quoted => cells.push(std::mem::take(&mut cell)),
-            letter => cell.push(letter),
-        }
-    }
-    cells.push(cell);
-    cells.iter().map(|cell| cell.trim().to_owned()).collect()
 }
 
 /// Where each column is.
