@@ -42,6 +42,7 @@ mod dynamics_tangent;
 mod env;
 mod errors;
 mod exchange;
+mod hint;
 mod inverse;
 mod loads;
 mod metrics;

@@ -15,6 +15,7 @@ use tdcr::sim::robot::Command;
 
 use crate::dynamics::command_of;
 use crate::errors::{Failure, Outcome};
+use crate::hint;
 use crate::robot::Robot;
 use crate::run::{self, Watch};
 use crate::stage::Stage;
@@ -398,10 +399,11 @@ fn reading(id: u8, state: &WinchState) -> Reading {
 
 impl From<RigError> for Failure {
     fn from(error: RigError) -> Self {
+        let hint = hint::of_rig(&error);
         let class = match error {
             RigError::Command(_) | RigError::Limit { .. } => "CommandError",
             _ => "RigError",
         };
-        Self::Of(class, error.to_string())
+        Self::with_hint(class, &error, hint)
     }
 }

@@ -7,6 +7,7 @@ use tdcr::base::Part;
 use tdcr::study::{Finished, Study, StudyError, merge, run as run_study};
 
 use crate::errors::{Failure, Outcome};
+use crate::hint;
 use crate::run;
 use crate::stage::Stage;
 
@@ -49,6 +50,7 @@ fn said(finished: &Finished) -> Outcome<String> {
 
 impl From<StudyError> for Failure {
     fn from(error: StudyError) -> Self {
+        let hint = hint::of_study(&error);
         let class = match error {
             StudyError::Read { .. }
             | StudyError::Parse { .. }
@@ -58,6 +60,6 @@ impl From<StudyError> for Failure {
             | StudyError::OtherParts { .. } => "InputError",
             _ => "DataError",
         };
-        Self::Of(class, error.to_string())
+        Self::with_hint(class, &error, hint)
     }
 }

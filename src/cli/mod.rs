@@ -17,6 +17,7 @@ mod eval;
 mod export;
 mod film;
 mod help;
+mod hint;
 mod home;
 mod images;
 mod jog;
@@ -256,7 +257,7 @@ pub fn run(arguments: Vec<OsString>) -> u8 {
         Ok(()) => 0,
         Err(error) if console::is_broken_pipe(&error) => 0,
         Err(error) => {
-            say(&format!("error: {}", describe(&error)));
+            say(&format!("error: {}", with_hint(&error)));
             match is_interruption(&error) {
                 true => INTERRUPTED,
                 false => 1,
@@ -279,6 +280,17 @@ fn is_interruption(error: &anyhow::Error) -> bool {
     };
     let released = matches!(rig, Some(RigError::Interrupted));
     stopped || study || released || error.is::<Interrupted>()
+}
+
+/// An error as it is said, with what to do about it.
+fn with_hint(error: &anyhow::Error) -> String {
+    let text = describe(error);
+    match hint::hint(error) {
+        // Below a list, not behind its last line.
+        Some(hint) if text.contains('\n') => format!("{text}\n{hint}"),
+        Some(hint) => format!("{text}; {hint}"),
+        None => text,
+    }
 }
 
 /// An error and its causes, each said once: a message may quote its cause already.

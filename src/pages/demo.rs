@@ -11,7 +11,7 @@ use tdcr_learn::data::{DataSet, Split, split_indices};
 use tdcr_learn::flow::Sampler;
 use tdcr_learn::net::Precision;
 use tdcr_learn::symmetry::SymmetryUse;
-use tdcr_learn::train::{FlowPredictor, TrainSettings};
+use tdcr_learn::train::{FlowPredictor, TrainError, TrainSettings};
 
 use super::{PageError, evaluation as page, write};
 use crate::pipeline::{
@@ -115,7 +115,11 @@ pub fn demo(settings: &DemoSettings, out: &Path, monitor: &dyn Monitor) -> Resul
         ..EvalSettings::default()
     };
     let model = trained.model.clone().with_precision(precision);
-    let model = Arc::new(model.map_err(|error| PipelineError::Train(error.into()))?);
+    let model = Arc::new(
+        model
+            .map_err(TrainError::from)
+            .map_err(PipelineError::from)?,
+    );
     let predictor = FlowPredictor::new(model.clone(), Sampler::default());
     let (scoring, evaluation, examples, per_test) = clock.time("evaluate", || {
         let evaluator = Evaluator::new(Arc::new(predictor), &data, compared)?;

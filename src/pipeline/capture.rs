@@ -17,7 +17,7 @@ use tdcr_learn::data::{Collector, Condition, DataError, Meta, Origin, Recording,
 
 use super::collect::stage;
 use super::journal::Journal;
-use super::{Monitor, PipelineError};
+use super::{CaptureStop, Monitor, PipelineError};
 
 mod record;
 
@@ -98,12 +98,13 @@ impl CaptureSettings {
 
     /// The end of a capture that has `kept` samples in the folder `dir`.
     fn ended(&self, ended: PipelineError, kept: usize, dir: &Path) -> PipelineError {
-        PipelineError::CaptureEnded {
+        CaptureStop::Ended {
             ended: Box::new(ended),
             kept,
             count: self.count,
             path: dir.to_owned(),
         }
+        .into()
     }
 
     fn meta(&self, rig: &Rig) -> Meta {
@@ -163,7 +164,7 @@ impl CaptureSettings {
 /// whenever the call returns.
 ///
 /// # Errors
-/// [`PipelineError::CaptureEnded`] once samples are captured: with [`PipelineError::Capture`] where the rig stopped,
+/// [`CaptureStop::Ended`] once samples are captured: with [`CaptureStop::Rig`] where the rig stopped,
 /// [`PipelineError::Data`] and [`PipelineError::Write`] for a disk that is full, or [`PipelineError::Interrupted`];
 /// [`PipelineError::Data`] for a folder that cannot be written or holds something else.
 pub fn capture(
@@ -221,7 +222,7 @@ pub fn capture(
             // Before anything moves.
             let wanted = missing.iter().copied();
             let found = masks.must_have(rig.cameras().len(), wanted);
-            found.map_err(|error| PipelineError::Capture(error.into()))?;
+            found.map_err(CaptureError::from)?;
         }
         if settings.log == CaptureLog::Written {
             let log = rig.log_in(dir, LOG, needed);
@@ -338,7 +339,7 @@ impl Recorder<'_> {
         self.look(&mut session, last)?;
         session
             .end()
-            .map_err(|error| PipelineError::Capture(error.into()))
+            .map_err(|error| CaptureStop::Rig(error.into()).into())
     }
 
     fn look(&mut self, session: &mut Session<'_>, before: usize) -> Result<(), PipelineError> {

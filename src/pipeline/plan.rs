@@ -9,7 +9,7 @@ use tdcr_learn::train::{Optimizer, Refinement, Target, TrainSettings};
 use tdcr_sim::robot::RobotSpec;
 
 use super::preset::{Length, Preset, Rates};
-use super::{NetworkSize, PipelineError, TrainingData};
+use super::{NetworkSize, PipelineError, TrainRunError, TrainingData};
 
 /// What [`train`](super::train) is asked for: a preset, and what is to be other than it says.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,7 +114,7 @@ impl TrainPlan {
     /// Network and settings of a run on `data`.
     ///
     /// # Errors
-    /// [`PipelineError::Endless`] where a preset's epochs are to be of a stream; [`PipelineError::Data`] where the training
+    /// [`TrainRunError::Endless`] where a preset's epochs are to be of a stream; [`PipelineError::Data`] where the training
     /// set, of which epochs are, cannot be read.
     pub fn settle(
         &self,
@@ -159,10 +159,11 @@ impl TrainPlan {
                 DataSet::open(dir)?.samples(Split::Train)?.len()
             }
             (Length::Epochs(epochs), TrainingData::Stream(_)) => {
-                return Err(PipelineError::Endless {
+                return Err(TrainRunError::Endless {
                     preset: preset.name,
                     epochs,
-                });
+                }
+                .into());
             }
         };
         let optimizer = self.optimizer.unwrap_or(preset.optimizer);
@@ -249,7 +250,7 @@ impl SamplerPlan {
     /// The sampler for a model trained with `settings`.
     ///
     /// # Errors
-    /// [`PipelineError::Sampler`] for values that describe none, [`PipelineError::OwnSampler`] where the model was distilled
+    /// [`TrainRunError::Sampler`] for values that describe none, [`TrainRunError::OwnSampler`] where the model was distilled
     /// for another.
     pub fn settle(&self, settings: &TrainSettings) -> Result<Sampler, PipelineError> {
         let own = settings.sampler;
@@ -280,9 +281,10 @@ impl SamplerPlan {
             }) == own
         {
             true => Ok(sampler),
-            false => Err(PipelineError::OwnSampler {
+            false => Err(TrainRunError::OwnSampler {
                 evaluations: own.evaluations(),
-            }),
+            }
+            .into()),
         }
     }
 }

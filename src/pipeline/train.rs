@@ -21,7 +21,7 @@ use super::network_size::NetworkSize;
 use super::subject::require_same;
 use super::symmetry::{reduced, reduction};
 use super::training_data::{StreamSettings, TrainingData};
-use super::{Divergence, Monitor, PipelineError, lock_folder};
+use super::{Divergence, Monitor, PipelineError, TrainRunError, lock_folder};
 
 /// Steps between two words on the loss.
 const STEPS_PER_STATUS: u64 = 10;
@@ -303,13 +303,14 @@ impl Run<'_> {
             let stepped = match step(trainer, provenance, self.monitor) {
                 Err(source) if source.is_divergence() => {
                     let best = trainer.model(provenance.clone()).map(|model| model.step);
-                    return Err(PipelineError::Diverged(Box::new(Divergence {
+                    return Err(TrainRunError::Diverged(Box::new(Divergence {
                         source,
                         state: saved.map(|step| (state_path, step)),
                         model: best.map(|step| (model_path, step)),
                         target: trainer.settings().target,
                         learning_rate: trainer.settings().learning_rate,
-                    })));
+                    }))
+                    .into());
                 }
                 stepped => stepped?,
             };
@@ -359,13 +360,13 @@ fn open<'a>(
     if !path.exists() {
         let path = model_path(run);
         if path.exists() {
-            return Err(PipelineError::ModelInTheWay { path });
+            return Err(TrainRunError::ModelInTheWay { path }.into());
         }
         return Ok(Trainer::new(start, settings.clone(), training, validation)?);
     }
     let state = TrainingState::load(&path)?;
     let resumed = Trainer::resume(state, start, settings.clone(), training, validation);
-    resumed.map_err(|source| PipelineError::OtherRun { path, source })
+    resumed.map_err(|source| TrainRunError::OtherRun { path, source }.into())
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]

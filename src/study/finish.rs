@@ -3,7 +3,7 @@
 use std::io::{BufReader, Write};
 use std::path::Path;
 
-use tdcr_base::files::{self, write_atomically};
+use tdcr_base::files::{self, without_mark, write_atomically};
 use tdcr_base::rows::Splitter;
 
 use super::StudyError;
@@ -101,7 +101,7 @@ impl<'a> Table<'a> {
             length.map_err(|error| fail(number, error.to_string()))
         };
         next(&mut line, 1)?;
-        if line.trim_end() != header(self.columns).trim_end() {
+        if without_mark(&line).trim_end() != header(self.columns).trim_end() {
             return Err(fail(
                 1,
                 "these are not the columns of study.json".to_owned(),

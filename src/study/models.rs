@@ -271,12 +271,8 @@ impl TrainedModel {
     /// The model in a file, and the validations in the log beside it.
     fn read(path: &Path, name: &str) -> Result<Self, Refusal> {
         if !path.exists() {
-            let expected = "a file; `tdcr train --out DIR` makes DIR/model.safetensors";
-            return Err(Refusal::value(
-                "model.file",
-                format!("{name}, which is not there"),
-                expected,
-            ));
+            let found = name.to_owned();
+            return Err(Refusal::NoModel { found });
         }
         let model = Model::load(path)
             .map_err(|error| Refusal::value("model.file", error, "a trained model"))?;

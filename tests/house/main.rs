@@ -163,6 +163,50 @@ fn imports_follow_the_map() {
     );
 }
 
+/// What the libraries say is a fact; which option of the command line helps, that alone adds (`src/cli/hint.rs`).
+#[test]
+fn no_text_of_a_library_names_an_option_of_the_command_line() {
+    let (mut wrong, mut seen) = (Vec::new(), 0);
+    for house in houses() {
+        for (module, file, source) in house.sources() {
+            let rooms_of_src = ["pipeline", "study", "pages"];
+            let is_library = match house.name() {
+                "base" | "sim" | "learn" | "hw" => true,
+                "" => rooms_of_src.contains(&module[0].as_str()),
+                _ => false,
+            };
+            if !is_library {
+                continue;
+            }
+            seen += source.texts.len();
+            let named = source.texts.iter().filter(|(_, text)| names_option(text));
+            wrong.extend(
+                named.map(|(line, text)| format!("{}/{file}:{line}: {text}", house.folder)),
+            );
+        }
+    }
+    assert!(seen > 4000, "{seen} texts");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Whether a text has a word that begins as options do: `--out`.
+fn names_option(text: &str) -> bool {
+    let mut found = text.match_indices("--");
+    found.any(|(at, _)| text[at + 2..].starts_with(|c: char| c.is_ascii_lowercase()))
+}
+
+#[test]
+fn options_are_found_in_texts_and_not_in_comments_and_tests() {
+    let source = Source::parse(
+        "// \"--a\"\nconst A: &str = \"choose another (--out)\";\n#[cfg(test)]\nmod tests {\n\
+         const B: &str = \"--b\";\n}\nconst C: &str = r#\"1 -- 2\"#;\n",
+    );
+    let lines: Vec<usize> = source.texts.iter().map(|(line, _)| *line).collect();
+    assert_eq!(lines, [2, 7]);
+    let named = source.texts.iter().map(|(_, text)| names_option(text));
+    assert_eq!(named.collect::<Vec<_>>(), [true, false]);
+}
+
 /// The crates of the map with their files.
 fn houses() -> Vec<House> {
     let text = read_to_string(Path::new(ROOT).join(MAP)).unwrap();

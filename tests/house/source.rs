@@ -1,11 +1,15 @@
 //! What a Rust file imports, as far as plain reading tells: `use` declarations, and paths that start with `crate`, `super`,
-//! `self` or a crate of ours. Tests within the file are left out.
+//! `self` or a crate of ours; and its texts. Tests within the file are left out.
+
+use std::ops::Range;
 
 /// A file, read.
 pub struct Source {
     pub imports: Vec<Import>,
     /// Modules in files of their own that are compiled for tests only.
     pub tests: Vec<String>,
+    /// The literals of strings, with the line in which each begins.
+    pub texts: Vec<(usize, String)>,
 }
 
 /// A path to something elsewhere.
@@ -18,8 +22,15 @@ pub struct Import {
 
 impl Source {
     pub fn parse(text: &str) -> Self {
-        let mut code = code(text);
-        let tests = remove_tests(&mut code);
+        let (mut code, strings) = code(text);
+        let (tests, removed) = remove_tests(&mut code);
+        let text: Vec<char> = text.chars().collect();
+        let line_of = |at: usize| 1 + code[..at].iter().filter(|c| **c == '\n').count();
+        let texts = strings
+            .into_iter()
+            .filter(|string| !removed.iter().any(|test| test.contains(&string.start)))
+            .map(|string| (line_of(string.start), text[string].iter().collect()))
+            .collect();
         let within = inline_modules(&code);
         let mut imports = Vec::new();
         let mut at = 0;
@@ -47,7 +58,7 @@ impl Source {
             if paths.is_empty() {
                 continue;
             }
-            let line = 1 + code[..start].iter().filter(|c| **c == '\n').count();
+            let line = line_of(start);
             // Within a module of this file, `super` is the file's own module.
             let depth = within.iter().filter(|range| range.contains(&start)).count();
             for mut path in paths {
@@ -64,13 +75,18 @@ impl Source {
                 }
             }
         }
-        Self { imports, tests }
+        Self {
+            imports,
+            tests,
+            texts,
+        }
     }
 }
 
-/// The text with blanks for comments and literals.
-fn code(text: &str) -> Vec<char> {
+/// The text with blanks for comments and literals, and where the strings were.
+fn code(text: &str) -> (Vec<char>, Vec<Range<usize>>) {
     let mut code: Vec<char> = text.chars().collect();
+    let mut strings = Vec::new();
     let mut at = 0;
     while at < code.len() {
         let rest = &code[at..];
@@ -85,6 +101,9 @@ fn code(text: &str) -> Vec<char> {
             ['\'', _, '\'', ..] => 3,
             _ => 0,
         };
+        if length > 0 && matches!(rest[0], '"' | 'r') {
+            strings.push(at..at + length);
+        }
         for c in &mut code[at..at + length] {
             if *c != '\n' {
                 *c = ' ';
@@ -92,7 +111,7 @@ fn code(text: &str) -> Vec<char> {
         }
         at += length.max(1);
     }
-    code
+    (code, strings)
 }
 
 fn block_comment(rest: &[char]) -> usize {
@@ -133,10 +152,10 @@ fn raw_string(rest: &[char]) -> usize {
     length.map_or(rest.len(), |length| hashes + 2 + length + end.len())
 }
 
-/// Blanks what is compiled for tests only; the names of modules among it that are in other files.
-fn remove_tests(code: &mut [char]) -> Vec<String> {
+/// Blanks what is compiled for tests only; the names of modules among it that are in other files, and where all of it was.
+fn remove_tests(code: &mut [char]) -> (Vec<String>, Vec<Range<usize>>) {
     let mark: Vec<char> = "#[cfg(test)]".chars().collect();
-    let mut tests = Vec::new();
+    let (mut tests, mut removed) = (Vec::new(), Vec::new());
     while let Some(start) = code.windows(mark.len()).position(|window| window == mark) {
         let end = end_of_item(code, start);
         let item: String = code[start + mark.len()..end].iter().collect();
@@ -151,8 +170,9 @@ fn remove_tests(code: &mut [char]) -> Vec<String> {
             .iter_mut()
             .filter(|c| **c != '\n')
             .for_each(|c| *c = ' ');
+        removed.push(start..end);
     }
-    tests
+    (tests, removed)
 }
 
 /// The end of the item at `start`: past its last brace, or its semicolon.
@@ -172,7 +192,7 @@ fn end_of_item(code: &[char], start: usize) -> usize {
 }
 
 /// Where modules within the file are.
-fn inline_modules(code: &[char]) -> Vec<std::ops::Range<usize>> {
+fn inline_modules(code: &[char]) -> Vec<Range<usize>> {
     let starts = (0..code.len()).filter(|at| starts_word(code, *at) && word(code, *at) == "mod");
     let ranges = starts.map(|start| start..end_of_item(code, start));
     ranges.filter(|range| code[range.end - 1] == '}').collect()

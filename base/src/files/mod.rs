@@ -9,7 +9,7 @@ mod tables;
 
 pub use atomic::{AtomicFile, TEMPORARY, write_atomically};
 pub use reading::{
-    LARGEST_CLOUDS, LARGEST_MESH, LARGEST_TEXT, open, read, read_line, read_text, regular, text_of,
-    without_mark,
+    LARGEST_CLOUDS, LARGEST_MESH, LARGEST_TEXT, bytes_without_mark, open, read, read_line,
+    read_text, regular, text_of, without_mark,
 };
 pub use tables::{Table, with_place};

@@ -97,6 +97,13 @@ pub fn without_mark(text: &str) -> &str {
     text.strip_prefix(MARK).unwrap_or(text)
 }
 
+/// The same of bytes, of which only some are text.
+pub fn bytes_without_mark(bytes: &[u8]) -> &[u8] {
+    let mut mark = [0; MARK.len_utf8()];
+    let mark = MARK.encode_utf8(&mut mark).as_bytes();
+    bytes.strip_prefix(mark).unwrap_or(bytes)
+}
+
 /// Reads the next line, with its end, into `line`, which is emptied first; returns its length (bytes), 0 after the last one.
 ///
 /// # Errors

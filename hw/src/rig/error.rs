@@ -89,8 +89,14 @@ pub enum RigError {
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// Where servos stand is not known.
-    #[error("{}; tdcr home --rig FILE homes a rig", .0.join("; "))]
+    #[error("{}", .0.join("; "))]
     NotHomed(
+        /// A line for each servo.
+        Vec<String>,
+    ),
+    /// Where servos stand does not tell where their homes are.
+    #[error("{}", .0.join("; "))]
+    NotRecalled(
         /// A line for each servo.
         Vec<String>,
     ),

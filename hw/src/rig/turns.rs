@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use tdcr_base::files::write_atomically;
+use tdcr_base::files::{self, write_atomically};
 
 use super::RigError;
 use crate::log::ServoHome;
@@ -144,16 +144,11 @@ impl TurnsFile {
             path: path.clone(),
             source,
         };
-        let written = match fs::metadata(&path) {
+        let written = match files::read_text(&path, LARGEST) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             Err(error) => return Err(fail(error)),
-            Ok(found) if !found.is_file() || found.len() > LARGEST => {
-                let reason = format!("expected a regular file of at most {LARGEST} bytes");
-                return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, reason)));
-            }
-            Ok(_) => {
-                let bytes = fs::read(&path).map_err(fail)?;
-                let contents = serde_json::from_slice::<Contents>(&bytes);
+            Ok(text) => {
+                let contents = serde_json::from_str::<Contents>(&text);
                 let known = contents.map_err(|error| error.to_string()).and_then(|c| {
                     if c.format == FORMAT {
                         return Ok(c.servos);

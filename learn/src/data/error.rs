@@ -234,7 +234,7 @@ pub enum DataError {
     },
     /// The folder holds a part of a data set, and nothing but [`merge`](super::merge()) reads parts.
     #[error(
-        "{} holds {}; merge all {} first: tdcr data merge PARTS... --out DIR",
+        "{} holds {}; merge all {} first",
         .path.display(), of_a_set(&Some(*.part)), .part.of()
     )]
     Unmerged {
@@ -308,7 +308,7 @@ pub enum DataError {
         problem: String,
     },
     /// A folder that is not there, or holds nothing of a data set.
-    #[error("there is no data set in {}; `tdcr collect --out {}` makes one, `tdcr data import` makes one of clouds", .path.display(), .path.display())]
+    #[error("there is no data set in {}", .path.display())]
     NoDataSet {
         /// The folder.
         path: PathBuf,

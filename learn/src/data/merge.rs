@@ -19,7 +19,7 @@ pub enum MergeError {
     #[error("there are no parts to merge, expected the folders of all parts of a data set")]
     NoParts,
     /// A folder holds no part.
-    #[error("{} holds {found}, expected a part that `tdcr collect --part I/N --out {}` made", .path.display(), .path.display())]
+    #[error("{} holds {found}, expected a part of a data set", .path.display())]
     NotAPart {
         /// The folder.
         path: PathBuf,
@@ -54,8 +54,7 @@ pub enum MergeError {
     },
     /// Parts are not there.
     #[error(
-        "{} of {of} parts {} missing: {}; expected all {of}: `tdcr collect --part I/{of}` makes part I, with the options of the \
-         others",
+        "{} of {of} parts {} missing: {}; expected all {of}",
         .missing.len(), if .missing.len() == 1 { "is" } else { "are" }, listed(.missing)
     )]
     Missing {

@@ -50,8 +50,7 @@ pub enum TrainError {
     /// A network with BatchNorm.
     #[error(
         "the authors' Hybrid (layers pvcnn) has BatchNorm, whose moments are over all clouds of a batch, and this trainer takes \
-         clouds one after another: train it in PyTorch, by `python -m tdcr.torch.train` with the same options, or take \
-         --layers residual"
+         clouds one after another: expected layers `residual`"
     )]
     BatchNorm,
     /// A data set cannot be trained on or validated with.

@@ -8,8 +8,8 @@ use tdcr::learn::data::{Condition, DataSet, PredictedClouds, Split};
 use tdcr::learn::predict::{About, PredictError, Prediction, Predictor, TrainingCost};
 use tdcr::pages::{Evaluated, evaluation_page};
 use tdcr::pipeline::{
-    CollectSettings, EvalSettings, Evaluation, Evaluator, Metrics, Monitor, PipelineError, Results,
-    Silent, collect,
+    CollectSettings, EvalError, EvalSettings, Evaluation, Evaluator, Metrics, Monitor,
+    PipelineError, Results, Silent, collect,
 };
 
 use super::table;
@@ -96,7 +96,9 @@ fn an_added_predictor_is_scored_in_json_in_the_table_and_in_the_report() {
     evaluator.compare(fixed("toy", &data)).unwrap();
     for taken in ["first", "toy", "mean", "floor"] {
         let refused = evaluator.compare(fixed(taken, &data));
-        assert!(matches!(refused, Err(PipelineError::SameKey { key }) if key == taken));
+        assert!(
+            matches!(refused, Err(PipelineError::Eval(EvalError::SameKey { key })) if key == taken)
+        );
     }
     let journal = folder.path().join("journal");
     let evaluation = evaluator.run(Some(&journal), &Silent).unwrap();

@@ -71,7 +71,7 @@ fn assert_alike(found: &[Vec<f32>], expected: &[Vec<f32>]) {
 /// Samples that a capture which ended says to have kept.
 fn kept(ended: &PipelineError) -> usize {
     match ended {
-        PipelineError::CaptureEnded { kept, .. } => *kept,
+        PipelineError::Capture(CaptureStop::Ended { kept, .. }) => *kept,
         other => panic!("{other}"),
     }
 }
@@ -462,8 +462,8 @@ fn whatever_goes_wrong_in_a_capture_the_robot_is_safe_and_the_data_is_whole() {
         let ended = capture(&mut faulty, &settings(14), &dir, &after_nine);
         match (&ended, stops) {
             (Ok(report), false) => assert_eq!(report.captured, 14),
-            (Err(PipelineError::CaptureEnded { ended, .. }), true)
-                if matches!(**ended, PipelineError::Capture(_)) => {}
+            (Err(PipelineError::Capture(CaptureStop::Ended { ended, .. })), true)
+                if matches!(**ended, PipelineError::Capture(CaptureStop::Rig(_))) => {}
             _ => panic!("{fault}: {ended:?}"),
         }
         assert!(!faulty.is_engaged());

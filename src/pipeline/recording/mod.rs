@@ -147,7 +147,7 @@ fn bad_rows(path: &std::path::Path, rows: &[BadRow]) -> String {
     };
     let named: String = named.collect();
     format!(
-        "{} has {} (--skip-bad-rows leaves them out):{named}{more}",
+        "{} has {}:{named}{more}",
         path.display(),
         bad_row_count(rows.len())
     )

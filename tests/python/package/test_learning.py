@@ -323,7 +323,7 @@ def test_the_demo_is_that_of_the_command_line(folder: Path) -> None:
     assert found == expected
     assert (out / "shapes.png").read_bytes() == (by_command / "shapes.png").read_bytes()
     assert (out / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    with pytest.raises(DataError, match="holds 10 samples and --samples is 11"):
+    with pytest.raises(DataError, match="holds 10 samples, and 11 are asked for; ask for samples=10"):
         tdcr.demo(out, samples=11, steps=6)
 
 
