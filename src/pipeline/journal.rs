@@ -127,6 +127,8 @@ mod tests {
         drop(journal);
         assert_eq!(entries(&path, 1), [7, 8, 9]);
         let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, [&b"\xef\xbb\xbf"[..], &bytes].concat()).unwrap();
+        assert_eq!(entries(&path, 1), [7, 8, 9], "behind a byte order mark");
         std::fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
         assert_eq!(entries(&path, 1), [7, 8]);
         let (journal, _) = Journal::open::<u32>(&path, &json!({"key": 1})).unwrap();

@@ -4,7 +4,6 @@
 //! where home is in each servo's count and where the servo last stood. From these a servo that lost its count is found again,
 //! as long as it turned by less than a quarter of a turn meanwhile.
 
-use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -225,6 +224,8 @@ impl TurnsFile {
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+    use std::fs;
+
     use super::*;
     use proptest::prelude::*;
 
@@ -275,6 +276,9 @@ mod tests {
         let read = |path: &PathBuf| *TurnsFile::open(path.clone()).unwrap().of(three).unwrap();
         assert_eq!(read(&path), at(0)[0]);
         file.follow(&at(WRITE_BEYOND + 1)).unwrap();
+        assert_eq!(read(&path), at(WRITE_BEYOND + 1)[0]);
+        let marked = [&b"\xef\xbb\xbf"[..], &fs::read(&path).unwrap()].concat();
+        fs::write(&path, marked).unwrap();
         assert_eq!(read(&path), at(WRITE_BEYOND + 1)[0]);
         fs::write(&path, "{\"format\":1,\"serv").unwrap();
         let said = TurnsFile::open(path).unwrap_err().to_string();

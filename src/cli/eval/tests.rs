@@ -13,6 +13,7 @@ use tdcr::pipeline::{
 };
 
 use super::table;
+use crate::cli::with_hint;
 
 /// Predicts a cloud that it was given, whatever the condition.
 struct Fixed {
@@ -201,7 +202,7 @@ fn an_interruption_says_that_the_command_goes_on_only_where_a_journal_is_kept() 
     let journal = folder.path().join("journal");
     let said = |evaluator: &Evaluator, journal| {
         let stopped = evaluator.run(journal, &Stop).unwrap_err();
-        stopped.to_string()
+        with_hint(&stopped.into())
     };
     let evaluator = Evaluator::new(fixed("first", &data), &data, SETTINGS).unwrap();
     assert_eq!(said(&evaluator, None), "interrupted");
