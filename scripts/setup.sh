@@ -63,7 +63,10 @@ requirements=tests/python/requirements.txt
 stamp=.venv/requirements.installed
 if ! cmp -s "$requirements" "$stamp"; then
     echo "setup: making the Python environment .venv"
-    if ! { python3 -m venv .venv && .venv/bin/python -m pip install -q --disable-pip-version-check -r "$requirements"; }; then
+    # uv downloads and unpacks many packages at a time.
+    uv=$(grep '^uv' "$requirements")
+    if ! { python3 -m venv .venv && .venv/bin/python -m pip install -q --disable-pip-version-check "$uv" &&
+        .venv/bin/uv pip install -q --python .venv/bin/python -r "$requirements"; }; then
         echo "setup: could not install the packages of $requirements into .venv; is there a network?" >&2
         echo "setup: without them, 'make format lint docs test-rust' runs all checks but those against MuJoCo, h5py and SciPy" >&2
         exit 1
@@ -71,8 +74,8 @@ if ! cmp -s "$requirements" "$stamp"; then
     cp "$requirements" "$stamp"
 fi
 
-# Its wheel for CPUs (200 MB) is not where pip looks; uv knows the place. Where that cannot be reached, pip's own brings
-# the libraries of a GPU with it.
+# Its wheel for CPUs (200 MB) is not where other packages are; uv knows the place. Where that cannot be reached, the usual one
+# brings the libraries of a GPU with it.
 install_pytorch() {
     echo "setup: installing PyTorch for CPUs"
     .venv/bin/uv pip install -q --python .venv/bin/python --torch-backend cpu -r "$pytorch" && return
@@ -82,7 +85,7 @@ install_pytorch() {
         return 1
     fi
     echo "setup: no wheel for CPUs within reach; taking the one for GPUs (6 GB, minutes)"
-    .venv/bin/python -m pip install -q --no-cache-dir --disable-pip-version-check -r "$pytorch"
+    .venv/bin/uv pip install -q --python .venv/bin/python --no-cache -r "$pytorch"
 }
 
 pytorch=tests/python/requirements-torch.txt
