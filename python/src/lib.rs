@@ -100,7 +100,7 @@ mod _tdcr {
     #[pymodule_export]
     use crate::recordings::{RecordingCalibration, ReplayedRecording, calibrate_recording};
     #[pymodule_export]
-    use crate::rig::{Rig, record_background};
+    use crate::rig::{Rig, record_background, while_released};
     #[pymodule_export]
     use crate::robot::Robot;
     #[pymodule_export]

@@ -12,7 +12,7 @@ use crate::run;
 use crate::stage::Stage;
 
 /// Runs the study in the file `path`, or that of the JSON `text`, into the folder `out`, or a part of it: what `tdcr study --json`
-/// says. `progress` is told of configurations.
+/// says, and notes on what was passed over in robots' files of other tools. `progress` is told of configurations.
 #[pyfunction]
 #[pyo3(signature = (path, text, out, part = None, progress = None))]
 pub fn study(
@@ -22,16 +22,17 @@ pub fn study(
     out: PathBuf,
     part: Option<String>,
     progress: Option<&Bound<'_, PyAny>>,
-) -> Outcome<String> {
+) -> Outcome<(String, Vec<String>)> {
     let part: Option<Part> = part.map(|part| part.parse()).transpose()?;
-    let study = match text {
-        None => Study::load(&path)?,
-        Some(text) => Study::from_json(&text, Path::new(""), &path)?,
+    let (study, notes) = match text {
+        None => Study::load_with_notes(&path)?,
+        Some(text) => Study::from_json_with_notes(&text, Path::new(""), &path)?,
     };
     let finished = run::long(py, progress, |watch| {
         run_study(&study, &out, part, &Stage::new(&["study"], watch))
     })??;
-    said(&finished)
+    let notes = notes.iter().map(ToString::to_string).collect();
+    Ok((said(&finished)?, notes))
 }
 
 /// Puts the parts of a study in folders together in the folder `out`.

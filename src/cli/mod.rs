@@ -38,6 +38,7 @@ mod scan;
 mod servo_sim;
 mod settle;
 mod settle_many;
+mod signals;
 mod simulate;
 mod study;
 mod train;

@@ -235,7 +235,7 @@ pub fn capture(
         };
         let recorder = Recorder {
             settings,
-            journal,
+            journal: &journal,
             report: &mut report,
             monitor,
         };
@@ -243,7 +243,7 @@ pub fn capture(
         let captured = begun.map_err(PipelineError::from);
         let captured = captured.and_then(|session| {
             let missing = missing.iter().copied();
-            recorder.record(session, missing, &collector)
+            recorder.record(session, missing, |samples| write(&collector, samples))
         });
         // The clouds are worth more than the log.
         if let Err(error) = rig.finish_log() {
@@ -276,23 +276,23 @@ fn write(collector: &Collector, samples: Receiver<Indexed>) -> Result<(), DataEr
 /// Captures samples and keeps the journal.
 struct Recorder<'a> {
     settings: &'a CaptureSettings,
-    journal: Journal,
+    journal: &'a Journal,
     report: &'a mut CaptureReport,
     monitor: &'a dyn Monitor,
 }
 
 impl Recorder<'_> {
-    /// Captures samples, and writes each while the next is captured.
+    /// Captures samples, and has `write` write each while the next is captured.
     fn record(
         mut self,
         session: Session<'_>,
         missing: impl Iterator<Item = usize>,
-        collector: &Collector,
+        write: impl FnOnce(Receiver<Indexed>) -> Result<(), DataError> + Send,
     ) -> Result<(), PipelineError> {
         // The servos are looked after while samples go to the disk.
         let (out, samples) = sync_channel(1);
         std::thread::scope(|scope| {
-            let writer = scope.spawn(|| write(collector, samples));
+            let writer = scope.spawn(|| write(samples));
             let captured = self.run(session, missing, out);
             let written = writer
                 .join()
@@ -313,10 +313,11 @@ impl Recorder<'_> {
         for index in missing {
             if let Some(rested) = session.cool()? {
                 let seconds = rested.as_secs_f64();
-                self.add(&Entry::Rest {
+                let rest = Entry::Rest {
                     before: index,
                     seconds,
-                })?;
+                };
+                self.add(&mut session, &rest)?;
             }
             if since >= self.settings.sentinel_every {
                 self.look(&mut session, index)?;
@@ -324,17 +325,20 @@ impl Recorder<'_> {
             }
             let sample = self.sample(&mut session, index)?;
             for servo in session.restarted() {
-                self.add(&Entry::Recalled {
+                let recalled = Entry::Recalled {
                     before: index,
                     servo,
-                })?;
+                };
+                self.add(&mut session, &recalled)?;
             }
             (since, last) = (since + 1, index + 1);
-            // The writer is gone only where it failed, and then says why.
-            if out.send((index, sample)).is_err() {
+            // Waits where the disk is slow. The writer is gone only where it failed, and then says why.
+            let sent = session.rig().hold_while(|| out.send((index, sample)));
+            if sent.map_err(CaptureError::from)?.is_err() {
                 return Ok(());
             }
-            self.monitor.advance(1);
+            let monitor = self.monitor;
+            show(&mut session, || monitor.advance(1))?;
         }
         self.look(&mut session, last)?;
         session
@@ -345,13 +349,13 @@ impl Recorder<'_> {
     fn look(&mut self, session: &mut Session<'_>, before: usize) -> Result<(), PipelineError> {
         let sentinel = session.sentinel()?;
         let note = format!("drift at home {:.2} mm", 1e3 * sentinel.drift);
-        self.monitor.note(&note);
-        self.add(&Entry::Sentinel { before, sentinel })
+        show(session, || self.monitor.note(&note))?;
+        self.add(session, &Entry::Sentinel { before, sentinel })
     }
 
     fn sample(&mut self, session: &mut Session<'_>, index: usize) -> Result<Sample, PipelineError> {
         let captured = session.sample(index as u64)?;
-        self.add(&Entry::Sample(Record::of(&captured)))?;
+        self.add(session, &Entry::Sample(Record::of(&captured)))?;
         let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
         rng.set_stream(index as u64 | 1 << 63);
         Ok(Sample {
@@ -367,10 +371,19 @@ impl Recorder<'_> {
         })
     }
 
-    fn add(&mut self, entry: &Entry) -> Result<(), PipelineError> {
+    /// Adds an entry to the journal. The servos are looked after while that goes to the disk.
+    fn add(&mut self, session: &mut Session<'_>, entry: &Entry) -> Result<(), PipelineError> {
         self.report.count(entry);
-        self.journal.add(entry)
+        let journal = self.journal;
+        let added = session.rig().hold_while(|| journal.add(entry));
+        added.map_err(CaptureError::from)?
     }
+}
+
+/// Shows something of the work. The servos are looked after meanwhile: who reads a terminal may hold it.
+fn show(session: &mut Session<'_>, work: impl FnOnce() + Send) -> Result<(), PipelineError> {
+    let shown = session.rig().hold_while(work);
+    Ok(shown.map_err(CaptureError::from)?)
 }
 
 #[cfg(test)]

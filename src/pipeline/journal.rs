@@ -76,6 +76,13 @@ impl Journal {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         file.add(&line)
     }
+
+    /// Does `work` while the journal is as good as on a disk that stalls: nothing can be added.
+    #[cfg(test)]
+    pub fn while_stalled(&self, work: impl FnOnce()) {
+        let _file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        work();
+    }
 }
 
 /// The line of a piece.

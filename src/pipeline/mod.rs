@@ -35,7 +35,7 @@ mod train;
 mod training_data;
 
 pub use capture::{CaptureLog, CaptureReport, CaptureSettings, capture};
-pub use collect::{CollectSettings, CollectTimes, collect, merge};
+pub use collect::{CollectSettings, CollectTimes, collect, export, import, merge};
 pub use compare::{
     CompareSettings, Comparer, Comparison, Configuration, Counterpart, Spread, TipSource,
 };

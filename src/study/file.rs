@@ -84,16 +84,23 @@ impl Study {
         Ok((study, notes))
     }
 
-    /// A study from JSON with the keys of a file. `folder` and `path` as of [`Study::parse`].
+    /// A study from JSON with the keys of a file, and notes as of [`Study::load_with_notes`]. `folder` and `path` as of
+    /// [`Study::parse`].
     ///
     /// # Errors
     /// As [`Study::load`].
-    pub fn from_json(text: &str, folder: &Path, path: &Path) -> Result<Self, StudyError> {
+    pub fn from_json_with_notes(
+        text: &str,
+        folder: &Path,
+        path: &Path,
+    ) -> Result<(Self, Vec<Note>), StudyError> {
         let file: InFile = serde_json::from_str(text).map_err(|error| StudyError::Parse {
             path: path.to_owned(),
             reason: with_place(&error.to_string(), &InFile::tables()),
         })?;
-        file.in_folder(folder, path, &mut Vec::new())
+        let mut notes = Vec::new();
+        let study = file.in_folder(folder, path, &mut notes)?;
+        Ok((study, notes))
     }
 
     /// A study from the text of its file. `folder` is where paths of robots begin, `path` what errors call the file.

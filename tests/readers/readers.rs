@@ -5,7 +5,7 @@
 
 use std::fs;
 use std::io::Cursor;
-use std::ops::ControlFlow::Break;
+use std::ops::ControlFlow::{self, Break, Continue};
 use std::path::Path;
 
 use serde::Deserialize;
@@ -224,8 +224,14 @@ pub fn motors(bytes: &[u8]) {
             &clouds,
             &dir.join("set"),
             &ImportSettings::default(),
+            go_on,
+            go_on,
         ));
     });
+}
+
+fn go_on(_: usize, _: usize) -> ControlFlow<()> {
+    Continue(())
 }
 
 /// Splits given to an import (CSV), for the clouds `a.ply`, `b.ply` and `c.ply`.
@@ -245,7 +251,7 @@ pub fn split_file(bytes: &[u8]) {
             split: Some(file),
             ..ImportSettings::default()
         };
-        drop(import(&clouds, &dir.join("set"), &settings));
+        drop(import(&clouds, &dir.join("set"), &settings, go_on, go_on));
     });
 }
 

@@ -46,7 +46,7 @@ pub use file::{
 };
 pub use goals::OffGoal;
 pub use homing::HomingReport;
-pub use leave::leave;
+pub use leave::{leave, while_released};
 pub use masks::{BackgroundSpec, ComponentsSpec, LargestSpec, MasksSpec};
 pub use open::Pace;
 pub use pretension::{PretensionSettings, Pretensioned};

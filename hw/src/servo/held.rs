@@ -1,7 +1,8 @@
 //! Motors that are on, for a thread that has to switch them off in place of their user.
 //!
 //! A process that is told to end at once cannot wait for whoever drives its servos. A [`Held`] bus notes which motors are on;
-//! [`switch_off_all`] takes the lines of all of them, for good, and switches these motors off.
+//! [`switch_off_all`] takes the lines of all of them, for good, and switches these motors off; [`while_all_off`] keeps all of
+//! them off for a while.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError, Weak};
 use std::thread;
@@ -36,6 +37,9 @@ struct Line<B> {
 trait Switch: Send + Sync {
     /// Takes the line, for good, and says what became of each motor that was on.
     fn switch_off(&self, patience: Duration) -> Vec<(ServoId, Result<(), ServoError>)>;
+
+    /// Does `work` while nobody else has the line, where all its motors are off: says what `work` did, else `false`.
+    fn while_off(&self, patience: Duration, work: &mut dyn FnMut() -> bool) -> bool;
 }
 
 fn locked<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -140,6 +144,13 @@ impl<B: ServoBus> Switch for Line<B> {
         std::mem::forget(bus);
         done
     }
+
+    fn while_off(&self, patience: Duration, work: &mut dyn FnMut() -> bool) -> bool {
+        match locked_within(&self.bus, patience) {
+            Some(_line) if locked(&self.on).is_empty() => work(),
+            _ => false,
+        }
+    }
 }
 
 /// Switches off all motors of the process that are on, and says what became of each. Their lines are taken from whoever has
@@ -148,6 +159,29 @@ pub fn switch_off_all(patience: Duration) -> Vec<(ServoId, Result<(), ServoError
     let lines: Vec<_> = locked(&LINES).iter().filter_map(Weak::upgrade).collect();
     let off = lines.iter().map(|line| line.switch_off(patience));
     off.flatten().collect()
+}
+
+/// Does `work` where no motor of the process is on, and keeps all of them off meanwhile: who would switch one on waits. Says
+/// whether it was done: not where a motor is on, nor where a line is not to be had within `patience`.
+pub fn while_all_off(patience: Duration, work: impl FnOnce()) -> bool {
+    // Held, so that no line is opened meanwhile.
+    let lines = locked(&LINES);
+    let open: Vec<_> = lines.iter().filter_map(Weak::upgrade).collect();
+    let mut work = Some(work);
+    nested(&open, patience, &mut || {
+        if let Some(work) = work.take() {
+            work();
+        }
+        true
+    })
+}
+
+/// Does `work` while nobody else has any of `lines`.
+fn nested(lines: &[Arc<dyn Switch>], patience: Duration, work: &mut dyn FnMut() -> bool) -> bool {
+    match lines.split_first() {
+        None => work(),
+        Some((line, rest)) => line.while_off(patience, &mut || nested(rest, patience, work)),
+    }
 }
 
 #[cfg(test)]
@@ -207,6 +241,46 @@ mod tests {
                 .all(|torque| matches!(torque, Ok(Torque::Off))),
             "{torques:?}"
         );
+    }
+
+    /// Of lines of its own: other tests of this process have motors on.
+    #[test]
+    fn while_all_are_off_nobody_switches_one_on() {
+        let setup = SimulatorSetup::of_robot(RobotSpec::standard("2m").unwrap());
+        let simulator = Simulator::new(&setup, Arc::new(VirtualClock::new())).unwrap();
+        let held = || Held::new(Bus::new(simulator.bus(), BusSettings::default()));
+        let (mut driver, other) = (held(), held());
+        let lines: [Arc<dyn Switch>; 2] = [other.0.clone(), driver.0.clone()];
+        let patience = Duration::from_millis(20);
+        let (ready, start) = channel();
+        let driving = &mut driver;
+        let [ended, switched] = thread::scope(|scope| {
+            let switching = scope.spawn(move || {
+                start.recv().unwrap();
+                let on = driving.set_torque(&ids(), Torque::On);
+                assert!(on.iter().all(Result::is_ok));
+                Instant::now()
+            });
+            assert!(nested(&lines, patience, &mut || {
+                ready.send(()).unwrap();
+                thread::sleep(Duration::from_millis(50));
+                true
+            }));
+            [Instant::now(), switching.join().unwrap()]
+        });
+        assert!(switched + Duration::from_millis(5) > ended, "it waited");
+        assert!(!nested(&lines, patience, &mut || panic!("motors are on")));
+        assert!(
+            driver
+                .set_torque(&ids(), Torque::Off)
+                .iter()
+                .all(Result::is_ok)
+        );
+        assert!(nested(&lines, patience, &mut || true));
+        // Who has the line may be about to switch one on.
+        let busy = locked(&driver.0.bus);
+        assert!(!nested(&lines, patience, &mut || panic!("a line is busy")));
+        drop(busy);
     }
 
     #[test]

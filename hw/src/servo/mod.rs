@@ -17,7 +17,7 @@ pub use error::{Fault, ServoError};
 pub use faulty::{Faulty, Odds};
 pub(crate) use forward::for_those;
 pub(crate) use held::locked_within;
-pub use held::{Held, switch_off_all};
+pub use held::{Held, switch_off_all, while_all_off};
 pub use limited::{Limited, Limits};
 pub use logged::{Logged, Record};
 
@@ -49,6 +49,9 @@ impl fmt::Display for ServoId {
         write!(f, "{}", self.0)
     }
 }
+
+/// Smallest and largest radius (m) of a spool on a servo of this size, to the middle of the tendon.
+pub const SPOOL_RADII: [f64; 2] = [5e-4, 0.1];
 
 /// Angle of a servo's horn in steps of its encoder, over any number of turns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::sleep;
 use std::time::Duration;
 
 use tdcr_hw::dynamixel::{Bus, BusSettings};
@@ -24,13 +25,18 @@ fn rig() -> Rig {
 
 /// The same with changes to its file.
 fn rig_with(change: impl FnOnce(String) -> String) -> Rig {
+    rig_at(Pace::Computed, change)
+}
+
+/// The same, whose time passes as `pace` says.
+fn rig_at(pace: Pace, change: impl FnOnce(String) -> String) -> Rig {
     let text = include_str!("../../../examples/rig-sim.toml");
     let end = text.match_indices("[[cameras]]").nth(2).unwrap().0;
     let text = text[..end].replace("[640, 480]", "[160, 120]");
     // Robots are named from the folder of the file.
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/rig.toml");
     let file = RigFile::parse(&change(text), &path).unwrap();
-    Rig::open_file(file, Pace::Computed).unwrap()
+    Rig::open_file(file, pace).unwrap()
 }
 
 fn settings(count: usize) -> CaptureSettings {
@@ -202,6 +208,76 @@ fn a_capture_of_two_samples_is_a_data_set_that_grows() {
     let report = capture(&mut rig(), &settings(10), &dir, &Silent).unwrap();
     assert_eq!(report.captured, 8);
     assert_eq!(commands(&dir).len(), 10);
+}
+
+/// In real time, in which servos stop that hear nothing for 0.8 s.
+#[test]
+fn a_disk_and_a_terminal_that_stall_for_longer_than_the_watchdog_end_nothing() {
+    const STALL: Duration = Duration::from_secs(2);
+    /// A terminal whose output a person has halted.
+    struct Halted;
+    impl Monitor for Halted {
+        fn begin(&self, _: &str, _: u64, _: u64) {}
+        fn advance(&self, _: u64) {
+            sleep(STALL);
+        }
+        fn note(&self, _: &str) {
+            sleep(STALL);
+        }
+        fn status(&self, _: &str) {}
+        fn end(&self) {}
+        fn interrupted(&self) -> bool {
+            false
+        }
+    }
+    let mut rig = rig_at(Pace::RealTime, |text| {
+        text.replace("watchdog = 0.5", "watchdog = 0.8")
+            .replace("bend = [0.6, 0.8]", "bend = [0.1, 0.1]")
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let settings = settings(3);
+    let collector = Collector::open(folder.path(), &settings.meta(&rig)).unwrap();
+    let samples: Vec<usize> = collector.missing_blocks().into_iter().flatten().collect();
+    let path = folder.path().join(JOURNAL);
+    let (journal, _) = Journal::open::<Entry>(&path, &json!({})).unwrap();
+    let mut report = CaptureReport::default();
+    let recorder = Recorder {
+        settings: &settings,
+        journal: &journal,
+        report: &mut report,
+        monitor: &Halted,
+    };
+    let session = SessionSettings {
+        seed: settings.seed,
+        voxel_size: settings.voxel_size,
+        masks: None,
+    };
+    let mut go_on = || ControlFlow::Continue(());
+    let session = Session::begin(&mut rig, &session, None, &mut go_on).unwrap();
+    let written = AtomicU64::new(0);
+    let done = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while written.load(Ordering::Relaxed) < 3 {
+                journal.while_stalled(|| sleep(STALL));
+                sleep(Duration::from_millis(1));
+            }
+        });
+        let slow = |taken: Receiver<Indexed>| {
+            for _ in taken {
+                sleep(3 * STALL);
+                written.fetch_add(1, Ordering::Relaxed);
+            }
+            Ok(())
+        };
+        let done = recorder.record(session, samples.into_iter(), slow);
+        written.store(3, Ordering::Relaxed);
+        done
+    });
+    done.unwrap();
+    assert_eq!(
+        (report.sentinels, journalled(folder.path())),
+        (2, vec![0, 1, 2])
+    );
 }
 
 /// Every condition and cloud of a data set.
