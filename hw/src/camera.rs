@@ -2,17 +2,14 @@
 //!
 //! Times are those of the rig's [`Clock`]. A camera exposes pictures in a rhythm of its own, keeps the last few, and gives each
 //! of them once. [`grab_all`] takes pictures of several cameras from one moment, [`Gathering`] does so in turns, [`Soak`] waits until a camera that was just
-//! started has found its exposure, [`Fresh`] finds cameras that repeat themselves, and [`UsbVersion::warning`] says what is
-//! wrong with a slow cable.
+//! started has found its exposure, and [`UsbVersion::warning`] says what is wrong with a slow cable.
 
 mod forward;
-mod fresh;
 mod soak;
 mod together;
 mod usb;
 
 pub(crate) use forward::described_by;
-pub use fresh::Fresh;
 pub use soak::{Soak, Soaked};
 pub use together::{Gathering, Together, grab_all};
 pub use usb::UsbVersion;
@@ -55,9 +52,10 @@ pub enum CameraError {
         /// Which one.
         serial: String,
     },
-    /// The same picture came over and over.
+    /// The same picture came again, though what it should show has changed.
     #[error(
-        "camera {serial} has repeated one picture {repeats} times, to the last bit of its noise: plug it in again"
+        "camera {serial} is frozen: it gave its last picture {repeats} times more, to the last bit, while the robot moved in its \
+         sight; plug it in again"
     )]
     Frozen {
         /// Which one.

@@ -418,7 +418,9 @@ impl From<RigError> for Failure {
     fn from(error: RigError) -> Self {
         let hint = hint::of_rig(&error);
         let class = match error {
-            RigError::Command(_) | RigError::Limit { .. } => "CommandError",
+            RigError::Command(_) | RigError::Limit { .. } | RigError::TooFar { .. } => {
+                "CommandError"
+            }
             _ => "RigError",
         };
         Self::with_hint(class, &error, hint)

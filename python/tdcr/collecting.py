@@ -102,7 +102,8 @@ def import_clouds(
 ) -> Dataset:
     """Makes a data set of clouds of other programs; as ``tdcr data import``.
 
-    Interrupted by Ctrl-C or by an exception of ``progress``, the same call goes on where it stopped. Files of other endings and columns that may be colours of unknown names are passed over with a warning.
+    Interrupted by Ctrl-C or by an exception of ``progress``, the same call goes on where it stopped. Files of
+    other endings and columns that may be colours of unknown names are passed over with a warning.
 
     Args:
         folder: Clouds (``.ply``, ``.pcd``, ``.npy``, ``.npz``) and beside each a motor file ``{"ctrl": [...]}`` of its name.
@@ -141,7 +142,8 @@ def export_clouds(
 ) -> int:
     """Writes the clouds of a data set as files of their own, with their conditions beside them; as ``tdcr data export``.
 
-    Each split has a folder of its own in ``out``. Interrupted by Ctrl-C or by an exception of ``progress``, nothing is left there.
+    Each split has a folder of its own in ``out``. Interrupted by Ctrl-C or by an exception of ``progress``, nothing is
+    left there.
 
     Args:
         dataset: The data set, or its folder.

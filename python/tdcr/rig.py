@@ -185,8 +185,8 @@ class Rig:
 
     Nothing moves before the servos are homed and :meth:`engage` is called. The tension is released where something goes wrong,
     where a call is interrupted, at the end of a ``with`` block, and at the end of the process. SIGTERM, SIGQUIT and SIGHUP (a
-    window that is closed, a connection that is lost) raise ``SystemExit`` once a rig was opened in the main thread, where they had
-    their default action; so does SIGTSTP (Ctrl-Z) while motors are on, as a stopped process cannot look after them::
+    window that is closed, a connection that is lost) raise ``SystemExit`` once a rig was opened in the main thread, where they
+    had their default action; so does SIGTSTP (Ctrl-Z) while motors are on, as a stopped process cannot look after them::
 
         with tdcr.Rig("rig-sim.toml") as rig:
             rig.engage()
@@ -290,7 +290,8 @@ class Rig:
         """Sends the goals of a command, shape (tendons,) (m), at once, and looks at the servos when the next are due.
 
         Raises:
-            CommandError: For a command out of its range or the servos' limits; nothing is sent then.
+            CommandError: For a command out of its range or the servos' limits, or farther from the one before than the rig's
+                slew allows in a period (:meth:`move_to` goes there in steps); nothing is sent then.
             RigError: After the tension was released, with the reason.
         """
         return _states(self._native.step(self._take(command)))

@@ -12,7 +12,7 @@ use tdcr::hw::clock::SystemClock;
 use tdcr::hw::dynamixel::{Bus, BusSettings};
 use tdcr::hw::log::{Entry, LogReader, LogRecord};
 use tdcr::hw::serial::{Serial, SerialSettings};
-use tdcr::hw::servo::{ServoId, Torque, TorqueSwitch};
+use tdcr::hw::servo::{ServoBus, ServoId, Torque};
 
 use crate::capture::small_rig;
 use crate::servo_sim::{LATE, Server, rig_on};

@@ -118,7 +118,13 @@ fn clouds_and_what_lies_beside_them_are_read_behind_a_mark() {
         };
         let out = tempfile::tempdir().unwrap();
         let go_on = |_: usize, _: usize| std::ops::ControlFlow::<()>::Continue(());
-        outcome(import(dir, &out.path().join("set"), &settings, go_on, go_on))
+        outcome(import(
+            dir,
+            &out.path().join("set"),
+            &settings,
+            go_on,
+            go_on,
+        ))
     };
     check_in(clouds, "a.json", br#"{"ctrl": [0.02]}"#, |path| {
         imported(path.parent().unwrap(), None)

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use tdcr_sim::files::TEMPORARY;
+use tdcr_base::files::TEMPORARY;
 use tdcr_sim::render::Scene;
 
 use super::Pace;
@@ -36,7 +36,7 @@ impl RigFile {
         }
         let partial = Partial::begin(path)?;
         let clock = clock(self, Pace::Computed);
-        let mut cameras = open_cameras(self, || Some(Box::new(Scene::default())), &clock)?;
+        let (mut cameras, _) = open_cameras(self, || Some(Box::new(Scene::default())), &clock)?;
         for camera in &mut cameras {
             Soak::default().run(camera)?;
         }

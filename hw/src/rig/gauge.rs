@@ -5,7 +5,7 @@ use super::{Rig, RigError};
 use crate::servo::Ticks;
 
 /// How far servos swing to either side (ticks): as far as takes a motor beyond what its gear's friction holds.
-const SWING: i32 = 30;
+pub(super) const SWING: i32 = 30;
 
 /// Looks at servos that have been told where to swing, until they stand there.
 const SETTLE: usize = 4;

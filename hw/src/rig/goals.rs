@@ -7,7 +7,7 @@ use super::motion::{Drive, Engaged};
 use super::stop::Cause;
 use super::winch::WinchState;
 use super::{Rig, RigError};
-use crate::servo::{PerServo, ServoError, ServoId, Ticks};
+use crate::servo::{PerServo, ServoError, ServoId, Setting, Ticks};
 
 /// How often a servo is told a goal that it does not hold.
 const MOST_TOLD: usize = 8;
@@ -99,7 +99,7 @@ impl Rig {
         };
         let counts = engaged.counts(&self.ids);
         let began = self.clock.now();
-        let sent = self.bus.set_goal_positions(&counts);
+        let sent = self.bus.set(Setting::GoalPositions(&counts));
         engaged.talked(began, self.clock.now());
         self.judge(sent)
     }

@@ -10,9 +10,8 @@ use std::time::{Duration, Instant};
 
 use super::forward::forward;
 use super::{
-    CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
-    Ping, PositionGoals, Present, PresentState, Registers, ServoBus, ServoError, ServoId, Ticks,
-    Torque, TorqueSwitch, Watchdog, WatchdogState,
+    HardwareErrors, Identity, OperatingMode, PerServo, Present, Registers, ServoBus, ServoError,
+    ServoId, Setting, Ticks, Torque, WatchdogState,
 };
 
 /// How often a motor is told to go off before one gives up.
@@ -47,10 +46,7 @@ fn locked<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// The lock of `mutex`, if it is to be had within a time.
-pub(crate) fn locked_within<T: ?Sized>(
-    mutex: &Mutex<T>,
-    patience: Duration,
-) -> Option<MutexGuard<'_, T>> {
+fn locked_within<T: ?Sized>(mutex: &Mutex<T>, patience: Duration) -> Option<MutexGuard<'_, T>> {
     let deadline = Instant::now() + patience;
     loop {
         match mutex.try_lock() {
@@ -83,15 +79,15 @@ impl<B> Held<B> {
     }
 }
 
-impl<B: TorqueSwitch> TorqueSwitch for Held<B> {
-    fn set_torque(&mut self, ids: &[ServoId], torque: Torque) -> PerServo<()> {
+impl<B: ServoBus> ServoBus for Held<B> {
+    fn set(&mut self, setting: Setting<'_>) -> PerServo<()> {
         let mut bus = self.bus();
-        if torque == Torque::On {
+        if let Setting::Torque(ids, Torque::On) = setting {
             // Before they are told: one that does not answer may have heard.
             locked(&self.0.on).extend(ids);
         }
-        let results = bus.set_torque(ids, torque);
-        if torque == Torque::Off {
+        let results = bus.set(setting);
+        if let Setting::Torque(ids, Torque::Off) = setting {
             let confirmed = ids
                 .iter()
                 .zip(&results)
@@ -102,13 +98,13 @@ impl<B: TorqueSwitch> TorqueSwitch for Held<B> {
         results
     }
 
-    fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque> {
-        self.bus().torque(ids)
+    forward! { reads, |this| this.bus() }
+    forward! {
+        |this| this.bus(),
+        fn present(ids: &[ServoId]) -> PerServo<Present>;
+        fn reboot(id: ServoId) -> Result<(), ServoError>;
     }
 }
-
-forward!([B] Ping, Modes, PositionGoals, CurrentGoals, CurrentLimits, PresentState, Health, Watchdog for Held<B>,
-    |this| this.bus());
 
 impl<B: ServoBus> Switch for Line<B> {
     fn switch_off(&self, patience: Duration) -> Vec<(ServoId, Result<(), ServoError>)> {
@@ -133,7 +129,7 @@ impl<B: ServoBus> Switch for Line<B> {
             if left.is_empty() {
                 break;
             }
-            let results = bus.set_torque(&left, Torque::Off);
+            let results = bus.set(Setting::Torque(&left, Torque::Off));
             let again = |result: &Result<(), _>| result.is_err() && attempt < ATTEMPTS;
             let (failed, ended): (Vec<_>, Vec<_>) =
                 (left.into_iter().zip(results)).partition(|(_, result)| again(result));
@@ -211,13 +207,13 @@ mod tests {
         let mut driver = held();
         assert!(
             driver
-                .set_torque(&ids(), Torque::On)
+                .set(Setting::Torque(&ids(), Torque::On))
                 .iter()
                 .all(Result::is_ok)
         );
         assert!(
             driver
-                .set_torque(&ids()[..1], Torque::Off)
+                .set(Setting::Torque(&ids()[..1], Torque::Off))
                 .iter()
                 .all(Result::is_ok)
         );
@@ -229,7 +225,7 @@ mod tests {
         // The driver's next order does not come through.
         let (sent, order) = channel();
         thread::spawn(move || {
-            drop(driver.set_torque(&ids(), Torque::On));
+            drop(driver.set(Setting::Torque(&ids(), Torque::On)));
             let _ = sent.send(());
         });
         assert!(order.recv_timeout(Duration::from_millis(200)).is_err());
@@ -257,7 +253,7 @@ mod tests {
         let [ended, switched] = thread::scope(|scope| {
             let switching = scope.spawn(move || {
                 start.recv().unwrap();
-                let on = driving.set_torque(&ids(), Torque::On);
+                let on = driving.set(Setting::Torque(&ids(), Torque::On));
                 assert!(on.iter().all(Result::is_ok));
                 Instant::now()
             });
@@ -272,7 +268,7 @@ mod tests {
         assert!(!nested(&lines, patience, &mut || panic!("motors are on")));
         assert!(
             driver
-                .set_torque(&ids(), Torque::Off)
+                .set(Setting::Torque(&ids(), Torque::Off))
                 .iter()
                 .all(Result::is_ok)
         );
@@ -288,7 +284,7 @@ mod tests {
         let setup = SimulatorSetup::of_robot(RobotSpec::standard("2m").unwrap());
         let simulator = Simulator::new(&setup, Arc::new(VirtualClock::new())).unwrap();
         let mut driver = Held::new(Bus::new(simulator.bus(), BusSettings::default()));
-        drop(driver.set_torque(&ids(), Torque::On));
+        drop(driver.set(Setting::Torque(&ids(), Torque::On)));
         let busy = locked(&driver.0.bus);
         let off = driver.0.switch_off(Duration::from_millis(20));
         assert_eq!(off.len(), 6);

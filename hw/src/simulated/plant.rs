@@ -447,9 +447,15 @@ mod tests {
             let plant = Plant::new(setup, &vec![spool; spools]);
             plant.expect_err("refused").to_string()
         };
-        assert!(refused(&setup, 6).contains("stiffness is 0 N/m"));
+        assert!(refused(&setup, 6).contains("stiffness (N/m) is 0; expected 1 to 100000000"));
         let setup = PlantSetup {
             stiffness: None,
+            physics: Physics::WithFriction { coefficient: 2.5 },
+            ..setup
+        };
+        assert!(refused(&setup, 6).contains("friction is 2.5; expected 0 to 2"));
+        let setup = PlantSetup {
+            physics: Physics::AtRest,
             ..setup
         };
         assert!(refused(&setup, 5).contains("6 tendons, and there are 5 spools"));

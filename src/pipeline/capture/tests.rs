@@ -3,15 +3,18 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
+use tdcr_hw::clock::Clock;
 use tdcr_hw::dynamixel::{Bus, BusSettings};
 use tdcr_hw::log::{Entry as LogEntry, LogReader};
 use tdcr_hw::mask::{Mask, Shot};
 use tdcr_hw::rig::{Pace, RigFile};
-use tdcr_hw::servo::{ServoId, Torque, TorqueSwitch, Watchdog, WatchdogState};
+use tdcr_hw::servo::{ServoBus, ServoId, Torque, WatchdogState};
+use tdcr_hw::simulated::camera::{CameraFault, CameraFaults};
 use tdcr_hw::simulated::{Fault, Simulator};
 use tdcr_learn::data::{DataSet, Split, check};
 
@@ -506,6 +509,48 @@ fn a_capture_rests_where_a_servo_is_hot_and_goes_on() {
         "{rests:?}"
     );
     assert_alike(&commands(&cool), &commands(&hot));
+}
+
+/// Lets a camera freeze after the ninth sample.
+struct Freeze(AtomicU64, CameraFaults, Arc<dyn Clock>);
+
+impl Monitor for Freeze {
+    fn begin(&self, _: &str, _: u64, _: u64) {}
+    fn advance(&self, steps: u64) {
+        if self.0.fetch_add(steps, Ordering::Relaxed) + steps == 9 {
+            let from = self.2.now() + Duration::from_nanos(1);
+            self.1.set_from(from, Some(CameraFault::Frozen));
+        }
+    }
+    fn note(&self, _: &str) {}
+    fn status(&self, _: &str) {}
+    fn end(&self) {}
+    fn interrupted(&self) -> bool {
+        false
+    }
+}
+
+/// With the noise of a D435, and without any.
+#[test]
+fn a_capture_keeps_no_sample_of_a_camera_that_froze() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, sensor) in [("noise", "sensor = \"d435\"\n"), ("ideal", "")] {
+        let dir = folder.path().join(name);
+        let rig = || rig_with(|text| text.replace("sensor = \"d435\"\n", sensor));
+        let mut freezing = rig();
+        let faults = freezing.camera_faults()[1].clone().unwrap();
+        let freeze = Freeze(AtomicU64::new(0), faults, freezing.clock().clone());
+        let ended = capture(&mut freezing, &settings(14), &dir, &freeze).unwrap_err();
+        assert!(
+            ended.to_string().contains("camera east is frozen"),
+            "{ended}"
+        );
+        assert_eq!(kept(&ended), 9);
+        assert!(!freezing.is_engaged());
+        let report = capture(&mut rig(), &settings(14), &dir, &Silent).unwrap();
+        assert_eq!(report.captured, 5);
+        assert_eq!(commands(&dir).len(), 14);
+    }
 }
 
 #[test]

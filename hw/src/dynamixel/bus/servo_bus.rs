@@ -1,4 +1,4 @@
-//! What servos can do, as the traits of [`servo`](crate::servo) have it.
+//! What servos can do, as [`ServoBus`] has it.
 
 use std::time::Duration;
 
@@ -7,9 +7,8 @@ use super::Bus;
 use super::items::count_of;
 use super::state::{ticks, watchdog_state};
 use crate::servo::{
-    CurrentGoals, CurrentLimits, Fault, HardwareErrors, Health, Identity, Modes, OperatingMode,
-    PerServo, Ping, PositionGoals, Present, PresentState, Registers, ServoError, ServoId, Ticks,
-    Torque, TorqueSwitch, Watchdog, WatchdogState, for_those,
+    Fault, HardwareErrors, Identity, OperatingMode, PerServo, Present, Registers, ServoBus,
+    ServoError, ServoId, Setting, Ticks, Torque, WatchdogState, for_those,
 };
 use crate::transport::Transport;
 
@@ -90,7 +89,7 @@ impl<T: Transport> Bus<T> {
         for_those(goals, |goals| {
             let held = goals.iter().filter_map(|&(id, goal)| Some((id, goal?)));
             let held: Vec<(ServoId, Ticks)> = held.collect();
-            let mut sent = self.set_goal_positions(&held).into_iter();
+            let mut sent = self.send_goal_positions(&held).into_iter();
             let ids: Vec<_> = held.iter().map(|&(id, _)| id).collect();
             let mut found = self.goal_positions(&ids).into_iter();
             goals
@@ -124,19 +123,10 @@ fn goal_at(mode: OperatingMode, position: Ticks) -> Option<Ticks> {
     }
 }
 
-impl<T: Transport> Ping for Bus<T> {
-    fn ping(&mut self, id: ServoId) -> Result<Identity, ServoError> {
-        self.ping_one(id, self.attempts_for(id))
-    }
-
-    fn scan(&mut self) -> Result<Vec<(ServoId, Identity)>, ServoError> {
-        self.ping_all()
-    }
-}
-
-impl<T: Transport> TorqueSwitch for Bus<T> {
+/// What [`Setting`]s do.
+impl<T: Transport> Bus<T> {
     /// A servo whose torque goes on gets its position for its goal first, so that it does not jump.
-    fn set_torque(&mut self, ids: &[ServoId], torque: Torque) -> PerServo<()> {
+    fn switch(&mut self, ids: &[ServoId], torque: Torque) -> PerServo<()> {
         let ready = match torque {
             Torque::Off => ids.iter().map(|_| Ok(())).collect(),
             Torque::On => self.hold(ids),
@@ -160,13 +150,6 @@ impl<T: Transport> TorqueSwitch for Bus<T> {
         })
     }
 
-    fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque> {
-        let counts = ids.iter().zip(self.read_items(ids, Item::TorqueEnable));
-        counts.map(|(&id, count)| torque_of(id, count?)).collect()
-    }
-}
-
-impl<T: Transport> Modes for Bus<T> {
     fn set_mode(&mut self, ids: &[ServoId], mode: OperatingMode) -> PerServo<()> {
         let number = mode_number(mode);
         ids.iter()
@@ -174,20 +157,7 @@ impl<T: Transport> Modes for Bus<T> {
             .collect()
     }
 
-    fn mode(&mut self, ids: &[ServoId]) -> PerServo<OperatingMode> {
-        let numbers = ids.iter().zip(self.read_items(ids, Item::OperatingMode));
-        numbers
-            .map(|(&id, number)| {
-                let number = number?;
-                let mode = MODES.into_iter().find(|&mode| mode_number(mode) == number);
-                mode.ok_or(ServoError::Damaged { id })
-            })
-            .collect()
-    }
-}
-
-impl<T: Transport> PositionGoals for Bus<T> {
-    fn set_goal_positions(&mut self, goals: &[(ServoId, Ticks)]) -> PerServo<()> {
+    fn send_goal_positions(&mut self, goals: &[(ServoId, Ticks)]) -> PerServo<()> {
         let counts: Vec<_> = goals
             .iter()
             .map(|&(id, goal)| match self.meet(id)?.tripped {
@@ -198,14 +168,7 @@ impl<T: Transport> PositionGoals for Bus<T> {
         for_those(counts, |counts| self.send_items(Item::GoalPosition, counts))
     }
 
-    fn goal_positions(&mut self, ids: &[ServoId]) -> PerServo<Ticks> {
-        let counts = self.read_items(ids, Item::GoalPosition).into_iter();
-        counts.map(|count| count.map(ticks)).collect()
-    }
-}
-
-impl<T: Transport> CurrentGoals for Bus<T> {
-    fn set_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()> {
+    fn send_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()> {
         let goals: Vec<_> = goals
             .iter()
             .map(|&(id, goal)| match self.meet(id)?.tripped {
@@ -226,9 +189,7 @@ impl<T: Transport> CurrentGoals for Bus<T> {
             sent
         })
     }
-}
 
-impl<T: Transport> Bus<T> {
     /// Writes a goal current once more where the servo does not hold it.
     fn make_sure_of_current(
         &mut self,
@@ -243,9 +204,7 @@ impl<T: Transport> Bus<T> {
             _ => self.write_item(id, Item::GoalCurrent, count).map(drop),
         }
     }
-}
 
-impl<T: Transport> CurrentLimits for Bus<T> {
     fn set_current_limits(&mut self, limits: &[(ServoId, f64)]) -> PerServo<()> {
         limits
             .iter()
@@ -255,6 +214,91 @@ impl<T: Transport> CurrentLimits for Bus<T> {
                 self.write_item(id, Item::CurrentLimit, count).map(drop)
             })
             .collect()
+    }
+
+    fn set_watchdog(&mut self, ids: &[ServoId], timeout: Option<Duration>) -> PerServo<()> {
+        ids.iter()
+            .map(|&id| {
+                let entry = self.meet(id)?.table().entry(Item::BusWatchdog);
+                let seconds = timeout.map_or(0.0, |timeout| timeout.as_secs_f64());
+                // Upwards, and never to 0, which is none.
+                let count = (seconds / entry.scale - 1e-9).ceil().max(1.0);
+                let most = f64::from(i8::MAX);
+                if count > most {
+                    return Err(ServoError::OutOfRange {
+                        id,
+                        quantity: "watchdog in s",
+                        value: seconds,
+                        min: entry.scale,
+                        max: most * entry.scale,
+                    });
+                }
+                // 0 resets one that has tripped.
+                self.write_item(id, Item::BusWatchdog, 0)?;
+                self.meet(id)?.tripped = false;
+                if timeout.is_some() {
+                    self.write_item(id, Item::BusWatchdog, count as i64)?;
+                }
+                Ok(())
+            })
+            .collect()
+    }
+}
+
+impl<T: Transport> ServoBus for Bus<T> {
+    fn ping(&mut self, id: ServoId) -> Result<Identity, ServoError> {
+        self.ping_one(id, self.attempts_for(id))
+    }
+
+    fn scan(&mut self) -> Result<Vec<(ServoId, Identity)>, ServoError> {
+        self.ping_all()
+    }
+
+    fn set(&mut self, setting: Setting<'_>) -> PerServo<()> {
+        match setting {
+            Setting::Torque(ids, torque) => self.switch(ids, torque),
+            Setting::Mode(ids, mode) => self.set_mode(ids, mode),
+            Setting::GoalPositions(goals) => self.send_goal_positions(goals),
+            Setting::GoalCurrents(goals) => self.send_goal_currents(goals),
+            Setting::CurrentLimits(limits) => self.set_current_limits(limits),
+            Setting::Watchdog(ids, timeout) => self.set_watchdog(ids, timeout),
+        }
+    }
+
+    fn present(&mut self, ids: &[ServoId]) -> PerServo<Present> {
+        let blocks = self.blocks(ids).into_iter();
+        blocks
+            .map(|block| {
+                block.map(|block| Present {
+                    position: block.position,
+                    velocity: block.velocity,
+                    current: block.current,
+                    errors: block.errors,
+                    watchdog: block.watchdog,
+                })
+            })
+            .collect()
+    }
+
+    fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque> {
+        let counts = ids.iter().zip(self.read_items(ids, Item::TorqueEnable));
+        counts.map(|(&id, count)| torque_of(id, count?)).collect()
+    }
+
+    fn mode(&mut self, ids: &[ServoId]) -> PerServo<OperatingMode> {
+        let numbers = ids.iter().zip(self.read_items(ids, Item::OperatingMode));
+        numbers
+            .map(|(&id, number)| {
+                let number = number?;
+                let mode = MODES.into_iter().find(|&mode| mode_number(mode) == number);
+                mode.ok_or(ServoError::Damaged { id })
+            })
+            .collect()
+    }
+
+    fn goal_positions(&mut self, ids: &[ServoId]) -> PerServo<Ticks> {
+        let counts = self.read_items(ids, Item::GoalPosition).into_iter();
+        counts.map(|count| count.map(ticks)).collect()
     }
 
     fn current_limits(&mut self, ids: &[ServoId]) -> PerServo<f64> {
@@ -270,26 +314,12 @@ impl<T: Transport> CurrentLimits for Bus<T> {
             })
             .collect()
     }
-}
 
-impl<T: Transport> PresentState for Bus<T> {
-    fn present(&mut self, ids: &[ServoId]) -> PerServo<Present> {
-        let blocks = self.blocks(ids).into_iter();
-        blocks
-            .map(|block| {
-                block.map(|block| Present {
-                    position: block.position,
-                    velocity: block.velocity,
-                    current: block.current,
-                    errors: block.errors,
-                    watchdog: block.watchdog,
-                })
-            })
-            .collect()
+    fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState> {
+        let counts = self.read_items(ids, Item::BusWatchdog).into_iter();
+        counts.map(|count| count.map(watchdog_state)).collect()
     }
-}
 
-impl<T: Transport> Health for Bus<T> {
     fn temperatures(&mut self, ids: &[ServoId]) -> PerServo<f64> {
         let blocks = self.blocks(ids).into_iter();
         blocks
@@ -322,40 +352,5 @@ impl<T: Transport> Health for Bus<T> {
 
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {
         self.restart(id)
-    }
-}
-
-impl<T: Transport> Watchdog for Bus<T> {
-    fn set_watchdog(&mut self, ids: &[ServoId], timeout: Option<Duration>) -> PerServo<()> {
-        ids.iter()
-            .map(|&id| {
-                let entry = self.meet(id)?.table().entry(Item::BusWatchdog);
-                let seconds = timeout.map_or(0.0, |timeout| timeout.as_secs_f64());
-                // Upwards, and never to 0, which is none.
-                let count = (seconds / entry.scale - 1e-9).ceil().max(1.0);
-                let most = f64::from(i8::MAX);
-                if count > most {
-                    return Err(ServoError::OutOfRange {
-                        id,
-                        quantity: "watchdog in s",
-                        value: seconds,
-                        min: entry.scale,
-                        max: most * entry.scale,
-                    });
-                }
-                // 0 resets one that has tripped.
-                self.write_item(id, Item::BusWatchdog, 0)?;
-                self.meet(id)?.tripped = false;
-                if timeout.is_some() {
-                    self.write_item(id, Item::BusWatchdog, count as i64)?;
-                }
-                Ok(())
-            })
-            .collect()
-    }
-
-    fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState> {
-        let counts = self.read_items(ids, Item::BusWatchdog).into_iter();
-        counts.map(|count| count.map(watchdog_state)).collect()
     }
 }

@@ -5,8 +5,8 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::{Arriving, Transport};
-use crate::clock::{Clock, VirtualClock};
+use tdcr_hw::clock::{Clock, VirtualClock};
+use tdcr_hw::transport::{Arriving, Transport};
 
 /// What is to be written next, and what then arrives.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

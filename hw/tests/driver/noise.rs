@@ -4,21 +4,21 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::Transport;
-use crate::clock::{Clock, VirtualClock};
+use super::hw::clock::{Clock, VirtualClock};
+use super::hw::transport::Transport;
 
 /// Bytes that arrive at a time.
 const PIECE: usize = 16;
 
 /// A line in memory on which the same bytes come, 16 at a time, whatever is sent: what a driver must survive.
 #[derive(Debug)]
-pub struct Babble {
+pub struct NoiseTransport {
     clock: Arc<dyn Clock>,
     bytes: Vec<u8>,
     at: usize,
 }
 
-impl Babble {
+impl NoiseTransport {
     /// A line of 1 Mbaud and 1 ms of latency, whose time is virtual.
     pub fn new(bytes: impl Into<Vec<u8>>) -> Self {
         Self {
@@ -29,7 +29,7 @@ impl Babble {
     }
 }
 
-impl Transport for Babble {
+impl Transport for NoiseTransport {
     fn write(&mut self, _: &[u8]) -> io::Result<()> {
         Ok(())
     }
