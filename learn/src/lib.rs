@@ -71,6 +71,7 @@ pub mod data;
 pub mod flow;
 pub mod metrics;
 pub mod net;
+pub mod options;
 mod pool;
 pub mod predict;
 pub mod prior;

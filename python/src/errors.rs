@@ -9,6 +9,7 @@ use pyo3::types::PyModule;
 use tdcr::base::InvalidPart;
 use tdcr::learn::data::{DataError, SimulateError};
 use tdcr::learn::flow::FlowError;
+use tdcr::learn::options::OptionsError;
 use tdcr::learn::predict::PredictError;
 use tdcr::learn::train::{FileError, SettingsError};
 use tdcr::pages::PageError;
@@ -77,6 +78,11 @@ pub fn choice<T: Clone>(option: &str, name: &str, values: &[(&str, T)]) -> Outco
     })
 }
 
+/// JSON that was written.
+pub fn text(written: serde_json::Result<String>) -> Outcome<String> {
+    written.map_err(|error| Failure::Of("TdcrError", error.to_string()))
+}
+
 impl From<PyErr> for Failure {
     fn from(error: PyErr) -> Self {
         Self::Python(error)
@@ -128,6 +134,22 @@ classes! {
     FileError => "TrainError",
     ShapeControlError => "InputError",
     SimulateError => "DataError",
+}
+
+impl From<OptionsError> for Failure {
+    fn from(error: OptionsError) -> Self {
+        Self::input(match error {
+            OptionsError::Robot(error) => return error.into(),
+            OptionsError::NoContext { option } => {
+                format!("{option} is of the net 'hybrid'; the network is an mlp")
+            }
+            OptionsError::Stages { option, found } => {
+                format!("{option} has {found} values; expected 3, one for each stage")
+            }
+            OptionsError::Endless { .. } => format!("{error}; give steps"),
+            other => other.to_string(),
+        })
+    }
 }
 
 impl From<DynamicsError> for Failure {
@@ -188,6 +210,7 @@ impl From<PipelineError> for Failure {
             PipelineError::Predict(error) => error.into(),
             PipelineError::File(error) => error.into(),
             PipelineError::Train(TrainRunError::Sampler(error)) => error.into(),
+            PipelineError::Train(TrainRunError::Options(error)) => error.into(),
             error => Self::with_hint(class_of(&error), &error, hint),
         }
     }
@@ -201,7 +224,7 @@ fn class_of(error: &PipelineError) -> &'static str {
         PipelineError::Metric(_)
         | PipelineError::ComparedPoints { .. }
         | PipelineError::Compare(_)
-        | PipelineError::Train(TrainRunError::OwnSampler { .. } | TrainRunError::Endless { .. })
+        | PipelineError::Train(TrainRunError::OwnSampler { .. })
         | PipelineError::Eval(
             EvalError::ScoredTests { .. }
             | EvalError::OtherClouds { .. }

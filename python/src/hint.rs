@@ -41,7 +41,6 @@ pub fn of_stage(error: &PipelineError) -> Option<String> {
 
 fn of_run(error: &TrainRunError) -> Option<String> {
     let hint = match error {
-        TrainRunError::Endless { .. } => "give steps",
         TrainRunError::OwnSampler { .. } => "leave out sampler and what belongs to it",
         TrainRunError::OtherRun { .. } => {
             "choose another folder, where init=MODEL starts at the network of this run, or remove this one"

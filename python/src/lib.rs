@@ -121,11 +121,11 @@ mod _tdcr {
     use crate::tendon_friction::FrictionPath;
     #[pymodule_export]
     use crate::torch::{
-        presets, read_cloud_set, reduce, select_points, set_reduction, start_noise, train_settings,
-        velocities,
+        presets, read_cloud_set, reduce, resolve_training, select_points, set_reduction,
+        start_noise, train_settings, velocities,
     };
     #[pymodule_export]
-    use crate::training::{distill, train};
+    use crate::training::{distill, train, train_options};
     #[pymodule_export]
     use crate::vision::{View, clouds, render, save_ply};
 

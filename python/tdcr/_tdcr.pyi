@@ -57,6 +57,7 @@ __all__ = [
     "record_background",
     "reduce",
     "render",
+    "resolve_training",
     "rollout_jvp_rows",
     "rollout_rows",
     "rollout_vjp_rows",
@@ -71,6 +72,7 @@ __all__ = [
     "study",
     "threads",
     "train",
+    "train_options",
     "train_settings",
     "velocities",
     "vjp_rows",
@@ -502,12 +504,13 @@ class Predictor:
     ) -> tuple[_Floats32, _Bytes | None, _Floats32 | None, NDArray[np.uint32]]: ...
 
 def train(
-    source: tuple[Any, ...],
+    source: str | tuple[Robot, dict[str, Any]],
     out: str,
-    options: dict[str, Any],
-    init: str | None = None,
+    options: str,
+    surface_prior: Robot | None = None,
     progress: _Progress = None,
 ) -> _Run: ...
+def train_options() -> str: ...
 def distill(
     model: str,
     data: str,
@@ -641,6 +644,7 @@ class Stream:
     def next(self) -> tuple[_SampleArrays, _SampleArrays]: ...
 
 def presets() -> str: ...
+def resolve_training(options: str, clouds_in_set: int | None = None) -> tuple[str, str]: ...
 def train_settings(changes: str) -> str: ...
 def set_reduction(folder: str, colors: bool) -> tuple[str, str]: ...
 def reduce(provenance: str, commands: _Floats) -> tuple[NDArray[np.float32], list[int]]: ...

@@ -9,6 +9,7 @@ use tdcr::hw::log::LogError;
 use tdcr::hw::recorded::RecordedError;
 use tdcr::hw::rig::RigError;
 use tdcr::learn::data::{DataError, MergeError};
+use tdcr::learn::options::OptionsError;
 use tdcr::learn::train::TrainError;
 use tdcr::pages::PageError;
 use tdcr::pipeline::recording::{CalibrateError, RecordingFileError};
@@ -28,6 +29,7 @@ fn of_cause(cause: &(dyn Error + 'static)) -> Option<String> {
     page.or_else(|| cause.downcast_ref().and_then(of_stage))
         .or_else(|| cause.downcast_ref().and_then(of_study))
         .or_else(|| cause.downcast_ref().and_then(of_data))
+        .or_else(|| cause.downcast_ref().and_then(of_options))
         .or_else(|| cause.downcast_ref().and_then(of_training))
         .or_else(|| cause.downcast_ref().and_then(of_calibration))
         .or_else(|| cause.downcast_ref().and_then(of_recording))
@@ -62,7 +64,7 @@ fn of_stage(error: &PipelineError) -> Option<String> {
 
 fn of_run(error: &TrainRunError) -> Option<String> {
     Some(match error {
-        TrainRunError::Endless { .. } => "say --steps N".to_owned(),
+        TrainRunError::Options(error) => return of_options(error),
         TrainRunError::OwnSampler { .. } => {
             "leave out --sampler, --sampler-steps, --sampler-power, --sampler-tolerance and --sampler-denoise"
                 .to_owned()
@@ -78,6 +80,10 @@ fn of_run(error: &TrainRunError) -> Option<String> {
         TrainRunError::Train(error) => return of_training(error),
         _ => return None,
     })
+}
+
+fn of_options(error: &OptionsError) -> Option<String> {
+    matches!(error, OptionsError::Endless { .. }).then(|| "say --steps N".to_owned())
 }
 
 fn of_divergence(run: &Divergence) -> String {

@@ -49,13 +49,15 @@ use std::num::NonZero;
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::TypedValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::hw::capture::CaptureError;
 use tdcr::hw::rig::{RigError, RigFile};
 use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler};
-use tdcr::learn::net::{Precision, TimeFeatures};
+use tdcr::learn::net::Precision;
+use tdcr::learn::options;
+use tdcr::learn::options::cli::named;
 use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pages::PageError;
@@ -212,10 +214,7 @@ impl SamplerArgs {
 /// Operand type of a network's matrix products.
 #[derive(Debug, Args)]
 struct PrecisionArgs {
-    /// Operand type of the network's matrix products: bfloat16 has 8 significant bits. It is many times faster on a processor
-    /// with a matrix unit (AMX), and faster on AMD's with AVX-512 BF16. Sums are float32 in either [default: bfloat16 on
-    /// such a processor if the width is a multiple of 32, else float32]
-    #[arg(long, value_parser = precision())]
+    #[arg(long, value_parser = precision(), help = options::cli::help("precision"))]
     precision: Option<Precision>,
 }
 
@@ -234,17 +233,6 @@ fn precision() -> impl TypedValueParser<Value = Precision> {
 /// Parses the name of a method.
 fn method() -> impl TypedValueParser<Value = Method> {
     named(Method::ALL, Method::name)
-}
-
-/// Parses the name of one of `all`.
-fn named<T: Copy + Send + Sync + 'static, const N: usize>(
-    all: [T; N],
-    name: fn(T) -> &'static str,
-) -> impl TypedValueParser<Value = T> {
-    PossibleValuesParser::new(all.map(name)).map(move |asked| {
-        let found = all.into_iter().find(|&one| name(one) == asked);
-        found.expect("one of the possible values")
-    })
 }
 
 /// Exit status after an interruption, as shells report SIGINT.
@@ -463,11 +451,6 @@ fn amount(text: &str) -> Result<usize, String> {
         Ok(number) if (1..=10_000_000).contains(&number) => Ok(number),
         _ => Err("expected a whole number, 1 to 10000000".to_owned()),
     }
-}
-
-/// Parses what a network sees of the flow time.
-fn time_features() -> impl TypedValueParser<Value = TimeFeatures> {
-    named(TimeFeatures::ALL, TimeFeatures::name)
 }
 
 /// Parses whether symmetries are used.

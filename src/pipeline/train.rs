@@ -17,7 +17,6 @@ use tdcr_learn::train::{
 use refine::completed;
 
 use super::log::RunLog;
-use super::network_size::NetworkSize;
 use super::subject::require_same;
 use super::symmetry::{reduced, reduction};
 use super::training_data::{StreamSettings, TrainingData};
@@ -46,8 +45,8 @@ fn state_path(run: &Path) -> PathBuf {
     run.join("state.safetensors")
 }
 
-/// Trains a network on `data`, keeping model, state and log in the folder `run`. Its weights start at those of `initial`, at
-/// random ones without it.
+/// Trains a network of `shape`, with as many numbers of a condition as the data have, on `data`, keeping model, state and log in the
+/// folder `run`. Its weights start at those of `initial`, at random ones without it.
 ///
 /// When all steps are taken, the network's last evaluation is refined where `settings` say so (a run of its own, in the folder
 /// `refinement` of `run`), and the factor of its uncertainty is found in validation.
@@ -66,7 +65,7 @@ fn state_path(run: &Path) -> PathBuf {
 pub fn train(
     data: &TrainingData,
     run: &Path,
-    size: NetworkSize,
+    shape: impl Into<NetworkShape>,
     settings: &TrainSettings,
     initial: Option<&Model>,
     monitor: &dyn Monitor,
@@ -76,10 +75,11 @@ pub fn train(
         settings,
         monitor,
     };
+    let shape = shape.into();
     match data {
-        TrainingData::Set(dir) => run.on_set(dir, None, size, initial),
-        TrainingData::SetIn(dir, units) => run.on_set(dir, Some(units), size, initial),
-        TrainingData::Stream(stream) => run.on_stream(stream, size, initial),
+        TrainingData::Set(dir) => run.on_set(dir, None, shape, initial),
+        TrainingData::SetIn(dir, units) => run.on_set(dir, Some(units), shape, initial),
+        TrainingData::Stream(stream) => run.on_stream(stream, shape, initial),
     }
 }
 
@@ -135,15 +135,15 @@ impl Run<'_> {
         &self,
         dir: &Path,
         units: Option<&Normalisation>,
-        size: NetworkSize,
+        shape: NetworkShape,
         initial: Option<&Model>,
     ) -> Result<Trained, PipelineError> {
         let set = DataSet::open(dir)?;
         let units = units.unwrap_or(set.normalisation());
         let recipe = set.meta().and_then(|meta| meta.origin.recipe());
-        let reduction = self.reduction(recipe, size.channels, initial)?;
+        let reduction = self.reduction(recipe, shape.channels(), initial)?;
         let read = |split| -> Result<CloudSet, PipelineError> {
-            let (clouds, conditions) = reduced(&set, split, units, size.channels, &reduction)?;
+            let (clouds, conditions) = reduced(&set, split, units, shape.channels(), &reduction)?;
             let starts = self.starts(&clouds, &conditions, units)?;
             Ok(CloudSet { starts, ..clouds })
         };
@@ -153,7 +153,11 @@ impl Run<'_> {
             normalisation: units.clone(),
             reduction,
         };
-        let start = start(initial, size.shape(training.condition_dim), &provenance)?;
+        let start = start(
+            initial,
+            shape.with_condition_dim(training.condition_dim),
+            &provenance,
+        )?;
         self.on(Feed::from(&training), &validation, start, provenance)
     }
 
@@ -197,7 +201,7 @@ impl Run<'_> {
     fn on_stream(
         &self,
         stream: &StreamSettings,
-        size: NetworkSize,
+        shape: NetworkShape,
         initial: Option<&Model>,
     ) -> Result<Trained, PipelineError> {
         stream.spec.recipe.check()?;
@@ -206,10 +210,10 @@ impl Run<'_> {
             stream.window,
             stream.fresh,
             rayon::current_num_threads(),
-            size.channels,
+            shape.channels(),
         )?;
         let recipe = &stream.spec.recipe;
-        let reduction = self.reduction(Some(recipe), size.channels, initial)?;
+        let reduction = self.reduction(Some(recipe), shape.channels(), initial)?;
         let window = window.with_reduction(reduction.clone());
         let subject = &recipe.subject;
         let validation = match &stream.validation {
@@ -219,7 +223,7 @@ impl Run<'_> {
                 let found = set.meta().and_then(Meta::subject);
                 found.map_or(Ok(()), |found| require_same(subject, found))?;
                 let units = window.normalisation();
-                reduced(&set, Split::Val, units, size.channels, &reduction)?.0
+                reduced(&set, Split::Val, units, shape.channels(), &reduction)?.0
             }
         };
         let provenance = Provenance {
@@ -228,7 +232,11 @@ impl Run<'_> {
             reduction,
         };
         let training = Feed::Stream(Box::new(window));
-        let start = start(initial, size.shape(training.condition_dim()), &provenance)?;
+        let start = start(
+            initial,
+            shape.with_condition_dim(training.condition_dim()),
+            &provenance,
+        )?;
         self.on(training, &validation, start, provenance)
     }
 

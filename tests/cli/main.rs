@@ -24,6 +24,7 @@ mod output;
 mod parts;
 mod picture;
 mod predict;
+mod python_options;
 mod reach;
 mod refusals;
 mod release;

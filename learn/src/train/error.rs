@@ -1,5 +1,6 @@
 //! What can go wrong in training and with its files.
 
+use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -34,6 +35,19 @@ impl SettingsError {
             found: found.to_string(),
             expected: expected.to_string(),
         }
+    }
+
+    /// An error where `found` is another value than `expected`, which is `whose`.
+    pub(super) fn unless_equal<T: PartialEq + fmt::Debug>(
+        field: &'static str,
+        found: &T,
+        expected: &T,
+        whose: impl ToString,
+    ) -> Result<(), Self> {
+        if found == expected {
+            return Ok(());
+        }
+        Err(Self::new(field, format!("{found:?}"), whose))
     }
 }
 

@@ -212,25 +212,16 @@ impl Refiner {
         shape: &NetworkShape,
         settings: &TrainSettings,
     ) -> Result<(), SettingsError> {
-        let refuse = |field, found: String, expected: String| {
-            Err(SettingsError::new(field, found, expected))
-        };
         let own = self.network.shape();
-        if *shape != own {
-            return refuse("shape", format!("{shape:?}"), format!("the flow's {own:?}"));
-        }
-        if settings.path != self.path {
-            let expected = format!("the flow's {:?}", self.path);
-            return refuse("path", format!("{:?}", settings.path), expected);
-        }
-        if settings.sampler.denoise != Some(self.time) {
-            let found = format!("{:?}", settings.sampler.denoise);
-            let expected = format!("{}, of which the ends are", self.time);
-            return refuse("sampler denoising time", found, expected);
-        }
+        SettingsError::unless_equal("shape", shape, &own, format!("the flow's {own:?}"))?;
+        let path = format!("the flow's {:?}", self.path);
+        SettingsError::unless_equal("path", &settings.path, &self.path, path)?;
+        let time = format!("{}, of which the ends are", self.time);
+        let denoise = &settings.sampler.denoise;
+        SettingsError::unless_equal("sampler denoising time", denoise, &Some(self.time), time)?;
         if settings.points > self.points_per_cloud {
             let expected = format!("at most the {} of a cloud", self.points_per_cloud);
-            return refuse("points", settings.points.to_string(), expected);
+            return Err(SettingsError::new("points", settings.points, expected));
         }
         Ok(())
     }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use tdcr_learn::flow::FlowError;
+use tdcr_learn::options::OptionsError;
 use tdcr_learn::prior::SurfaceError;
 use tdcr_learn::train::{Target, TrainError};
 use thiserror::Error;
@@ -17,14 +18,9 @@ pub enum TrainRunError {
     /// Training cannot start.
     #[error(transparent)]
     Train(#[from] TrainError),
-    /// A preset's epochs, of a stream.
-    #[error("preset {preset} takes {epochs} epochs of a data set, and a stream has no end")]
-    Endless {
-        /// Name of the preset.
-        preset: &'static str,
-        /// Its epochs.
-        epochs: u64,
-    },
+    /// The options describe no run.
+    #[error(transparent)]
+    Options(#[from] OptionsError),
     /// The values of a sampler describe none.
     #[error(transparent)]
     Sampler(#[from] FlowError),

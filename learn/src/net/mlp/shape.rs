@@ -40,6 +40,22 @@ pub struct MlpShape {
     pub channels: Channels,
 }
 
+/// A network of positions that a CPU trains in minutes, of no conditions: their dimension is the data's.
+impl Default for MlpShape {
+    fn default() -> Self {
+        Self {
+            width: 96,
+            depth: 6,
+            embedding: 128,
+            condition_dim: 0,
+            condition_blocks: 0,
+            octaves: 6,
+            time_features: TimeFeatures::Late,
+            channels: Channels::Xyz,
+        }
+    }
+}
+
 /// What the embedding `e` is made from, and how: fields of [`MlpShape`].
 #[derive(Clone, Copy, Debug)]
 pub struct EmbeddingShape {
