@@ -165,16 +165,19 @@ impl From<DynamicsError> for Failure {
 impl From<DataError> for Failure {
     fn from(error: DataError) -> Self {
         let hint = hint::of_data(&error);
-        let class = match &error {
-            DataError::InvalidMeta { .. }
-            | DataError::ConditionLength { .. }
-            | DataError::Design { .. }
-            | DataError::TooFewSamples { .. }
-            | DataError::TooManySamples { .. }
-            | DataError::NoSample { .. } => "InputError",
-            _ => "DataError",
-        };
-        Self::with_hint(class, &error, hint)
+        Self::with_hint(class_of_data(&error), &error, hint)
+    }
+}
+
+fn class_of_data(error: &DataError) -> &'static str {
+    match error {
+        DataError::InvalidMeta { .. }
+        | DataError::ConditionLength { .. }
+        | DataError::Design { .. }
+        | DataError::TooFewSamples { .. }
+        | DataError::TooManySamples { .. }
+        | DataError::NoSample { .. } => "InputError",
+        _ => "DataError",
     }
 }
 
@@ -239,9 +242,8 @@ fn class_of(error: &PipelineError) -> &'static str {
 /// The class of what ended a capture.
 fn class_of_end(ended: &PipelineError) -> &'static str {
     match ended {
-        PipelineError::Write { .. } | PipelineError::Data(_) | PipelineError::Simulate(_) => {
-            "DataError"
-        }
+        PipelineError::Write { .. } | PipelineError::Simulate(_) => "DataError",
+        PipelineError::Data(error) => class_of_data(error),
         PipelineError::Robot(_) => "RobotError",
         ended => class_of(ended),
     }
