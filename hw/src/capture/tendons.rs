@@ -10,8 +10,8 @@
 
 use tdcr_base::stats::median;
 
+use super::Session;
 use super::error::CaptureError;
-use super::session::Session;
 use crate::log::Level;
 use crate::plan::{Bend, Shape};
 use crate::rig::WinchState;

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::order::Order;
+use super::order::{Known, Order};
 use super::stream::{RecordedError, Stream};
 use crate::clock::Clock;
 use crate::log::{Goal, LogRecord, Reading, ServoHome, ServoStatus, Topic};
@@ -47,12 +47,6 @@ pub struct RecordedBus {
     last: Vec<(ServoId, Reading)>,
     /// The first record that has not been reached.
     next: Option<(Duration, LogRecord)>,
-}
-
-/// The last that a log said of a servo.
-pub(super) struct Known {
-    pub status: ServoStatus,
-    pub goal: Goal,
 }
 
 impl RecordedBus {

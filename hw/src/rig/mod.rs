@@ -24,6 +24,7 @@ mod hold;
 mod homing;
 mod leave;
 mod logging;
+mod masker;
 mod masks;
 mod motion;
 mod open;
@@ -43,8 +44,7 @@ mod winch;
 pub use by_hand::{ByHand, Gauged, Turn};
 pub use error::RigError;
 pub use file::{
-    CameraLink, Direction, RigCameraSpec, RigFile, RigSpec, SensorModel, ServoLink, ServosSpec,
-    TendonMode,
+    CameraLink, RigCameraSpec, RigFile, RigSpec, SensorModel, ServoLink, ServosSpec, TendonMode,
 };
 pub use goals::OffGoal;
 pub use homing::HomingReport;
@@ -55,7 +55,7 @@ pub use pretension::{PretensionSettings, Pretensioned};
 pub use settings::{
     LostTurns, MotionSettings, Release, SafetySettings, SimulationSettings, Surroundings,
 };
-pub use spool::Spool;
+pub use spool::{Direction, Spool};
 pub use stop::{Cause, EmergencyStop, Released};
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
 pub use winch::{Winch, WinchState};

@@ -6,7 +6,6 @@ use std::time::Duration;
 use tdcr_sim::robot::Command;
 
 use super::gauge::SWING;
-use super::goals::Told;
 use super::stop::{Cause, EmergencyStop, Released};
 use super::turns::Turns;
 use super::watch::{Vitals, Watch};
@@ -35,6 +34,15 @@ pub(super) enum Drive {
     Engaged(Box<Engaged>),
 }
 
+/// What is known of the goals that were sent: to all servos at once, which nobody acknowledges.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum GoalState {
+    /// They were sent so often.
+    Sent(usize),
+    /// The servos say that they hold them.
+    Confirmed,
+}
+
 /// What is known while the motors are driven.
 #[derive(Debug)]
 pub(super) struct Engaged {
@@ -43,7 +51,7 @@ pub(super) struct Engaged {
     /// Goals, from home.
     pub(super) goals: Vec<Ticks>,
     /// Whether the servos hold them.
-    pub(super) told: Told,
+    pub(super) goal_state: GoalState,
     /// How far each servo has wound its tendon, or let it out (negative), since it last turned back (ticks).
     pub(super) wound: Vec<i32>,
     watch: Watch,
@@ -87,7 +95,7 @@ impl Rig {
                 self.drive = Drive::Engaged(Box::new(Engaged {
                     homes,
                     goals: states.iter().map(|state| state.position).collect(),
-                    told: Told::Sent(1),
+                    goal_state: GoalState::Sent(1),
                     wound: vec![0; self.ids.len()],
                     watch: Watch::new(self.ids.len()),
                     next: now,
@@ -244,7 +252,7 @@ impl Rig {
             };
         }
         engaged.goals.copy_from_slice(goals);
-        engaged.told = Told::Held;
+        engaged.goal_state = GoalState::Confirmed;
         self.send_goals()?;
         // What one servo misses of goals in motion is made up for by the next ones.
         self.wait_until_due()?;

@@ -7,8 +7,9 @@ use std::sync::Arc;
 use tdcr_sim::camera::Camera;
 use tdcr_sim::render::{Scene, Sensor};
 
-use super::file::{CameraLink, Direction, RigCameraSpec, RigFile, ServoLink};
+use super::file::{CameraLink, RigCameraSpec, RigFile, ServoLink};
 use super::settings::Surroundings;
+use super::spool::Direction;
 use super::turns::TurnsFile;
 use super::{Parts, Rig, RigError};
 use crate::camera::RgbdCamera;

@@ -21,8 +21,8 @@ mod masks;
 mod motion;
 mod tendons;
 
-const SIMULATED: &str = include_str!("../../../examples/rig-sim.toml");
-const PAPER: &str = include_str!("../../../examples/rig-2m.toml");
+const SIMULATED: &str = include_str!("../../../../examples/rig-sim.toml");
+const PAPER: &str = include_str!("../../../../examples/rig-2m.toml");
 
 fn file(text: &str) -> Result<RigFile, RigError> {
     // Robots are named from the folder of the file.
