@@ -10,13 +10,11 @@ use tdcr_base::lock::try_lock;
 
 use super::assemble::assemble;
 use super::blocks::Blocks;
-use super::folder::{foreign_entry, remove_folder};
+use super::folder::{STAGING, foreign_entry, remove_folder};
 use super::meta::{META_FILE, Meta};
 use super::part::PartFolder;
 use super::{DataError, Sample};
 
-/// Folder of the blocks, inside the data set's.
-pub(super) const STAGING: &str = ".partial";
 const LOCK_FILE: &str = "lock";
 
 /// A data set being made.

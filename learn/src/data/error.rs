@@ -7,8 +7,8 @@ use tdcr_base::Part;
 use tdcr_base::limits::OverLimit;
 
 use super::exchange::EXTENSIONS;
-use super::merge::MergeError;
-use super::split::{MAX_SAMPLES, MIN_SAMPLES};
+use super::merge_error::MergeError;
+use super::sample_count::{MAX_SAMPLES, MIN_SAMPLES};
 
 /// Why a data set could not be made or read. Every variant says what was found, where, and what would be right.
 ///

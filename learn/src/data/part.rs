@@ -18,8 +18,7 @@ use tdcr_base::lock::try_lock;
 
 use super::DataError;
 use super::blocks::Blocks;
-use super::collector::STAGING;
-use super::folder::foreign_entry;
+use super::folder::{STAGING, foreign_entry};
 use super::meta::{META_FILE, Meta, Version, save_json};
 
 /// File that makes a folder a part's.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::conditioner::{Conditioner, Film, Part};
+use super::conditioner::{Conditioner, EmbeddingShape, Film, Part};
 use super::time_features::TimeFeatures;
 use super::trunk::{Trunk, TrunkSizes};
 use crate::channels::{Channels, DIM};
@@ -54,15 +54,6 @@ impl Default for MlpShape {
             channels: Channels::Xyz,
         }
     }
-}
-
-/// What the embedding `e` is made from, and how: fields of [`MlpShape`].
-#[derive(Clone, Copy, Debug)]
-pub struct EmbeddingShape {
-    pub embedding: usize,
-    pub condition_dim: usize,
-    pub condition_blocks: usize,
-    pub time_features: TimeFeatures,
 }
 
 /// Whether a number is left out of files.
