@@ -19,7 +19,7 @@ use tdcr::sim::sensitivity::SensitivityError;
 use tdcr::sim::statics::{Equilibrium, Examined, Growth, Settler, Stability};
 
 use super::console::{Console, Interrupted};
-use super::loads::{LoadArgs, LoadsSaid};
+use super::loads::{LoadArgs, LoadsJson};
 use super::picture::{PictureArg, of_robot};
 use super::settle_many;
 use super::units::units;
@@ -67,7 +67,7 @@ struct Settled {
     robot: String,
     /// One value per tendon, in `units.command`.
     command: Vec<f64>,
-    loads: LoadsSaid,
+    loads: LoadsJson,
     units: Value,
     /// Disc origins, world frame (m).
     positions: Vec<[f64; 3]>,
@@ -86,14 +86,14 @@ struct Settled {
     examined: Option<Examined>,
     /// The small motion that grows fastest, where one does.
     #[serde(skip_serializing_if = "Option::is_none")]
-    growth: Option<GrowthSaid>,
+    growth: Option<GrowthJson>,
     /// Where asked for, and the robot has settled.
     #[serde(skip_serializing_if = "Option::is_none")]
     tip_compliance: Option<Compliance>,
 }
 
 #[derive(Serialize)]
-struct GrowthSaid {
+struct GrowthJson {
     /// 1/s.
     rate: f64,
     /// Hz; 0 where the robot leaves without swinging.
@@ -101,7 +101,7 @@ struct GrowthSaid {
     without_damping: bool,
 }
 
-impl From<Growth> for GrowthSaid {
+impl From<Growth> for GrowthJson {
     fn from(growth: Growth) -> Self {
         Self {
             rate: growth.rate,
@@ -155,7 +155,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),
         command: command.as_slice().to_vec(),
-        loads: LoadsSaid::new(&loads),
+        loads: LoadsJson::new(&loads),
         units: units(&robot),
         smallest_stiffness: robot.smallest_stiffness(&command, &loads, &equilibrium),
         positions: equilibrium
@@ -175,7 +175,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         converged: equilibrium.converged,
         stability: equilibrium.stability,
         examined: equilibrium.examined,
-        growth: equilibrium.growth.map(GrowthSaid::from),
+        growth: equilibrium.growth.map(GrowthJson::from),
         tip_compliance,
     };
     console.result(&settled, table)?;

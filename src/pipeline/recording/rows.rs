@@ -18,6 +18,16 @@ const JUMP: f64 = 5.0;
 /// And as far as this share of what the markers' places extend over.
 const FAR: f64 = 0.1;
 
+/// What happens to rows that cannot be used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BadRows {
+    /// The recording is refused.
+    #[default]
+    Refused,
+    /// They are left out, and noted.
+    LeftOut,
+}
+
 /// A recording, and which line of the file each row is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFile {

@@ -176,11 +176,11 @@ fn wild_servo(recording: &Recording, servos: &[Column], range: f64, row: usize) 
                 "{name} jumps by {jump} and back, and no marker moves by half as much"
             ));
         }
-        let said = match of_length {
+        let found = match of_length {
             true => format!("pulls by {}", millimetres(away)),
             false => format!("says {} N", number(pull)),
         };
-        Some(format!("{name} {said}; {}", column.limit))
+        Some(format!("{name} {found}; {}", column.limit))
     })
 }
 
@@ -265,8 +265,8 @@ mod tests {
         columns
     }
 
-    /// What is said of 2m's recording after `change`, and how many rows are left.
-    fn told(change: impl FnOnce(&mut Recording)) -> (Vec<(usize, String)>, usize) {
+    /// What is refused of 2m's recording after `change`, and how many rows are left.
+    fn refused(change: impl FnOnce(&mut Recording)) -> (Vec<(usize, String)>, usize) {
         let spec = RobotSpec::standard("2m").expect("a standard robot");
         let columns = columns(&spec);
         let mut file = recording(&columns);
@@ -281,9 +281,9 @@ mod tests {
 
     #[test]
     fn what_moves_as_robots_do_is_kept() {
-        assert_eq!(told(|_| ()), (Vec::new(), 120));
+        assert_eq!(refused(|_| ()), (Vec::new(), 120));
         // Zeros that nobody gave, a frame elsewhere, and a pull between two rests that the tip follows.
-        let shifted = told(|recording| {
+        let shifted = refused(|recording| {
             recording.pulls.iter_mut().for_each(|row| row[0] += 3.0);
             let points = recording.points.iter_mut().flatten().flatten();
             points.for_each(|point| point.x += 20.0);
@@ -307,7 +307,7 @@ mod tests {
                 if row != 25 && pull == 0.006 {
                     continue;
                 }
-                let (bad, left) = told(|recording| recording.pulls[row][4] = pull);
+                let (bad, left) = refused(|recording| recording.pulls[row][4] = pull);
                 assert_eq!((bad.len(), left), (1, 119), "{pull} {bad:?}");
                 assert_eq!(bad[0].0, row + 2);
                 let named = format!("command 4 {expected}");
@@ -320,7 +320,7 @@ mod tests {
     fn a_marker_out_of_reach_is_taken_out_and_its_row_stays() {
         for row in [0, 30, 119] {
             let far = Some(Vector3::new(0.0, 1e300, 0.0));
-            let (bad, left) = told(|recording| recording.points[row][0] = far);
+            let (bad, left) = refused(|recording| recording.points[row][0] = far);
             assert_eq!((bad.len(), left), (1, 120), "{bad:?}");
             assert!(bad[0].1.starts_with("x, y, z is "), "{}", bad[0].1);
         }

@@ -28,9 +28,10 @@ pub(super) struct Run {
 }
 
 /// Whether a robot's tendons rub in their holes.
-pub(super) fn rubs(robot: &Robot) -> bool {
-    let rubs = |tendon: &crate::robot::Tendon| tendon.friction.is_some_and(|f| f.coefficient > 0.0);
-    robot.tendons().iter().any(rubs)
+pub(super) fn has_friction(robot: &Robot) -> bool {
+    let has_friction =
+        |tendon: &crate::robot::Tendon| tendon.friction.is_some_and(|f| f.coefficient > 0.0);
+    robot.tendons().iter().any(has_friction)
 }
 
 impl Recording {

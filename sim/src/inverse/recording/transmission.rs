@@ -34,7 +34,7 @@ pub enum Order {
     /// Rows are moments of one motion.
     #[default]
     Motion,
-    /// Each row is the robot at rest under commands of its own: servos have no speed, nor play, and tendons no friction.
+    /// Each row is the robot at rest under commands of its own: servos have no speed, nor backlash, and tendons no friction.
     AtRest,
 }
 
@@ -54,9 +54,9 @@ pub struct Transmission {
 pub struct Servo {
     /// Tendon pulled by what the servo reports: the radius of its spool by the one that it reckons with.
     pub gain: f64,
-    /// Pull where the servo reports 0 (m; N of a tension drive): above 0 pretension, below 0 slack.
+    /// Tendon displacement where the servo reports 0 (m; N of a tension drive): above 0 pretension, below 0 slack.
     pub offset: f64,
-    /// Half the play between servo and tendon (m; N of a tension drive).
+    /// Half the backlash between servo and tendon (m; N of a tension drive).
     pub backlash: f64,
 }
 

@@ -14,9 +14,9 @@ use super::reader::Reader;
 use super::servos::{self, FoundServos};
 use super::{CalibrateError, Columns, RecordingFile};
 
-/// A frame that is turned by less (rad) is one that the base's pose fits.
+/// A frame that is rotated by less (rad) is one that the base's pose fits.
 const TURNED: f64 = 0.4;
-/// Of the markers' misses such a turn leaves at most this share.
+/// Of the markers' residuals such a rotation leaves at most this share.
 const LEFT: f64 = 0.5;
 /// A frame that is shifted by less of the robot's length is one that the base's pose fits.
 const SHIFTED: f64 = 0.3;
@@ -24,21 +24,22 @@ const SHIFTED: f64 = 0.3;
 /// How a recording's frame was moved before the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MovedFrame {
-    /// Angle that it was turned by (rad).
-    pub turn: f64,
-    /// Distance that the middle of the markers' places was moved by (m).
+    /// Angle that it was rotated by (rad).
+    #[serde(rename = "turn")]
+    pub rotation: f64,
+    /// Distance that the middle of the markers' positions was moved by (m).
     pub shift: f64,
 }
 
-/// A recording by its column map, or by what it tells of servos and frame.
-pub(super) struct Told {
+/// A recording by its column map, or by what it contradicts of it.
+pub(super) struct Corrected {
     pub file: RecordingFile,
     pub columns: Columns,
     pub servo_map: Option<FoundServos>,
     pub frame: Option<MovedFrame>,
 }
 
-impl Told {
+impl Corrected {
     /// The recording `data` of `robot` by `columns`, changed as `fitted` asks.
     pub fn read(
         robot: &RobotSpec,
@@ -49,7 +50,7 @@ impl Told {
         notes: &mut Vec<String>,
     ) -> Result<Self, CalibrateError> {
         let splits = &[Split::Train];
-        let mut told = Self {
+        let mut corrected = Self {
             file: reader.load(data, &columns, splits, notes)?,
             columns,
             servo_map: None,
@@ -60,17 +61,23 @@ impl Told {
                 true => Err(CalibrateError::NoMarkers {
                     path: data.to_owned(),
                 }),
-                false => Ok(told),
+                false => Ok(corrected),
             };
         }
         // What was left out is noted once.
         let again = |columns: &Columns| reader.load(data, columns, splits, &mut Vec::new());
         let found = match fitted.servo_map {
-            true => Some(servos::find(robot, &told.columns, &told.file, data)?),
+            true => Some(servos::find(
+                robot,
+                &corrected.columns,
+                &corrected.file,
+                data,
+            )?),
             false => {
-                let doubt = servos::doubt(robot, &told.columns, &told.file);
-                let taken = fitted.defaults && doubt.as_ref().is_some_and(|doubt| doubt.sure);
-                if doubt.is_some() {
+                let ambiguity = servos::ambiguity(robot, &corrected.columns, &corrected.file);
+                let taken =
+                    fitted.defaults && ambiguity.as_ref().is_some_and(|ambiguity| ambiguity.sure);
+                if ambiguity.is_some() {
                     let then = match taken {
                         true => "they are taken so",
                         false => "servo_map among what is fitted finds which",
@@ -80,27 +87,27 @@ impl Told {
                          say; {then}"
                     ));
                 }
-                doubt.filter(|_| taken).map(|doubt| doubt.found)
+                ambiguity.filter(|_| taken).map(|ambiguity| ambiguity.found)
             }
         };
         if let Some((columns, servo_map)) = found {
-            told.file = again(&columns)?;
-            (told.columns, told.servo_map) = (columns, Some(servo_map));
+            corrected.file = again(&columns)?;
+            (corrected.columns, corrected.servo_map) = (columns, Some(servo_map));
         }
         if fitted.defaults
-            && let Some((pose, frame)) = told.elsewhere(robot, reader.robot)
+            && let Some((pose, frame)) = corrected.elsewhere(robot, reader.robot)
         {
             notes.push(format!(
                 "the recording's frame lies turned by {:.0} degrees and {:.0} mm away from where the columns and the robot's base say; it is \
                  taken so",
-                frame.turn.to_degrees(),
+                frame.rotation.to_degrees(),
                 1e3 * frame.shift
             ));
-            told.columns = told.columns.moved(&pose);
-            told.file = again(&told.columns)?;
-            told.frame = Some(frame);
+            corrected.columns = corrected.columns.moved(&pose);
+            corrected.file = again(&corrected.columns)?;
+            corrected.frame = Some(frame);
         }
-        Ok(told)
+        Ok(corrected)
     }
 
     /// Where the recording's frame is instead, if that is far from where it is said to be.
@@ -123,7 +130,7 @@ impl Told {
             (false, false) => return None,
         };
         let frame = MovedFrame {
-            turn: pose.rotation.angle(),
+            rotation: pose.rotation.angle(),
             shift: moved.norm(),
         };
         Some((pose, frame))
