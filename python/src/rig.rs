@@ -206,7 +206,7 @@ impl Rig {
         let rig = &self.0;
         let (pictures, cloud, pose) = run::short(py, || -> Outcome<_> {
             let mut rig = locked(rig)?;
-            let command = held(&mut rig)?;
+            let command = measured_command(&mut rig)?;
             let (pictures, cloud) = look(&mut rig, grid)?;
             let robot = rig.robot().clone();
             let pose = rig
@@ -373,7 +373,7 @@ fn look(rig: &mut tdcr::hw::rig::Rig, grid: VoxelGrid) -> Outcome<(Pictures, Poi
 }
 
 /// The command that the servos' positions stand for, within the tendons' ranges: servos are a tick off their goals.
-fn held(rig: &mut tdcr::hw::rig::Rig) -> Outcome<Command> {
+fn measured_command(rig: &mut tdcr::hw::rig::Rig) -> Outcome<Command> {
     let states = rig.state().into_iter();
     let commands = states.map(|state| {
         let state = state.map_err(RigError::from)?;

@@ -32,7 +32,7 @@ pub fn study(
         run_study(&study, &out, part, &Stage::new(&["study"], watch))
     })??;
     let notes = notes.iter().map(ToString::to_string).collect();
-    Ok((said(&finished)?, notes))
+    Ok((json(&finished)?, notes))
 }
 
 /// Puts the parts of a study in folders together in the folder `out`.
@@ -41,10 +41,10 @@ pub fn merge_study(py: Python<'_>, parts: Vec<PathBuf>, out: PathBuf) -> Outcome
     let finished = run::long(py, None, |watch| {
         merge(&parts, &out, &Stage::new(&[], watch))
     })??;
-    said(&finished)
+    json(&finished)
 }
 
-fn said(finished: &Finished) -> Outcome<String> {
+fn json(finished: &Finished) -> Outcome<String> {
     let text = serde_json::to_string(finished);
     text.map_err(|error| Failure::Of("TdcrError", error.to_string()))
 }

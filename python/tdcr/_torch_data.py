@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from tdcr.data import Split
 
 
-
 class SplitView(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
     """The samples of a split as dictionaries of tensors, read one by one."""
 

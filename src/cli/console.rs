@@ -14,6 +14,7 @@ use tdcr::report::counted;
 
 use super::Global;
 use super::printable::printable;
+pub(super) use super::printable::say;
 use super::signals::Signals;
 
 /// The terminal: results to stdout, progress to stderr, signals heard.
@@ -154,11 +155,6 @@ impl Console {
             act(running);
         }
     }
-}
-
-/// Writes a line to stderr. One that cannot be written is dropped: there is nowhere to say so, and the work goes on.
-pub(super) fn say(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{}", printable(line));
 }
 
 /// What the terminal at stderr can do.

@@ -3,7 +3,6 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-
 use super::DataError;
 use super::blocks::Blocks;
 use super::collector::Collector;

@@ -10,7 +10,7 @@ use tdcr_base::hash::hash_all;
 
 use super::error::SettingsError;
 use super::model::Model;
-use super::refinement::Refined;
+use super::refined::Refined;
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
 use super::start;

@@ -8,7 +8,7 @@
 //!
 //! Where loads have no potential, no energy decides: a column that a force follows stands until two of its modes meet in
 //! one frequency, and then swings ever wider (Beck, Zeitschrift fuer angewandte Mathematik und Physik 3, 1952). There the
-//! linearised motion is examined ([`SmallMotionRates`]), with the robot's own inertia and damping; of robots that cannot move the
+//! linearised motion is examined ([`SmallMotionRates`]), with the robot's own inertia and damping; where it cannot be, the
 //! Jacobian alone.
 //!
 //! [`Factor::definiteness`]: crate::factor::Factor::definiteness
