@@ -2,9 +2,12 @@
 //!
 //! A table under a heading `` ### `sim/src` `` lists a crate's rooms in building order. A room is a file or a folder. It may
 //! use itself and the rooms and crates that its row names, which stand above it: so no arrow points up, and no circle goes
-//! through two rooms. Calls of methods need no import and are not seen.
+//! through two rooms. Calls of methods need no import and are not seen. Within rooms no circle goes through two [`files`],
+//! and paths in the [`documents`] are there.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod documents;
+mod files;
 mod source;
 
 use std::collections::BTreeSet;
@@ -290,6 +293,14 @@ impl House {
             .strip_suffix("src")
             .unwrap()
             .trim_end_matches('/')
+    }
+
+    /// What the crate is called in imports.
+    fn crate_name(&self) -> String {
+        match self.name() {
+            "" => FACADE.to_owned(),
+            name => format!("tdcr_{name}"),
+        }
     }
 
     /// The room that a module lies in: that of the most exact row.

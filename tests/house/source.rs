@@ -18,6 +18,10 @@ pub struct Import {
     pub line: usize,
     /// Its steps, as seen from the file's own module.
     pub path: Vec<String>,
+    /// What it is called in this file, of a `use` declaration.
+    pub name: Option<String>,
+    /// Whether others see it here: `pub use`.
+    pub is_door: bool,
 }
 
 impl Source {
@@ -37,13 +41,14 @@ impl Source {
         while let Some(start) = (at..code.len()).find(|at| starts_word(&code, *at)) {
             let word = word(&code, start);
             at = start + word.len();
-            let mut paths = Vec::new();
+            let (mut paths, mut is_door) = (Vec::new(), false);
             if word == "use" {
                 let end = (at..code.len())
                     .find(|at| code[*at] == ';')
                     .unwrap_or(code.len());
                 let tree: String = code[at..end].iter().collect();
                 expand(&tree, &[], &mut paths);
+                is_door = is_public(&code[..start]);
                 at = end;
             } else if is_path_root(&word) && !is_visibility(&code[..start]) {
                 let mut path = vec![word];
@@ -52,7 +57,7 @@ impl Source {
                     at += 2 + path[path.len() - 1].len();
                 }
                 if path.len() > 1 {
-                    paths.push(path);
+                    paths.push((path, None));
                 }
             }
             if paths.is_empty() {
@@ -61,7 +66,7 @@ impl Source {
             let line = line_of(start);
             // Within a module of this file, `super` is the file's own module.
             let depth = within.iter().filter(|range| range.contains(&start)).count();
-            for mut path in paths {
+            for (mut path, name) in paths {
                 let above = path
                     .iter()
                     .take_while(|step| *step == "super")
@@ -71,7 +76,12 @@ impl Source {
                 if !path.is_empty() && above == 0
                     || path.first().is_some_and(|step| step == "super")
                 {
-                    imports.push(Import { line, path });
+                    imports.push(Import {
+                        line,
+                        path,
+                        name,
+                        is_door,
+                    });
                 }
             }
         }
@@ -202,6 +212,14 @@ fn is_path_root(word: &str) -> bool {
     matches!(word, "crate" | "super" | "self" | "tdcr") || word.starts_with("tdcr_")
 }
 
+/// Whether the declaration that follows has a `pub` before it.
+fn is_public(before: &[char]) -> bool {
+    let start = before.iter().rposition(|c| matches!(c, ';' | '{' | '}'));
+    let before: String = before[start.map_or(0, |at| at + 1)..].iter().collect();
+    let last = before.lines().next_back().unwrap_or_default().trim_start();
+    last.starts_with("pub")
+}
+
 /// Whether what follows is the place in `pub(in place)`.
 fn is_visibility(before: &[char]) -> bool {
     let before: String = before.iter().rev().take(8).rev().collect();
@@ -222,8 +240,8 @@ fn word(code: &[char], at: usize) -> String {
     code[at..].iter().take_while(|c| is_word(**c)).collect()
 }
 
-/// The paths of a `use` declaration: `a::{b, c::d as e}` is `a::b` and `a::c::d`.
-fn expand(tree: &str, above: &[String], paths: &mut Vec<Vec<String>>) {
+/// The paths of a `use` declaration with their names: `a::{b, c::d as e}` is `a::b`, called `b`, and `a::c::d`, called `e`.
+fn expand(tree: &str, above: &[String], paths: &mut Vec<(Vec<String>, Option<String>)>) {
     let steps = |text: &str| -> Vec<String> {
         let text = text.split(" as ").next().unwrap_or_default();
         let steps = text
@@ -237,9 +255,17 @@ fn expand(tree: &str, above: &[String], paths: &mut Vec<Vec<String>>) {
             .collect()
     };
     let Some((before, inner)) = tree.split_once('{') else {
-        let path = steps(tree);
+        let mut path = steps(tree);
         if path.len() > above.len() {
-            paths.push(path);
+            // `a::{self}` is `a`.
+            path.truncate(
+                path.len() - usize::from(path.len() > 1 && path.ends_with(&["self".to_owned()])),
+            );
+            let renamed = tree
+                .split_once(" as ")
+                .map(|(_, name)| name.trim().to_owned());
+            let name = renamed.or_else(|| path.last().cloned());
+            paths.push((path, name));
         }
         return;
     };

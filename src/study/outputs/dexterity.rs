@@ -113,10 +113,9 @@ impl Dexterity {
             .iter()
             .step_by(stride)
             .map(|tip| self.at(&tip.place));
-        let (mut shares, mut counts): (Vec<f64>, Vec<f64>) =
+        let (shares, counts): (Vec<f64>, Vec<f64>) =
             shares.map(|(share, count)| (share, count as f64)).unzip();
-        shares.sort_by(f64::total_cmp);
-        counts.sort_by(f64::total_cmp);
+        let (shares, counts) = (sorted(shares), sorted(counts));
         let numbers = [
             quantile(&shares, 0.1),
             quantile(&shares, 0.5),
