@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use tdcr_sim::robot::Command;
 
-use super::gauge::SWING;
 use super::stop::{Cause, EmergencyStop, Released};
 use super::turns::Turns;
 use super::watch::{Vitals, Watch};
@@ -16,6 +15,9 @@ use crate::servo::{
     Fault, Limits, OperatingMode, PerServo, ServoBus, ServoError, ServoId, Setting, Ticks, Torque,
     WatchdogState,
 };
+
+/// How far servos swing to either side (ticks): as far as takes a motor beyond what its gear's friction holds.
+pub(super) const SWING: i32 = 30;
 
 /// How often one asks how the servos fare.
 const CHECK_UP: Duration = Duration::from_millis(500);
