@@ -28,11 +28,6 @@ const KNOWN: &[Known] = &[
         arrow: ["train/settings", "train/refinement"],
         why: "the settings of a refinement are to lie with those of training",
     },
-    Known {
-        folder: "src",
-        arrow: ["pipeline/network_size", "pipeline/preset"],
-        why: "presets are to be values of the settings",
-    },
 ];
 
 /// Most re-exports that lead from a name to its file.
