@@ -1,6 +1,6 @@
 //! From a command to a cloud: move, wait until all is still, take pictures, keep what is the robot, fuse.
 //!
-//! A [`Session`] engages a [`Rig`](crate::rig::Rig) and makes one [`Captured`] sample after another, each with all servos at their
+//! A [`Session`] engages a [`Rig`] and makes one [`Captured`] sample after another, each with all servos at their
 //! goals, whose tendons pull as they should; its command is where they stood. Now and then it looks at the robot in its
 //! home pose, which should not change ([`Sentinel`]), and waits there while servos are too hot. Whatever goes wrong ends with
 //! the tension released: see [`rig`](crate::rig).

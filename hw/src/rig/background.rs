@@ -36,7 +36,8 @@ impl RigFile {
         }
         let partial = Partial::begin(path)?;
         let clock = clock(self, Pace::Computed);
-        let (mut cameras, _) = open_cameras(self, || Some(Box::new(Scene::default())), &clock)?;
+        let opened = open_cameras(self, || Some(Box::new(Scene::default())), &clock)?;
+        let mut cameras: Vec<_> = opened.into_iter().map(|(camera, _)| camera).collect();
         for camera in &mut cameras {
             Soak::default().run(camera)?;
         }

@@ -63,7 +63,7 @@ impl Rig {
             }
         };
         let subject = || -> Option<Box<dyn Subject>> { Some(Box::new(simulator.clone()?)) };
-        let (cameras, camera_faults) = open_cameras(&file, subject, &clock)?;
+        let (cameras, camera_faults) = open_cameras(&file, subject, &clock)?.into_iter().unzip();
         let beside = TurnsFile::beside(&file.path);
         let turns = match &file.spec.servos.link {
             ServoLink::Simulated => TurnsFile::in_memory(),
@@ -160,12 +160,12 @@ fn simulator(file: &RigFile, clock: Arc<dyn Clock>) -> Result<Simulator, RigErro
 /// A camera, and the switch of its faults where it is simulated.
 type Opened = (Box<dyn RgbdCamera>, Option<CameraFaults>);
 
-/// The cameras of a rig, and the switches of the faults of those in memory, which see a subject.
+/// The cameras of a rig, those in memory seeing a subject.
 pub(super) fn open_cameras(
     file: &RigFile,
     subject: impl Fn() -> Option<Box<dyn Subject>>,
     clock: &Arc<dyn Clock>,
-) -> Result<(Vec<Box<dyn RgbdCamera>>, Vec<Option<CameraFaults>>), RigError> {
+) -> Result<Vec<Opened>, RigError> {
     let cameras = file.spec.cameras.iter().enumerate();
     let open = |(number, spec)| {
         open_camera(file, number, spec, subject(), clock).map_err(|error| file.located(error))
