@@ -80,8 +80,8 @@ fn files_of_studies_and_rigs_are_read_behind_a_mark() {
     check("rig.toml", text.as_bytes(), rig);
     let board = include_bytes!("../../examples/board.toml");
     check("board.toml", board, |path| outcome(read_board(path)));
-    let cameras = b"[[cameras]]\nserial = \"one\"\nresolution = [640, 480]\n\
-        lens = { fx = 600.0, fy = 600.0, cx = 320.0, cy = 240.0 }\n";
+    let cameras = b"[[cameras]]\nserial = \"one\"\n[cameras.camera]\nresolution = [640, 480]\n\
+        lens = { pixels = { focal = [600.0, 600.0], principal = [320.0, 240.0] } }\n";
     check("cameras.toml", cameras, |path| {
         outcome(CameraFile::read(path))
     });
