@@ -1,7 +1,7 @@
 //! How much memory a file may ask for.
 //!
 //! A small file can describe a large array: by compression, by chunks that are not stored, by a number in a header. What
-//! is allocated for a file is at most [`EXPANSION`] times its length and [`ALLOWANCE`] more. Clouds and weights are noise
+//! is allocated for a file is at most 16 times its length and 64 MiB more. Clouds and weights are noise
 //! in their last bits: no honest file comes near.
 
 /// Bytes of memory for each byte of a file. Clouds that were recorded compress to a half, with most of their points
