@@ -16,6 +16,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
+use tdcr::base::stats;
 use tdcr::learn::data::CloudSet;
 use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::{
@@ -216,8 +217,7 @@ fn median(runs: usize, mut work: impl FnMut()) -> f64 {
         began.elapsed().as_secs_f64()
     };
     let mut times: Vec<f64> = (0..runs).map(time).collect();
-    times.sort_by(f64::total_cmp);
-    times[runs / 2]
+    stats::median(&mut times)
 }
 
 /// A line of Linux's account of this process's memory, in bytes.

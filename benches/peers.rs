@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
+use tdcr::base::stats::median;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::dynamics::{Integrator, Rollout, State, Stepper, rollout_batch};
 use tdcr::sim::render::{BaseVisibility, Scene};
@@ -60,9 +61,13 @@ fn measure(name: &'static str) -> Times {
     }
 }
 
-fn median(mut times: Vec<Duration>) -> f64 {
-    times.sort();
-    times[times.len() / 2].as_nanos() as f64 / 1e3
+/// Their median (µs).
+fn median_us(times: Vec<Duration>) -> f64 {
+    let mut times: Vec<f64> = times
+        .iter()
+        .map(|time| time.as_nanos() as f64 / 1e3)
+        .collect();
+    median(&mut times)
 }
 
 fn settle(robot: &Robot, commands: &[Command]) -> f64 {
@@ -72,7 +77,7 @@ fn settle(robot: &Robot, commands: &[Command]) -> f64 {
         black_box(settler.settle(command, &none));
         began.elapsed()
     };
-    median(commands.iter().map(time).collect())
+    median_us(commands.iter().map(time).collect())
 }
 
 fn follow(robot: &Robot, corners: &[Command]) -> f64 {
@@ -91,7 +96,7 @@ fn follow(robot: &Robot, corners: &[Command]) -> f64 {
             times.push(began.elapsed());
         }
     }
-    median(times)
+    median_us(times)
 }
 
 fn jacobian(robot: &Robot, commands: &[Command]) -> f64 {
@@ -107,7 +112,7 @@ fn jacobian(robot: &Robot, commands: &[Command]) -> f64 {
         );
         began.elapsed()
     };
-    median(commands.iter().map(time).collect())
+    median_us(commands.iter().map(time).collect())
 }
 
 /// A command that moves all tendons, different in each of its steps.
@@ -133,7 +138,7 @@ fn step(robot: &Robot) -> f64 {
         }
         began.elapsed() / 1_000
     };
-    median((0..20).map(time).collect())
+    median_us((0..20).map(time).collect())
 }
 
 fn rollout(robot: &Robot) -> f64 {
@@ -149,7 +154,7 @@ fn rollout(robot: &Robot) -> f64 {
         black_box(states.expect("rollouts"));
         began.elapsed() / (500 * ROLLOUTS as u32)
     };
-    median((0..7).map(time).collect())
+    median_us((0..7).map(time).collect())
 }
 
 fn render(robot: &Robot, commands: &[Command]) -> f64 {
@@ -162,5 +167,5 @@ fn render(robot: &Robot, commands: &[Command]) -> f64 {
         scene.render_all_into(&cameras, &mut frames);
         began.elapsed()
     };
-    median(commands.iter().map(&mut time).collect())
+    median_us(commands.iter().map(&mut time).collect())
 }

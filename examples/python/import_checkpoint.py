@@ -31,7 +31,7 @@ from pathlib import Path
 import torch
 
 from tdcr.torch import Model, network
-from tdcr.torch.settings import CONTEXTS, complete
+from tdcr.torch.settings import complete, context_of
 
 MOTORS_FILE = "global_motors_scope-all.json"
 POINTS_FILE = "global_norm_scope-all_anchor-origin.json"
@@ -174,7 +174,7 @@ def convert(state, context=None):
     `context` are resolutions and gate of a Hybrid's context network, as in a shape: by default the published ones.
     """
     if any(name.startswith("ctx_net.") for name in state):
-        return hybrid(state, context or CONTEXTS["pvcnn"])
+        return hybrid(state, context or context_of("pvcnn"))
     return mlp(state)
 
 

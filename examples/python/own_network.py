@@ -58,7 +58,7 @@ def main() -> None:
     training, validation = (CloudSet.read(args.data, split) for split in ("train", "val"))
     quick = preset("quick")
     # Steps that suit any network: AdamW, at a usual learning rate.
-    settings = quick.settings(steps=args.steps, optimizer="adam-w", learning_rate=2e-3)
+    settings = quick.settings(steps=args.steps, optimizer="adamw", learning_rate=2e-3)
     torch.manual_seed(settings["seed"])
     own = PointNet(training.condition_dim, args.width)
     shape = quick.shape(training.condition_dim)

@@ -15,7 +15,7 @@ use rustypot::DynamixelProtocolHandler;
 use tdcr_hw::clock::SystemClock;
 use tdcr_hw::dynamixel::{Answers, Bus, BusSettings, Span};
 use tdcr_hw::serial::{Serial, SerialSettings};
-use tdcr_hw::servo::{ServoId, TorqueSwitch};
+use tdcr_hw::servo::{ServoBus, ServoId};
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 

@@ -59,7 +59,6 @@
 //! - [`symmetry`]: a robot's symmetries in its clouds; data by one representative of each class.
 //! - [`predict`]: what turns a condition into a cloud: the trait, and the trivial predictors.
 //! - [`train`]: optimisers, schedule, weight average; models and resumable states on disk; distillation to few evaluations.
-//! - [`lock`]: folders that one process at a time writes to.
 //! - [`metrics`]: Chamfer and exact earth mover's distance; the spread of points about their surface.
 //!
 //! # What it is not for
@@ -70,15 +69,11 @@
 mod channels;
 pub mod data;
 pub mod flow;
-mod hash;
-mod limits;
-pub mod lock;
 pub mod metrics;
 pub mod net;
+pub mod options;
 mod pool;
 pub mod predict;
 pub mod prior;
 pub mod symmetry;
 pub mod train;
-
-pub use limits::OverLimit;

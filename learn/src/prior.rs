@@ -15,12 +15,12 @@
 use rand::Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use tdcr_base::hash::hash;
 use tdcr_sim::robot::{Robot, SpecError};
 
 use crate::channels::{Channels, DIM};
 use crate::data::{CloudSet, Condition, Normalisation, Recipe, SimulateError, Simulator};
 use crate::flow::{Stream, rng};
-use crate::hash::hash;
 use crate::metrics::{MetricError, emd_squared};
 
 /// Where the flow starts.

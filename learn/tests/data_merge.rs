@@ -9,7 +9,8 @@ use std::ops::ControlFlow::{Break, Continue};
 use std::path::{Path, PathBuf};
 
 use common::{collect, files, loaded_meta, loaded_sample, meta, sample};
-use tdcr_learn::data::{Collector, DataError, DataSet, Meta, Part, Sample, check, merge};
+use tdcr_base::Part;
+use tdcr_learn::data::{Collector, DataError, DataSet, Meta, Sample, check, merge};
 use tempfile::tempdir;
 
 fn part(text: &str) -> Part {

@@ -1,16 +1,20 @@
 //! Errors of the libraries as exceptions of the package: `tdcr.errors` has the classes.
 
+use std::fmt::Display;
+
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyModule;
+use tdcr::base::InvalidPart;
 use tdcr::learn::data::{DataError, SimulateError};
 use tdcr::learn::flow::FlowError;
+use tdcr::learn::options::OptionsError;
 use tdcr::learn::predict::PredictError;
 use tdcr::learn::train::{FileError, SettingsError};
 use tdcr::pages::PageError;
-use tdcr::pipeline::PipelineError;
 use tdcr::pipeline::recording::RecordingFileError;
+use tdcr::pipeline::{CaptureStop, EvalError, PipelineError, TrainRunError};
 use tdcr::sim::dynamics::DynamicsError;
 use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
 use tdcr::sim::inverse::calibration::CalibrationError;
@@ -19,6 +23,8 @@ use tdcr::sim::robot::{CommandError, LoadsError, ParameterError, SpecError};
 use tdcr::sim::sensitivity::SensitivityError;
 use tdcr::sim::simulation::SimulationError;
 use tdcr::sim::statics::NotSettled;
+
+use crate::hint;
 
 /// Why a call failed: an exception, or what to make one of.
 #[derive(Debug)]
@@ -36,6 +42,20 @@ impl Failure {
     /// An input that has the wrong shape or value.
     pub fn input(message: impl Into<String>) -> Self {
         Self::Of("InputError", message.into())
+    }
+
+    /// A failure of a library, with what to do about it.
+    pub fn with_hint(class: &'static str, error: &dyn Display, hint: Option<String>) -> Self {
+        let text = error.to_string();
+        Self::Of(
+            class,
+            match hint {
+                // Below a list, not behind its last line.
+                Some(hint) if text.contains('\n') => format!("{text}\n{hint}"),
+                Some(hint) => format!("{text}; {hint}"),
+                None => text,
+            },
+        )
     }
 
     /// This failure, of row `row` of a batch.
@@ -56,6 +76,11 @@ pub fn choice<T: Clone>(option: &str, name: &str, values: &[(&str, T)]) -> Outco
         let names = names.join(", ");
         Failure::input(format!("{option} is {name:?}; expected one of {names}"))
     })
+}
+
+/// JSON that was written.
+pub fn text(written: serde_json::Result<String>) -> Outcome<String> {
+    written.map_err(|error| Failure::Of("TdcrError", error.to_string()))
 }
 
 impl From<PyErr> for Failure {
@@ -105,9 +130,26 @@ classes! {
     NotSettled => "NotSettledError",
     FlowError => "InputError",
     SettingsError => "InputError",
+    InvalidPart => "InputError",
     FileError => "TrainError",
     ShapeControlError => "InputError",
     SimulateError => "DataError",
+}
+
+impl From<OptionsError> for Failure {
+    fn from(error: OptionsError) -> Self {
+        Self::input(match error {
+            OptionsError::Robot(error) => return error.into(),
+            OptionsError::NoContext { option } => {
+                format!("{option} is of the net 'hybrid'; the network is an mlp")
+            }
+            OptionsError::Stages { option, found } => {
+                format!("{option} has {found} values; expected 3, one for each stage")
+            }
+            OptionsError::Endless { .. } => format!("{error}; give steps"),
+            other => other.to_string(),
+        })
+    }
 }
 
 impl From<DynamicsError> for Failure {
@@ -122,27 +164,31 @@ impl From<DynamicsError> for Failure {
 
 impl From<DataError> for Failure {
     fn from(error: DataError) -> Self {
-        let class = match &error {
-            DataError::InvalidMeta { .. }
-            | DataError::InvalidPart { .. }
-            | DataError::ConditionLength { .. }
-            | DataError::Design { .. }
-            | DataError::TooFewSamples { .. }
-            | DataError::TooManySamples { .. }
-            | DataError::NoSample { .. } => "InputError",
-            _ => "DataError",
-        };
-        Self::Of(class, error.to_string())
+        let hint = hint::of_data(&error);
+        Self::with_hint(class_of_data(&error), &error, hint)
+    }
+}
+
+fn class_of_data(error: &DataError) -> &'static str {
+    match error {
+        DataError::InvalidMeta { .. }
+        | DataError::ConditionLength { .. }
+        | DataError::Design { .. }
+        | DataError::TooFewSamples { .. }
+        | DataError::TooManySamples { .. }
+        | DataError::NoSample { .. } => "InputError",
+        _ => "DataError",
     }
 }
 
 impl From<RecordingFileError> for Failure {
     fn from(error: RecordingFileError) -> Self {
+        let hint = hint::of_recording(&error);
         let class = match error {
             RecordingFileError::Columns { .. } => "InputError",
             _ => "DataError",
         };
-        Self::Of(class, error.to_string())
+        Self::with_hint(class, &error, hint)
     }
 }
 
@@ -159,38 +205,47 @@ impl From<PredictError> for Failure {
 
 impl From<PipelineError> for Failure {
     fn from(error: PipelineError) -> Self {
-        let message = error.to_string();
+        let hint = hint::of_stage(&error);
         match error {
-            // Of the class of what ended it.
-            PipelineError::CaptureEnded { ended, .. } => match *ended {
-                PipelineError::Write { .. } => Self::Of("DataError", message),
-                ended => match ended.into() {
-                    Self::Of(class, _) => Self::Of(class, message),
-                    other => other,
-                },
-            },
             PipelineError::Robot(error) => error.into(),
             PipelineError::Data(error) => error.into(),
             PipelineError::Simulate(error) => error.into(),
             PipelineError::Predict(error) => error.into(),
             PipelineError::File(error) => error.into(),
-            PipelineError::Sampler(error) => error.into(),
-            PipelineError::Capture(error) => Self::Of("RigError", error.to_string()),
-            PipelineError::Metric(_)
-            | PipelineError::OwnSampler { .. }
-            | PipelineError::Endless { .. }
-            | PipelineError::ComparedPoints { .. }
-            | PipelineError::ScoredTests { .. }
-            | PipelineError::OtherClouds { .. }
-            | PipelineError::OtherCommand { .. }
-            | PipelineError::SameKey { .. }
-            | PipelineError::FewPredicted { .. }
-            | PipelineError::OtherMotors { .. }
-            | PipelineError::NothingInCommon { .. }
-            | PipelineError::NoCommonIndex
-            | PipelineError::NoRobot { .. } => Self::input(error.to_string()),
-            other => Self::Of("TrainError", other.to_string()),
+            PipelineError::Train(TrainRunError::Sampler(error)) => error.into(),
+            PipelineError::Train(TrainRunError::Options(error)) => error.into(),
+            error => Self::with_hint(class_of(&error), &error, hint),
         }
+    }
+}
+
+/// The class of a stage's error that is none of another library's.
+fn class_of(error: &PipelineError) -> &'static str {
+    match error {
+        PipelineError::Capture(CaptureStop::Ended { ended, .. }) => class_of_end(ended),
+        PipelineError::Capture(_) => "RigError",
+        PipelineError::Metric(_)
+        | PipelineError::ComparedPoints { .. }
+        | PipelineError::Compare(_)
+        | PipelineError::Train(TrainRunError::OwnSampler { .. })
+        | PipelineError::Eval(
+            EvalError::ScoredTests { .. }
+            | EvalError::OtherClouds { .. }
+            | EvalError::OtherCommand { .. }
+            | EvalError::SameKey { .. }
+            | EvalError::FewPredicted { .. },
+        ) => "InputError",
+        _ => "TrainError",
+    }
+}
+
+/// The class of what ended a capture.
+fn class_of_end(ended: &PipelineError) -> &'static str {
+    match ended {
+        PipelineError::Write { .. } | PipelineError::Simulate(_) => "DataError",
+        PipelineError::Data(error) => class_of_data(error),
+        PipelineError::Robot(_) => "RobotError",
+        ended => class_of(ended),
     }
 }
 
@@ -198,7 +253,10 @@ impl From<PageError> for Failure {
     fn from(error: PageError) -> Self {
         match error {
             PageError::Stage(error) => error.into(),
-            PageError::OtherCount { .. } => Self::Of("DataError", error.to_string()),
+            PageError::OtherCount { .. } => {
+                let hint = hint::of_page(&error);
+                Self::with_hint("DataError", &error, hint)
+            }
             other => Self::input(other.to_string()),
         }
     }

@@ -42,6 +42,7 @@ mod dynamics_tangent;
 mod env;
 mod errors;
 mod exchange;
+mod hint;
 mod inverse;
 mod loads;
 mod metrics;
@@ -99,7 +100,7 @@ mod _tdcr {
     #[pymodule_export]
     use crate::recordings::{RecordingCalibration, ReplayedRecording, calibrate_recording};
     #[pymodule_export]
-    use crate::rig::{Rig, record_background};
+    use crate::rig::{Rig, record_background, while_released};
     #[pymodule_export]
     use crate::robot::Robot;
     #[pymodule_export]
@@ -120,11 +121,11 @@ mod _tdcr {
     use crate::tendon_friction::FrictionPath;
     #[pymodule_export]
     use crate::torch::{
-        presets, read_cloud_set, reduce, select_points, set_reduction, start_noise, train_settings,
-        velocities,
+        presets, read_cloud_set, reduce, resolve_training, select_points, set_reduction,
+        start_noise, train_settings, velocities,
     };
     #[pymodule_export]
-    use crate::training::{distill, train};
+    use crate::training::{distill, train, train_options};
     #[pymodule_export]
     use crate::vision::{View, clouds, render, save_ply};
 

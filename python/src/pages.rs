@@ -7,7 +7,7 @@ use pyo3::types::PyBytes;
 use tdcr::pages::{self, DataDrawing, DemoSettings, SetInfo};
 use tdcr::pipeline::Survey;
 
-use crate::errors::{Failure, Outcome};
+use crate::errors::{Outcome, text};
 use crate::predictor::named_precision;
 use crate::run;
 use crate::stage::Stage;
@@ -17,8 +17,7 @@ use crate::training::named_symmetry;
 #[pyfunction]
 pub fn data_info(py: Python<'_>, path: PathBuf) -> Outcome<String> {
     let info = py.detach(|| SetInfo::new(&path, &Survey::open(&path)?))?;
-    let text = serde_json::to_string(&info);
-    text.map_err(|error| Failure::Of("TdcrError", error.to_string()))
+    text(serde_json::to_string(&info))
 }
 
 /// Draws the data sets in folders: the content of the file `out`, whose extension says what is drawn. `progress` is told of
@@ -71,6 +70,5 @@ pub fn demo(
         let stages = Stage::new(&["collect", "train", "evaluate"], watch);
         pages::demo(&settings, &out, &stages)
     })??;
-    let text = serde_json::to_string(&made.metrics);
-    text.map_err(|error| Failure::Of("TdcrError", error.to_string()))
+    text(serde_json::to_string(&made.metrics))
 }

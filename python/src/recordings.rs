@@ -140,7 +140,7 @@ pub fn calibrate_recording(
         )?;
         if let Some(report) = &report {
             let page = CalibrationPage::new(&calibration).to_html();
-            tdcr::sim::files::write_atomically(report, |file| {
+            tdcr::base::files::write_atomically(report, |file| {
                 std::io::Write::write_all(file, page.as_bytes())
             })
             .map_err(|error| {

@@ -8,13 +8,16 @@ use nalgebra::Vector3;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use tdcr::hw::capture::{CaptureError, Fuser, Program};
-use tdcr::hw::rig::{Homing, Pace, Pictures, RigError, RigFile, WinchState};
+use tdcr::hw::rig::{
+    Homing, Pace, Pictures, RigError, RigFile, WinchState, while_released as while_all_released,
+};
 use tdcr::pipeline::{self, CaptureLog, CaptureSettings, seen_tip};
 use tdcr::sim::cloud::{PointCloud, VoxelGrid};
 use tdcr::sim::robot::Command;
 
 use crate::dynamics::command_of;
 use crate::errors::{Failure, Outcome};
+use crate::hint;
 use crate::robot::Robot;
 use crate::run::{self, Watch};
 use crate::stage::Stage;
@@ -33,17 +36,19 @@ type Seen = (Vec<(f64, View)>, f64);
 
 #[pymethods]
 impl Rig {
-    /// Opens the rig of a file.
-    #[new]
-    fn new(py: Python<'_>, path: PathBuf, real_time: bool) -> Outcome<Self> {
+    /// Opens the rig of a file; with notes on what was passed over in its robot's, where that is of another tool.
+    #[staticmethod]
+    fn open(py: Python<'_>, path: PathBuf, real_time: bool) -> Outcome<(Self, Vec<String>)> {
         let pace = match real_time {
             true => Pace::RealTime,
             false => Pace::Computed,
         };
-        let rig = run::short(py, || {
-            tdcr::hw::rig::Rig::open_file(RigFile::load(&path)?, pace)
-        })?;
-        Ok(Self(Mutex::new(rig?)))
+        run::short(py, || {
+            let file = RigFile::load(&path)?;
+            let notes = notes_of(&file);
+            let rig = tdcr::hw::rig::Rig::open_file(file, pace)?;
+            Ok((Self(Mutex::new(rig)), notes))
+        })?
     }
 
     /// Name in the rig's file.
@@ -201,7 +206,7 @@ impl Rig {
         let rig = &self.0;
         let (pictures, cloud, pose) = run::short(py, || -> Outcome<_> {
             let mut rig = locked(rig)?;
-            let command = held(&mut rig)?;
+            let command = measured_command(&mut rig)?;
             let (pictures, cloud) = look(&mut rig, grid)?;
             let robot = rig.robot().clone();
             let pose = rig
@@ -283,7 +288,15 @@ impl Rig {
     }
 }
 
-/// Records the empty scene of the rig of a file.
+/// Calls `work` where no rig of this process has a motor on, and lets none switch one on meanwhile; returns whether it did.
+#[pyfunction]
+pub fn while_released(work: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let mut called = Ok(());
+    let released = while_all_released(|| called = work.call0().map(drop));
+    called.map(|()| released)
+}
+
+/// Records the empty scene of the rig of a file; returns notes on what was passed over in its robot's.
 #[pyfunction]
 #[pyo3(signature = (path, out, pictures, progress = None))]
 pub fn record_background(
@@ -292,18 +305,23 @@ pub fn record_background(
     out: PathBuf,
     pictures: usize,
     progress: Option<&Bound<'_, PyAny>>,
-) -> Outcome<()> {
-    run::long(py, progress, |watch| -> Outcome<()> {
+) -> Outcome<Vec<String>> {
+    run::long(py, progress, |watch| -> Outcome<_> {
         let mut begun = 0;
         let mut next = || {
             watch.advance(usize::from(begun > 0));
             begun += 1;
             go_on(watch)
         };
-        RigFile::load(&path)?.record_background(&out, pictures, &mut next)?;
+        let file = RigFile::load(&path)?;
+        file.record_background(&out, pictures, &mut next)?;
         watch.advance(1);
-        Ok(())
+        Ok(notes_of(&file))
     })?
+}
+
+fn notes_of(file: &RigFile) -> Vec<String> {
+    file.notes.iter().map(ToString::to_string).collect()
 }
 
 impl Rig {
@@ -355,7 +373,7 @@ fn look(rig: &mut tdcr::hw::rig::Rig, grid: VoxelGrid) -> Outcome<(Pictures, Poi
 }
 
 /// The command that the servos' positions stand for, within the tendons' ranges: servos are a tick off their goals.
-fn held(rig: &mut tdcr::hw::rig::Rig) -> Outcome<Command> {
+fn measured_command(rig: &mut tdcr::hw::rig::Rig) -> Outcome<Command> {
     let states = rig.state().into_iter();
     let commands = states.map(|state| {
         let state = state.map_err(RigError::from)?;
@@ -398,10 +416,13 @@ fn reading(id: u8, state: &WinchState) -> Reading {
 
 impl From<RigError> for Failure {
     fn from(error: RigError) -> Self {
+        let hint = hint::of_rig(&error);
         let class = match error {
-            RigError::Command(_) | RigError::Limit { .. } => "CommandError",
+            RigError::Command(_) | RigError::Limit { .. } | RigError::TooFar { .. } => {
+                "CommandError"
+            }
             _ => "RigError",
         };
-        Self::Of(class, error.to_string())
+        Self::with_hint(class, &error, hint)
     }
 }

@@ -9,7 +9,7 @@ use tdcr::learn::train::Provenance;
 
 use crate::arrays::array;
 use crate::data::{payload_range, sensor, visibility};
-use crate::errors::{Failure, Outcome};
+use crate::errors::{Failure, Outcome, text};
 use crate::robot::Robot;
 use crate::run;
 
@@ -145,9 +145,4 @@ pub fn read_reduction(text: &str, values: usize) -> Outcome<Reduction> {
         serde_json::from_str(text).map_err(|error| refuse(error.to_string()))?;
     reduction.check(values).map_err(refuse)?;
     Ok(reduction)
-}
-
-/// JSON that was written.
-pub fn text(written: serde_json::Result<String>) -> Outcome<String> {
-    written.map_err(|error| Failure::Of("TdcrError", error.to_string()))
 }

@@ -3,15 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
-use tdcr::learn::data::Part;
+use tdcr::base::Part;
 use tdcr::study::{Finished, Study, StudyError, merge, run as run_study};
 
 use crate::errors::{Failure, Outcome};
+use crate::hint;
 use crate::run;
 use crate::stage::Stage;
 
 /// Runs the study in the file `path`, or that of the JSON `text`, into the folder `out`, or a part of it: what `tdcr study --json`
-/// says. `progress` is told of configurations.
+/// says, and notes on what was passed over in robots' files of other tools. `progress` is told of configurations.
 #[pyfunction]
 #[pyo3(signature = (path, text, out, part = None, progress = None))]
 pub fn study(
@@ -21,16 +22,17 @@ pub fn study(
     out: PathBuf,
     part: Option<String>,
     progress: Option<&Bound<'_, PyAny>>,
-) -> Outcome<String> {
+) -> Outcome<(String, Vec<String>)> {
     let part: Option<Part> = part.map(|part| part.parse()).transpose()?;
-    let study = match text {
-        None => Study::load(&path)?,
-        Some(text) => Study::from_json(&text, Path::new(""), &path)?,
+    let (study, notes) = match text {
+        None => Study::load_with_notes(&path)?,
+        Some(text) => Study::from_json_with_notes(&text, Path::new(""), &path)?,
     };
     let finished = run::long(py, progress, |watch| {
         run_study(&study, &out, part, &Stage::new(&["study"], watch))
     })??;
-    said(&finished)
+    let notes = notes.iter().map(ToString::to_string).collect();
+    Ok((json(&finished)?, notes))
 }
 
 /// Puts the parts of a study in folders together in the folder `out`.
@@ -39,16 +41,17 @@ pub fn merge_study(py: Python<'_>, parts: Vec<PathBuf>, out: PathBuf) -> Outcome
     let finished = run::long(py, None, |watch| {
         merge(&parts, &out, &Stage::new(&[], watch))
     })??;
-    said(&finished)
+    json(&finished)
 }
 
-fn said(finished: &Finished) -> Outcome<String> {
+fn json(finished: &Finished) -> Outcome<String> {
     let text = serde_json::to_string(finished);
     text.map_err(|error| Failure::Of("TdcrError", error.to_string()))
 }
 
 impl From<StudyError> for Failure {
     fn from(error: StudyError) -> Self {
+        let hint = hint::of_study(&error);
         let class = match error {
             StudyError::Read { .. }
             | StudyError::Parse { .. }
@@ -58,6 +61,6 @@ impl From<StudyError> for Failure {
             | StudyError::OtherParts { .. } => "InputError",
             _ => "DataError",
         };
-        Self::Of(class, error.to_string())
+        Self::with_hint(class, &error, hint)
     }
 }

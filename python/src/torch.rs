@@ -5,18 +5,19 @@ use std::path::PathBuf;
 
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
-use serde_json::{Value, json};
 use tdcr::learn::data::{CloudSet, DataSet, Meta, Normalisation, Split};
 use tdcr::learn::flow::{FlowPath, Stream, VelocityField, rng};
-use tdcr::learn::net::{Channels, ContextShape};
+use tdcr::learn::net::Channels;
+use tdcr::learn::options::{DataFacts, Net, Preset, Resolved, TrainOptions};
 use tdcr::learn::predict::select;
 use tdcr::learn::train::{Model, Provenance, TrainSettings};
-use tdcr::pipeline::{self, Length, Preset};
+use tdcr::pipeline;
 
 use crate::arrays::{array, contiguous};
-use crate::errors::{Failure, Outcome, choice};
+use crate::errors::{Failure, Outcome, choice, text};
 use crate::run;
-use crate::stream::{read_reduction, text};
+use crate::stream::read_reduction;
+use crate::training::train_options_of;
 
 /// Conditions (B, D), points (B, N, 3) and, where they are wanted, colours (B, N, 3), and the provenance as JSON.
 type CloudArrays<'py> = (
@@ -26,50 +27,40 @@ type CloudArrays<'py> = (
     String,
 );
 
-/// All presets, the default first, as JSON: sizes, length, and the settings of an MLP and a hybrid without their length.
+/// All presets, the default first, as JSON: name, and the options for an MLP and a hybrid.
 #[pyfunction]
 pub fn presets() -> Outcome<String> {
     let described = Preset::ALL.map(|preset| {
-        let (steps, epochs) = match preset.length {
-            Length::Steps(steps) => (Some(steps), None),
-            Length::Epochs(epochs) => (None, Some(epochs)),
-        };
-        // Warm-up is bounded by the length, which is not known yet.
-        // The last evaluation is not refined there.
-        let settings = |rates| {
-            let settings = TrainSettings {
-                refinement: None,
-                ..preset.settings(rates, u64::MAX)
-            };
-            let mut settings = plain(serde_json::to_string(&settings))?;
-            settings
-                .as_object_mut()
-                .map(|fields| fields.remove("steps"));
-            Ok::<_, serde_json::Error>(settings)
-        };
-        let [mlp, hybrid] = preset.rates;
-        Ok::<_, serde_json::Error>(json!({
-            "name": preset.name,
-            "width": preset.size.width,
-            "depth": preset.size.depth,
-            "embedding": preset.size.embedding,
-            "condition_blocks": preset.size.condition_blocks,
-            "octaves": preset.size.octaves,
-            "time_features": plain(serde_json::to_string(&preset.size.time_features))?,
-            "steps": steps,
-            "epochs": epochs,
-            "colors": preset.size.channels == Channels::XyzRgb,
-            "context": plain(serde_json::to_string(&ContextShape::of(preset.layers)))?,
-            "networks": {"mlp": settings(mlp)?, "hybrid": settings(hybrid)?},
-        }))
+        (
+            preset.name(),
+            [Net::Mlp, Net::Hybrid].map(|net| preset.options(net)),
+        )
     });
-    let described: Result<Vec<Value>, _> = described.into_iter().collect();
-    text(described.and_then(|presets| serde_json::to_string(&presets)))
+    text(serde_json::to_string(&described))
 }
 
-/// JSON from text, in which an f32 has as many digits as distinguish it from others.
-fn plain(text: serde_json::Result<String>) -> serde_json::Result<Value> {
-    serde_json::from_str(&text?)
+/// Shape of the network and settings of a run in PyTorch, as JSON, from its options in JSON and the number of clouds of its training
+/// set, which a stream has not. The shape has no dimension of the conditions yet.
+///
+/// The last evaluation is not refined there, and products are of 32-bit floats where it is not said otherwise.
+#[pyfunction]
+#[pyo3(signature = (options, clouds_in_set = None))]
+pub fn resolve_training(options: &str, clouds_in_set: Option<usize>) -> Outcome<(String, String)> {
+    let asked = train_options_of(options)?;
+    let options = TrainOptions {
+        refinement_steps: Some(0),
+        precision: Some(asked.precision.unwrap_or_default()),
+        ..asked
+    };
+    let data = DataFacts {
+        clouds: clouds_in_set,
+        ..DataFacts::default()
+    };
+    let Resolved { shape, settings } = options.resolve(&data)?;
+    Ok((
+        text(serde_json::to_string(&shape))?,
+        text(serde_json::to_string(&settings))?,
+    ))
 }
 
 /// Settings of a run from JSON, with defaults for what is not given, checked.

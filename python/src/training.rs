@@ -4,14 +4,16 @@ use std::path::PathBuf;
 
 use numpy::PyArray1;
 use pyo3::prelude::*;
+use serde_json::Value;
 use tdcr::learn::data::{Recipe, StreamSpec, Subject};
-use tdcr::learn::net::{Channels, ContextLayers, ContextShape, Precision, TimeFeatures};
+use tdcr::learn::net::Precision;
+use tdcr::learn::options::{self, Resolved, TrainOptions};
 use tdcr::learn::symmetry::SymmetryUse;
-use tdcr::learn::train::{Model, Optimizer, TrainSettings};
-use tdcr::pipeline::{self, Preset, StreamSettings, TrainPlan, Trained, TrainingData};
+use tdcr::learn::train::{Model, TrainSettings};
+use tdcr::pipeline::{self, StreamSettings, Trained, TrainingData};
 
 use crate::data::{payload_range, sensor, visibility};
-use crate::errors::{Failure, Outcome, choice};
+use crate::errors::{Failure, Outcome, choice, text};
 use crate::predictor::named_precision;
 use crate::robot::Robot;
 use crate::run;
@@ -25,38 +27,18 @@ type Run<'py> = (
     &'static str,
 );
 
-/// What a run is asked for, as `tdcr train` takes it.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct TrainOptions {
-    preset: String,
-    width: Option<usize>,
-    depth: Option<usize>,
-    embedding: Option<usize>,
-    condition_blocks: Option<usize>,
-    octaves: Option<usize>,
-    time_features: Option<String>,
-    context: Option<Context>,
-    colors: Option<bool>,
-    color_weight: Option<f32>,
-    steps: Option<u64>,
-    clouds: Option<usize>,
-    points: Option<usize>,
-    precision: Option<String>,
-    optimizer: Option<String>,
-    learning_rate: Option<f64>,
-    warmup: Option<u64>,
-    validate_every: Option<u64>,
-    patience: Option<u64>,
-    coupling: String,
-    time_exponent: f32,
-    late_times: Option<f32>,
-    prior_cut: Option<f32>,
-    refinement_steps: Option<u64>,
-    surface_prior: Option<Py<Robot>>,
-    symmetry: Option<String>,
-    prior_deviation: Option<f32>,
-    seed: u64,
+/// Every option of a run: name, kind, placeholder, choices, whether it may be left out, help, heading; as JSON.
+#[pyfunction]
+pub fn train_options() -> Outcome<String> {
+    text(serde_json::to_string(&options::cli::options()))
+}
+
+/// Options of a run from JSON, by their names.
+pub fn train_options_of(asked: &str) -> Outcome<TrainOptions> {
+    let refuse = |error: serde_json::Error| Failure::input(error.to_string());
+    // Of a value, an error has no line and column.
+    let asked: Value = serde_json::from_str(asked).map_err(refuse)?;
+    serde_json::from_value(asked).map_err(refuse)
 }
 
 /// The use of symmetries of this name.
@@ -66,26 +48,6 @@ pub fn named_symmetry(name: &str) -> Outcome<SymmetryUse> {
         name,
         &SymmetryUse::ALL.map(|one| (one.name(), one)),
     )
-}
-
-/// The features of the flow time of this name.
-fn named_time_features(name: &str) -> Outcome<TimeFeatures> {
-    choice(
-        "time_features",
-        name,
-        &TimeFeatures::ALL.map(|one| (one.name(), one)),
-    )
-}
-
-/// Sizes of the context network of a hybrid.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-struct Context {
-    layers: Option<String>,
-    channels: Option<[usize; 3]>,
-    resolutions: Option<[usize; 3]>,
-    blocks: Option<usize>,
-    context: Option<usize>,
 }
 
 /// A stream that takes the place of a data set.
@@ -107,91 +69,19 @@ pub struct StreamOptions {
 pub enum Source<'py> {
     /// Robot and options of a stream.
     Stream(PyRef<'py, Robot>, StreamOptions),
-    /// Folder of a data set, and the model in whose units it is to be read.
-    Set(PathBuf, Option<PathBuf>),
-}
-
-impl Context {
-    fn shape(&self, preset: &Preset) -> Outcome<ContextShape> {
-        let layers = match &self.layers {
-            None => preset.layers,
-            Some(name) => {
-                let all = ContextLayers::ALL.map(|layers| (layers.name(), layers));
-                choice("layers", name, &all)?
-            }
-        };
-        let mut shape = ContextShape::of(layers);
-        for (stage, size) in shape.stages.iter_mut().enumerate() {
-            size.channels = self
-                .channels
-                .map_or(size.channels, |channels| channels[stage]);
-            size.resolution = self
-                .resolutions
-                .map_or(size.resolution, |edges| edges[stage]);
-        }
-        shape.blocks = self.blocks.unwrap_or(shape.blocks);
-        shape.features = self.context.unwrap_or(shape.features);
-        Ok(shape)
-    }
-}
-
-impl TrainOptions {
-    fn plan(&self) -> Outcome<TrainPlan> {
-        let optimizers = [("adamw", Optimizer::AdamW), ("muon", Optimizer::MUON)];
-        let optimizer = self.optimizer.as_deref();
-        let optimizer = optimizer.map(|name| choice("optimizer", name, &optimizers));
-        let precision = self.precision.as_deref().map(named_precision);
-        let usual = TrainPlan::default();
-        let presets = Preset::ALL.map(|preset| (preset.name, preset));
-        let preset = choice("preset", &self.preset, &presets)?;
-        let context = self.context.as_ref();
-        Ok(TrainPlan {
-            preset,
-            width: self.width,
-            depth: self.depth,
-            embedding: self.embedding,
-            condition_blocks: self.condition_blocks,
-            octaves: self.octaves,
-            time_features: (self.time_features.as_deref())
-                .map(named_time_features)
-                .transpose()?,
-            context: context.map(|context| context.shape(&preset)).transpose()?,
-            channels: self.colors.map(|colors| match colors {
-                true => Channels::XyzRgb,
-                false => Channels::Xyz,
-            }),
-            color_weight: self.color_weight.unwrap_or(usual.color_weight),
-            steps: self.steps,
-            clouds: self.clouds,
-            points: self.points,
-            precision: precision.transpose()?,
-            optimizer: optimizer.transpose()?,
-            learning_rate: self.learning_rate,
-            warmup_steps: self.warmup,
-            validate_every: self.validate_every,
-            patience: self.patience,
-            coupling: self.coupling.parse()?,
-            time_exponent: self.time_exponent,
-            late_times: self.late_times,
-            prior_cut: self.prior_cut,
-            refinement_steps: self.refinement_steps,
-            surface_prior: (self.surface_prior.as_ref()).map(|robot| robot.get().0.spec().clone()),
-            symmetry: self.symmetry.as_deref().map(named_symmetry).transpose()?,
-            prior_deviation: self.prior_deviation,
-            seed: self.seed,
-        })
-    }
+    /// Folder of a data set.
+    Set(PathBuf),
 }
 
 impl Source<'_> {
-    fn data(&self, seed: u64) -> Outcome<TrainingData> {
-        Ok(match self {
-            Self::Set(dir, None) => TrainingData::Set(dir.clone()),
-            Self::Set(dir, Some(model)) => {
+    fn data(&self, asked: &TrainOptions) -> Outcome<TrainingData> {
+        Ok(match (self, &asked.normalisation_from) {
+            (Self::Set(dir), None) => TrainingData::Set(dir.clone()),
+            (Self::Set(dir), Some(model)) => {
                 let units = Model::load(model)?.provenance.normalisation;
                 TrainingData::SetIn(dir.clone(), Box::new(units))
             }
-            Self::Stream(robot, options) => {
+            (Self::Stream(robot, options), _) => {
                 let subject = Subject {
                     robot: robot.0.spec().clone(),
                     base: visibility(options.base),
@@ -206,7 +96,7 @@ impl Source<'_> {
                     spec: StreamSpec {
                         recipe,
                         points: options.stream_points,
-                        seed,
+                        seed: asked.seed,
                     },
                     window: options.window,
                     fresh: options.fresh,
@@ -217,24 +107,26 @@ impl Source<'_> {
     }
 }
 
-/// Trains a network in the folder `out`.
+/// Trains a network in the folder `out`, with options in JSON but for the robot of the prior.
 #[pyfunction]
-#[pyo3(signature = (source, out, options, init = None, progress = None))]
+#[pyo3(signature = (source, out, options, surface_prior = None, progress = None))]
 pub fn train<'py>(
     py: Python<'py>,
     source: Source<'py>,
     out: PathBuf,
-    options: TrainOptions,
-    init: Option<PathBuf>,
+    options: &str,
+    surface_prior: Option<PyRef<'py, Robot>>,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> Outcome<Run<'py>> {
-    let data = source.data(options.seed)?;
-    let plan = options.plan()?;
+    let mut options = train_options_of(options)?;
+    options.surface_prior = surface_prior.map(|robot| robot.0.spec().clone().into());
+    options.check()?;
+    let data = source.data(&options)?;
     let (trained, precision) = run::long(py, progress, |watch| {
-        let (size, settings) = plan.settle(&data)?;
-        let initial = init.map(|file| Model::load(&file)).transpose()?;
+        let Resolved { shape, settings } = options.resolve(&data.facts()?)?;
+        let initial = options.init.as_deref().map(Model::load).transpose()?;
         let stage = Stage::new(&["train"], watch);
-        let trained = pipeline::train(&data, &out, size, &settings, initial.as_ref(), &stage)?;
+        let trained = pipeline::train(&data, &out, shape, &settings, initial.as_ref(), &stage)?;
         Ok::<_, Failure>((trained, settings.precision))
     })??;
     Ok(told(py, &trained, precision))

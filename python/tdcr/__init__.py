@@ -13,6 +13,7 @@ Arrays may be of any library that NumPy understands. Errors are of the tree in :
 from tdcr import errors, inverse, metrics
 from tdcr._tdcr import __version__
 from tdcr._threads import set_threads, threads
+from tdcr._train_options import TrainOptions
 from tdcr.collecting import collect, export_clouds, import_clouds, merge
 from tdcr.data import Dataset, Normalisation, Sample, Split, data_view
 from tdcr.dynamics import Motion, Motions, State, rollout, simulate
@@ -74,6 +75,7 @@ __all__ = [
     "State",
     "Stream",
     "TdcrError",
+    "TrainOptions",
     "View",
     "Wrench",
     "__version__",

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import torch
 import torch.utils.data
 
-from tdcr.data import Split
+if TYPE_CHECKING:
+    from tdcr.data import Split
 
 
 class SplitView(torch.utils.data.Dataset[dict[str, torch.Tensor]]):

@@ -98,10 +98,12 @@ def import_clouds(
     voxel: float | None = None,
     split: PathLike | None = None,
     seed: int = 0,
+    progress: Progress | None = None,
 ) -> Dataset:
     """Makes a data set of clouds of other programs; as ``tdcr data import``.
 
-    Files of other endings and columns that may be colours of unknown names are passed over with a warning.
+    Interrupted by Ctrl-C or by an exception of ``progress``, the same call goes on where it stopped. Files of
+    other endings and columns that may be colours of unknown names are passed over with a warning.
 
     Args:
         folder: Clouds (``.ply``, ``.pcd``, ``.npy``, ``.npz``) and beside each a motor file ``{"ctrl": [...]}`` of its name.
@@ -111,6 +113,7 @@ def import_clouds(
         voxel: Edge of the voxels that thin the clouds (m); they are not thinned where it is not given.
         split: A CSV file of lines ``NAME,SPLIT``; 80, 10 and 10 % by chance where it is not given.
         seed: Seed of the points that are kept, and of the splits.
+        progress: Is called with the number of clouds read since its last call.
 
     Raises:
         DataError: For files that cannot be read; the message names the file and what is wrong with it.
@@ -123,18 +126,32 @@ def import_clouds(
         None if voxel is None else as_number(voxel, "voxel"),
         None if split is None else as_path(split, "split"),
         as_seed(seed),
+        progress,
     )
     for note in notes:
         warnings.warn(f"{as_path(folder, 'folder')}: {note}", stacklevel=2)
     return Dataset(out)
 
 
-def export_clouds(dataset: Dataset | PathLike, out: PathLike, format: Literal["ply", "npz"] = "ply") -> int:
+def export_clouds(
+    dataset: Dataset | PathLike,
+    out: PathLike,
+    format: Literal["ply", "npz"] = "ply",
+    *,
+    progress: Progress | None = None,
+) -> int:
     """Writes the clouds of a data set as files of their own, with their conditions beside them; as ``tdcr data export``.
 
-    Each split has a folder of its own in ``out``.
+    Each split has a folder of its own in ``out``. Interrupted by Ctrl-C or by an exception of ``progress``, nothing is
+    left there.
+
+    Args:
+        dataset: The data set, or its folder.
+        out: Folder of the clouds, which holds nothing yet.
+        format: Binary PLY, or NumPy archives of ``points`` and ``rgb``.
+        progress: Is called with the number of clouds written since its last call.
 
     Returns:
         How many clouds.
     """
-    return _tdcr.export_clouds(folder_of(dataset), as_text(format, "format"), as_path(out, "out"))
+    return _tdcr.export_clouds(folder_of(dataset), as_text(format, "format"), as_path(out, "out"), progress)

@@ -7,9 +7,11 @@ import contextlib
 import json
 import os
 import signal
+import sys
 import threading
+import warnings
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -137,25 +139,40 @@ def _release_all() -> None:
                 rig.release()
 
 
+#: Signals that end a process without a word: from the keyboard (Ctrl-\\), by ``kill``, and where a window is closed.
+_ENDING = ("SIGTERM", "SIGHUP", "SIGQUIT")
+
+
 def _end_by_exception() -> None:
-    """Has signals that would end the process without a word raise ``SystemExit``, so that ``with`` blocks come to their end."""
+    """Has signals that would end the process without a word raise ``SystemExit``, so that ``with`` blocks come to their end, and
+    Ctrl-Z, which would stop it, too while motors are on."""
     if threading.current_thread() is not threading.main_thread():
         return
-    for name in ("SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, _exit)
+    for name, handler in _handlers():
+        if signal.getsignal(name) is signal.SIG_DFL:
+            signal.signal(name, handler)
+
+
+def _handlers() -> list[tuple[int, Callable[[int, FrameType | None], None]]]:
+    ending = [(name, _exit) for name in _ENDING]
+    named = [*ending, ("SIGTSTP", _stop)]
+    return [(getattr(signal, name), handler) for name, handler in named if hasattr(signal, name)]
 
 
 def _exit(number: int, _frame: FrameType | None) -> None:
     raise SystemExit(128 + number)
 
 
+def _stop(number: int, frame: FrameType | None) -> None:
+    if not _tdcr.while_released(lambda: os.kill(os.getpid(), signal.SIGSTOP)):
+        print("motors are on, which nobody would look after while this process is stopped, so it ends", file=sys.stderr)
+        _exit(number, frame)
+
+
 def _end_as_usual() -> None:
     """Gives those signals their default action back in a fork, which holds no torque: a worker of a pool must end when told."""
-    for name in ("SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) is _exit:
+    for number, handler in _handlers():
+        if signal.getsignal(number) is handler:
             signal.signal(number, signal.SIG_DFL)
 
 
@@ -167,14 +184,16 @@ class Rig:
     """A robot with servos and cameras: simulated, recorded or real, as its file says; the same calls on each.
 
     Nothing moves before the servos are homed and :meth:`engage` is called. The tension is released where something goes wrong,
-    where a call is interrupted, at the end of a ``with`` block, and at the end of the process. SIGTERM and SIGHUP (a window
-    that is closed, a connection that is lost) raise ``SystemExit`` once a rig was opened in the main thread, where they had
-    their default action::
+    where a call is interrupted, at the end of a ``with`` block, and at the end of the process. SIGTERM, SIGQUIT and SIGHUP (a
+    window that is closed, a connection that is lost) raise ``SystemExit`` once a rig was opened in the main thread, where they
+    had their default action; so does SIGTSTP (Ctrl-Z) while motors are on, as a stopped process cannot look after them::
 
         with tdcr.Rig("rig-sim.toml") as rig:
             rig.engage()
             rig.move_to(command)
             cloud = rig.cloud()
+
+    What is passed over in a robot's file of another tool is warned of, and is in ``robot.notes``.
 
     Args:
         path: The rig's file: see the guide to hardware.
@@ -186,8 +205,10 @@ class Rig:
 
     def __init__(self, path: PathLike, *, real_time: bool = False) -> None:
         _end_by_exception()
-        self._native = _tdcr.Rig(as_path(path, "path"), as_flag(real_time, "real_time"))
-        self.robot = Robot._of(self._native.robot)
+        self._native, notes = _tdcr.Rig.open(as_path(path, "path"), as_flag(real_time, "real_time"))
+        for note in notes:
+            warnings.warn(f"{as_path(path, 'path')}: {note}", stacklevel=2)
+        self.robot = Robot._of(self._native.robot, tuple(notes))
         self._process = os.getpid()
         _OPEN.add(self)
 
@@ -269,7 +290,8 @@ class Rig:
         """Sends the goals of a command, shape (tendons,) (m), at once, and looks at the servos when the next are due.
 
         Raises:
-            CommandError: For a command out of its range or the servos' limits; nothing is sent then.
+            CommandError: For a command out of its range or the servos' limits, or farther from the one before than the rig's
+                slew allows in a period (:meth:`move_to` goes there in steps); nothing is sent then.
             RigError: After the tension was released, with the reason.
         """
         return _states(self._native.step(self._take(command)))
@@ -394,7 +416,8 @@ def record_background(
         RigError: For a file that describes no rig, cameras that give no pictures, and a log that cannot be written.
     """
     count = as_count(pictures, "pictures", 5, 1000)
-    _tdcr.record_background(as_path(rig, "rig"), as_path(out, "out"), count, progress=progress)
+    for note in _tdcr.record_background(as_path(rig, "rig"), as_path(out, "out"), count, progress=progress):
+        warnings.warn(f"{as_path(rig, 'rig')}: {note}", stacklevel=2)
     return Path(out)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -31,6 +32,8 @@ def study(
     The folder gets ``table.csv`` and ``table.parquet`` (a row for each configuration), ``summary.csv``, ``study.json``,
     ``report.html`` and ``figures/*.svg``. Interrupted by Ctrl-C, by an exception of ``progress``, or killed, the same call goes
     on where it stopped.
+
+    What is passed over in robots' files of other tools is warned of.
 
     Args:
         file: The study's file, or what it holds as a dictionary. Robots that a dictionary names by path are looked for in the
@@ -84,11 +87,14 @@ def merge_study(parts: Sequence[PathLike], out: PathLike) -> dict[str, Any]:
 def _run(file: PathLike | dict[str, Any], out: str, part: str | None, progress: Progress | None = None) -> dict[str, Any]:
     part = maybe_text(part, "part")
     if not isinstance(file, Mapping):
-        said: dict[str, Any] = json.loads(_tdcr.study(as_path(file, "file"), None, out, part, progress))
-        return said
-    text = as_json(file, "the study")
-    with in_its_words(text):
-        said = json.loads(_tdcr.study("of a dictionary", text, out, part, progress))
+        text, notes = _tdcr.study(as_path(file, "file"), None, out, part, progress)
+    else:
+        written = as_json(file, "the study")
+        with in_its_words(written):
+            text, notes = _tdcr.study("of a dictionary", written, out, part, progress)
+    for note in notes:
+        warnings.warn(note, stacklevel=3)
+    said: dict[str, Any] = json.loads(text)
     return said
 
 

@@ -47,7 +47,6 @@
 //! - [`render`]: RGB-D images and masks by ray casting.
 //! - [`cloud`]: back-projection, fusion, voxel grids, samples of fixed size, PLY files.
 //! - [`formats`]: robots in files, their own and those of other tools (MJCF, URDF).
-//! - [`files`]: files that are whole or not there.
 //!
 //! # What it is not for
 //!
@@ -66,7 +65,6 @@ pub mod curve;
 pub mod dynamics;
 mod energy;
 mod factor;
-pub mod files;
 pub mod formats;
 pub mod geometry;
 pub mod inverse;

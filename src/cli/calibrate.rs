@@ -259,6 +259,6 @@ fn servos(found: &FoundServos) -> String {
             servo.sign
         );
     }
-    let degrees = found.turn.to_degrees();
+    let degrees = found.rotation.to_degrees();
     text + &format!("the recording's frame is turned by {degrees:.1} degrees about the base\n")
 }

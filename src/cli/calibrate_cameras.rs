@@ -134,7 +134,7 @@ pub(super) fn run(args: &CalibrateCamerasArgs, console: &Console) -> anyhow::Res
             .context("cannot write the cameras as TOML")?;
         output::write(out, text)?;
     }
-    console.result(&said(found, &album, &world), |found| {
+    console.result(&found_json(found, &album, &world), |found| {
         shown(found, args.out.as_deref())
     })
 }
@@ -155,7 +155,7 @@ fn print(file: &Path, board: &Board, console: &Console) -> anyhow::Result<()> {
     })
 }
 
-fn said(found: Calibration, album: &Album, world: &World) -> Found {
+fn found_json(found: Calibration, album: &Album, world: &World) -> Found {
     let camera = |(index, camera): (usize, CalibratedCamera)| {
         let pose = camera.camera.pose;
         let turn = pose.rotation;

@@ -6,7 +6,8 @@ use std::time::Instant;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
-use tdcr::learn::data::{Design, Part, PayloadRange, Split, split_indices};
+use tdcr::base::Part;
+use tdcr::learn::data::{Design, PayloadRange, Split, split_indices};
 use tdcr::pipeline::{CollectSettings, CollectTimes, collect};
 use tdcr::report::counted;
 
@@ -116,7 +117,7 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
             dir: args.out.clone(),
             robot: settings.robot.name,
             part,
-            samples: part.samples(args.samples).len(),
+            samples: part.range(args.samples).len(),
             points: args.points,
             seconds: began.elapsed().as_secs_f64(),
             times,

@@ -1,7 +1,7 @@
 //! Files of commands and of points: one after another, as CSV or JSON.
 //!
-//! A JSON file (`.json`) is a list of lists of numbers. A CSV file has a line for each; empty lines and lines that begin
-//! with `#` are passed over. Its first line may name the columns, units behind the names (`c0 (m)`). Columns `c0`, `c1`
+//! A JSON file (`.json`) is a list of lists of numbers. A CSV file has a line for each; its cells may be quoted, empty lines and
+//! lines that begin with `#` are passed over. Its first line may name the columns, units behind the names (`c0 (m)`). Columns `c0`, `c1`
 //! and so on are then the command, `payload` is the payload, and `x`, `y`, `z` a point, in any order and among others,
 //! so that the tables of `settle` and `reach` are read as they are. Under other names, all columns are read but
 //! `payload`, in their order.
@@ -9,7 +9,8 @@
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
-use tdcr::sim::files::{LARGEST_TEXT, read_text};
+use tdcr::base::files::{LARGEST_TEXT, read_text};
+use tdcr::base::rows::Splitter;
 
 /// A command of a file.
 pub(super) struct Row {
@@ -87,17 +88,19 @@ fn read<T>(
             made.push(make(row, None).with_context(|| format!("{name} entry {number}"))?);
         }
     } else {
+        let mut splitter = Splitter::new(b',');
         let lines = (1..).zip(text.lines().map(str::trim));
-        let mut lines = lines
+        let mut rows = lines
             .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+            .map(|(number, line)| (number, splitter.trimmed(line)))
             .peekable();
         let at = |number: usize| format!("{name} line {number}");
-        let header = match lines.next_if(|(_, line)| is_header(line)) {
-            Some((number, line)) => Some(columns(&names(line)).with_context(|| at(number))?),
+        let header = match rows.next_if(|(_, cells)| is_header(cells)) {
+            Some((number, cells)) => Some(columns(&names(&cells)).with_context(|| at(number))?),
             None => None,
         };
-        for (number, line) in lines {
-            let row = numbers(line, header.as_ref());
+        for (number, cells) in rows {
+            let row = numbers(&cells, header.as_ref());
             let row = row.and_then(|row| make(row, header.as_ref()));
             made.push(row.with_context(|| at(number))?);
         }
@@ -108,29 +111,25 @@ fn read<T>(
     Ok(made)
 }
 
-/// Whether a line names columns: it has no number.
-fn is_header(line: &str) -> bool {
-    line.split(',')
-        .all(|cell| cell.trim().parse::<f64>().is_err())
+/// Whether a row names columns: it has no number.
+fn is_header(cells: &[String]) -> bool {
+    cells.iter().all(|cell| cell.parse::<f64>().is_err())
 }
 
-/// The names in a header, without quotes and units.
-fn names(line: &str) -> Vec<&str> {
-    let cells = line.split(',').map(|cell| cell.trim().trim_matches('"'));
-    let name = |cell: &'_ str| cell.find(['(', '[']).unwrap_or(cell.len());
-    cells.map(|cell| cell[..name(cell)].trim()).collect()
+/// The names in a header, without units.
+fn names(cells: &[String]) -> Vec<&str> {
+    let name = |cell: &str| cell.find(['(', '[']).unwrap_or(cell.len());
+    let names = cells.iter().map(|cell| cell[..name(cell)].trim());
+    names.collect()
 }
 
-/// The numbers of a line, those of all columns without a header.
-fn numbers(line: &str, header: Option<&Columns>) -> anyhow::Result<Vec<f64>> {
-    let number = |text: &str| {
-        let text = text.trim();
-        (text.parse::<f64>()).with_context(|| format!("`{text}` is not a number"))
-    };
+/// The numbers of a row, those of all columns without a header.
+fn numbers(cells: &[String], header: Option<&Columns>) -> anyhow::Result<Vec<f64>> {
+    let number =
+        |text: &String| (text.parse::<f64>()).with_context(|| format!("`{text}` is not a number"));
     let Some(columns) = header else {
-        return line.split(',').map(number).collect();
+        return cells.iter().map(number).collect();
     };
-    let cells: Vec<&str> = line.split(',').collect();
     ensure!(
         cells.len() == columns.count,
         "the line has {} entries, expected {}, one for each column named in the first line",
@@ -140,7 +139,7 @@ fn numbers(line: &str, header: Option<&Columns>) -> anyhow::Result<Vec<f64>> {
     columns
         .places
         .iter()
-        .map(|&place| number(cells[place]))
+        .map(|&place| number(&cells[place]))
         .collect()
 }
 

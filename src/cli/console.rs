@@ -3,38 +3,27 @@
 use std::ffi::OsStr;
 use std::io::{IsTerminal, Write};
 use std::ops::ControlFlow;
-use std::sync::Arc;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use anyhow::Context;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde::Serialize;
-use tdcr::hw::rig::leave as leave_rigs;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 
-use super::keys::restore_terminal;
+use super::Global;
 use super::printable::printable;
-use super::{Global, INTERRUPTED};
+pub(super) use super::printable::say;
+use super::signals::Signals;
 
-/// The terminal: results to stdout, progress to stderr, Ctrl-C heard.
+/// The terminal: results to stdout, progress to stderr, signals heard.
 pub(super) struct Console {
     format: Format,
     bars: Bars,
     quiet: bool,
     signals: Arc<Signals>,
     stage: Mutex<Option<Running>>,
-}
-
-/// Ctrl-C, and the signals that ask a process to end.
-#[derive(Default)]
-struct Signals {
-    /// One came, and the work is to stop at its next safe point.
-    came: AtomicBool,
-    /// The work has safe points: it asks whether a signal came, and will ask again.
-    awaited: AtomicBool,
 }
 
 /// Interruption of work that keeps nothing to resume from.
@@ -67,16 +56,6 @@ struct Running {
 
 impl Console {
     pub fn new(global: &Global) -> anyhow::Result<Self> {
-        let signals = Arc::new(Signals::default());
-        let heard = signals.clone();
-        ctrlc::set_handler(move || {
-            let awaited = heard.awaited.load(Ordering::Relaxed);
-            if heard.came.swap(true, Ordering::Relaxed) || !awaited {
-                leave();
-            }
-            say("\nstopping at the next safe point; press Ctrl-C again to stop at once");
-        })
-        .context("cannot listen for Ctrl-C")?;
         Ok(Self {
             format: if global.json {
                 Format::Json
@@ -89,7 +68,7 @@ impl Console {
                 (false, false) => Bars::Lines,
             },
             quiet: global.quiet,
-            signals,
+            signals: Signals::listen()?,
             stage: Mutex::new(None),
         })
     }
@@ -176,21 +155,6 @@ impl Console {
             act(running);
         }
     }
-}
-
-/// Ends the process at once: motors that any command has on go off, logs end whole, the terminal is as it was.
-fn leave() -> ! {
-    let released = leave_rigs();
-    restore_terminal();
-    if !released.off.is_empty() || !released.is_complete() {
-        say(&released.to_string());
-    }
-    std::process::exit(INTERRUPTED.into())
-}
-
-/// Writes a line to stderr. One that cannot be written is dropped: there is nowhere to say so, and the work goes on.
-pub(super) fn say(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{}", printable(line));
 }
 
 /// What the terminal at stderr can do.
@@ -295,7 +259,7 @@ impl Monitor for Console {
     }
 
     fn end(&self) {
-        self.signals.awaited.store(false, Ordering::Relaxed);
+        self.signals.forget_safe_points();
         self.with_stage(|running| {
             running.bar.finish_and_clear();
             if !matches!(self.bars, Bars::None) {
@@ -312,8 +276,7 @@ impl Monitor for Console {
     }
 
     fn interrupted(&self) -> bool {
-        self.signals.awaited.store(true, Ordering::Relaxed);
-        self.signals.came.load(Ordering::Relaxed)
+        self.signals.came()
     }
 }
 

@@ -150,7 +150,8 @@ fn obey(
         };
         if key == 'c' {
             let sample = session.observe(jogged.captured as u64)?;
-            save(&args.out, jogged.captured, &sample)?;
+            let number = jogged.captured;
+            (session.rig()).hold_while(|| save(&args.out, number, &sample))??;
             jogged.captured += 1;
             console.tell(&format!(
                 "captured {}",

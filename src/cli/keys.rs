@@ -81,7 +81,11 @@ fn characters(bytes: &[u8]) -> Vec<char> {
     bytes.iter().copied().map(char::from).collect()
 }
 
-/// Keys of what a terminal sends: an arrow is an escape sequence of three bytes, `q` an escape alone.
+/// What Ctrl-\ and Ctrl-Z send where they send no signal.
+const CTRL_BACKSLASH: u8 = 0x1c;
+const CTRL_Z: u8 = 0x1a;
+
+/// Keys of what a terminal sends: an arrow is an escape sequence of three bytes; an escape alone, Ctrl-\ and Ctrl-Z are `q`.
 fn keys_of_terminal(mut bytes: &[u8]) -> Vec<char> {
     let mut keys = Vec::new();
     loop {
@@ -92,7 +96,7 @@ fn keys_of_terminal(mut bytes: &[u8]) -> Vec<char> {
             [0x1b, b'[' | b'O', b'C', rest @ ..] => ('d', rest),
             [0x1b, b'[' | b'O', b'D', rest @ ..] => ('a', rest),
             [0x1b, b'[' | b'O', _, rest @ ..] => (' ', rest),
-            [0x1b, rest @ ..] => ('q', rest),
+            [0x1b | CTRL_BACKSLASH | CTRL_Z, rest @ ..] => ('q', rest),
             [key, rest @ ..] => (char::from(*key), rest),
         };
         keys.push(key);
@@ -104,7 +108,8 @@ fn keys_of_terminal(mut bytes: &[u8]) -> Vec<char> {
 static BEFORE: Mutex<Option<Termios>> = Mutex::new(None);
 
 /// The terminal at stdin, if it is one, gives keys as they are pressed and shows none, until this is dropped. Ctrl-C sends its signal
-/// as ever; the keys that stop a program or its output do not, as nobody would look after the servos.
+/// as ever; those that quit a program, stop it or its output send none: nobody would look after the servos, and the terminal would
+/// stay as it is here.
 struct Unbuffered;
 
 impl Unbuffered {
@@ -154,12 +159,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn arrows_bend_and_an_escape_alone_lets_go() {
+    fn arrows_bend_and_keys_that_end_programs_let_go() {
         assert_eq!(
             keys_of_terminal(b"2w\x1b[A\x1b[B\x1bOC\x1b[Dc"),
             ['2', 'w', 'w', 's', 'd', 'a', 'c']
         );
         assert_eq!(keys_of_terminal(b"\x1b"), ['q']);
+        assert_eq!(keys_of_terminal(b"d\x1c\x1a"), ['d', 'q', 'q']);
         assert_eq!(keys_of_terminal(b"w\x1b["), ['w', 'q', '[']);
         assert_eq!(characters(b"+\n"), ['+', '\n']);
     }

@@ -38,16 +38,16 @@ struct DiscWrench {
 
 /// Loads as results say them.
 #[derive(Serialize)]
-pub(super) struct LoadsSaid {
+pub(super) struct LoadsJson {
     /// Mass hung from the tip (kg).
     payload: f64,
-    wrenches: Vec<WrenchSaid>,
+    wrenches: Vec<WrenchJson>,
     /// Force per length of the backbone (N/m), world frame.
     line_load: [f64; 3],
 }
 
 #[derive(Serialize)]
-struct WrenchSaid {
+struct WrenchJson {
     disc: usize,
     /// In the disc's frame (m).
     point: [f64; 3],
@@ -82,9 +82,9 @@ impl LoadArgs {
     }
 }
 
-impl LoadsSaid {
+impl LoadsJson {
     pub fn new(loads: &Loads) -> Self {
-        let said = |wrench: &Wrench| WrenchSaid {
+        let wrench_json = |wrench: &Wrench| WrenchJson {
             disc: wrench.disc,
             point: wrench.point,
             force: wrench.force,
@@ -96,7 +96,7 @@ impl LoadsSaid {
         };
         Self {
             payload: loads.tip_payload().mass,
-            wrenches: loads.wrenches().iter().map(said).collect(),
+            wrenches: loads.wrenches().iter().map(wrench_json).collect(),
             line_load: loads.line_load().into(),
         }
     }

@@ -17,6 +17,7 @@ mod eval;
 mod export;
 mod film;
 mod help;
+mod hint;
 mod home;
 mod images;
 mod jog;
@@ -37,6 +38,7 @@ mod scan;
 mod servo_sim;
 mod settle;
 mod settle_many;
+mod signals;
 mod simulate;
 mod study;
 mod train;
@@ -47,13 +49,15 @@ use std::num::NonZero;
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::TypedValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use tdcr::hw::capture::CaptureError;
 use tdcr::hw::rig::{RigError, RigFile};
 use tdcr::learn::data::Subject;
 use tdcr::learn::flow::{Method, Sampler};
-use tdcr::learn::net::{Precision, TimeFeatures};
+use tdcr::learn::net::Precision;
+use tdcr::learn::options;
+use tdcr::learn::options::cli::named;
 use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, TrainSettings};
 use tdcr::pages::PageError;
@@ -210,10 +214,7 @@ impl SamplerArgs {
 /// Operand type of a network's matrix products.
 #[derive(Debug, Args)]
 struct PrecisionArgs {
-    /// Operand type of the network's matrix products: bfloat16 has 8 significant bits. It is many times faster on a processor
-    /// with a matrix unit (AMX), and faster on AMD's with AVX-512 BF16. Sums are float32 in either [default: bfloat16 on
-    /// such a processor if the width is a multiple of 32, else float32]
-    #[arg(long, value_parser = precision())]
+    #[arg(long, value_parser = precision(), help = options::cli::help("precision"))]
     precision: Option<Precision>,
 }
 
@@ -234,17 +235,6 @@ fn method() -> impl TypedValueParser<Value = Method> {
     named(Method::ALL, Method::name)
 }
 
-/// Parses the name of one of `all`.
-fn named<T: Copy + Send + Sync + 'static, const N: usize>(
-    all: [T; N],
-    name: fn(T) -> &'static str,
-) -> impl TypedValueParser<Value = T> {
-    PossibleValuesParser::new(all.map(name)).map(move |asked| {
-        let found = all.into_iter().find(|&one| name(one) == asked);
-        found.expect("one of the possible values")
-    })
-}
-
 /// Exit status after an interruption, as shells report SIGINT.
 const INTERRUPTED: u8 = 130;
 
@@ -256,7 +246,7 @@ pub fn run(arguments: Vec<OsString>) -> u8 {
         Ok(()) => 0,
         Err(error) if console::is_broken_pipe(&error) => 0,
         Err(error) => {
-            say(&format!("error: {}", describe(&error)));
+            say(&format!("error: {}", with_hint(&error)));
             match is_interruption(&error) {
                 true => INTERRUPTED,
                 false => 1,
@@ -279,6 +269,17 @@ fn is_interruption(error: &anyhow::Error) -> bool {
     };
     let released = matches!(rig, Some(RigError::Interrupted));
     stopped || study || released || error.is::<Interrupted>()
+}
+
+/// An error as it is said, with what to do about it.
+fn with_hint(error: &anyhow::Error) -> String {
+    let text = describe(error);
+    match hint::hint(error) {
+        // Below a list, not behind its last line.
+        Some(hint) if text.contains('\n') => format!("{text}\n{hint}"),
+        Some(hint) => format!("{text}; {hint}"),
+        None => text,
+    }
 }
 
 /// An error and its causes, each said once: a message may quote its cause already.
@@ -450,11 +451,6 @@ fn amount(text: &str) -> Result<usize, String> {
         Ok(number) if (1..=10_000_000).contains(&number) => Ok(number),
         _ => Err("expected a whole number, 1 to 10000000".to_owned()),
     }
-}
-
-/// Parses what a network sees of the flow time.
-fn time_features() -> impl TypedValueParser<Value = TimeFeatures> {
-    named(TimeFeatures::ALL, TimeFeatures::name)
 }
 
 /// Parses whether symmetries are used.

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use tdcr::sim::files::write_atomically;
+use tdcr::base::files::write_atomically;
 
 /// Extensions of files that people ask a program for. A folder of such a name is a mistake.
 const FILES: [&str; 21] = [

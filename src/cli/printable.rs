@@ -1,5 +1,7 @@
 //! Text without control characters, safe to show on a terminal.
 
+use std::io::Write;
+
 /// The text with control characters as escapes (`\u001b`, as JSON has them), all but line breaks and tabs; also those
 /// that turn the direction of writing. Names, notes and paths come from files, and may hold such.
 pub(super) fn printable(text: &str) -> String {
@@ -17,6 +19,11 @@ pub(super) fn printable(text: &str) -> String {
 
 fn escape(character: char, shown: &mut String) {
     shown.push_str(&format!("\\u{:04x}", u32::from(character)));
+}
+
+/// Writes a line to stderr. One that cannot be written is dropped: there is nowhere to say so, and the work goes on.
+pub(super) fn say(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{}", printable(line));
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use tdcr::sim::statics::Settler;
 
 use super::commands::read_points;
 use super::console::{Console, Interrupted};
-use super::loads::{LoadArgs, LoadsSaid, vector};
+use super::loads::{LoadArgs, LoadsJson, vector};
 use super::output;
 use super::units::command_columns;
 
@@ -60,7 +60,7 @@ struct Table {
     tdcr_version: &'static str,
     /// Name of the robot.
     robot: String,
-    loads: LoadsSaid,
+    loads: LoadsJson,
     units: Value,
     /// Largest error that counts as reached (m).
     tolerance: f64,
@@ -183,7 +183,7 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
     let table = Table {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),
-        loads: LoadsSaid::new(&loads),
+        loads: LoadsJson::new(&loads),
         units: json!({
             "command": command_units,
             "target": "m",
@@ -197,7 +197,7 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
     if let Some((out, format)) = args.out.as_deref().zip(format) {
         write(out, format, &robot, &table)?;
     }
-    console.result(&table, for_people)?;
+    console.result(&table, human_readable)?;
     let missed = table.found.iter().filter(|found| !found.reached).count();
     match (missed, table.found.as_slice()) {
         (0, _) => Ok(()),
@@ -304,7 +304,7 @@ fn write(out: &Path, format: &str, robot: &Robot, table: &Table) -> anyhow::Resu
     output::write(out, &text)
 }
 
-fn for_people(table: &Table) -> String {
+fn human_readable(table: &Table) -> String {
     let mut text = String::new();
     for found in &table.found {
         let command: Vec<String> = found.command.iter().map(|c| format!("{c:.9}")).collect();

@@ -14,7 +14,7 @@ use tdcr::sim::render::{BaseVisibility, RgbdFrame, Scene, Sensor};
 use tdcr::sim::robot::Robot;
 
 use super::console::Console;
-use super::loads::{LoadArgs, LoadsSaid};
+use super::loads::{LoadArgs, LoadsJson};
 use super::{CommandArg, command_of, images, output};
 
 /// Render a settled robot with its cameras: colour, depth and mask images, and the fused cloud
@@ -63,7 +63,7 @@ struct Views<'a> {
     robot: &'a str,
     command: &'a [f64],
     #[serde(flatten)]
-    loads: LoadsSaid,
+    loads: LoadsJson,
     sensor: Option<Sensor>,
     seed: u64,
     cameras: Vec<ViewFiles>,
@@ -140,7 +140,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     let views = Views {
         robot: &robot.spec().name,
         command: command.as_slice(),
-        loads: LoadsSaid::new(&loads),
+        loads: LoadsJson::new(&loads),
         sensor,
         seed: args.seed,
         cameras: (frames.iter().enumerate())

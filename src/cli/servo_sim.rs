@@ -9,8 +9,10 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::hw::clock::SystemClock;
 use tdcr::hw::dynamixel::{BAUD_RATES, Model};
-use tdcr::hw::servo::ServoId;
-use tdcr::hw::simulated::{Physics, ScheduledFault, Simulator, SimulatorSetup, Terminal};
+use tdcr::hw::servo::{SPOOL_RADII, ServoId};
+use tdcr::hw::simulated::{
+    FRICTIONS, Physics, STIFFNESSES, ScheduledFault, Simulator, SimulatorSetup, Terminal,
+};
 use tdcr::pipeline::Monitor;
 
 use super::console::Console;
@@ -34,16 +36,16 @@ pub(super) struct ServoSimArgs {
     #[arg(long, default_value_t = Model::LAST_FIRMWARE_208, value_name = "N", value_parser = clap::value_parser!(u8).range(38..))]
     firmware: u8,
     /// Radius of the spools (m)
-    #[arg(long, default_value_t = 0.005, value_name = "M", value_parser = super::positive)]
+    #[arg(long, default_value_t = 0.005, value_name = "M", value_parser = within(SPOOL_RADII))]
     spool_radius: f64,
     /// Stiffness of the tendons (N/m) [default: that of the robot file]
-    #[arg(long, value_name = "K", value_parser = super::positive)]
+    #[arg(long, value_name = "K", value_parser = within(STIFFNESSES))]
     stiffness: Option<f64>,
     /// How the robot follows its tendons
     #[arg(long, value_enum, default_value_t = Motion::AtRest)]
     physics: Motion,
     /// Coefficient of friction in the holes, with --physics friction
-    #[arg(long, default_value_t = 0.1, value_name = "MU", value_parser = super::positive)]
+    #[arg(long, default_value_t = 0.1, value_name = "MU", value_parser = within(FRICTIONS))]
     friction: f64,
     /// Latency timer of the simulated USB adapter (ms); 0 for none
     #[arg(long, default_value_t = 1, value_name = "MS", value_parser = clap::value_parser!(u64).range(0..=255))]
@@ -155,6 +157,14 @@ pub(super) fn run(args: &ServoSimArgs, console: &Console) -> anyhow::Result<()> 
     match terminal.serve(&simulator, || console.interrupted()) {
         Err(error) if error.kind() == ErrorKind::NotConnected => Err(anyhow!(error)),
         served => served.context("the pseudo-terminal failed"),
+    }
+}
+
+/// Parses a number within bounds.
+fn within([low, high]: [f64; 2]) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| match text.parse() {
+        Ok(number) if (low..=high).contains(&number) => Ok(number),
+        _ => Err(format!("expected {low} to {high}")),
     }
 }
 

@@ -11,6 +11,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use serde_json::Value;
+use tdcr::base::stats::quantile;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::robot::{Axis, Command, Loads, Parameter, Robot};
@@ -18,7 +19,7 @@ use tdcr::sim::sensitivity::SensitivityError;
 use tdcr::sim::statics::{Equilibrium, Examined, Growth, Settler, Stability};
 
 use super::console::{Console, Interrupted};
-use super::loads::{LoadArgs, LoadsSaid};
+use super::loads::{LoadArgs, LoadsJson};
 use super::picture::{PictureArg, of_robot};
 use super::settle_many;
 use super::units::units;
@@ -66,7 +67,7 @@ struct Settled {
     robot: String,
     /// One value per tendon, in `units.command`.
     command: Vec<f64>,
-    loads: LoadsSaid,
+    loads: LoadsJson,
     units: Value,
     /// Disc origins, world frame (m).
     positions: Vec<[f64; 3]>,
@@ -85,14 +86,14 @@ struct Settled {
     examined: Option<Examined>,
     /// The small motion that grows fastest, where one does.
     #[serde(skip_serializing_if = "Option::is_none")]
-    growth: Option<GrowthSaid>,
+    growth: Option<GrowthJson>,
     /// Where asked for, and the robot has settled.
     #[serde(skip_serializing_if = "Option::is_none")]
     tip_compliance: Option<Compliance>,
 }
 
 #[derive(Serialize)]
-struct GrowthSaid {
+struct GrowthJson {
     /// 1/s.
     rate: f64,
     /// Hz; 0 where the robot leaves without swinging.
@@ -100,7 +101,7 @@ struct GrowthSaid {
     without_damping: bool,
 }
 
-impl From<Growth> for GrowthSaid {
+impl From<Growth> for GrowthJson {
     fn from(growth: Growth) -> Self {
         Self {
             rate: growth.rate,
@@ -154,7 +155,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),
         command: command.as_slice().to_vec(),
-        loads: LoadsSaid::new(&loads),
+        loads: LoadsJson::new(&loads),
         units: units(&robot),
         smallest_stiffness: robot.smallest_stiffness(&command, &loads, &equilibrium),
         positions: equilibrium
@@ -174,7 +175,7 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         converged: equilibrium.converged,
         stability: equilibrium.stability,
         examined: equilibrium.examined,
-        growth: equilibrium.growth.map(GrowthSaid::from),
+        growth: equilibrium.growth.map(GrowthJson::from),
         tip_compliance,
     };
     console.result(&settled, table)?;
@@ -212,14 +213,14 @@ fn survey(
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut settler = Settler::new(robot);
     let (mut converged, mut max_residual) = (0, 0.0_f64);
-    // Four bytes a solve: the one thing that grows with their number.
-    let mut times: Vec<f32> = Vec::new();
+    // Eight bytes a solve: the one thing that grows with their number.
+    let mut times: Vec<f64> = Vec::new();
     console.begin("settle", count, 0);
     for done in 0..count {
         let command = robot.random_command(&mut rng);
         let began = Instant::now();
         let settled = settler.settle(&command, loads);
-        times.push(began.elapsed().as_nanos() as f32 / 1e3);
+        times.push(began.elapsed().as_nanos() as f64 / 1e3);
         converged += u64::from(settled.converged);
         max_residual = max_residual.max(settled.residual);
         if done % 1024 == 1023 {
@@ -232,15 +233,13 @@ fn survey(
     console.end();
     let stopped = (times.len() as u64) < count;
     let count = times.len() as u64;
-    times.sort_by(f32::total_cmp);
-    let quantile =
-        |share: f64| f64::from(times[((times.len() - 1) as f64 * share).round() as usize]);
+    times.sort_unstable_by(f64::total_cmp);
     let survey = Survey {
         count,
         converged,
         max_residual,
-        median_us: quantile(0.5),
-        p99_us: quantile(0.99),
+        median_us: quantile(&times, 0.5),
+        p99_us: quantile(&times, 0.99),
     };
     console.result(&survey, |survey| {
         format!(

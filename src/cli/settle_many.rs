@@ -14,7 +14,7 @@ use tdcr::sim::statics::{Equilibrium, Examined, Settler, Stability};
 
 use super::commands::{Row, read_commands};
 use super::console::{Console, Interrupted};
-use super::loads::{LoadArgs, LoadsSaid};
+use super::loads::{LoadArgs, LoadsJson};
 use super::output;
 use super::units::{command_columns, units};
 
@@ -28,7 +28,7 @@ struct Table {
     /// Name of the robot.
     robot: String,
     /// Loads under all commands, but for payloads of their own.
-    loads: LoadsSaid,
+    loads: LoadsJson,
     units: Value,
     settled: Vec<Settled>,
 }
@@ -95,12 +95,12 @@ pub(super) fn run(
     let table = Table {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),
-        loads: LoadsSaid::new(&common),
+        loads: LoadsJson::new(&common),
         units: units(robot),
         settled: settle(robot, &jobs, console)?,
     };
     match out.zip(format) {
-        None => console.result(&table, for_people)?,
+        None => console.result(&table, human_readable)?,
         Some((out, format)) => {
             let text = match format {
                 "json" => serde_json::to_string_pretty(&table)? + "\n",
@@ -211,7 +211,7 @@ fn csv(robot: &Robot, settled: &[Settled]) -> String {
     text
 }
 
-fn for_people(table: &Table) -> String {
+fn human_readable(table: &Table) -> String {
     let mut text = String::from(
         "command  tip x (m)      y (m)      z (m)   residual (N m)   smallest stiffness (N m/rad)\n",
     );

@@ -8,10 +8,10 @@ use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nalgebra::DMatrix;
 use serde::Serialize;
+use tdcr::base::files::AtomicFile;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
-use tdcr::sim::files::AtomicFile;
 use tdcr::sim::robot::{Loads, Robot};
 
 use super::commands::read_commands;

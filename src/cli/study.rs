@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
-use tdcr::learn::data::Part;
+use tdcr::base::Part;
 use tdcr::report::counted;
 use tdcr::study::{Finished, Starter, Study, merge, run as run_study};
 

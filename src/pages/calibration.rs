@@ -1,8 +1,9 @@
 //! The page on a calibration: paths, errors, residuals, unknowns.
 
 use nalgebra::Vector3;
+use tdcr_base::stats::{median, quantile, sorted};
 use tdcr_sim::cloud::PointCloud;
-use tdcr_sim::inverse::recording::{Correlation, FittedUnknown, Misses, Replay};
+use tdcr_sim::inverse::recording::{Correlation, FittedUnknown, Replay, Residuals};
 use tdcr_sim::robot::Drive;
 
 use crate::pipeline::recording::{Calibration, Compared, Measured, RecordingFile};
@@ -37,7 +38,7 @@ pub struct CalibrationPage<'a> {
     /// What the rows are counted by.
     time: &'static str,
     /// The recordings: of the training first.
-    held: Vec<Held<'a>>,
+    validated: Vec<Validated<'a>>,
     /// What was found.
     unknowns: Vec<FittedUnknown>,
     /// What the recording can hardly tell apart.
@@ -46,15 +47,15 @@ pub struct CalibrationPage<'a> {
 
 /// A recording, and how far the robot is from it.
 #[derive(Debug)]
-struct Held<'a> {
+struct Validated<'a> {
     /// What it is called.
     name: &'a str,
     /// The recording.
     file: &'a RecordingFile,
-    /// What the robot as given misses.
-    before: &'a Misses,
-    /// What the calibrated robot misses.
-    after: &'a Misses,
+    /// Residuals of the robot as given.
+    before: &'a Residuals,
+    /// Residuals of the calibrated robot.
+    after: &'a Residuals,
     /// Where the calibrated robot says the markers are.
     replay: &'a Replay,
 }
@@ -62,15 +63,18 @@ struct Held<'a> {
 impl<'a> CalibrationPage<'a> {
     /// The page of a calibrated robot.
     pub fn new(calibration: &'a Calibration) -> Self {
-        let held = |name, compared: &'a Compared| Held {
+        let validated = |name, compared: &'a Compared| Validated {
             name,
             file: &compared.file,
             before: &compared.before,
             after: &compared.after,
             replay: &compared.replay,
         };
-        let train = std::iter::once(held("Training", &calibration.train));
-        let validation = calibration.validation.iter().map(|v| held("Validation", v));
+        let train = std::iter::once(validated("Training", &calibration.train));
+        let validation = calibration
+            .validation
+            .iter()
+            .map(|v| validated("Validation", v));
         Self {
             robot: calibration.found.robot.clone(),
             measured: calibration.found.measured,
@@ -81,7 +85,7 @@ impl<'a> CalibrationPage<'a> {
                 Some(_) => "time (s)",
                 None => "row",
             },
-            held: train.chain(validation).collect(),
+            validated: train.chain(validation).collect(),
             unknowns: calibration.found.parameters.clone(),
             correlations: calibration.found.correlations.clone(),
         }
@@ -90,15 +94,15 @@ impl<'a> CalibrationPage<'a> {
     /// The page as one self-contained HTML text, the same for the same data.
     pub fn to_html(&self) -> String {
         let mm = |rmse: f64| format!("{:.2} mm", MM * rmse);
-        let headline = (self.held.iter()).map(|held| {
+        let headline = (self.validated.iter()).map(|validated| {
             let changed = |before, after| format!("{} before, {} after", mm(before), mm(after));
-            let rmse = changed(held.before.rmse, held.after.rmse);
-            match (held.before.median, held.after.median) {
+            let rmse = changed(validated.before.rmse, validated.after.rmse);
+            match (validated.before.median, validated.after.median) {
                 (Some(before), Some(after)) => {
                     let median = changed(before, after);
-                    format!("{}: {median} (root mean square: {rmse})", held.name)
+                    format!("{}: {median} (root mean square: {rmse})", validated.name)
                 }
-                _ => format!("{}: {rmse}", held.name),
+                _ => format!("{}: {rmse}", validated.name),
             }
         });
         let headline: Vec<String> = headline.collect();
@@ -108,10 +112,10 @@ impl<'a> CalibrationPage<'a> {
                 Measured::Markers => ". Root mean square distances of the markers from where the robot says, mean offset taken off.",
                 Measured::Clouds => ". Median distances of the clouds' points from the robot's surface; stray points raise the root mean square.",
             },
-            figures: (self.held.iter())
-                .flat_map(|held| self.figures(held))
+            figures: (self.validated.iter())
+                .flat_map(|validated| self.figures(validated))
                 .collect(),
-            examples: self.held.iter().map(Held::overlay).collect(),
+            examples: self.validated.iter().map(Validated::overlay).collect(),
             unknowns: (self.unknowns.iter())
                 .map(|u| {
                     let note = if u.prior_only { "the recording says little" } else { "" };
@@ -126,12 +130,16 @@ impl<'a> CalibrationPage<'a> {
         .to_html()
     }
 
-    fn figures(&self, held: &Held) -> Vec<Figure> {
-        let mut figures = vec![held.paths(), self.histogram(held), self.patterns(held)];
+    fn figures(&self, validated: &Validated) -> Vec<Figure> {
+        let mut figures = vec![
+            validated.paths(),
+            self.histogram(validated),
+            self.patterns(validated),
+        ];
         if self.measured == Measured::Markers {
-            figures.push(held.along(self.time));
+            figures.push(validated.along(self.time));
         }
-        figures.extend(self.by_command(held));
+        figures.extend(self.by_command(validated));
         figures
     }
 
@@ -143,13 +151,10 @@ impl<'a> CalibrationPage<'a> {
         }
     }
 
-    fn histogram(&self, held: &Held) -> Figure {
-        let all = [held.before, held.after].map(|misses| held.errors(misses));
-        let finite = |errors: &[f64]| {
-            let finite = errors.iter().copied().filter(|x| x.is_finite());
-            finite.collect::<Vec<f64>>()
-        };
-        let most = 1.25 * quantile(finite(&all[1]).into_iter(), SHOWN).max(1e-3);
+    fn histogram(&self, validated: &Validated) -> Figure {
+        let all = [validated.before, validated.after].map(|residuals| validated.errors(residuals));
+        let fitted = sorted(all[1].iter().copied().filter(|x| x.is_finite()));
+        let most = 1.25 * quantile(&fitted, SHOWN).max(1e-3);
         let curve = |errors: &[f64]| -> Vec<[f64; 2]> {
             let width = most / BINS as f64;
             let count = errors.iter().filter(|x| x.is_finite()).count().max(1) as f64;
@@ -163,7 +168,7 @@ impl<'a> CalibrationPage<'a> {
                 .collect()
         };
         Figure {
-            title: format!("{}: how often which error", held.name),
+            title: format!("{}: how often which error", validated.name),
             caption: format!(
                 "Of a row: {}. Errors beyond the axis are left out.",
                 self.error()
@@ -182,17 +187,17 @@ impl<'a> CalibrationPage<'a> {
     }
 
     /// Root mean square error of each motion.
-    fn patterns(&self, held: &Held) -> Figure {
-        let errors = held.errors(held.after);
+    fn patterns(&self, validated: &Validated) -> Figure {
+        let errors = validated.errors(validated.after);
         let mut names: Vec<&String> = Vec::new();
-        for name in &held.file.patterns {
+        for name in &validated.file.patterns {
             if !names.contains(&name) {
                 names.push(name);
             }
         }
         let points: Vec<[f64; 2]> = (names.iter().enumerate())
             .map(|(k, name)| {
-                let own: Vec<f64> = (errors.iter().zip(&held.file.patterns))
+                let own: Vec<f64> = (errors.iter().zip(&validated.file.patterns))
                     .filter(|(error, pattern)| error.is_finite() && pattern == name)
                     .map(|(error, _)| error * error)
                     .collect();
@@ -219,7 +224,7 @@ impl<'a> CalibrationPage<'a> {
             }
         };
         Figure {
-            title: format!("{}: the motions with the largest errors", held.name),
+            title: format!("{}: the motions with the largest errors", validated.name),
             caption: format!(
                 "Root mean square over the rows of a motion; of a row: {}. {MOTIONS} motions at most.",
                 self.error()
@@ -235,9 +240,9 @@ impl<'a> CalibrationPage<'a> {
     }
 
     /// Length of the residual against what each servo reports, pulling and letting go apart.
-    fn by_command(&self, held: &Held) -> Vec<Figure> {
-        let errors = held.errors(held.after);
-        let pulls = &held.file.recording.pulls;
+    fn by_command(&self, validated: &Validated) -> Vec<Figure> {
+        let errors = validated.errors(validated.after);
+        let pulls = &validated.file.recording.pulls;
         let servos = pulls.first().map_or(0, Vec::len);
         let shape = dots(pulls.len());
         let panel = |servo: usize| {
@@ -271,7 +276,7 @@ impl<'a> CalibrationPage<'a> {
         (servos.chunks(PANELS).enumerate())
             .map(|(k, chunk)| Figure {
                 title: match k {
-                    0 => format!("{}: errors against what servos report", held.name),
+                    0 => format!("{}: errors against what servos report", validated.name),
                     _ => String::new(),
                 },
                 caption: match k {
@@ -284,18 +289,18 @@ impl<'a> CalibrationPage<'a> {
     }
 }
 
-impl Held<'_> {
+impl Validated<'_> {
     /// Measured and simulated places of the markers, row by row, or points of clouds and the places of the surface nearest to
     /// them (m).
     fn pairs(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let rows = self.file.recording.points.iter().zip(&self.replay.points);
         let mut pairs = Vec::new();
-        for (measured, said) in rows {
-            let said = said.iter().flatten();
+        for (measured, simulated) in rows {
+            let simulated = simulated.iter().flatten();
             pairs.extend(
                 measured
                     .iter()
-                    .zip(said)
+                    .zip(simulated)
                     .filter_map(|(p, q)| Some(((*p)?, *q))),
             );
         }
@@ -309,16 +314,15 @@ impl Held<'_> {
     }
 
     /// Each row's largest error of a marker, or median distance of its cloud (mm); not finite where there is none.
-    fn errors(&self, misses: &Misses) -> Vec<f64> {
-        (misses.misses.iter().zip(&misses.distances))
+    fn errors(&self, residuals: &Residuals) -> Vec<f64> {
+        (residuals.markers.iter().zip(&residuals.distances))
             .map(|(row, distances)| {
                 let largest = row
                     .iter()
                     .flatten()
                     .map(Vector3::norm)
                     .fold(f64::NAN, f64::max);
-                let median = quantile(distances.iter().copied(), 0.5);
-                largest.max(median) * MM
+                largest.max(median(&mut distances.clone())) * MM
             })
             .collect()
     }
@@ -377,7 +381,7 @@ impl Held<'_> {
     fn along(&self, time: &str) -> Figure {
         let start = self.file.recording.times.first().copied().unwrap_or(0.0);
         let panels = (0..3).map(|axis| {
-            let rows = self.file.recording.times.iter().zip(&self.after.misses);
+            let rows = self.file.recording.times.iter().zip(&self.after.markers);
             let points = rows
                 .filter_map(|(t, row)| Some([t - start, MM * row.iter().flatten().next()?[axis]]));
             residual_panel(time, axis, thinned(points.collect()))
@@ -402,16 +406,6 @@ fn dots(count: usize) -> Shape {
 fn thinned<T>(all: Vec<T>) -> Vec<T> {
     let stride = all.len().div_ceil(POINTS).max(1);
     all.into_iter().step_by(stride).collect()
-}
-
-/// The value below which the share `q` of all lies; not a number of none.
-fn quantile(values: impl Iterator<Item = f64>, q: f64) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    let Some(last) = values.len().checked_sub(1) else {
-        return f64::NAN;
-    };
-    let place = (q * last as f64) as usize;
-    *values.select_nth_unstable_by(place, f64::total_cmp).1
 }
 
 fn residual_panel(x: &str, axis: usize, points: Vec<[f64; 2]>) -> Panel {

@@ -6,17 +6,18 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use serde::Serialize;
+use tdcr_base::files::{LARGEST_TEXT, read_text};
 use tdcr_learn::data::{DataSet, Split, split_indices};
 use tdcr_learn::flow::Sampler;
-use tdcr_learn::net::Precision;
+use tdcr_learn::net::{MlpShape, Precision};
+use tdcr_learn::options::{DataFacts, Resolved, TrainOptions};
 use tdcr_learn::symmetry::SymmetryUse;
-use tdcr_learn::train::{FlowPredictor, TrainSettings};
-use tdcr_sim::files::{LARGEST_TEXT, read_text};
+use tdcr_learn::train::{FlowPredictor, TrainError, TrainSettings};
 
 use super::{PageError, evaluation as page, write};
 use crate::pipeline::{
-    CollectSettings, EvalSettings, Evaluation, Evaluator, Metrics, Monitor, PipelineError, Preset,
-    Trained, TrainingData, collect, lock_folder, train,
+    CollectSettings, EvalSettings, Evaluation, Evaluator, Metrics, Monitor, PipelineError,
+    TrainRunError, Trained, TrainingData, collect, lock_folder, train,
 };
 use crate::report::{Example, MotorGroup, Report, Stage, Training, contact_sheet, scale_bar};
 
@@ -41,13 +42,12 @@ impl Default for DemoSettings {
             samples: 2000,
             steps: 5500,
             precision: None,
-            symmetry: PRESET.symmetry,
+            symmetry: TrainSettings::default().symmetry,
             seed: 0,
         }
     }
 }
 
-const PRESET: Preset = Preset::ALL[0];
 /// Test commands that the report shows, from the best prediction to the worst.
 const EXAMPLES: usize = 6;
 const SHEET_PANEL_WIDTH: usize = 260;
@@ -96,26 +96,36 @@ pub fn demo(settings: &DemoSettings, out: &Path, monitor: &dyn Monitor) -> Resul
     require_as_many(&data, settings.samples)?;
     clock.time("collect", || collect(&collecting, &data, monitor).map(drop))?;
 
-    let size = PRESET.size;
-    let precision = (settings.precision).unwrap_or_else(|| Precision::fastest(size.width));
-    let training = TrainSettings {
-        validate_every: (settings.steps / 12).max(1),
+    let options = TrainOptions {
+        steps: Some(settings.steps),
+        validate_every: Some((settings.steps / 12).max(1)),
+        precision: settings.precision,
+        symmetry: Some(settings.symmetry),
         seed: settings.seed,
-        precision,
-        symmetry: settings.symmetry,
-        ..PRESET.settings(PRESET.rates[0], settings.steps)
+        ..TrainOptions::default()
     };
+    let resolved = options.resolve(&DataFacts::default());
+    let Resolved {
+        shape,
+        settings: training,
+    } = resolved
+        .map_err(TrainRunError::from)
+        .map_err(PipelineError::from)?;
     let trained = clock.time("train", || {
         let data = TrainingData::Set(data.clone());
-        train(&data, &run, size, &training, None, monitor)
+        train(&data, &run, shape, &training, None, monitor)
     })?;
 
     let compared = EvalSettings {
         seed: settings.seed,
         ..EvalSettings::default()
     };
-    let model = trained.model.clone().with_precision(precision);
-    let model = Arc::new(model.map_err(|error| PipelineError::Train(error.into()))?);
+    let model = trained.model.clone().with_precision(training.precision);
+    let model = Arc::new(
+        model
+            .map_err(TrainError::from)
+            .map_err(PipelineError::from)?,
+    );
     let predictor = FlowPredictor::new(model.clone(), Sampler::default());
     let (scoring, evaluation, examples, per_test) = clock.time("evaluate", || {
         let evaluator = Evaluator::new(Arc::new(predictor), &data, compared)?;
@@ -239,6 +249,7 @@ fn report(
     let splits = split_indices(demo.samples, demo.seed).map_err(PipelineError::from)?;
     let [train_count, val_count, test_count] = Split::ALL.map(|split| splits.of(split).len());
     let model = &trained.model;
+    let network = MlpShape::default();
     let stage_seconds = |name: &str| metrics.stages.get(name).copied().unwrap_or(f64::NAN);
     Ok(Report {
         title: "The shape of a 2-module tendon-driven continuum robot, learned from its commands"
@@ -269,8 +280,8 @@ fn report(
                 "Network".to_owned(),
                 format!(
                     "MLP, width {}, depth {}, {} parameters",
-                    PRESET.size.width,
-                    PRESET.size.depth,
+                    network.width,
+                    network.depth,
                     model.network.shape().learned_parameters()
                 ),
             ),

@@ -40,8 +40,7 @@ pub enum PageError {
     },
     /// A picture of clouds is to show another number of data sets than one.
     #[error(
-        "a .png shows the clouds of one data set, and there are {found}; expected one folder, or a file with .html or .svg \
-         (--out)"
+        "a .png shows the clouds of one data set, and there are {found}; expected one folder, or a file with .html or .svg"
     )]
     SeveralSets {
         /// Data sets.
@@ -49,7 +48,7 @@ pub enum PageError {
     },
     /// The demo's folder holds a data set of another size.
     #[error(
-        "{} holds {found} samples and --samples is {expected}: ask for {found}, or choose another folder (--out)",
+        "{} holds {found} samples, and {expected} are asked for",
         path.display()
     )]
     OtherCount {
@@ -79,7 +78,7 @@ pub fn set_name(dir: &Path) -> String {
 
 /// Writes a file that is whole, or keeps what it held.
 fn write(path: &Path, bytes: &[u8]) -> Result<(), PipelineError> {
-    tdcr_sim::files::write_atomically(path, |file| file.write_all(bytes)).map_err(|source| {
+    tdcr_base::files::write_atomically(path, |file| file.write_all(bytes)).map_err(|source| {
         PipelineError::Write {
             path: path.to_owned(),
             source,

@@ -7,9 +7,10 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 use serde::Serialize;
+use tdcr_base::Part;
 use tdcr_learn::data::{
-    self, Collector, Condition, Design, Meta, Origin, Part, PayloadRange, Recipe, Sample,
-    SimulationTimes, Simulator, Subject, conditions,
+    self, Collector, Condition, DataSet, Design, ExportFormat, ImportSettings, Imported, Meta,
+    Origin, PayloadRange, Recipe, Sample, SimulationTimes, Simulator, Subject, conditions,
 };
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{Robot, RobotSpec};
@@ -172,7 +173,7 @@ fn simulate(
     if missing > 0 {
         let count = match settings.part {
             None => settings.count,
-            Some(part) => part.samples(settings.count).len(),
+            Some(part) => part.range(settings.count).len(),
         };
         monitor.begin("collect", count as u64, (count - missing) as u64);
     }
@@ -215,7 +216,35 @@ pub fn merge(parts: &[PathBuf], out: &Path, monitor: &dyn Monitor) -> Result<Met
     Ok(data::merge(parts, out, stage("merge", monitor))?)
 }
 
-/// Tells `monitor` of a stage whose steps are called out, those done and those in all; breaks off when it says so.
+/// Makes a data set of clouds of other programs, as [`data::import`].
+///
+/// # Errors
+/// [`PipelineError::Interrupted`]: the same call goes on; [`PipelineError::Data`].
+pub fn import(
+    dir: &Path,
+    out: &Path,
+    settings: &ImportSettings,
+    monitor: &dyn Monitor,
+) -> Result<Imported, PipelineError> {
+    let [read, write] = ["import", "write shards"].map(|name| stage(name, monitor));
+    Ok(data::import(dir, out, settings, read, write)?)
+}
+
+/// Writes the clouds of a data set as files of their own, as [`data::export`].
+///
+/// # Errors
+/// [`PipelineError::Interrupted`], with nothing left behind; [`PipelineError::Data`].
+pub fn export(
+    set: &DataSet,
+    format: ExportFormat,
+    out: &Path,
+    monitor: &dyn Monitor,
+) -> Result<usize, PipelineError> {
+    Ok(data::export(set, format, out, stage("export", monitor))?)
+}
+
+/// Tells `monitor` of a stage whose steps are called out, those done and those in all, after each and perhaps before the first; breaks
+/// off when it says so.
 pub(super) fn stage(
     name: &'static str,
     monitor: &dyn Monitor,
@@ -226,7 +255,9 @@ pub(super) fn stage(
             monitor.begin(name, steps as u64, 0);
             begun = true;
         }
-        monitor.advance(1);
+        if done > 0 {
+            monitor.advance(1);
+        }
         if done == steps {
             monitor.end();
         } else if monitor.interrupted() {

@@ -17,7 +17,7 @@ use super::pairing::{Entry, Pair, Pairing, Place};
 use super::scores::{Distances, Quantiles};
 use super::simulation::Simulation;
 use super::tip::tip_error;
-use super::{Monitor, PipelineError};
+use super::{CompareError, Monitor, PipelineError};
 
 /// How clouds are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -210,7 +210,7 @@ impl Side {
     ) -> Result<Self, PipelineError> {
         let own = of.recipe.as_ref();
         let robot = robot.or_else(|| own.map(|recipe| &recipe.subject.robot));
-        let robot = robot.ok_or_else(|| PipelineError::NoRobot {
+        let robot = robot.ok_or_else(|| CompareError::NoRobot {
             path: dir.to_owned(),
         })?;
         let recipe = Recipe {

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use tdcr_learn::data::{Normalisation, PredictedClouds, Sample};
 use tdcr_learn::predict::{About, Predictor};
 
-use super::PipelineError;
 use super::measure::Extent;
+use super::{EvalError, PipelineError};
 
 /// How far a command beside a predicted cloud may be from the test command, as a part of the motor's range: what is lost
 /// where commands are printed with a few digits, and far less than what tells commands apart.
@@ -59,10 +59,11 @@ pub(super) fn require_commands(
     normalisation: &Normalisation,
 ) -> Result<(), PipelineError> {
     if clouds.points.len() != test.len() {
-        return Err(PipelineError::OtherClouds {
+        return Err(EvalError::OtherClouds {
             found: clouds.points.len(),
             expected: test.len(),
-        });
+        }
+        .into());
     }
     let commands = clouds.commands.iter().flatten();
     for (index, (command, sample)) in commands.zip(test).enumerate() {
@@ -72,11 +73,12 @@ pub(super) fn require_commands(
         let found = normalisation.condition(&given)?;
         let near = |(a, b): (&f32, &f32)| (a - b).abs() <= COMMAND_TOLERANCE;
         if !found.iter().zip(&expected).all(near) {
-            return Err(PipelineError::OtherCommand {
+            return Err(EvalError::OtherCommand {
                 index,
                 found: given,
                 expected: truth,
-            });
+            }
+            .into());
         }
     }
     Ok(())

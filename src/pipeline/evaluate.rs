@@ -23,7 +23,7 @@ use super::measure::{Extent, Measure, subset};
 use super::scores::{Evaluation, Row, Scores};
 use super::simulation::Simulation;
 use super::subject::require_same;
-use super::{Monitor, PipelineError};
+use super::{EvalError, Monitor, PipelineError};
 
 /// What an [`Entry`] in a journal means. Entries of another format are computed anew, though they may
 /// parse: it changes with the fields of [`Scores`] and with how they are computed.
@@ -149,7 +149,7 @@ impl Evaluator {
         if let Some(found) = settings.tests {
             let most = test.len();
             if !(1..=most).contains(&found) {
-                return Err(PipelineError::ScoredTests { found, most });
+                return Err(EvalError::ScoredTests { found, most }.into());
             }
             test.truncate(found);
         }
@@ -188,7 +188,7 @@ impl Evaluator {
     /// Adds a predictor that is scored beside what is evaluated. The scores of all other rows stay as they are without it.
     ///
     /// # Errors
-    /// [`PipelineError::SameKey`] where a row has its key already; as [`new`](Self::new) where it is of another subject.
+    /// [`EvalError::SameKey`] where a row has its key already; as [`new`](Self::new) where it is of another subject.
     pub fn compare(&mut self, predictor: Arc<dyn Predictor>) -> Result<(), PipelineError> {
         let contestant = Contestant::predictor(predictor, Extent::All);
         let key = &contestant.about.key;
@@ -199,7 +199,7 @@ impl Evaluator {
             .map(|other| other.about.key.as_str()))
         .chain(references);
         if keys.any(|other| other == key) {
-            return Err(PipelineError::SameKey { key: key.clone() });
+            return Err(EvalError::SameKey { key: key.clone() }.into());
         }
         if let (Some(subject), Some(simulation)) = (&contestant.about.subject, &self.simulation) {
             require_same(subject, &simulation.recipe.subject)?;
@@ -299,11 +299,12 @@ impl Evaluator {
         };
         match prediction.points.len() {
             found if found >= expected => Ok(prediction),
-            found => Err(PipelineError::FewPredicted {
+            found => Err(EvalError::FewPredicted {
                 predictor: contestant.about.name.clone(),
                 found,
                 expected,
-            }),
+            }
+            .into()),
         }
     }
 

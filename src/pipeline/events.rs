@@ -10,7 +10,7 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use tdcr_sim::files;
+use tdcr_base::files;
 
 /// Largest event file that is gone on with (bytes): three million steps of ten scalars each.
 const LARGEST: u64 = 1 << 30;

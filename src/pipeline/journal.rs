@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use tdcr_sim::files::write_atomically;
+use tdcr_base::files::write_atomically;
 
 use super::PipelineError;
 use super::line_file::LineFile;
@@ -76,6 +76,13 @@ impl Journal {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         file.add(&line)
     }
+
+    /// Does `work` while the journal is as good as on a disk that stalls: nothing can be added.
+    #[cfg(test)]
+    pub fn while_stalled(&self, work: impl FnOnce()) {
+        let _file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        work();
+    }
 }
 
 /// The line of a piece.
@@ -127,6 +134,8 @@ mod tests {
         drop(journal);
         assert_eq!(entries(&path, 1), [7, 8, 9]);
         let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, [&b"\xef\xbb\xbf"[..], &bytes].concat()).unwrap();
+        assert_eq!(entries(&path, 1), [7, 8, 9], "behind a byte order mark");
         std::fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
         assert_eq!(entries(&path, 1), [7, 8]);
         let (journal, _) = Journal::open::<u32>(&path, &json!({"key": 1})).unwrap();

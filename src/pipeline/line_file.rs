@@ -5,7 +5,7 @@ use std::io::{self, BufReader, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use tdcr_sim::files;
+use tdcr_base::files::{self, without_mark};
 
 use super::PipelineError;
 
@@ -92,7 +92,10 @@ impl LineFile {
 }
 
 fn is_key(line: &str, key: &Value) -> bool {
-    serde_json::from_str::<Value>(line).ok().as_ref() == Some(key)
+    serde_json::from_str::<Value>(without_mark(line))
+        .ok()
+        .as_ref()
+        == Some(key)
 }
 
 fn failure(path: &Path, source: io::Error) -> PipelineError {

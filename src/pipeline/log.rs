@@ -10,8 +10,8 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use tdcr_base::files::write_atomically;
 use tdcr_learn::train::Trainer;
-use tdcr_sim::files::write_atomically;
 
 use super::PipelineError;
 use super::events::EventFile;

@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde::ser::Serializer;
 use tdcr_learn::data::{Condition, Split};
 
-use super::PipelineError;
+use super::CompareError;
 
 /// How samples are paired.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,11 +71,11 @@ impl Pairing {
         self,
         first: &[Entry],
         second: &[Entry],
-    ) -> Result<Vec<Pair>, PipelineError> {
+    ) -> Result<Vec<Pair>, CompareError> {
         let motors =
             [first, second].map(|list| list.first().map_or(0, |e| e.condition.motors.len()));
         if motors[0] != motors[1] {
-            return Err(PipelineError::OtherMotors { found: motors });
+            return Err(CompareError::OtherMotors { found: motors });
         }
         let rows = scaled(first, second);
         let pairs = match self {
@@ -85,9 +85,9 @@ impl Pairing {
         match (pairs.is_empty(), self) {
             (false, _) => Ok(pairs),
             (true, Self::Condition { tolerance }) => {
-                Err(PipelineError::NothingInCommon { tolerance })
+                Err(CompareError::NothingInCommon { tolerance })
             }
-            (true, Self::Index) => Err(PipelineError::NoCommonIndex),
+            (true, Self::Index) => Err(CompareError::NoCommonIndex),
         }
     }
 }
@@ -230,7 +230,7 @@ mod tests {
         let refused = Pairing::default().pairs(&bare, &heavy).unwrap_err();
         assert!(matches!(
             refused,
-            PipelineError::NothingInCommon { tolerance: 1e-3 }
+            CompareError::NothingInCommon { tolerance: 1e-3 }
         ));
     }
 }

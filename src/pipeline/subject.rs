@@ -2,18 +2,18 @@
 
 use tdcr_learn::data::Subject;
 
-use super::PipelineError;
+use super::EvalError;
 
 /// Refuses to score a model of one subject on clouds of another.
-pub(super) fn require_same(model: &Subject, data: &Subject) -> Result<(), PipelineError> {
+pub(super) fn require_same(model: &Subject, data: &Subject) -> Result<(), EvalError> {
     if model.robot != data.robot {
-        return Err(PipelineError::OtherRobot {
+        return Err(EvalError::OtherRobot {
             model: model.robot.name.clone(),
             data: data.robot.name.clone(),
         });
     }
     if model.base != data.base {
-        return Err(PipelineError::OtherBase {
+        return Err(EvalError::OtherBase {
             model: model.base,
             data: data.base,
         });
@@ -23,7 +23,7 @@ pub(super) fn require_same(model: &Subject, data: &Subject) -> Result<(), Pipeli
         (model, data) => model == data,
     };
     if !covered {
-        return Err(PipelineError::OtherPayload {
+        return Err(EvalError::OtherPayload {
             model: model.payload,
             data: data.payload,
         });

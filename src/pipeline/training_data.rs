@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use tdcr_learn::data::{Normalisation, StreamSpec};
+use tdcr_learn::data::{DataError, DataSet, Normalisation, StreamSpec};
+use tdcr_learn::options::DataFacts;
 
 /// What a network is trained on.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,6 +14,19 @@ pub enum TrainingData {
     SetIn(PathBuf, Box<Normalisation>),
     /// Fresh samples of a simulated robot: no file in between.
     Stream(Box<StreamSettings>),
+}
+
+impl TrainingData {
+    /// What settings depend on.
+    ///
+    /// # Errors
+    /// [`DataError`] where the data set cannot be read.
+    pub fn facts(&self) -> Result<DataFacts, DataError> {
+        match self {
+            Self::Set(dir) | Self::SetIn(dir, _) => DataFacts::of(&DataSet::open(dir)?),
+            Self::Stream(_) => Ok(DataFacts::default()),
+        }
+    }
 }
 
 /// A stream of samples, and how a run uses them.

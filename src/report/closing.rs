@@ -1,5 +1,6 @@
 //! How large points must be drawn to close the surface that they sample.
 
+use tdcr_base::stats::{quantile, sorted};
 use tdcr_sim::cloud::PointCloud;
 
 /// Neighbours that tell the density about a point: their distance `d` says that `NEIGHBOURS` points lie on `pi d^2`.
@@ -24,20 +25,17 @@ pub(crate) fn closing_radius(cloud: &PointCloud) -> f64 {
     }
     let count = points.len().min(PROBES);
     let mut squares = vec![0.0; points.len()];
-    let mut distances: Vec<f64> = (0..count)
-        .map(|k| {
-            let probe = points[k * points.len() / count];
-            for (square, point) in squares.iter_mut().zip(&points) {
-                let [x, y, z]: [f32; 3] = std::array::from_fn(|axis| point[axis] - probe[axis]);
-                *square = x * x + y * y + z * z;
-            }
-            // The nearest is the probe itself.
-            let (_, square, _) = squares.select_nth_unstable_by(NEIGHBOURS, f32::total_cmp);
-            f64::from(square.sqrt())
-        })
-        .collect();
-    distances.sort_by(f64::total_cmp);
-    FACTOR * distances[((count - 1) as f64 * CLOSED) as usize]
+    let distances = sorted((0..count).map(|k| {
+        let probe = points[k * points.len() / count];
+        for (square, point) in squares.iter_mut().zip(&points) {
+            let [x, y, z]: [f32; 3] = std::array::from_fn(|axis| point[axis] - probe[axis]);
+            *square = x * x + y * y + z * z;
+        }
+        // The nearest is the probe itself.
+        let (_, square, _) = squares.select_nth_unstable_by(NEIGHBOURS, f32::total_cmp);
+        f64::from(square.sqrt())
+    }));
+    FACTOR * quantile(&distances, CLOSED)
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! Colours for numbers: from light grey at zero to a dark purple.
 
+use tdcr_base::stats::{quantile, sorted};
+
 use super::axis::mark_at_or_above;
 
 /// Colours at equal distances along the scale, ever darker, so that the scale also reads without colour vision and
@@ -50,10 +52,8 @@ pub(crate) struct ColorScale {
 impl ColorScale {
     /// The scale that tells nearly all of the values (m) apart; `None` where none of them is above zero.
     pub fn covering(values: impl IntoIterator<Item = f64>) -> Option<Self> {
-        let mut values: Vec<f64> = values.into_iter().filter(|x| x.is_finite()).collect();
-        values.sort_by(f64::total_cmp);
-        let last = values.len().checked_sub(1)?;
-        let covered = values[(last as f64 * COVERED) as usize];
+        let values = sorted(values.into_iter().filter(|x| x.is_finite()));
+        let covered = quantile(&values, COVERED);
         (covered > 0.0).then(|| Self {
             top: mark_at_or_above(covered),
         })

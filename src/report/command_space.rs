@@ -1,5 +1,7 @@
 //! The section on errors over the space of commands: where predictions are bad.
 
+use tdcr_base::stats::{quantile, sorted};
+
 use super::PerTest;
 use super::axis::Spacing;
 use super::chart::{AxisStyle, Dot, dot_chart};
@@ -119,15 +121,9 @@ struct Colors {
 
 impl Colors {
     fn of(cds: &[f64]) -> Option<Self> {
-        let mut sorted: Vec<f64> = cds
-            .iter()
-            .copied()
-            .filter(|&x| Spacing::Log.shows(x))
-            .collect();
-        sorted.sort_by(f64::total_cmp);
-        let last = sorted.len().checked_sub(1)?;
-        let ends = ENDS.map(|share| sorted[(share * last as f64).round() as usize]);
-        Some(Self { ends })
+        let shown = sorted(cds.iter().copied().filter(|&x| Spacing::Log.shows(x)));
+        let ends = ENDS.map(|share| quantile(&shown, share));
+        (!shown.is_empty()).then_some(Self { ends })
     }
 
     fn of_value(&self, cd: f64) -> [u8; 3] {

@@ -1,5 +1,7 @@
 //! The sections of the page, each from the part of the report that it shows.
 
+use tdcr_base::stats::{quantile, sorted};
+
 use super::color_scale::{ColorScale, css_gradient};
 use super::html::{NOT_AVAILABLE, base64, column_decimals, escape, fill, fixed};
 use super::motors::command_text;
@@ -276,13 +278,12 @@ pub(crate) fn color_legend(name: &str, scale: ColorScale) -> String {
 
 /// Mean and 95 % quantile of lengths (m).
 pub(crate) fn values_text(values: &[f64]) -> String {
-    let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
-    sorted.sort_by(f64::total_cmp);
-    let Some(last) = sorted.len().checked_sub(1) else {
+    let values = sorted(values.iter().copied().filter(|x| x.is_finite()));
+    if values.is_empty() {
         return NOT_AVAILABLE.to_owned();
-    };
-    let mean = sorted.iter().sum::<f64>() / sorted.len() as f64;
-    let most = sorted[(0.95 * last as f64).round() as usize];
+    }
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let most = quantile(&values, 0.95);
     let decimals = column_decimals([mean / EMD_UNIT]);
     let [mean, most] = [mean, most].map(|x| fixed(x / EMD_UNIT, decimals));
     format!("mean\u{a0}{mean}\u{a0}mm, 95\u{a0}% below {most}\u{a0}mm")

@@ -12,8 +12,8 @@ use crate::pipeline::PipelineError;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum StudyError {
-    /// The monitor asked to stop. What was done is kept.
-    #[error("interrupted; run the same command again to go on")]
+    /// The monitor asked to stop. What was done is kept, and the same call goes on.
+    #[error("interrupted")]
     Interrupted,
     /// The study's file could not be read.
     #[error("cannot read study {}: {source}", path.display())]
@@ -56,16 +56,13 @@ pub enum StudyError {
         source: parquet::errors::ParquetError,
     },
     /// The folder holds another study, or another part of it.
-    #[error(
-        "{} holds another study, another part of it, or one by another version: choose another folder (--out), or remove it",
-        path.display()
-    )]
+    #[error("{} holds another study, another part of it, or one by another version", path.display())]
     OtherStudy {
         /// The folder.
         path: PathBuf,
     },
     /// Another process works in the folder.
-    #[error("{} is being written by another process: wait for its end, or choose another folder (--out)", path.display())]
+    #[error("{} is being written by another process", path.display())]
     InUse {
         /// The folder.
         path: PathBuf,
@@ -81,7 +78,7 @@ pub enum StudyError {
         reason: String,
     },
     /// A folder to merge holds no finished part.
-    #[error("{} is not a finished part of a study: {reason}; expected a folder that `tdcr study FILE --part I/N --out DIR` wrote", path.display())]
+    #[error("{} is not a finished part of a study: {reason}", path.display())]
     NoPart {
         /// The folder.
         path: PathBuf,
@@ -112,6 +109,12 @@ pub enum Refusal {
         found: String,
         /// What would be right.
         expected: String,
+    },
+    /// No file of a trained model.
+    #[error("`model.file` is {found}, which is not there; expected the file of a trained model")]
+    NoModel {
+        /// The file.
+        found: String,
     },
     /// A robot that cannot be read.
     #[error("`{key}`: {source}")]

@@ -103,6 +103,10 @@ fn clouds_in_millimetres_are_warned_of_and_imported_with_their_unit() {
     };
     let (metres, said) = import("metres", &[]);
     assert!(
+        said.contains("import: 10 steps") && said.contains("import: done"),
+        "{said}"
+    );
+    assert!(
         said.contains("the farthest point is 339.0000 m from the origin, expected 0.002 to 20 m"),
         "{said}"
     );

@@ -153,7 +153,7 @@ fn a_model_without_its_run_is_not_overwritten() {
     let model = alone.join("model.safetensors");
     fs::copy(run.join("model.safetensors"), &model).unwrap();
     let bytes = fs::read(&model).unwrap();
-    let expected = "alone/model.safetensors is a model without the state of its run beside it, and would be overwritten: \
+    let expected = "alone/model.safetensors is a model without the state of its run beside it, and would be overwritten; \
                     choose another folder (--out), or move it away";
     let places = ["--data", text(&data), "--out", text(&alone)];
     let distill = ["distill", "--steps", "20", "--model", text(&model)];
@@ -199,7 +199,7 @@ fn one_process_trains_in_a_folder_at_a_time() {
     refuse(
         &arguments,
         1,
-        "run is being written by another process: wait for its end, or choose another folder (--out)",
+        "run is being written by another process; wait for its end, or choose another folder (--out)",
     );
     first.kill().unwrap();
     first.wait().unwrap();

@@ -24,6 +24,7 @@ mod output;
 mod parts;
 mod picture;
 mod predict;
+mod python_options;
 mod reach;
 mod refusals;
 mod release;
@@ -39,6 +40,7 @@ mod statics;
 mod study;
 mod study_outputs;
 mod symmetry;
+mod tables;
 mod training;
 mod units;
 

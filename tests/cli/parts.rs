@@ -130,7 +130,7 @@ fn a_part_that_is_stopped_at_any_moment_ends_as_one_that_is_not() {
             break;
         }
         let said = stderr(&merged);
-        let reasons = ["part 1 of 1 unfinished: ", "expected a part that"];
+        let reasons = ["part 1 of 1 unfinished: ", "expected a part of a data set"];
         assert!(reasons.iter().any(|reason| said.contains(reason)), "{said}");
         assert!(!out.exists());
     }
@@ -145,7 +145,7 @@ fn a_part_is_no_data_set_until_it_is_merged() {
     let parts = collect_parts(folder.path(), 2, &[]);
     let part = text(&parts[0]);
     let run = folder.path().join("run");
-    let expected = "part-1-of-2 holds part 1 of 2 of a data set; merge all 2 first: tdcr data merge PARTS... --out DIR";
+    let expected = "part-1-of-2 holds part 1 of 2 of a data set; merge all 2 first; `tdcr data merge PARTS... --out DIR` puts them together";
     refuse(&["data", "info", part], 1, expected);
     refuse(&["data", "check", part], 1, expected);
     refuse(
@@ -201,7 +201,7 @@ fn parts_that_do_not_belong_together_are_named() {
         refuse(&merge_arguments(&parts, &out), 1, expected);
         assert!(!out.exists());
     };
-    let missing = "1 of 3 parts is missing: 3; expected all 3: `tdcr collect --part I/3`";
+    let missing = "1 of 3 parts is missing: 3; expected all 3; `tdcr collect --part I/3`";
     says(&[two, one], missing);
     says(
         &[one, two, three, one],

@@ -12,7 +12,7 @@ use tdcr::hw::clock::SystemClock;
 use tdcr::hw::dynamixel::{Bus, BusSettings};
 use tdcr::hw::log::{Entry, LogReader, LogRecord};
 use tdcr::hw::serial::{Serial, SerialSettings};
-use tdcr::hw::servo::{ServoId, Torque, TorqueSwitch};
+use tdcr::hw::servo::{ServoBus, ServoId, Torque};
 
 use crate::capture::small_rig;
 use crate::servo_sim::{LATE, Server, rig_on};
@@ -168,6 +168,12 @@ fn is_released(arguments: &[&str], sign: &Sign, signals: &[&str]) {
         }
         assert!(on.is_some(), "{arguments:?} ended by itself: {said}");
         assert_eq!(status, Some(130), "{arguments:?}, {signals:?}: {said}");
+        let why = "motors are on, which nobody would look after while this program is stopped";
+        assert_eq!(
+            said.contains(why),
+            signals[0] == "-TSTP",
+            "{signals:?}: {said}"
+        );
         let left = torques(server.port());
         assert!(
             left.iter().all(|&torque| torque == Torque::Off),
@@ -219,24 +225,45 @@ const BY_HAND: [&str; 6] = [
 
 #[test]
 fn jog_lets_go_at_every_signal() {
-    for signals in [&["-INT"][..], &["-TERM"], &["-HUP"], &["-INT", "-INT"]] {
+    for signals in [
+        &["-INT"][..],
+        &["-TERM"],
+        &["-HUP"],
+        &["-QUIT"],
+        &["-TSTP"],
+        &["-INT", "-INT"],
+        &["-TTOU"],
+    ] {
         is_released(&JOG, &Sign::Log("out/log.mcap"), signals);
     }
 }
 
 #[test]
 fn captures_let_go_at_every_signal() {
-    for signals in [&["-TERM"][..], &["-HUP"], &["-INT", "-INT"]] {
+    for signals in [
+        &["-TERM"][..],
+        &["-HUP"],
+        &["-QUIT"],
+        &["-TSTP"],
+        &["-INT", "-INT"],
+        &["-USR1"],
+    ] {
         is_released(&CAPTURE, &Sign::Log("out/log.mcap"), signals);
     }
 }
 
 #[test]
 fn homing_and_tensioning_let_go_at_every_signal() {
-    for signals in [&["-INT"][..], &["-HUP", "-TERM"]] {
+    for signals in [&["-INT"][..], &["-HUP", "-TERM"], &["-QUIT"], &["-TSTP"]] {
         is_released(&HOME, &Sign::Log("desk.home.mcap"), signals);
     }
-    for signals in [&["-TERM"][..], &["-INT", "-INT"]] {
+    for signals in [
+        &["-TERM"][..],
+        &["-INT", "-INT"],
+        &["-QUIT"],
+        &["-TSTP"],
+        &["-TSTP", "-TSTP"],
+    ] {
         is_released(&WIND, &Sign::Pulls, signals);
         is_released(&BY_HAND, &Sign::Pulls, signals);
     }
@@ -257,7 +284,9 @@ fn process_with(argument: &str) -> Option<u32> {
 /// `jog` in a terminal: its keys come one by one meanwhile, and afterwards the terminal is as it was.
 #[test]
 fn jog_leaves_the_terminal_as_it_was() {
-    for ending in ["-TERM", "-INT", "q", "closed"] {
+    for ending in [
+        "-TERM", "-INT", "-QUIT", "-TSTP", "wq", "\x1c", "w\x1a", "closed",
+    ] {
         let folder = tempfile::tempdir().unwrap();
         let rig = small_rig(folder.path());
         let out = folder.path().join("out");
@@ -281,9 +310,9 @@ fn jog_leaves_the_terminal_as_it_was() {
         let id = process_with(text(&out)).unwrap();
         let mut keyboard = terminal.stdin.take().unwrap();
         match ending {
-            "q" => std::io::Write::write_all(&mut keyboard, b"q").unwrap(),
             "closed" => terminal.kill().unwrap(),
-            signal => send(signal, id),
+            signal if signal.starts_with('-') => send(signal, id),
+            keys => std::io::Write::write_all(&mut keyboard, keys.as_bytes()).unwrap(),
         }
         ended(&mut terminal);
         let began = Instant::now();
@@ -301,6 +330,13 @@ fn jog_leaves_the_terminal_as_it_was() {
             "{ending}: {:?}",
             reader.recovery()
         );
+        if ending.starts_with('w') {
+            assert!(
+                seen("1 move, 0 refused"),
+                "{ending}: {}",
+                said.lock().unwrap()
+            );
+        }
         if ending != "closed" {
             let began = Instant::now();
             while !seen("icanon") && began.elapsed() < Duration::from_secs(5) {

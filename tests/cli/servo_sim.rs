@@ -182,11 +182,15 @@ fn wrong_options_are_named() {
         1,
         "--fault snapped:7: there is no servo 7",
     );
-    refuse(
-        &["--spool-radius", "0"],
-        2,
-        "expected a finite number above 0",
-    );
+    for (option, beyond, expected) in [
+        ("--spool-radius", ["0", "0.2"], "expected 0.0005 to 0.1"),
+        ("--stiffness", ["0.5", "1e300"], "expected 1 to 100000000"),
+        ("--friction", ["nan", "2.5"], "expected 0 to 2"),
+    ] {
+        for value in beyond {
+            refuse(&[option, value], 2, expected);
+        }
+    }
     refuse(&["--robot", "4m"], 1, "unknown robot `4m`");
 }
 

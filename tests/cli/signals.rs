@@ -52,9 +52,9 @@ fn a_fresh_start_is_not_said_to_go_on() {
     assert!(!said.contains("going on"), "{said}");
 }
 
-fn terminate(child: &Child) {
+fn signal(child: &Child, name: &str) {
     let id = child.id().to_string();
-    let sent = Command::new("kill").args(["-TERM", &id]).status().unwrap();
+    let sent = Command::new("kill").args([name, &id]).status().unwrap();
     assert!(sent.success());
 }
 
@@ -92,7 +92,7 @@ fn work_without_a_safe_point_ends_at_the_first_signal() {
     let folder = tempfile::tempdir().unwrap();
     let mut child = endless_prediction(folder.path());
     sleep(Duration::from_millis(1500));
-    terminate(&child);
+    signal(&child, "-TERM");
     assert_eq!(ends_soon(&mut child).code(), Some(130));
     assert!(!folder.path().join("cloud.ply").exists());
 }
@@ -109,7 +109,7 @@ fn work_with_safe_points_stops_at_one_and_tells_what_it_has() {
     log.read_line(&mut line).unwrap();
     assert!(line.contains("settle: 1000000000 steps"), "{line}");
     sleep(Duration::from_millis(1500));
-    terminate(&child);
+    signal(&child, "-TERM");
     assert_eq!(ends_soon(&mut child).code(), Some(130));
     let (mut said, mut result) = (String::new(), String::new());
     log.read_to_string(&mut said).unwrap();
@@ -124,4 +124,73 @@ fn work_with_safe_points_stops_at_one_and_tells_what_it_has() {
 fn one_of_a_thing_is_no_plural() {
     let survey = succeed(&["settle", "--random", "1"]);
     assert!(survey.starts_with("1 command, "), "{survey}");
+}
+
+/// What the system says of a process: running, sleeping, stopped.
+fn state(child: &Child) -> char {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap();
+    let (_, behind) = stat.rsplit_once(") ").unwrap();
+    behind.chars().next().unwrap()
+}
+
+fn becomes(child: &Child, what: impl Fn(char) -> bool) {
+    let began = Instant::now();
+    while !what(state(child)) {
+        assert!(
+            began.elapsed() < Duration::from_secs(20),
+            "{}",
+            state(child)
+        );
+        sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn work_that_holds_no_motor_is_stopped_and_goes_on_as_any_program_is() {
+    let mut child = tdcr(&["settle", "--random", "1000000000"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut log = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    log.read_line(&mut line).unwrap();
+    for _ in 0..2 {
+        signal(&child, "-TSTP");
+        becomes(&child, |state| state == 'T');
+        signal(&child, "-CONT");
+        becomes(&child, |state| state != 'T');
+    }
+    signal(&child, "-QUIT");
+    assert_eq!(ends_soon(&mut child).code(), Some(130));
+}
+
+#[test]
+fn a_background_that_is_ended_at_once_leaves_no_part_of_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let [rig, robot, log] =
+        ["rig.toml", "paper-robot.toml", "empty.mcap"].map(|name| folder.path().join(name));
+    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
+    std::fs::copy(examples.join("rig-sim.toml"), &rig).unwrap();
+    std::fs::copy(examples.join("paper-robot.toml"), &robot).unwrap();
+    let arguments = ["background", "--pictures", "1000", "--rig", text(&rig)];
+    let mut child = tdcr(&[&arguments[..], &["--out", text(&log)]].concat())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let began = Instant::now();
+    let partial = log.with_added_extension("tmp");
+    while !std::fs::metadata(&partial).is_ok_and(|file| file.len() > 0) {
+        assert!(
+            began.elapsed() < Duration::from_secs(60),
+            "no picture comes"
+        );
+        sleep(Duration::from_millis(20));
+    }
+    // Four pictures of 640 by 480 take longer than the second signal.
+    signal(&child, "-INT");
+    signal(&child, "-INT");
+    assert_eq!(ends_soon(&mut child).code(), Some(130));
+    assert!(!log.exists() && !partial.exists());
 }

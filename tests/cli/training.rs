@@ -289,6 +289,6 @@ fn presets_are_explained_and_what_is_asked_for_goes_before_them() {
             "/tmp/never",
         ],
         1,
-        "preset paper takes 500 epochs of a data set, and a stream has no end: say --steps N",
+        "preset paper takes 500 epochs of a data set, and a stream has no end; say --steps N",
     );
 }

@@ -2,9 +2,12 @@
 //!
 //! A table under a heading `` ### `sim/src` `` lists a crate's rooms in building order. A room is a file or a folder. It may
 //! use itself and the rooms and crates that its row names, which stand above it: so no arrow points up, and no circle goes
-//! through two rooms. Calls of methods need no import and are not seen.
+//! through two rooms. Calls of methods need no import and are not seen. Within rooms no circle goes through two [`files`],
+//! and paths in the [`documents`] are there.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod documents;
+mod files;
 mod source;
 
 use std::collections::BTreeSet;
@@ -163,6 +166,52 @@ fn imports_follow_the_map() {
     );
 }
 
+/// What the libraries say is a fact; which option of the command line helps, that alone adds (`src/cli/hint.rs`).
+#[test]
+fn no_text_of_a_library_names_an_option_of_the_command_line() {
+    let (mut wrong, mut seen) = (Vec::new(), 0);
+    for house in houses() {
+        for (module, file, source) in house.sources() {
+            let rooms_of_src = ["pipeline", "study", "pages"];
+            let is_library = match house.name() {
+                "base" | "sim" | "learn" | "hw" => true,
+                "" => rooms_of_src.contains(&module[0].as_str()),
+                _ => false,
+            };
+            // The options of training are clap's there.
+            let is_command_line = house.name() == "learn" && module == ["options", "cli"];
+            if !is_library || is_command_line {
+                continue;
+            }
+            seen += source.texts.len();
+            let named = source.texts.iter().filter(|(_, text)| names_option(text));
+            wrong.extend(
+                named.map(|(line, text)| format!("{}/{file}:{line}: {text}", house.folder)),
+            );
+        }
+    }
+    assert!(seen > 4000, "{seen} texts");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Whether a text has a word that begins as options do: `--out`.
+fn names_option(text: &str) -> bool {
+    let mut found = text.match_indices("--");
+    found.any(|(at, _)| text[at + 2..].starts_with(|c: char| c.is_ascii_lowercase()))
+}
+
+#[test]
+fn options_are_found_in_texts_and_not_in_comments_and_tests() {
+    let source = Source::parse(
+        "// \"--a\"\nconst A: &str = \"choose another (--out)\";\n#[cfg(test)]\nmod tests {\n\
+         const B: &str = \"--b\";\n}\nconst C: &str = r#\"1 -- 2\"#;\n",
+    );
+    let lines: Vec<usize> = source.texts.iter().map(|(line, _)| *line).collect();
+    assert_eq!(lines, [2, 7]);
+    let named = source.texts.iter().map(|(_, text)| names_option(text));
+    assert_eq!(named.collect::<Vec<_>>(), [true, false]);
+}
+
 /// The crates of the map with their files.
 fn houses() -> Vec<House> {
     let text = read_to_string(Path::new(ROOT).join(MAP)).unwrap();
@@ -244,6 +293,14 @@ impl House {
             .strip_suffix("src")
             .unwrap()
             .trim_end_matches('/')
+    }
+
+    /// What the crate is called in imports.
+    fn crate_name(&self) -> String {
+        match self.name() {
+            "" => FACADE.to_owned(),
+            name => format!("tdcr_{name}"),
+        }
     }
 
     /// The room that a module lies in: that of the most exact row.

@@ -1,11 +1,15 @@
 //! What a Rust file imports, as far as plain reading tells: `use` declarations, and paths that start with `crate`, `super`,
-//! `self` or a crate of ours. Tests within the file are left out.
+//! `self` or a crate of ours; and its texts. Tests within the file are left out.
+
+use std::ops::Range;
 
 /// A file, read.
 pub struct Source {
     pub imports: Vec<Import>,
     /// Modules in files of their own that are compiled for tests only.
     pub tests: Vec<String>,
+    /// The literals of strings, with the line in which each begins.
+    pub texts: Vec<(usize, String)>,
 }
 
 /// A path to something elsewhere.
@@ -14,25 +18,37 @@ pub struct Import {
     pub line: usize,
     /// Its steps, as seen from the file's own module.
     pub path: Vec<String>,
+    /// What it is called in this file, of a `use` declaration.
+    pub name: Option<String>,
+    /// Whether others see it here: `pub use`.
+    pub is_door: bool,
 }
 
 impl Source {
     pub fn parse(text: &str) -> Self {
-        let mut code = code(text);
-        let tests = remove_tests(&mut code);
+        let (mut code, strings) = code(text);
+        let (tests, removed) = remove_tests(&mut code);
+        let text: Vec<char> = text.chars().collect();
+        let line_of = |at: usize| 1 + code[..at].iter().filter(|c| **c == '\n').count();
+        let texts = strings
+            .into_iter()
+            .filter(|string| !removed.iter().any(|test| test.contains(&string.start)))
+            .map(|string| (line_of(string.start), text[string].iter().collect()))
+            .collect();
         let within = inline_modules(&code);
         let mut imports = Vec::new();
         let mut at = 0;
         while let Some(start) = (at..code.len()).find(|at| starts_word(&code, *at)) {
             let word = word(&code, start);
             at = start + word.len();
-            let mut paths = Vec::new();
+            let (mut paths, mut is_door) = (Vec::new(), false);
             if word == "use" {
                 let end = (at..code.len())
                     .find(|at| code[*at] == ';')
                     .unwrap_or(code.len());
                 let tree: String = code[at..end].iter().collect();
                 expand(&tree, &[], &mut paths);
+                is_door = is_public(&code[..start]);
                 at = end;
             } else if is_path_root(&word) && !is_visibility(&code[..start]) {
                 let mut path = vec![word];
@@ -41,16 +57,16 @@ impl Source {
                     at += 2 + path[path.len() - 1].len();
                 }
                 if path.len() > 1 {
-                    paths.push(path);
+                    paths.push((path, None));
                 }
             }
             if paths.is_empty() {
                 continue;
             }
-            let line = 1 + code[..start].iter().filter(|c| **c == '\n').count();
+            let line = line_of(start);
             // Within a module of this file, `super` is the file's own module.
             let depth = within.iter().filter(|range| range.contains(&start)).count();
-            for mut path in paths {
+            for (mut path, name) in paths {
                 let above = path
                     .iter()
                     .take_while(|step| *step == "super")
@@ -60,17 +76,27 @@ impl Source {
                 if !path.is_empty() && above == 0
                     || path.first().is_some_and(|step| step == "super")
                 {
-                    imports.push(Import { line, path });
+                    imports.push(Import {
+                        line,
+                        path,
+                        name,
+                        is_door,
+                    });
                 }
             }
         }
-        Self { imports, tests }
+        Self {
+            imports,
+            tests,
+            texts,
+        }
     }
 }
 
-/// The text with blanks for comments and literals.
-fn code(text: &str) -> Vec<char> {
+/// The text with blanks for comments and literals, and where the strings were.
+fn code(text: &str) -> (Vec<char>, Vec<Range<usize>>) {
     let mut code: Vec<char> = text.chars().collect();
+    let mut strings = Vec::new();
     let mut at = 0;
     while at < code.len() {
         let rest = &code[at..];
@@ -85,6 +111,9 @@ fn code(text: &str) -> Vec<char> {
             ['\'', _, '\'', ..] => 3,
             _ => 0,
         };
+        if length > 0 && matches!(rest[0], '"' | 'r') {
+            strings.push(at..at + length);
+        }
         for c in &mut code[at..at + length] {
             if *c != '\n' {
                 *c = ' ';
@@ -92,7 +121,7 @@ fn code(text: &str) -> Vec<char> {
         }
         at += length.max(1);
     }
-    code
+    (code, strings)
 }
 
 fn block_comment(rest: &[char]) -> usize {
@@ -133,10 +162,10 @@ fn raw_string(rest: &[char]) -> usize {
     length.map_or(rest.len(), |length| hashes + 2 + length + end.len())
 }
 
-/// Blanks what is compiled for tests only; the names of modules among it that are in other files.
-fn remove_tests(code: &mut [char]) -> Vec<String> {
+/// Blanks what is compiled for tests only; the names of modules among it that are in other files, and where all of it was.
+fn remove_tests(code: &mut [char]) -> (Vec<String>, Vec<Range<usize>>) {
     let mark: Vec<char> = "#[cfg(test)]".chars().collect();
-    let mut tests = Vec::new();
+    let (mut tests, mut removed) = (Vec::new(), Vec::new());
     while let Some(start) = code.windows(mark.len()).position(|window| window == mark) {
         let end = end_of_item(code, start);
         let item: String = code[start + mark.len()..end].iter().collect();
@@ -151,8 +180,9 @@ fn remove_tests(code: &mut [char]) -> Vec<String> {
             .iter_mut()
             .filter(|c| **c != '\n')
             .for_each(|c| *c = ' ');
+        removed.push(start..end);
     }
-    tests
+    (tests, removed)
 }
 
 /// The end of the item at `start`: past its last brace, or its semicolon.
@@ -172,7 +202,7 @@ fn end_of_item(code: &[char], start: usize) -> usize {
 }
 
 /// Where modules within the file are.
-fn inline_modules(code: &[char]) -> Vec<std::ops::Range<usize>> {
+fn inline_modules(code: &[char]) -> Vec<Range<usize>> {
     let starts = (0..code.len()).filter(|at| starts_word(code, *at) && word(code, *at) == "mod");
     let ranges = starts.map(|start| start..end_of_item(code, start));
     ranges.filter(|range| code[range.end - 1] == '}').collect()
@@ -180,6 +210,14 @@ fn inline_modules(code: &[char]) -> Vec<std::ops::Range<usize>> {
 
 fn is_path_root(word: &str) -> bool {
     matches!(word, "crate" | "super" | "self" | "tdcr") || word.starts_with("tdcr_")
+}
+
+/// Whether the declaration that follows has a `pub` before it.
+fn is_public(before: &[char]) -> bool {
+    let start = before.iter().rposition(|c| matches!(c, ';' | '{' | '}'));
+    let before: String = before[start.map_or(0, |at| at + 1)..].iter().collect();
+    let last = before.lines().next_back().unwrap_or_default().trim_start();
+    last.starts_with("pub")
 }
 
 /// Whether what follows is the place in `pub(in place)`.
@@ -202,8 +240,8 @@ fn word(code: &[char], at: usize) -> String {
     code[at..].iter().take_while(|c| is_word(**c)).collect()
 }
 
-/// The paths of a `use` declaration: `a::{b, c::d as e}` is `a::b` and `a::c::d`.
-fn expand(tree: &str, above: &[String], paths: &mut Vec<Vec<String>>) {
+/// The paths of a `use` declaration with their names: `a::{b, c::d as e}` is `a::b`, called `b`, and `a::c::d`, called `e`.
+fn expand(tree: &str, above: &[String], paths: &mut Vec<(Vec<String>, Option<String>)>) {
     let steps = |text: &str| -> Vec<String> {
         let text = text.split(" as ").next().unwrap_or_default();
         let steps = text
@@ -217,9 +255,17 @@ fn expand(tree: &str, above: &[String], paths: &mut Vec<Vec<String>>) {
             .collect()
     };
     let Some((before, inner)) = tree.split_once('{') else {
-        let path = steps(tree);
+        let mut path = steps(tree);
         if path.len() > above.len() {
-            paths.push(path);
+            // `a::{self}` is `a`.
+            path.truncate(
+                path.len() - usize::from(path.len() > 1 && path.ends_with(&["self".to_owned()])),
+            );
+            let renamed = tree
+                .split_once(" as ")
+                .map(|(_, name)| name.trim().to_owned());
+            let name = renamed.or_else(|| path.last().cloned());
+            paths.push((path, name));
         }
         return;
     };

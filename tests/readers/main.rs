@@ -5,7 +5,9 @@ mod bus;
 mod cases;
 mod files;
 mod learned;
+mod marks;
 mod readers;
+mod tables;
 
 use std::path::Path;
 use std::time::Instant;

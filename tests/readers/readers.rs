@@ -5,17 +5,17 @@
 
 use std::fs;
 use std::io::Cursor;
-use std::ops::ControlFlow::Break;
+use std::ops::ControlFlow::{self, Break, Continue};
 use std::path::Path;
 
 use serde::Deserialize;
 use serde_json::json;
+use tdcr::hw;
 use tdcr::hw::dynamixel::joined::sections;
 use tdcr::hw::dynamixel::{Bus, BusSettings, Decoder, Instruction, Item, Status};
 use tdcr::hw::log::{Contents, Entry, LogReader, LogRecord, repair};
 use tdcr::hw::rig::RigFile;
-use tdcr::hw::servo::{Ping, PresentState, ServoId, Torque, TorqueSwitch};
-use tdcr::hw::transport::Babble;
+use tdcr::hw::servo::{ServoBus, ServoId, Setting, Torque};
 use tdcr::learn::data::{
     DataSet, ImportSettings, Split, import, merge, read_cloud, read_predictions,
 };
@@ -25,6 +25,12 @@ use tdcr::pipeline::{PipelineError, Scores};
 use tdcr::sim::geometry::Shape;
 use tdcr::sim::robot::{Robot, RobotSpec};
 use tdcr::study::Study;
+
+// A line of servos for tests.
+#[path = "../../hw/tests/driver/noise.rs"]
+mod noise;
+
+use noise::NoiseTransport;
 
 // Parts of the program that no library has: here they are read with all that they need.
 #[path = "../../src/cli/commands.rs"]
@@ -224,8 +230,14 @@ pub fn motors(bytes: &[u8]) {
             &clouds,
             &dir.join("set"),
             &ImportSettings::default(),
+            go_on,
+            go_on,
         ));
     });
+}
+
+fn go_on(_: usize, _: usize) -> ControlFlow<()> {
+    Continue(())
 }
 
 /// Splits given to an import (CSV), for the clouds `a.ply`, `b.ply` and `c.ply`.
@@ -245,7 +257,7 @@ pub fn split_file(bytes: &[u8]) {
             split: Some(file),
             ..ImportSettings::default()
         };
-        drop(import(&clouds, &dir.join("set"), &settings));
+        drop(import(&clouds, &dir.join("set"), &settings, go_on, go_on));
     });
 }
 
@@ -321,10 +333,10 @@ pub fn servo_frames(mut bytes: &[u8]) {
 /// What servos answer to a driver.
 pub fn servo_answers(bytes: &[u8]) {
     let ids: Vec<ServoId> = servos().collect();
-    let mut bus = Bus::new(Babble::new(bytes), BusSettings::default());
+    let mut bus = Bus::new(NoiseTransport::new(bytes), BusSettings::default());
     drop(bus.scan());
     assert_eq!(bus.present(&ids).len(), ids.len());
-    assert_eq!(bus.set_torque(&ids, Torque::On).len(), ids.len());
+    assert_eq!(bus.set(Setting::Torque(&ids, Torque::On)).len(), ids.len());
     assert_eq!(bus.read_items(&ids, Item::GoalPosition).len(), ids.len());
 }
 

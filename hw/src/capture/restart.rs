@@ -1,7 +1,7 @@
 //! Servos that lose their power, and with it their turns, while a robot is captured.
 
+use super::Session;
 use super::error::CaptureError;
-use super::session::Session;
 use crate::rig::{EmergencyStop, LostTurns, RigError};
 
 /// How often in a row a servo may lose its turns before a capture ends.

@@ -6,11 +6,11 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use tdcr_sim::cloud::{PointCloud, VoxelGrid};
 
+use super::Session;
 use super::error::CaptureError;
 use super::fuse::{Fuser, masked};
 use super::program::Program;
 use super::still::Stillness;
-use super::tendons::Scale;
 use super::wait::{Purpose, Seen};
 use crate::log::{Event, Level, LogRecord};
 use crate::mask::MaskFolder;
@@ -69,22 +69,6 @@ pub struct Sentinel {
     pub drift: f64,
     /// Largest change of a current since the first look (A).
     pub current_drift: f64,
-}
-
-/// A capture in progress: a rig that is engaged until the session ends.
-pub struct Session<'a> {
-    pub(super) rig: &'a mut Rig,
-    pub(super) program: Program,
-    pub(super) fuser: Fuser,
-    masks: Option<MaskFolder>,
-    /// Where the robot is.
-    pub(super) at: Shape,
-    reference: Option<Sentinel>,
-    /// What each servo takes, as of the last look whether tendons pull; none before.
-    pub(super) scales: Vec<Scale>,
-    /// Servos that restarted since that was last asked.
-    pub(super) restarted: Vec<u8>,
-    pub(super) go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
 }
 
 impl<'a> Session<'a> {

@@ -8,8 +8,10 @@
 //! much and 6 N. Nothing is concluded from tensions below 6 N. Between these bounds lies what models, friction in the holes and
 //! payloads of a few newtons' moment change.
 
+use tdcr_base::stats::median;
+
+use super::Session;
 use super::error::CaptureError;
-use super::session::Session;
 use crate::log::Level;
 use crate::plan::{Bend, Shape};
 use crate::rig::WinchState;
@@ -54,9 +56,7 @@ impl Session<'_> {
         let [pulls, friction] = self.rig().gauge_friction()?;
         let tensions = self.tensions(&tense)?;
         self.visit(rest)?;
-        let mut sorted = pulls.clone();
-        sorted.sort_by(f64::total_cmp);
-        let expected = sorted[sorted.len() / 2];
+        let expected = median(&mut pulls.clone());
         let weakest = pulls.iter().zip(self.rig().winches());
         let weakest = weakest.min_by(|(a, _), (b, _)| a.total_cmp(b));
         if let Some((&pull, winch)) = weakest

@@ -3,8 +3,8 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
+use super::Session;
 use super::error::CaptureError;
-use super::session::Session;
 use super::still::{StillDepth, Stillness, change};
 use super::tendons::Swung;
 use crate::rig::{OffGoal, Pictures, RigError, WinchState};

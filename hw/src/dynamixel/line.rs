@@ -21,7 +21,7 @@ pub(super) const EMPTY_STATUS: usize = 11;
 
 /// How a wait for statuses ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Heard {
+pub(super) enum Received {
     /// With nothing on the line, or nothing more.
     Silence,
     /// With bytes that were no status that anybody waited for.
@@ -94,8 +94,8 @@ impl<T: Transport> Line<T> {
         &mut self,
         deadline: Duration,
         mut take: impl FnMut(Status) -> ControlFlow<()>,
-    ) -> io::Result<Heard> {
-        let mut heard = Heard::Silence;
+    ) -> io::Result<Received> {
+        let mut received = Received::Silence;
         let mut over = false;
         loop {
             while let Some(frame) = self.decoder.next_frame() {
@@ -103,16 +103,16 @@ impl<T: Transport> Line<T> {
                 if let Some(status) = Status::decode(&frame)
                     && take(status).is_break()
                 {
-                    return Ok(heard);
+                    return Ok(received);
                 }
             }
             if !over && self.fill(deadline)?.is_some() {
-                heard = Heard::Noise;
+                received = Received::Noise;
                 continue;
             }
             over = true;
             if self.decoder.pending().is_empty() {
-                return Ok(heard);
+                return Ok(received);
             }
             // What began will not be completed: it may hide a whole frame.
             self.decoder.give_up();
@@ -126,8 +126,8 @@ impl<T: Transport> Line<T> {
         asked: &[(ServoId, usize)],
         deadline: Duration,
         mut take: impl FnMut(Section),
-    ) -> io::Result<Heard> {
-        let mut heard = Heard::Silence;
+    ) -> io::Result<Received> {
+        let mut received = Received::Silence;
         let whole = PREFIX + joined::length_field(asked.iter().map(|&(_, size)| size));
         loop {
             let pending = self.decoder.pending();
@@ -137,13 +137,13 @@ impl<T: Transport> Line<T> {
             if begun && pending.len() >= whole && complete() {
                 sections(pending, asked.iter().copied()).for_each(&mut take);
                 self.decoder.clear();
-                return Ok(heard);
+                return Ok(received);
             }
             if !begun && self.decoder.next_frame().is_some() {
                 continue;
             }
             match self.fill(deadline)? {
-                Some(()) => heard = Heard::Noise,
+                Some(()) => received = Received::Noise,
                 None => break,
             }
         }
@@ -156,7 +156,7 @@ impl<T: Transport> Line<T> {
             self.decoder.give_up();
         }
         self.decoder.clear();
-        Ok(heard)
+        Ok(received)
     }
 
     /// Takes what has arrived; `None` where nothing does until the deadline, or where there is no room for more.

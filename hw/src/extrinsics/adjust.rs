@@ -40,9 +40,9 @@ pub(super) struct Poses {
     pub placements: Vec<Isometry3<f64>>,
 }
 
-/// What stays where it is: reprojection errors do not tell where the world is.
+/// What stays where it is: reprojection errors do not say where the world is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Held {
+pub(super) enum Fixed {
     /// One camera.
     Camera(usize),
     /// One placement of the board.
@@ -51,7 +51,7 @@ pub(super) enum Held {
     Cameras,
 }
 
-impl Held {
+impl Fixed {
     fn camera(self, index: usize) -> bool {
         self == Self::Cameras || self == Self::Camera(index)
     }
@@ -106,7 +106,7 @@ impl Fit {
         self.normal.slots[camera]
     }
 
-    /// Covariance of a placement's (position, rotation) for errors of variance 1 px², where all cameras are held.
+    /// Covariance of a placement's (position, rotation) for errors of variance 1 px², where all cameras are fixed.
     pub fn placement_covariance(&self, placement: usize) -> Option<Matrix6<f64>> {
         let block = self.normal.placements[placement]?.hessian;
         Cholesky::new(block).map(|factor| factor.inverse())
@@ -118,10 +118,10 @@ pub(super) fn adjust(
     intrinsics: &[Intrinsics],
     observations: &[Observation],
     start: Poses,
-    held: Held,
+    fixed: Fixed,
     loss: Loss,
 ) -> Option<Fit> {
-    let (mut cost, mut fit) = evaluate(intrinsics, observations, start, held, loss)?;
+    let (mut cost, mut fit) = evaluate(intrinsics, observations, start, fixed, loss)?;
     let mut damping = FIRST_DAMPING;
     for _ in 0..MAX_STEPS {
         if damping > LARGEST_DAMPING {
@@ -135,7 +135,7 @@ pub(super) fn adjust(
             break;
         }
         let moved = step.applied(&fit.poses);
-        match evaluate(intrinsics, observations, moved, held, loss) {
+        match evaluate(intrinsics, observations, moved, fixed, loss) {
             Some((lower, next)) if lower < cost => {
                 (cost, fit) = (lower, next);
                 damping = (damping / 10.0).max(LEAST_DAMPING);
@@ -192,7 +192,7 @@ struct Normal {
     slots: Vec<Option<usize>>,
     /// By camera.
     cameras: Vec<Block>,
-    /// By placement; `None` where it is held or never seen.
+    /// By placement; `None` where it is fixed or never seen.
     placements: Vec<Option<Block>>,
     /// By (placement, camera), both free: second derivatives by camera (rows) and placement.
     cross: BTreeMap<(usize, usize), Matrix6<f64>>,
@@ -304,12 +304,12 @@ fn evaluate(
     intrinsics: &[Intrinsics],
     observations: &[Observation],
     poses: Poses,
-    held: Held,
+    fixed: Fixed,
     loss: Loss,
 ) -> Option<(f64, Fit)> {
     let mut free = 0;
     let mut slot = |camera| {
-        (!held.camera(camera)).then(|| {
+        (!fixed.camera(camera)).then(|| {
             free += 1;
             free - 1
         })
@@ -335,11 +335,11 @@ fn evaluate(
         let error = seen.pixel - projection.pixel;
         let (this, weight) = loss.of(error.norm());
         cost += this;
-        let camera_free = !held.camera(camera);
+        let camera_free = !fixed.camera(camera);
         if camera_free {
             normal.cameras[camera].add(&projection.by_camera, &error, weight);
         }
-        if !held.placement(placement) {
+        if !fixed.placement(placement) {
             let block = normal.placements[placement].get_or_insert(Block::ZERO);
             block.add(&projection.by_placement, &error, weight);
             if camera_free {

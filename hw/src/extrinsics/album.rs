@@ -6,7 +6,7 @@ use std::io::{self, Cursor};
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use tdcr_sim::files::read;
+use tdcr_base::files::read;
 
 use super::board::Board;
 use super::calibrate::{KnownCamera, Sighting};

@@ -1,9 +1,10 @@
 //! From corners in images to the poses of all cameras.
 
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use tdcr_base::stats::median;
 use tdcr_sim::camera::{Camera, Intrinsics};
 
-use super::adjust::{Fit, Held, Loss, Observation, Poses, adjust, error_of};
+use super::adjust::{Fit, Fixed, Loss, Observation, Poses, adjust, error_of};
 use super::board::Board;
 use super::detect::Corner;
 use super::graph::{Graph, Link, Node};
@@ -109,13 +110,13 @@ impl Problem<'_> {
         }
         let start = self.chain(&links)?;
         let intrinsics: Vec<Intrinsics> = self.cameras.iter().map(|c| c.intrinsics).collect();
-        let held = match self.world {
-            None => Held::Camera(0),
-            Some((view, _)) => Held::Placement(view),
+        let fixed = match self.world {
+            None => Fixed::Camera(0),
+            Some((view, _)) => Fixed::Placement(view),
         };
         let adjust = |seen: &[Seen], start: Poses, loss: Loss| {
             let observations: Vec<Observation> = seen.iter().map(|seen| seen.observation).collect();
-            adjust(&intrinsics, &observations, start, held, loss)
+            adjust(&intrinsics, &observations, start, fixed, loss)
                 .ok_or(CalibrationError::Undetermined)
         };
         let mut poses = start;
@@ -264,8 +265,8 @@ impl Problem<'_> {
         let mut placements: Vec<usize> = seen.iter().map(|s| s.observation.placement).collect();
         placements.sort_unstable();
         placements.dedup();
-        let held = usize::from(self.world.is_some());
-        let unknowns = covariance.nrows() + 6 * (placements.len() - held);
+        let fixed = usize::from(self.world.is_some());
+        let unknowns = covariance.nrows() + 6 * (placements.len() - fixed);
         let freedom = (2 * seen.len())
             .checked_sub(unknowns)
             .filter(|&freedom| freedom > 0);
@@ -341,9 +342,8 @@ fn median_noise(lengths: impl Iterator<Item = Option<f64>>) -> f64 {
     let mut lengths: Vec<f64> = lengths
         .map(|length| length.unwrap_or(f64::INFINITY))
         .collect();
-    lengths.sort_by(f64::total_cmp);
-    let median = lengths.get(lengths.len() / 2).copied().unwrap_or_default();
-    (median / RAYLEIGH_MEDIAN).max(LEAST_NOISE)
+    // Of no lengths too.
+    (median(&mut lengths) / RAYLEIGH_MEDIAN).max(LEAST_NOISE)
 }
 
 /// The observations with errors up to `largest`; of sightings with too few of them none. Sightings are runs of observations.

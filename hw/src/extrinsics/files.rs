@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::Deserialize;
+use tdcr_base::files::read_text;
 use tdcr_sim::camera::Distortion;
-use tdcr_sim::files::read_text;
 use tdcr_sim::robot::{Aim, CameraSpec, Cameras, Lens, SpecError};
 use thiserror::Error;
 use toml::Value;

@@ -15,7 +15,7 @@ use rand::seq::index::sample;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::camera::Intrinsics;
 
-use super::adjust::{Held, Loss, Observation, Poses, adjust};
+use super::adjust::{Fixed, Loss, Observation, Poses, adjust};
 
 /// Samples of four corners: of corners a third of which are wrong, one in five samples has none.
 const SAMPLES: usize = 60;
@@ -78,7 +78,7 @@ pub(super) fn planar_pose(
             &[*intrinsics],
             &observations,
             start,
-            Held::Cameras,
+            Fixed::Cameras,
             Loss::Squares,
         )?;
         let rms = (fit.squares() / observations.len() as f64).sqrt();

@@ -13,6 +13,9 @@ const CHUNK_TIMES_TO_CRC: usize = 28;
 /// Bytes of a chunk record before its records, where it is not compressed.
 pub(super) const PLAIN_CHUNK_HEADER: usize = CHUNK_TIMES_TO_CRC + 4 + 8;
 
+/// Longest record that is read into memory: a damaged length does not take more.
+pub(super) const LONGEST_RECORD: u64 = 256 << 20;
+
 /// Opcode and length of a record.
 pub(super) fn record_header(bytes: [u8; RECORD_HEADER]) -> (u8, u64) {
     let [opcode, length @ ..] = bytes;

@@ -10,7 +10,8 @@ use nalgebra::Isometry3;
 use tdcr_sim::camera::Intrinsics;
 use tdcr_sim::cloud::PointCloud;
 
-use super::image::{RGB, depth_bytes, write_png};
+use super::error::LogError;
+use super::image::{ImageFormat, RGB, depth_bytes, write_png};
 use super::json::{
     Command, HomeJson, HomesJson, Json, RegistersJson, StatusJson, StatusesJson, Text,
 };
@@ -18,7 +19,6 @@ use super::record::{
     Event, Goal, Image, Level, LogRecord, Reading, Transform, WORLD, camera_frame,
 };
 use super::topic::Topic;
-use super::{ImageFormat, LogError};
 use crate::servo::ServoId;
 
 /// What a channel's metadata says of currents, which `JointState` has no field for.

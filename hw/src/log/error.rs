@@ -27,7 +27,7 @@ pub enum LogError {
     },
     /// Its messages are compressed in a way that is not read.
     #[error(
-        "{}: a chunk is compressed by `{compression}`, expected zstd, lz4 or none: `mcap compress --compression none` undoes it",
+        "{}: a chunk is compressed by `{compression}`, expected zstd, lz4 or none",
         path.display()
     )]
     Compressed {

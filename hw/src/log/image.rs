@@ -7,6 +7,16 @@ use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Limits};
 use super::error::DecodeError;
 use super::record::Image;
 
+/// How colour images are logged. Either way they come back as they were.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ImageFormat {
+    /// A third to a half of the bytes, for some milliseconds a picture.
+    #[default]
+    Png,
+    /// As they are.
+    Raw,
+}
+
 /// Most pixels of an image that is read from a log: a compressed one may claim more than memory holds.
 const MOST_PIXELS: u64 = 1 << 24;
 

@@ -73,6 +73,7 @@ mod write;
 pub use contents::{Contents, TopicContents};
 pub(crate) use decode::color_png;
 pub use error::{DecodeError, LogError};
+pub use image::ImageFormat;
 pub use message::{Channel, Entry, Message, Schema};
 pub use read::LogReader;
 pub use record::{
@@ -86,4 +87,4 @@ pub use servos::servo_sink;
 pub use shared::SharedLog;
 pub(crate) use shared::finish_all;
 pub use topic::Topic;
-pub use write::{ChunkFormat, ImageFormat, LogSettings, LogWriter};
+pub use write::{ChunkFormat, LogSettings, LogWriter};

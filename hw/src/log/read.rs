@@ -6,21 +6,18 @@ use std::path::Path;
 
 use mcap::MAGIC;
 use mcap::records::op;
-use tdcr_sim::files;
+use tdcr_base::files;
 
 use super::compression::Compression;
 use super::container::{
-    ChunkHeader, Fields, MessageRecord, PLAIN_CHUNK_HEADER, RECORD_HEADER, attachment, is_header,
-    is_message_index, metadata, record, record_header,
+    ChunkHeader, Fields, LONGEST_RECORD, MessageRecord, PLAIN_CHUNK_HEADER, RECORD_HEADER,
+    attachment, is_header, is_message_index, metadata, record, record_header,
 };
 use super::definitions::Definitions;
 use super::error::LogError;
 use super::message::{Entry, Message};
 use super::recovery::{Problem, Recovery};
 use super::resync::next_chunk;
-
-/// Longest record that is read into memory: a damaged length does not take more.
-pub(super) const LONGEST_RECORD: u64 = 256 << 20;
 
 /// Reads an MCAP file in its order, in bounded memory: a chunk at a time.
 ///

@@ -83,7 +83,7 @@ impl fmt::Display for Problem {
             Self::Chunk => write!(f, "lengths within a chunk disagree"),
             Self::Compressed(name) => write!(
                 f,
-                "a chunk is compressed by `{name}`, expected zstd, lz4 or none: `mcap compress --compression none` undoes it"
+                "a chunk is compressed by `{name}`, expected zstd, lz4 or none"
             ),
             Self::Decompression(name, problem) => {
                 write!(f, "a chunk cannot be decompressed by {name}: {problem}")

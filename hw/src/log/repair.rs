@@ -6,7 +6,7 @@ use std::path::Path;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{McapResult, Writer};
-use tdcr_sim::files::AtomicFile;
+use tdcr_base::files::AtomicFile;
 
 use super::error::LogError;
 use super::message::Entry;

@@ -6,9 +6,8 @@ use mcap::records::op;
 
 use super::compression::Compression;
 use super::container::{
-    ChunkHeader, PLAIN_CHUNK_HEADER, RECORD_HEADER, may_begin_chunk, record_header,
+    ChunkHeader, LONGEST_RECORD, PLAIN_CHUNK_HEADER, RECORD_HEADER, may_begin_chunk, record_header,
 };
-use super::read::LONGEST_RECORD;
 
 /// Bytes that are searched at a time.
 const WINDOW: usize = 64 << 10;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::record::{Event, Goal, Level, LogRecord, Reading, ServoStatus};
 use super::shared::SharedLog;
 use crate::servo::{
-    HardwareErrors, PerServo, Record, ServoError, ServoId, Ticks, Torque, WatchdogState,
+    HardwareErrors, PerServo, Record, ServoError, ServoId, Setting, Ticks, Torque, WatchdogState,
 };
 
 /// A sink for [`Logged`](crate::servo::Logged) that writes to `log`.
@@ -86,53 +86,24 @@ struct ServoSink {
 impl ServoSink {
     fn record(&mut self, time: Duration, record: Record<'_>) {
         match record {
-            Record::GoalPositions(goals, results) => {
-                self.goals(time, zip(goals, results), position_goal);
-            }
-            Record::GoalCurrents(goals, results) => {
-                self.goals(time, zip(goals, results), |current| Goal {
-                    position: None,
-                    current: Some(current),
-                });
-            }
-            Record::GoalPositionsRead(ids, results) => {
+            Record::Set(setting, results) => self.setting(time, setting, results),
+            Record::GoalPositions(ids, results) => {
                 self.goals(time, read(ids, results), position_goal);
             }
-            Record::CurrentLimits(limits, results) => {
-                self.status(time, zip(limits, results), |s, limit| {
-                    s.current_limit = Some(limit)
-                });
-            }
-            Record::CurrentLimitsRead(ids, results) => {
+            Record::CurrentLimits(ids, results) => {
                 self.status(time, read(ids, results), |s, limit| {
                     s.current_limit = Some(limit)
                 });
             }
-            Record::Torque(ids, torque, results) => {
-                self.status(time, told(ids, torque, results), |s, torque| {
-                    s.torque = Some(torque)
-                });
-            }
-            Record::TorqueRead(ids, results) => {
+            Record::Torque(ids, results) => {
                 self.status(time, read(ids, results), |s, torque| {
                     s.torque = Some(torque)
                 });
             }
-            Record::Mode(ids, mode, results) => {
-                self.status(time, told(ids, mode, results), |s, mode| {
-                    s.mode = Some(mode)
-                });
-            }
-            Record::ModeRead(ids, results) => {
+            Record::Mode(ids, results) => {
                 self.status(time, read(ids, results), |s, mode| s.mode = Some(mode));
             }
-            Record::Watchdog(ids, timeout, results) => {
-                let state = timeout.map_or(WatchdogState::Off, WatchdogState::Armed);
-                self.status(time, told(ids, state, results), |s, state| {
-                    s.watchdog = Some(state)
-                });
-            }
-            Record::WatchdogRead(ids, results) => {
+            Record::Watchdog(ids, results) => {
                 self.status(time, read(ids, results), |s, state| {
                     s.watchdog = Some(state)
                 });
@@ -162,7 +133,7 @@ impl ServoSink {
                 self.answered(time, id, result.as_ref().err());
                 for registers in result.iter().flatten() {
                     self.log
-                        .write(time, &LogRecord::Registers(registers.clone()));
+                        .write(time, LogRecord::Registers(registers.clone()));
                 }
             }
             Record::Reboot(id, result) => self.reboot(time, id, result),
@@ -190,9 +161,44 @@ impl ServoSink {
                 }
                 // Before the readings that they are of.
                 if !changed.is_empty() {
-                    self.log.write(time, &LogRecord::Status(changed));
+                    self.log.write(time, LogRecord::Status(changed));
                 }
-                self.log.write(time, &LogRecord::Present(readings));
+                self.log.write(time, LogRecord::Present(readings));
+            }
+        }
+    }
+
+    fn setting(&mut self, time: Duration, setting: Setting<'_>, results: &PerServo<()>) {
+        match setting {
+            Setting::GoalPositions(goals) => {
+                self.goals(time, zip(goals, results), position_goal);
+            }
+            Setting::GoalCurrents(goals) => {
+                self.goals(time, zip(goals, results), |current| Goal {
+                    position: None,
+                    current: Some(current),
+                });
+            }
+            Setting::CurrentLimits(limits) => {
+                self.status(time, zip(limits, results), |s, limit| {
+                    s.current_limit = Some(limit)
+                });
+            }
+            Setting::Torque(ids, torque) => {
+                self.status(time, told(ids, torque, results), |s, torque| {
+                    s.torque = Some(torque)
+                });
+            }
+            Setting::Mode(ids, mode) => {
+                self.status(time, told(ids, mode, results), |s, mode| {
+                    s.mode = Some(mode)
+                });
+            }
+            Setting::Watchdog(ids, timeout) => {
+                let state = timeout.map_or(WatchdogState::Off, WatchdogState::Armed);
+                self.status(time, told(ids, state, results), |s, state| {
+                    s.watchdog = Some(state)
+                });
             }
         }
     }
@@ -211,7 +217,7 @@ impl ServoSink {
             }
         }
         if !known.is_empty() {
-            self.log.write(time, &LogRecord::Goals(known));
+            self.log.write(time, LogRecord::Goals(known));
         }
     }
 
@@ -231,7 +237,7 @@ impl ServoSink {
             }
         }
         if !known.is_empty() {
-            self.log.write(time, &LogRecord::Status(known));
+            self.log.write(time, LogRecord::Status(known));
         }
     }
 
@@ -243,7 +249,7 @@ impl ServoSink {
                 torque: Some(Torque::Off),
                 ..ServoStatus::of(id)
             };
-            self.log.write(time, &LogRecord::Status(vec![status]));
+            self.log.write(time, LogRecord::Status(vec![status]));
         }
     }
 
@@ -269,6 +275,6 @@ impl ServoSink {
             source,
             text,
         };
-        self.log.write(time, &LogRecord::Event(event));
+        self.log.write(time, LogRecord::Event(event));
     }
 }

@@ -13,24 +13,15 @@ use nalgebra::Isometry3;
 use tdcr_sim::camera::Camera;
 use tdcr_sim::render::RgbdFrame;
 
+use super::container::LONGEST_RECORD;
 use super::encode::{EFFORT, Encoded, encode};
 use super::error::LogError;
-use super::read::LONGEST_RECORD;
+use super::image::ImageFormat;
 use super::record::{Image, LogRecord, Transform};
 use super::room::Room;
 use super::topic::Topic;
 use crate::camera::Stamped;
 use crate::clock::Clock;
-
-/// How colour images are logged. Either way they come back as they were.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ImageFormat {
-    /// A third to a half of the bytes, for some milliseconds a picture.
-    #[default]
-    Png,
-    /// As they are.
-    Raw,
-}
 
 /// How chunks are compressed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use std::io::{self, Cursor};
 use std::path::{Path, PathBuf};
 
 use png::{BitDepth, ColorType, Transformations};
-use tdcr_sim::files;
+use tdcr_base::files;
 use tdcr_sim::render::RgbdFrame;
 
 use super::{Mask, MaskError, Masker, Shot};

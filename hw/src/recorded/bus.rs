@@ -5,14 +5,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::order::Order;
+use super::order::{Known, Order};
 use super::stream::{RecordedError, Stream};
 use crate::clock::Clock;
 use crate::log::{Goal, LogRecord, Reading, ServoHome, ServoStatus, Topic};
 use crate::servo::{
-    CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
-    Ping, PositionGoals, Present, PresentState, Registers, ServoError, ServoId, Ticks, Torque,
-    TorqueSwitch, Watchdog, WatchdogState,
+    HardwareErrors, Identity, OperatingMode, PerServo, Present, Registers, ServoBus, ServoError,
+    ServoId, Setting, Ticks, Torque, WatchdogState,
 };
 
 /// What a recording does with orders: it moves as it moved, whatever it is told.
@@ -48,12 +47,6 @@ pub struct RecordedBus {
     last: Vec<(ServoId, Reading)>,
     /// The first record that has not been reached.
     next: Option<(Duration, LogRecord)>,
-}
-
-/// The last that a log said of a servo.
-pub(super) struct Known {
-    pub status: ServoStatus,
-    pub goal: Goal,
 }
 
 impl RecordedBus {
@@ -325,7 +318,7 @@ fn fail<'a, T>(ids: impl IntoIterator<Item = &'a ServoId>, error: RecordedError)
     ids.into_iter().map(one).collect()
 }
 
-impl Ping for RecordedBus {
+impl ServoBus for RecordedBus {
     fn ping(&mut self, id: ServoId) -> Result<Identity, ServoError> {
         let found = self.look_up(&[id], "model", |known| known.status.identity);
         // One that the log says nothing of is one that is not there.
@@ -347,55 +340,38 @@ impl Ping for RecordedBus {
             .filter_map(|(id, found)| Some((id, found.ok()?)))
             .collect())
     }
-}
 
-impl TorqueSwitch for RecordedBus {
-    fn set_torque(&mut self, ids: &[ServoId], torque: Torque) -> PerServo<()> {
-        self.obey(&all(ids, Order::Torque(torque)))
+    fn set(&mut self, setting: Setting<'_>) -> PerServo<()> {
+        let orders = match setting {
+            Setting::Torque(ids, torque) => all(ids, Order::Torque(torque)),
+            Setting::Mode(ids, mode) => all(ids, Order::Mode(mode)),
+            Setting::GoalPositions(goals) => each(goals, Order::Position),
+            Setting::GoalCurrents(goals) => each(goals, Order::Current),
+            Setting::CurrentLimits(limits) => each(limits, Order::CurrentLimit),
+            Setting::Watchdog(ids, timeout) => {
+                let state = timeout.map_or(WatchdogState::Off, WatchdogState::Armed);
+                all(ids, Order::Watchdog(state))
+            }
+        };
+        self.obey(&orders)
     }
 
     fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque> {
         self.look_up(ids, "torque", |known| known.status.torque)
     }
-}
-
-impl Modes for RecordedBus {
-    fn set_mode(&mut self, ids: &[ServoId], mode: OperatingMode) -> PerServo<()> {
-        self.obey(&all(ids, Order::Mode(mode)))
-    }
 
     fn mode(&mut self, ids: &[ServoId]) -> PerServo<OperatingMode> {
         self.look_up(ids, "mode", |known| known.status.mode)
-    }
-}
-
-impl PositionGoals for RecordedBus {
-    fn set_goal_positions(&mut self, goals: &[(ServoId, Ticks)]) -> PerServo<()> {
-        self.obey(&each(goals, Order::Position))
     }
 
     fn goal_positions(&mut self, ids: &[ServoId]) -> PerServo<Ticks> {
         self.look_up(ids, "goal", |known| known.goal.position)
     }
-}
-
-impl CurrentGoals for RecordedBus {
-    fn set_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()> {
-        self.obey(&each(goals, Order::Current))
-    }
-}
-
-impl CurrentLimits for RecordedBus {
-    fn set_current_limits(&mut self, limits: &[(ServoId, f64)]) -> PerServo<()> {
-        self.obey(&each(limits, Order::CurrentLimit))
-    }
 
     fn current_limits(&mut self, ids: &[ServoId]) -> PerServo<f64> {
         self.look_up(ids, "current limit", |known| known.status.current_limit)
     }
-}
 
-impl PresentState for RecordedBus {
     fn present(&mut self, ids: &[ServoId]) -> PerServo<Present> {
         let readings = match self.reading(ids) {
             Ok(readings) => readings,
@@ -420,9 +396,7 @@ impl PresentState for RecordedBus {
         };
         ids.iter().map(one).collect()
     }
-}
 
-impl Health for RecordedBus {
     fn temperatures(&mut self, ids: &[ServoId]) -> PerServo<f64> {
         self.look_up(ids, "temperature", |known| known.status.temperature)
     }
@@ -446,13 +420,6 @@ impl Health for RecordedBus {
             Orders::Compare => Ok(()),
             Orders::Refuse => Err(line(RecordedError::LookOnly { id })),
         }
-    }
-}
-
-impl Watchdog for RecordedBus {
-    fn set_watchdog(&mut self, ids: &[ServoId], timeout: Option<Duration>) -> PerServo<()> {
-        let state = timeout.map_or(WatchdogState::Off, WatchdogState::Armed);
-        self.obey(&all(ids, Order::Watchdog(state)))
     }
 
     fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState> {

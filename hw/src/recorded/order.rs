@@ -2,9 +2,14 @@
 
 use std::fmt;
 
-use super::bus::Known;
-use crate::log::LogRecord;
+use crate::log::{Goal, LogRecord, ServoStatus};
 use crate::servo::{OperatingMode, ServoId, Ticks, Torque, WatchdogState};
+
+/// The last that a log said of a servo.
+pub(super) struct Known {
+    pub status: ServoStatus,
+    pub goal: Goal,
+}
 
 /// Something that a servo is told.
 #[derive(Clone, Copy, Debug, PartialEq)]

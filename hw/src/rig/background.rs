@@ -1,10 +1,13 @@
 //! Recording the empty scene, against which masks tell the robot.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{self, ErrorKind};
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use tdcr_base::files::TEMPORARY;
 use tdcr_sim::render::Scene;
 
 use super::Pace;
@@ -12,7 +15,7 @@ use super::open::{clock, open_cameras};
 use super::{RigError, RigFile};
 use crate::camera::{RgbdCamera, Soak, grab_all};
 use crate::clock::Clock;
-use crate::log::{LogSettings, LogWriter};
+use crate::log::{LogError, LogSettings, LogWriter};
 
 impl RigFile {
     /// Records so many `pictures` of the scene by each camera in the log at `path`, which `masks.background` can then name. The robot has to be
@@ -31,19 +34,79 @@ impl RigFile {
             let expected = "one at least: they see the empty scene";
             return Err(self.located(RigError::field("cameras", "empty", expected)));
         }
+        let partial = Partial::begin(path)?;
         let clock = clock(self, Pace::Computed);
-        let mut cameras = open_cameras(self, || Some(Box::new(Scene::default())), &clock)?;
+        let opened = open_cameras(self, || Some(Box::new(Scene::default())), &clock)?;
+        let mut cameras: Vec<_> = opened.into_iter().map(|(camera, _)| camera).collect();
         for camera in &mut cameras {
             Soak::default().run(camera)?;
         }
-        let log = LogWriter::create(path, &*clock, LogSettings::default())?;
+        let log = LogWriter::create(&partial.file, &*clock, LogSettings::default())?;
         let patience = Duration::from_secs_f64(self.spec.motion.picture);
-        let written = write(log, &mut cameras, &*clock, (pictures, patience), go_on);
-        if written.is_err() {
-            // A part of it is no background, and it was not there before.
-            let _ = fs::remove_file(path);
-        }
-        written
+        write(log, &mut cameras, &*clock, (pictures, patience), go_on)?;
+        Ok(partial.commit(path)?)
+    }
+}
+
+/// Logs of this process that are not whole.
+static PARTIAL: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn partial() -> MutexGuard<'static, Vec<PathBuf>> {
+    PARTIAL.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes logs that are not whole, as the process ends in the middle of them.
+pub(super) fn discard_partial() {
+    for file in partial().drain(..) {
+        // It may not have been begun.
+        drop(fs::remove_file(file));
+    }
+}
+
+/// A log beside its place, as a part of it is no background; it goes unless it is put there.
+struct Partial {
+    file: PathBuf,
+}
+
+impl Partial {
+    /// The file for a log at `path`, where none is.
+    fn begin(path: &Path) -> Result<Self, LogError> {
+        must_be_free(path)?;
+        let file = path.with_added_extension(TEMPORARY);
+        // What a killed process left.
+        drop(fs::remove_file(&file));
+        partial().push(file.clone());
+        Ok(Self { file })
+    }
+
+    /// Puts the log, which is whole, at `path`.
+    fn commit(self, path: &Path) -> Result<(), LogError> {
+        must_be_free(path)?;
+        let placed = File::open(&self.file)
+            .and_then(|file| file.sync_all())
+            .and_then(|()| fs::rename(&self.file, path));
+        placed.map_err(|source| LogError::File {
+            path: path.to_owned(),
+            source,
+        })
+    }
+}
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        drop(fs::remove_file(&self.file));
+        partial().retain(|file| *file != self.file);
+    }
+}
+
+/// No log is written over another file.
+fn must_be_free(path: &Path) -> Result<(), LogError> {
+    match path.symlink_metadata() {
+        Err(_) => Ok(()),
+        Ok(_) => Err(LogError::File {
+            path: path.to_owned(),
+            source: io::Error::from(ErrorKind::AlreadyExists),
+        }),
     }
 }
 

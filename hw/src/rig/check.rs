@@ -4,10 +4,7 @@ use super::RigError;
 use super::file::{CameraLink, RigCameraSpec, RigFile, RigSpec, ServoLink, TendonMode};
 use super::settings::LARGEST_CURRENT;
 use crate::dynamixel::BAUD_RATES;
-use crate::servo::ServoId;
-
-/// Radii of spools on servos of this size (m).
-const SPOOLS: [f64; 2] = [5e-4, 0.1];
+use crate::servo::{SPOOL_RADII, ServoId};
 
 /// Limits of currents (A).
 const CURRENTS: [f64; 2] = [0.01, LARGEST_CURRENT];
@@ -61,7 +58,7 @@ impl RigFile {
             return Err(RigError::field("servos.baud", servos.baud, expected));
         }
         for (name, unit, list, bounds) in [
-            ("spool_radius", "m", &servos.spool_radius, SPOOLS),
+            ("spool_radius", "m", &servos.spool_radius, SPOOL_RADII),
             ("home_tension", "N", &servos.home_tension, [0.0, 1e5]),
             ("current_limit", "A", &servos.current_limit, CURRENTS),
         ] {

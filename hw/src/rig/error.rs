@@ -82,6 +82,20 @@ pub enum RigError {
         /// Largest goal (ticks).
         high: i32,
     },
+    /// A servo would be told to go faster than the rig's file allows.
+    #[error(
+        "servo {id} would go {way} ticks from its last goal at once; motion.slew, {slew} m/s, allows {most}: go there in steps"
+    )]
+    TooFar {
+        /// Which servo.
+        id: ServoId,
+        /// How far (ticks).
+        way: u32,
+        /// How far it may (ticks).
+        most: u32,
+        /// The rig's slew (m/s).
+        slew: f64,
+    },
     /// A servo did not do what it was told.
     #[error(transparent)]
     Servo(#[from] ServoError),
@@ -89,8 +103,14 @@ pub enum RigError {
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// Where servos stand is not known.
-    #[error("{}; tdcr home --rig FILE homes a rig", .0.join("; "))]
+    #[error("{}", .0.join("; "))]
     NotHomed(
+        /// A line for each servo.
+        Vec<String>,
+    ),
+    /// Where servos stand does not tell where their homes are.
+    #[error("{}", .0.join("; "))]
+    NotRecalled(
         /// A line for each servo.
         Vec<String>,
     ),

@@ -4,15 +4,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::{Table, read_text, with_place};
+use tdcr_base::files::{Table, read_text, with_place};
 use tdcr_sim::formats::Note;
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{CameraSpec, Cameras, Robot, RobotSpec};
 
+use super::RigError;
 use super::masks::MasksSpec;
 use super::place::line_of;
 use super::settings::{MotionSettings, SafetySettings, SimulationSettings};
-use super::{RigError, Winch};
+use super::spool::Direction;
 use crate::plan::CommandSettings;
 use crate::servo::OperatingMode;
 
@@ -79,48 +80,6 @@ pub enum CameraLink {
     Realsense,
     /// A log that is played back.
     Recorded(PathBuf),
-}
-
-/// Which way a servo's count goes when it winds its tendon up: `1` or `-1` in files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "i64", into = "i64")]
-pub enum Direction {
-    /// It counts up.
-    Up,
-    /// It counts down.
-    Down,
-}
-
-impl TryFrom<i64> for Direction {
-    type Error = String;
-
-    fn try_from(sign: i64) -> Result<Self, String> {
-        match sign {
-            1 => Ok(Self::Up),
-            -1 => Ok(Self::Down),
-            other => Err(format!(
-                "direction {other}; expected 1 where the count goes up as the tendon is wound, or -1"
-            )),
-        }
-    }
-}
-
-impl From<Direction> for i64 {
-    fn from(direction: Direction) -> Self {
-        match direction {
-            Direction::Up => 1,
-            Direction::Down => -1,
-        }
-    }
-}
-
-impl From<Direction> for i32 {
-    fn from(direction: Direction) -> Self {
-        match direction {
-            Direction::Up => 1,
-            Direction::Down => -1,
-        }
-    }
 }
 
 /// The operating modes that drive tendons, both over several turns.
@@ -274,15 +233,6 @@ impl RigFile {
     /// [`RigError::Spec`].
     pub fn compile(&self) -> Result<Robot, RigError> {
         Ok(Robot::new(self.robot.clone())?)
-    }
-
-    /// The servos with their spools, in the order of a command of `robot`, the file's.
-    ///
-    /// # Errors
-    /// [`RigError::Field`] where the robot cannot stand at home with the tensions that the file gives.
-    pub fn winches(&self, robot: &Robot) -> Result<Vec<Winch>, RigError> {
-        let RigSpec { servos, safety, .. } = &self.spec;
-        Winch::all(servos, safety, robot).map_err(|error| self.located(error))
     }
 
     /// A path that the file names.

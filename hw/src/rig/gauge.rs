@@ -1,11 +1,8 @@
 //! How hard tendons pull, by the currents of their servos.
 
-use super::motion::Drive;
+use super::motion::{Drive, SWING};
 use super::{Rig, RigError};
 use crate::servo::Ticks;
-
-/// How far servos swing to either side (ticks): as far as takes a motor beyond what its gear's friction holds.
-const SWING: i32 = 30;
 
 /// Looks at servos that have been told where to swing, until they stand there.
 const SETTLE: usize = 4;

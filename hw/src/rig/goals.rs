@@ -3,23 +3,14 @@
 use std::io::ErrorKind;
 use std::time::Duration;
 
-use super::motion::{Drive, Engaged};
+use super::motion::{Drive, Engaged, GoalState};
 use super::stop::Cause;
 use super::winch::WinchState;
 use super::{Rig, RigError};
-use crate::servo::{PerServo, ServoError, ServoId, Ticks};
+use crate::servo::{PerServo, ServoError, ServoId, Setting, Ticks};
 
 /// How often a servo is told a goal that it does not hold.
 const MOST_TOLD: usize = 8;
-
-/// What is known of the goals that were sent: to all servos at once, which nobody acknowledges.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Told {
-    /// They were sent so often.
-    Sent(usize),
-    /// The servos say that they hold them.
-    Held,
-}
 
 /// A servo that is not where it was told to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,13 +84,13 @@ impl Rig {
         let Drive::Engaged(engaged) = &mut self.drive else {
             return Err(RigError::Released);
         };
-        engaged.told = match engaged.told {
-            Told::Sent(times) => Told::Sent(times + 1),
-            Told::Held => Told::Sent(1),
+        engaged.goal_state = match engaged.goal_state {
+            GoalState::Sent(times) => GoalState::Sent(times + 1),
+            GoalState::Confirmed => GoalState::Sent(1),
         };
         let counts = engaged.counts(&self.ids);
         let began = self.clock.now();
-        let sent = self.bus.set_goal_positions(&counts);
+        let sent = self.bus.set(Setting::GoalPositions(&counts));
         engaged.talked(began, self.clock.now());
         self.judge(sent)
     }
@@ -110,7 +101,7 @@ impl Rig {
         let Drive::Engaged(engaged) = &mut self.drive else {
             return Err(RigError::Released);
         };
-        let Told::Sent(times) = engaged.told else {
+        let GoalState::Sent(times) = engaged.goal_state else {
             return Ok(());
         };
         let began = self.clock.now();
@@ -122,7 +113,7 @@ impl Rig {
             .filter(|(((_, goal), held), _)| !matches!(held, Ok(held) if held == goal))
             .collect();
         if missed.is_empty() {
-            engaged.told = Told::Held;
+            engaged.goal_state = GoalState::Confirmed;
             return Ok(());
         }
         // What a servo does that does not answer, reading tells.

@@ -77,11 +77,15 @@ impl Rig {
     /// Pictures of all cameras, of the present or later. Where the motors are on, the servos are looked at meanwhile.
     ///
     /// # Errors
-    /// [`RigError::Camera`] for the first camera that gave none; the tension is released then, as nobody sees any more what
-    /// it does. As [`poll`](Self::poll).
+    /// [`RigError::Camera`] for the first camera that gave none, or gives one picture over and over though the robot moves in its
+    /// sight; the tension is released then, as nobody sees any more what it does. As [`poll`](Self::poll).
     pub fn grab(&mut self) -> Result<Pictures, RigError> {
         let together = self.with_cameras(Self::gather)?;
         let frames: Result<Vec<_>, _> = together.frames.into_iter().collect();
+        let frames = frames.map_err(RigError::from).and_then(|frames| {
+            self.must_be_fresh(&frames)?;
+            Ok(frames)
+        });
         match frames {
             Ok(frames) => Ok(Pictures {
                 frames,
@@ -89,7 +93,7 @@ impl Rig {
             }),
             Err(error) => {
                 self.release_at_once();
-                Err(error.into())
+                Err(error)
             }
         }
     }

@@ -61,7 +61,7 @@ impl Rig {
     /// [`KNOWN_WITHIN`](super::KNOWN_WITHIN).
     ///
     /// # Errors
-    /// [`RigError::NotHomed`] where that does not tell all homes; as [`home_here`](Self::home_here).
+    /// [`RigError::NotRecalled`] where that does not tell all homes; as [`home_here`](Self::home_here).
     pub fn home_recalled(&mut self) -> Result<Vec<HomingReport>, RigError> {
         self.meet()?;
         let positions = self.positions()?;
@@ -71,15 +71,12 @@ impl Rig {
             .collect();
         let unknown = |((id, homing), home): ((&ServoId, &Homing), &Option<Ticks>)| match home {
             Some(_) => None,
-            None => Some(format!(
-                "{}: put the robot into its home pose and use --here",
-                homing.known(*id).err().unwrap_or_default()
-            )),
+            None => Some(homing.known(*id).err().unwrap_or_default()),
         };
         let servos = self.ids.iter().zip(&self.homing);
         let unknown: Vec<String> = servos.zip(&recalled).filter_map(unknown).collect();
         if !unknown.is_empty() {
-            return Err(RigError::NotHomed(unknown));
+            return Err(RigError::NotRecalled(unknown));
         }
         let homes: Vec<Ticks> = recalled.into_iter().flatten().collect();
         self.set_homes(&homes, &positions)

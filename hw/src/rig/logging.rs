@@ -48,13 +48,14 @@ impl LogSlot {
 
     /// A record of a time of the rig's clock.
     pub fn write(&self, time: Duration, record: impl FnOnce() -> LogRecord) {
-        self.with(|open| open.log.write(time, &record()));
+        self.with(|open| open.log.write(time, record()));
     }
 
-    fn is_open(&self) -> bool {
-        let mut is_open = false;
-        self.with(|_| is_open = true);
-        is_open
+    /// The log that is written, if there is one.
+    pub fn log(&self) -> Option<SharedLog> {
+        let mut log = None;
+        self.with(|open| log = Some(open.log.clone()));
+        log
     }
 }
 
@@ -73,9 +74,10 @@ impl RgbdCamera for LoggedCamera {
         deadline: Duration,
     ) -> Result<Stamped<RgbdFrame>, CameraError> {
         let frame = self.camera.grab_after(after, deadline)?;
-        let serial = self.camera.serial();
-        self.slot
-            .with(|open| open.log.with(|log| log.frame(serial, &frame)));
+        // Not by the slot, which servos' records go through too: it may wait.
+        if let Some(log) = self.slot.log() {
+            log.frame(self.camera.serial(), &frame);
+        }
         Ok(frame)
     }
 }
@@ -99,15 +101,16 @@ impl Rig {
         let (writer, path) = LogWriter::create_numbered(folder, stem, &*self.clock, settings)?;
         let log = SharedLog::new(writer);
         let now = self.clock.now();
-        log.write(now, &LogRecord::Homes(self.known_homes()));
+        log.write(now, LogRecord::Homes(self.known_homes()));
         match urdf::export(self.robot.spec()) {
-            Ok(text) => log.write(now, &LogRecord::Robot(text)),
+            Ok(text) => log.write(now, LogRecord::Robot(text)),
             // A robot that URDF cannot hold moves all the same.
             Err(error) => tracing::debug!("{error}"),
         }
         for camera in &self.cameras {
-            let (serial, seen) = (camera.serial(), camera.camera());
-            log.with(|log| log.camera(now, serial, seen, camera.depth_to_color()));
+            let (serial, seen) = (camera.serial().to_owned(), camera.camera().clone());
+            let depth_to_color = camera.depth_to_color();
+            log.with(move |log| log.camera(now, &serial, &seen, depth_to_color));
         }
         self.slot.replace(Some(Open {
             servos: Box::new(servo_sink(log.clone())),
@@ -145,7 +148,7 @@ impl Rig {
     /// Asks the servos for all that they keep, for the log; nothing where there is none. One that does not answer goes
     /// without: what it says to the rest decides.
     pub(super) fn log_registers(&mut self) {
-        if self.slot.is_open() {
+        if self.slot.log().is_some() {
             for &id in &self.ids {
                 if let Err(error) = self.bus.registers(id) {
                     tracing::debug!("{error}");

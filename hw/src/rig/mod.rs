@@ -7,7 +7,8 @@
 //! [homed](Rig::home_here). All that moves goes through [`Rig::step`] and [`Rig::poll`], which look at every reading, make sure
 //! that goals have arrived, and release the tension where something is wrong ([`EmergencyStop`]); so do an interruption
 //! ([`Rig::move_along`]), a panic (`Drop`), and [`leave`], for a process that ends without unwinding. What takes its time meanwhile
-//! is done by [`Rig::hold_while`].
+//! is done by [`Rig::hold_while`]. No goal comes past the servos' limits, whoever sends it ([`Limited`]), and a camera that gives one
+//! picture over and over is found by [`Rig::grab`].
 //! Where this program is killed, or the cable unplugged, the servos' own watchdog and current limit hold: they are set
 //! whenever a rig is engaged.
 
@@ -16,12 +17,14 @@ mod by_hand;
 mod check;
 mod error;
 mod file;
+mod frozen;
 mod gauge;
 mod goals;
 mod hold;
 mod homing;
 mod leave;
 mod logging;
+mod masker;
 mod masks;
 mod motion;
 mod open;
@@ -41,19 +44,18 @@ mod winch;
 pub use by_hand::{ByHand, Gauged, Turn};
 pub use error::RigError;
 pub use file::{
-    CameraLink, Direction, RigCameraSpec, RigFile, RigSpec, SensorModel, ServoLink, ServosSpec,
-    TendonMode,
+    CameraLink, RigCameraSpec, RigFile, RigSpec, SensorModel, ServoLink, ServosSpec, TendonMode,
 };
 pub use goals::OffGoal;
 pub use homing::HomingReport;
-pub use leave::leave;
+pub use leave::{leave, while_released};
 pub use masks::{BackgroundSpec, ComponentsSpec, LargestSpec, MasksSpec};
 pub use open::Pace;
 pub use pretension::{PretensionSettings, Pretensioned};
 pub use settings::{
     LostTurns, MotionSettings, Release, SafetySettings, SimulationSettings, Surroundings,
 };
-pub use spool::Spool;
+pub use spool::{Direction, Spool};
 pub use stop::{Cause, EmergencyStop, Released};
 pub use turns::{Homing, KNOWN_WITHIN, Turns, TurnsFile};
 pub use winch::{Winch, WinchState};
@@ -67,8 +69,10 @@ use tdcr_sim::robot::Robot;
 use crate::camera::{RgbdCamera, Stamped};
 use crate::clock::Clock;
 use crate::mask::Masker;
-use crate::servo::{Held, Logged, PerServo, ServoBus, ServoId};
+use crate::servo::{Held, Limited, Logged, PerServo, ServoBus, ServoId, SharedLimits};
 use crate::simulated::Simulator;
+use crate::simulated::camera::CameraFaults;
+use frozen::LastImages;
 use logging::{LogSlot, LoggedCamera};
 use motion::Drive;
 
@@ -91,7 +95,11 @@ pub struct Rig {
     winches: Vec<Winch>,
     ids: Vec<ServoId>,
     bus: Box<dyn ServoBus>,
+    /// What servos may be told, from the last time that they were engaged: nothing before.
+    limits: SharedLimits,
     cameras: Vec<Box<dyn RgbdCamera>>,
+    /// What is known of the pictures of each.
+    last_images: Vec<LastImages>,
     clock: Arc<dyn Clock>,
     turns: TurnsFile,
     homing: Vec<Homing>,
@@ -102,6 +110,8 @@ pub struct Rig {
     slot: LogSlot,
     /// What servos and cameras in memory are parts of.
     simulator: Option<Simulator>,
+    /// What lets things go wrong with cameras in memory.
+    camera_faults: Vec<Option<CameraFaults>>,
 }
 
 /// Pictures of all cameras from one moment.
@@ -129,12 +139,14 @@ impl Rig {
             turns,
         } = parts;
         let slot = LogSlot::default();
-        let bus = Box::new(Logged::new(Held::new(bus), clock.clone(), slot.of_servos()));
+        let limits = SharedLimits::default();
+        let bus = Held::new(Limited::new(bus, limits.clone()));
+        let bus = Box::new(Logged::new(bus, clock.clone(), slot.of_servos()));
         let cameras = cameras.into_iter().map(|camera| {
             let slot = slot.clone();
             Box::new(LoggedCamera { camera, slot }) as Box<dyn RgbdCamera>
         });
-        let cameras = cameras.collect();
+        let cameras: Vec<_> = cameras.collect();
         Ok(Self {
             ids: winches.iter().map(|winch| winch.id).collect(),
             homing: vec![Homing::Never; winches.len()],
@@ -142,6 +154,8 @@ impl Rig {
             robot,
             winches,
             bus,
+            limits,
+            last_images: vec![LastImages::default(); cameras.len()],
             cameras,
             clock,
             turns,
@@ -149,6 +163,7 @@ impl Rig {
             masker: None,
             slot,
             simulator: None,
+            camera_faults: Vec::new(),
         })
     }
 
@@ -178,7 +193,8 @@ impl Rig {
     }
 
     /// The servos, for what a rig has no call of its own for. Motion belongs to [`step`](Self::step): what is sent past it is
-    /// not watched.
+    /// not watched. Goals beyond the servos' limits, or farther from the ones before than a step, are refused here too, and all
+    /// goals before the rig is first [engaged](Self::engage).
     pub fn bus(&mut self) -> &mut dyn ServoBus {
         &mut *self.bus
     }
@@ -186,6 +202,12 @@ impl Rig {
     /// What its servos in memory are parts of, which knows the truth and lets things go wrong; `None` for a rig on the desk.
     pub fn simulator(&self) -> Option<&Simulator> {
         self.simulator.as_ref()
+    }
+
+    /// The switches of the faults of its cameras, in their order; `None` for one that is not simulated. A rig of
+    /// [parts](Self::of_parts) has none.
+    pub fn camera_faults(&self) -> &[Option<CameraFaults>] {
+        &self.camera_faults
     }
 
     /// The cameras.

@@ -5,19 +5,26 @@ use std::time::Duration;
 
 use tdcr_sim::robot::Command;
 
-use super::goals::Told;
 use super::stop::{Cause, EmergencyStop, Released};
 use super::turns::Turns;
 use super::watch::{Vitals, Watch};
-use super::winch::WinchState;
+use super::winch::{Winch, WinchState};
 use super::{Rig, RigError};
 use crate::log::{Level, LogRecord};
 use crate::servo::{
-    Fault, OperatingMode, PerServo, ServoBus, ServoError, ServoId, Ticks, Torque, WatchdogState,
+    Fault, Limits, OperatingMode, PerServo, ServoBus, ServoError, ServoId, Setting, Ticks, Torque,
+    WatchdogState,
 };
+
+/// How far servos swing to either side (ticks): as far as takes a motor beyond what its gear's friction holds.
+pub(super) const SWING: i32 = 30;
 
 /// How often one asks how the servos fare.
 const CHECK_UP: Duration = Duration::from_millis(500);
+
+/// How many times farther than `motion.slew` allows a goal may lie from the one before: ways keep to it but for what they are not
+/// straight, and for whole ticks.
+const STEPS_AT_ONCE: f64 = 2.0;
 
 /// Step of a current limit (A): that of the X330 series.
 const CURRENT_STEP: f64 = 1e-3;
@@ -29,6 +36,15 @@ pub(super) enum Drive {
     Engaged(Box<Engaged>),
 }
 
+/// What is known of the goals that were sent: to all servos at once, which nobody acknowledges.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum GoalState {
+    /// They were sent so often.
+    Sent(usize),
+    /// The servos say that they hold them.
+    Confirmed,
+}
+
 /// What is known while the motors are driven.
 #[derive(Debug)]
 pub(super) struct Engaged {
@@ -37,7 +53,7 @@ pub(super) struct Engaged {
     /// Goals, from home.
     pub(super) goals: Vec<Ticks>,
     /// Whether the servos hold them.
-    pub(super) told: Told,
+    pub(super) goal_state: GoalState,
     /// How far each servo has wound its tendon, or let it out (negative), since it last turned back (ticks).
     pub(super) wound: Vec<i32>,
     watch: Watch,
@@ -73,6 +89,7 @@ impl Rig {
         }
         self.meet()?;
         let homes = self.homes()?;
+        self.limit(&homes);
         self.log_registers();
         match self.switch_on(&homes) {
             Ok(states) => {
@@ -80,7 +97,7 @@ impl Rig {
                 self.drive = Drive::Engaged(Box::new(Engaged {
                     homes,
                     goals: states.iter().map(|state| state.position).collect(),
-                    told: Told::Sent(1),
+                    goal_state: GoalState::Sent(1),
                     wound: vec![0; self.ids.len()],
                     watch: Watch::new(self.ids.len()),
                     next: now,
@@ -103,6 +120,48 @@ impl Rig {
         }
     }
 
+    /// Lets the servos be told what the rig's file allows, their homes where they are, and to swing about it.
+    fn limit(&self, homes: &[Ticks]) {
+        let servos = self.winches.iter().zip(homes);
+        self.limits.set(servos.map(|(winch, home)| {
+            let [low, high] = winch.limits;
+            let limits = Limits {
+                min: Ticks(home.0.saturating_add(low).saturating_sub(SWING)),
+                max: Ticks(home.0.saturating_add(high).saturating_add(SWING)),
+                step: self.most_step(winch),
+                current: winch.current_limit,
+            };
+            (winch.id, limits)
+        }));
+    }
+
+    /// Farthest (ticks) that a goal of a servo may lie from the one before; a swing, from side to side, is always allowed.
+    pub(super) fn most_step(&self, winch: &Winch) -> u32 {
+        let motion = &self.file.spec.motion;
+        let of_slew = motion.slew * motion.period / winch.spool.metres_per_tick();
+        ((STEPS_AT_ONCE * of_slew).ceil() as u32).max(2 * SWING.unsigned_abs())
+    }
+
+    /// Refuses goals that are farther from the ones before than a step.
+    fn must_be_near(&self, goals: &[Ticks]) -> Result<(), RigError> {
+        let Drive::Engaged(engaged) = &self.drive else {
+            return Err(RigError::Released);
+        };
+        let servos = self.winches.iter().zip(goals).zip(&engaged.goals);
+        for ((winch, goal), before) in servos {
+            let (way, most) = (goal.0.abs_diff(before.0), self.most_step(winch));
+            if way > most {
+                return Err(RigError::TooFar {
+                    id: winch.id,
+                    way,
+                    most,
+                    slew: self.file.spec.motion.slew,
+                });
+            }
+        }
+        Ok(())
+    }
+
     fn switch_on(&mut self, homes: &[Ticks]) -> Result<Vec<WinchState>, RigError> {
         let ids = &self.ids;
         let safety = &self.file.spec.safety;
@@ -120,11 +179,11 @@ impl Rig {
         let mode = self.file.spec.servos.mode.into();
         let modes = all(self.bus.mode(ids))?;
         if modes.iter().any(|&found| found != mode) {
-            all(self.bus.set_torque(ids, Torque::Off))?;
-            all(self.bus.set_mode(ids, mode))?;
+            all(self.bus.set(Setting::Torque(ids, Torque::Off)))?;
+            all(self.bus.set(Setting::Mode(ids, mode)))?;
         }
         // A watchdog that has bitten holds its goals until it is set anew.
-        all(self.bus.set_watchdog(ids, None))?;
+        all(self.bus.set(Setting::Watchdog(ids, None)))?;
         let winches = self.winches.iter();
         let limits: Vec<_> = winches
             .map(|winch| (winch.id, winch.current_limit))
@@ -133,11 +192,11 @@ impl Rig {
         let differs =
             |((_, wanted), kept): (&(ServoId, f64), f64)| (wanted - kept).abs() > CURRENT_STEP;
         if limits.iter().zip(kept).any(differs) {
-            all(self.bus.set_torque(ids, Torque::Off))?;
-            all(self.bus.set_current_limits(&limits))?;
+            all(self.bus.set(Setting::Torque(ids, Torque::Off)))?;
+            all(self.bus.set(Setting::CurrentLimits(&limits)))?;
         }
         if mode == OperatingMode::CurrentBasedPosition {
-            all(self.bus.set_goal_currents(&limits))?;
+            all(self.bus.set(Setting::GoalCurrents(&limits)))?;
         }
         let present = all(self.bus.present(ids))?;
         let hold = ids
@@ -145,11 +204,11 @@ impl Rig {
             .zip(&present)
             .map(|(&id, present)| (id, present.position));
         let hold: Vec<_> = hold.collect();
-        all(self.bus.set_goal_positions(&hold))?;
+        all(self.bus.set(Setting::GoalPositions(&hold)))?;
         arm(&mut *self.bus, ids, safety.watchdog())?;
-        all(self.bus.set_torque(ids, Torque::On))?;
+        all(self.bus.set(Setting::Torque(ids, Torque::On)))?;
         // Some forget the goal when they are switched on.
-        all(self.bus.set_goal_positions(&hold))?;
+        all(self.bus.set(Setting::GoalPositions(&hold)))?;
         let servos = self.winches.iter().zip(homes).zip(present);
         Ok(servos
             .map(|((winch, &home), present)| winch.state(home, present))
@@ -160,10 +219,11 @@ impl Rig {
     /// that missed this read as they last were.
     ///
     /// # Errors
-    /// [`RigError::Limit`] and [`RigError::Command`] before anything is sent; [`RigError::Released`];
+    /// [`RigError::Limit`], [`RigError::TooFar`] and [`RigError::Command`] before anything is sent; [`RigError::Released`];
     /// [`RigError::Stopped`] after the tension was released.
     pub fn step(&mut self, command: &Command) -> Result<&[WinchState], RigError> {
         let goals = self.goals(command)?;
+        self.must_be_near(&goals)?;
         self.log(|| LogRecord::Command(command.as_slice().to_vec()));
         self.step_to(&goals)
     }
@@ -194,7 +254,7 @@ impl Rig {
             };
         }
         engaged.goals.copy_from_slice(goals);
-        engaged.told = Told::Held;
+        engaged.goal_state = GoalState::Confirmed;
         self.send_goals()?;
         // What one servo misses of goals in motion is made up for by the next ones.
         self.wait_until_due()?;
@@ -367,7 +427,7 @@ pub(super) fn all<T>(values: PerServo<T>) -> Result<Vec<T>, ServoError> {
 
 /// Arms the watchdogs of servos, and makes sure that they are.
 fn arm(bus: &mut dyn ServoBus, ids: &[ServoId], watchdog: Duration) -> Result<(), ServoError> {
-    all(bus.set_watchdog(ids, Some(watchdog)))?;
+    all(bus.set(Setting::Watchdog(ids, Some(watchdog))))?;
     let found = all(bus.watchdog(ids))?;
     let armed = |state: WatchdogState| matches!(state, WatchdogState::Armed(_));
     match ids.iter().zip(found).find(|(_, state)| !armed(*state)) {

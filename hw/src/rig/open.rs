@@ -7,8 +7,9 @@ use std::sync::Arc;
 use tdcr_sim::camera::Camera;
 use tdcr_sim::render::{Scene, Sensor};
 
-use super::file::{CameraLink, Direction, RigCameraSpec, RigFile, ServoLink};
+use super::file::{CameraLink, RigCameraSpec, RigFile, ServoLink};
 use super::settings::Surroundings;
+use super::spool::Direction;
 use super::turns::TurnsFile;
 use super::{Parts, Rig, RigError};
 use crate::camera::RgbdCamera;
@@ -18,7 +19,7 @@ use crate::realsense::{RealSense, RealSenseSetup};
 use crate::recorded::{Orders, RecordedBus, RecordedCamera, homes};
 use crate::serial::{Serial, SerialSettings};
 use crate::servo::ServoBus;
-use crate::simulated::camera::{CameraSetup, SimulatedCamera, Subject, table};
+use crate::simulated::camera::{CameraFaults, CameraSetup, SimulatedCamera, Subject, table};
 use crate::simulated::{PlantSetup, ServoSetup, Simulator, SimulatorSetup, Winding};
 
 impl Rig {
@@ -62,7 +63,7 @@ impl Rig {
             }
         };
         let subject = || -> Option<Box<dyn Subject>> { Some(Box::new(simulator.clone()?)) };
-        let cameras = open_cameras(&file, subject, &clock)?;
+        let (cameras, camera_faults) = open_cameras(&file, subject, &clock)?.into_iter().unzip();
         let beside = TurnsFile::beside(&file.path);
         let turns = match &file.spec.servos.link {
             ServoLink::Simulated => TurnsFile::in_memory(),
@@ -88,6 +89,7 @@ impl Rig {
             rig.home_here()?;
         }
         rig.simulator = simulator;
+        rig.camera_faults = camera_faults;
         Ok(rig)
     }
 }
@@ -155,12 +157,15 @@ fn simulator(file: &RigFile, clock: Arc<dyn Clock>) -> Result<Simulator, RigErro
     Simulator::new(&setup, clock).map_err(|error| unavailable(file, "servos.link", error))
 }
 
-/// The cameras of a rig; those in memory see a subject.
+/// A camera, and the switch of its faults where it is simulated.
+type Opened = (Box<dyn RgbdCamera>, Option<CameraFaults>);
+
+/// The cameras of a rig, those in memory seeing a subject.
 pub(super) fn open_cameras(
     file: &RigFile,
     subject: impl Fn() -> Option<Box<dyn Subject>>,
     clock: &Arc<dyn Clock>,
-) -> Result<Vec<Box<dyn RgbdCamera>>, RigError> {
+) -> Result<Vec<Opened>, RigError> {
     let cameras = file.spec.cameras.iter().enumerate();
     let open = |(number, spec)| {
         open_camera(file, number, spec, subject(), clock).map_err(|error| file.located(error))
@@ -174,7 +179,7 @@ fn open_camera(
     spec: &RigCameraSpec,
     subject: Option<Box<dyn Subject>>,
     clock: &Arc<dyn Clock>,
-) -> Result<Box<dyn RgbdCamera>, RigError> {
+) -> Result<Opened, RigError> {
     let field = || format!("cameras[{number}].link");
     match (&spec.link, subject) {
         (CameraLink::Simulated, Some(subject)) => {
@@ -194,11 +199,9 @@ fn open_camera(
                 surroundings,
                 ..CameraSetup::d435(spec.serial.clone(), Camera::free(&spec.camera))
             };
-            Ok(Box::new(SimulatedCamera::new(
-                setup,
-                subject,
-                clock.clone(),
-            )))
+            let camera = SimulatedCamera::new(setup, subject, clock.clone());
+            let faults = camera.faults();
+            Ok((Box::new(camera), Some(faults)))
         }
         (CameraLink::Simulated, None) => Err(RigError::field(
             field(),
@@ -212,15 +215,13 @@ fn open_camera(
                 ..RealSenseSetup::d435(spec.serial.clone(), pose)
             };
             let camera = RealSense::load().and_then(|library| library.open(&setup, clock.clone()));
-            Ok(Box::new(
-                camera.map_err(|error| RigError::unavailable(field(), error))?,
-            ))
+            let camera = camera.map_err(|error| RigError::unavailable(field(), error))?;
+            Ok((Box::new(camera), None))
         }
         (CameraLink::Recorded(log), _) => {
             let camera = RecordedCamera::open(&file.resolve(log), &spec.serial, clock.clone());
-            Ok(Box::new(
-                camera.map_err(|error| RigError::unavailable(field(), error))?,
-            ))
+            let camera = camera.map_err(|error| RigError::unavailable(field(), error))?;
+            Ok((Box::new(camera), None))
         }
     }
 }

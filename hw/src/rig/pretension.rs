@@ -148,10 +148,30 @@ impl Rig {
         }
     }
 
+    /// Goes to goals from home, in no more steps than the rig's slew needs.
+    fn walk_to(&mut self, goals: &[Ticks]) -> Result<(), RigError> {
+        let from = self.held_goals().ok_or(RigError::Released)?.to_vec();
+        let servos = self.winches.iter().zip(&from).zip(goals);
+        let steps = servos
+            .map(|((winch, from), to)| to.0.abs_diff(from.0).div_ceil(self.most_step(winch)))
+            .max()
+            .unwrap_or(0);
+        for step in 1..=steps.max(1) {
+            let part = f64::from(step) / f64::from(steps.max(1));
+            let servos = from.iter().zip(goals);
+            let between = servos.map(|(from, to)| {
+                let way = f64::from(to.0.saturating_sub(from.0));
+                Ticks(from.0.saturating_add((part * way).round() as i32))
+            });
+            self.step_to(&between.collect::<Vec<_>>())?;
+        }
+        Ok(())
+    }
+
     /// States under goals, with the means of several looks for currents.
     fn mean_states(&mut self, goals: &[Ticks], looks: usize) -> Result<Vec<WinchState>, RigError> {
         // The first look is while they move.
-        self.step_to(goals)?;
+        self.walk_to(goals)?;
         let mut mean = self.poll()?.to_vec();
         for _ in 1..looks {
             for (mean, state) in mean.iter_mut().zip(self.poll()?) {

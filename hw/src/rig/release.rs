@@ -6,7 +6,7 @@ use super::stop::Released;
 use super::turns::{Homing, Turns};
 use super::{Rig, RigError};
 use crate::log::Level;
-use crate::servo::{ServoId, Ticks, Torque};
+use crate::servo::{ServoId, Setting, Ticks, Torque};
 
 /// How often a servo is told to switch off its motor before one gives up.
 const ATTEMPTS: usize = 3;
@@ -63,7 +63,7 @@ impl Rig {
         let mut released = Released::default();
         let mut left = self.ids.clone();
         for attempt in 1..=ATTEMPTS {
-            let results = self.bus.set_torque(&left, Torque::Off);
+            let results = self.bus.set(Setting::Torque(&left, Torque::Off));
             let mut failed = Vec::new();
             for (&id, result) in left.iter().zip(results) {
                 match result {
@@ -81,7 +81,7 @@ impl Rig {
         // A servo whose motor is off needs no watchdog, and one that has bitten would hold the next goals.
         for error in self
             .bus
-            .set_watchdog(&released.off, None)
+            .set(Setting::Watchdog(&released.off, None))
             .into_iter()
             .filter_map(Result::err)
         {

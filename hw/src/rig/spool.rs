@@ -1,8 +1,50 @@
 //! From metres of tendon to ticks of its servo, and back.
 
+use serde::{Deserialize, Serialize};
+
 use crate::servo::Ticks;
 
-use super::file::Direction;
+/// Which way a servo's count goes when it winds its tendon up: `1` or `-1` in files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "i64", into = "i64")]
+pub enum Direction {
+    /// It counts up.
+    Up,
+    /// It counts down.
+    Down,
+}
+
+impl TryFrom<i64> for Direction {
+    type Error = String;
+
+    fn try_from(sign: i64) -> Result<Self, String> {
+        match sign {
+            1 => Ok(Self::Up),
+            -1 => Ok(Self::Down),
+            other => Err(format!(
+                "direction {other}; expected 1 where the count goes up as the tendon is wound, or -1"
+            )),
+        }
+    }
+}
+
+impl From<Direction> for i64 {
+    fn from(direction: Direction) -> Self {
+        match direction {
+            Direction::Up => 1,
+            Direction::Down => -1,
+        }
+    }
+}
+
+impl From<Direction> for i32 {
+    fn from(direction: Direction) -> Self {
+        match direction {
+            Direction::Up => 1,
+            Direction::Down => -1,
+        }
+    }
+}
 
 /// The spool between a servo and its tendon: a command of `home_command` is at position 0, and each turn that winds the
 /// tendon up shortens it by the spool's circumference.

@@ -4,12 +4,11 @@
 //! where home is in each servo's count and where the servo last stood. From these a servo that lost its count is found again,
 //! as long as it turned by less than a quarter of a turn meanwhile.
 
-use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::write_atomically;
+use tdcr_base::files::{self, write_atomically};
 
 use super::RigError;
 use crate::log::ServoHome;
@@ -144,16 +143,11 @@ impl TurnsFile {
             path: path.clone(),
             source,
         };
-        let written = match fs::metadata(&path) {
+        let written = match files::read_text(&path, LARGEST) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             Err(error) => return Err(fail(error)),
-            Ok(found) if !found.is_file() || found.len() > LARGEST => {
-                let reason = format!("expected a regular file of at most {LARGEST} bytes");
-                return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, reason)));
-            }
-            Ok(_) => {
-                let bytes = fs::read(&path).map_err(fail)?;
-                let contents = serde_json::from_slice::<Contents>(&bytes);
+            Ok(text) => {
+                let contents = serde_json::from_str::<Contents>(&text);
                 let known = contents.map_err(|error| error.to_string()).and_then(|c| {
                     if c.format == FORMAT {
                         return Ok(c.servos);
@@ -230,6 +224,8 @@ impl TurnsFile {
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+    use std::fs;
+
     use super::*;
     use proptest::prelude::*;
 
@@ -280,6 +276,9 @@ mod tests {
         let read = |path: &PathBuf| *TurnsFile::open(path.clone()).unwrap().of(three).unwrap();
         assert_eq!(read(&path), at(0)[0]);
         file.follow(&at(WRITE_BEYOND + 1)).unwrap();
+        assert_eq!(read(&path), at(WRITE_BEYOND + 1)[0]);
+        let marked = [&b"\xef\xbb\xbf"[..], &fs::read(&path).unwrap()].concat();
+        fs::write(&path, marked).unwrap();
         assert_eq!(read(&path), at(WRITE_BEYOND + 1)[0]);
         fs::write(&path, "{\"format\":1,\"serv").unwrap();
         let said = TurnsFile::open(path).unwrap_err().to_string();

@@ -2,7 +2,7 @@
 
 use tdcr_sim::robot::Robot;
 
-use super::file::ServosSpec;
+use super::file::{RigFile, RigSpec, ServosSpec};
 use super::settings::SafetySettings;
 use super::spool::Spool;
 use super::{Homing, RigError};
@@ -138,5 +138,16 @@ impl Homing {
                 "servo {id} lost its turns: it stands {off} ticks from where it was left, and some turns"
             )),
         }
+    }
+}
+
+impl RigFile {
+    /// The servos with their spools, in the order of a command of `robot`, the file's.
+    ///
+    /// # Errors
+    /// [`RigError::Field`] where the robot cannot stand at home with the tensions that the file gives.
+    pub fn winches(&self, robot: &Robot) -> Result<Vec<Winch>, RigError> {
+        let RigSpec { servos, safety, .. } = &self.spec;
+        Winch::all(servos, safety, robot).map_err(|error| self.located(error))
     }
 }

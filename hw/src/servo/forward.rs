@@ -1,92 +1,29 @@
-//! Traits of a bus whose work another bus does: boxes, references, and what a decorator leaves as it is.
+//! What a bus before another one leaves as it is, and what it leaves for some servos alone.
 
 use super::{
-    CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
-    Ping, PositionGoals, Present, PresentState, Registers, ServoError, ServoId, Ticks, Torque,
-    TorqueSwitch, Watchdog, WatchdogState,
+    HardwareErrors, Identity, OperatingMode, PerServo, Present, Registers, ServoBus, ServoError,
+    ServoId, Setting, Ticks, Torque, WatchdogState,
 };
 
-/// Implements traits by calling another bus.
-///
-/// `forward!([B, S] Ping, Modes for Logged<B, S>, |this| this.bus)` implements `Ping` where `B: Ping`, and `Modes` where
-/// `B: Modes`.
+/// Within an `impl ServoBus`: the named methods are those of the bus `$bus`. `reads` are all
+/// but `set`, `present` and `reboot`.
 macro_rules! forward {
-    ([$($generics:tt)*] $first:ident $(, $more:ident)+ for $type:ty, |$this:ident| $bus:expr) => {
-        forward!([$($generics)*] $first for $type, |$this| $bus);
-        forward!([$($generics)*] $($more),+ for $type, |$this| $bus);
+    (reads, |$this:ident| $bus:expr) => {
+        forward!(|$this| $bus,
+            fn torque(ids: &[ServoId]) -> PerServo<Torque>;
+            fn mode(ids: &[ServoId]) -> PerServo<OperatingMode>;
+            fn goal_positions(ids: &[ServoId]) -> PerServo<Ticks>;
+            fn current_limits(ids: &[ServoId]) -> PerServo<f64>;
+            fn watchdog(ids: &[ServoId]) -> PerServo<WatchdogState>;
+            fn temperatures(ids: &[ServoId]) -> PerServo<f64>;
+            fn voltages(ids: &[ServoId]) -> PerServo<f64>;
+            fn hardware_errors(ids: &[ServoId]) -> PerServo<HardwareErrors>;
+            fn registers(id: ServoId) -> Result<Vec<Registers>, ServoError>;
+            fn ping(id: ServoId) -> Result<Identity, ServoError>;
+            fn scan() -> Result<Vec<(ServoId, Identity)>, ServoError>;
+        );
     };
-    ([$($generics:tt)*] Ping for $type:ty, |$this:ident| $bus:expr) => {
-        impl<$($generics)*> Ping for $type where B: Ping {
-            forward!(@ $this, $bus,
-                fn ping(id: ServoId) -> Result<Identity, ServoError>;
-                fn scan() -> Result<Vec<(ServoId, Identity)>, ServoError>;
-            );
-        }
-    };
-    ([$($generics:tt)*] TorqueSwitch for $type:ty, |$this:ident| $bus:expr) => {
-        impl<$($generics)*> TorqueSwitch for $type where B: TorqueSwitch {
-            forward!(@ $this, $bus,
-                fn set_torque(ids: &[ServoId], torque: Torque) -> PerServo<()>;
-                fn torque(ids: &[ServoId]) -> PerServo<Torque>;
-            );
-        }
-    };
-    ([$($generics:tt)*] Modes for $type:ty, |$this:ident| $bus:expr) => {
-        impl<$($generics)*> Modes for $type where B: Modes {
-            forward!(@ $this, $bus,
-                fn set_mode(ids: &[ServoId], mode: OperatingMode) -> PerServo<()>;
-                fn mode(ids: &[ServoId]) -> PerServo<OperatingMode>;
-            );
-        }
-    };
-    ([$($generics:tt)*] PositionGoals for $type:ty, |$this:ident| $bus:expr) => {
-        impl<$($generics)*> PositionGoals for $type where B: PositionGoals {
-            forward!(@ $this, $bus,
-                fn set_goal_positions(goals: &[(ServoId, Ticks)]) -> PerServo<()>;
-                fn goal_positions(ids: &[ServoId]) -> PerServo<Ticks>;
-            );
-        }
-    };
-    ([$($generics:tt)*] CurrentGoals for $type:ty, |$this:ident| $bus:expr) => {
-        impl<$($generics)*> CurrentGoals for $type where B: CurrentGoals {
-            forward!(@ $this, $bus,
-                fn set_goal_currents(goals: &[(ServoId, f64)]) -> PerServo<()>;
-            );
-        }
-    };
-    ([$($generics:tt)*] CurrentLimits for $type:ty, |$this:ident| $bus:expr) => {
-        impl<$($generics)*> CurrentLimits for $type where B: CurrentLimits {
-            forward!(@ $this, $bus,
-                fn set_current_limits(limits: &[(ServoId, f64)]) -> PerServo<()>;
-                fn current_limits(ids: &[ServoId]) -> PerServo<f64>;
-            );
-        }
-    };
-    ([$($generics:tt)*] PresentState for $type:ty, |$this:ident| $bus:expr) => {
-        impl<$($generics)*> PresentState for $type where B: PresentState {
-            forward!(@ $this, $bus, fn present(ids: &[ServoId]) -> PerServo<Present>;);
-        }
-    };
-    ([$($generics:tt)*] Health for $type:ty, |$this:ident| $bus:expr) => {
-        impl<$($generics)*> Health for $type where B: Health {
-            forward!(@ $this, $bus,
-                fn temperatures(ids: &[ServoId]) -> PerServo<f64>;
-                fn voltages(ids: &[ServoId]) -> PerServo<f64>;
-                fn hardware_errors(ids: &[ServoId]) -> PerServo<HardwareErrors>;
-                fn registers(id: ServoId) -> Result<Vec<Registers>, ServoError>;
-                fn reboot(id: ServoId) -> Result<(), ServoError>;
-            );
-        }
-    };
-    ([$($generics:tt)*] Watchdog for $type:ty, |$this:ident| $bus:expr) => {
-        impl<$($generics)*> Watchdog for $type where B: Watchdog {
-            forward!(@ $this, $bus,
-                fn set_watchdog(ids: &[ServoId], timeout: Option<std::time::Duration>) -> PerServo<()>;
-                fn watchdog(ids: &[ServoId]) -> PerServo<WatchdogState>;
-            );
-        }
-    };
-    (@ $this:ident, $bus:expr, $(fn $method:ident($($argument:ident: $of:ty),*) -> $result:ty;)*) => {$(
+    (|$this:ident| $bus:expr, $(fn $method:ident($($argument:ident: $of:ty),*) -> $result:ty;)*) => {$(
         fn $method(&mut self, $($argument: $of),*) -> $result {
             let $this = self;
             $bus.$method($($argument),*)
@@ -95,10 +32,15 @@ macro_rules! forward {
 }
 pub(super) use forward;
 
-forward!([B: ?Sized] Ping, TorqueSwitch, Modes, PositionGoals, CurrentGoals, CurrentLimits, PresentState, Health, Watchdog for Box<B>,
-    |this| **this);
-forward!([B: ?Sized] Ping, TorqueSwitch, Modes, PositionGoals, CurrentGoals, CurrentLimits, PresentState, Health, Watchdog for &mut B,
-    |this| **this);
+impl<B: ServoBus + ?Sized> ServoBus for Box<B> {
+    forward! { reads, |this| (**this) }
+    forward! {
+        |this| (**this),
+        fn set(setting: Setting<'_>) -> PerServo<()>;
+        fn present(ids: &[ServoId]) -> PerServo<Present>;
+        fn reboot(id: ServoId) -> Result<(), ServoError>;
+    }
+}
 
 /// Hands what there are verdicts for and no errors to `call`, in order, and puts its results beside the errors.
 pub(crate) fn for_those<I, T>(

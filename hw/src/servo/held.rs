@@ -1,7 +1,8 @@
 //! Motors that are on, for a thread that has to switch them off in place of their user.
 //!
 //! A process that is told to end at once cannot wait for whoever drives its servos. A [`Held`] bus notes which motors are on;
-//! [`switch_off_all`] takes the lines of all of them, for good, and switches these motors off.
+//! [`switch_off_all`] takes the lines of all of them, for good, and switches these motors off; [`while_all_off`] keeps all of
+//! them off for a while.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError, Weak};
 use std::thread;
@@ -9,9 +10,8 @@ use std::time::{Duration, Instant};
 
 use super::forward::forward;
 use super::{
-    CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
-    Ping, PositionGoals, Present, PresentState, Registers, ServoBus, ServoError, ServoId, Ticks,
-    Torque, TorqueSwitch, Watchdog, WatchdogState,
+    HardwareErrors, Identity, OperatingMode, PerServo, Present, Registers, ServoBus, ServoError,
+    ServoId, Setting, Ticks, Torque, WatchdogState,
 };
 
 /// How often a motor is told to go off before one gives up.
@@ -36,6 +36,9 @@ struct Line<B> {
 trait Switch: Send + Sync {
     /// Takes the line, for good, and says what became of each motor that was on.
     fn switch_off(&self, patience: Duration) -> Vec<(ServoId, Result<(), ServoError>)>;
+
+    /// Does `work` while nobody else has the line, where all its motors are off: says what `work` did, else `false`.
+    fn while_off(&self, patience: Duration, work: &mut dyn FnMut() -> bool) -> bool;
 }
 
 fn locked<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -43,10 +46,7 @@ fn locked<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// The lock of `mutex`, if it is to be had within a time.
-pub(crate) fn locked_within<T: ?Sized>(
-    mutex: &Mutex<T>,
-    patience: Duration,
-) -> Option<MutexGuard<'_, T>> {
+fn locked_within<T: ?Sized>(mutex: &Mutex<T>, patience: Duration) -> Option<MutexGuard<'_, T>> {
     let deadline = Instant::now() + patience;
     loop {
         match mutex.try_lock() {
@@ -79,15 +79,15 @@ impl<B> Held<B> {
     }
 }
 
-impl<B: TorqueSwitch> TorqueSwitch for Held<B> {
-    fn set_torque(&mut self, ids: &[ServoId], torque: Torque) -> PerServo<()> {
+impl<B: ServoBus> ServoBus for Held<B> {
+    fn set(&mut self, setting: Setting<'_>) -> PerServo<()> {
         let mut bus = self.bus();
-        if torque == Torque::On {
+        if let Setting::Torque(ids, Torque::On) = setting {
             // Before they are told: one that does not answer may have heard.
             locked(&self.0.on).extend(ids);
         }
-        let results = bus.set_torque(ids, torque);
-        if torque == Torque::Off {
+        let results = bus.set(setting);
+        if let Setting::Torque(ids, Torque::Off) = setting {
             let confirmed = ids
                 .iter()
                 .zip(&results)
@@ -98,13 +98,13 @@ impl<B: TorqueSwitch> TorqueSwitch for Held<B> {
         results
     }
 
-    fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque> {
-        self.bus().torque(ids)
+    forward! { reads, |this| this.bus() }
+    forward! {
+        |this| this.bus(),
+        fn present(ids: &[ServoId]) -> PerServo<Present>;
+        fn reboot(id: ServoId) -> Result<(), ServoError>;
     }
 }
-
-forward!([B] Ping, Modes, PositionGoals, CurrentGoals, CurrentLimits, PresentState, Health, Watchdog for Held<B>,
-    |this| this.bus());
 
 impl<B: ServoBus> Switch for Line<B> {
     fn switch_off(&self, patience: Duration) -> Vec<(ServoId, Result<(), ServoError>)> {
@@ -129,7 +129,7 @@ impl<B: ServoBus> Switch for Line<B> {
             if left.is_empty() {
                 break;
             }
-            let results = bus.set_torque(&left, Torque::Off);
+            let results = bus.set(Setting::Torque(&left, Torque::Off));
             let again = |result: &Result<(), _>| result.is_err() && attempt < ATTEMPTS;
             let (failed, ended): (Vec<_>, Vec<_>) =
                 (left.into_iter().zip(results)).partition(|(_, result)| again(result));
@@ -140,6 +140,13 @@ impl<B: ServoBus> Switch for Line<B> {
         std::mem::forget(bus);
         done
     }
+
+    fn while_off(&self, patience: Duration, work: &mut dyn FnMut() -> bool) -> bool {
+        match locked_within(&self.bus, patience) {
+            Some(_line) if locked(&self.on).is_empty() => work(),
+            _ => false,
+        }
+    }
 }
 
 /// Switches off all motors of the process that are on, and says what became of each. Their lines are taken from whoever has
@@ -148,6 +155,29 @@ pub fn switch_off_all(patience: Duration) -> Vec<(ServoId, Result<(), ServoError
     let lines: Vec<_> = locked(&LINES).iter().filter_map(Weak::upgrade).collect();
     let off = lines.iter().map(|line| line.switch_off(patience));
     off.flatten().collect()
+}
+
+/// Does `work` where no motor of the process is on, and keeps all of them off meanwhile: who would switch one on waits. Says
+/// whether it was done: not where a motor is on, nor where a line is not to be had within `patience`.
+pub fn while_all_off(patience: Duration, work: impl FnOnce()) -> bool {
+    // Held, so that no line is opened meanwhile.
+    let lines = locked(&LINES);
+    let open: Vec<_> = lines.iter().filter_map(Weak::upgrade).collect();
+    let mut work = Some(work);
+    nested(&open, patience, &mut || {
+        if let Some(work) = work.take() {
+            work();
+        }
+        true
+    })
+}
+
+/// Does `work` while nobody else has any of `lines`.
+fn nested(lines: &[Arc<dyn Switch>], patience: Duration, work: &mut dyn FnMut() -> bool) -> bool {
+    match lines.split_first() {
+        None => work(),
+        Some((line, rest)) => line.while_off(patience, &mut || nested(rest, patience, work)),
+    }
 }
 
 #[cfg(test)]
@@ -177,13 +207,13 @@ mod tests {
         let mut driver = held();
         assert!(
             driver
-                .set_torque(&ids(), Torque::On)
+                .set(Setting::Torque(&ids(), Torque::On))
                 .iter()
                 .all(Result::is_ok)
         );
         assert!(
             driver
-                .set_torque(&ids()[..1], Torque::Off)
+                .set(Setting::Torque(&ids()[..1], Torque::Off))
                 .iter()
                 .all(Result::is_ok)
         );
@@ -195,7 +225,7 @@ mod tests {
         // The driver's next order does not come through.
         let (sent, order) = channel();
         thread::spawn(move || {
-            drop(driver.set_torque(&ids(), Torque::On));
+            drop(driver.set(Setting::Torque(&ids(), Torque::On)));
             let _ = sent.send(());
         });
         assert!(order.recv_timeout(Duration::from_millis(200)).is_err());
@@ -209,12 +239,52 @@ mod tests {
         );
     }
 
+    /// Of lines of its own: other tests of this process have motors on.
+    #[test]
+    fn while_all_are_off_nobody_switches_one_on() {
+        let setup = SimulatorSetup::of_robot(RobotSpec::standard("2m").unwrap());
+        let simulator = Simulator::new(&setup, Arc::new(VirtualClock::new())).unwrap();
+        let held = || Held::new(Bus::new(simulator.bus(), BusSettings::default()));
+        let (mut driver, other) = (held(), held());
+        let lines: [Arc<dyn Switch>; 2] = [other.0.clone(), driver.0.clone()];
+        let patience = Duration::from_millis(20);
+        let (ready, start) = channel();
+        let driving = &mut driver;
+        let [ended, switched] = thread::scope(|scope| {
+            let switching = scope.spawn(move || {
+                start.recv().unwrap();
+                let on = driving.set(Setting::Torque(&ids(), Torque::On));
+                assert!(on.iter().all(Result::is_ok));
+                Instant::now()
+            });
+            assert!(nested(&lines, patience, &mut || {
+                ready.send(()).unwrap();
+                thread::sleep(Duration::from_millis(50));
+                true
+            }));
+            [Instant::now(), switching.join().unwrap()]
+        });
+        assert!(switched + Duration::from_millis(5) > ended, "it waited");
+        assert!(!nested(&lines, patience, &mut || panic!("motors are on")));
+        assert!(
+            driver
+                .set(Setting::Torque(&ids(), Torque::Off))
+                .iter()
+                .all(Result::is_ok)
+        );
+        assert!(nested(&lines, patience, &mut || true));
+        // Who has the line may be about to switch one on.
+        let busy = locked(&driver.0.bus);
+        assert!(!nested(&lines, patience, &mut || panic!("a line is busy")));
+        drop(busy);
+    }
+
     #[test]
     fn a_line_that_is_busy_for_long_is_left_and_its_motors_are_named() {
         let setup = SimulatorSetup::of_robot(RobotSpec::standard("2m").unwrap());
         let simulator = Simulator::new(&setup, Arc::new(VirtualClock::new())).unwrap();
         let mut driver = Held::new(Bus::new(simulator.bus(), BusSettings::default()));
-        drop(driver.set_torque(&ids(), Torque::On));
+        drop(driver.set(Setting::Torque(&ids(), Torque::On)));
         let busy = locked(&driver.0.bus);
         let off = driver.0.switch_off(Duration::from_millis(20));
         assert_eq!(off.len(), 6);

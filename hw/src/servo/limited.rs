@@ -1,12 +1,12 @@
-//! Limits of goals, whatever computes them.
+//! Limits of goals, whatever computes them: the last door before the line.
 
 use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::forward::{for_those, forward};
 use super::{
-    CurrentGoals, CurrentLimits, HardwareErrors, Health, Identity, Modes, OperatingMode, PerServo,
-    Ping, PositionGoals, Present, PresentState, Registers, ServoError, ServoId, Ticks, Torque,
-    TorqueSwitch, Watchdog, WatchdogState,
+    HardwareErrors, Identity, OperatingMode, PerServo, Present, Registers, ServoBus, ServoError,
+    ServoId, Setting, Ticks, Torque, WatchdogState,
 };
 
 /// What a servo may be told.
@@ -23,49 +23,63 @@ pub struct Limits {
     pub current: f64,
 }
 
+/// The limits of servos, which change with their homes. Clones are of the same ones.
+#[derive(Clone, Debug, Default)]
+pub struct SharedLimits(Arc<Mutex<BTreeMap<ServoId, Limits>>>);
+
+impl SharedLimits {
+    /// From now on, in place of those before.
+    pub fn set(&self, limits: impl IntoIterator<Item = (ServoId, Limits)>) {
+        *self.all() = limits.into_iter().collect();
+    }
+
+    fn all(&self) -> MutexGuard<'_, BTreeMap<ServoId, Limits>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn of(&self, id: ServoId) -> Result<Limits, ServoError> {
+        let limits = self.all().get(&id).copied();
+        limits.ok_or(ServoError::Unknown { id })
+    }
+
+    /// A current (A) that the servo's limits allow.
+    fn admit_current(&self, &(id, current): &(ServoId, f64)) -> Result<(ServoId, f64), ServoError> {
+        let limit = self.of(id)?.current;
+        match current.abs() <= limit {
+            true => Ok((id, current)),
+            false => Err(ServoError::OutOfRange {
+                id,
+                quantity: "current in A",
+                value: current,
+                min: -limit,
+                max: limit,
+            }),
+        }
+    }
+}
+
 /// A bus that sends no goal beyond its servos' limits, and none to servos that have no limits.
 ///
-/// A servo outside its range may be told to come nearer to it.
+/// A servo outside its range may be told to stay where it is, and to come nearer.
 #[derive(Clone, Debug)]
 pub struct Limited<B> {
     bus: B,
-    limits: BTreeMap<ServoId, Limits>,
-    /// Goals sent last.
+    limits: SharedLimits,
+    /// Goals admitted last.
     goals: BTreeMap<ServoId, Ticks>,
+    /// Where servos were read to be last: what the first goal is compared with.
+    seen: BTreeMap<ServoId, Ticks>,
 }
 
 impl<B> Limited<B> {
     /// A bus whose servos have these limits.
-    pub fn new(bus: B, limits: impl IntoIterator<Item = (ServoId, Limits)>) -> Self {
+    pub fn new(bus: B, limits: SharedLimits) -> Self {
         Self {
             bus,
-            limits: limits.into_iter().collect(),
+            limits,
             goals: BTreeMap::new(),
+            seen: BTreeMap::new(),
         }
-    }
-
-    /// The bus without limits.
-    pub fn bus_mut(&mut self) -> &mut B {
-        &mut self.bus
-    }
-}
-
-/// A current (A) that the servo's limits allow.
-fn admit_current(
-    limits: &BTreeMap<ServoId, Limits>,
-    &(id, current): &(ServoId, f64),
-) -> Result<(ServoId, f64), ServoError> {
-    let limit = limits.get(&id).ok_or(ServoError::Unknown { id })?.current;
-    if current.abs() <= limit {
-        Ok((id, current))
-    } else {
-        Err(ServoError::OutOfRange {
-            id,
-            quantity: "current in A",
-            value: current,
-            min: -limit,
-            max: limit,
-        })
     }
 }
 
@@ -79,7 +93,7 @@ impl Limits {
     /// Whether a servo that is, or was sent, to `from` may be sent to `goal`.
     fn admit(&self, id: ServoId, from: Ticks, goal: Ticks) -> Result<(), ServoError> {
         let excess = self.excess(goal);
-        if excess > 0 && excess >= self.excess(from) {
+        if excess > self.excess(from) {
             return Err(ServoError::OutOfRange {
                 id,
                 quantity: "goal in ticks",
@@ -102,101 +116,103 @@ impl Limits {
     }
 }
 
-forward!([B] Ping, Modes, PresentState, Watchdog for Limited<B>, |this| this.bus);
-
-impl<B: TorqueSwitch> TorqueSwitch for Limited<B> {
-    fn set_torque(&mut self, ids: &[ServoId], torque: Torque) -> PerServo<()> {
-        // Without torque servos go where they are pulled.
-        self.goals.retain(|id, _| !ids.contains(id));
-        self.bus.set_torque(ids, torque)
-    }
-
-    fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque> {
-        self.bus.torque(ids)
-    }
-}
-
-impl<B: PositionGoals + PresentState> PositionGoals for Limited<B> {
-    fn set_goal_positions(&mut self, goals: &[(ServoId, Ticks)]) -> PerServo<()> {
-        let mut without: Vec<ServoId> = goals.iter().map(|&(id, _)| id).collect();
-        without.retain(|id| self.limits.contains_key(id) && !self.goals.contains_key(id));
-        let mut unread = BTreeMap::new();
-        if !without.is_empty() {
-            for (&id, present) in without.iter().zip(self.bus.present(&without)) {
-                match present {
-                    Ok(present) => _ = self.goals.insert(id, present.position),
-                    Err(error) => _ = unread.insert(id, error),
-                }
-            }
-        }
+impl<B: ServoBus> Limited<B> {
+    fn send_goals(&mut self, goals: &[(ServoId, Ticks)]) -> PerServo<()> {
+        let unread = self.look_at_those_without_goal(goals);
         let Self {
             bus,
             limits,
             goals: last,
-            ..
+            seen,
         } = self;
         let verdicts = goals.iter().map(|&(id, goal)| {
-            let limits = limits.get(&id).ok_or(ServoError::Unknown { id })?;
-            match last.get(&id) {
+            let limits = limits.of(id)?;
+            match last.get(&id).or(seen.get(&id)) {
                 Some(&from) => limits.admit(id, from, goal).map(|()| (id, goal)),
-                None => Err(unread.remove(&id).unwrap_or(ServoError::Unknown { id })),
+                None => Err(ServoError::Unknown { id }),
             }
         });
-        let results = for_those(verdicts, |admitted| bus.set_goal_positions(admitted));
-        for (&(id, goal), result) in goals.iter().zip(&results) {
-            if result.is_ok() {
-                last.insert(id, goal);
+        let verdicts: Vec<_> = verdicts.collect();
+        // On a line that fails, who moves the servos goes on, and sends the next goals where it would be.
+        last.extend(verdicts.iter().flatten().copied());
+        let mut results = for_those(verdicts, |admitted| {
+            bus.set(Setting::GoalPositions(admitted))
+        });
+        for (id, error) in unread {
+            let index = goals.iter().position(|&(other, _)| other == id);
+            if let Some(result) = index.and_then(|index| results.get_mut(index)) {
+                *result = Err(error);
             }
         }
         results
     }
 
-    fn goal_positions(&mut self, ids: &[ServoId]) -> PerServo<Ticks> {
-        self.bus.goal_positions(ids)
+    /// Reads where servos are that have no goal yet, and were not read; says why it failed for some.
+    fn look_at_those_without_goal(
+        &mut self,
+        goals: &[(ServoId, Ticks)],
+    ) -> Vec<(ServoId, ServoError)> {
+        let is_without = |id: &ServoId| {
+            self.limits.of(*id).is_ok()
+                && !self.goals.contains_key(id)
+                && !self.seen.contains_key(id)
+        };
+        let ids: Vec<ServoId> = goals.iter().map(|&(id, _)| id).filter(is_without).collect();
+        if ids.is_empty() {
+            return Vec::new();
+        }
+        let present = self.present(&ids).into_iter();
+        let failed = ids.iter().zip(present);
+        failed
+            .filter_map(|(&id, present)| Some((id, present.err()?)))
+            .collect()
     }
 }
 
-impl<B: CurrentGoals> CurrentGoals for Limited<B> {
-    fn set_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()> {
+impl<B: ServoBus> ServoBus for Limited<B> {
+    fn set(&mut self, setting: Setting<'_>) -> PerServo<()> {
         let Self { bus, limits, .. } = self;
-        let verdicts = goals.iter().map(|goal| admit_current(limits, goal));
-        for_those(verdicts, |admitted| bus.set_goal_currents(admitted))
-    }
-}
-
-impl<B: CurrentLimits> CurrentLimits for Limited<B> {
-    fn set_current_limits(&mut self, currents: &[(ServoId, f64)]) -> PerServo<()> {
-        let Self { bus, limits, .. } = self;
-        let verdicts = currents
-            .iter()
-            .map(|current| admit_current(limits, current));
-        for_those(verdicts, |admitted| bus.set_current_limits(admitted))
-    }
-
-    fn current_limits(&mut self, ids: &[ServoId]) -> PerServo<f64> {
-        self.bus.current_limits(ids)
-    }
-}
-
-impl<B: Health> Health for Limited<B> {
-    fn temperatures(&mut self, ids: &[ServoId]) -> PerServo<f64> {
-        self.bus.temperatures(ids)
-    }
-
-    fn voltages(&mut self, ids: &[ServoId]) -> PerServo<f64> {
-        self.bus.voltages(ids)
+        match setting {
+            Setting::GoalPositions(goals) => self.send_goals(goals),
+            Setting::GoalCurrents(goals) => {
+                let verdicts = goals.iter().map(|goal| limits.admit_current(goal));
+                for_those(verdicts, |admitted| {
+                    bus.set(Setting::GoalCurrents(admitted))
+                })
+            }
+            Setting::CurrentLimits(currents) => {
+                let verdicts = currents.iter().map(|current| limits.admit_current(current));
+                for_those(verdicts, |admitted| {
+                    bus.set(Setting::CurrentLimits(admitted))
+                })
+            }
+            Setting::Torque(ids, torque) => {
+                // One whose torque goes on holds its position; without torque it goes where it is pulled.
+                self.goals.retain(|id, _| !ids.contains(id));
+                if torque == Torque::Off {
+                    self.seen.retain(|id, _| !ids.contains(id));
+                }
+                self.bus.set(setting)
+            }
+            Setting::Mode(..) | Setting::Watchdog(..) => bus.set(setting),
+        }
     }
 
-    fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors> {
-        self.bus.hardware_errors(ids)
-    }
-
-    fn registers(&mut self, id: ServoId) -> Result<Vec<Registers>, ServoError> {
-        self.bus.registers(id)
+    fn present(&mut self, ids: &[ServoId]) -> PerServo<Present> {
+        let present = self.bus.present(ids);
+        for (&id, present) in ids.iter().zip(&present) {
+            if let Ok(present) = present {
+                self.seen.insert(id, present.position);
+            }
+        }
+        present
     }
 
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError> {
         self.goals.remove(&id);
+        self.seen.remove(&id);
         self.bus.reboot(id)
     }
+
+    forward! { reads, |this| this.bus }
 }

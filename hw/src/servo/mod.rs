@@ -1,10 +1,9 @@
-//! What servos can do: small traits over a bus of many, and the types that they speak.
+//! What servos can do: one trait of a bus of many, and the types that it speaks.
 //!
 //! A read of many servos gives one result each: one that does not answer costs no other's data, and no value stands for
 //! "missing".
 
 mod error;
-mod faulty;
 mod forward;
 mod held;
 mod limited;
@@ -14,11 +13,9 @@ use std::fmt;
 use std::time::Duration;
 
 pub use error::{Fault, ServoError};
-pub use faulty::{Faulty, Odds};
 pub(crate) use forward::for_those;
-pub(crate) use held::locked_within;
-pub use held::{Held, switch_off_all};
-pub use limited::{Limited, Limits};
+pub use held::{Held, switch_off_all, while_all_off};
+pub use limited::{Limited, Limits, SharedLimits};
 pub use logged::{Logged, Record};
 
 /// Address of a servo on its bus, 0 to 252.
@@ -49,6 +46,9 @@ impl fmt::Display for ServoId {
         write!(f, "{}", self.0)
     }
 }
+
+/// Smallest and largest radius (m) of a spool on a servo of this size, to the middle of the tendon.
+pub const SPOOL_RADII: [f64; 2] = [5e-4, 0.1];
 
 /// Angle of a servo's horn in steps of its encoder, over any number of turns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -179,8 +179,27 @@ pub struct Registers {
 /// One result per servo, in the order in which they were named.
 pub type PerServo<T> = Vec<Result<T, ServoError>>;
 
-/// Finds servos.
-pub trait Ping {
+/// What servos are told, all of them at once.
+#[derive(Clone, Copy, Debug)]
+pub enum Setting<'a> {
+    /// To switch their motors; whether they did is made sure of.
+    Torque(&'a [ServoId], Torque),
+    /// What goals mean, of servos whose motors are off.
+    Mode(&'a [ServoId], OperatingMode),
+    /// Positions to go to. `Ok` says that they were sent: servos do not acknowledge them.
+    GoalPositions(&'a [(ServoId, Ticks)]),
+    /// Currents (A), which are made sure of. In [`CurrentBasedPosition`](OperatingMode::CurrentBasedPosition) mode they bound the
+    /// tension.
+    GoalCurrents(&'a [(ServoId, f64)]),
+    /// Currents (A) that servos never exceed, whatever the computer does. They are kept without power; motors must be off.
+    CurrentLimits(&'a [(ServoId, f64)]),
+    /// To stop where they hear nothing for this long (to the next 20 ms, 2.54 s at most); `None` for never. Either way a watchdog
+    /// that has tripped is reset first.
+    Watchdog(&'a [ServoId], Option<Duration>),
+}
+
+/// A bus of servos: one that it speaks with, a recording of one, or one behind another that looks after it.
+pub trait ServoBus: Send {
     /// Asks a servo what it is.
     ///
     /// # Errors
@@ -191,78 +210,36 @@ pub trait Ping {
     ///
     /// # Errors
     /// [`ServoError::Line`].
-    fn scan(&mut self) -> Result<Vec<(ServoId, Identity)>, ServoError> {
-        let mut found = Vec::new();
-        for id in (0..=ServoId::MAX).filter_map(ServoId::new) {
-            match self.ping(id) {
-                Ok(identity) => found.push((id, identity)),
-                Err(error @ ServoError::Line { .. }) => return Err(error),
-                Err(_) => {}
-            }
-        }
-        Ok(found)
-    }
-}
+    fn scan(&mut self) -> Result<Vec<(ServoId, Identity)>, ServoError>;
 
-/// Switches motors on and off.
-pub trait TorqueSwitch {
-    /// Switches motors, all at once, and makes sure that they are.
-    fn set_torque(&mut self, ids: &[ServoId], torque: Torque) -> PerServo<()>;
+    /// Tells servos something.
+    fn set(&mut self, setting: Setting<'_>) -> PerServo<()>;
+
+    /// The state of each, of one moment as near as the bus allows.
+    fn present(&mut self, ids: &[ServoId]) -> PerServo<Present>;
 
     /// Whether motors are on.
     fn torque(&mut self, ids: &[ServoId]) -> PerServo<Torque>;
-}
 
-/// Says what goals mean.
-pub trait Modes {
-    /// Sets the mode of servos whose motors are off.
-    fn set_mode(&mut self, ids: &[ServoId], mode: OperatingMode) -> PerServo<()>;
-
-    /// The modes.
+    /// What goals mean.
     fn mode(&mut self, ids: &[ServoId]) -> PerServo<OperatingMode>;
-}
 
-/// Moves servos.
-pub trait PositionGoals {
-    /// Sends goals, to all at once. `Ok` says that they were sent: servos do not acknowledge them.
-    fn set_goal_positions(&mut self, goals: &[(ServoId, Ticks)]) -> PerServo<()>;
-
-    /// The goals that the servos hold.
+    /// The goals that servos hold.
     fn goal_positions(&mut self, ids: &[ServoId]) -> PerServo<Ticks>;
-}
 
-/// Bounds currents, or drives with them.
-pub trait CurrentGoals {
-    /// Sends goal currents (A), to all at once, and makes sure that they are held. In
-    /// [`CurrentBasedPosition`](OperatingMode::CurrentBasedPosition) mode they bound the tension.
-    fn set_goal_currents(&mut self, goals: &[(ServoId, f64)]) -> PerServo<()>;
-}
-
-/// Bounds currents for good.
-pub trait CurrentLimits {
-    /// Sets the currents (A) that servos never exceed, whatever the computer does. They are kept without power; motors must be
-    /// off.
-    fn set_current_limits(&mut self, limits: &[(ServoId, f64)]) -> PerServo<()>;
-
-    /// These limits (A).
+    /// The currents (A) that servos never exceed.
     fn current_limits(&mut self, ids: &[ServoId]) -> PerServo<f64>;
-}
 
-/// Reads what servos do.
-pub trait PresentState {
-    /// The state of each, of one moment as near as the bus allows.
-    fn present(&mut self, ids: &[ServoId]) -> PerServo<Present>;
-}
+    /// What watchdogs do.
+    fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState>;
 
-/// Reads how servos fare.
-pub trait Health {
     /// Temperatures inside (degrees Celsius).
     fn temperatures(&mut self, ids: &[ServoId]) -> PerServo<f64>;
 
     /// Supply voltages (V).
     fn voltages(&mut self, ids: &[ServoId]) -> PerServo<f64>;
 
-    /// Faults that they report.
+    /// Faults that servos report.
     fn hardware_errors(&mut self, ids: &[ServoId]) -> PerServo<HardwareErrors>;
 
     /// All that a servo keeps, byte by byte, in pieces without gaps. Of a servo that has no such table, nothing.
@@ -276,44 +253,4 @@ pub trait Health {
     /// # Errors
     /// [`ServoError`] where it does not answer.
     fn reboot(&mut self, id: ServoId) -> Result<(), ServoError>;
-}
-
-/// Stops servos whose computer has gone silent.
-pub trait Watchdog {
-    /// Servos stop where they hear nothing for this long (to the next 20 ms, 2.54 s at most); `None` for never. Either way a
-    /// watchdog that has tripped is reset first.
-    fn set_watchdog(&mut self, ids: &[ServoId], timeout: Option<Duration>) -> PerServo<()>;
-
-    /// What the watchdogs do.
-    fn watchdog(&mut self, ids: &[ServoId]) -> PerServo<WatchdogState>;
-}
-
-/// A bus whose servos can do all of it.
-pub trait ServoBus:
-    Ping
-    + TorqueSwitch
-    + Modes
-    + PositionGoals
-    + CurrentGoals
-    + CurrentLimits
-    + PresentState
-    + Health
-    + Watchdog
-    + Send
-{
-}
-
-impl<B> ServoBus for B where
-    B: Ping
-        + TorqueSwitch
-        + Modes
-        + PositionGoals
-        + CurrentGoals
-        + CurrentLimits
-        + PresentState
-        + Health
-        + Watchdog
-        + Send
-        + ?Sized
-{
 }

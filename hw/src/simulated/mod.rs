@@ -55,7 +55,7 @@ mod world;
 
 pub use bus::SimulatedBus;
 pub use fault::{Fault, LATENESS, ScheduledFault, UnknownFault};
-pub use plant::{Physics, PlantError, PlantSetup};
+pub use plant::{FRICTIONS, Physics, PlantError, PlantSetup, STIFFNESSES};
 pub use spool::{Spool, Winding};
 pub use tendon::{TendonFault, TendonTruth};
 pub use terminal::Terminal;
@@ -70,12 +70,15 @@ use thiserror::Error;
 
 use crate::clock::Clock;
 use crate::dynamixel::{BAUD_RATES, Model};
-use crate::servo::{ServoId, Ticks};
+use crate::servo::{SPOOL_RADII, ServoId, Ticks};
 use camera::Subject;
 use device::Device;
 use plant::Plant;
 use wire::Wire;
 use world::World;
+
+/// Smallest and largest play between horn and spool (rad).
+const BACKLASHES: [f64; 2] = [0.0, 1.0];
 
 /// A servo with a spool on its horn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -159,7 +162,7 @@ pub enum SimulatorError {
     #[error("two servos have the id {0}; each needs one of its own")]
     SameId(ServoId),
     /// A spool that cannot be.
-    #[error("the {what} of servo {id} is {value}; expected a finite number {expected}")]
+    #[error("the {what} of servo {id} is {value}; expected {low} to {high}")]
     Spool {
         /// Which servo.
         id: ServoId,
@@ -167,8 +170,10 @@ pub enum SimulatorError {
         what: &'static str,
         /// Its value.
         value: f64,
-        /// What it may be.
-        expected: &'static str,
+        /// The smallest that it may be.
+        low: f64,
+        /// The largest.
+        high: f64,
     },
     /// The robot.
     #[error(transparent)]
@@ -214,17 +219,20 @@ impl Simulator {
             {
                 return Err(SimulatorError::SameId(servo.id));
             }
-            let refuse = |what, value, expected| SimulatorError::Spool {
-                id: servo.id,
-                what,
-                value,
-                expected,
-            };
-            if !(servo.spool_radius.is_finite() && servo.spool_radius > 0.0) {
-                return Err(refuse("spool's radius (m)", servo.spool_radius, "above 0"));
-            }
-            if !(servo.backlash.is_finite() && servo.backlash >= 0.0) {
-                return Err(refuse("backlash (rad)", servo.backlash, "from 0 on"));
+            for (what, value, [low, high]) in [
+                ("spool's radius (m)", servo.spool_radius, SPOOL_RADII),
+                ("backlash (rad)", servo.backlash, BACKLASHES),
+            ] {
+                if !(low..=high).contains(&value) {
+                    let id = servo.id;
+                    return Err(SimulatorError::Spool {
+                        id,
+                        what,
+                        value,
+                        low,
+                        high,
+                    });
+                }
             }
         }
         let devices: Vec<Device> = (setup.servos.iter())

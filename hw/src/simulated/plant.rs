@@ -73,15 +73,17 @@ pub enum PlantError {
         /// Spools given.
         spools: usize,
     },
-    /// A quantity that must be positive.
-    #[error("the {what} is {value} {unit}; expected a finite number above 0")]
-    NotPositive {
-        /// Which.
+    /// A quantity that no tendon has.
+    #[error("the {what} is {value}; expected {low} to {high}")]
+    OutOfRange {
+        /// Which, with its unit.
         what: &'static str,
         /// Its value.
         value: f64,
-        /// Its unit.
-        unit: &'static str,
+        /// The smallest that it may be.
+        low: f64,
+        /// The largest.
+        high: f64,
     },
     /// The robot is not valid.
     #[error(transparent)]
@@ -92,6 +94,27 @@ pub enum PlantError {
     /// It cannot stand at home.
     #[error("the robot does not settle at home: {0}")]
     Home(#[from] SimulationError),
+}
+
+/// Smallest and largest stiffness (N/m) that the tendons may be given: of a rubber band, and of a steel cable of 10 mm.
+pub const STIFFNESSES: [f64; 2] = [1.0, 1e8];
+
+/// Smallest and largest coefficient of friction of tendons in their holes.
+pub const FRICTIONS: [f64; 2] = [0.0, 2.0];
+
+/// Smallest and largest tension of tendons at home (N).
+const HOME_TENSIONS: [f64; 2] = [0.0, 1e5];
+
+fn within(what: &'static str, value: f64, [low, high]: [f64; 2]) -> Result<(), PlantError> {
+    match (low..=high).contains(&value) {
+        true => Ok(()),
+        false => Err(PlantError::OutOfRange {
+            what,
+            value,
+            low,
+            high,
+        }),
+    }
 }
 
 /// A robot behind spools.
@@ -130,13 +153,7 @@ impl Plant {
                 spools: spools.len(),
             });
         }
-        if !(setup.tension_at_home.is_finite() && setup.tension_at_home >= 0.0) {
-            return Err(PlantError::NotPositive {
-                what: "tension at home",
-                value: setup.tension_at_home,
-                unit: "N",
-            });
-        }
+        within("tension at home (N)", setup.tension_at_home, HOME_TENSIONS)?;
         let (mut simulation, motion): (Box<dyn Simulation>, _) = match setup.physics {
             Physics::AtRest => (Box::new(Settler::new(&robot)), None),
             Physics::WithFriction { .. } => (Box::new(FrictionPath::new(&robot)), None),
@@ -286,14 +303,11 @@ impl Plant {
 
 /// The robot with tendons that only pull, driven by rest lengths.
 fn driven_by_spools(setup: &PlantSetup) -> Result<Robot, PlantError> {
-    if let Some(stiffness) = setup.stiffness
-        && !(stiffness.is_finite() && stiffness > 0.0)
-    {
-        return Err(PlantError::NotPositive {
-            what: "tendons' stiffness",
-            value: stiffness,
-            unit: "N/m",
-        });
+    if let Some(stiffness) = setup.stiffness {
+        within("tendons' stiffness (N/m)", stiffness, STIFFNESSES)?;
+    }
+    if let Physics::WithFriction { coefficient } = setup.physics {
+        within("coefficient of friction", coefficient, FRICTIONS)?;
     }
     let mut spec = setup.robot.clone();
     let of_modules = (spec.modules.iter_mut()).filter_map(|module| module.tendons.as_mut());
@@ -433,9 +447,15 @@ mod tests {
             let plant = Plant::new(setup, &vec![spool; spools]);
             plant.expect_err("refused").to_string()
         };
-        assert!(refused(&setup, 6).contains("stiffness is 0 N/m"));
+        assert!(refused(&setup, 6).contains("stiffness (N/m) is 0; expected 1 to 100000000"));
         let setup = PlantSetup {
             stiffness: None,
+            physics: Physics::WithFriction { coefficient: 2.5 },
+            ..setup
+        };
+        assert!(refused(&setup, 6).contains("friction is 2.5; expected 0 to 2"));
+        let setup = PlantSetup {
+            physics: Physics::AtRest,
             ..setup
         };
         assert!(refused(&setup, 5).contains("6 tendons, and there are 5 spools"));

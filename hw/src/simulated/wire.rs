@@ -29,7 +29,7 @@ pub(super) struct Noise {
 
 /// What the servos hear.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Heard {
+pub(super) enum Received {
     /// A frame.
     Frame {
         id: PacketId,
@@ -118,7 +118,7 @@ impl Wire {
     }
 
     /// Takes the next byte that is with the servos by `now`; returns its time and what it completes.
-    pub fn arrive(&mut self, now: Duration) -> Option<(Duration, Vec<Heard>)> {
+    pub fn arrive(&mut self, now: Duration) -> Option<(Duration, Vec<Received>)> {
         let (time, byte) = *self.to_servos.front().filter(|(time, _)| *time <= now)?;
         self.to_servos.pop_front();
         if time.saturating_sub(self.last_byte) > FRAME_GAP {
@@ -128,20 +128,20 @@ impl Wire {
         let addressed = completed(self.decoder.pending());
         // One byte always fits where the decoder has said that there is no whole frame.
         self.decoder.fill(&[byte]);
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         while let Some(frame) = self.decoder.next_frame() {
-            heard.push(Heard::Frame {
+            received.push(Received::Frame {
                 id: frame.id,
                 instruction: frame.instruction,
                 parameters: frame.parameters.to_vec(),
             });
         }
         if let Some(PacketId::Servo(id)) = addressed
-            && heard.is_empty()
+            && received.is_empty()
         {
-            heard.push(Heard::Damaged(id));
+            received.push(Received::Damaged(id));
         }
-        Some((time, heard))
+        Some((time, received))
     }
 
     /// A servo sends bytes from `start` on; returns when the last one is whole.

@@ -7,7 +7,7 @@ use super::device::{Device, PERIOD};
 use super::fault::{Fault, ScheduledFault};
 use super::plant::Plant;
 use super::tendon::TendonFault;
-use super::wire::{Heard, Noise, Wire};
+use super::wire::{Noise, Received, Wire};
 use crate::dynamixel::joined::{self, JoinedWriter};
 use crate::dynamixel::{
     Answers, ErrorByte, Fault as Refusal, Frame, Instruction, InstructionError, PacketId, Reset,
@@ -99,11 +99,11 @@ impl World {
 
     /// Instructions that arrive until `time`, and the motion between them.
     fn converse(&mut self, time: Duration) {
-        while let Some((at, heard)) = self.wire.arrive(time) {
-            for heard in heard {
+        while let Some((at, received)) = self.wire.arrive(time) {
+            for received in received {
                 self.move_on(at);
-                match heard {
-                    Heard::Frame {
+                match received {
+                    Received::Frame {
                         id,
                         instruction,
                         parameters,
@@ -115,7 +115,7 @@ impl World {
                         };
                         self.obey(at, id, Instruction::decode(&frame));
                     }
-                    Heard::Damaged(id) => self.refuse(at, id, Refusal::Crc),
+                    Received::Damaged(id) => self.refuse(at, id, Refusal::Crc),
                 }
             }
         }

@@ -1,8 +1,6 @@
 //! Bytes to and from a bus of servos: over a serial port, a pseudo-terminal, or in memory.
 
 mod arriving;
-mod babble;
-mod script;
 
 use std::io;
 use std::sync::Arc;
@@ -11,8 +9,6 @@ use std::time::Duration;
 use crate::clock::Clock;
 
 pub use arriving::Arriving;
-pub use babble::Babble;
-pub use script::{Exchange, Script};
 
 /// A half-duplex line of bytes.
 pub trait Transport: Send {

@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use tdcr_hw::dynamixel::{Backup, Bus, BusSettings, LastingChanges, Reset, Span};
-use tdcr_hw::servo::{Fault, Health, Identity, Ping, ServoError, ServoId};
-use tdcr_hw::transport::{Exchange, Script};
+use tdcr_hw::servo::{Fault, Identity, ServoBus, ServoError, ServoId};
+
+use crate::script::{Exchange, Script};
 
 fn hex(text: &str) -> Vec<u8> {
     text.split_whitespace()

@@ -1,15 +1,13 @@
-//! Limits, logs and faults around a bus.
+//! Limits and logs around a bus.
 
-use std::cell::RefCell;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use tdcr_hw::clock::VirtualClock;
 use tdcr_hw::dynamixel::{Bus, BusSettings, Item, Model};
 use tdcr_hw::servo::{
-    CurrentGoals, CurrentLimits, Faulty, Health, Limited, Limits, Logged, Odds, Ping,
-    PositionGoals, PresentState, Record, ServoBus, ServoError, ServoId, Ticks, Torque,
-    TorqueSwitch,
+    Limited, Limits, Logged, Record, ServoBus, ServoError, ServoId, Setting, SharedLimits, Ticks,
+    Torque,
 };
 
 use crate::devices::{Device, Devices};
@@ -33,6 +31,12 @@ fn ids() -> [ServoId; 3] {
     [1, 2, 3].map(|id| ServoId::new(id).unwrap())
 }
 
+fn limits(ids: impl IntoIterator<Item = ServoId>) -> SharedLimits {
+    let limits = SharedLimits::default();
+    limits.set(ids.into_iter().map(|id| (id, LIMITS)));
+    limits
+}
+
 #[track_caller]
 fn refused<T>(result: &Result<T, ServoError>, what: &str) {
     match result {
@@ -49,10 +53,13 @@ fn goals_stay_within_their_limits_and_go_in_steps() {
     let mut devices = three();
     devices.device(1).set(Item::PresentPosition, 6750);
     let [one, two, three] = ids();
-    let mut bus = Limited::new(bus(&mut devices), [(one, LIMITS), (two, LIMITS)]);
+    let mut bus = Limited::new(bus(&mut devices), limits([one, two]));
     // From where they are; one servo has no limits, and gets no goals.
-    let results =
-        bus.set_goal_positions(&[(one, Ticks(6801)), (two, Ticks(100)), (three, Ticks(0))]);
+    let results = bus.set(Setting::GoalPositions(&[
+        (one, Ticks(6801)),
+        (two, Ticks(100)),
+        (three, Ticks(0)),
+    ]));
     refused(
         &results[0],
         "goal in ticks 6801 is not within -1200 to 6800",
@@ -60,40 +67,52 @@ fn goals_stay_within_their_limits_and_go_in_steps() {
     assert!(results[1].is_ok());
     assert!(matches!(results[2], Err(ServoError::Unknown { id }) if id == three));
     // From the goal before, whether or not the servo has followed.
-    let results = bus.set_goal_positions(&[(two, Ticks(201))]);
+    let results = bus.set(Setting::GoalPositions(&[(two, Ticks(201))]));
     refused(&results[0], "step in ticks from one goal to the next 101");
-    assert!(bus.set_goal_positions(&[(two, Ticks(200))])[0].is_ok());
+    assert!(bus.set(Setting::GoalPositions(&[(two, Ticks(200))]))[0].is_ok());
     assert_eq!(bus.goal_positions(&[two])[0].as_ref().unwrap(), &Ticks(200));
     // Where torque goes off, a servo goes where it is pulled.
-    assert!(bus.set_torque(&[two], Torque::Off)[0].is_ok());
-    refused(&bus.set_goal_positions(&[(two, Ticks(200))])[0], "step");
+    assert!(bus.set(Setting::Torque(&[two], Torque::Off))[0].is_ok());
+    refused(
+        &bus.set(Setting::GoalPositions(&[(two, Ticks(200))]))[0],
+        "step",
+    );
 }
 
 #[test]
-fn a_servo_beyond_its_limits_may_only_come_nearer() {
+fn a_servo_beyond_its_limits_may_only_stay_or_come_nearer() {
     let mut devices = three();
     devices.device(1).set(Item::PresentPosition, 7000);
     let [one, ..] = ids();
-    let mut bus = Limited::new(bus(&mut devices), [(one, LIMITS)]);
-    refused(&bus.set_goal_positions(&[(one, Ticks(7000))])[0], "goal");
-    for goal in [6900, 6850, 6800, 6700] {
-        assert!(bus.set_goal_positions(&[(one, Ticks(goal))])[0].is_ok());
+    let mut bus = Limited::new(bus(&mut devices), limits([one]));
+    refused(
+        &bus.set(Setting::GoalPositions(&[(one, Ticks(7001))]))[0],
+        "goal",
+    );
+    for goal in [7000, 6900, 6850, 6800, 6700] {
+        assert!(bus.set(Setting::GoalPositions(&[(one, Ticks(goal))]))[0].is_ok());
     }
-    refused(&bus.set_goal_positions(&[(one, Ticks(6801))])[0], "goal");
+    refused(
+        &bus.set(Setting::GoalPositions(&[(one, Ticks(6801))]))[0],
+        "goal",
+    );
 }
 
 #[test]
 fn currents_stay_within_their_limits() {
     let mut devices = three();
     let [one, two, _] = ids();
-    let mut bus = Limited::new(bus(&mut devices), [(one, LIMITS)]);
-    let results = bus.set_goal_currents(&[(one, -0.5), (two, 0.1)]);
+    let mut bus = Limited::new(bus(&mut devices), limits([one]));
+    let results = bus.set(Setting::GoalCurrents(&[(one, -0.5), (two, 0.1)]));
     assert!(results[0].is_ok());
     assert!(matches!(results[1], Err(ServoError::Unknown { .. })));
     for current in [0.51, -0.51, f64::NAN] {
-        refused(&bus.set_goal_currents(&[(one, current)])[0], "current in A");
         refused(
-            &bus.set_current_limits(&[(one, current)])[0],
+            &bus.set(Setting::GoalCurrents(&[(one, current)]))[0],
+            "current in A",
+        );
+        refused(
+            &bus.set(Setting::CurrentLimits(&[(one, current)]))[0],
             "current in A",
         );
     }
@@ -105,13 +124,15 @@ fn currents_stay_within_their_limits() {
 #[test]
 fn a_log_has_each_goal_and_reading_with_its_results() {
     let mut devices = three();
-    let lines = RefCell::new(Vec::new());
+    let lines = Mutex::new(Vec::new());
     let sink = |_: Duration, record: Record| {
         let line = match record {
-            Record::GoalPositions(goals, results) => {
+            Record::Set(Setting::GoalPositions(goals), results) => {
                 format!("goals {} {}", goals.len(), results[1].is_ok())
             }
-            Record::Torque(ids, torque, _) => format!("torque {} {torque:?}", ids.len()),
+            Record::Set(Setting::Torque(ids, torque), _) => {
+                format!("torque {} {torque:?}", ids.len())
+            }
             Record::Present(ids, results) => {
                 format!("present {} {}", ids.len(), results[0].is_ok())
             }
@@ -119,18 +140,18 @@ fn a_log_has_each_goal_and_reading_with_its_results() {
             Record::Reboot(id, result) => format!("reboot {id} {}", result.is_ok()),
             other => format!("{other:?}"),
         };
-        lines.borrow_mut().push(line);
+        lines.lock().unwrap().push(line);
     };
-    let limited = Limited::new(bus(&mut devices), [(ids()[0], LIMITS)]);
+    let limited = Limited::new(bus(&mut devices), limits([ids()[0]]));
     let mut bus = Logged::new(limited, Arc::new(VirtualClock::new()), sink);
     bus.ping(ids()[0]).unwrap();
-    drop(bus.set_torque(&ids(), Torque::On));
-    drop(bus.set_goal_positions(&ids().map(|id| (id, Ticks(1)))));
+    drop(bus.set(Setting::Torque(&ids(), Torque::On)));
+    drop(bus.set(Setting::GoalPositions(&ids().map(|id| (id, Ticks(1))))));
     drop(bus.present(&ids()));
     bus.reboot(ids()[2]).unwrap();
     drop(bus);
     assert_eq!(
-        lines.into_inner(),
+        lines.into_inner().unwrap(),
         [
             "ping 1 true",
             "torque 3 On",
@@ -142,60 +163,13 @@ fn a_log_has_each_goal_and_reading_with_its_results() {
 }
 
 #[test]
-fn faults_come_at_their_odds_and_are_the_same_for_the_same_seed() {
-    let run = |seed| {
-        let mut devices = three();
-        let odds = Odds {
-            lost: 0.2,
-            damaged: 0.1,
-        };
-        let mut bus = Faulty::new(bus(&mut devices), odds, seed);
-        let mut lost = 0;
-        let mut damaged = 0;
-        let mut pattern = Vec::new();
-        for _ in 0..500 {
-            for result in bus.present(&ids()) {
-                match &result {
-                    Err(ServoError::NoAnswer { .. }) => lost += 1,
-                    Err(ServoError::Damaged { .. }) => damaged += 1,
-                    _ => assert!(result.is_ok()),
-                }
-                pattern.push(result.is_ok());
-            }
-        }
-        // 1500 calls: 300 and 120 expected, with deviations of 15 and 11.
-        assert!((240..360).contains(&lost), "{lost}");
-        assert!((76..164).contains(&damaged), "{damaged}");
-        pattern
-    };
-    assert_eq!(run(1), run(1));
-    assert_ne!(run(1), run(2));
-}
-
-#[test]
-fn an_unplugged_servo_gets_nothing_and_costs_the_others_nothing() {
-    let mut devices = three();
-    let [one, two, three] = ids();
-    let mut bus = Faulty::new(bus(&mut devices), Odds::default(), 0);
-    bus.unplug(two);
-    let results = bus.set_goal_positions(&ids().map(|id| (id, Ticks(9))));
-    assert!(matches!(results[1], Err(ServoError::NoAnswer { id, .. }) if id == two));
-    assert!(results[0].is_ok() && results[2].is_ok());
-    let found: Vec<_> = bus.scan().unwrap().into_iter().map(|(id, _)| id).collect();
-    assert_eq!(found, [one, three]);
-    bus.plug_in(two);
-    assert_eq!(bus.goal_positions(&[two])[0].as_ref().unwrap(), &Ticks(0));
-}
-
-#[test]
 fn decorators_stack_on_a_bus_of_any_kind() {
     let mut devices = three();
     let boxed: Box<dyn ServoBus + '_> = Box::new(bus(&mut devices));
-    let faulty = Faulty::new(boxed, Odds::default(), 0);
-    let limited = Limited::new(faulty, ids().map(|id| (id, LIMITS)));
+    let limited = Limited::new(boxed, limits(ids()));
     let mut logged = Logged::new(limited, Arc::new(VirtualClock::new()), |_, _: Record| {});
     let bus: &mut dyn ServoBus = &mut logged;
-    for result in bus.set_watchdog(&ids(), Some(Duration::from_millis(200))) {
+    for result in bus.set(Setting::Watchdog(&ids(), Some(Duration::from_millis(200)))) {
         result.unwrap();
     }
     assert_eq!(bus.temperatures(&ids()).len(), 3);

@@ -4,5 +4,9 @@
 mod conversations;
 mod decorators;
 mod devices;
+mod noise;
 mod nonsense;
 mod operation;
+mod script;
+
+use tdcr_hw as hw;

@@ -8,8 +8,9 @@ use tdcr_hw::dynamixel::{
     Bus, BusSettings, Decoder, ErrorByte, Frame, FrameWriter, Instruction, Item, LastingChanges,
     MAX_FRAME, PacketId, STATUS, Span, Status,
 };
-use tdcr_hw::servo::{Ping, PresentState, ServoId, Torque, TorqueSwitch};
-use tdcr_hw::transport::Babble;
+use tdcr_hw::servo::{ServoBus, ServoId, Setting, Torque};
+
+use crate::noise::NoiseTransport;
 
 /// The same cases in each run: garbage may hold a frame by chance, which swallows another.
 fn seeded(cases: u32) -> ProptestConfig {
@@ -204,11 +205,11 @@ proptest! {
     #[test]
     fn a_driver_gives_one_result_for_each_servo_whatever_is_answered(bytes in babble()) {
         let settings = BusSettings { lasting_changes: LastingChanges::Allowed, ..BusSettings::default() };
-        let mut bus = Bus::new(Babble::new(bytes), settings);
+        let mut bus = Bus::new(NoiseTransport::new(bytes), settings);
         let ids = [1, 2, 3].map(|id| ServoId::new(id).unwrap());
         drop(bus.ping(ids[0]));
         prop_assert_eq!(bus.present(&ids).len(), 3);
-        prop_assert_eq!(bus.set_torque(&ids, Torque::On).len(), 3);
+        prop_assert_eq!(bus.set(Setting::Torque(&ids, Torque::On)).len(), 3);
         prop_assert_eq!(bus.read_items(&ids, Item::GoalPosition).len(), 3);
         let spans = ids.map(|id| Span { id, address: 100 + u16::from(id.get()), length: 4 });
         prop_assert_eq!(bus.read_many(&spans).len(), 3);

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use tdcr_hw::dynamixel::{Answers, Bus, BusSettings, Item, Model};
 use tdcr_hw::servo::{
-    CurrentGoals, CurrentLimits, Fault, Health, Modes, OperatingMode, PerServo, PositionGoals,
-    PresentState, ServoError, ServoId, Ticks, Torque, TorqueSwitch, Watchdog, WatchdogState,
+    Fault, OperatingMode, PerServo, ServoBus, ServoError, ServoId, Setting, Ticks, Torque,
+    WatchdogState,
 };
 use tdcr_hw::transport::Transport;
 
@@ -189,8 +189,11 @@ fn torque_goes_on_where_the_servo_is() {
     devices.device(3).set(Item::OperatingMode, 0);
     devices.device(3).set(Item::GoalPosition, 77);
     let mut bus = bus(&mut devices);
-    all(bus.set_mode(&ids[..2], OperatingMode::CurrentBasedPosition));
-    all(bus.set_torque(&ids, Torque::On));
+    all(bus.set(Setting::Mode(
+        &ids[..2],
+        OperatingMode::CurrentBasedPosition,
+    )));
+    all(bus.set(Setting::Torque(&ids, Torque::On)));
     assert_eq!(all(bus.torque(&ids)), [Torque::On; 3]);
     // A servo that follows currents has no use for a position.
     assert_eq!(
@@ -198,7 +201,7 @@ fn torque_goes_on_where_the_servo_is() {
         [Ticks(0), Ticks(6800), Ticks(77)]
     );
     let error = bus
-        .set_mode(&ids[..1], OperatingMode::Velocity)
+        .set(Setting::Mode(&ids[..1], OperatingMode::Velocity))
         .remove(0)
         .unwrap_err();
     assert!(
@@ -211,7 +214,7 @@ fn torque_goes_on_where_the_servo_is() {
         ),
         "{error}"
     );
-    all(bus.set_torque(&ids, Torque::Off));
+    all(bus.set(Setting::Torque(&ids, Torque::Off)));
     assert_eq!(all(bus.torque(&ids)), [Torque::Off; 3]);
 }
 
@@ -223,7 +226,7 @@ fn torque_stays_off_where_a_servo_has_an_error_and_goes_off_all_the_same() {
     let mut bus = bus(&mut devices);
     let present = all(bus.present(&ids));
     assert!(present[1].errors.overload && present[1].errors.overheating);
-    let mut results = bus.set_torque(&ids, Torque::On).into_iter();
+    let mut results = bus.set(Setting::Torque(&ids, Torque::On)).into_iter();
     results.next().unwrap().unwrap();
     let error = results.next().unwrap().unwrap_err();
     assert!(matches!(error, ServoError::Hardware { errors, .. } if errors.overload));
@@ -233,7 +236,7 @@ fn torque_stays_off_where_a_servo_has_an_error_and_goes_off_all_the_same() {
     );
     results.next().unwrap().unwrap();
     assert_eq!(all(bus.torque(&ids)), [Torque::On, Torque::Off, Torque::On]);
-    all(bus.set_torque(&ids, Torque::Off));
+    all(bus.set(Setting::Torque(&ids, Torque::Off)));
     bus.reboot(ids[1]).unwrap();
     assert!(
         all(bus.hardware_errors(&ids))
@@ -248,7 +251,7 @@ fn goals_are_refused_after_a_watchdog_has_tripped_until_it_is_set() {
     let ids = servos([1, 2, 3]);
     let mut bus = bus(&mut devices);
     let timeout = Duration::from_millis(110);
-    all(bus.set_watchdog(&ids, Some(timeout)));
+    all(bus.set(Setting::Watchdog(&ids, Some(timeout))));
     // To the next 20 ms.
     let armed = WatchdogState::Armed(Duration::from_millis(120));
     assert_eq!(all(bus.watchdog(&ids)), [armed; 3]);
@@ -259,14 +262,14 @@ fn goals_are_refused_after_a_watchdog_has_tripped_until_it_is_set() {
         WatchdogState::Tripped
     );
     let goals = ids.map(|id| (id, Ticks(100)));
-    let results = bus.set_goal_positions(&goals);
+    let results = bus.set(Setting::GoalPositions(&goals));
     assert!(results[0].is_ok() && results[2].is_ok());
     assert!(matches!(results[1], Err(ServoError::WatchdogTripped { id }) if id == ids[1]));
-    all(bus.set_watchdog(&ids, None));
-    all(bus.set_goal_positions(&goals));
+    all(bus.set(Setting::Watchdog(&ids, None)));
+    all(bus.set(Setting::GoalPositions(&goals)));
     assert_eq!(all(bus.goal_positions(&ids)), [Ticks(100); 3]);
     for too_long in [Duration::from_millis(2541), Duration::MAX] {
-        let results = bus.set_watchdog(&ids, Some(too_long));
+        let results = bus.set(Setting::Watchdog(&ids, Some(too_long)));
         assert!(matches!(results[0], Err(ServoError::OutOfRange { .. })));
     }
 }
@@ -290,11 +293,11 @@ fn currents_are_sent_in_their_unit_and_bounded_for_good() {
     let mut devices = three();
     let ids = servos([1, 2]);
     let mut bus = bus(&mut devices);
-    all(bus.set_current_limits(&ids.map(|id| (id, 0.9))));
+    all(bus.set(Setting::CurrentLimits(&ids.map(|id| (id, 0.9)))));
     assert_eq!(all(bus.current_limits(&ids)), [0.9, 0.9]);
-    all(bus.set_goal_currents(&[(ids[0], -0.25), (ids[1], 0.3)]));
+    all(bus.set(Setting::GoalCurrents(&[(ids[0], -0.25), (ids[1], 0.3)])));
     for nonsense in [f64::NAN, f64::INFINITY, 40.0] {
-        let results = bus.set_goal_currents(&[(ids[0], nonsense), (ids[1], 0.3)]);
+        let results = bus.set(Setting::GoalCurrents(&[(ids[0], nonsense), (ids[1], 0.3)]));
         assert!(
             matches!(results[0], Err(ServoError::OutOfRange { .. })),
             "{nonsense}"
@@ -324,7 +327,7 @@ fn a_whole_bus_of_servos_is_read_in_as_many_frames_as_it_takes() {
     let mut bus = bus(&mut devices);
     all(bus.present(&ids));
     let goals: Vec<_> = ids.iter().map(|&id| (id, Ticks(-1))).collect();
-    all(bus.set_goal_positions(&goals));
+    all(bus.set(Setting::GoalPositions(&goals)));
     assert_eq!(all(bus.goal_positions(&ids)), [Ticks(-1); 253]);
     // Nothing was asked twice: 15 servos' readings at 1 Mbaud take less than 15 ms.
     let start = bus.transport().clock().now();

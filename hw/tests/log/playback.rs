@@ -12,8 +12,7 @@ use tdcr_hw::log::{
 };
 use tdcr_hw::recorded::{Orders, RecordedBus, RecordedCamera, RecordedError};
 use tdcr_hw::servo::{
-    Health, Logged, OperatingMode, PerServo, Ping, PositionGoals, PresentState, ServoBus,
-    ServoError, ServoId, Ticks, Torque, TorqueSwitch,
+    Logged, OperatingMode, PerServo, ServoBus, ServoError, ServoId, Setting, Ticks, Torque,
 };
 use tdcr_hw::simulated::camera::{CameraSetup, SimulatedCamera};
 use tdcr_hw::simulated::{Fault, Simulator, SimulatorSetup};
@@ -47,23 +46,29 @@ fn program(
     note(format!("{:?}", bus.scan()));
     note(format!("{:?}", bus.ping(id(4))));
     note(format!("{:?}", bus.torque(&ids)));
-    note(format!("{:?}", bus.set_current_limits(&[(id(5), 0.3)])));
+    note(format!(
+        "{:?}",
+        bus.set(Setting::CurrentLimits(&[(id(5), 0.3)]))
+    ));
     note(format!("{:?}", bus.current_limits(&ids)));
     let timeout = Some(Duration::from_secs(2));
-    note(format!("{:?}", bus.set_watchdog(&ids, timeout)));
+    note(format!("{:?}", bus.set(Setting::Watchdog(&ids, timeout))));
     note(format!("{:?}", bus.watchdog(&ids)));
     note(format!(
         "{:?}",
-        bus.set_mode(&ids, OperatingMode::ExtendedPosition)
+        bus.set(Setting::Mode(&ids, OperatingMode::ExtendedPosition))
     ));
-    note(format!("{:?}", bus.set_torque(&ids, Torque::On)));
+    note(format!("{:?}", bus.set(Setting::Torque(&ids, Torque::On))));
     for step in 0..6 {
         drop_servo(step == 3);
         let goals: Vec<_> = (ids.iter())
             .map(|&id| (id, Ticks(2048 + 20 * step * i32::from(id.get() % 3))))
             .collect();
-        note(format!("{:?}", bus.set_goal_positions(&goals)));
-        note(format!("{:?}", bus.set_goal_currents(&[(id(1), 0.2)])));
+        note(format!("{:?}", bus.set(Setting::GoalPositions(&goals))));
+        note(format!(
+            "{:?}",
+            bus.set(Setting::GoalCurrents(&[(id(1), 0.2)]))
+        ));
         if step != 3 {
             note(format!("{:?}", bus.temperatures(&ids)));
             note(format!(
@@ -124,14 +129,12 @@ fn log(path: &Path) -> Seen {
         clock.clone(),
     );
     let log = SharedLog::new(LogWriter::create(path, &*clock, LogSettings::default()).unwrap());
-    log.with(|log| {
-        log.camera(
-            clock.now(),
-            SERIAL,
-            camera.camera(),
-            camera.depth_to_color(),
-        )
-    });
+    let (now, seen, pose) = (
+        clock.now(),
+        camera.camera().clone(),
+        camera.depth_to_color(),
+    );
+    log.with(move |log| log.camera(now, SERIAL, &seen, pose));
     let bus = Bus::new(simulator.bus(), BusSettings::default());
     let mut bus = Logged::new(bus, clock.clone(), servo_sink(log.clone()));
     let drop_servo = |dropped| match dropped {
@@ -139,7 +142,7 @@ fn log(path: &Path) -> Seen {
         false => simulator.repair(),
     };
     let seen = program(&*clock, &mut bus, &mut camera, drop_servo, |frame| {
-        log.with(|log| log.frame(SERIAL, frame));
+        log.frame(SERIAL, frame);
     });
     log.finish().unwrap();
     seen
@@ -243,7 +246,10 @@ fn orders_other_than_those_of_the_recording_are_refused() {
     short_log(&path);
     let clock = Arc::new(VirtualClock::new());
     let mut bus = RecordedBus::open(&path, clock.clone(), Orders::Compare).unwrap();
-    let said = words(bus.set_goal_positions(&[(id(1), Ticks(7)), (id(2), Ticks(8))]));
+    let said = words(bus.set(Setting::GoalPositions(&[
+        (id(1), Ticks(7)),
+        (id(2), Ticks(8)),
+    ])));
     assert_eq!(said[0], "ok");
     assert_eq!(
         said[1],
@@ -251,10 +257,12 @@ fn orders_other_than_those_of_the_recording_are_refused() {
          cannot do otherwise"
     );
     assert_eq!(clock.now(), Duration::from_secs(1));
-    assert!(words(bus.set_torque(&[id(1)], Torque::On))[0].contains("the recording ends"));
+    assert!(
+        words(bus.set(Setting::Torque(&[id(1)], Torque::On)))[0].contains("the recording ends")
+    );
 
     let mut shown = RecordedBus::open(&path, clock, Orders::Refuse).unwrap();
-    let said = words(shown.set_goal_positions(&[(id(1), Ticks(7))]));
+    let said = words(shown.set(Setting::GoalPositions(&[(id(1), Ticks(7))])));
     assert!(said[0].contains("only looked at"), "{said:?}");
 }
 
@@ -309,9 +317,11 @@ fn repetitions_need_not_be_those_of_the_recording() {
     let clock = Arc::new(VirtualClock::new());
     let mut bus = RecordedBus::open(&path, clock, Orders::Compare).unwrap();
     let one = [id(1)];
-    let tell = |bus: &mut RecordedBus, tick| words(bus.set_goal_positions(&[(id(1), Ticks(tick))]));
+    let tell = |bus: &mut RecordedBus, tick| {
+        words(bus.set(Setting::GoalPositions(&[(id(1), Ticks(tick))])))
+    };
     let see = |bus: &mut RecordedBus| bus.present(&one)[0].as_ref().unwrap().position.0;
-    assert_eq!(words(bus.set_torque(&one, Torque::On)), ["ok"]);
+    assert_eq!(words(bus.set(Setting::Torque(&one, Torque::On))), ["ok"]);
     assert_eq!(tell(&mut bus, 10), ["ok"]);
     // More often than it was: where it stands does not change before it is told to.
     assert_eq!([see(&mut bus), see(&mut bus), see(&mut bus)], [9; 3]);
@@ -319,7 +329,7 @@ fn repetitions_need_not_be_those_of_the_recording() {
     assert_eq!(tell(&mut bus, 20), ["ok"]);
     // Less often: what was not asked for is passed over.
     assert_eq!(see(&mut bus), 18);
-    assert_eq!(words(bus.set_torque(&one, Torque::Off)), ["ok"]);
+    assert_eq!(words(bus.set(Setting::Torque(&one, Torque::Off))), ["ok"]);
 }
 
 #[test]

@@ -8,10 +8,7 @@ use std::time::Duration;
 use tdcr_hw::clock::{Clock, SystemClock};
 use tdcr_hw::dynamixel::{Answers, Bus, BusSettings};
 use tdcr_hw::serial::{Serial, SerialSettings};
-use tdcr_hw::servo::{
-    Health, OperatingMode, Ping, PresentState, ServoBus, ServoId, Ticks, Torque, TorqueSwitch,
-    Watchdog, WatchdogState,
-};
+use tdcr_hw::servo::{OperatingMode, ServoBus, ServoId, Setting, Ticks, Torque, WatchdogState};
 use tdcr_hw::simulated::{Fault, SimulatedBus, Simulator, Terminal};
 
 use crate::{Desk, id, setup};
@@ -26,16 +23,16 @@ fn driver(desk: &Desk, settings: BusSettings) -> Bus<SimulatedBus> {
 
 /// Switches all on in a mode, their goals where they stand.
 fn engage(bus: &mut impl ServoBus, ids: &[ServoId], mode: OperatingMode) {
-    for done in bus.set_mode(ids, mode) {
+    for done in bus.set(Setting::Mode(ids, mode)) {
         done.expect("the mode is set");
     }
     let goals: Vec<_> = (ids.iter().zip(bus.present(ids)))
         .map(|(&id, present)| (id, present.expect("present").position))
         .collect();
-    for done in bus.set_goal_positions(&goals) {
+    for done in bus.set(Setting::GoalPositions(&goals)) {
         done.expect("sent");
     }
-    for done in bus.set_torque(ids, Torque::On) {
+    for done in bus.set(Setting::Torque(ids, Torque::On)) {
         done.expect("torque is on");
     }
 }
@@ -44,9 +41,17 @@ fn engage(bus: &mut impl ServoBus, ids: &[ServoId], mode: OperatingMode) {
 fn moves(bus: &mut impl ServoBus, ids: &[ServoId], wait: impl Fn(Duration)) {
     engage(bus, ids, OperatingMode::CurrentBasedPosition);
     let currents: Vec<_> = ids.iter().map(|&id| (id, 0.6)).collect();
-    assert!(bus.set_goal_currents(&currents).iter().all(Result::is_ok));
+    assert!(
+        bus.set(Setting::GoalCurrents(&currents))
+            .iter()
+            .all(Result::is_ok)
+    );
     let goals: Vec<_> = ids.iter().map(|&id| (id, Ticks(2048 + 500))).collect();
-    assert!(bus.set_goal_positions(&goals).iter().all(Result::is_ok));
+    assert!(
+        bus.set(Setting::GoalPositions(&goals))
+            .iter()
+            .all(Result::is_ok)
+    );
     wait(Duration::from_millis(1000));
     for present in bus.present(ids) {
         let present = present.expect("an answer");
@@ -145,7 +150,11 @@ fn shutdowns_watchdogs_and_pulled_cables_are_reported() {
     let ids = nine();
     engage(&mut bus, &ids, OperatingMode::ExtendedPosition);
     let timeout = Some(Duration::from_millis(200));
-    assert!(bus.set_watchdog(&ids, timeout).iter().all(Result::is_ok));
+    assert!(
+        bus.set(Setting::Watchdog(&ids, timeout))
+            .iter()
+            .all(Result::is_ok)
+    );
     desk.wait(1.0);
     let tripped = bus.watchdog(&ids);
     assert!(
@@ -153,7 +162,11 @@ fn shutdowns_watchdogs_and_pulled_cables_are_reported() {
             .into_iter()
             .all(|state| matches!(state, Ok(WatchdogState::Tripped)))
     );
-    assert!(bus.set_watchdog(&ids, None).iter().all(Result::is_ok));
+    assert!(
+        bus.set(Setting::Watchdog(&ids, None))
+            .iter()
+            .all(Result::is_ok)
+    );
     desk.simulator.inject(Fault::Overheated(id(2)));
     desk.wait(0.01);
     let errors = bus.hardware_errors(&ids);

@@ -4,18 +4,17 @@ use std::fs::{self, File};
 use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
 
-use tdcr_sim::files::TEMPORARY;
+use tdcr_base::Part;
+use tdcr_base::files::TEMPORARY;
+use tdcr_base::lock::try_lock;
 
 use super::assemble::assemble;
 use super::blocks::Blocks;
-use super::folder::{foreign_entry, remove_folder};
+use super::folder::{STAGING, foreign_entry, remove_folder};
 use super::meta::{META_FILE, Meta};
-use super::part::{Part, PartFolder};
+use super::part::PartFolder;
 use super::{DataError, Sample};
-use crate::lock::try_lock;
 
-/// Folder of the blocks, inside the data set's.
-pub(super) const STAGING: &str = ".partial";
 const LOCK_FILE: &str = "lock";
 
 /// A data set being made.

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::collector::STAGING;
+use super::folder::STAGING;
 use super::meta::{META_FILE, Meta};
 use super::part::PartFolder;
 use super::shard::{Array, Sizes};

@@ -3,11 +3,12 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use tdcr_base::Part;
+use tdcr_base::limits::OverLimit;
+
 use super::exchange::EXTENSIONS;
-use super::merge::MergeError;
-use super::part::Part;
-use super::split::{MAX_SAMPLES, MIN_SAMPLES};
-use crate::limits::OverLimit;
+use super::merge_error::MergeError;
+use super::sample_count::{MAX_SAMPLES, MIN_SAMPLES};
 
 /// Why a data set could not be made or read. Every variant says what was found, where, and what would be right.
 ///
@@ -233,7 +234,7 @@ pub enum DataError {
     },
     /// The folder holds a part of a data set, and nothing but [`merge`](super::merge()) reads parts.
     #[error(
-        "{} holds {}; merge all {} first: tdcr data merge PARTS... --out DIR",
+        "{} holds {}; merge all {} first",
         .path.display(), of_a_set(&Some(*.part)), .part.of()
     )]
     Unmerged {
@@ -241,14 +242,6 @@ pub enum DataError {
         path: PathBuf,
         /// The part.
         part: Part,
-    },
-    /// A text or numbers that name no part.
-    #[error(
-        "`{found}` is no part, expected I/N, two whole numbers with 1 <= I <= N <= {MAX_SAMPLES}, such as 2/7"
-    )]
-    InvalidPart {
-        /// What was given.
-        found: String,
     },
     /// Folders cannot be merged to a data set.
     #[error(transparent)]
@@ -315,7 +308,7 @@ pub enum DataError {
         problem: String,
     },
     /// A folder that is not there, or holds nothing of a data set.
-    #[error("there is no data set in {}; `tdcr collect --out {}` makes one, `tdcr data import` makes one of clouds", .path.display(), .path.display())]
+    #[error("there is no data set in {}", .path.display())]
     NoDataSet {
         /// The folder.
         path: PathBuf,

@@ -6,6 +6,9 @@ use std::path::Path;
 
 use super::DataError;
 
+/// Folder of the blocks, inside the data set's.
+pub(super) const STAGING: &str = ".partial";
+
 /// Name of the first entry of `dir`, in name order, that is not `known`; none where there is no such folder.
 pub(super) fn foreign_entry(dir: &Path, known: &[String]) -> Result<Option<String>, DataError> {
     let entries = match fs::read_dir(dir) {

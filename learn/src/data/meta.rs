@@ -3,15 +3,17 @@
 use std::io;
 use std::path::Path;
 
+use tdcr_base::files::{LARGEST_TEXT, read_text, write_atomically};
+
 use super::DataError;
 use super::conditions::Design;
+use super::sample_count::{MAX_SAMPLES, MIN_SAMPLES};
 use super::shard::Sizes;
 use super::simulator::{Recipe, Subject};
-use super::split::{MAX_SAMPLES, MIN_SAMPLES, require_count, split_size};
+use super::split::{require_count, split_size};
 use super::{Split, SplitIndices, split_indices};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use tdcr_sim::files::{LARGEST_TEXT, read_text, write_atomically};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::RobotSpec;
 

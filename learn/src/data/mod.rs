@@ -34,10 +34,12 @@ mod folder;
 mod grow;
 mod hdf5_error;
 mod merge;
+mod merge_error;
 mod meta;
 mod normalisation;
 mod part;
 mod sample;
+mod sample_count;
 mod shard;
 mod shard_file;
 mod simulator;
@@ -54,10 +56,10 @@ pub use exchange::{
     CloudFileError, ExportFormat, ImportSettings, Imported, LengthUnit, NpzArray, NpzRows,
     NpzValues, PredictedClouds, export, import, read_cloud, read_predictions, write_npy, write_npz,
 };
-pub use merge::{MergeError, merge};
+pub use merge::merge;
+pub use merge_error::MergeError;
 pub use meta::{Meta, Origin, Recording};
 pub use normalisation::{Normalisation, OutOfRange};
-pub use part::Part;
 pub use sample::Sample;
 pub use simulator::{Recipe, SimulateError, SimulationTimes, Simulator, Subject};
 pub use split::{Split, SplitIndices, split_indices};

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::{LARGEST_TEXT, read_text, write_atomically};
+use tdcr_base::files::{LARGEST_TEXT, read_text, write_atomically};
 
 use super::DataError;
 

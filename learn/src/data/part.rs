@@ -5,91 +5,26 @@
 //! blocks/block-00000000.h5     the samples, a few consecutive ones a file: `data`, `rgb` and `motors` of a shard
 //! ```
 //!
-//! Part `I` of `N` of `count` samples holds those from `(I - 1) count / N` to before `I count / N`, rounded down: none, where
-//! there are more parts than samples. It is complete when all its blocks are there.
+//! Which samples a part has, [`Part`] says. It is complete when all its blocks are there.
 
-use std::fmt;
 use std::fs::{self, File};
 use std::io;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::{LARGEST_TEXT, TEMPORARY, read_text};
+use tdcr_base::Part;
+use tdcr_base::files::{LARGEST_TEXT, TEMPORARY, read_text};
+use tdcr_base::lock::try_lock;
 
 use super::DataError;
 use super::blocks::Blocks;
-use super::collector::STAGING;
-use super::folder::foreign_entry;
+use super::folder::{STAGING, foreign_entry};
 use super::meta::{META_FILE, Meta, Version, save_json};
-use super::split::MAX_SAMPLES;
-use crate::lock::try_lock;
 
 /// File that makes a folder a part's.
 pub(super) const PART_FILE: &str = "part.json";
 const BLOCKS: &str = "blocks";
 const LOCK_FILE: &str = ".lock";
-
-/// Which part of a data set: `number` of `of`, counted from 1; as text `I/N`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Part {
-    number: usize,
-    of: usize,
-}
-
-impl Part {
-    /// Part `number` of `of`.
-    ///
-    /// # Errors
-    /// [`DataError::InvalidPart`] unless `1 <= number <= of <= 10000000`.
-    pub fn new(number: usize, of: usize) -> Result<Self, DataError> {
-        if (1..=of).contains(&number) && of <= MAX_SAMPLES {
-            return Ok(Self { number, of });
-        }
-        Err(DataError::InvalidPart {
-            found: format!("{number}/{of}"),
-        })
-    }
-
-    /// Which part, from 1.
-    pub fn number(self) -> usize {
-        self.number
-    }
-
-    /// Number of parts in all.
-    pub fn of(self) -> usize {
-        self.of
-    }
-
-    /// Indices of the part's samples in a data set of `count` samples.
-    pub fn samples(self, count: usize) -> Range<usize> {
-        let end_of = |parts: usize| (parts as u128 * count as u128 / self.of as u128) as usize;
-        end_of(self.number - 1)..end_of(self.number)
-    }
-}
-
-impl fmt::Display for Part {
-    fn fmt(&self, out: &mut fmt::Formatter) -> fmt::Result {
-        write!(out, "part {} of {}", self.number, self.of)
-    }
-}
-
-/// Reads `I/N`.
-impl FromStr for Part {
-    type Err = DataError;
-
-    fn from_str(text: &str) -> Result<Self, DataError> {
-        let numbers = text.split_once('/').and_then(|(number, of)| {
-            let whole = |digits: &str| digits.parse().ok();
-            Some((whole(number)?, whole(of)?))
-        });
-        let (number, of) = numbers.ok_or_else(|| DataError::InvalidPart {
-            found: text.to_owned(),
-        })?;
-        Self::new(number, of)
-    }
-}
 
 /// The contents of `part.json`.
 #[derive(Serialize, Deserialize)]
@@ -116,7 +51,7 @@ pub(super) struct PartFolder {
 
 impl PartFolder {
     fn new(dir: &Path, part: Part, meta: Meta) -> Self {
-        let samples = part.samples(meta.count);
+        let samples = part.range(meta.count);
         Self {
             dir: dir.to_owned(),
             part,
@@ -138,12 +73,13 @@ impl PartFolder {
         let ContentsVersion { meta } = serde_json::from_str(&text).map_err(json)?;
         meta.require_known(&path)?;
         let Contents { part, of, meta } = serde_json::from_str(&text).map_err(json)?;
-        let invalid = |problem: DataError| DataError::InvalidJson {
+        let invalid = |problem: String| DataError::InvalidJson {
             path: path.clone(),
-            problem: problem.to_string(),
+            problem,
         };
-        let part = Part::new(part, of).map_err(invalid)?;
-        meta.validate().map_err(invalid)?;
+        let part = Part::new(part, of).map_err(|error| invalid(error.to_string()))?;
+        let valid = meta.validate();
+        valid.map_err(|error| invalid(error.to_string()))?;
         Ok(Some(Self::new(dir, part, meta)))
     }
 
@@ -172,10 +108,9 @@ impl PartFolder {
     }
 
     fn save(&self) -> Result<(), DataError> {
-        let Part { number, of } = self.part;
         let contents = Contents {
-            part: number,
-            of,
+            part: self.part.number(),
+            of: self.part.of(),
             meta: self.blocks.meta.clone(),
         };
         save_json(&self.dir.join(PART_FILE), &contents)
@@ -222,53 +157,5 @@ fn require_fresh(dir: &Path, part: Part) -> Result<(), DataError> {
             path: dir.to_owned(),
             found,
         }),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
-
-    use proptest::prelude::*;
-
-    use super::*;
-
-    proptest! {
-        #[test]
-        fn parts_hold_every_sample_once_in_order_and_are_of_equal_size(count in 0..3000_usize, of in 1..4000_usize) {
-            let mut end = 0;
-            for number in 1..=of {
-                let samples = Part::new(number, of).unwrap().samples(count);
-                prop_assert_eq!(samples.start, end);
-                prop_assert!((count / of..=count.div_ceil(of)).contains(&samples.len()));
-                end = samples.end;
-            }
-            prop_assert_eq!(end, count);
-        }
-    }
-
-    #[test]
-    fn a_part_is_two_whole_numbers_of_which_the_first_counts_up_to_the_second() {
-        let part: Part = "2/7".parse().unwrap();
-        assert_eq!((part.number(), part.of()), (2, 7));
-        assert_eq!(part.to_string(), "part 2 of 7");
-        let largest: Part = "10000000/10000000".parse().unwrap();
-        assert_eq!(largest.samples(10_000_000), 9_999_999..10_000_000);
-        for text in [
-            "",
-            "2",
-            "0/3",
-            "4/3",
-            "1/0",
-            "-1/3",
-            "1/3/3",
-            "1.0/3",
-            "1/10000001",
-            "a/b",
-        ] {
-            let error = text.parse::<Part>().unwrap_err().to_string();
-            let expected = format!("`{text}` is no part, expected I/N");
-            assert!(error.starts_with(&expected), "{error}");
-        }
     }
 }

@@ -4,8 +4,8 @@ use std::io;
 use std::path::Path;
 
 use hdf5_pure::{Error, FileBuilder, H5Element};
+use tdcr_base::files::write_atomically;
 use tdcr_sim::cloud::PointCloud;
-use tdcr_sim::files::write_atomically;
 
 use super::{Condition, DataError, Normalisation, Sample};
 

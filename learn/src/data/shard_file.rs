@@ -4,12 +4,12 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use hdf5_pure::{DType, Error, File, FormatError};
-use tdcr_sim::files;
+use tdcr_base::files;
+use tdcr_base::limits;
 
 use super::DataError;
 use super::hdf5_error::reason;
 use super::shard::{Array, Batch, Sizes};
-use crate::limits;
 
 /// Bytes of memory for what the HDF5 reader keeps of a chunk, stored or not, however small it is.
 const CHUNK_ENTRY: u64 = 128;

@@ -6,12 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::DataError;
-
-/// Fewest samples that split 80/10/10 with none empty.
-pub(super) const MIN_SAMPLES: usize = 10;
-
-/// Most samples: far above any data set's, and few enough that their indices fit into memory.
-pub(super) const MAX_SAMPLES: usize = 10_000_000;
+use super::sample_count::{MAX_SAMPLES, MIN_SAMPLES};
 
 /// Shares of [`Split::ALL`], in tenths.
 const TENTHS: [usize; 3] = [8, 1, 1];

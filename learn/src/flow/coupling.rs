@@ -1,5 +1,6 @@
 //! How samples of the prior are coupled to the points of a cloud.
 
+use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
@@ -70,6 +71,16 @@ impl Coupling {
     }
 }
 
+/// As it is read.
+impl fmt::Display for Coupling {
+    fn fmt(&self, out: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Independent => out.write_str("independent"),
+            Self::OptimalTransport { batch } => write!(out, "optimal-transport:{batch}"),
+        }
+    }
+}
+
 /// Reads `independent`, `optimal-transport` or `optimal-transport:K`.
 impl FromStr for Coupling {
     type Err = FlowError;
@@ -100,6 +111,13 @@ mod tests {
     use crate::flow::{FlowPath, Stream, rng};
     use crate::metrics::emd_squared;
     use proptest::prelude::*;
+
+    #[test]
+    fn a_coupling_is_read_as_it_is_written() {
+        for coupling in [Coupling::Independent, Coupling::OPTIMAL_TRANSPORT] {
+            assert_eq!(coupling.to_string().parse(), Ok(coupling));
+        }
+    }
 
     /// Samples of the prior, and points of a slanted disc: some of them twice, as padded clouds have them.
     fn prior_and_data(points: usize, channels: Channels, seed: u64) -> [Vec<f32>; 2] {

@@ -96,6 +96,16 @@ impl NetworkShape {
         }
     }
 
+    /// The same shape for conditions of another dimension.
+    #[must_use]
+    pub fn with_condition_dim(mut self, condition_dim: usize) -> Self {
+        match &mut self {
+            Self::Mlp(shape) => shape.condition_dim = condition_dim,
+            Self::Hybrid(shape) => shape.head.condition_dim = condition_dim,
+        }
+        self
+    }
+
     /// The layers that act on every point.
     fn head(&self) -> &MlpShape {
         match self {

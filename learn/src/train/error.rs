@@ -1,5 +1,6 @@
 //! What can go wrong in training and with its files.
 
+use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -35,6 +36,19 @@ impl SettingsError {
             expected: expected.to_string(),
         }
     }
+
+    /// An error where `found` is another value than `expected`, which is `whose`.
+    pub(super) fn unless_equal<T: PartialEq + fmt::Debug>(
+        field: &'static str,
+        found: &T,
+        expected: &T,
+        whose: impl ToString,
+    ) -> Result<(), Self> {
+        if found == expected {
+            return Ok(());
+        }
+        Err(Self::new(field, format!("{found:?}"), whose))
+    }
 }
 
 /// Why a training run cannot start or go on.
@@ -50,8 +64,7 @@ pub enum TrainError {
     /// A network with BatchNorm.
     #[error(
         "the authors' Hybrid (layers pvcnn) has BatchNorm, whose moments are over all clouds of a batch, and this trainer takes \
-         clouds one after another: train it in PyTorch, by `python -m tdcr.torch.train` with the same options, or take \
-         --layers residual"
+         clouds one after another: expected layers `residual`"
     )]
     BatchNorm,
     /// A data set cannot be trained on or validated with.

@@ -1,5 +1,6 @@
 //! Sources of training clouds.
 
+use tdcr_base::hash::hash;
 use tdcr_sim::robot::SpecError;
 
 use super::error::{SettingsError, TrainError};
@@ -11,7 +12,6 @@ use super::teacher::Teacher;
 use crate::channels::{Channels, DIM};
 use crate::data::{CloudSet, Normalisation, Sample, SimStream, SimulateError, StreamSpec};
 use crate::flow::Reach;
-use crate::hash::hash;
 use crate::net::{Network, NetworkShape};
 use crate::symmetry::Reduction;
 

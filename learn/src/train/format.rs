@@ -9,10 +9,10 @@ use safetensors::tensor::{Dtype, SafeTensors, View};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
-use tdcr_sim::files::{self, write_atomically};
+use tdcr_base::files::LARGEST_CLOUDS;
+use tdcr_base::files::{self, write_atomically};
 
 use super::error::{FileError, FileProblem};
-use crate::limits::MAX_FILE;
 
 /// Version of the format that this crate reads and writes.
 const VERSION: u32 = 2;
@@ -148,7 +148,7 @@ pub(super) fn read<H: DeserializeOwned, R>(
     kind: Kind,
     parse: impl FnOnce(H, &mut Reader) -> Result<R, FileProblem>,
 ) -> Result<R, FileError> {
-    let parsed = files::read(path, MAX_FILE)
+    let parsed = files::read(path, LARGEST_CLOUDS)
         .map_err(FileProblem::io("read"))
         .and_then(|bytes| {
             let header = parse_header(&bytes, kind)?;

@@ -13,6 +13,7 @@ mod format;
 mod model;
 mod optimizer;
 mod orthogonal;
+mod refined;
 mod refinement;
 mod samples;
 mod schedule;

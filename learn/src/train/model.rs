@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{FileError, FileProblem};
 use super::format::{Kind, Reader, Writer, read};
-use super::refinement::Refined;
+use super::refined::Refined;
 use super::settings::TrainSettings;
 use crate::channels::{Channels, DIM};
 use crate::data::{Normalisation, Subject};

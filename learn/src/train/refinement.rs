@@ -10,17 +10,18 @@
 use rand::RngExt;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use tdcr_base::hash::hash_all;
 
 use super::error::{SettingsError, TrainError};
 use super::model::{Model, positions};
 use super::optimizer::Optimizer;
+use super::refined::Refined;
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
 use super::{start, state};
 use crate::channels::DIM;
 use crate::data::CloudSet;
 use crate::flow::{FlowPath, Reach, Sampler, Stream, VelocityField, rng};
-use crate::hash::hash_all;
 use crate::metrics::nearest_points;
 use crate::net::{Channels, Network, NetworkShape};
 use crate::prior::start_from;
@@ -72,48 +73,6 @@ impl Refinement {
             .saturating_mul((settings.clouds * settings.points) as u64);
         let each = usize::try_from(seen / clouds.max(1) as u64).unwrap_or(usize::MAX);
         self.points.min(each.max(settings.points))
-    }
-}
-
-/// A network whose velocities point at where data are, and beside which another one may be used in the last denoising.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Refined<'a> {
-    pub flow: &'a Network,
-    /// The network of a denoising at this flow time.
-    pub last: Option<(f32, &'a Network)>,
-    /// Where data are, as far as that is known.
-    pub reach: Option<Reach>,
-}
-
-impl Refined<'_> {
-    fn velocity_by(
-        &self,
-        network: &Network,
-        t: f32,
-        condition: &[f32],
-        points: &[f32],
-        velocities: &mut [f32],
-    ) {
-        network.velocity(t, condition, points, velocities);
-        if let Some(reach) = self.reach {
-            reach.bound(network.channels(), t, points, velocities);
-        }
-    }
-}
-
-impl VelocityField for Refined<'_> {
-    fn channels(&self) -> Channels {
-        self.flow.channels()
-    }
-
-    fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]) {
-        self.velocity_by(self.flow, t, condition, points, velocities);
-    }
-
-    fn last_velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]) {
-        let last = self.last.filter(|(time, _)| *time == t);
-        let network = last.map_or(self.flow, |(_, network)| network);
-        self.velocity_by(network, t, condition, points, velocities);
     }
 }
 
@@ -212,25 +171,16 @@ impl Refiner {
         shape: &NetworkShape,
         settings: &TrainSettings,
     ) -> Result<(), SettingsError> {
-        let refuse = |field, found: String, expected: String| {
-            Err(SettingsError::new(field, found, expected))
-        };
         let own = self.network.shape();
-        if *shape != own {
-            return refuse("shape", format!("{shape:?}"), format!("the flow's {own:?}"));
-        }
-        if settings.path != self.path {
-            let expected = format!("the flow's {:?}", self.path);
-            return refuse("path", format!("{:?}", settings.path), expected);
-        }
-        if settings.sampler.denoise != Some(self.time) {
-            let found = format!("{:?}", settings.sampler.denoise);
-            let expected = format!("{}, of which the ends are", self.time);
-            return refuse("sampler denoising time", found, expected);
-        }
+        SettingsError::unless_equal("shape", shape, &own, format!("the flow's {own:?}"))?;
+        let path = format!("the flow's {:?}", self.path);
+        SettingsError::unless_equal("path", &settings.path, &self.path, path)?;
+        let time = format!("{}, of which the ends are", self.time);
+        let denoise = &settings.sampler.denoise;
+        SettingsError::unless_equal("sampler denoising time", denoise, &Some(self.time), time)?;
         if settings.points > self.points_per_cloud {
             let expected = format!("at most the {} of a cloud", self.points_per_cloud);
-            return refuse("points", settings.points.to_string(), expected);
+            return Err(SettingsError::new("points", settings.points, expected));
         }
         Ok(())
     }

@@ -9,9 +9,6 @@ use crate::net::{InitialWeights, Precision};
 use crate::prior::Prior;
 use crate::symmetry::SymmetryUse;
 
-/// The paper's weight of the colours' error (Eq. rgb_loss_tdcr): `lambda_rgb`.
-const COLOR_WEIGHT: f32 = 0.05;
-
 /// Settings of a training run.
 ///
 /// The defaults are the authors' (clipping, decay of the average, cosine, flow times), but for procedure, optimiser, batch,
@@ -82,6 +79,11 @@ pub struct TrainSettings {
     pub spike_factor: f64,
 }
 
+impl TrainSettings {
+    /// The paper's weight of the colours' error (Eq. rgb_loss_tdcr): `lambda_rgb`.
+    pub const COLOR_WEIGHT: f32 = 0.05;
+}
+
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
@@ -101,7 +103,7 @@ impl Default for TrainSettings {
             path: FlowPath::default(),
             prior: Prior::Gaussian,
             symmetry: SymmetryUse::Auto,
-            color_weight: COLOR_WEIGHT,
+            color_weight: Self::COLOR_WEIGHT,
             seed: 0,
             validate_every: 550,
             validation_clouds: 16,

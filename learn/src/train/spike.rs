@@ -1,5 +1,7 @@
 //! Divergence of a loss that stays finite: it is far above its running level for several steps on end.
 
+use tdcr_base::stats::median;
+
 use super::settings::TrainSettings;
 
 /// Steps in a row for which a diverged loss is above its running level times [`TrainSettings::spike_factor`]; single batches
@@ -12,17 +14,18 @@ const LEVEL_STEPS: usize = 100;
 impl TrainSettings {
     /// The running level of `losses`, one per step: the median of up to 100 losses before the last [`SPIKE_STEPS`]. None
     /// while there are fewer than [`SPIKE_STEPS`] before them.
-    pub(super) fn loss_level(losses: &[f32]) -> Option<f32> {
+    pub(super) fn loss_level(losses: &[f32]) -> Option<f64> {
         let before = losses.len().checked_sub(SPIKE_STEPS)?;
         if before < SPIKE_STEPS {
             return None;
         }
         let recent = &losses[before.saturating_sub(LEVEL_STEPS)..before];
-        let mut sorted = [0.0; LEVEL_STEPS];
-        let sorted = &mut sorted[..recent.len()];
-        sorted.copy_from_slice(recent);
-        let middle = sorted.len() / 2;
-        Some(*sorted.select_nth_unstable_by(middle, f32::total_cmp).1)
+        let mut level = [0.0; LEVEL_STEPS];
+        let level = &mut level[..recent.len()];
+        for (level, &loss) in level.iter_mut().zip(recent) {
+            *level = f64::from(loss);
+        }
+        Some(median(level))
     }
 
     /// Number of losses in a row, up to and including the last one, above the running level times [`Self::spike_factor`]: 0 in
@@ -31,7 +34,7 @@ impl TrainSettings {
         let Some(level) = Self::loss_level(losses) else {
             return 0;
         };
-        let limit = self.spike_factor * f64::from(level);
+        let limit = self.spike_factor * level;
         let last = losses.iter().rev().take(SPIKE_STEPS);
         last.take_while(|loss| f64::from(**loss) > limit).count()
     }

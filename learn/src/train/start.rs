@@ -1,11 +1,12 @@
 //! Initial weights of a run.
 
+use tdcr_base::hash::hash;
+
 use super::difference::{Difference, require_same};
 use super::error::TrainError;
 use super::model::{Model, Provenance};
 use super::settings::{Target, TrainSettings};
 use crate::flow::{Stream, rng};
-use crate::hash::hash;
 use crate::net::{HybridShape, MlpShape, Network, NetworkShape, NetworkShapeError};
 
 /// Initial weights of a run.

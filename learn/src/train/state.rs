@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use tdcr_base::hash::hash;
 
 use super::error::{FileError, FileProblem};
 use super::format::{Element, Kind, Reader, Writer, read};
@@ -10,7 +11,6 @@ use super::model::{Provenance, check_header, put_params, take_params};
 use super::settings::{Target, TrainSettings};
 use super::start;
 use crate::data::CloudSet;
-use crate::hash::hash;
 use crate::net::{Network, NetworkShape};
 
 /// The averaged weights with the smallest validation distance so far.

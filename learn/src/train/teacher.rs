@@ -6,17 +6,17 @@
 
 use rand::RngExt;
 use rayon::prelude::*;
+use tdcr_base::hash::hash_all;
 
 use super::error::SettingsError;
 use super::model::Model;
-use super::refinement::Refined;
+use super::refined::Refined;
 use super::samples::Samples;
 use super::settings::{Target, TrainSettings};
 use super::start;
 use super::trajectory::Trajectory;
 use crate::data::Normalisation;
 use crate::flow::{FlowPath, Method, Reach, Sampler, Stream, rng};
-use crate::hash::hash_all;
 use crate::net::{Network, NetworkShape};
 use crate::symmetry::Reduction;
 
@@ -106,33 +106,19 @@ impl Teacher {
         shape: &NetworkShape,
         settings: &TrainSettings,
     ) -> Result<(), SettingsError> {
-        let refuse = |field, found: String, expected: String| {
-            Err(SettingsError::new(field, found, expected))
-        };
-        if *shape != self.network.shape() {
-            let expected = "the teacher's".into();
-            return refuse("the student's shape", format!("{shape:?}"), expected);
-        }
-        if settings.path != self.path {
-            let expected = format!("the teacher's {:?}", self.path);
-            return refuse(
-                "the student's path",
-                format!("{:?}", settings.path),
-                expected,
-            );
-        }
+        let own = self.network.shape();
+        SettingsError::unless_equal("the student's shape", shape, &own, "the teacher's")?;
+        let path = format!("the teacher's {:?}", self.path);
+        SettingsError::unless_equal("the student's path", &settings.path, &self.path, path)?;
         let method = settings.sampler.method;
         if method != Method::Euler {
-            return refuse(
-                "the student's sampler",
-                method.name().into(),
-                "euler".into(),
-            );
+            let field = "the student's sampler";
+            return Err(SettingsError::new(field, method.name(), "euler"));
         }
         let evaluations = settings.sampler.evaluations();
         if !settings.clouds.is_multiple_of(evaluations) {
             let expected = format!("a multiple of the student's {evaluations} evaluations");
-            return refuse("clouds", settings.clouds.to_string(), expected);
+            return Err(SettingsError::new("clouds", settings.clouds, expected));
         }
         Ok(())
     }

@@ -7,7 +7,8 @@ use super::error::{SettingsError, TrainError};
 use super::feed::{Feed, check_feed, check_set};
 use super::model::{Model, Provenance};
 use super::optimizer::{Moments, Update, Updater, norm};
-use super::refinement::{Refined, Refiner};
+use super::refined::Refined;
+use super::refinement::Refiner;
 use super::samples::Samples;
 use super::settings::TrainSettings;
 use super::spike::SPIKE_STEPS;
@@ -323,7 +324,7 @@ impl<'a> Trainer<'a> {
             return Err(TrainError::Spike {
                 step,
                 loss,
-                level: TrainSettings::loss_level(&self.losses).unwrap_or(f32::NAN),
+                level: TrainSettings::loss_level(&self.losses).unwrap_or(f64::NAN) as f32,
                 factor: self.settings.spike_factor,
             });
         }

@@ -1,6 +1,6 @@
 //! One trajectory of a distillation: the inputs of the student's evaluations, and their targets.
 
-use super::refinement::Refined;
+use super::refined::Refined;
 use crate::flow::{Sampler, VelocityField};
 use crate::net::Network;
 

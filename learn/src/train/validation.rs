@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::error::TrainError;
 use super::model::{Model, positions};
-use super::refinement::Refined;
+use super::refined::Refined;
 use super::settings::TrainSettings;
 use crate::channels::DIM;
 use crate::data::CloudSet;

@@ -8,12 +8,13 @@ mod unusual;
 
 use std::fs;
 use std::io::{Read, Write};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use common::{collect, meta};
 use tdcr_learn::data::{
-    DataSet, ExportFormat, Finding, ImportSettings, LengthUnit, NpzArray, NpzRows, NpzValues,
-    Sample, Split, check, export, import, read_cloud, write_npz,
+    DataError, DataSet, ExportFormat, Finding, ImportSettings, LengthUnit, NpzArray, NpzRows,
+    NpzValues, Sample, Split, check, export, import, read_cloud, write_npz,
 };
 use tempfile::tempdir;
 
@@ -24,6 +25,11 @@ const SETTINGS: ImportSettings = ImportSettings {
     split: None,
     seed: 7,
 };
+
+/// Work that nobody watches.
+fn go_on(_: usize, _: usize) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
 
 /// The samples of all splits, with the points of each cloud and the samples in order.
 fn sorted(set: &DataSet) -> Vec<Sample> {
@@ -43,6 +49,53 @@ fn sorted(set: &DataSet) -> Vec<Sample> {
 }
 
 #[test]
+fn what_was_asked_to_stop_tells_how_far_it_came_and_goes_on() {
+    let dir = tempdir().unwrap();
+    let original = dir.path().join("original");
+    collect(&original, &meta());
+    let set = DataSet::open(&original).unwrap();
+    let out = dir.path().join("clouds");
+    let stop = |done: usize, count: usize| {
+        assert_eq!(count, 43);
+        match done {
+            3 => ControlFlow::Break(()),
+            _ => ControlFlow::Continue(()),
+        }
+    };
+    let stopped = export(&set, ExportFormat::Npz, &out, stop);
+    assert!(
+        matches!(stopped, Err(DataError::Interrupted)),
+        "{stopped:?}"
+    );
+    assert_eq!(fs::read_dir(&out).unwrap().count(), 0);
+    export(&set, ExportFormat::Npz, &out, go_on).unwrap();
+    let train = out.join(Split::Train.folder());
+    let clouds = fs::read_dir(&train).unwrap().count() / 2;
+    let again = dir.path().join("set");
+    let stop = |done: usize, count: usize| match done {
+        _ if count != clouds => panic!("{count} of {clouds}"),
+        5 => ControlFlow::Break(()),
+        _ => ControlFlow::Continue(()),
+    };
+    let stopped = import(&train, &again, &SETTINGS, stop, go_on);
+    assert!(
+        matches!(stopped, Err(DataError::Interrupted)),
+        "{stopped:?}"
+    );
+    let mut steps = Vec::new();
+    let watch = |done: usize, _: usize| {
+        steps.push(done);
+        ControlFlow::Continue(())
+    };
+    let imported = import(&train, &again, &SETTINGS, watch, go_on).unwrap();
+    assert_eq!(imported.clouds, clouds);
+    assert!(
+        steps.iter().copied().eq(0..steps.len()) && steps.len() > 1,
+        "{steps:?}"
+    );
+}
+
+#[test]
 fn what_is_exported_is_imported_again() {
     let dir = tempdir().unwrap();
     let original = dir.path().join("original");
@@ -50,7 +103,7 @@ fn what_is_exported_is_imported_again() {
     let set = DataSet::open(&original).unwrap();
     for (name, format) in [("ply", ExportFormat::Ply), ("npz", ExportFormat::Npz)] {
         let out = dir.path().join(name);
-        assert_eq!(export(&set, format, &out).unwrap(), 43);
+        assert_eq!(export(&set, format, &out, go_on).unwrap(), 43);
         // All splits in one folder, as a robot would record them.
         let flat = dir.path().join(format!("{name}-flat"));
         fs::create_dir(&flat).unwrap();
@@ -62,7 +115,12 @@ fn what_is_exported_is_imported_again() {
             }
         }
         let again = dir.path().join(format!("{name}-set"));
-        assert_eq!(import(&flat, &again, &SETTINGS).unwrap().clouds, 43);
+        assert_eq!(
+            import(&flat, &again, &SETTINGS, go_on, go_on)
+                .unwrap()
+                .clouds,
+            43
+        );
         let again_set = DataSet::open(&again).unwrap();
         assert_eq!(sorted(&again_set), sorted(&set));
         assert_eq!(check(&again).unwrap(), []);
@@ -206,7 +264,9 @@ fn clouds_without_motors_or_with_others_are_named() {
             Some(json) => fs::write(&path, json).unwrap(),
             None => fs::remove_file(&path).unwrap(),
         }
-        let error = import(&clouds, &out, &SETTINGS).unwrap_err().to_string();
+        let error = import(&clouds, &out, &SETTINGS, go_on, go_on)
+            .unwrap_err()
+            .to_string();
         assert!(
             error.contains("03.json") && error.contains(expected),
             "{error}"
@@ -220,8 +280,13 @@ fn clouds_without_motors_or_with_others_are_named() {
     refuse(Some("{\"ctrl\": []}"), "no value, expected one per motor");
     refuse(None, "cannot read");
     fs::write(clouds.join("03.json"), "{\"ctrl\": [3, 1]}").unwrap();
-    assert_eq!(import(&clouds, &out, &SETTINGS).unwrap().clouds, 12);
-    assert!(import(Path::new("/no/such/folder"), &out, &SETTINGS).is_err());
+    assert_eq!(
+        import(&clouds, &out, &SETTINGS, go_on, go_on)
+            .unwrap()
+            .clouds,
+        12
+    );
+    assert!(import(Path::new("/no/such/folder"), &out, &SETTINGS, go_on, go_on).is_err());
 }
 
 /// Imports 12 clouds of one point each, at `x`, as clouds of `unit`; returns the set's folder.
@@ -235,7 +300,7 @@ fn import_points(dir: &Path, x: f64, unit: LengthUnit) -> PathBuf {
         fs::write(clouds.join(format!("{k:02}.json")), motors).unwrap();
     }
     let settings = ImportSettings { unit, ..SETTINGS };
-    import(&clouds, &out, &settings).unwrap();
+    import(&clouds, &out, &settings, go_on, go_on).unwrap();
     out
 }
 

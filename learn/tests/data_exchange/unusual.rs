@@ -5,7 +5,7 @@ use std::fs;
 use tdcr_learn::data::{import, read_cloud};
 use tempfile::tempdir;
 
-use crate::{PLY, SETTINGS};
+use crate::{PLY, SETTINGS, go_on};
 
 /// An ASCII PLY of one point, with columns of colours.
 fn colored(kind: &str, names: [&str; 3], values: &str) -> Vec<u8> {
@@ -130,12 +130,16 @@ fn folders_are_imported_by_endings_in_any_case_and_what_is_passed_over_is_noted(
     let dir = tempdir().unwrap();
     let (clouds, out) = (dir.path().join("clouds"), dir.path().join("set"));
     fs::create_dir(&clouds).unwrap();
-    let said = import(&clouds, &out, &SETTINGS).unwrap_err().to_string();
+    let said = import(&clouds, &out, &SETTINGS, go_on, go_on)
+        .unwrap_err()
+        .to_string();
     assert!(said.ends_with("there is no cloud to import"), "{said}");
     for ending in ["xyz", "txt", "las"] {
         fs::write(clouds.join(format!("a.{ending}")), "1 2 3").unwrap();
     }
-    let said = import(&clouds, &out, &SETTINGS).unwrap_err().to_string();
+    let said = import(&clouds, &out, &SETTINGS, go_on, go_on)
+        .unwrap_err()
+        .to_string();
     let expected = "ends in .ply, .pcd, .npy or .npz: there is no cloud to import; its files end in .las, .txt, .xyz";
     assert!(said.ends_with(expected), "{said}");
     for k in 0..12 {
@@ -146,7 +150,7 @@ fn folders_are_imported_by_endings_in_any_case_and_what_is_passed_over_is_noted(
         let motors = format!("\u{feff}{{\"ctrl\": [{k}]}}");
         fs::write(clouds.join(format!("{k:02}.{ending}")), motors).unwrap();
     }
-    let imported = import(&clouds, &out, &SETTINGS).unwrap();
+    let imported = import(&clouds, &out, &SETTINGS, go_on, go_on).unwrap();
     assert_eq!(imported.clouds, 12);
     let [grey, others] = &imported.notes[..] else {
         panic!("{imported:?}")

@@ -26,7 +26,7 @@ def locked(folder: Path) -> Iterator[None]:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
                 raise TrainError(
-                    f"{folder} is being written by another process: wait for its end, or choose another folder (--out)"
+                    f"{folder} is being written by another process: wait for its end, or choose another folder"
                 ) from error
             except OSError:
                 pass  # a file system without locks

@@ -47,7 +47,7 @@ def spike_length(settings: Settings, losses: Sequence[float]) -> int:
     before = losses[max(0, len(losses) - SPIKE_STEPS - LEVEL_STEPS) : max(0, len(losses) - SPIKE_STEPS)]
     if len(before) < SPIKE_STEPS:
         return 0
-    limit = settings["spike_factor"] * statistics.median_high(before)
+    limit = settings["spike_factor"] * statistics.median(before)
     length = 0
     for loss in reversed(losses[-SPIKE_STEPS:]):
         if loss <= limit:

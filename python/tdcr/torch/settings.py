@@ -1,28 +1,21 @@
 """Settings of a training run: those of `tdcr train`, under the same names and with the same defaults.
 
-They are JSON as in the header of a model file; the native module has the defaults and checks the values, so that what is
-written here `tdcr` reads.
+They are JSON as in the header of a model file; the native module has the defaults and presets, resolves options and checks the
+values, so that what is written here `tdcr` reads.
 """
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypedDict, cast
 
 from tdcr import _tdcr
+from tdcr._options import train_options
 from tdcr.errors import InputError
 from tdcr.torch.layers import Shape
 
-#: The context network with this project's layers, in the authors' sizes.
-CONTEXT: dict[str, Any] = {
-    "stages": [{"channels": channels, "resolution": r} for channels, r in ((80, 24), (112, 16), (112, 8))],
-    "blocks": 2,
-    "joined": 128,
-    "features": 64,
-    "gate": {"centre": 0.97, "steepness": 12.0},
-}
-
-#: Context networks by their layers: this project's, and the authors'. A shape that does not say has the first.
-CONTEXTS = {"residual": CONTEXT, "pvcnn": CONTEXT | {"layers": "pvcnn", "joined": 112}}
+#: What a shape has that does not say it.
+UNSAID = {"condition_blocks": 0, "octaves": 0, "time_features": "plain"}
 
 
 class Settings(TypedDict):
@@ -68,33 +61,36 @@ def matrix_learning_rate(settings: Settings) -> float | None:
     return None if optimizer == "adam-w" else float(optimizer["muon"]["learning_rate"])
 
 
+def resolve(options: Mapping[str, Any], clouds_in_set: int | None = None) -> tuple[dict[str, Any], Settings]:
+    """Shape of the network, and settings, of a run with options of `tdcr.train`, by the rules of `tdcr train`.
+
+    The shape's conditions have no dimension yet. The presets that take epochs need `clouds_in_set`, the size of the training
+    set, or `steps`.
+
+    Raises:
+        tdcr.errors.InputError: for options that describe no run, and where its length is not known.
+    """
+    found = _tdcr.resolve_training(json.dumps(dict(options)), clouds_in_set)
+    shape, settings = (json.loads(text) for text in found)
+    if "head" in shape:
+        return shape | {"head": UNSAID | shape["head"]}, settings
+    return UNSAID | shape, settings
+
+
+def of_conditions(shape: Mapping[str, Any], condition_dim: int) -> dict[str, Any]:
+    """The shape for conditions of `condition_dim` values."""
+    if "head" in shape:
+        return dict(shape) | {"head": of_conditions(shape["head"], condition_dim)}
+    return dict(shape) | {"condition_dim": condition_dim}
+
+
 @dataclass(frozen=True)
 class Preset:
-    """Sizes and settings that fit together, as `tdcr train --preset` has them."""
+    """Options that fit together, as `tdcr train --preset` has them."""
 
     name: str
-    #: Features per layer.
-    width: int
-    #: Layers.
-    depth: int
-    #: Features of the embedding of time and condition.
-    embedding: int
-    #: Residual blocks of the condition.
-    condition_blocks: int
-    #: Octaves of the Fourier features of the points' positions.
-    octaves: int
-    #: What the network sees of the flow time: `plain` (the paper's), or `late`, which tells its last hundredths apart.
-    time_features: str
-    #: Optimiser steps; None where the length is in `epochs`.
-    steps: int | None
-    #: Times that the training set is drawn from, in as many batches as its clouds fill; None where the length is in `steps`.
-    epochs: int | None
-    #: Whether colours are learned, where it is not said.
-    colors: bool
-    #: A Hybrid's context network.
-    context: dict[str, Any]
-    #: Settings of an MLP and of a Hybrid, but for the length.
-    networks: dict[str, dict[str, Any]]
+    #: Its options for the networks `mlp` and `hybrid`, by the names of `tdcr.train`; those without a value are not its own.
+    options: dict[str, dict[str, Any]]
 
     def shape(
         self, condition_dim: int, *, net: str = "mlp", colors: bool | None = None, context: dict[str, Any] | None = None
@@ -104,24 +100,16 @@ class Preset:
         `colors` is the preset's where it is not said. `context` replaces fields of the Hybrid's context network; of other
         `layers` than the preset's, all of it is theirs.
         """
-        colors = self.colors if colors is None else colors
-        changes = dict(context or {})
+        changes = dict(context or {}) if net == "hybrid" else {}
         layers = changes.pop("layers", None)
-        usual = self.context if layers is None else CONTEXTS[layers]
-        head = {
-            "width": self.width,
-            "depth": self.depth,
-            "embedding": self.embedding,
-            "condition_dim": condition_dim,
-            "condition_blocks": self.condition_blocks,
-            "octaves": self.octaves,
-            "time_features": self.time_features,
-            "channels": "xyz-rgb" if colors else "xyz",
-        }
-        return head if net == "mlp" else {"head": head, "context": usual | changes}
+        # Any number of steps: a shape does not depend on it.
+        asked = {"preset": self.name, "net": net, "colors": colors, "layers": layers, "steps": 1}
+        shape = of_conditions(resolve(asked)[0], condition_dim)
+        return shape if net == "mlp" else shape | {"context": shape["context"] | changes}
 
     def settings(self, *, net: str = "mlp", clouds_in_set: int | None = None, **changes: Any) -> Settings:
-        """Settings of a run: the preset's for this kind of network, but for what is given by the name of its field.
+        """Settings of a run: the preset's for this kind of network, but for what is given: options by their names, and fields
+        of `Settings` that no option has by theirs.
 
         Warm-up takes at most a tenth of the steps, and Muon's learning rate follows `learning_rate` in proportion. The
         preset `paper` takes epochs, so it needs `clouds_in_set`, the size of the training set, or `steps`.
@@ -130,26 +118,17 @@ class Preset:
             tdcr.errors.InputError: where the length is not known.
             tdcr.errors.TdcrError: for names that are none and for values out of bounds.
         """
-        usual = self.networks[net]
-        settings = usual | changes
-        if "steps" not in changes:
-            if self.steps is not None:
-                settings["steps"] = self.steps
-            elif clouds_in_set is not None and self.epochs is not None:
-                settings["steps"] = self.epochs * max(1, clouds_in_set // max(1, settings["clouds"]))
-            else:
-                raise InputError(f"preset {self.name} takes {self.epochs} epochs of a data set: say how many steps")
-        settings["warmup_steps"] = min(settings["warmup_steps"], settings["steps"] // 10)
-        if "learning_rate" in changes and isinstance(settings["optimizer"], dict):
-            factor = changes["learning_rate"] / usual["learning_rate"]
-            settings["optimizer"] = {"muon": {"learning_rate": factor * settings["optimizer"]["muon"]["learning_rate"]}}
-        return complete(settings)
+        known = train_options()
+        options = {name: value for name, value in changes.items() if name in known}
+        fields = {name: value for name, value in changes.items() if name not in known}
+        _, settings = resolve({"preset": self.name, "net": net} | options, clouds_in_set)
+        return complete({**settings, **fields})
 
 
 def presets() -> dict[str, Preset]:
     """All presets by name; the first is the default."""
-    found = (Preset(**fields) for fields in json.loads(_tdcr.presets()))
-    return {preset.name: preset for preset in found}
+    described = json.loads(_tdcr.presets())
+    return {name: Preset(name, {"mlp": mlp, "hybrid": hybrid}) for name, (mlp, hybrid) in described}
 
 
 def preset(name: str = "quick") -> Preset:
@@ -162,3 +141,9 @@ def preset(name: str = "quick") -> Preset:
     if name not in known:
         raise InputError(f"there is no preset {name!r}; expected one of {', '.join(known)}")
     return known[name]
+
+
+def context_of(layers: str) -> dict[str, Any]:
+    """The context network of a Hybrid with these layers, `residual` or `pvcnn`, in the authors' sizes."""
+    shape, _ = resolve({"net": "hybrid", "layers": layers, "steps": 1})
+    return dict(shape["context"])

@@ -96,7 +96,7 @@ class RunState:
             raise TrainError(f"{path}: not the state of a run: {error}") from error
         difference = first_difference("", state.identity, identity)
         if difference:
-            raise TrainError(f"{path} cannot be resumed: {difference}; choose another folder (--out), or remove this one")
+            raise TrainError(f"{path} cannot be resumed: {difference}; choose another folder, or remove this one")
         return state
 
 

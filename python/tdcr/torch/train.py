@@ -12,14 +12,14 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from tdcr._options import Option, train_options
 from tdcr.errors import InputError, TdcrError
 from tdcr.stream import Stream
 from tdcr.torch.data import CloudSet, StreamWindow, find_reduction
@@ -27,7 +27,7 @@ from tdcr.torch.layers import Shape
 from tdcr.torch.model import Model
 from tdcr.torch.networks import network, start_as_authors
 from tdcr.torch.ranks import distributed, group
-from tdcr.torch.settings import CONTEXTS, Preset, Settings, presets
+from tdcr.torch.settings import Settings, complete, of_conditions, presets, resolve
 from tdcr.torch.trainer import Interrupted, Trainer
 
 #: Exit status after an interruption, as shells report SIGINT.
@@ -37,77 +37,26 @@ INTERRUPTED = 130
 SECONDS_PER_LINE = 30.0
 
 
+#: What training in PyTorch lacks.
+LACKING = {"coupling", "refinement_steps", "surface_prior"}
+
+#: How the values of options are read.
+KINDS: dict[str, Callable[[str], Any]] = {"count": int, "number": float, "file": str, "choice": str, "text": str}
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     top = argparse.ArgumentParser(prog="python -m tdcr.torch.train", description=(__doc__ or "").split("\n", maxsplit=1)[0])
-    known = presets()
-    default = next(iter(known))
-
-    def by_preset(about: str, field: str) -> str:
-        return f"{about} [default: {', '.join(f'{p.name} {getattr(p, field)}' for p in known.values())}]"
-
-    def by_network(about: str, field: str) -> str:
-        def values(preset: Preset) -> str:
-            mlp, hybrid = (preset.networks[net][field] for net in ("mlp", "hybrid"))
-            return f"{mlp}" if mlp == hybrid else f"{mlp}, hybrid {hybrid}"
-
-        return f"{about} [default: {'; '.join(f'{p.name} {values(p)}' for p in known.values())}]"
-
     add = top.add_argument
     add("--data", type=Path, default=Path("data"), metavar="DIR", help="folder of the data set")
     add("--out", type=Path, default=Path("run"), metavar="DIR", help="folder of the run: model, state, and log.csv")
-    add("--net", choices=["mlp", "hybrid"], default="mlp", help="each point on its own, or with features of the cloud around it")
-    add("--preset", choices=list(known), default=default, help=f"set of defaults [default: {default}]")
-    add("--width", type=int, metavar="N", help=by_preset("features per layer", "width"))
-    add("--depth", type=int, metavar="N", help=by_preset("layers", "depth"))
-    add("--embedding", type=int, metavar="N", help=by_preset("features of the embedding of time and command", "embedding"))
-    add(
-        "--colors",
-        action=argparse.BooleanOptionalAction,
-        help=f"learn the colours of the points too [default: {', '.join(f'{p.name} {p.colors}' for p in known.values())}]",
-    )
-    add("--color-weight", type=float, metavar="W", help="weight of the colours' error beside the positions' [default: 0.05]")
-    lengths = ", ".join(f"{p.name} {p.steps or f'{p.epochs} epochs'}" for p in known.values())
-    add("--steps", type=int, metavar="N", help=f"optimiser steps [default: {lengths}]")
-    add("--clouds", type=int, metavar="N", help=by_network("clouds per step, of all ranks together", "clouds"))
-    add("--points", type=int, metavar="N", help=by_network("points per cloud and step, or all that a cloud has", "points"))
-    add("--precision", choices=["float32", "bfloat16"], help="operand type of products [default: bfloat16 on a GPU that has it]")
-    add("--optimizer", choices=["adamw", "muon"], help="optimiser [default: muon, of the preset paper adamw]")
-    add("--learning-rate", type=float, metavar="RATE", help=by_network("learning rate after warm-up", "learning_rate"))
-    add("--warmup", type=int, metavar="N", help=by_network("steps of warm-up, at most a tenth of all", "warmup_steps"))
-    add("--validate-every", type=int, metavar="N", help=by_network("steps between validations", "validate_every"))
-    add("--patience", type=int, metavar="N", help="end the run after so many validations without a better one")
-    about = by_preset("features of the flow time: the paper's, or some that tell its last hundredths apart", "time_features")
-    add("--time-features", choices=["plain", "late"], help=about)
-    about = by_preset("residual blocks that a command passes through on its way to the embedding", "condition_blocks")
-    add("--condition-blocks", type=int, metavar="N", help=about)
-    add("--octaves", type=int, metavar="N", help=by_preset("octaves of the Fourier features of the points' positions", "octaves"))
-    add(
-        "--late-times",
-        type=float,
-        metavar="SHARE",
-        help="share of the flow times that are drawn near the data [default: the preset's]",
-    )
-    add(
-        "--prior-cut",
-        type=float,
-        metavar="R",
-        help="where the noise is cut off, in deviations; 0: nowhere [default: the preset's]",
-    )
-    add("--time-exponent", type=float, metavar="ALPHA", help="flow times are Beta(ALPHA, 1) [default: 3]")
-    about = by_network("learn one of all commands that symmetries make alike, or every one", "symmetry")
-    add("--symmetry", choices=["auto", "none"], help=about)
-    add("--init", type=Path, metavar="FILE", help="start from the weights of this model")
-    add("--normalisation-from", type=Path, metavar="FILE", help="normalise commands and points as this model does")
-    add("--seed", type=int, default=0, help="seed of weights, noise and subsets")
-
-    context = top.add_argument_group("context of --net hybrid")
-    layers = ", ".join(f"{p.name} {p.context.get('layers', 'residual')}" for p in known.values())
-    context.add_argument("--layers", choices=list(CONTEXTS), help=f"this project's layers, or the authors' [default: {layers}]")
-    context.add_argument("--channels", type=numbers, metavar="N,N,N", help="features of the three stages [default: 80,112,112]")
-    context.add_argument("--resolutions", type=numbers, metavar="N,N,N", help="voxels per edge [default: 24,16,8]")
-    context.add_argument("--blocks", type=int, metavar="N", help="point-voxel blocks per stage [default: 2]")
-    context.add_argument("--context", type=int, metavar="N", help="features of a point's context [default: 64]")
+    headed: dict[str | None, argparse._ActionsContainer] = {None: top}
+    for option in train_options().values():
+        if option.name in LACKING:
+            continue
+        if option.heading not in headed:
+            headed[option.heading] = top.add_argument_group(option.heading)
+        add_option(headed[option.heading], option)
 
     stream = top.add_argument_group("training without a data set")
     stream.add_argument("--stream", metavar="ROBOT", help="train on fresh samples of this robot")
@@ -133,12 +82,23 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+def add_option(group: argparse._ActionsContainer, option: Option) -> None:
+    """Adds an option of `tdcr train`."""
+    help_text = option.help if option.default is None else f"{option.help} [default: {option.default}]"
+    name, known = f"--{option.name.replace('_', '-')}", {"help": help_text.replace("%", "%%"), "default": option.default}
+    if option.kind == "flag":
+        group.add_argument(name, action=argparse.BooleanOptionalAction, **known)
+    elif option.kind == "counts":
+        group.add_argument(name, type=numbers, metavar=option.placeholder, **known)
+    elif option.choices:
+        group.add_argument(name, choices=option.choices, **known)
+    else:
+        group.add_argument(name, type=KINDS[option.kind], metavar=option.placeholder, **known)
+
+
 def numbers(text: str) -> list[int]:
-    """Three numbers, one for each stage."""
-    values = [int(part) for part in text.split(",")]
-    if len(values) != 3:
-        raise argparse.ArgumentTypeError(f"{len(values)} values, expected 3, one per stage")
-    return values
+    """Numbers, one for each stage."""
+    return [int(part) for part in text.split(",")]
 
 
 def payload(text: str) -> tuple[float, float]:
@@ -147,52 +107,13 @@ def payload(text: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def context(args: argparse.Namespace, preset: Preset) -> dict[str, Any]:
-    """What is asked of the context network.
-
-    Raises:
-        InputError: where the network is an MLP, which has none.
-    """
-    given = [name for name in ("layers", "channels", "resolutions", "blocks", "context") if getattr(args, name) is not None]
-    if given and args.net == "mlp":
-        raise InputError(f"--{given[0]} is of --net hybrid, the network is an mlp")
-    stages = [dict(stage) for stage in preset.context["stages"]]
-    for field, values in (("channels", args.channels), ("resolution", args.resolutions)):
-        for stage, value in zip(stages, values or [], strict=False):
-            stage[field] = value
-    changes = {"layers": args.layers, "blocks": args.blocks, "features": args.context}
-    return {"stages": stages} | {name: value for name, value in changes.items() if value is not None}
-
-
-def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.device) -> tuple[Preset, Settings]:
-    """Network and settings: the preset's, but for what is asked for."""
-    names = ("width", "depth", "embedding", "condition_blocks", "octaves", "time_features")
-    sizes = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    preset = replace(presets()[args.preset], **sizes)
-    fields = {
-        "color_weight": args.color_weight,
-        "steps": args.steps,
-        "clouds": args.clouds,
-        "points": args.points,
-        "optimizer": {"adamw": "adam-w", "muon": {"muon": {"learning_rate": 0.02}}}.get(args.optimizer),
-        "learning_rate": args.learning_rate,
-        "warmup_steps": args.warmup,
-        "validate_every": args.validate_every,
-        "patience": args.patience,
-        "precision": args.precision,
-        "symmetry": args.symmetry,
-        "seed": args.seed,
-    }
-    changes = {name: value for name, value in fields.items() if value is not None}
+def plan(args: argparse.Namespace, clouds_in_set: int | None, device: torch.device) -> tuple[dict[str, Any], Settings]:
+    """Shape of the network, without the dimension of its conditions, and settings: what is asked for, resolved."""
+    options = {name: getattr(args, name) for name in train_options() if name not in LACKING}
     if args.precision is None and device.type == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False):
-        changes["precision"] = "bfloat16"
-    path = {"time_exponent": args.time_exponent, "late_times": args.late_times, "prior_cut": args.prior_cut}
-    given = {name: value for name, value in path.items() if value is not None}
-    if given.get("prior_cut") == 0:
-        given["prior_cut"] = None
-    if given:
-        changes["path"] = presets()[args.preset].networks[args.net]["path"] | given
-    return preset, preset.settings(net=args.net, clouds_in_set=clouds_in_set, **changes)
+        options["precision"] = "bfloat16"
+    shape, settings = resolve(options, clouds_in_set)
+    return shape, complete({**settings})
 
 
 def reduction(args: argparse.Namespace, source: Stream | Path) -> dict[str, Any] | None:
@@ -200,7 +121,7 @@ def reduction(args: argparse.Namespace, source: Stream | Path) -> dict[str, Any]
 
     A run that starts at a model without symmetries has none.
     """
-    use = args.symmetry or presets()[args.preset].networks[args.net]["symmetry"]
+    use = args.symmetry or presets()[args.preset].options[args.net]["symmetry"]
     found: dict[str, Any] | None = None
     if use == "none":
         words = "none, as asked for"
@@ -304,12 +225,12 @@ def stopped_by_signals() -> Iterator[list[int]]:
 def train(args: argparse.Namespace) -> None:
     """Runs the command."""
     if args.colors is None:
-        args.colors = presets()[args.preset].colors
+        args.colors = presets()[args.preset].options[args.net]["colors"]
     with stopped_by_signals() as asked_to_stop, distributed(args.device) as device:
         training, validation = clouds(args)
         size = len(training) if isinstance(training, CloudSet) else None
-        preset, settings = plan(args, size, device)
-        shape = preset.shape(training.condition_dim, net=args.net, colors=args.colors, context=context(args, preset))
+        shape, settings = plan(args, size, device)
+        shape = of_conditions(shape, training.condition_dim)
         torch.manual_seed(settings["seed"])
         module: torch.nn.Module
         if args.init is None:

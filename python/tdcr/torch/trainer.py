@@ -303,8 +303,8 @@ class Trainer:
             return RunState.load(path, self.identity)
         if model.exists():
             raise TrainError(
-                f"{model} is a model without the state.pt of its run, and would be overwritten: choose another folder "
-                "(--out), or move it away"
+                f"{model} is a model without the state.pt of its run, and would be overwritten: choose another folder, "
+                "or move it away"
             )
         return None
 

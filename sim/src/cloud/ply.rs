@@ -3,10 +3,10 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use tdcr_base::files::write_atomically;
 use thiserror::Error;
 
 use super::PointCloud;
-use crate::files::write_atomically;
 
 /// Why a PLY file could not be written.
 #[derive(Debug, Error)]

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use super::Integrator;
+use super::integrator::{Integrator, LARGEST_TURN};
 use crate::robot::{LoadsError, ParameterError};
 
 /// Why a motion cannot be computed.
@@ -53,7 +53,7 @@ pub enum DynamicsError {
     #[error(
         "the motion diverged: joint {joint} turns by {turn:.3e} rad in one step of {timestep} s, more than the \
          {} rad that a step resolves; take a shorter time step{}",
-        super::LARGEST_TURN,
+        LARGEST_TURN,
         if .integrator.is_implicit() { "" } else { ", or an implicit integrator" }
     )]
     Diverged {

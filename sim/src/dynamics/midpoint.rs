@@ -8,7 +8,8 @@ use nalgebra::Vector3;
 
 use super::acceleration::EquationsOfMotion;
 use super::implicit::ImplicitMatrix;
-use super::stepper::LARGEST_TURN;
+use super::integrator::LARGEST_TURN;
+
 use super::symmetric::transpose_times;
 use super::{DynamicsError, State};
 use crate::chain::Configuration;

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use tdcr_base::files::{LARGEST_TEXT, Table, read_text, with_place};
 use thiserror::Error;
 
 use super::missing::{self, MissingFields};
 use super::{ImportError, Imported, Note, mjcf, urdf};
-use crate::files::{LARGEST_TEXT, Table, read_text, with_place};
 use crate::robot::{
     Backbone, BaseSpec, CameraSpec, HoleCircle, Limit, ModuleSpec, RigidMass, RingSpec, Robot,
     RobotSpec, RodSpec, RouteSpec, SolidMass, SpecError, TendonSpec,

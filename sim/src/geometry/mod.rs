@@ -2,7 +2,7 @@
 //!
 //! A [`Shape`] is centred on its frame's origin: a cylinder, box, sphere or capsule by its dimensions, or a triangle
 //! mesh ([`Shape::read_stl`]). A [`Solid`] is a shape with a pose in the world (m), a colour, and the [`Instance`] that
-//! it is a part of.
+//! it is a part of. An [`AlphaShape`] is what points enclose.
 //!
 //! ```
 //! use tdcr_sim::geometry::Shape;
@@ -11,6 +11,8 @@
 //! # Ok::<(), tdcr_sim::geometry::ShapeError>(())
 //! ```
 
+mod alpha_shape;
+mod delaunay;
 mod nearest;
 mod primitives;
 mod robot;
@@ -18,6 +20,7 @@ mod shape;
 mod solid;
 mod stl;
 
+pub use alpha_shape::AlphaShape;
 pub(crate) use primitives::{Capsule, Cuboid, Cylinder, Mesh, Sphere};
 pub use robot::disc_color;
 pub(crate) use robot::{

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use tdcr_base::files::{LARGEST_MESH, read, without_mark};
 use thiserror::Error;
 
 use super::{Shape, ShapeError};
-use crate::files::{LARGEST_MESH, read, without_mark};
 
 /// Why a mesh could not be read.
 #[non_exhaustive]

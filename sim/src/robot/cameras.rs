@@ -8,7 +8,7 @@ use serde::de::{MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::angle;
-use super::validate::{finite, positive, radians};
+use super::checks::{finite, positive, radians};
 use super::{SpecError, spec_error::refuse};
 use crate::lens::{Distortion, Intrinsics};
 

@@ -14,9 +14,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::angle;
+use super::checks::{finite, not_negative, radians};
 use super::hinge_axes::HingeAxes;
 use super::spec_error::{SpecError, refuse};
-use super::validate::{finite, not_negative, radians};
 
 /// Smallest sine of the angle between successive axes, and smallest volume that three axes span at the angles 0.
 const LEAST_APART: f64 = 1e-3;

@@ -2,12 +2,13 @@
 
 mod angle;
 mod cameras;
+mod checks;
+mod clocking;
 mod command;
 mod compile;
 mod hinge_axes;
 mod hinges;
 mod holes;
-mod in_file;
 mod joint;
 mod loads;
 mod mass;
@@ -24,7 +25,6 @@ mod value;
 
 pub use cameras::{Aim, CameraSpec, Cameras, Lens, PinholeSpec, RingSpec};
 pub use command::{Command, CommandError};
-pub(crate) use compile::joints_along;
 pub(crate) use hinge_axes::HingeAxes;
 pub use hinges::{Hinge, HingeJoint, Hinges};
 pub use holes::{HoleCircle, Holes};
@@ -38,6 +38,7 @@ pub use parameters::ActsOn;
 pub use per_disc::PerDisc;
 pub use spec::{BaseSpec, ModuleSpec, RobotSpec, Routing};
 pub use spec_error::SpecError;
+pub(crate) use tendon_spec::joints_along;
 pub use tendon_spec::{Body, Drive, Friction, Pull, RouteSpec, TendonSpec, Waypoint};
 pub use units::{CommandUnit, DisplayUnit, TendonGroup};
 pub(crate) use value::shift;

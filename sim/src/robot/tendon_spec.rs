@@ -95,6 +95,18 @@ pub struct RouteSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Waypoint(pub Body, pub usize);
 
+/// The joints that a route spans, from its lowest to its highest.
+pub(crate) fn joints_along(route: &[Waypoint]) -> std::ops::Range<usize> {
+    // Joint `i` lies below disc `i`: a route between discs `a < b` spans the joints `a + 1` to `b`.
+    let height = |waypoint: &Waypoint| match waypoint.0 {
+        Body::Base => 0,
+        Body::Disc(disc) => disc + 1,
+    };
+    let low = route.iter().map(height).min().unwrap_or(0);
+    let high = route.iter().map(height).max().unwrap_or(0);
+    low..high
+}
+
 /// A body of the robot; in files `"base"`, or the disc's number counted from the base.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(try_from = "BodyName", into = "BodyName")]

@@ -1,7 +1,8 @@
 //! What a robot specification must satisfy.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
+use super::checks::{LARGEST, at_most, finite, not_negative, positive, radians};
 use super::{
     Backbone, BaseSpec, Body, Drive, HingeJoint, Holes, Limit, MassSpec, ModuleSpec, PerDisc,
     RobotSpec, RodSpec, RouteSpec, Routing, SpecError, TendonSpec, joints_along,
@@ -14,10 +15,10 @@ const MAX_DISCS: usize = 1000;
 const MAX_HOLES: usize = 1000;
 /// Tendons at one joint, pieces of tendon that pass discs by counted three times.
 const MAX_TENDONS_AT_JOINT: usize = 64;
-/// No quantity of a robot in SI units comes near, and products of several such do not overflow.
-const LARGEST: f64 = 1e15;
 /// Largest distance within a robot (m): beside it the others are not lost in rounding.
 const MAX_DISTANCE: f64 = 1e3;
+/// What is expected of a distance within a robot.
+const NEAR: &str = "distances of at most 1000 m";
 /// Largest coordinate of the base (m), for the same reason.
 const MAX_COORDINATE: f64 = 1e6;
 
@@ -434,59 +435,5 @@ impl TendonSpec {
             positive(&at("friction.contact_stiffness"), stiffness)?;
         }
         Ok(())
-    }
-}
-
-/// What is expected of a distance within a robot.
-const NEAR: &str = "distances of at most 1000 m";
-
-fn at_most(
-    limit: f64,
-    field: &str,
-    values: &[f64],
-    expected: &'static str,
-) -> Result<(), SpecError> {
-    match values.iter().find(|value| value.abs() > limit) {
-        Some(value) => Err(refuse(field, format!("{value:e}"), expected)),
-        None => Ok(()),
-    }
-}
-
-pub(super) fn finite(field: &str, values: &[f64]) -> Result<(), SpecError> {
-    match values.iter().find(|value| !value.is_finite()) {
-        Some(value) => Err(refuse(field, value, "finite numbers")),
-        None => at_most(LARGEST, field, values, "numbers of at most 1e15"),
-    }
-}
-
-/// Angles within a turn either way: what is more was meant in degrees, which the field `degrees`
-/// would take.
-pub(super) fn radians(field: &str, values: &[f64], degrees: &'static str) -> Result<(), SpecError> {
-    finite(field, values)?;
-    // A turn may have been rounded.
-    let within = |angle: &&f64| angle.abs() > TAU + 1e-3;
-    let Some(angle) = values.iter().find(within) else {
-        return Ok(());
-    };
-    Err(SpecError::Degrees {
-        field: field.to_owned(),
-        value: *angle,
-        degrees,
-    })
-}
-
-pub(super) fn positive(field: &str, value: f64) -> Result<(), SpecError> {
-    if value.is_finite() && value > 0.0 {
-        at_most(LARGEST, field, &[value], "a number above 0 of at most 1e15")
-    } else {
-        Err(refuse(field, value, "a finite number above 0"))
-    }
-}
-
-pub(super) fn not_negative(field: &str, value: f64) -> Result<(), SpecError> {
-    if value.is_finite() && value >= 0.0 {
-        at_most(LARGEST, field, &[value], "a number from 0 to 1e15")
-    } else {
-        Err(refuse(field, value, "a finite number, 0 or above"))
     }
 }

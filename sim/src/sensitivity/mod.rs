@@ -73,7 +73,7 @@ pub struct Sensitivity {
     command: Vec<f64>,
     system: System,
     /// Tendons whose length is commanded and which are taut.
-    held: Held,
+    held: LengthConstraints,
 }
 
 /// The linear system of the equilibrium.
@@ -87,7 +87,7 @@ enum System {
 
 /// Constraints that tendons keep their commanded lengths.
 #[derive(Clone, Debug)]
-struct Held {
+struct LengthConstraints {
     tendons: Vec<usize>,
     /// Gradients of their lengths, by joint.
     slopes: Vec<Vec<Vector3<f64>>>,
@@ -148,7 +148,7 @@ impl Sensitivity {
             loads: loads.clone(),
             q: equilibrium.configuration.clone(),
             system: System::Chain(Box::new(Factor::new(&expansion))),
-            held: Held {
+            held: LengthConstraints {
                 tendons: Vec::new(),
                 slopes: Vec::new(),
                 responses: [Vec::new(), Vec::new()],
@@ -199,7 +199,7 @@ impl Sensitivity {
             let entry = |i: usize, j: usize| dot(&slopes[i], &responses[j]);
             Mat::from_fn(tendons.len(), tendons.len(), entry).partial_piv_lu()
         };
-        self.held = Held {
+        self.held = LengthConstraints {
             compliance: Some([compliance(&responses[0]), compliance(&responses[1])]),
             tendons,
             slopes,

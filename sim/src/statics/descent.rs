@@ -8,8 +8,8 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::Vector3;
 
-use super::stability::{Stability, Verdict};
 use super::tolerance::moment_tolerance;
+use super::verdict::{Stability, Verdict};
 use crate::chain::Configuration;
 use crate::energy::{Expansion, Potential};
 use crate::factor::{Curvature, Factor};

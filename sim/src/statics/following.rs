@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use super::descent::{Descent, End};
-use super::stability::Verdict;
+use super::verdict::Verdict;
 use crate::dynamics::SmallMotionRates;
 use crate::energy::following::{add_forces, add_moments};
 use crate::energy::{DeadForces, Expansion, Potential};

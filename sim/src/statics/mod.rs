@@ -24,12 +24,13 @@ mod settler;
 mod stability;
 mod sweep;
 mod tolerance;
+mod verdict;
 
 pub use crate::dynamics::Growth;
 pub use memory::Memory;
 pub use settler::Settler;
-pub use stability::{Examined, NotSettled, Stability};
 pub use sweep::Sweep;
+pub use verdict::{Examined, NotSettled, Stability};
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rayon::prelude::*;

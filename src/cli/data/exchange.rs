@@ -4,13 +4,16 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use tdcr::learn::data::{self, DataSet, ExportFormat, Finding, ImportSettings, LengthUnit};
+use tdcr::learn::data::{DataSet, ExportFormat, Finding, ImportSettings, LengthUnit};
+use tdcr::pipeline;
 use tdcr::report::counted;
 
 use super::Console;
 use crate::cli::output;
 
 /// Make a data set from clouds (.ply, .pcd, .npy, .npz) and the motor files {"ctrl": [...]} of the same names
+///
+/// Interrupted, the same command goes on where it stopped.
 #[derive(Debug, Args)]
 pub(in crate::cli) struct ImportArgs {
     /// Folder of clouds and motor files
@@ -100,7 +103,7 @@ pub(super) fn import(args: &ImportArgs, console: &Console) -> anyhow::Result<()>
         split: args.split.clone(),
         seed: args.seed,
     };
-    let imported = data::import(&args.dir, &args.out, &settings)?;
+    let imported = pipeline::import(&args.dir, &args.out, &settings, console)?;
     for note in &imported.notes {
         tracing::warn!("{}: {note}", args.dir.display());
     }
@@ -120,7 +123,7 @@ pub(super) fn export(args: &ExportArgs, console: &Console) -> anyhow::Result<()>
         Format::Ply => ExportFormat::Ply,
         Format::Npz => ExportFormat::Npz,
     };
-    let clouds = data::export(&set, format, &args.out)?;
+    let clouds = pipeline::export(&set, format, &args.out, console)?;
     let dir = args.out.clone();
     Moved { dir, clouds }.tell(console)
 }

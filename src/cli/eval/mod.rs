@@ -95,7 +95,7 @@ enum Scored {
 }
 
 impl Scored {
-    fn told<'a>(&'a self, args: &'a EvalArgs) -> Evaluated<'a> {
+    fn evaluated<'a>(&'a self, args: &'a EvalArgs) -> Evaluated<'a> {
         match self {
             Self::Clouds(name) => Evaluated::Clouds { name },
             Self::Model(model, sampler) => Evaluated::Model {
@@ -151,7 +151,7 @@ pub(super) fn run(args: &EvalArgs, console: &Console) -> anyhow::Result<()> {
         output::format("--picture", path, &["png", "svg"])?;
     }
     let (scored, evaluator) = prepare(args)?;
-    let evaluated = scored.told(args);
+    let evaluated = scored.evaluated(args);
     if let Some(note) = evaluator.note() {
         tracing::warn!("{}: {note}", args.data.display());
     }

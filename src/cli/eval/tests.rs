@@ -8,11 +8,12 @@ use tdcr::learn::data::{Condition, DataSet, PredictedClouds, Split};
 use tdcr::learn::predict::{About, PredictError, Prediction, Predictor, TrainingCost};
 use tdcr::pages::{Evaluated, evaluation_page};
 use tdcr::pipeline::{
-    CollectSettings, EvalSettings, Evaluation, Evaluator, Metrics, Monitor, PipelineError, Results,
-    Silent, collect,
+    CollectSettings, EvalError, EvalSettings, Evaluation, Evaluator, Metrics, Monitor,
+    PipelineError, Results, Silent, collect,
 };
 
 use super::table;
+use crate::cli::with_hint;
 
 /// Predicts a cloud that it was given, whatever the condition.
 struct Fixed {
@@ -96,7 +97,9 @@ fn an_added_predictor_is_scored_in_json_in_the_table_and_in_the_report() {
     evaluator.compare(fixed("toy", &data)).unwrap();
     for taken in ["first", "toy", "mean", "floor"] {
         let refused = evaluator.compare(fixed(taken, &data));
-        assert!(matches!(refused, Err(PipelineError::SameKey { key }) if key == taken));
+        assert!(
+            matches!(refused, Err(PipelineError::Eval(EvalError::SameKey { key })) if key == taken)
+        );
     }
     let journal = folder.path().join("journal");
     let evaluation = evaluator.run(Some(&journal), &Silent).unwrap();
@@ -199,7 +202,7 @@ fn an_interruption_says_that_the_command_goes_on_only_where_a_journal_is_kept() 
     let journal = folder.path().join("journal");
     let said = |evaluator: &Evaluator, journal| {
         let stopped = evaluator.run(journal, &Stop).unwrap_err();
-        stopped.to_string()
+        with_hint(&stopped.into())
     };
     let evaluator = Evaluator::new(fixed("first", &data), &data, SETTINGS).unwrap();
     assert_eq!(said(&evaluator, None), "interrupted");

@@ -3,14 +3,18 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::sleep;
 use std::time::Duration;
 
+use tdcr_hw::clock::Clock;
 use tdcr_hw::dynamixel::{Bus, BusSettings};
 use tdcr_hw::log::{Entry as LogEntry, LogReader};
 use tdcr_hw::mask::{Mask, Shot};
 use tdcr_hw::rig::{Pace, RigFile};
-use tdcr_hw::servo::{ServoId, Torque, TorqueSwitch, Watchdog, WatchdogState};
+use tdcr_hw::servo::{ServoBus, ServoId, Torque, WatchdogState};
+use tdcr_hw::simulated::camera::{CameraFault, CameraFaults};
 use tdcr_hw::simulated::{Fault, Simulator};
 use tdcr_learn::data::{DataSet, Split, check};
 
@@ -24,13 +28,18 @@ fn rig() -> Rig {
 
 /// The same with changes to its file.
 fn rig_with(change: impl FnOnce(String) -> String) -> Rig {
+    rig_at(Pace::Computed, change)
+}
+
+/// The same, whose time passes as `pace` says.
+fn rig_at(pace: Pace, change: impl FnOnce(String) -> String) -> Rig {
     let text = include_str!("../../../examples/rig-sim.toml");
     let end = text.match_indices("[[cameras]]").nth(2).unwrap().0;
     let text = text[..end].replace("[640, 480]", "[160, 120]");
     // Robots are named from the folder of the file.
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/rig.toml");
     let file = RigFile::parse(&change(text), &path).unwrap();
-    Rig::open_file(file, Pace::Computed).unwrap()
+    Rig::open_file(file, pace).unwrap()
 }
 
 fn settings(count: usize) -> CaptureSettings {
@@ -71,7 +80,7 @@ fn assert_alike(found: &[Vec<f32>], expected: &[Vec<f32>]) {
 /// Samples that a capture which ended says to have kept.
 fn kept(ended: &PipelineError) -> usize {
     match ended {
-        PipelineError::CaptureEnded { kept, .. } => *kept,
+        PipelineError::Capture(CaptureStop::Ended { kept, .. }) => *kept,
         other => panic!("{other}"),
     }
 }
@@ -202,6 +211,76 @@ fn a_capture_of_two_samples_is_a_data_set_that_grows() {
     let report = capture(&mut rig(), &settings(10), &dir, &Silent).unwrap();
     assert_eq!(report.captured, 8);
     assert_eq!(commands(&dir).len(), 10);
+}
+
+/// In real time, in which servos stop that hear nothing for 0.8 s.
+#[test]
+fn a_disk_and_a_terminal_that_stall_for_longer_than_the_watchdog_end_nothing() {
+    const STALL: Duration = Duration::from_secs(2);
+    /// A terminal whose output a person has halted.
+    struct Halted;
+    impl Monitor for Halted {
+        fn begin(&self, _: &str, _: u64, _: u64) {}
+        fn advance(&self, _: u64) {
+            sleep(STALL);
+        }
+        fn note(&self, _: &str) {
+            sleep(STALL);
+        }
+        fn status(&self, _: &str) {}
+        fn end(&self) {}
+        fn interrupted(&self) -> bool {
+            false
+        }
+    }
+    let mut rig = rig_at(Pace::RealTime, |text| {
+        text.replace("watchdog = 0.5", "watchdog = 0.8")
+            .replace("bend = [0.6, 0.8]", "bend = [0.1, 0.1]")
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let settings = settings(3);
+    let collector = Collector::open(folder.path(), &settings.meta(&rig)).unwrap();
+    let samples: Vec<usize> = collector.missing_blocks().into_iter().flatten().collect();
+    let path = folder.path().join(JOURNAL);
+    let (journal, _) = Journal::open::<Entry>(&path, &json!({})).unwrap();
+    let mut report = CaptureReport::default();
+    let recorder = Recorder {
+        settings: &settings,
+        journal: &journal,
+        report: &mut report,
+        monitor: &Halted,
+    };
+    let session = SessionSettings {
+        seed: settings.seed,
+        voxel_size: settings.voxel_size,
+        masks: None,
+    };
+    let mut go_on = || ControlFlow::Continue(());
+    let session = Session::begin(&mut rig, &session, None, &mut go_on).unwrap();
+    let written = AtomicU64::new(0);
+    let done = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while written.load(Ordering::Relaxed) < 3 {
+                journal.while_stalled(|| sleep(STALL));
+                sleep(Duration::from_millis(1));
+            }
+        });
+        let slow = |taken: Receiver<Indexed>| {
+            for _ in taken {
+                sleep(3 * STALL);
+                written.fetch_add(1, Ordering::Relaxed);
+            }
+            Ok(())
+        };
+        let done = recorder.record(session, samples.into_iter(), slow);
+        written.store(3, Ordering::Relaxed);
+        done
+    });
+    done.unwrap();
+    assert_eq!(
+        (report.sentinels, journalled(folder.path())),
+        (2, vec![0, 1, 2])
+    );
 }
 
 /// Every condition and cloud of a data set.
@@ -432,6 +511,48 @@ fn a_capture_rests_where_a_servo_is_hot_and_goes_on() {
     assert_alike(&commands(&cool), &commands(&hot));
 }
 
+/// Lets a camera freeze after the ninth sample.
+struct Freeze(AtomicU64, CameraFaults, Arc<dyn Clock>);
+
+impl Monitor for Freeze {
+    fn begin(&self, _: &str, _: u64, _: u64) {}
+    fn advance(&self, steps: u64) {
+        if self.0.fetch_add(steps, Ordering::Relaxed) + steps == 9 {
+            let from = self.2.now() + Duration::from_nanos(1);
+            self.1.set_from(from, Some(CameraFault::Frozen));
+        }
+    }
+    fn note(&self, _: &str) {}
+    fn status(&self, _: &str) {}
+    fn end(&self) {}
+    fn interrupted(&self) -> bool {
+        false
+    }
+}
+
+/// With the noise of a D435, and without any.
+#[test]
+fn a_capture_keeps_no_sample_of_a_camera_that_froze() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, sensor) in [("noise", "sensor = \"d435\"\n"), ("ideal", "")] {
+        let dir = folder.path().join(name);
+        let rig = || rig_with(|text| text.replace("sensor = \"d435\"\n", sensor));
+        let mut freezing = rig();
+        let faults = freezing.camera_faults()[1].clone().unwrap();
+        let freeze = Freeze(AtomicU64::new(0), faults, freezing.clock().clone());
+        let ended = capture(&mut freezing, &settings(14), &dir, &freeze).unwrap_err();
+        assert!(
+            ended.to_string().contains("camera east is frozen"),
+            "{ended}"
+        );
+        assert_eq!(kept(&ended), 9);
+        assert!(!freezing.is_engaged());
+        let report = capture(&mut rig(), &settings(14), &dir, &Silent).unwrap();
+        assert_eq!(report.captured, 5);
+        assert_eq!(commands(&dir).len(), 14);
+    }
+}
+
 #[test]
 fn whatever_goes_wrong_in_a_capture_the_robot_is_safe_and_the_data_is_whole() {
     let servo = |id| ServoId::new(id).unwrap();
@@ -462,8 +583,8 @@ fn whatever_goes_wrong_in_a_capture_the_robot_is_safe_and_the_data_is_whole() {
         let ended = capture(&mut faulty, &settings(14), &dir, &after_nine);
         match (&ended, stops) {
             (Ok(report), false) => assert_eq!(report.captured, 14),
-            (Err(PipelineError::CaptureEnded { ended, .. }), true)
-                if matches!(**ended, PipelineError::Capture(_)) => {}
+            (Err(PipelineError::Capture(CaptureStop::Ended { ended, .. })), true)
+                if matches!(**ended, PipelineError::Capture(CaptureStop::Rig(_))) => {}
             _ => panic!("{fault}: {ended:?}"),
         }
         assert!(!faulty.is_engaged());

@@ -1,24 +1,26 @@
-//! Calibrating a robot on a recording of it, and holding it against another.
+//! Calibrating a robot on a recording of it, and validating it on another.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Serialize;
 use tdcr_learn::data::Split;
 use tdcr_sim::inverse::recording::{
-    Correlation, FittedUnknown, Misses, Progress, RecordingError, RecordingFit, RecordingSettings,
-    Replay, Transmission, fit_recording,
+    Correlation, FittedUnknown, Progress, RecordingError, RecordingFit, RecordingSettings, Replay,
+    Transmission, fit_recording,
 };
 use tdcr_sim::robot::{Robot, RobotSpec};
-use thiserror::Error;
 
+use super::Columns;
+use super::calibrate_error::CalibrateError;
 use super::clouds::Source;
+use super::column_corrections::{Corrected, MovedFrame};
+use super::compared::Compared;
 use super::fitted::Fitted;
 use super::reader::{Reader, own_columns, same};
 use super::repeat::repeatability;
+use super::rows::{BadRows, RecordingFile};
 use super::servos::FoundServos;
-use super::told::{MovedFrame, Told};
-use super::{Columns, RecordingFile, RecordingFileError};
 use crate::pipeline::Monitor;
 
 /// What is fitted, and how.
@@ -26,7 +28,7 @@ use crate::pipeline::Monitor;
 pub struct CalibrateSettings {
     /// What is fitted.
     pub fitted: Fitted,
-    /// Distance (m) from which a marker's or a point's miss counts less than by its square; a fortieth of the robot's length where not given.
+    /// Distance (m) from which a residual counts less than by its square; a fortieth of the robot's length where not given.
     pub loss: Option<f64>,
     /// Starts of the fit: the robot's own values, then others at random.
     pub starts: usize,
@@ -34,79 +36,6 @@ pub struct CalibrateSettings {
     pub seed: u64,
     /// Rows that cannot be used.
     pub bad_rows: BadRows,
-}
-
-/// What happens to rows that cannot be used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum BadRows {
-    /// The recording is refused.
-    #[default]
-    Refused,
-    /// They are left out, and noted.
-    LeftOut,
-}
-
-/// Why a robot could not be calibrated.
-#[derive(Debug, Error)]
-#[non_exhaustive]
-pub enum CalibrateError {
-    /// A file that cannot be used.
-    #[error(transparent)]
-    File(#[from] RecordingFileError),
-    /// Servos that never move alone.
-    #[error(
-        "cannot tell which servo pulls which tendon: {} never moves alone; the recording needs each servo pulled while all others rest",
-        columns.join(", ")
-    )]
-    NeverAlone {
-        /// Their columns.
-        columns: Vec<String>,
-    },
-    /// Clouds tell no servos apart.
-    #[error(
-        "cannot tell which servo pulls which tendon from {}, whose rows are clouds; expected a table of markers",
-        path.display()
-    )]
-    NoMarkers {
-        /// The recording.
-        path: PathBuf,
-    },
-    /// A recording of markers beside one of clouds.
-    #[error(
-        "cannot hold a robot that is calibrated on {} against {}: one has markers, the other clouds",
-        data.display(),
-        validate.display()
-    )]
-    OtherKind {
-        /// The one.
-        data: PathBuf,
-        /// The other.
-        validate: PathBuf,
-    },
-    /// The recording says too little, or the robot does not follow it.
-    #[error("cannot calibrate on {}: {source}", path.display())]
-    Recording {
-        /// The recording.
-        path: PathBuf,
-        /// Why.
-        source: RecordingError,
-    },
-    /// The monitor asked to stop.
-    #[error("interrupted")]
-    Interrupted,
-}
-
-/// A recording, and how far the robot was and is from it.
-#[derive(Clone, Debug)]
-pub struct Compared {
-    /// The recording.
-    pub file: RecordingFile,
-    /// What the robot as given misses.
-    pub before: Misses,
-    /// What the calibrated robot misses.
-    pub after: Misses,
-    /// Where the calibrated robot says that the markers are.
-    pub replay: Replay,
 }
 
 /// What a recording's rows are.
@@ -119,7 +48,7 @@ pub enum Measured {
     Clouds,
 }
 
-/// All that `tdcr calibrate --json` says.
+/// All that `tdcr calibrate --json` prints.
 #[derive(Clone, Debug, Serialize)]
 pub struct Calibrated {
     tdcr_version: &'static str,
@@ -158,8 +87,8 @@ pub struct Calibrated {
     pub unsettled_lines: Vec<usize>,
     /// The same of the other recording.
     pub validation_unsettled_lines: Vec<usize>,
-    /// Half the mean square difference, as a root, of what the calibrated robot misses in rows of nearly the same pulls, at other
-    /// times (m): what no model can explain in which the way does not count.
+    /// Half the mean square difference, as a root, of the residuals in rows of nearly the same tendon displacements, at other
+    /// times (m): what no model without path dependence can explain.
     pub repeatability: Option<f64>,
     /// The same of the other recording.
     pub validation_repeatability: Option<f64>,
@@ -167,13 +96,14 @@ pub struct Calibrated {
     pub servo_map: Option<FoundServos>,
     /// How the recording's frame was moved before the fit, where it was.
     pub frame: Option<MovedFrame>,
-    /// Neighbouring rows whose errors are alike.
-    pub alike_rows: Option<f64>,
+    /// Correlation length of the errors (rows).
+    #[serde(rename = "alike_rows")]
+    pub correlation_length: Option<f64>,
     /// Iterations of the fit.
     pub iterations: usize,
     /// What was found.
     pub parameters: Vec<FittedUnknown>,
-    /// What the recording can hardly tell apart.
+    /// What the recording hardly makes identifiable one by one.
     pub correlations: Vec<Correlation>,
 }
 
@@ -184,21 +114,21 @@ pub struct Calibration {
     pub spec: RobotSpec,
     /// The column map with what was found of servos and markers.
     pub columns: Columns,
-    /// What is said of it.
+    /// What is printed of it.
     pub found: Calibrated,
     /// The recording that it was fitted to.
     pub train: Compared,
-    /// The recording that it was held against.
+    /// The recording that it was validated on.
     pub validation: Option<Compared>,
     /// What one should know besides.
     pub notes: Vec<String>,
 }
 
-/// Calibrates `robot` on the recording `data`, and holds it, before and after, against the recording `validate`.
+/// Calibrates `robot` on the recording `data`, and validates it, before and after, on the recording `validate`.
 ///
 /// A recording is a table, read by the column map `columns`, the folder of a data set, or the log of a rig (MCAP). Data sets and
 /// logs have clouds and commands, and need no map; of one that is given the gains, the offsets and the frame are used. The robot is
-/// fitted to a data set's `train` split, and held against its `val` and `test` splits where `validate` is the same folder or none.
+/// fitted to a data set's `train` split, and validated on its `val` and `test` splits where `validate` is the same folder or none.
 ///
 /// # Errors
 /// [`CalibrateError`].
@@ -228,8 +158,8 @@ pub fn calibrate(
         robot: &built,
         bad_rows: settings.bad_rows,
     };
-    let told = Told::read(robot, columns, data, &reader, &settings.fitted, &mut notes)?;
-    let (train, columns) = (told.file, told.columns);
+    let corrected = Corrected::read(robot, columns, data, &reader, &settings.fitted, &mut notes)?;
+    let (train, columns) = (corrected.file, corrected.columns);
     let own_splits = source == Source::DataSet && validate.is_none_or(|other| same(data, other));
     let validation = match validate {
         _ if own_splits => {
@@ -256,16 +186,16 @@ pub fn calibrate(
     let compare = |file: RecordingFile| -> Result<Compared, RecordingError> {
         let replay = Replay::new(spec, transmission, &file.recording)?;
         Ok(Compared {
-            before: Replay::new(robot, &given, &file.recording)?.misses(&file.recording),
-            after: replay.misses(&file.recording),
+            before: Replay::new(robot, &given, &file.recording)?.residuals(&file.recording),
+            after: replay.residuals(&file.recording),
             replay,
             file,
         })
     };
     let train = compare(train).map_err(failed)?;
     let validation = validation.map(compare).transpose().map_err(failed)?;
-    let mut found = said(robot, fit.as_ref(), &train, validation.as_ref());
-    (found.servo_map, found.frame) = (told.servo_map, told.frame);
+    let mut found = summary(robot, fit.as_ref(), &train, validation.as_ref());
+    (found.servo_map, found.frame) = (corrected.servo_map, corrected.frame);
     notes.extend(far(&found, &built));
     found.validated_on_splits = own_splits;
     if source.has_clouds() {
@@ -321,26 +251,26 @@ fn fit(
     fit.map(Some)
 }
 
-/// A calibrated robot that misses more than this share of its length does not follow the recording.
+/// A calibrated robot with an error of more than this share of its length does not follow the recording.
 const FAR: f64 = 0.1;
 
 /// What to note of a robot that is calibrated and still far from the recording.
 fn far(found: &Calibrated, robot: &Robot) -> Option<String> {
     let length = *robot.arc_lengths().last()?;
     // Of clouds stray points make most of the root mean square.
-    let missed = found.train_median.unwrap_or(found.train_rmse);
-    let share = missed / length;
+    let error = found.train_median.unwrap_or(found.train_rmse);
+    let share = error / length;
     (!found.parameters.is_empty() && share > FAR).then(|| {
         format!(
             "the calibrated robot still misses {:.1} mm, {:.0} % of its length: do the columns say which servo pulls which tendon, \
              which way and in which unit, and is the robot file right of lengths and holes?",
-            1e3 * missed,
+            1e3 * error,
             100.0 * share
         )
     })
 }
 
-fn said(
+fn summary(
     robot: &RobotSpec,
     fit: Option<&RecordingFit>,
     train: &Compared,
@@ -374,7 +304,7 @@ fn said(
         validation_repeatability: validation.and_then(repeatability),
         servo_map: None,
         frame: None,
-        alike_rows: fit.map(|fit| fit.alike_rows),
+        correlation_length: fit.map(|fit| fit.correlation_length),
         iterations: fit.map_or(0, |fit| fit.steps),
         parameters: fit.map(|fit| fit.unknowns.clone()).unwrap_or_default(),
         correlations: fit.map(|fit| fit.correlations.clone()).unwrap_or_default(),

@@ -5,10 +5,10 @@ use std::io::Read;
 use std::path::Path;
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use tdcr_base::files;
 use tdcr_hw::recorded::{LoggedCloud, LoggedClouds};
 use tdcr_learn::data::{DataError, DataSet, Meta, Split};
 use tdcr_sim::chain::Configuration;
-use tdcr_sim::files;
 use tdcr_sim::inverse::recording::{Order, Recording, Shown};
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Drive, Robot};

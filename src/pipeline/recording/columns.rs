@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
-use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
-use tdcr_sim::files::{LARGEST_TEXT, Table, read_text, with_place, without_mark};
+use tdcr_base::files::{LARGEST_TEXT, Table, read_text, with_place, without_mark};
 use tdcr_sim::inverse::recording::{Servo, ServoMap, Transmission};
 use tdcr_sim::robot::{Drive, RobotSpec, TendonSpec};
 
 use super::RecordingFileError;
 use super::markers::MarkerColumns;
+use super::rotation::{quaternion, upright};
 use super::servo_column::{PullUnit, ServoColumn};
 
 /// A column map, as its TOML file has it.
@@ -288,7 +289,7 @@ impl Columns {
             .collect();
         let base = quaternion(robot.base.orientation);
         let about = Unit::new_normalize(base * Vector3::z());
-        let turn = UnitQuaternion::from_axis_angle(&about, map.turn);
+        let turn = UnitQuaternion::from_axis_angle(&about, map.rotation);
         let place = Vector3::from(robot.base.position);
         columns.moved(&Isometry3::from_parts(
             Translation3::from(place - turn * place),
@@ -318,17 +319,8 @@ impl Columns {
     }
 }
 
-/// The rotation of numbers w, x, y, z.
-pub(super) fn quaternion([w, x, y, z]: [f64; 4]) -> UnitQuaternion<f64> {
-    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
-}
-
 fn second() -> TimeUnit {
     TimeUnit::S
-}
-
-pub(super) fn upright() -> [f64; 4] {
-    [1.0, 0.0, 0.0, 0.0]
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use tdcr_sim::inverse::recording::Marker;
 
-use super::columns::{quaternion, upright};
+use super::rotation::{quaternion, upright};
 use super::servo_column::PullUnit;
 
 /// The columns of a measured point, or of a measured pose.

@@ -2,29 +2,31 @@
 //! [calibrated](calibrate()) on them.
 
 mod calibrate;
+mod calibrate_error;
 mod clouds;
+mod column_corrections;
 mod columns;
+mod compared;
 mod fitted;
 mod markers;
 mod reader;
 mod repeat;
+mod rotation;
 mod rows;
 mod servo_column;
 mod servos;
-mod told;
 mod wild;
 
-pub use calibrate::{
-    BadRows, CalibrateError, CalibrateSettings, Calibrated, Calibration, Compared, Measured,
-    calibrate,
-};
+pub use calibrate::{CalibrateSettings, Calibrated, Calibration, Measured, calibrate};
+pub use calibrate_error::CalibrateError;
+pub use column_corrections::MovedFrame;
 pub use columns::{Columns, FramePose, TimeColumn, TimeUnit};
+pub use compared::Compared;
 pub use fitted::Fitted;
 pub use markers::{DiscName, MarkerColumns};
-pub use rows::RecordingFile;
+pub use rows::{BadRows, RecordingFile};
 pub use servo_column::{PullUnit, ServoColumn};
 pub use servos::{FoundServo, FoundServos};
-pub use told::MovedFrame;
 
 use std::path::PathBuf;
 
@@ -147,7 +149,7 @@ fn bad_rows(path: &std::path::Path, rows: &[BadRow]) -> String {
     };
     let named: String = named.collect();
     format!(
-        "{} has {} (--skip-bad-rows leaves them out):{named}{more}",
+        "{} has {}:{named}{more}",
         path.display(),
         bad_row_count(rows.len())
     )

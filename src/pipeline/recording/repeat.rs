@@ -9,7 +9,7 @@ const APART: usize = 8;
 /// Rows that are compared with each other at most.
 const MOST_ROWS: usize = 5000;
 
-/// The share of the first marker's misses that does not repeat (m); none where no pulls come again.
+/// The share of the first marker's residuals that does not repeat (m); none where no pulls come again.
 pub(super) fn repeatability(compared: &Compared) -> Option<f64> {
     let pulls = &compared.file.recording.pulls;
     let range = |servo: usize| {
@@ -21,8 +21,8 @@ pub(super) fn repeatability(compared: &Compared) -> Option<f64> {
     for a in 0..pulls.len().min(MOST_ROWS) {
         for b in a + APART..pulls.len().min(MOST_ROWS) {
             let mut pairs = pulls[a].iter().zip(&pulls[b]);
-            let misses = [a, b].map(|row| compared.after.misses[row].iter().flatten().next());
-            if let [Some(one), Some(other)] = misses
+            let residuals = [a, b].map(|row| compared.after.markers[row].iter().flatten().next());
+            if let [Some(one), Some(other)] = residuals
                 && pairs.all(|(p, q)| (p - q).abs() < nearly)
             {
                 sum += (one - other).norm_squared();

@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
-use tdcr_sim::files::{self, without_mark};
+use tdcr_base::files::{self, without_mark};
+use tdcr_base::rows::Splitter;
+use tdcr_base::stats::{quantile, sorted};
 use tdcr_sim::inverse::recording::Recording;
 
 use super::{BadRow, Columns, MOST_ROWS, RecordingFileError};
@@ -15,6 +17,16 @@ const LARGEST: u64 = 512 << 20;
 const JUMP: f64 = 5.0;
 /// And as far as this share of what the markers' places extend over.
 const FAR: f64 = 0.1;
+
+/// What happens to rows that cannot be used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BadRows {
+    /// The recording is refused.
+    #[default]
+    Refused,
+    /// They are left out, and noted.
+    LeftOut,
+}
 
 /// A recording, and which line of the file each row is.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,11 +77,13 @@ impl RecordingFile {
                 path: path.to_owned(),
             });
         };
-        let separator = [',', ';', '\t']
+        let found = |separator: u8| header.bytes().filter(|&byte| byte == separator).count();
+        let separator = [b',', b';', b'\t']
             .into_iter()
-            .max_by_key(|s| (header.matches(*s).count(), *s == ','))
-            .unwrap_or(',');
-        let names = cells(header, separator);
+            .max_by_key(|&separator| (found(separator), separator == b','))
+            .unwrap_or(b',');
+        let mut splitter = Splitter::new(separator);
+        let names = splitter.trimmed(header);
         let places = Places::new(&names, columns, path)?;
         let mut rows = Vec::new();
         let mut file = Self {
@@ -85,7 +99,7 @@ impl RecordingFile {
                     found: MOST_ROWS + 1 + lines.count(),
                 });
             }
-            let cells = cells(text, separator);
+            let cells = splitter.trimmed(text);
             match places.read(&cells, &names, columns, rows.len()) {
                 Ok(row) => rows.push((line, row)),
                 Err(reason) => file.bad.push(BadRow { line, reason }),
@@ -162,13 +176,8 @@ impl RecordingFile {
                 all.clone().fold(f64::MIN, f64::max) - all.fold(f64::MAX, f64::min)
             };
             // Half of the places lie within their quartiles, whatever a few of them say.
-            let mut heights: Vec<f64> = points.iter().map(|p| (p - points[0]).norm()).collect();
-            heights.sort_by(f64::total_cmp);
-            let typical = heights
-                .get(3 * rows / 4)
-                .copied()
-                .unwrap_or(0.0)
-                .min((0..3).map(extent).fold(0.0, f64::max));
+            let distances = sorted(points.iter().map(|p| (p - points[0]).norm()));
+            let typical = quantile(&distances, 0.75).min((0..3).map(extent).fold(0.0, f64::max));
             for row in 1..rows.saturating_sub(1) {
                 let (before, at, after) = (points[row - 1], points[row], points[row + 1]);
                 let alone = (at - before).norm().min((at - after).norm());
@@ -183,20 +192,6 @@ impl RecordingFile {
             }
         }
     }
-}
-
-/// Cells of a line, without quotes.
-fn cells(line: &str, separator: char) -> Vec<String> {
-    let (mut cells, mut cell, mut quoted) = (Vec::new(), String::new(), false);
-    for letter in line.trim_end_matches(['\r', '\n']).chars() {
-        match letter {
-            '"' => quoted = !quoted,
-            letter if letter == separator && !quoted => cells.push(std::mem::take(&mut cell)),
-            letter => cell.push(letter),
-        }
-    }
-    cells.push(cell);
-    cells.iter().map(|cell| cell.trim().to_owned()).collect()
 }
 
 /// Where each column is.

@@ -9,8 +9,8 @@ use tdcr_sim::robot::RobotSpec;
 use super::{CalibrateError, Columns, RecordingFile};
 
 /// Single pulls that the column map explains this many times worse than another order of servos make one doubt it.
-const DOUBTFUL: f64 = 3.0;
-/// An order of servos that misses at most this share of the single pulls' motion, of squares, is taken for the right one.
+const AMBIGUOUS: f64 = 3.0;
+/// An order of servos with at most this misfit, a share of the single pulls' motion, of squares, is taken for the right one.
 const SURE: f64 = 0.25;
 
 /// The servo of a tendon, as it was found.
@@ -32,7 +32,8 @@ pub struct FoundServos {
     /// Of each tendon.
     pub servos: Vec<FoundServo>,
     /// Turn of the recording's frame about the robot's base (rad).
-    pub turn: f64,
+    #[serde(rename = "turn")]
+    pub rotation: f64,
 }
 
 /// The columns with the servos as `train`, the recording `path`, tells them when they move alone.
@@ -69,23 +70,27 @@ fn by(map: &ServoMap, robot: &RobotSpec, columns: &Columns) -> (Columns, FoundSe
     });
     let found = FoundServos {
         servos: found.collect(),
-        turn: map.turn,
+        rotation: map.rotation,
     };
     (mapped, found)
 }
 
 /// Another order of servos than that of the columns.
-pub(super) struct Doubt {
+pub(super) struct Ambiguity {
     pub found: (Columns, FoundServos),
     /// Whether it is as good as it should be if it is the right one.
     pub sure: bool,
 }
 
 /// The order of servos by which the markers move when servos move alone, where that is clearly not the columns'.
-pub(super) fn doubt(robot: &RobotSpec, columns: &Columns, train: &RecordingFile) -> Option<Doubt> {
+pub(super) fn ambiguity(
+    robot: &RobotSpec,
+    columns: &Columns,
+    train: &RecordingFile,
+) -> Option<Ambiguity> {
     // Where servos never move alone there is nothing to tell it by.
     let map = find_servo_map(robot, &columns.transmission(robot), &train.recording).ok()?;
-    (!map.is_identity() && map.misfit_as_given > DOUBTFUL * map.misfit()).then(|| Doubt {
+    (!map.is_identity() && map.misfit_as_given > AMBIGUOUS * map.misfit()).then(|| Ambiguity {
         sure: map.misfit() < SURE,
         found: by(&map, robot, columns),
     })

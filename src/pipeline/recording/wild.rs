@@ -5,6 +5,7 @@
 //! has given do not count.
 
 use nalgebra::Vector3;
+use tdcr_base::stats::{median, sorted};
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::inverse::recording::Recording;
 use tdcr_sim::robot::{Drive, Robot};
@@ -83,8 +84,11 @@ impl RecordingFile {
         for (marker, name) in names.iter().enumerate() {
             let places = self.recording.points.iter().filter_map(|row| row[marker]);
             let places: Vec<Vector3<f64>> = places.collect();
-            let median = |axis: usize| median(places.iter().map(|place| place[axis]));
-            let middle = Vector3::new(median(0), median(1), median(2));
+            let middle = |axis: usize| {
+                let mut along: Vec<f64> = places.iter().map(|place| place[axis]).collect();
+                median(&mut along)
+            };
+            let middle = Vector3::new(middle(0), middle(1), middle(2));
             for (row, line) in self.recording.points.iter_mut().zip(&self.lines) {
                 let Some(place) = row[marker] else { continue };
                 let distance = (place - middle).norm();
@@ -118,7 +122,7 @@ fn servo_columns(recording: &Recording, columns: &Columns, robot: &Robot) -> Vec
             let pulls = || recording.pulls.iter().map(move |row| row[servo]);
             let (median, most, limit) = match tendon.drive {
                 Drive::Tension => {
-                    let usual = quantile(pulls().map(f64::abs), 1.0 - TAIL);
+                    let [_, usual] = usual_ends(pulls().map(f64::abs));
                     let largest = usual.max(tendon.range[1]);
                     (
                         0.0,
@@ -129,7 +133,7 @@ fn servo_columns(recording: &Recording, columns: &Columns, robot: &Robot) -> Vec
                     )
                 }
                 _ => (
-                    median(pulls()),
+                    median(&mut pulls().collect::<Vec<f64>>()),
                     length,
                     format!("the whole tendon is {} long", millimetres(length)),
                 ),
@@ -148,8 +152,9 @@ fn servo_columns(recording: &Recording, columns: &Columns, robot: &Robot) -> Vec
 /// The widest range of a servo that pulls by length (m), without the ends.
 fn usual_range(recording: &Recording, servos: &[Column]) -> f64 {
     let range = |(servo, _): (usize, &Column)| {
-        let pulls = || recording.pulls.iter().map(|row| row[servo]);
-        quantile(pulls(), 1.0 - TAIL) - quantile(pulls(), TAIL)
+        let pulls = recording.pulls.iter().map(|row| row[servo]);
+        let [low, high] = usual_ends(pulls);
+        high - low
     };
     let lengths = servos.iter().enumerate();
     lengths
@@ -171,11 +176,11 @@ fn wild_servo(recording: &Recording, servos: &[Column], range: f64, row: usize) 
                 "{name} jumps by {jump} and back, and no marker moves by half as much"
             ));
         }
-        let said = match of_length {
+        let found = match of_length {
             true => format!("pulls by {}", millimetres(away)),
             false => format!("says {} N", number(pull)),
         };
-        Some(format!("{name} {said}; {}", column.limit))
+        Some(format!("{name} {found}; {}", column.limit))
     })
 }
 
@@ -200,18 +205,15 @@ fn keep<T>(list: &mut Vec<T>, kept: &[bool]) {
     list.retain(|_| kept.next().copied().unwrap_or(true));
 }
 
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    quantile(values, 0.5)
-}
-
-/// The value below which the share `q` of all lies; 0 of none.
-fn quantile(values: impl Iterator<Item = f64>, q: f64) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    if values.is_empty() {
-        return 0.0;
-    }
-    let place = (q * (values.len() - 1) as f64) as usize;
-    *values.select_nth_unstable_by(place, f64::total_cmp).1
+/// Two values between which nearly all lie: with the share [`TAIL`] of all below the first and above the second, the largest
+/// never among them; zeros of none. Both are values that are there, and not quantiles: interpolated, the second would still
+/// follow a wild value among a dozen.
+fn usual_ends(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let values = sorted(values);
+    let Some(last) = values.len().checked_sub(1) else {
+        return [0.0; 2];
+    };
+    [TAIL, 1.0 - TAIL].map(|share| values[(share * last as f64) as usize])
 }
 
 fn millimetres(metres: f64) -> String {
@@ -263,8 +265,8 @@ mod tests {
         columns
     }
 
-    /// What is said of 2m's recording after `change`, and how many rows are left.
-    fn told(change: impl FnOnce(&mut Recording)) -> (Vec<(usize, String)>, usize) {
+    /// What is refused of 2m's recording after `change`, and how many rows are left.
+    fn refused(change: impl FnOnce(&mut Recording)) -> (Vec<(usize, String)>, usize) {
         let spec = RobotSpec::standard("2m").expect("a standard robot");
         let columns = columns(&spec);
         let mut file = recording(&columns);
@@ -279,9 +281,9 @@ mod tests {
 
     #[test]
     fn what_moves_as_robots_do_is_kept() {
-        assert_eq!(told(|_| ()), (Vec::new(), 120));
+        assert_eq!(refused(|_| ()), (Vec::new(), 120));
         // Zeros that nobody gave, a frame elsewhere, and a pull between two rests that the tip follows.
-        let shifted = told(|recording| {
+        let shifted = refused(|recording| {
             recording.pulls.iter_mut().for_each(|row| row[0] += 3.0);
             let points = recording.points.iter_mut().flatten().flatten();
             points.for_each(|point| point.x += 20.0);
@@ -305,7 +307,7 @@ mod tests {
                 if row != 25 && pull == 0.006 {
                     continue;
                 }
-                let (bad, left) = told(|recording| recording.pulls[row][4] = pull);
+                let (bad, left) = refused(|recording| recording.pulls[row][4] = pull);
                 assert_eq!((bad.len(), left), (1, 119), "{pull} {bad:?}");
                 assert_eq!(bad[0].0, row + 2);
                 let named = format!("command 4 {expected}");
@@ -318,7 +320,7 @@ mod tests {
     fn a_marker_out_of_reach_is_taken_out_and_its_row_stays() {
         for row in [0, 30, 119] {
             let far = Some(Vector3::new(0.0, 1e300, 0.0));
-            let (bad, left) = told(|recording| recording.points[row][0] = far);
+            let (bad, left) = refused(|recording| recording.points[row][0] = far);
             assert_eq!((bad.len(), left), (1, 120), "{bad:?}");
             assert!(bad[0].1.starts_with("x, y, z is "), "{}", bad[0].1);
         }

@@ -6,8 +6,8 @@ use tdcr_learn::data::CloudSet;
 use tdcr_learn::train::{Feed, Model, Refiner, Start, TrainError, Trainer, TrainingState};
 
 use super::{Run, state_path};
-use crate::pipeline::PipelineError;
 use crate::pipeline::log::RunLog;
+use crate::pipeline::{PipelineError, TrainRunError};
 
 /// The folder of a run's refinement, a run of its own.
 fn refinement_path(run: &Path) -> PathBuf {
@@ -90,7 +90,7 @@ impl Run<'_> {
             Some(state) => {
                 let resumed =
                     Trainer::resume(state, start(), self.settings.clone(), feed, validation);
-                resumed.map_err(|source| PipelineError::OtherRun { path, source })?
+                resumed.map_err(|source| TrainRunError::OtherRun { path, source })?
             }
             None => Trainer::new(start(), self.settings.clone(), feed, validation)?,
         };
@@ -102,7 +102,7 @@ impl Run<'_> {
         let finished = self.finish(&mut trainer, &mut log, provenance, &|_| Ok(()));
         self.monitor.end();
         match finished {
-            Err(PipelineError::Diverged(_)) => Ok(None),
+            Err(PipelineError::Train(TrainRunError::Diverged(_))) => Ok(None),
             finished => finished.map(|()| trainer.model(provenance.clone())),
         }
     }

@@ -115,7 +115,10 @@ def same(said: str, default: object) -> bool:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_options_have_the_names_and_defaults_of_the_command_line(command: str) -> None:
     function, elsewhere = COMMANDS[command]
-    parameters = inspect.signature(function).parameters
+    parameters = dict(inspect.signature(function).parameters)
+    if "options" in parameters and function is tdcr.train:
+        kind = inspect.Parameter.KEYWORD_ONLY
+        parameters |= {name: inspect.Parameter(name, kind) for name in tdcr.TrainOptions.__annotations__}
     found = options(command)
     assert "help" in found
     missing = []

@@ -229,9 +229,12 @@ def test_a_damaged_sample_is_named(dataset: tdcr.Dataset, folder: Path) -> None:
 
 
 def test_clouds_are_exported_and_imported_as_by_the_command_line(dataset: tdcr.Dataset, folder: Path) -> None:
-    assert tdcr.export_clouds(dataset, folder / "clouds") == 20
+    steps: list[int] = []
+    assert tdcr.export_clouds(dataset, folder / "clouds", progress=steps.append) == sum(steps) == 20
     clouds = folder / "clouds/train"
-    again = tdcr.import_clouds(clouds, folder / "imported", points=400, seed=2)
+    steps.clear()
+    again = tdcr.import_clouds(clouds, folder / "imported", points=400, seed=2, progress=steps.append)
+    assert sum(steps) == len(again)
     assert len(again) == 16
     command_line("data", "import", clouds, "--out", folder / "by_line", "--points", 400, "--seed", 2)
     assert files(folder / "imported") == files(folder / "by_line")

@@ -323,7 +323,7 @@ def test_the_demo_is_that_of_the_command_line(folder: Path) -> None:
     assert found == expected
     assert (out / "shapes.png").read_bytes() == (by_command / "shapes.png").read_bytes()
     assert (out / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    with pytest.raises(DataError, match="holds 10 samples and --samples is 11"):
+    with pytest.raises(DataError, match="holds 10 samples, and 11 are asked for; ask for samples=10"):
         tdcr.demo(out, samples=11, steps=6)
 
 
@@ -332,7 +332,7 @@ def test_arguments_that_make_no_run_are_named(dataset: tdcr.Dataset, run: tdcr.R
         with pytest.raises(error, match=match):
             tdcr.train(**{"data": dataset, "out": folder / "never", "steps": 20, **TINY, **arguments})
 
-    refused(InputError, "net is 'cnn'; expected 'mlp' or 'hybrid'", net="cnn")
+    refused(InputError, 'net is "cnn"; expected one of "mlp", "hybrid"', net="cnn")
     refused(InputError, "channels is of the net 'hybrid'", channels=(8, 8, 8))
     refused(InputError, "channels has 2 values; expected 3", net="hybrid", channels=(8, 8))
     refused(InputError, "color_weight is of a network with colors=True", color_weight=0.1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import signal
@@ -157,7 +158,7 @@ def test_environments_on_rigs_refuse_what_cameras_do_not_tell(small: Path) -> No
         gymnasium.make("tdcr/Track2m-v0", rig=small, observation="tip")
 
 
-@pytest.mark.parametrize("end", ["SIGTERM", "SIGHUP", "SIGINT", "raise", "nothing"])
+@pytest.mark.parametrize("end", ["SIGTERM", "SIGHUP", "SIGINT", "SIGQUIT", "SIGTSTP", "raise", "nothing"])
 def test_a_process_that_ends_lets_go_of_its_rig(small: Path, end: str) -> None:
     """However it ends, and without a ``with`` block: what was registered first at the exit of a process comes last."""
     script = """
@@ -181,8 +182,44 @@ if sys.argv[2] != "nothing":
         process.send_signal(getattr(signal, end))
     said, complaint = process.communicate(timeout=30)
     assert said == "engaged False\n", complaint
-    expected = {"SIGTERM": 143, "SIGHUP": 129, "SIGINT": -2, "raise": 1, "nothing": 0}
+    expected = {"SIGTERM": 143, "SIGHUP": 129, "SIGINT": -2, "SIGQUIT": 131, "SIGTSTP": 148, "raise": 1, "nothing": 0}
     assert process.returncode == expected[end], complaint
+    assert ("motors are on" in complaint) == (end == "SIGTSTP")
+
+
+def test_a_process_whose_motors_are_off_is_stopped_as_any_other(small: Path) -> None:
+    script = """
+import sys, time
+import tdcr
+rig = tdcr.Rig(sys.argv[1])
+rig.engage()
+rig.release()
+print("off", flush=True)
+time.sleep(60)
+"""
+    process = subprocess.Popen([sys.executable, "-c", script, str(small)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "off\n"
+    process.send_signal(signal.SIGTSTP)
+    _, status = os.waitpid(process.pid, os.WUNTRACED)
+    assert os.WIFSTOPPED(status)
+    process.send_signal(signal.SIGCONT)
+    process.terminate()
+    assert process.wait(timeout=30) == 143
+
+
+def test_what_is_passed_over_in_the_robots_file_is_warned_of(tmp_path: Path) -> None:
+    folder = Path(__file__).resolve().parents[2] / "cli" / "notes"
+    for name in ("rig.toml", "robot.xml"):
+        shutil.copy(folder / name, tmp_path)
+    with pytest.warns(UserWarning, match=r"rig\.toml: .*a command is the rest length \(m\), 0\.75 ctrl") as warned:
+        rig = tdcr.Rig(tmp_path / "rig.toml")
+    assert len(warned) == len(rig.robot.notes) > 0
+    with pytest.warns(UserWarning, match="0.75 ctrl"):
+        tdcr.rig.record_background(tmp_path / "rig.toml", tmp_path / "empty.mcap", pictures=5)
+    with pytest.warns(UserWarning, match="0.75 ctrl"):
+        study = {"robot": str(tmp_path / "robot.xml"), "want": ["tip"], "vary": [{"what": "payload", "values": [0.0]}]}
+        tdcr.study(study, tmp_path / "study")
 
 
 def test_a_fork_ends_when_told_as_if_there_were_no_rig(small: Path) -> None:

@@ -229,7 +229,8 @@ def test_files_that_are_no_models_are_refused(tmp_path):
 
 def test_presets_and_defaults_are_those_of_tdcr_train():
     paper, quick = preset("paper"), preset()
-    assert (quick.name, quick.width, quick.depth, quick.embedding) == ("quick", 96, 6, 128)
+    sizes = [quick.options["mlp"][name] for name in ("width", "depth", "embedding")]
+    assert (quick.name, *sizes) == ("quick", 96, 6, 128)
     settings = paper.settings(net="hybrid", clouds_in_set=8000)
     assert settings["steps"] == 500 * math.ceil(8000 / 32)
     assert (settings["clouds"], settings["points"], settings["learning_rate"]) == (32, 20_000, 8e-4)
@@ -242,7 +243,8 @@ def test_presets_and_defaults_are_those_of_tdcr_train():
         "spare": 0.0,
         "colors": "clamped",
     }
-    assert (paper.octaves, quick.octaves, settings["path"]["late_times"]) == (0, 6, 0.0)
+    octaves = [one.options["hybrid"]["octaves"] for one in (paper, quick)]
+    assert (octaves, settings["path"]["late_times"]) == ([0, 6], 0.0)
     assert (settings["procedure"], quick.settings()["procedure"]) == ("authors", "project")
     # The last batch is dropped where it is not full.
     assert paper.settings(clouds_in_set=8007)["steps"] == 500 * 1000

@@ -307,10 +307,10 @@ def test_an_interrupted_run_leaves_no_part_of_a_file(data, tmp_path):
     ("arguments", "words"),
     [
         (["--data", "nowhere"], "nowhere"),
-        (["--channels", "8,8,8"], "--channels is of --net hybrid"),
+        (["--channels", "8,8,8"], "channels is of the net 'hybrid'"),
         (["--stream", "7m"], "7m"),
         (["--clouds", "0"], "clouds is 0"),
-        (["--preset", "paper", "--stream", "2m"], "say how many steps"),
+        (["--preset", "paper", "--stream", "2m"], "give steps"),
     ],
 )
 def test_wrong_arguments_are_refused_in_words(data, tmp_path, capsys, arguments, words):

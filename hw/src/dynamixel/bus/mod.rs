@@ -4,8 +4,8 @@ mod items;
 mod many;
 mod meeting;
 mod one;
+mod servo_bus;
 mod state;
-mod traits;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -82,7 +82,7 @@ pub struct Span {
 
 /// Servos of the X330 series behind a line.
 ///
-/// It implements the traits of [`servo`](crate::servo); the methods here are Protocol 2.0's own. A servo is met on its first use:
+/// It is a [`ServoBus`](crate::servo::ServoBus); the methods here are Protocol 2.0's own. A servo is met on its first use:
 /// its model, firmware and return delay are read, and its status return level is set to 2, as everything here is acknowledged.
 /// A servo that has been silent is asked last, since those behind it wait for its answer.
 #[derive(Debug)]

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::super::frame::PacketId;
 use super::super::instruction::Instruction;
-use super::super::line::{EMPTY_STATUS, Heard, LONGEST_RETURN_DELAY};
+use super::super::line::{EMPTY_STATUS, LONGEST_RETURN_DELAY, Received};
 use super::super::status::ErrorByte;
 use super::{Bus, line};
 use crate::servo::{Fault, ServoError, ServoId};
@@ -52,7 +52,7 @@ impl<T: Transport> Bus<T> {
             let deadline = self.line.deadline(sent, delay, EMPTY_STATUS + bytes);
             let mut answer = None;
             let mut found = None;
-            let heard = self.line.listen(deadline, |status| {
+            let received = self.line.listen(deadline, |status| {
                 if status.id != PacketId::Servo(id) {
                     return ControlFlow::Continue(());
                 }
@@ -75,7 +75,7 @@ impl<T: Transport> Bus<T> {
                 };
                 ControlFlow::Break(())
             });
-            let heard = heard.map_err(line)?;
+            let received = received.map_err(line)?;
             failure = match (answer, found) {
                 (Some(Ok(value)), _) => {
                     self.silent.remove(&id);
@@ -95,7 +95,7 @@ impl<T: Transport> Bus<T> {
                     expected: bytes,
                     found,
                 },
-                (None, None) if heard == Heard::Noise => ServoError::Damaged { id },
+                (None, None) if received == Received::Noise => ServoError::Damaged { id },
                 (None, None) => ServoError::NoAnswer {
                     id,
                     waited: deadline.saturating_sub(start),

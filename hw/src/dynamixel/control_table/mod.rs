@@ -10,6 +10,8 @@ mod value;
 
 use std::sync::LazyLock;
 
+use tdcr_base::rows::Splitter;
+
 pub use item::Item;
 pub use value::{Access, Area, Bound, Kind, Unit};
 
@@ -169,8 +171,10 @@ impl ControlTable {
     /// The table of `firmware` in the text of a file; the error names the row.
     fn parse(text: &str, firmware: u8) -> Result<Self, String> {
         let mut entries = Vec::with_capacity(Item::ALL.len());
+        let mut splitter = Splitter::new(b',');
         for line in text.lines().skip(1) {
-            let row: Vec<&str> = line.split(',').collect();
+            let row = splitter.cells(line);
+            let row: Vec<&str> = row.iter().map(String::as_str).collect();
             let &[
                 address,
                 kind,

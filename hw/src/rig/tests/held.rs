@@ -8,7 +8,7 @@ use super::*;
 use crate::camera::{CameraError, described_by};
 use crate::capture::{CaptureError, Session, SessionSettings};
 use crate::clock::Clock;
-use crate::servo::{PositionGoals, ServoError, Ticks, WatchdogState};
+use crate::servo::{ServoBus, ServoError, Setting, Ticks, WatchdogState};
 use crate::simulated::camera::{CameraSetup, SimulatedCamera};
 use crate::simulated::{PlantSetup, Simulator, SimulatorSetup};
 
@@ -161,6 +161,31 @@ fn work_that_takes_longer_than_the_watchdog_is_done_while_servos_are_held() {
     rig.release().unwrap();
 }
 
+/// A disk that stalls for longer than the watchdog stalls the log alone.
+#[test]
+fn servos_do_not_wait_for_the_disk_that_their_log_is_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = SIMULATED.replace("watchdog = 0.5", "watchdog = 0.8");
+    let mut rig = Rig::open_file(file(&text).unwrap(), Pace::RealTime).unwrap();
+    rig.log_in(folder.path(), "log", 0).unwrap();
+    rig.engage().unwrap();
+    let log = rig.slot.log().unwrap();
+    log.with(|_| {
+        std::thread::sleep(Duration::from_secs(2));
+        Ok(())
+    });
+    for _ in 0..30 {
+        rig.poll().unwrap();
+    }
+    rig.grab().unwrap();
+    rig.release().unwrap();
+    rig.finish_log().unwrap();
+    let mut reader = crate::log::LogReader::open(&folder.path().join("log.mcap")).unwrap();
+    while reader.next_entry().unwrap().is_some() {}
+    assert!(reader.recovery().is_whole());
+    assert!(reader.recovery().messages > 60);
+}
+
 /// A goal that nobody heard, the last of a path, is told again.
 #[test]
 fn a_goal_that_was_lost_is_sent_again() {
@@ -193,7 +218,7 @@ fn a_servo_that_never_holds_its_goal_is_named() {
     let command = rig.robot().command(&home).unwrap();
     rig.step(&command).unwrap();
     let error = (0..20).try_for_each(|_| {
-        assert!(other.set_goal_positions(&[(servo(4), Ticks(2060))])[0].is_ok());
+        assert!(other.set(Setting::GoalPositions(&[(servo(4), Ticks(2060))]))[0].is_ok());
         rig.poll().map(drop)
     });
     let said = error.unwrap_err().to_string();
@@ -231,7 +256,10 @@ fn a_servo_that_stays_off_its_goal_ends_a_capture() {
     let mut go_on = || ControlFlow::Continue(());
     let mut session = Session::begin(&mut rig, &SETTINGS, None, &mut go_on).unwrap();
     // Too little current to pull with.
-    let bounded = session.rig().bus().set_goal_currents(&[(servo(2), 0.02)]);
+    let bounded = session
+        .rig()
+        .bus()
+        .set(Setting::GoalCurrents(&[(servo(2), 0.02)]));
     assert!(bounded[0].is_ok());
     let ended = (0..6).try_for_each(|index| session.sample(index).map(drop));
     let said = ended.unwrap_err().to_string();

@@ -5,7 +5,7 @@ use tdcr_sim::camera::Intrinsics;
 use tdcr_sim::geometry::{Instance, Shape};
 
 use super::*;
-use crate::camera::{Fresh, Soak, grab_all};
+use crate::camera::{Soak, grab_all};
 use crate::clock::{Clock, VirtualClock};
 
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -216,30 +216,21 @@ fn a_wait_ends_at_its_deadline() {
 }
 
 #[test]
-fn frozen_pictures_are_found() {
+fn frozen_pictures_come_with_new_times_and_without_new_noise() {
     let clock = Arc::new(VirtualClock::new());
     let scene = FallingBall.scene_at(Duration::ZERO);
     let setup = CameraSetup::d435("a", camera());
-    let camera = SimulatedCamera::new(setup, Box::new(scene), clock.clone());
-    let faults = camera.faults();
-    let mut camera = Fresh::new(camera, 2);
-    for _ in 0..5 {
-        camera
-            .grab(PATIENCE)
-            .expect("noise differs from picture to picture");
-    }
-    faults.set_from(
-        clock.now() + Duration::from_nanos(1),
-        Some(CameraFault::Frozen),
-    );
-    for _ in 0..2 {
-        camera.grab(PATIENCE).expect("two repetitions are allowed");
-    }
-    let error = camera.grab(PATIENCE).expect_err("the third is too many");
-    assert!(
-        matches!(error, CameraError::Frozen { repeats: 3, .. }),
-        "{error}"
-    );
+    let mut camera = SimulatedCamera::new(setup, Box::new(scene), clock.clone());
+    let mut grab = |faults: Option<CameraFault>| {
+        let from = clock.now() + Duration::from_nanos(1);
+        camera.faults().set_from(from, faults);
+        camera.grab(PATIENCE).expect("a picture")
+    };
+    let [first, second] = [grab(None), grab(None)];
+    assert_ne!(first.value.depth, second.value.depth, "noise");
+    let frozen = grab(Some(CameraFault::Frozen));
+    assert_eq!(frozen.value.depth, second.value.depth);
+    assert!(frozen.time > second.time);
 }
 
 #[test]

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeSet;
 use std::io::Write;
-use std::ops::ControlFlow::Continue;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use tdcr_base::files::{LARGEST_TEXT, read_text, write_atomically};
 use tdcr_sim::cloud::{PointCloud, VoxelGrid, write_ply};
-use tdcr_sim::files::{LARGEST_TEXT, read_text, write_atomically};
 
 use super::split_file::read_split;
 use super::{EXTENSIONS, Fault, NpzArray, NpzValues, parse_cloud, parser_of, write_npz};
@@ -112,10 +112,19 @@ pub struct Imported {
 /// `.pcd`, `.npy` or `.npz`, `NAME.json` holds its motors, `{"ctrl": [...]}`, in any unit. Interrupted, the same call goes
 /// on where it stopped.
 ///
+/// `read` is called with the clouds that were read and those that are to be, before the first and after each, and may ask to stop;
+/// `write` likewise with the steps of [`Collector::finish`].
+///
 /// # Errors
 /// [`DataError::NoClouds`] where no file of the folder is one of these; [`DataError::CloudFile`] names the file and the place
-/// in it; else as [`Collector`].
-pub fn import(dir: &Path, out: &Path, settings: &ImportSettings) -> Result<Imported, DataError> {
+/// in it; [`DataError::Interrupted`]; else as [`Collector`].
+pub fn import(
+    dir: &Path,
+    out: &Path,
+    settings: &ImportSettings,
+    mut read: impl FnMut(usize, usize) -> ControlFlow<()>,
+    write: impl FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<Imported, DataError> {
     let Found { clouds, others } = cloud_files(dir, settings.split.as_deref())?;
     if clouds.is_empty() {
         return Err(DataError::NoClouds {
@@ -150,16 +159,40 @@ pub fn import(dir: &Path, out: &Path, settings: &ImportSettings) -> Result<Impor
     };
     let collector = Collector::open(out, &meta)?;
     let mut grey = Grey::default();
-    for block in collector.missing_blocks() {
-        let sample = |index: usize| read_sample(&clouds[index], index, motors, settings, &mut grey);
-        let samples: Vec<Sample> = block.clone().map(sample).collect::<Result<_, _>>()?;
+    let missing = collector.missing_blocks();
+    let count = missing.iter().map(ExactSizeIterator::len).sum();
+    let mut done = 0;
+    go_on(&mut read, done, count)?;
+    for block in missing {
+        let sample = |index: usize| {
+            let sample = read_sample(&clouds[index], index, motors, settings, &mut grey)?;
+            done += 1;
+            go_on(&mut read, done, count)?;
+            Ok(sample)
+        };
+        let samples: Vec<Sample> = block
+            .clone()
+            .map(sample)
+            .collect::<Result<_, DataError>>()?;
         collector.write_block(block.start, &samples)?;
     }
-    collector.finish(|_, _| Continue(()))?;
+    collector.finish(write)?;
     Ok(Imported {
         clouds: meta.count,
         notes: grey.note().into_iter().chain(note_of(&others)).collect(),
     })
+}
+
+/// Tells `progress` how many of how many are done, and whether it lets go on.
+fn go_on(
+    progress: &mut impl FnMut(usize, usize) -> ControlFlow<()>,
+    done: usize,
+    count: usize,
+) -> Result<(), DataError> {
+    match count > 0 && progress(done, count).is_break() {
+        true => Err(DataError::Interrupted),
+        false => Ok(()),
+    }
 }
 
 /// Clouds that became grey though their files have columns or arrays that are not known.
@@ -294,12 +327,18 @@ fn cloud_files(dir: &Path, split: Option<&Path>) -> Result<Found, DataError> {
 
 /// Writes the clouds of the data set `set` to the folder `out`, which is made if it is not there: one folder for each
 /// split, in each `cloud-00000.ply` or `.npz` and so on with `cloud-00000.json` beside it, which holds `{"ctrl": [...]}`:
-/// the condition. Returns the number of clouds. The three folders appear when all of them are written.
+/// the condition. Returns the number of clouds. The three folders appear when all of them are written. `progress` is called with
+/// the clouds that are written and all of them, before the first and after each, and may ask to stop: then nothing is left.
 ///
 /// # Errors
-/// As [`DataSet::read_split`]; [`DataError::NotEmpty`] where `out` holds anything, older clouds above all;
+/// As [`DataSet::read_split`]; [`DataError::Interrupted`]; [`DataError::NotEmpty`] where `out` holds anything, older clouds above all;
 /// [`DataError::Io`] and [`DataError::CloudFile`] where a file cannot be written.
-pub fn export(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, DataError> {
+pub fn export(
+    set: &DataSet,
+    format: ExportFormat,
+    out: &Path,
+    progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<usize, DataError> {
     if let Some(found) = foreign_entry(out, &[STAGING.to_owned()])? {
         let path = out.to_owned();
         return Err(DataError::NotEmpty { path, found });
@@ -307,7 +346,7 @@ pub fn export(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, 
     // What a killed export left.
     let staging = out.join(STAGING);
     remove_folder(&staging)?;
-    let exported = export_to(set, format, &staging).and_then(|count| {
+    let exported = export_to(set, format, &staging, progress).and_then(|count| {
         for folder in Split::ALL.map(Split::folder) {
             let dir = out.join(folder);
             std::fs::rename(staging.join(folder), &dir).map_err(DataError::io("create", &dir))?;
@@ -318,8 +357,16 @@ pub fn export(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, 
     exported
 }
 
-fn export_to(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, DataError> {
+fn export_to(
+    set: &DataSet,
+    format: ExportFormat,
+    out: &Path,
+    mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<usize, DataError> {
+    let sizes = Split::ALL.map(|split| Ok(set.samples(split)?.len()));
+    let all = sizes.into_iter().sum::<Result<usize, DataError>>()?;
     let mut count = 0;
+    go_on(&mut progress, count, all)?;
     for split in Split::ALL {
         let dir = out.join(split.folder());
         std::fs::create_dir_all(&dir).map_err(DataError::io("create", &dir))?;
@@ -332,6 +379,7 @@ fn export_to(set: &DataSet, format: ExportFormat, out: &Path) -> Result<usize, D
             write_atomically(&path, |file| file.write_all(json.as_bytes()))
                 .map_err(DataError::io("write", &path))?;
             count += 1;
+            go_on(&mut progress, count, all)?;
         }
     }
     Ok(count)

@@ -15,10 +15,10 @@ pub use predictions::{PredictedClouds, read_predictions};
 
 use std::path::{Path, PathBuf};
 
+use tdcr_base::files;
 use tdcr_sim::cloud::PointCloud;
-use tdcr_sim::files;
 
-use crate::limits::MAX_FILE;
+use tdcr_base::files::LARGEST_CLOUDS;
 
 /// Colour of points whose file gives none.
 const GREY: [u8; 3] = [128; 3];
@@ -133,7 +133,8 @@ fn parse_cloud(path: &Path) -> Result<Parsed, CloudFileError> {
         let problem = format!("unknown extension, expected {EXTENSIONS}");
         Fault::new("name", problem).at(path)
     })?;
-    let bytes = files::read(path, MAX_FILE).map_err(|error| Fault::new("file", error).at(path))?;
+    let bytes =
+        files::read(path, LARGEST_CLOUDS).map_err(|error| Fault::new("file", error).at(path))?;
     let mut parsed = parse(&bytes).map_err(|fault| fault.at(path))?;
     let cloud = &mut parsed.cloud;
     let kept: Vec<bool> = cloud.points.iter().map(is_finite).collect();

@@ -2,6 +2,7 @@
 
 use std::io::{self, Cursor, Read, Seek, Write};
 
+use tdcr_base::limits;
 use tdcr_sim::cloud::PointCloud;
 use zip::read::ZipFile;
 use zip::write::SimpleFileOptions;
@@ -9,7 +10,6 @@ use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 use super::table::Kind;
 use super::{Fault, GREY, Parsed, is_finite, require_points};
-use crate::limits;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 

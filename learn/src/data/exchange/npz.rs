@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use tdcr_sim::files::write_atomically;
+use tdcr_base::files::write_atomically;
 
 use super::npy::{header, write_archive};
 use super::{CloudFileError, Fault};

@@ -1,5 +1,7 @@
 //! PLY: ASCII and binary little-endian, vertices before anything of variable length.
 
+use tdcr_base::files::bytes_without_mark;
+
 use super::table::{Column, Kind, Layout};
 use super::{Fault, Parsed, require_points};
 
@@ -128,7 +130,7 @@ pub(super) struct Lines<'a> {
 impl<'a> Lines<'a> {
     /// Lines of a file, which may begin with the byte order mark of UTF-8.
     pub fn new(bytes: &'a [u8]) -> Self {
-        let rest = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
+        let rest = bytes_without_mark(bytes);
         Self { rest, number: 0 }
     }
 

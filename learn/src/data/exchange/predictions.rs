@@ -3,12 +3,12 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use tdcr_sim::files;
+use tdcr_base::files;
+use tdcr_base::files::LARGEST_CLOUDS;
 use zip::ZipArchive;
 
 use super::npy::Member;
 use super::{CloudFileError, Fault};
-use crate::limits::MAX_FILE;
 
 /// Clouds of several commands.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -28,7 +28,7 @@ pub struct PredictedClouds {
 /// [`CloudFileError`] for what cannot be read, an array of another shape, and a number that is not finite.
 pub fn read_predictions(path: &Path) -> Result<PredictedClouds, CloudFileError> {
     let read = || {
-        let bytes = files::read(path, MAX_FILE).map_err(|error| Fault::new("file", error))?;
+        let bytes = files::read(path, LARGEST_CLOUDS).map_err(|error| Fault::new("file", error))?;
         parse(&bytes)
     };
     read().map_err(|fault| fault.at(path))

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use tdcr_sim::files::{LARGEST_TEXT, read_text};
+use tdcr_base::files::{LARGEST_TEXT, read_text};
 
 use super::{CloudFileError, Fault};
 use crate::data::{Split, SplitIndices};

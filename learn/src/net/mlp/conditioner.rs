@@ -4,11 +4,19 @@
 use std::ops::Range;
 
 use super::condition::{Condition, ConditionTape};
-use super::shape::EmbeddingShape;
 use super::time_features::TimeFeatures;
 use crate::net::kernels::float32::{activate, add, multiply};
 use crate::net::layers::Dense;
 use crate::net::parameters::{Initial, Table};
+
+/// What the embedding `e` is made from, and how: fields of [`MlpShape`](super::MlpShape).
+#[derive(Clone, Copy, Debug)]
+pub struct EmbeddingShape {
+    pub embedding: usize,
+    pub condition_dim: usize,
+    pub condition_blocks: usize,
+    pub time_features: TimeFeatures,
+}
 
 /// Embeds `(t, c)` as `e` (paper, Eq. embedding_fusion) and maps `e` to a cloud's modulation vector.
 ///

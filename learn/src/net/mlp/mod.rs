@@ -35,9 +35,9 @@ mod trunk_tiles;
 mod velocity;
 
 pub use batch::{Batch, Loss};
-pub use conditioner::{Conditioner, ConditionerTape, Film, Part};
+pub use conditioner::{Conditioner, ConditionerTape, EmbeddingShape, Film, Part};
 pub use point_features::point_inputs;
-pub use shape::{EmbeddingShape, MlpShape};
+pub use shape::MlpShape;
 pub use shares::{PointPass, STRIPE, Share, add_gradients, divide};
 pub use time_features::TimeFeatures;
 pub use trunk::Trunk;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::conditioner::{Conditioner, Film, Part};
+use super::conditioner::{Conditioner, EmbeddingShape, Film, Part};
 use super::time_features::TimeFeatures;
 use super::trunk::{Trunk, TrunkSizes};
 use crate::channels::{Channels, DIM};
@@ -40,13 +40,20 @@ pub struct MlpShape {
     pub channels: Channels,
 }
 
-/// What the embedding `e` is made from, and how: fields of [`MlpShape`].
-#[derive(Clone, Copy, Debug)]
-pub struct EmbeddingShape {
-    pub embedding: usize,
-    pub condition_dim: usize,
-    pub condition_blocks: usize,
-    pub time_features: TimeFeatures,
+/// A network of positions that a CPU trains in minutes, of no conditions: their dimension is the data's.
+impl Default for MlpShape {
+    fn default() -> Self {
+        Self {
+            width: 96,
+            depth: 6,
+            embedding: 128,
+            condition_dim: 0,
+            condition_blocks: 0,
+            octaves: 6,
+            time_features: TimeFeatures::Late,
+            channels: Channels::Xyz,
+        }
+    }
 }
 
 /// Whether a number is left out of files.

@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::files::{LARGEST_TEXT, read_text};
+use tdcr_base::files::{LARGEST_TEXT, read_text};
+
 use crate::formats::{ImportError, Place, xml};
 
 /// Deepest nesting of files that include one another.

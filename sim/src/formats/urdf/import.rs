@@ -5,10 +5,10 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use tdcr_base::files::{LARGEST_TEXT, read_text};
 use urdf_rs::{Geometry, Inertial, Joint, JointType, Link, Pose};
 
 use super::{EXTENSION, LINK_SHARE, check};
-use crate::files::{LARGEST_TEXT, read_text};
 use crate::formats::{
     DiscLayout, DiscMass, ImportError, Imported, Layout, Note, Place, ring_around, xml,
 };

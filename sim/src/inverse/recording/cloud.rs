@@ -362,15 +362,18 @@ mod tests {
             refused.expect_err("refused").to_string()
         };
         for group in [Group::Lag, Group::Backlash, Group::Friction] {
-            let said = fit(&recording, group);
-            assert!(said.contains("each row is the robot at rest"), "{said}");
+            let refusal = fit(&recording, group);
+            assert!(
+                refusal.contains("each row is the robot at rest"),
+                "{refusal}"
+            );
         }
         recording.clouds[1][2].x = f64::NAN;
-        let said = fit(&recording, Group::Stiffness);
-        assert_eq!(said, "row 1 of the recording: a number is not finite");
+        let refusal = fit(&recording, Group::Stiffness);
+        assert_eq!(refusal, "row 1 of the recording: a number is not finite");
         recording.clouds.pop();
-        let said = fit(&recording, Group::Stiffness);
-        assert_eq!(said, "rows of clouds: found 2, expected 3");
+        let refusal = fit(&recording, Group::Stiffness);
+        assert_eq!(refusal, "rows of clouds: found 2, expected 3");
     }
 
     /// A base that cameras see explains the points on it.
@@ -383,7 +386,7 @@ mod tests {
         recording.clouds[0].push(foot + Vector3::x() * 0.0121);
         let rmse = |recording: &Recording| {
             let replay = Replay::new(&spec, &there, recording).expect("a recording of it");
-            replay.misses(recording).rmse
+            replay.residuals(recording).rmse
         };
         let hidden = rmse(&recording);
         recording.shown = Shown::of(&spec, true);

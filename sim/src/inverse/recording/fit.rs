@@ -8,10 +8,10 @@ use rand_chacha::ChaCha8Rng;
 
 use super::explicit::Explicit;
 use super::interval::{Correlation, FittedUnknown, correlations, fitted};
-use super::path::rubs;
+use super::path::has_friction;
 use super::priors::{length, unknowns};
 use super::problem::{Memory, Problem, Weighing};
-use super::{Group, Misses, Order, Recording, RecordingError, Replay, Transmission, check};
+use super::{Group, Order, Recording, RecordingError, Replay, Residuals, Transmission, check};
 use crate::inverse::least_squares::{Evaluation, minimise};
 use crate::robot::{ModuleSpec, Robot, RobotSpec};
 use crate::tendon_friction::Tangents;
@@ -26,7 +26,7 @@ const ENOUGH: f64 = 1e-4;
 const FIRST_ERROR: f64 = 0.04;
 /// Spread of other starts, in standard deviations of the priors.
 const START_SPREAD: f64 = 1.0;
-/// Rows over which misses may be alike, as a share of all.
+/// Rows over which residuals may be correlated, as a share of all.
 const LONGEST: f64 = 0.2;
 
 /// How a recording is fitted.
@@ -96,7 +96,7 @@ pub struct Progress {
     pub done: usize,
     /// See `done`.
     pub most: usize,
-    /// Root mean square of the misses in this iteration (m), large ones counted less.
+    /// Root mean square of the residuals in this iteration (m), large ones counted less.
     pub rms: f64,
 }
 
@@ -109,14 +109,14 @@ pub struct RecordingFit {
     pub transmission: Transmission,
     /// What was found of each unknown.
     pub unknowns: Vec<FittedUnknown>,
-    /// Pairs of unknowns that the recording can hardly tell apart, the most alike first.
+    /// Pairs of unknowns that the recording hardly makes identifiable one by one, the most correlated first.
     pub correlations: Vec<Correlation>,
-    /// Neighbouring rows whose misses are alike.
-    pub alike_rows: f64,
-    /// What the robot as given missed.
-    pub before: Misses,
-    /// What the calibrated robot misses.
-    pub after: Misses,
+    /// Correlation length of the residuals (rows).
+    pub correlation_length: f64,
+    /// Residuals of the robot as given.
+    pub before: Residuals,
+    /// Residuals of the calibrated robot.
+    pub after: Residuals,
     /// Iterations done.
     pub steps: usize,
 }
@@ -139,7 +139,7 @@ pub fn fit_recording(
 ) -> Result<RecordingFit, RecordingError> {
     check(first, transmission, recording)?;
     let explicit = Explicit::new(first)?;
-    let before = Replay::new(first, transmission, recording)?.misses(recording);
+    let before = Replay::new(first, transmission, recording)?.residuals(recording);
     let (rows, settled) = (recording.len(), recording.len() - before.unsettled.len());
     if 2 * settled < rows || rows == 0 {
         return Err(RecordingError::Unsettled { settled, rows });
@@ -154,8 +154,8 @@ pub fn fit_recording(
     }
     let length = length(first);
     let robot = Robot::new(explicit.spec.clone())?;
-    let rubs = settings.groups.contains(&Group::Friction) || rubs(&robot);
-    let friction = rubs && recording.order == Order::Motion;
+    let paths = settings.groups.contains(&Group::Friction) || has_friction(&robot);
+    let friction = paths && recording.order == Order::Motion;
     if friction && Tangents::new(&robot, Vec::new()).is_none() {
         return Err(RecordingError::Group {
             group: Group::Friction,
@@ -216,10 +216,10 @@ pub fn fit_recording(
     };
     fitting.progress.done = starts * STEPS[0];
     let (spec, there) = problem.values(&found.x);
-    let misses = Replay::new(&spec, &there, recording)?.misses(recording);
-    let alike_rows = alike(&misses);
-    // Per coordinate, in so many rows that count as one; markers and points of one row miss alike too.
-    let error = (misses.squares() / 3.0 * alike_rows / rows as f64).sqrt();
+    let residuals = Replay::new(&spec, &there, recording)?.residuals(recording);
+    let length_of_rows = correlation_length(&residuals);
+    // Per coordinate, in so many rows that count as one; residuals of one row are correlated too.
+    let error = (residuals.squares() / 3.0 * length_of_rows / rows as f64).sqrt();
     let all = Weighing {
         rows: (0..rows).collect(),
         error: error.max(1e-9 * length),
@@ -232,7 +232,7 @@ pub fn fit_recording(
     let found = fitting.descend(found.x, &all, &found.at.memory, STEPS[1])?;
     let steps = fitting.progress.done;
     let (spec, there) = problem.values(&found.x);
-    let after = Replay::new(&spec, &there, recording)?.misses(recording);
+    let after = Replay::new(&spec, &there, recording)?.residuals(recording);
     let covariance = super::interval::covariance(&found.at.jacobian, all.error);
     let spec = with_ranges(spec, first, &problem, &found.x)?;
     Ok(RecordingFit {
@@ -240,7 +240,7 @@ pub fn fit_recording(
         correlations: correlations(&unknowns, &covariance),
         spec,
         transmission: there,
-        alike_rows,
+        correlation_length: length_of_rows,
         before,
         after,
         steps,
@@ -305,10 +305,10 @@ impl Fitting<'_> {
     }
 }
 
-/// Neighbouring rows whose misses are alike: `1 + 2 sum rho_k` over the lags `k` until the autocorrelation `rho_k` of the
-/// misses vanishes. Of errors that are independent it is 1.
-fn alike(misses: &Misses) -> f64 {
-    let rows = misses.misses.len();
+/// Correlation length of the residuals (rows): `1 + 2 sum rho_k` over the lags `k` until the autocorrelation `rho_k` of the
+/// residuals vanishes. Of errors that are independent it is 1.
+fn correlation_length(residuals: &Residuals) -> f64 {
+    let rows = residuals.markers.len();
     let product = |a: &[Option<Vector3<f64>>], b: &[Option<Vector3<f64>>]| -> Option<f64> {
         let pairs = a
             .iter()
@@ -318,7 +318,7 @@ fn alike(misses: &Misses) -> f64 {
     };
     let covariance = |lag: usize| {
         let all: Vec<f64> = (lag..rows)
-            .filter_map(|row| product(&misses.misses[row], &misses.misses[row - lag]))
+            .filter_map(|row| product(&residuals.markers[row], &residuals.markers[row - lag]))
             .collect();
         all.iter().sum::<f64>() / all.len().max(1) as f64
     };

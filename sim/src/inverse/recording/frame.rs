@@ -9,7 +9,7 @@ use super::{Recording, Replay};
 pub struct FoundFrame {
     /// What takes measured points to where the robot says they are, in the least squares.
     pub pose: Isometry3<f64>,
-    /// Root mean square of what the markers miss as recorded, each marker's mean taken off (m).
+    /// Root mean square of the residuals as recorded, each marker's mean taken off (m).
     pub rmse_before: f64,
     /// The same of the moved recording, nothing taken off (m).
     pub rmse_after: f64,
@@ -23,9 +23,9 @@ pub struct FoundFrame {
 pub fn find_frame(replay: &Replay, recording: &Recording) -> Option<FoundFrame> {
     let rows = replay.points.iter().zip(&recording.points);
     let pairs: Vec<(Vector3<f64>, Vector3<f64>)> = rows
-        .filter_map(|(said, measured)| Some(said.as_ref()?.iter().zip(measured)))
+        .filter_map(|(simulated, measured)| Some(simulated.as_ref()?.iter().zip(measured)))
         .flatten()
-        .filter_map(|(said, measured)| Some(((*measured)?, *said)))
+        .filter_map(|(simulated, measured)| Some(((*measured)?, *simulated)))
         .collect();
     if pairs.len() < 3 {
         return None;
@@ -36,18 +36,18 @@ pub fn find_frame(replay: &Replay, recording: &Recording) -> Option<FoundFrame> 
         pairs.iter().map(|pair| pair.1).sum::<Vector3<f64>>() / count,
     ];
     let product: Matrix3<f64> = (pairs.iter())
-        .map(|(measured, said)| (measured - from) * (said - to).transpose())
+        .map(|(measured, simulated)| (measured - from) * (simulated - to).transpose())
         .sum();
     let rotation = turn(&product)?;
     let pose = Isometry3::from_parts(Translation3::from(to - rotation * from), rotation);
     let squares: f64 = (pairs.iter())
-        .map(|(measured, said)| {
-            (rotation * measured + pose.translation.vector - said).norm_squared()
+        .map(|(measured, simulated)| {
+            (rotation * measured + pose.translation.vector - simulated).norm_squared()
         })
         .sum();
     Some(FoundFrame {
         pose,
-        rmse_before: replay.misses(recording).rmse,
+        rmse_before: replay.residuals(recording).rmse,
         rmse_after: (squares / count).sqrt(),
     })
 }
@@ -93,7 +93,7 @@ mod tests {
             [0.0, 0.12, 0.1],
             [-0.05, 0.02, 0.18],
         ];
-        let said: Vec<Vector3<f64>> = points.map(Vector3::from).to_vec();
+        let simulated: Vec<Vector3<f64>> = points.map(Vector3::from).to_vec();
         let rotation = UnitQuaternion::from_euler_angles(1.5, -0.4, 2.5);
         let pose = Isometry3::from_parts(Translation3::new(0.3, -0.1, 1.0), rotation);
         let measured = |point: &Vector3<f64>| {
@@ -102,14 +102,14 @@ mod tests {
         };
         let recording = Recording {
             times: vec![0.0, 1.0, 2.0, 3.0],
-            points: said
+            points: simulated
                 .iter()
                 .map(|point| vec![Some(measured(point))])
                 .collect(),
             ..Recording::default()
         };
         let replay = Replay {
-            points: said.iter().map(|point| Some(vec![*point])).collect(),
+            points: simulated.iter().map(|point| Some(vec![*point])).collect(),
             discs: vec![None; 4],
             surface: vec![None; 4],
         };

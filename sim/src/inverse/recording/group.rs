@@ -13,15 +13,15 @@ pub enum Group {
     SpoolRadius,
     /// The servos' offsets, above 0 pretension, below 0 slack: one for each tendon.
     Pretension,
-    /// The servos' play: one for each tendon.
+    /// The servos' backlash: one for each tendon.
     Backlash,
     /// How far positions are behind the servos: one for all.
     Lag,
-    /// The turn of each tendon's holes about the axis, in all bodies alike.
+    /// The rotation of each tendon's holes about the axis, in all bodies alike.
     HoleAngles,
     /// The distance of the holes from the axis: one factor for each module, the base with the first.
     HoleRadius,
-    /// The turn of the discs about the axis, even along each module.
+    /// The rotation of the discs about the axis, even along each module.
     Twist,
     /// Bending stiffness: one factor for each module.
     Stiffness,
@@ -35,9 +35,9 @@ pub enum Group {
     TendonStiffening,
     /// Friction in the holes: one coefficient for the tendons that end at the same module. The recording is then replayed as a path.
     Friction,
-    /// The base's place and orientation in the world.
+    /// The base's position and orientation in the world.
     BasePose,
-    /// The markers' places on their discs.
+    /// The markers' positions on their discs.
     MarkerOffset,
     /// The direction of gravity.
     Gravity,

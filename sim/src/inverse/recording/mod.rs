@@ -1,23 +1,23 @@
 //! Calibration on a recording: what a robot did, in the order of time, under what its servos reported.
 //!
 //! A recording differs from the observations of [`calibration`](super::calibration) in what lies between it and the robot: servos
-//! that start anywhere ([`Servo::offset`]), play, a lag, markers somewhere on the discs, a base somewhere in the world. Those
+//! that start anywhere ([`Servo::offset`]), backlash, a lag, markers somewhere on the discs, a base somewhere in the world. Those
 //! are unknowns as well as the robot's own, in [`Group`]s that are chosen by name.
 //!
-//! What was measured are markers, or points of the robot's surface: a [cloud](Recording::clouds) in each row, whose points miss the
-//! surface by their distance from it. Clouds of data sets are of a robot [at rest](Order::AtRest).
+//! What was measured are markers, or points of the robot's surface: a [cloud](Recording::clouds) in each row, whose residuals are
+//! their distances from it. Clouds of data sets are of a robot [at rest](Order::AtRest).
 //!
-//! The fit minimises the pseudo-Huber loss of what the markers and points miss, and the squares of the unknowns' distances from what the
+//! The fit minimises the pseudo-Huber loss of the residuals of markers and points, and the squares of the unknowns' distances from what the
 //! robot file says, in units of prior standard deviations: a maximum a posteriori estimate (Bishop, Pattern Recognition and Machine
-//! Learning, 2006, ch. 3.3). Misses of neighbouring rows are alike, because what the model lacks changes as slowly as the
-//! robot moves. So a first fit says how large they are and over how many rows they are alike (their integrated
+//! Learning, 2006, ch. 3.3). Residuals of neighbouring rows are correlated, because what the model lacks changes as slowly as the
+//! robot moves. So a first fit says how large they are and over how many rows they are correlated (their integrated
 //! autocorrelation: Sokal, Monte Carlo Methods in Statistical Mechanics, 1997, ch. 3), and the second fit counts so many rows
-//! as one: the priors then keep what the recording cannot tell, and intervals are as wide as they should be. Markers of one row
-//! miss alike too, and count as one; so do all points of one cloud, together as one marker.
+//! as one: the priors then keep what the recording does not make identifiable, and intervals are as wide as they should be. Residuals of the markers of one row
+//! are correlated too, and count as one; so do all points of one cloud, together as one marker.
 //!
 //! Derivatives are those of the equilibria by the implicit function theorem, with the model taken as linear over a ten
 //! thousandth of a prior's standard deviation; those by the servos' backlash, whose play operator has kinks, and by the lag are
-//! differences of commands over that step. Without friction each row is an equilibrium by itself, and the way counts through the servos' play only. With friction
+//! differences of commands over that step. Without friction each row is an equilibrium by itself, and only the servos' backlash depends on the path. With friction
 //! in the holes ([`Group::Friction`], or in the robot file) rows are those of a [path](crate::tendon_friction), along which
 //! derivatives are carried; the first fit leaves it out.
 
@@ -44,7 +44,7 @@ pub use fit::{Progress, RecordingFit, RecordingSettings, fit_recording};
 pub use frame::{FoundFrame, find_frame};
 pub use group::Group;
 pub use interval::{Correlation, FittedUnknown};
-pub use replay::{Misses, Replay};
+pub use replay::{Replay, Residuals};
 pub use servo_map::{MappedServo, ServoMap, find_servo_map};
 pub use transmission::{Marker, Order, Recording, Servo, Transmission};
 

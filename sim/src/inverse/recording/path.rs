@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use tdcr_base::stats::median;
 
 use super::Recording;
 use super::problem::{Model, Part, Place, Problem, Settled};
@@ -27,9 +28,10 @@ pub(super) struct Run {
 }
 
 /// Whether a robot's tendons rub in their holes.
-pub(super) fn rubs(robot: &Robot) -> bool {
-    let rubs = |tendon: &crate::robot::Tendon| tendon.friction.is_some_and(|f| f.coefficient > 0.0);
-    robot.tendons().iter().any(rubs)
+pub(super) fn has_friction(robot: &Robot) -> bool {
+    let has_friction =
+        |tendon: &crate::robot::Tendon| tendon.friction.is_some_and(|f| f.coefficient > 0.0);
+    robot.tendons().iter().any(has_friction)
 }
 
 impl Recording {
@@ -42,8 +44,7 @@ impl Recording {
             pairs.map(|(a, b)| (b - a).abs()).fold(0.0, f64::max)
         };
         let mut steps: Vec<f64> = (1..self.len()).map(moved).collect();
-        steps.sort_by(f64::total_cmp);
-        let far = MOVED * steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+        let far = MOVED * median(&mut steps);
         let cut =
             |&row: &usize| self.times[row] - self.times[row - 1] > longest && moved(row) > far;
         let mut starts = vec![0];

@@ -300,7 +300,7 @@ impl Maker<'_> {
                     self.add(
                         format!("turn of the base about {axis}"),
                         "rad",
-                        Target::BaseTurn(*axis),
+                        Target::BaseRotation(*axis),
                         Linear,
                         [0.0, TURN],
                     );
@@ -310,7 +310,7 @@ impl Maker<'_> {
                     self.add(
                         format!("{axis} of the base"),
                         "m",
-                        Target::BasePlace(axis),
+                        Target::BasePosition(axis),
                         Linear,
                         [first, PLACE * length],
                     );
@@ -325,7 +325,7 @@ impl Maker<'_> {
                             name,
                             unit: "m",
                             group,
-                            target: Target::MarkerPlace(marker, axis),
+                            target: Target::MarkerPosition(marker, axis),
                             scale: Linear,
                             first,
                             spread: PLACE * length,
@@ -358,7 +358,7 @@ impl Maker<'_> {
                     self.add(
                         format!("turn of gravity about {axis}"),
                         "rad",
-                        Target::GravityTurn(axis),
+                        Target::GravityDirection(axis),
                         Linear,
                         [0.0, TURN],
                     );

@@ -43,18 +43,18 @@ pub(super) struct Weighing {
     pub error: f64,
 }
 
-/// Where each row was last at rest, and what it then missed; none before it has settled.
+/// Where each row was last at rest, with its residuals there; none before it has settled.
 pub(super) type Memory = Vec<Option<Settled>>;
 
 #[derive(Clone, Debug)]
 pub(super) struct Settled {
     pub(super) configuration: Configuration,
-    pub(super) misses: Missed,
+    pub(super) residuals: RowResiduals,
 }
 
-/// What a row misses, or what that changes by.
+/// Residuals of a row, or their changes.
 #[derive(Clone, Debug)]
-pub(super) struct Missed {
+pub(super) struct RowResiduals {
     /// Of each marker that was seen, its vector (m).
     pub markers: Vec<Vector3<f64>>,
     /// Of each point of the cloud, its distance (m).
@@ -69,7 +69,7 @@ pub(super) struct Sight {
     pub points: Vec<DiscPoint>,
     /// The places nearest to the points of the cloud.
     touches: Vec<Touch>,
-    missed: Missed,
+    residuals: RowResiduals,
 }
 
 /// The model at some values of the unknowns.
@@ -208,19 +208,19 @@ impl<'a> Problem<'a> {
         Part {
             residuals: last.map_or_else(
                 || DVector::zeros(coordinates),
-                |last| self.weighted(&last.misses, None),
+                |last| self.weighted(&last.residuals, None),
             ),
             jacobian: DMatrix::zeros(coordinates, self.unknowns.len()),
             settled: last.cloned(),
         }
     }
 
-    /// What is seen of a settled robot, and what that misses.
+    /// What is seen of a settled robot, with its residuals.
     pub fn sight(&self, here: &Model, row: usize, settled: &Equilibrium) -> Sight {
         let measured = &self.recording.points[row];
         let seen = self.seen(row);
         let mut points = markers(&here.transmission, &seen);
-        let misses = (seen.iter().zip(&points))
+        let vectors = (seen.iter().zip(&points))
             .map(|(&m, point)| place(settled, point) - measured[m].unwrap_or_default());
         let cloud = self.recording.cloud(row);
         let touches = match cloud {
@@ -231,8 +231,8 @@ impl<'a> Problem<'a> {
                 cloud,
             ),
         };
-        let missed = Missed {
-            markers: misses.collect(),
+        let residuals = RowResiduals {
+            markers: vectors.collect(),
             distances: touches.iter().map(|touch| touch.distance).collect(),
         };
         points.extend(corners(here.robot.discs().len(), cloud.len()));
@@ -240,7 +240,7 @@ impl<'a> Problem<'a> {
             seen,
             points,
             touches,
-            missed,
+            residuals,
         }
     }
 
@@ -261,21 +261,21 @@ impl<'a> Problem<'a> {
             let corners = moved.split_off(sight.seen.len());
             let growth =
                 |touch: &Touch| touch.growth(&corners, STEP, [&here.robot, &changed.robot]);
-            let slopes = Missed {
+            let slopes = RowResiduals {
                 markers: moved,
                 distances: sight.touches.iter().map(growth).collect(),
             };
-            jacobian.set_column(i, &self.weighted(&slopes, Some(&sight.missed)));
+            jacobian.set_column(i, &self.weighted(&slopes, Some(&sight.residuals)));
         }
         if jacobian.iter().any(|x| !x.is_finite()) {
             return self.stale(row, last);
         }
         Part {
-            residuals: self.weighted(&sight.missed, None),
+            residuals: self.weighted(&sight.residuals, None),
             jacobian,
             settled: Some(Settled {
                 configuration,
-                misses: sight.missed,
+                residuals: sight.residuals,
             }),
         }
     }
@@ -318,32 +318,32 @@ impl<'a> Problem<'a> {
         self.part(at, here, changed, sight, moved, settled.configuration)
     }
 
-    /// Residuals whose squares are the pseudo-Huber loss `2 s² (sqrt(1 + |e|²/s²) - 1)` of the misses `e` (Hartley and Zisserman, Multiple
-    /// View Geometry, A6.8); or their derivatives along `change` where misses are given.
-    fn weighted(&self, change: &Missed, misses: Option<&Missed>) -> DVector<f64> {
+    /// Residuals whose squares are the pseudo-Huber loss `2 s² (sqrt(1 + |e|²/s²) - 1)` of the residuals `e` (Hartley and Zisserman, Multiple
+    /// View Geometry, A6.8); or their derivatives along `change` where residuals are given.
+    fn weighted(&self, change: &RowResiduals, residuals: Option<&RowResiduals>) -> DVector<f64> {
         let (vectors, distances) = (&change.markers, &change.distances);
         let mut all = DVector::zeros(3 * vectors.len() + distances.len());
         for (k, vector) in vectors.iter().enumerate() {
-            let miss = misses.map_or(vector, |misses| &misses.markers[k]);
-            let (weight, slope) = self.weight(miss.norm());
-            let out = match misses {
+            let residual = residuals.map_or(vector, |residuals| &residuals.markers[k]);
+            let (weight, slope) = self.weight(residual.norm());
+            let out = match residuals {
                 None => vector * weight,
-                Some(_) => vector * weight + miss * (slope * miss.dot(vector)),
+                Some(_) => vector * weight + residual * (slope * residual.dot(vector)),
             };
             all.fixed_rows_mut::<3>(3 * k).copy_from(&out);
         }
         for (k, &distance) in distances.iter().enumerate() {
-            let miss = misses.map_or(distance, |misses| misses.distances[k]);
-            let (weight, slope) = self.weight(miss.abs());
-            all[3 * vectors.len() + k] = match misses {
+            let residual = residuals.map_or(distance, |residuals| residuals.distances[k]);
+            let (weight, slope) = self.weight(residual.abs());
+            all[3 * vectors.len() + k] = match residuals {
                 None => distance * weight,
-                Some(_) => distance * (weight + slope * miss * miss),
+                Some(_) => distance * (weight + slope * residual * residual),
             };
         }
         all
     }
 
-    /// What a miss of length `n` is multiplied by, and that factor's derivative by `n` over `n`.
+    /// What a residual of length `n` is multiplied by, and that factor's derivative by `n` over `n`.
     fn weight(&self, n: f64) -> (f64, f64) {
         let s = self.loss;
         let ratio = n / s;

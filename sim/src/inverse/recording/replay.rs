@@ -2,9 +2,10 @@
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use tdcr_base::stats::median;
 
 use super::cloud::Surface;
-use super::path::{self, rubs};
+use super::path::{self, has_friction};
 use super::problem::place;
 use super::{Order, Recording, RecordingError, Transmission};
 use crate::robot::{Robot, RobotSpec};
@@ -23,16 +24,16 @@ pub struct Replay {
 
 /// How far a replay is from what was measured.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Misses {
-    /// For each row and marker what it missed (m), the marker's mean miss taken off; none where it was not measured, or the
+pub struct Residuals {
+    /// For each row and marker its residual (m), the marker's mean residual taken off; none where it was not measured, or the
     /// robot did not settle.
-    pub misses: Vec<Vec<Option<Vector3<f64>>>>,
+    pub markers: Vec<Vec<Option<Vector3<f64>>>>,
     /// For each row the distance of each point of its cloud from the robot's surface (m); empty where it was not measured, or the
     /// robot did not settle.
     pub distances: Vec<Vec<f64>>,
-    /// Mean miss of each marker (m).
+    /// Mean residual of each marker (m).
     pub means: Vec<Vector3<f64>>,
-    /// Root mean square of the misses' lengths, without the means, and of the distances, which have none (m).
+    /// Root mean square of the residuals' lengths, without the means, and of the distances, which have none (m).
     pub rmse: f64,
     /// Median of the distances (m); none where there are none. Points that are not of the robot hardly move it.
     pub median: Option<f64>,
@@ -42,7 +43,7 @@ pub struct Misses {
 
 impl Replay {
     /// Replays `recording` on a robot. With friction in its holes the rows are paths, cut where the servos have moved far in a gap;
-    /// without, each row is settled by itself, and the way counts through the servos' backlash only.
+    /// without, each row is settled by itself, and only the servos' backlash depends on the path.
     ///
     /// # Errors
     /// [`RecordingError`] for a recording or a transmission of another robot.
@@ -64,7 +65,7 @@ impl Replay {
             let nearest: Vec<_> = touches.iter().map(|touch| touch.place).collect();
             (points, (settled.positions.clone(), nearest))
         };
-        let rows: Vec<Option<_>> = if rubs(&robot) && recording.order == Order::Motion {
+        let rows: Vec<Option<_>> = if has_friction(&robot) && recording.order == Order::Motion {
             path::replay(&robot, recording, &commands, see)
         } else {
             (commands.par_iter().enumerate())
@@ -93,27 +94,27 @@ impl Replay {
         Ok(replay)
     }
 
-    /// What it misses of `recording`.
-    pub fn misses(&self, recording: &Recording) -> Misses {
+    /// Its residuals on `recording`.
+    pub fn residuals(&self, recording: &Recording) -> Residuals {
         let markers = recording.points.first().map_or(0, Vec::len);
-        let mut misses: Vec<Vec<Option<Vector3<f64>>>> =
+        let mut residuals: Vec<Vec<Option<Vector3<f64>>>> =
             (self.points.iter().zip(&recording.points))
-                .map(|(said, measured)| {
-                    let miss = |m: usize| Some(said.as_ref()?[m] - measured[m]?);
-                    (0..markers).map(miss).collect()
+                .map(|(simulated, measured)| {
+                    let residual = |m: usize| Some(simulated.as_ref()?[m] - measured[m]?);
+                    (0..markers).map(residual).collect()
                 })
                 .collect();
         let mean = |m: usize| {
-            let all: Vec<Vector3<f64>> = misses.iter().filter_map(|row| row[m]).collect();
+            let all: Vec<Vector3<f64>> = residuals.iter().filter_map(|row| row[m]).collect();
             all.iter().sum::<Vector3<f64>>() / all.len().max(1) as f64
         };
         let means: Vec<Vector3<f64>> = (0..markers).map(mean).collect();
         let (mut sum, mut count) = (0.0, 0);
-        for row in &mut misses {
-            for (miss, mean) in row.iter_mut().zip(&means) {
-                if let Some(miss) = miss {
-                    *miss -= mean;
-                    sum += miss.norm_squared();
+        for row in &mut residuals {
+            for (residual, mean) in row.iter_mut().zip(&means) {
+                if let Some(residual) = residual {
+                    *residual -= mean;
+                    sum += residual.norm_squared();
                     count += 1;
                 }
             }
@@ -125,18 +126,19 @@ impl Replay {
                 pairs.map(|(point, place)| (point - place).norm()).collect()
             })
             .collect();
-        for distance in distances.iter().flatten() {
+        let mut all: Vec<f64> = distances.iter().flatten().copied().collect();
+        for distance in &all {
             sum += distance * distance;
             count += 1;
         }
         let unsettled = (0..self.points.len()).filter(|&row| self.points[row].is_none());
-        Misses {
+        Residuals {
             means,
             rmse: (sum / f64::from(count.max(1))).sqrt(),
-            median: median(distances.iter().flatten().copied().collect()),
+            median: (!all.is_empty()).then(|| median(&mut all)),
             unsettled: unsettled.collect(),
             distances,
-            misses,
+            markers: residuals,
         }
     }
 }
@@ -144,20 +146,15 @@ impl Replay {
 /// Standard deviation of a normal distribution by the median of its absolute values (Rousseeuw and Croux, 1993).
 const DEVIATION_BY_MEDIAN: f64 = 1.4826;
 
-impl Misses {
-    /// Sum of the squared misses of markers (m²), and for the points of clouds what it would be without those that are far from
+impl Residuals {
+    /// Sum of the squared residuals of markers (m²), and for the points of clouds what it would be without those that are far from
     /// the robot, as points of other things are.
     pub(super) fn squares(&self) -> f64 {
-        let markers: f64 = (self.misses.iter().flatten().flatten())
+        let markers: f64 = (self.markers.iter().flatten().flatten())
             .map(Vector3::norm_squared)
             .sum();
         let points: usize = self.distances.iter().map(Vec::len).sum();
         let deviation = DEVIATION_BY_MEDIAN * self.median.unwrap_or(0.0);
         markers + points as f64 * deviation * deviation
     }
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }

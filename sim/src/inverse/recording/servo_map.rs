@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
+use tdcr_base::stats::median;
 
 use super::problem::place;
 use super::{Marker, Recording, RecordingError, Transmission, without_ranges};
@@ -19,9 +20,9 @@ const PULLED: f64 = 0.15;
 const PULLS: usize = 4;
 /// Turns of the robot about its base from which maps are sought.
 const TURNS: usize = 12;
-/// Rounds of servos by the turn and the turn by servos: they may go to and fro between maps that miss alike.
+/// Rounds of servos by the turn and the turn by servos: they may go to and fro between maps with equal misfit.
 const ROUNDS: usize = 20;
-/// What half a turn of the robot about its base costs, as the share of a pull's motion that is missed. A robot whose tendons stand
+/// What half a turn of the robot about its base costs, as a share of the motion of a single pull. A robot whose tendons stand
 /// evenly around its axis looks the same after a part of a turn: of such maps the one that turns the least is right.
 const TURN_COST: f64 = 0.1;
 
@@ -30,8 +31,8 @@ const TURN_COST: f64 = 0.1;
 pub struct ServoMap {
     /// Of each tendon, in a command's order, its servo.
     pub servos: Vec<MappedServo>,
-    /// Turn of the recording's frame about the robot's base (its z axis) that these servos ask for (rad).
-    pub turn: f64,
+    /// Rotation of the recording's frame about the robot's base (its z axis) that these servos ask for (rad).
+    pub rotation: f64,
     /// Mean misfit if each servo pulled the tendon of its own number as its reports rise, at the best turn.
     pub misfit_as_given: f64,
 }
@@ -56,7 +57,7 @@ impl ServoMap {
 
     /// Mean misfit, and what the turn costs.
     fn cost(&self) -> f64 {
-        self.misfit() + TURN_COST * (self.turn / PI).powi(2)
+        self.misfit() + TURN_COST * (self.rotation / PI).powi(2)
     }
 
     /// Whether each servo pulls the tendon of its own number, and pulls as its reports rise.
@@ -81,7 +82,7 @@ struct Pull {
 /// What a robot's markers do, beside what was measured.
 #[derive(Clone, Copy, Debug, Default)]
 struct Overlap {
-    /// Squares of measured and of said motions.
+    /// Squares of measured and of simulated motions.
     squares: f64,
     /// Parts of their scalar product that do not change, change with the cosine, and with the sine of a turn about the base.
     along: f64,
@@ -90,16 +91,16 @@ struct Overlap {
 }
 
 impl Overlap {
-    /// Adds a motion that was `measured`, and `said` by the robot, whose base has the axis `axis`.
-    fn add(&mut self, measured: &Vector3<f64>, said: &Vector3<f64>, axis: &Vector3<f64>) {
-        self.squares += measured.norm_squared() + said.norm_squared();
-        let along = axis.dot(measured) * axis.dot(said);
+    /// Adds a motion that was `measured`, and `simulated` by the robot, whose base has the axis `axis`.
+    fn add(&mut self, measured: &Vector3<f64>, simulated: &Vector3<f64>, axis: &Vector3<f64>) {
+        self.squares += measured.norm_squared() + simulated.norm_squared();
+        let along = axis.dot(measured) * axis.dot(simulated);
         self.along += along;
-        self.cosine += measured.dot(said) - along;
-        self.sine += axis.cross(measured).dot(said);
+        self.cosine += measured.dot(simulated) - along;
+        self.sine += axis.cross(measured).dot(simulated);
     }
 
-    /// Squared miss by the squares of both motions, with the recording turned.
+    /// Squared misfit by the squares of both motions, with the recording turned.
     fn misfit(&self, turn: f64) -> f64 {
         let product = self.along + self.cosine * turn.cos() + self.sine * turn.sin();
         match self.squares > 0.0 {
@@ -203,13 +204,15 @@ fn pull(recording: &Recording, rows: std::ops::Range<usize>, servo: usize) -> Op
         .filter(|(other, _)| *other != servo)
         .map(|(_, reported)| *reported)
         .collect();
-    others.sort_by(f64::total_cmp);
     let points = recording.points[low].iter().zip(&recording.points[high]);
     Some(Pull {
         servo,
         from: reported(&low),
         to: reported(&high),
-        others: others.get(others.len() / 2).copied().unwrap_or(0.0),
+        others: match others.is_empty() {
+            true => 0.0,
+            false => median(&mut others),
+        },
         moved: points.map(|(low, high)| Some((*high)? - (*low)?)).collect(),
     })
 }
@@ -246,11 +249,11 @@ fn overlaps(
         for (m, moved) in pull.moved.iter().enumerate() {
             if let Some(measured) = moved {
                 // A robot that does not settle so is none that was measured.
-                let said = from
+                let simulated = from
                     .as_ref()
                     .zip(to.as_ref())
                     .map(|(from, to)| to[m] - from[m]);
-                overlap.add(measured, &said.unwrap_or(-measured), &axis);
+                overlap.add(measured, &simulated.unwrap_or(-measured), &axis);
             }
         }
         overlap
@@ -277,7 +280,7 @@ fn overlaps(
     all
 }
 
-/// The map that misses least from a first turn on: servos by the turn, then the turn by the servos, until neither changes.
+/// The map with the smallest misfit from a first turn on: servos by the turn, then the turn by the servos, until neither changes.
 fn assign(overlaps: &[Vec<[Overlap; 2]>], first: f64) -> ServoMap {
     let mut turn = first;
     let mut servos = Vec::new();
@@ -303,7 +306,7 @@ fn assign(overlaps: &[Vec<[Overlap; 2]>], first: f64) -> ServoMap {
     let misfits: f64 = given().map(|overlap| overlap.misfit(unchanged)).sum();
     ServoMap {
         servos: mapped.collect(),
-        turn,
+        rotation: turn,
         misfit_as_given: misfits / overlaps.len().max(1) as f64,
     }
 }
@@ -318,14 +321,15 @@ fn best_turn<'a>(overlaps: impl Iterator<Item = &'a Overlap>) -> f64 {
     f64::atan2(sine, cosine)
 }
 
-/// Of each tendon the servo, all servos once: the nearest first, then exchanged in pairs while that misses less.
+/// Of each tendon the servo, all servos once: the nearest first, then exchanged in pairs while the misfit falls.
 fn servos_at(overlaps: &[Vec<[Overlap; 2]>], turn: f64) -> Vec<usize> {
     let count = overlaps.len();
-    let miss = |servo: usize, tendon: usize| better(&overlaps[servo][tendon], turn).1.misfit(turn);
+    let misfit =
+        |servo: usize, tendon: usize| better(&overlaps[servo][tendon], turn).1.misfit(turn);
     let mut pairs: Vec<(usize, usize)> = (0..count)
         .flat_map(|servo| (0..count).map(move |tendon| (servo, tendon)))
         .collect();
-    pairs.sort_by(|&(s, t), &(u, v)| miss(s, t).total_cmp(&miss(u, v)));
+    pairs.sort_by(|&(s, t), &(u, v)| misfit(s, t).total_cmp(&misfit(u, v)));
     let (mut servos, mut taken) = (vec![None; count], vec![false; count]);
     for (servo, tendon) in pairs {
         if !taken[servo] && servos[tendon].is_none() {
@@ -339,7 +343,7 @@ fn servos_at(overlaps: &[Vec<[Overlap; 2]>], turn: f64) -> Vec<usize> {
         for a in 0..count {
             for b in a + 1..count {
                 let (s, t) = (servos[a], servos[b]);
-                if miss(t, a) + miss(s, b) < miss(s, a) + miss(t, b) - 1e-12 {
+                if misfit(t, a) + misfit(s, b) < misfit(s, a) + misfit(t, b) - 1e-12 {
                     servos.swap(a, b);
                     exchanged = true;
                 }
@@ -351,7 +355,7 @@ fn servos_at(overlaps: &[Vec<[Overlap; 2]>], turn: f64) -> Vec<usize> {
     }
 }
 
-/// The sign that misses less.
+/// The sign with the smaller misfit.
 fn better(overlaps: &[Overlap; 2], turn: f64) -> (f64, &Overlap) {
     let [up, down] = overlaps;
     match up.misfit(turn) <= down.misfit(turn) {
@@ -402,9 +406,9 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let normal = Normal::new(0.0, 1e-3).expect("a deviation above 0");
         let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -turn);
-        for (points, said) in recording.points.iter_mut().zip(&replay.points) {
-            let said = said.as_ref().expect("settled")[0];
-            points[0] = Some(turned * said + Vector3::from_fn(|_, _| normal.sample(&mut rng)));
+        for (points, simulated) in recording.points.iter_mut().zip(&replay.points) {
+            let simulated = simulated.as_ref().expect("settled")[0];
+            points[0] = Some(turned * simulated + Vector3::from_fn(|_, _| normal.sample(&mut rng)));
         }
         let mut order: Vec<usize> = (0..9).collect();
         order.shuffle(&mut rng);
@@ -430,7 +434,11 @@ mod tests {
             let map = find_servo_map(&spec, &transmission, &recording).expect("a map");
             let found: Vec<(usize, f64)> = map.servos.iter().map(|m| (m.servo, m.sign)).collect();
             assert_eq!(found, truth, "turn {turn}: {map:?}");
-            assert!((map.turn - turn).abs() < 0.05, "{} for {turn}", map.turn);
+            assert!(
+                (map.rotation - turn).abs() < 0.05,
+                "{} for {turn}",
+                map.rotation
+            );
             assert!(map.servos.iter().all(|m| m.misfit < 0.05), "{map:?}");
             assert!(!map.is_identity());
         }

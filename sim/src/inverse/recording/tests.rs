@@ -43,9 +43,9 @@ fn recording(spec: &RobotSpec, truth: &Transmission, rows: usize) -> Recording {
     let replay = Replay::new(spec, truth, &recording).expect("a recording of the robot");
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let normal = Normal::new(0.0, NOISE).expect("a deviation above 0");
-    for (measured, said) in recording.points.iter_mut().zip(replay.points) {
-        for (measured, said) in measured.iter_mut().zip(said.expect("settled")) {
-            *measured = Some(said + Vector3::from_fn(|_, _| normal.sample(&mut rng)));
+    for (measured, simulated) in recording.points.iter_mut().zip(replay.points) {
+        for (measured, simulated) in measured.iter_mut().zip(simulated.expect("settled")) {
+            *measured = Some(simulated + Vector3::from_fn(|_, _| normal.sample(&mut rng)));
         }
     }
     recording
@@ -160,11 +160,11 @@ fn pretension_backlash_lag_and_stiffness_are_found_within_their_intervals() {
         "{}",
         fit.after.rmse
     );
-    assert!(fit.before.rmse > 2.0 * fit.after.rmse && fit.alike_rows < 2.0);
+    assert!(fit.before.rmse > 2.0 * fit.after.rmse && fit.correlation_length < 2.0);
 }
 
 /// The largest difference between the derivatives by an unknown and the differences of residuals, as a share of the latter.
-fn largest_miss(
+fn largest_difference(
     first: &RobotSpec,
     real: &RobotSpec,
     there: &Transmission,
@@ -201,9 +201,9 @@ fn largest_miss(
         (low[i], high[i]) = (x[i] - h, x[i] + h);
         let slope = (at(&high).residuals - at(&low).residuals) / (2.0 * h);
         let scale = slope.amax().max(1e-6);
-        let miss = (slope - here.jacobian.column(i)).amax() / scale;
-        if miss > largest.0 {
-            largest = (miss, unknowns[i].name.clone());
+        let difference = (slope - here.jacobian.column(i)).amax() / scale;
+        if difference > largest.0 {
+            largest = (difference, unknowns[i].name.clone());
         }
     }
     largest
@@ -223,8 +223,8 @@ fn pushing() -> RobotSpec {
 fn derivatives_are_those_of_the_residuals() {
     let first = pushing();
     let (real, there) = truth(&first);
-    let (miss, name) = largest_miss(&first, &real, &there, false, 1e-3);
-    assert!(miss < 5e-3, "{name}: {miss}");
+    let (difference, name) = largest_difference(&first, &real, &there, false, 1e-3);
+    assert!(difference < 5e-3, "{name}: {difference}");
 }
 
 /// The same with friction in the holes, along the path that the rows are.
@@ -242,8 +242,8 @@ fn derivatives_along_a_path_are_those_of_the_residuals() {
         servo.offset += 4e-3;
     }
     // Steps short enough that no contact of these rows sticks on one side of a difference and slips on the other.
-    let (miss, name) = largest_miss(&first, &real, &there, true, 2e-4);
-    assert!(miss < 1e-2, "{name}: {miss}");
+    let (difference, name) = largest_difference(&first, &real, &there, true, 2e-4);
+    assert!(difference < 1e-2, "{name}: {difference}");
 }
 
 /// Two modules whose tendons rub: the truth, and what is first thought of it.

@@ -1,6 +1,7 @@
 //! From what servos report to what tendons are commanded.
 
 use nalgebra::{DVector, Vector3};
+use tdcr_base::stats::median;
 
 use super::cloud::Shown;
 use crate::chain::Configuration;
@@ -33,7 +34,7 @@ pub enum Order {
     /// Rows are moments of one motion.
     #[default]
     Motion,
-    /// Each row is the robot at rest under commands of its own: servos have no speed, nor play, and tendons no friction.
+    /// Each row is the robot at rest under commands of its own: servos have no speed, nor backlash, and tendons no friction.
     AtRest,
 }
 
@@ -53,9 +54,9 @@ pub struct Transmission {
 pub struct Servo {
     /// Tendon pulled by what the servo reports: the radius of its spool by the one that it reckons with.
     pub gain: f64,
-    /// Pull where the servo reports 0 (m; N of a tension drive): above 0 pretension, below 0 slack.
+    /// Tendon displacement where the servo reports 0 (m; N of a tension drive): above 0 pretension, below 0 slack.
     pub offset: f64,
-    /// Half the play between servo and tendon (m; N of a tension drive).
+    /// Half the backlash between servo and tendon (m; N of a tension drive).
     pub backlash: f64,
 }
 
@@ -129,8 +130,10 @@ impl Recording {
     /// Median time between rows; 1 where there is none.
     pub fn median_step(&self) -> f64 {
         let mut steps: Vec<f64> = self.times.windows(2).map(|t| t[1] - t[0]).collect();
-        steps.sort_by(f64::total_cmp);
-        steps.get(steps.len() / 2).copied().unwrap_or(1.0)
+        match steps.is_empty() {
+            true => 1.0,
+            false => median(&mut steps),
+        }
     }
 
     /// Speed of each servo at each row (1/s): from the last row of an earlier time, after a gap from the next one, between two gaps 0.

@@ -44,10 +44,10 @@ pub(super) enum Target {
     TendonStiffness(usize),
     TendonStiffening(usize),
     Friction(usize),
-    BaseTurn(Axis),
-    BasePlace(Axis),
-    MarkerPlace(usize, Axis),
-    GravityTurn(Axis),
+    BaseRotation(Axis),
+    BasePosition(Axis),
+    MarkerPosition(usize, Axis),
+    GravityDirection(Axis),
     Mass(usize),
 }
 
@@ -82,7 +82,7 @@ impl Unknown {
                 | Target::Offset(_)
                 | Target::Backlash(_)
                 | Target::Lag
-                | Target::MarkerPlace(..)
+                | Target::MarkerPosition(..)
         )
     }
 
@@ -105,7 +105,7 @@ impl Unknown {
             Target::Offset(t) => transmission.servos[t].offset = value,
             Target::Backlash(t) => transmission.servos[t].backlash = value,
             Target::Lag => transmission.lag = value,
-            Target::MarkerPlace(marker, axis) => {
+            Target::MarkerPosition(marker, axis) => {
                 transmission.markers[marker].place[axis.index()] = value;
             }
             Target::HoleAngle(t) => {
@@ -158,15 +158,15 @@ impl Unknown {
                     friction.coefficient = value;
                 }
             }
-            Target::BaseTurn(axis) => {
+            Target::BaseRotation(axis) => {
                 let [w, x, y, z] = spec.base.orientation;
                 let turn = UnitQuaternion::from_scaled_axis(axis.unit() * value);
                 let turned = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)) * turn;
                 spec.base.orientation = [turned.w, turned.i, turned.j, turned.k];
             }
-            Target::BasePlace(axis) => spec.base.position[axis.index()] = value,
+            Target::BasePosition(axis) => spec.base.position[axis.index()] = value,
             Target::Mass(module) => spec.modules[module].mass.scale(value),
-            Target::GravityTurn(axis) => {
+            Target::GravityDirection(axis) => {
                 let turn = UnitQuaternion::from_scaled_axis(axis.unit() * value);
                 spec.gravity = (turn * Vector3::from(spec.gravity)).into();
             }

@@ -1,0 +1,390 @@
+//! From a rig to a data set of clouds.
+
+use std::collections::BTreeSet;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Instant;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde_json::json;
+use tdcr_hw::capture::{CaptureError, Session, SessionSettings};
+use tdcr_hw::log::free_space;
+use tdcr_hw::mask::MaskFolder;
+use tdcr_hw::rig::{Rig, RigSpec};
+use tdcr_learn::data::{Collector, Condition, DataError, Meta, Origin, Recording, Sample};
+
+use super::collect::stage;
+use super::journal::Journal;
+use super::{CaptureStop, Monitor, PipelineError};
+
+mod record;
+
+pub use record::CaptureReport;
+use record::{Entry, Record};
+
+/// Samples per file on disk.
+const SAMPLES_PER_SHARD: usize = 250;
+
+/// What was recorded besides the clouds: a file of JSON lines in the data set's folder.
+const JOURNAL: &str = "capture.jsonl";
+
+/// Stem of the names of logs in the data set's folder.
+const LOG: &str = "log";
+
+/// Room (bytes) that a sample takes besides its values: a file's headers, a line of the journal with its digits.
+const PER_SAMPLE: usize = 16 << 10;
+
+/// Room (bytes) that a data set takes besides its samples.
+const PER_SET: usize = 1 << 20;
+
+/// Layout of that file.
+const FORMAT: u32 = 1;
+
+/// What is captured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CaptureSettings {
+    /// Number of commands, all splits together.
+    pub count: usize,
+    /// Points per cloud.
+    pub points: usize,
+    /// Edge of the voxel grid that thins the fused clouds (m).
+    pub voxel_size: f64,
+    /// Seed of the commands, of the points that are kept and of the splits.
+    pub seed: u64,
+    /// Samples between two looks at the robot in its home pose.
+    pub sentinel_every: usize,
+    /// Folder of masks that another program has written, one for each sample and camera
+    /// ([`MaskFolder`]): what they show becomes the clouds. Those of the rig's file otherwise.
+    pub masks: Option<PathBuf>,
+    /// Whether a log is written.
+    pub log: CaptureLog,
+}
+
+/// Whether a capture writes a log (MCAP) of all that servos and cameras did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CaptureLog {
+    /// `log.mcap` in the data set's folder; `log-2.mcap` and so on where it is resumed.
+    #[default]
+    Written,
+    /// None.
+    Omitted,
+}
+
+/// 200 clouds of 10,000 points, with a look at the robot at home after every 25.
+impl Default for CaptureSettings {
+    fn default() -> Self {
+        Self {
+            count: 200,
+            points: 10_000,
+            voxel_size: 0.002,
+            seed: 0,
+            sentinel_every: 25,
+            masks: None,
+            log: CaptureLog::default(),
+        }
+    }
+}
+
+impl CaptureSettings {
+    /// Room on the disk (bytes) that so many samples still to come take at the most, with those that are there, for so many motors.
+    fn bytes(&self, missing: usize, motors: usize) -> u64 {
+        // Staged: a file for each, of points, colours and command, and a line of the journal. In the end the shards: points twice,
+        // colours, and the command twice.
+        let [staged, sharded] = [15, 27].map(|bytes| bytes * self.points + 8 * motors);
+        (missing * (staged + PER_SAMPLE) + self.count * sharded + PER_SET) as u64
+    }
+
+    /// The end of a capture that has `kept` samples in the folder `dir`.
+    fn ended(&self, ended: PipelineError, kept: usize, dir: &Path) -> PipelineError {
+        CaptureStop::Ended {
+            ended: Box::new(ended),
+            kept,
+            count: self.count,
+            path: dir.to_owned(),
+        }
+        .into()
+    }
+
+    fn meta(&self, rig: &Rig) -> Meta {
+        let RigSpec {
+            name,
+            base,
+            servos,
+            cameras,
+            masks,
+            commands,
+            ..
+        } = rig.spec();
+        let sensors: Vec<_> = cameras
+            .iter()
+            .map(|camera| (&camera.serial, camera.sensor))
+            .collect();
+        // What a data set depends on: ports and speeds are none of it.
+        let mut settings = json!({
+            "ids": servos.ids,
+            "directions": servos.directions,
+            "spool_radius": servos.spool_radius,
+            "home_tension": servos.home_tension,
+            "limits": servos.limits,
+            "cameras": sensors,
+            "masks": masks,
+            "commands": commands,
+        });
+        if self.masks.is_some() {
+            settings["masks_by"] = json!("another program");
+        }
+        Meta {
+            format: Meta::FORMAT,
+            tdcr_version: env!("CARGO_PKG_VERSION").to_owned(),
+            seed: self.seed,
+            count: self.count,
+            motors: rig.winches().len(),
+            points_per_cloud: self.points,
+            samples_per_shard: SAMPLES_PER_SHARD,
+            origin: Origin::Recorded {
+                recording: Recording {
+                    rig: name.clone(),
+                    robot: rig.robot().spec().clone(),
+                    base: *base,
+                    voxel_size: self.voxel_size,
+                    settings,
+                },
+            },
+        }
+    }
+}
+
+/// Captures a data set with a rig in the folder `dir`: the layout of [`collect`](super::collect()), and beside it a journal of
+/// what the servos did (`capture.jsonl`).
+///
+/// Command `i` follows from the rig's file, the seed and `i` alone. A capture that ended early, however it did, is resumed by
+/// the same call, and no sample that was finished is lost; with a larger `count` the set grows. The tension is released
+/// whenever the call returns.
+///
+/// # Errors
+/// [`CaptureStop::Ended`] once samples are captured: with [`CaptureStop::Rig`] where the rig stopped,
+/// [`PipelineError::Data`] and [`PipelineError::Write`] for a disk that is full, or [`PipelineError::Interrupted`];
+/// [`PipelineError::Data`] for a folder that cannot be written or holds something else.
+pub fn capture(
+    rig: &mut Rig,
+    settings: &CaptureSettings,
+    dir: &Path,
+    monitor: &dyn Monitor,
+) -> Result<CaptureReport, PipelineError> {
+    let began = Instant::now();
+    let rig_began = rig.clock().now();
+    let meta = settings.meta(rig);
+    let collector = Collector::open(dir, &meta)?;
+    collector.keep_samples(stage("keep samples", monitor))?;
+    let missing: BTreeSet<usize> = collector.missing_blocks().into_iter().flatten().collect();
+    let mut report = CaptureReport {
+        samples: settings.count,
+        captured: missing.len(),
+        ..CaptureReport::default()
+    };
+    // A set that grows is one work.
+    let key = json!({ "format": FORMAT, "seed": settings.seed, "origin": meta.origin });
+    let is_kept = |entry: &Entry| match entry {
+        // It was taken, and its cloud did not come to the disk: it is taken again.
+        Entry::Sample(record) => !missing.contains(&(record.index as usize)),
+        _ => true,
+    };
+    let (journal, entries) = Journal::open_kept(&dir.join(JOURNAL), &key, is_kept)?;
+    entries.iter().for_each(|entry| report.count(entry));
+    if !missing.is_empty() {
+        monitor.begin(
+            "capture",
+            settings.count as u64,
+            (settings.count - missing.len()) as u64,
+        );
+        let reference = entries.into_iter().find_map(|entry| match entry {
+            Entry::Sentinel { sentinel, .. } => Some(sentinel),
+            _ => None,
+        });
+        let mut go_on = || match monitor.interrupted() {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        };
+        let needed = settings.bytes(missing.len(), rig.winches().len());
+        if let Some(free) = free_space(dir)
+            && free < needed
+        {
+            let [free, needed] = [free, needed].map(|bytes| bytes as f64 / 1e6);
+            monitor.note(&format!(
+                "{free:.1} MB are free in {}, and the data set takes up to {needed:.1} MB more",
+                dir.display()
+            ));
+        }
+        let masks = settings.masks.as_ref().map(MaskFolder::new);
+        if let Some(masks) = &masks {
+            // Before anything moves.
+            let wanted = missing.iter().copied();
+            let found = masks.must_have(rig.cameras().len(), wanted);
+            found.map_err(CaptureError::from)?;
+        }
+        if settings.log == CaptureLog::Written {
+            let log = rig.log_in(dir, LOG, needed);
+            report.log = Some(log.map_err(CaptureError::from)?);
+        }
+        let session = SessionSettings {
+            seed: settings.seed,
+            voxel_size: settings.voxel_size,
+            masks,
+        };
+        let recorder = Recorder {
+            settings,
+            journal: &journal,
+            report: &mut report,
+            monitor,
+        };
+        let begun = Session::begin(rig, &session, reference, &mut go_on);
+        let captured = begun.map_err(PipelineError::from);
+        let captured = captured.and_then(|session| {
+            let missing = missing.iter().copied();
+            recorder.record(session, missing, |samples| write(&collector, samples))
+        });
+        // The clouds are worth more than the log.
+        if let Err(error) = rig.finish_log() {
+            monitor.note(&format!("the log is not whole: {error}"));
+        }
+        captured.map_err(|ended| {
+            let missing = collector.missing_blocks();
+            let missing: usize = missing.iter().map(ExactSizeIterator::len).sum();
+            settings.ended(ended, settings.count - missing, dir)
+        })?;
+        monitor.end();
+    }
+    let finished = collector.finish(stage("write shards", monitor));
+    finished.map_err(|ended| settings.ended(ended.into(), settings.count, dir))?;
+    report.rig_seconds = rig.clock().now().saturating_sub(rig_began).as_secs_f64();
+    report.seconds = began.elapsed().as_secs_f64();
+    Ok(report)
+}
+
+/// A sample and its index.
+type Indexed = (usize, Sample);
+
+/// Stores samples as they come: each is a block of its own.
+fn write(collector: &Collector, samples: Receiver<Indexed>) -> Result<(), DataError> {
+    samples
+        .into_iter()
+        .try_for_each(|(index, sample)| collector.write_block(index, &[sample]))
+}
+
+/// Captures samples and keeps the journal.
+struct Recorder<'a> {
+    settings: &'a CaptureSettings,
+    journal: &'a Journal,
+    report: &'a mut CaptureReport,
+    monitor: &'a dyn Monitor,
+}
+
+impl Recorder<'_> {
+    /// Captures samples, and has `write` write each while the next is captured.
+    fn record(
+        mut self,
+        session: Session<'_>,
+        missing: impl Iterator<Item = usize>,
+        write: impl FnOnce(Receiver<Indexed>) -> Result<(), DataError> + Send,
+    ) -> Result<(), PipelineError> {
+        // The servos are looked after while samples go to the disk.
+        let (out, samples) = sync_channel(1);
+        std::thread::scope(|scope| {
+            let writer = scope.spawn(|| write(samples));
+            let captured = self.run(session, missing, out);
+            let written = writer
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            written?;
+            captured
+        })
+    }
+
+    fn run(
+        &mut self,
+        mut session: Session<'_>,
+        missing: impl Iterator<Item = usize>,
+        out: SyncSender<Indexed>,
+    ) -> Result<(), PipelineError> {
+        let mut since = self.settings.sentinel_every;
+        let mut last = 0;
+        for index in missing {
+            if let Some(rested) = session.cool()? {
+                let seconds = rested.as_secs_f64();
+                let rest = Entry::Rest {
+                    before: index,
+                    seconds,
+                };
+                self.add(&mut session, &rest)?;
+            }
+            if since >= self.settings.sentinel_every {
+                self.look(&mut session, index)?;
+                since = 0;
+            }
+            let sample = self.sample(&mut session, index)?;
+            for servo in session.restarted() {
+                let recalled = Entry::Recalled {
+                    before: index,
+                    servo,
+                };
+                self.add(&mut session, &recalled)?;
+            }
+            (since, last) = (since + 1, index + 1);
+            // Waits where the disk is slow. The writer is gone only where it failed, and then says why.
+            let sent = session.rig().hold_while(|| out.send((index, sample)));
+            if sent.map_err(CaptureError::from)?.is_err() {
+                return Ok(());
+            }
+            let monitor = self.monitor;
+            show(&mut session, || monitor.advance(1))?;
+        }
+        self.look(&mut session, last)?;
+        session
+            .end()
+            .map_err(|error| CaptureStop::Rig(error.into()).into())
+    }
+
+    fn look(&mut self, session: &mut Session<'_>, before: usize) -> Result<(), PipelineError> {
+        let sentinel = session.sentinel()?;
+        let note = format!("drift at home {:.2} mm", 1e3 * sentinel.drift);
+        show(session, || self.monitor.note(&note))?;
+        self.add(session, &Entry::Sentinel { before, sentinel })
+    }
+
+    fn sample(&mut self, session: &mut Session<'_>, index: usize) -> Result<Sample, PipelineError> {
+        let captured = session.sample(index as u64)?;
+        self.add(session, &Entry::Sample(Record::of(&captured)))?;
+        let mut rng = ChaCha8Rng::seed_from_u64(self.settings.seed);
+        rng.set_stream(index as u64 | 1 << 63);
+        Ok(Sample {
+            condition: Condition {
+                motors: captured
+                    .command
+                    .iter()
+                    .map(|&command| command as f32)
+                    .collect(),
+                payload: None,
+            },
+            cloud: captured.cloud.sample_or_pad(self.settings.points, &mut rng),
+        })
+    }
+
+    /// Adds an entry to the journal. The servos are looked after while that goes to the disk.
+    fn add(&mut self, session: &mut Session<'_>, entry: &Entry) -> Result<(), PipelineError> {
+        self.report.count(entry);
+        let journal = self.journal;
+        let added = session.rig().hold_while(|| journal.add(entry));
+        added.map_err(CaptureError::from)?
+    }
+}
+
+/// Shows something of the work. The servos are looked after meanwhile: who reads a terminal may hold it.
+fn show(session: &mut Session<'_>, work: impl FnOnce() + Send) -> Result<(), PipelineError> {
+    let shown = session.rig().hold_while(work);
+    Ok(shown.map_err(CaptureError::from)?)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,97 @@
+//! Why a predictor was not scored.
+
+use tdcr_learn::data::PayloadRange;
+use tdcr_sim::render::BaseVisibility;
+use thiserror::Error;
+
+/// Why a predictor cannot be scored on a data set.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum EvalError {
+    /// The model and the data set are of different robots.
+    #[error("the model is of robot `{model}`, the data set of a different robot, `{data}`")]
+    OtherRobot {
+        /// Name of the model's robot.
+        model: String,
+        /// Name of the data set's robot.
+        data: String,
+    },
+    /// The model was trained with the base in view and the data set shows none, or the reverse.
+    #[error("the model was trained on clouds {}, the data set shows clouds {}", with_base(.model), with_base(.data))]
+    OtherBase {
+        /// Whether the model's data showed it.
+        model: BaseVisibility,
+        /// Whether the data set shows it.
+        data: BaseVisibility,
+    },
+    /// The model was trained with payloads and the data set has none, or the reverse, or heavier or lighter ones.
+    #[error("the model was trained {}, the data set was made {}", with_payload(.model), with_payload(.data))]
+    OtherPayload {
+        /// The model's payloads.
+        model: Option<PayloadRange>,
+        /// The data set's payloads.
+        data: Option<PayloadRange>,
+    },
+    /// There is not one predicted cloud for each test command.
+    #[error(
+        "{found} predicted clouds, expected {expected}, one for each test command in the order of the test split"
+    )]
+    OtherClouds {
+        /// Clouds.
+        found: usize,
+        /// Test commands.
+        expected: usize,
+    },
+    /// A predicted cloud is of another command than the test command of its place.
+    #[error(
+        "predicted cloud {index} is of the command {found:?}, test command {index} is {expected:?}: expected the commands \
+         of the test split, in its order"
+    )]
+    OtherCommand {
+        /// Place of the cloud.
+        index: usize,
+        /// Its command.
+        found: Vec<f64>,
+        /// The test command.
+        expected: Vec<f64>,
+    },
+    /// Two predictors that are compared have one key.
+    #[error(
+        "two predictors have the key `{key}`, expected keys that differ, and none that is `perfect` or `floor`"
+    )]
+    SameKey {
+        /// The key.
+        key: String,
+    },
+    /// A predictor gave fewer points than are to be compared.
+    #[error("{predictor}: {found} points in a predicted cloud, expected at least {expected}")]
+    FewPredicted {
+        /// Name of the predictor.
+        predictor: String,
+        /// Points of its cloud.
+        found: usize,
+        /// Points that are to be compared.
+        expected: usize,
+    },
+    /// More commands are to be scored than there are.
+    #[error("{found} test commands are to be scored; expected 1 to {most}, as many as there are")]
+    ScoredTests {
+        /// Commands asked for.
+        found: usize,
+        /// Commands there are.
+        most: usize,
+    },
+}
+
+fn with_base(base: &BaseVisibility) -> &'static str {
+    match base {
+        BaseVisibility::Shown => "with the base",
+        BaseVisibility::Hidden => "without the base",
+    }
+}
+
+fn with_payload(payload: &Option<PayloadRange>) -> String {
+    payload.map_or("without payloads".to_owned(), |range| {
+        format!("with payloads of {range} kg")
+    })
+}
