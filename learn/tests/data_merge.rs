@@ -211,7 +211,7 @@ fn a_part_is_not_read_as_a_set_nor_overwritten_as_one() {
         assert!(said.contains(expected), "{said}");
         assert!(files(&parts[0]) == kept);
     };
-    let unmerged = "part-1 holds part 1 of 2 of a data set; merge all 2 first: tdcr data merge";
+    let unmerged = "part-1 holds part 1 of 2 of a data set; merge all 2 first";
     says(DataSet::open(&parts[0]).unwrap_err(), unmerged);
     says(check(&parts[0]).unwrap_err(), unmerged);
     let opened = |meta: &Meta, part: Part| Collector::open_part(&parts[0], meta, part).unwrap_err();

@@ -205,7 +205,7 @@ fn negative_variances_and_training_are_refused() {
     assert!(!shape.has_gradient());
     let refused = Trainer::new(&network, toy::settings(), &set, &set).unwrap_err();
     assert_eq!(refused, TrainError::BatchNorm);
-    assert!(refused.to_string().contains("python -m tdcr.torch.train"));
+    assert!(refused.to_string().contains("expected layers `residual`"));
 
     let tensors = shape.tensors();
     let variance = tensors

@@ -176,11 +176,13 @@ if sys.argv[2] != "nothing":
     process = subprocess.Popen(
         [sys.executable, "-c", script, str(small), end], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    assert process.stdout is not None
+    assert process.stdout is not None and process.stderr is not None
     assert process.stdout.readline() == "on True\n"
     if end.startswith("SIG"):
         process.send_signal(getattr(signal, end))
-    said, complaint = process.communicate(timeout=30)
+    # Not ``communicate``: it loses what ``readline`` has read ahead.
+    process.wait(timeout=30)
+    said, complaint = process.stdout.read(), process.stderr.read()
     assert said == "engaged False\n", complaint
     expected = {"SIGTERM": 143, "SIGHUP": 129, "SIGINT": -2, "SIGQUIT": 131, "SIGTSTP": 148, "raise": 1, "nothing": 0}
     assert process.returncode == expected[end], complaint
