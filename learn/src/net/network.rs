@@ -4,10 +4,15 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::hybrid::{ContextLayers, Hybrid, HybridShape, HybridWorkspace, PvcnnHybrid};
+use super::hybrid::{
+    ContextLayers, ContextNet, Hybrid, HybridShape, HybridWorkspace, PvcnnContext,
+};
 use super::kernels::Precision;
-use super::mlp::{Batch, Mlp, MlpShape, MlpWorkspace};
-use super::parameters::{InitialWeights, NetworkShapeError, TensorRole, TensorSpec};
+use super::layers::VARIANCE;
+use super::mlp::{Batch, Cloud, Mlp, MlpShape, MlpWorkspace};
+use super::parameters::{
+    InitialWeights, NetworkShapeError, Parameters, Table, TensorRole, TensorSpec, require_precision,
+};
 use crate::channels::Channels;
 use crate::flow::VelocityField;
 
@@ -117,13 +122,21 @@ impl NetworkShape {
 
 /// A velocity network: the paper's MLP or its Hybrid.
 #[derive(Clone, Debug)]
-pub struct Network(Kind);
+pub struct Network {
+    shape: NetworkShape,
+    precision: Precision,
+    params: Vec<f32>,
+    layers: Layers,
+}
 
+/// What a network does with its parameters.
 #[derive(Clone, Debug)]
-enum Kind {
+enum Layers {
     Mlp(Box<Mlp>),
-    Hybrid(Box<Hybrid>),
-    Pvcnn(Box<PvcnnHybrid>),
+    Hybrid(Box<Hybrid<ContextNet>>),
+    /// As the authors published it: it gives velocities. It is trained in PyTorch, as BatchNorm's moments are over all clouds of a
+    /// batch, and here clouds run one after another.
+    Authors(Box<Hybrid<PvcnnContext>>),
 }
 
 /// Buffers of [`Network::loss_and_gradient`], kept from step to step.
@@ -131,6 +144,19 @@ enum Kind {
 pub struct Workspace {
     mlp: MlpWorkspace,
     hybrid: HybridWorkspace,
+}
+
+impl Layers {
+    /// Adds the tensors of a network of `shape` to `table`.
+    fn declare(shape: NetworkShape, table: &mut Table) -> Self {
+        match shape {
+            NetworkShape::Mlp(shape) => Self::Mlp(Box::new(Mlp::declare(shape, table))),
+            NetworkShape::Hybrid(shape) => match shape.context.layers {
+                ContextLayers::Residual => Self::Hybrid(Box::new(Hybrid::declare(shape, table))),
+                ContextLayers::Pvcnn => Self::Authors(Box::new(Hybrid::declare(shape, table))),
+            },
+        }
+    }
 }
 
 impl Network {
@@ -159,17 +185,11 @@ impl Network {
         initial: InitialWeights,
         rng: &mut ChaCha8Rng,
     ) -> Result<Self, NetworkShapeError> {
-        Ok(Self(match shape.into() {
-            NetworkShape::Mlp(shape) => Kind::Mlp(Box::new(Mlp::new(shape, initial, rng)?)),
-            NetworkShape::Hybrid(shape) => match shape.context.layers {
-                ContextLayers::Residual => {
-                    Kind::Hybrid(Box::new(Hybrid::new(shape, initial, rng)?))
-                }
-                ContextLayers::Pvcnn => {
-                    Kind::Pvcnn(Box::new(PvcnnHybrid::new(shape, initial, rng)?))
-                }
-            },
-        }))
+        let shape = shape.into();
+        shape.check()?;
+        let mut table = Table::starting(initial);
+        Layers::declare(shape, &mut table);
+        Self::from_params(shape, table.initial_params(rng))
     }
 
     /// A network with given parameters, in the order of [`NetworkShape::tensors`].
@@ -181,53 +201,41 @@ impl Network {
         shape: impl Into<NetworkShape>,
         params: Vec<f32>,
     ) -> Result<Self, NetworkShapeError> {
-        Ok(Self(match shape.into() {
-            NetworkShape::Mlp(shape) => Kind::Mlp(Box::new(Mlp::from_params(shape, params)?)),
-            NetworkShape::Hybrid(shape) => match shape.context.layers {
-                ContextLayers::Residual => {
-                    Kind::Hybrid(Box::new(Hybrid::from_params(shape, params)?))
-                }
-                ContextLayers::Pvcnn => {
-                    Kind::Pvcnn(Box::new(PvcnnHybrid::from_params(shape, params)?))
-                }
-            },
-        }))
+        let shape = shape.into();
+        shape.check()?;
+        let mut table = Table::default();
+        let layers = Layers::declare(shape, &mut table);
+        let (found, expected) = (params.len(), table.len());
+        if found != expected {
+            return Err(NetworkShapeError::ParameterCount { found, expected });
+        }
+        require_variances(&table, &params)?;
+        Ok(Self {
+            shape,
+            precision: Precision::default(),
+            params,
+            layers,
+        })
     }
 
     /// The network's shape.
     pub fn shape(&self) -> NetworkShape {
-        match &self.0 {
-            Kind::Mlp(network) => network.shape().into(),
-            Kind::Hybrid(network) => network.shape().into(),
-            Kind::Pvcnn(network) => network.shape().into(),
-        }
+        self.shape
     }
 
     /// The flat parameter vector, in the order of [`NetworkShape::tensors`].
     pub fn params(&self) -> &[f32] {
-        match &self.0 {
-            Kind::Mlp(network) => network.params(),
-            Kind::Hybrid(network) => network.params(),
-            Kind::Pvcnn(network) => network.params(),
-        }
+        &self.params
     }
 
     /// The flat parameter vector, to be changed in place.
     pub fn params_mut(&mut self) -> &mut [f32] {
-        match &mut self.0 {
-            Kind::Mlp(network) => network.params_mut(),
-            Kind::Hybrid(network) => network.params_mut(),
-            Kind::Pvcnn(network) => network.params_mut(),
-        }
+        &mut self.params
     }
 
     /// Operand type of its products: [`Precision::Float32`] unless asked for otherwise.
     pub fn precision(&self) -> Precision {
-        match &self.0 {
-            Kind::Mlp(network) => network.precision(),
-            Kind::Hybrid(network) => network.precision(),
-            Kind::Pvcnn(network) => network.precision(),
-        }
+        self.precision
     }
 
     /// The same network with another operand type.
@@ -235,19 +243,16 @@ impl Network {
     /// # Errors
     /// [`NetworkShapeError::Precision`] where its width does not suit it.
     pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
-        Ok(Self(match self.0 {
-            Kind::Mlp(network) => Kind::Mlp(Box::new(network.with_precision(precision)?)),
-            Kind::Hybrid(network) => Kind::Hybrid(Box::new(network.with_precision(precision)?)),
-            Kind::Pvcnn(network) => Kind::Pvcnn(Box::new(network.with_precision(precision)?)),
-        }))
+        require_precision(precision, self.shape.width())?;
+        Ok(Self { precision, ..self })
     }
 
     /// Floating-point operations of the velocities of a cloud of `points` points, products alone.
     pub fn flops(&self, points: usize) -> u64 {
-        match &self.0 {
-            Kind::Mlp(network) => network.flops(points),
-            Kind::Hybrid(network) => network.flops(points),
-            Kind::Pvcnn(network) => network.flops(points),
+        match &self.layers {
+            Layers::Mlp(layers) => layers.flops(points),
+            Layers::Hybrid(layers) => layers.flops(points),
+            Layers::Authors(layers) => layers.flops(points),
         }
     }
 
@@ -266,19 +271,44 @@ impl Network {
         workspace: &mut Workspace,
         gradient: &mut [f32],
     ) -> f64 {
-        match &self.0 {
-            Kind::Mlp(network) => network.loss_and_gradient(batch, &mut workspace.mlp, gradient),
-            Kind::Hybrid(network) => {
-                network.loss_and_gradient(batch, &mut workspace.hybrid, gradient)
+        let parameters = self.parameters();
+        match &self.layers {
+            Layers::Mlp(layers) => {
+                layers.loss_and_gradient(parameters, batch, &mut workspace.mlp, gradient)
             }
-            Kind::Pvcnn(_) => panic!("a network with BatchNorm has no gradient here"),
+            Layers::Hybrid(layers) => {
+                layers.loss_and_gradient(parameters, batch, &mut workspace.hybrid, gradient)
+            }
+            Layers::Authors(_) => panic!("a network with BatchNorm has no gradient here"),
+        }
+    }
+
+    fn parameters(&self) -> Parameters<'_> {
+        Parameters {
+            values: &self.params,
+            precision: self.precision,
         }
     }
 }
 
+/// Returns an error where a running variance is negative.
+fn require_variances(table: &Table, params: &[f32]) -> Result<(), NetworkShapeError> {
+    let variances = (table.tensors.iter()).filter(|tensor| tensor.name.ends_with(VARIANCE));
+    for tensor in variances {
+        let negative = params[tensor.range.clone()]
+            .iter()
+            .find(|variance| **variance < 0.0);
+        if let Some(&found) = negative {
+            let tensor = tensor.name.clone();
+            return Err(NetworkShapeError::Variance { tensor, found });
+        }
+    }
+    Ok(())
+}
+
 impl VelocityField for Network {
     fn channels(&self) -> Channels {
-        self.shape().channels()
+        self.shape.channels()
     }
 
     /// Points run in parallel, and a Hybrid's voxels; the result does not depend on the number of threads.
@@ -286,10 +316,16 @@ impl VelocityField for Network {
     /// # Panics
     /// Where a slice's length does not fit the others or the network.
     fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]) {
-        match &self.0 {
-            Kind::Mlp(network) => network.velocity(t, condition, points, velocities),
-            Kind::Hybrid(network) => network.velocity(t, condition, points, velocities),
-            Kind::Pvcnn(network) => network.velocity(t, condition, points, velocities),
+        let parameters = self.parameters();
+        let cloud = Cloud {
+            time: t,
+            condition,
+            points,
+        };
+        match &self.layers {
+            Layers::Mlp(layers) => layers.velocity(parameters, cloud, velocities),
+            Layers::Hybrid(layers) => layers.velocity(parameters, cloud, velocities),
+            Layers::Authors(layers) => layers.velocity(parameters, cloud, velocities),
         }
     }
 }

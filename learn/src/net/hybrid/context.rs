@@ -3,11 +3,13 @@
 use faer::Accum;
 use rayon::prelude::*;
 
+use super::context_kind::{Context, Split};
 use super::context_shape::{ContextShape, STAGES};
 use super::context_stage::{PackedStage, StageNet, StageTape};
 use crate::net::kernels::bfloat16::Operands;
 use crate::net::kernels::float32::{Rows, Sums, fill_rows};
 use crate::net::layers::{AffineNorm, Dense, GroupNorm, Normed, PackedWeight, Passes, Weights};
+use crate::net::mlp::{Cloud, EmbeddingShape, Film, Part};
 use crate::net::parameters::{Initial, Table, fan_in};
 
 /// Point-voxel context `(N, F)` of a cloud's points `(N, C)`, from channels `[e | x]`:
@@ -56,12 +58,28 @@ pub struct ContextTape {
     operands: Operands,
 }
 
-impl ContextNet {
-    /// Adds the network's tensors, for points of `inputs` numbers.
-    pub fn declare(
-        table: &mut Table,
+/// Modulated by the embedding of the head.
+impl Context for ContextNet {
+    type Tape = ContextTape;
+    type Packed = PackedContext;
+
+    fn modulation(
         shape: &ContextShape,
         embedding: usize,
+        inputs: usize,
+    ) -> (Vec<Part<'static>>, Vec<Film>) {
+        let parts = shape.parts(embedding, inputs);
+        (parts.into(), shape.films().collect())
+    }
+
+    fn modulation_lengths(shape: &ContextShape) -> [usize; 2] {
+        [shape.features, shape.stages[0].channels]
+    }
+
+    fn declare(
+        table: &mut Table,
+        shape: &ContextShape,
+        embedding: EmbeddingShape,
         inputs: usize,
     ) -> Self {
         let mut before = inputs;
@@ -75,7 +93,7 @@ impl ContextNet {
                     &name,
                     before,
                     stage.channels,
-                    fan_in(before + embedding),
+                    fan_in(before + embedding.embedding),
                 ),
                 _ => Dense::declare(table, &name, before, stage.channels, fan_in(before)),
             };
@@ -113,32 +131,7 @@ impl ContextNet {
         }
     }
 
-    /// Floating-point operations of the forward pass over `points` points, products alone.
-    pub fn flops(&self, points: usize) -> u64 {
-        let stages = self.stages.iter().map(|stage| stage.flops(points));
-        let joins = self.joins.iter().chain([&self.output]);
-        let joins = joins.map(|layer| layer.flops(points));
-        stages.sum::<u64>() + joins.sum::<u64>() + self.join_maximum.flops(1)
-    }
-
-    /// Packs the network's weights.
-    pub fn pack(&self, params: &[f32], passes: Passes, packed: &mut PackedContext) {
-        packed
-            .stages
-            .resize_with(self.stages.len(), PackedStage::default);
-        packed
-            .joins
-            .resize_with(self.joins.len(), PackedWeight::default);
-        let stages = self.stages.par_iter().zip(&mut packed.stages);
-        stages.for_each(|(stage, packed)| stage.pack(params, passes, packed));
-        for (join, packed) in self.joins.iter().zip(&mut packed.joins) {
-            packed.set(join, params, passes);
-        }
-        packed.output.set(&self.output, params, passes);
-    }
-
-    /// Buffers for a cloud.
-    pub fn tape(&self) -> ContextTape {
+    fn tape(&self) -> ContextTape {
         ContextTape {
             stages: self.stages.iter().map(StageNet::tape).collect(),
             maximum: Vec::new(),
@@ -154,6 +147,41 @@ impl ContextNet {
         }
     }
 
+    fn flops(&self, points: usize) -> u64 {
+        let stages = self.stages.iter().map(|stage| stage.flops(points));
+        let joins = self.joins.iter().chain([&self.output]);
+        let joins = joins.map(|layer| layer.flops(points));
+        stages.sum::<u64>() + joins.sum::<u64>() + self.join_maximum.flops(1)
+    }
+
+    fn pack(&self, params: &[f32], passes: Passes, packed: &mut PackedContext) {
+        packed
+            .stages
+            .resize_with(self.stages.len(), PackedStage::default);
+        packed
+            .joins
+            .resize_with(self.joins.len(), PackedWeight::default);
+        let stages = self.stages.par_iter().zip(&mut packed.stages);
+        stages.for_each(|(stage, packed)| stage.pack(params, passes, packed));
+        for (join, packed) in self.joins.iter().zip(&mut packed.joins) {
+            packed.set(join, params, passes);
+        }
+        packed.output.set(&self.output, params, passes);
+    }
+
+    fn contexts<'a>(
+        &self,
+        weights: Weights<'a, PackedContext>,
+        cloud: Cloud<'a>,
+        modulation: Split<&'a [f32]>,
+        tape: &'a mut ContextTape,
+    ) -> (&'a [f32], &'a [f32]) {
+        self.forward(ContextInput::new(weights, cloud, modulation), tape);
+        (&tape.context, modulation.global)
+    }
+}
+
+impl ContextNet {
     /// Fills `tape.context`.
     pub fn forward(&self, input: ContextInput, tape: &mut ContextTape) {
         let ContextInput {
@@ -346,4 +374,19 @@ pub struct ContextInput<'a> {
     pub shift: &'a [f32],
     /// Scale and offset of every block.
     pub films: &'a [f32],
+}
+
+impl<'a> ContextInput<'a> {
+    pub fn new(
+        weights: Weights<'a, PackedContext>,
+        cloud: Cloud<'a>,
+        modulation: Split<&'a [f32]>,
+    ) -> Self {
+        Self {
+            weights,
+            points: cloud.points,
+            shift: modulation.shift,
+            films: modulation.films,
+        }
+    }
 }

@@ -1,10 +1,11 @@
 //! The authors' context network, as a trained network has it: no backward pass.
 
+use super::context_kind::{Context, Split};
 use super::context_shape::{ContextShape, STAGES, Stage, block_name};
 use crate::net::kernels::bfloat16::Operands;
 use crate::net::kernels::float32::{Rows, activate, fill_rows};
-use crate::net::layers::{AffineNorm, BatchNorm, Dense, GroupNorm, Normed, Weights};
-use crate::net::mlp::{Conditioner, ConditionerTape, EmbeddingShape, Film, Part};
+use crate::net::layers::{AffineNorm, BatchNorm, Dense, GroupNorm, Normed, Passes, Weights};
+use crate::net::mlp::{Cloud, Conditioner, ConditionerTape, EmbeddingShape, Film, Part};
 use crate::net::parameters::{Initial, Table, fan_in};
 use crate::net::voxel::{Grid, PVCNN_EPSILON, PvcnnBlock, PvcnnInput, PvcnnScratch, Voxels};
 
@@ -59,18 +60,24 @@ pub struct PvcnnTape {
     pub context: Vec<f32>,
 }
 
-/// A cloud.
-#[derive(Clone, Copy)]
-pub struct Cloud<'a> {
-    pub time: f32,
-    pub condition: &'a [f32],
-    /// `(N, C)`.
-    pub points: &'a [f32],
-}
+/// With an embedding of its own, beside the head's. Its products are of floats in either operand type, as the authors have it.
+impl Context for PvcnnContext {
+    type Tape = PvcnnTape;
+    type Packed = ();
 
-impl PvcnnContext {
-    /// Adds the network's tensors, for points of `inputs` numbers, with an embedding of its own like `embedding_shape`.
-    pub fn declare(
+    fn modulation(
+        _: &ContextShape,
+        _embedding: usize,
+        _inputs: usize,
+    ) -> (Vec<Part<'static>>, Vec<Film>) {
+        (Vec::new(), Vec::new())
+    }
+
+    fn modulation_lengths(_: &ContextShape) -> [usize; 2] {
+        [0, 0]
+    }
+
+    fn declare(
         table: &mut Table,
         shape: &ContextShape,
         embedding_shape: EmbeddingShape,
@@ -139,19 +146,7 @@ impl PvcnnContext {
         }
     }
 
-    /// Floating-point operations of the pass over `points` points, products alone.
-    pub fn flops(&self, points: usize) -> u64 {
-        let stages = self.stages.iter().map(|stage| {
-            let blocks = stage.blocks.iter().map(|block| block.flops(points));
-            stage.project.flops(points) + blocks.sum::<u64>()
-        });
-        let global = self.global.iter().map(|layer| layer.flops(1));
-        let join = self.join.flops(points) + self.output.flops(points);
-        self.conditioner.flops() + stages.sum::<u64>() + global.sum::<u64>() + join
-    }
-
-    /// Buffers for a cloud.
-    pub fn tape(&self) -> PvcnnTape {
+    fn tape(&self) -> PvcnnTape {
         let stages = self.stages.iter();
         PvcnnTape {
             conditioner: ConditionerTape::default(),
@@ -168,13 +163,26 @@ impl PvcnnContext {
         }
     }
 
-    /// Fills `tape.context`; returns the context `(F)` that the embedding gives.
-    pub fn forward<'a>(
+    fn flops(&self, points: usize) -> u64 {
+        let stages = self.stages.iter().map(|stage| {
+            let blocks = stage.blocks.iter().map(|block| block.flops(points));
+            stage.project.flops(points) + blocks.sum::<u64>()
+        });
+        let global = self.global.iter().map(|layer| layer.flops(1));
+        let join = self.join.flops(points) + self.output.flops(points);
+        self.conditioner.flops() + stages.sum::<u64>() + global.sum::<u64>() + join
+    }
+
+    fn pack(&self, _params: &[f32], _: Passes, (): &mut ()) {}
+
+    fn contexts<'a>(
         &self,
-        params: &[f32],
-        cloud: Cloud,
+        weights: Weights<'a, ()>,
+        cloud: Cloud<'a>,
+        _: Split<&'a [f32]>,
         tape: &'a mut PvcnnTape,
     ) -> (&'a [f32], &'a [f32]) {
+        let params = weights.params;
         let Cloud {
             time,
             condition,
@@ -245,7 +253,9 @@ impl PvcnnContext {
             .par_forward(weights, operands, activated, context);
         (context, global)
     }
+}
 
+impl PvcnnContext {
     /// Fills `concatenated` with `[f_1 | f_2 | f_3 | g]`.
     fn join(
         &self,

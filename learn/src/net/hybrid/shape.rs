@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::context::ContextNet;
+use super::context_kind::Context;
 use super::context_shape::{ContextLayers, ContextShape};
-use super::pvcnn::PvcnnLayers;
 use super::pvcnn_context::PvcnnContext;
 use crate::net::mlp::{Conditioner, MlpShape, Part, Trunk};
 use crate::net::parameters::{
@@ -51,58 +51,36 @@ impl HybridShape {
     pub(in crate::net) fn table(&self) -> Table {
         let mut table = Table::default();
         match self.context.layers {
-            ContextLayers::Residual => drop(self.declare(&mut table)),
-            ContextLayers::Pvcnn => drop(self.declare_pvcnn(&mut table)),
+            ContextLayers::Residual => drop(self.declare::<ContextNet>(&mut table)),
+            ContextLayers::Pvcnn => drop(self.declare::<PvcnnContext>(&mut table)),
         }
         table
     }
 
-    /// Adds the tensors of a network with [`ContextLayers::Pvcnn`] to `table`; returns its layers.
-    pub(in crate::net) fn declare_pvcnn(&self, table: &mut Table) -> PvcnnLayers {
+    /// Adds the tensors of a network with this kind of context to `table`; returns its layers.
+    pub(in crate::net) fn declare<C: Context>(&self, table: &mut Table) -> Layers<C> {
         let Self { head, context } = self;
         let (embedding, channels) = (head.embedding, head.channels.count());
         let inputs = head.point_inputs() + context.features;
         let initial = table.initial;
+        let (mut parts, context_films) = C::modulation(context, embedding, channels);
         let shift = initial.hidden(inputs + embedding);
-        let shift = Part::new("head.shift", head.width, shift);
-        let films = head.films("head.", initial);
-        let sizes = head.embedding_shape();
-        PvcnnLayers {
-            conditioner: Conditioner::declare(table, "", sizes, &[shift], &films),
-            trunk: head.declare_trunk(table, "head.", inputs),
-            context: PvcnnContext::declare(table, context, sizes, channels),
-        }
-    }
-
-    /// Adds the tensors of a network with [`ContextLayers::Residual`] to `table`; returns its layers.
-    pub(in crate::net) fn declare(&self, table: &mut Table) -> Layers {
-        let Self { head, context } = self;
-        let (embedding, channels) = (head.embedding, head.channels.count());
-        let inputs = head.point_inputs() + context.features;
-        let [global, shift] = context.parts(embedding, channels);
-        let initial = table.initial;
-        let head_shift = initial.hidden(inputs + embedding);
-        let head_shift = Part::new("head.shift", head.width, head_shift);
+        parts.push(Part::new("head.shift", head.width, shift));
         let mut films = head.films("head.", initial);
-        films.extend(context.films());
+        films.extend(context_films);
+        let sizes = head.embedding_shape();
         Layers {
-            conditioner: Conditioner::declare(
-                table,
-                "",
-                head.embedding_shape(),
-                &[global, shift, head_shift],
-                &films,
-            ),
+            conditioner: Conditioner::declare(table, "", sizes, &parts, &films),
             trunk: head.declare_trunk(table, "head.", inputs),
-            context: ContextNet::declare(table, context, embedding, channels),
+            context: C::declare(table, context, sizes, channels),
         }
     }
 }
 
 /// The network's layers, which know where their parameters lie.
 #[derive(Clone, Debug)]
-pub struct Layers {
+pub struct Layers<C> {
     pub conditioner: Conditioner,
     pub trunk: Trunk,
-    pub context: ContextNet,
+    pub context: C,
 }

@@ -3,12 +3,15 @@
 use rayon::iter::once;
 use rayon::prelude::*;
 
-use super::velocity::{CloudTape, Hybrid, Packed, Split};
+use super::context::{ContextInput, ContextNet};
+use super::context_kind::Split;
+use super::velocity::{CloudTape, Hybrid, Packed};
 use crate::net::kernels::float32::{add, reset};
 use crate::net::layers::Passes;
 use crate::net::mlp::{
-    Batch, ConditionerTape, Loss, PointPass, STRIPE, Share, add_gradients, divide,
+    Batch, Cloud, ConditionerTape, Loss, PointPass, STRIPE, Share, add_gradients, divide,
 };
+use crate::net::parameters::Parameters;
 
 /// Points per share of a cloud: fewer than of the MLP's batches of many clouds.
 const SHARE: usize = 1024;
@@ -26,7 +29,7 @@ const LARGE_CLOUD: u64 = 1 << 30;
 #[derive(Debug, Default)]
 pub struct HybridWorkspace {
     conditioner: ConditionerTape,
-    packed: Packed,
+    packed: Packed<ContextNet>,
     d_modulation: Vec<f32>,
     lanes: Vec<Lane>,
     /// Gradients of the lanes but the first, whose gradient becomes the batch's.
@@ -37,20 +40,19 @@ pub struct HybridWorkspace {
 #[derive(Debug)]
 struct Lane {
     shares: Vec<Share>,
-    tape: CloudTape,
+    tape: CloudTape<ContextNet>,
     squared_error: f64,
 }
 
 /// One cloud of a batch.
 struct CloudBatch<'a> {
-    time: f32,
+    cloud: Cloud<'a>,
     modulation: Split<&'a [f32]>,
-    points: &'a [f32],
     targets: &'a [f32],
     loss: Loss,
 }
 
-impl Hybrid {
+impl Hybrid<ContextNet> {
     /// Loss and gradient as [`Mlp::loss_and_gradient`](crate::net::mlp::Mlp::loss_and_gradient) has them.
     ///
     /// Small clouds run in parallel; large ones one after the other, the points and voxels of each in parallel. The result does
@@ -60,11 +62,12 @@ impl Hybrid {
     /// Where the batch holds no point or a slice's length does not fit the others or the network.
     pub fn loss_and_gradient(
         &self,
+        parameters: Parameters,
         batch: &Batch,
         workspace: &mut HybridWorkspace,
         gradient: &mut [f32],
     ) -> f64 {
-        let (head, params) = (self.shape.head, &self.params[..]);
+        let (head, params) = (self.shape.head, parameters.values);
         batch.check(
             head.condition_dim,
             head.channels,
@@ -80,7 +83,7 @@ impl Hybrid {
         let conditioner = &self.layers.conditioner;
         conditioner.forward(params, batch.times, batch.conditions, tape);
         reset(d_modulation, tape.modulation.len());
-        self.pack(Passes::Training, packed);
+        self.pack(parameters, Passes::Training, packed);
 
         let clouds = batch.clouds();
         let points = batch.points.len() / (clouds * head.channels.count());
@@ -96,7 +99,7 @@ impl Hybrid {
             gradient.resize(params.len(), 0.0);
             &mut gradient[..]
         });
-        let outputs = conditioner.outputs();
+        let (outputs, dim) = (conditioner.outputs(), head.condition_dim);
         let loss = batch.loss(head.channels);
         lanes
             .par_iter_mut()
@@ -113,13 +116,17 @@ impl Hybrid {
                     let k = index * per_lane + k;
                     let stride = points * head.channels.count();
                     let sample = CloudBatch {
-                        time: batch.times[k],
+                        cloud: Cloud {
+                            time: batch.times[k],
+                            condition: &batch.conditions[k * dim..(k + 1) * dim],
+                            points: &batch.points[k * stride..(k + 1) * stride],
+                        },
                         modulation: self.split(&tape.modulation[k * outputs..(k + 1) * outputs]),
-                        points: &batch.points[k * stride..(k + 1) * stride],
                         targets: &batch.targets[k * stride..(k + 1) * stride],
                         loss,
                     };
                     self.evaluate(
+                        parameters,
                         &sample,
                         packed,
                         lane,
@@ -145,8 +152,9 @@ impl Hybrid {
     /// Forward and backward pass of one cloud, whose squared error is added to the lane's.
     fn evaluate(
         &self,
+        parameters: Parameters,
         sample: &CloudBatch,
-        packed: &Packed,
+        packed: &Packed<ContextNet>,
         lane: &mut Lane,
         gradient: &mut [f32],
         d_modulation: Split<&mut [f32]>,
@@ -157,16 +165,19 @@ impl Hybrid {
             squared_error,
         } = lane;
         let (trunk, context) = (&self.layers.trunk, &self.layers.context);
-        self.fill_inputs(sample.time, &sample.modulation, sample.points, packed, tape);
+        let CloudBatch {
+            cloud, modulation, ..
+        } = *sample;
+        self.fill_inputs(parameters, cloud, modulation, packed, tape);
         let pass = PointPass {
             trunk,
-            weights: self.trunk_weights(packed),
+            weights: self.trunk_weights(parameters, packed),
             tapes: &self.tapes,
             loss: sample.loss,
         };
         shares.par_iter_mut().for_each(|share| {
             share.gradient.points.get_or_insert_default();
-            pass.run(sample.modulation.head, &tape.inputs, sample.targets, share);
+            pass.run(modulation.head, &tape.inputs, sample.targets, share);
         });
         let trunk_gradients = shares.iter().map(|share| &share.gradient.params[..]);
         add_gradients(trunk_gradients, &mut gradient[trunk.range.clone()]);
@@ -174,9 +185,9 @@ impl Hybrid {
             add(&share.gradient.modulation, d_modulation.head);
             *squared_error += share.squared_error;
         }
-        self.blend_backward(sample.time, shares, tape, d_modulation.global);
+        self.blend_backward(cloud.time, shares, tape, d_modulation.global);
         context.backward(
-            self.context_input(&sample.modulation, sample.points, packed),
+            ContextInput::new(self.context_weights(parameters, packed), cloud, modulation),
             &tape.d_context,
             &mut tape.context,
             gradient,
@@ -189,7 +200,7 @@ impl Hybrid {
         &self,
         time: f32,
         shares: &[Share],
-        tape: &mut CloudTape,
+        tape: &mut CloudTape<ContextNet>,
         d_global: &mut [f32],
     ) {
         let (own, features) = (self.shape.head.point_inputs(), d_global.len());

@@ -1,40 +1,34 @@
-//! The Hybrid: its parameters and velocities.
+//! The Hybrid: its layers and velocities.
 
-use rand_chacha::ChaCha8Rng;
-
-use super::context::{ContextInput, ContextTape, PackedContext};
-use super::context_shape::ContextShape;
+use super::context_kind::{Context, Split};
 use super::shape::{HybridShape, Layers};
-use crate::channels::Channels;
-use crate::flow::VelocityField;
 use crate::net::kernels::Precision;
 use crate::net::layers::{Passes, Weights};
-use crate::net::mlp::{ConditionerTape, PackedTrunk, TrunkTapes, point_inputs};
-use crate::net::parameters::{InitialWeights, NetworkShapeError, Table, require_precision};
+use crate::net::mlp::{Cloud, ConditionerTape, PackedTrunk, TrunkTapes, point_inputs};
+use crate::net::parameters::{Parameters, Table};
 use crate::pool::Pool;
 
-/// The paper's Hybrid velocity network (Sec. Method, Eqs. contextnet and time_gate): a cloud's points are seen together.
+/// The paper's Hybrid velocity network (Sec. Method, Eqs. contextnet and time_gate): a cloud's points are seen together, by a context
+/// network of the kind `C`.
 #[derive(Clone, Debug)]
-pub struct Hybrid {
+pub struct Hybrid<C: Context> {
     pub(super) shape: HybridShape,
-    precision: Precision,
-    pub(super) params: Vec<f32>,
-    pub(super) layers: Layers,
+    pub(super) layers: Layers<C>,
     pub(super) tapes: TrunkTapes,
-    clouds: Pool<(ConditionerTape, Packed, CloudTape)>,
+    clouds: Pool<(ConditionerTape, Packed<C>, CloudTape<C>)>,
 }
 
 /// The weights in tiles.
-#[derive(Debug, Default)]
-pub(super) struct Packed {
+#[derive(Debug)]
+pub(super) struct Packed<C: Context> {
     trunk: PackedTrunk,
-    context: PackedContext,
+    context: C::Packed,
 }
 
 /// Buffers of one cloud's passes.
 #[derive(Debug)]
-pub(super) struct CloudTape {
-    pub context: ContextTape,
+pub(super) struct CloudTape<C: Context> {
+    pub context: C::Tape,
     /// What the head takes of the points themselves, where that is more than their numbers.
     point_inputs: Vec<f32>,
     /// `[x | Fourier features | context]`, `(N, C + 6 K + F)`.
@@ -43,80 +37,24 @@ pub(super) struct CloudTape {
     pub d_context: Vec<f32>,
 }
 
-/// A cloud's modulation vector, or the gradient by it, in parts.
-pub(super) struct Split<T> {
-    pub global: T,
-    pub shift: T,
-    pub head: T,
-    pub films: T,
+impl<C: Context> Default for Packed<C> {
+    fn default() -> Self {
+        Self {
+            trunk: PackedTrunk::default(),
+            context: C::Packed::default(),
+        }
+    }
 }
 
-impl Hybrid {
-    /// A network with fresh parameters drawn from `rng`.
-    ///
-    /// # Errors
-    /// [`NetworkShapeError`] where `shape` is out of bounds.
-    pub fn new(
-        shape: HybridShape,
-        initial: InitialWeights,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Self, NetworkShapeError> {
-        shape.check()?;
-        let mut table = Table::starting(initial);
-        shape.declare(&mut table);
-        let params = table.initial_params(rng);
-        Self::from_params(shape, params)
-    }
-
-    /// A network with given parameters, in the order of [`HybridShape::tensors`].
-    ///
-    /// # Errors
-    /// [`NetworkShapeError`] where `shape` is out of bounds or `params` has another length than it needs.
-    pub fn from_params(shape: HybridShape, params: Vec<f32>) -> Result<Self, NetworkShapeError> {
-        shape.check()?;
-        let mut table = Table::default();
-        let layers = shape.declare(&mut table);
-        let (found, expected) = (params.len(), table.len());
-        if found != expected {
-            return Err(NetworkShapeError::ParameterCount { found, expected });
-        }
-        Ok(Self {
+impl<C: Context> Hybrid<C> {
+    /// Adds the tensors of a network of `shape` to `table`; returns its layers.
+    pub fn declare(shape: HybridShape, table: &mut Table) -> Self {
+        Self {
             shape,
-            precision: Precision::default(),
-            params,
-            layers,
+            layers: shape.declare(table),
             tapes: TrunkTapes::default(),
             clouds: Pool::default(),
-        })
-    }
-
-    /// The network's shape.
-    pub fn shape(&self) -> HybridShape {
-        self.shape
-    }
-
-    /// The flat parameter vector, in the order of [`HybridShape::tensors`].
-    pub fn params(&self) -> &[f32] {
-        &self.params
-    }
-
-    /// The flat parameter vector, to be changed in place.
-    pub fn params_mut(&mut self) -> &mut [f32] {
-        &mut self.params
-    }
-
-    /// Operand type of its products.
-    pub fn precision(&self) -> Precision {
-        self.precision
-    }
-
-    /// The same network with another operand type.
-    ///
-    /// # Errors
-    /// [`NetworkShapeError::Precision`] where its width does not suit it.
-    pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
-        require_precision(precision, self.shape.head.width)?;
-        Ok(Self { precision, ..self })
+        }
     }
 
     /// Floating-point operations of the velocities of a cloud of `points` points, products alone.
@@ -129,123 +67,19 @@ impl Hybrid {
         conditioner.flops() + trunk.flops(points) + context.flops(points)
     }
 
-    pub(super) fn cloud_tape(&self) -> CloudTape {
-        CloudTape {
-            context: self.layers.context.tape(),
-            point_inputs: Vec::new(),
-            inputs: Vec::new(),
-            d_context: Vec::new(),
-        }
-    }
-
-    /// Packs the weights, where the operand type is bfloat16.
-    pub(super) fn pack(&self, passes: Passes, packed: &mut Packed) {
-        if self.precision == Precision::Bfloat16 {
-            let Layers { trunk, context, .. } = &self.layers;
-            packed
-                .trunk
-                .set(trunk, &self.params[trunk.range.clone()], passes);
-            context.pack(&self.params, passes, &mut packed.context);
-        }
-    }
-
-    fn if_packed<'a, P>(&self, packed: &'a P) -> Option<&'a P> {
-        (self.precision == Precision::Bfloat16).then_some(packed)
-    }
-
-    pub(super) fn trunk_weights<'a>(&'a self, packed: &'a Packed) -> Weights<'a, PackedTrunk> {
-        Weights {
-            params: &self.params[self.layers.trunk.range.clone()],
-            packed: self.if_packed(&packed.trunk),
-        }
-    }
-
-    pub(super) fn context_input<'a>(
-        &'a self,
-        modulation: &Split<&'a [f32]>,
-        points: &'a [f32],
-        packed: &'a Packed,
-    ) -> ContextInput<'a> {
-        ContextInput {
-            weights: Weights {
-                params: &self.params,
-                packed: self.if_packed(&packed.context),
-            },
-            points,
-            shift: modulation.shift,
-            films: modulation.films,
-        }
-    }
-
-    /// Fills `tape.inputs` with `[x | Fourier features | C]`, `C = a(t) C_pv + (1 - a(t)) (W_g e + b_g)`: the cloud's context, blended with the
-    /// embedding's by the time gate.
-    pub(super) fn fill_inputs(
-        &self,
-        time: f32,
-        modulation: &Split<&[f32]>,
-        points: &[f32],
-        packed: &Packed,
-        tape: &mut CloudTape,
-    ) {
-        let input = self.context_input(modulation, points, packed);
-        self.layers.context.forward(input, &mut tape.context);
-        let weight = self.shape.context.gate.weight(time);
-        let contexts = (&tape.context.context[..], modulation.global);
-        let points = point_inputs(&self.shape.head, points, &mut tape.point_inputs);
-        blend(weight, points, contexts, &mut tape.inputs);
-    }
-
-    /// Ends of the modulation vector's parts: global context, context's shift, head.
-    pub(super) fn ends(&self) -> [usize; 3] {
-        let ContextShape {
-            features, stages, ..
-        } = self.shape.context;
-        let shift = features + stages[0].channels;
-        [features, shift, shift + self.layers.trunk.modulation_len()]
-    }
-
-    pub(super) fn split<'a>(&self, modulation: &'a [f32]) -> Split<&'a [f32]> {
-        let [global, shift, head] = self.ends();
-        Split {
-            global: &modulation[..global],
-            shift: &modulation[global..shift],
-            head: &modulation[shift..head],
-            films: &modulation[head..],
-        }
-    }
-}
-
-/// Fills `inputs` with `[x | C]`, `x` what the head takes of a point itself, `C = weight C_pv + (1 - weight) C_e`, from the points' contexts `(N, F)` and the embedding's
-/// `(F)`.
-pub fn blend(
-    weight: f32,
-    points: &[f32],
-    (contexts, global): (&[f32], &[f32]),
-    inputs: &mut Vec<f32>,
-) {
-    let count = contexts.len() / global.len();
-    let points = points.chunks_exact(points.len() / count);
-    inputs.clear();
-    for (point, context) in points.zip(contexts.chunks_exact(global.len())) {
-        inputs.extend_from_slice(point);
-        let blended = context.iter().zip(global);
-        inputs.extend(blended.map(|(c, g)| weight * c + (1.0 - weight) * g));
-    }
-}
-
-impl VelocityField for Hybrid {
-    fn channels(&self) -> Channels {
-        self.shape.head.channels
-    }
-
-    /// Points and voxels run in parallel; the result does not depend on the number of threads.
+    /// Velocities of a cloud's points. Points and voxels run in parallel; the result does not depend on the number of threads.
     ///
     /// # Panics
     /// Where a slice's length does not fit the others or the network.
-    fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]) {
+    pub fn velocity(&self, parameters: Parameters, cloud: Cloud, velocities: &mut [f32]) {
         let Layers {
             conditioner, trunk, ..
         } = &self.layers;
+        let Cloud {
+            time,
+            condition,
+            points,
+        } = cloud;
         let expected = self.shape.head.condition_dim;
         assert_eq!(condition.len(), expected, "condition dimension");
         assert_eq!(points.len(), velocities.len(), "one velocity per point");
@@ -259,18 +93,114 @@ impl VelocityField for Hybrid {
                 self.cloud_tape(),
             )
         };
-        self.clouds.with(create, |(tape, packed, cloud)| {
-            conditioner.forward(&self.params, &[t], condition, tape);
+        self.clouds.with(create, |(tape, packed, buffers)| {
+            conditioner.forward(parameters.values, &[time], condition, tape);
             let modulation = self.split(&tape.modulation);
-            self.pack(Passes::Forward, packed);
-            self.fill_inputs(t, &modulation, points, packed, cloud);
+            self.pack(parameters, Passes::Forward, packed);
+            self.fill_inputs(parameters, cloud, modulation, packed, buffers);
             trunk.velocities(
-                self.trunk_weights(packed),
+                self.trunk_weights(parameters, packed),
                 modulation.head,
-                &cloud.inputs,
+                &buffers.inputs,
                 &self.tapes,
                 velocities,
             );
         });
+    }
+
+    pub(super) fn cloud_tape(&self) -> CloudTape<C> {
+        CloudTape {
+            context: self.layers.context.tape(),
+            point_inputs: Vec::new(),
+            inputs: Vec::new(),
+            d_context: Vec::new(),
+        }
+    }
+
+    /// Packs the weights, where the operand type is bfloat16.
+    pub(super) fn pack(&self, parameters: Parameters, passes: Passes, packed: &mut Packed<C>) {
+        if parameters.precision == Precision::Bfloat16 {
+            let Layers { trunk, context, .. } = &self.layers;
+            let values = parameters.values;
+            packed
+                .trunk
+                .set(trunk, &values[trunk.range.clone()], passes);
+            context.pack(values, passes, &mut packed.context);
+        }
+    }
+
+    pub(super) fn trunk_weights<'a>(
+        &self,
+        parameters: Parameters<'a>,
+        packed: &'a Packed<C>,
+    ) -> Weights<'a, PackedTrunk> {
+        let range = self.layers.trunk.range.clone();
+        Weights {
+            params: &parameters.values[range],
+            packed: if_packed(parameters.precision, &packed.trunk),
+        }
+    }
+
+    pub(super) fn context_weights<'a>(
+        &self,
+        parameters: Parameters<'a>,
+        packed: &'a Packed<C>,
+    ) -> Weights<'a, C::Packed> {
+        Weights {
+            params: parameters.values,
+            packed: if_packed(parameters.precision, &packed.context),
+        }
+    }
+
+    /// Fills `tape.inputs` with `[x | Fourier features | C]`, `C = a(t) C_pv + (1 - a(t)) C_e`: the cloud's context, blended with
+    /// the embedding's by the time gate.
+    pub(super) fn fill_inputs(
+        &self,
+        parameters: Parameters,
+        cloud: Cloud,
+        modulation: Split<&[f32]>,
+        packed: &Packed<C>,
+        tape: &mut CloudTape<C>,
+    ) {
+        let weights = self.context_weights(parameters, packed);
+        let context = &self.layers.context;
+        let contexts = context.contexts(weights, cloud, modulation, &mut tape.context);
+        let weight = self.shape.context.gate.weight(cloud.time);
+        let points = point_inputs(&self.shape.head, cloud.points, &mut tape.point_inputs);
+        blend(weight, points, contexts, &mut tape.inputs);
+    }
+
+    /// Ends of the modulation vector's parts: global context, context's shift, head.
+    pub(super) fn ends(&self) -> [usize; 3] {
+        let [global, shift] = C::modulation_lengths(&self.shape.context);
+        let shift = global + shift;
+        [global, shift, shift + self.layers.trunk.modulation_len()]
+    }
+
+    pub(super) fn split<'a>(&self, modulation: &'a [f32]) -> Split<&'a [f32]> {
+        let [global, shift, head] = self.ends();
+        Split {
+            global: &modulation[..global],
+            shift: &modulation[global..shift],
+            head: &modulation[shift..head],
+            films: &modulation[head..],
+        }
+    }
+}
+
+fn if_packed<P>(precision: Precision, packed: &P) -> Option<&P> {
+    (precision == Precision::Bfloat16).then_some(packed)
+}
+
+/// Fills `inputs` with `[x | C]`, `x` what the head takes of a point itself, `C = weight C_pv + (1 - weight) C_e`, from the points' contexts `(N, F)` and the embedding's
+/// `(F)`.
+fn blend(weight: f32, points: &[f32], (contexts, global): (&[f32], &[f32]), inputs: &mut Vec<f32>) {
+    let count = contexts.len() / global.len();
+    let points = points.chunks_exact(points.len() / count);
+    inputs.clear();
+    for (point, context) in points.zip(contexts.chunks_exact(global.len())) {
+        inputs.extend_from_slice(point);
+        let blended = context.iter().zip(global);
+        inputs.extend(blended.map(|(c, g)| weight * c + (1.0 - weight) * g));
     }
 }

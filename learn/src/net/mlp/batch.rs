@@ -2,6 +2,15 @@
 
 use crate::channels::{Channels, DIM};
 
+/// A cloud at a flow time, under a condition, in normalised units.
+#[derive(Clone, Copy, Debug)]
+pub struct Cloud<'a> {
+    pub time: f32,
+    pub condition: &'a [f32],
+    /// `(N, C)`.
+    pub points: &'a [f32],
+}
+
 /// Clouds with flow times, in normalised units, and the velocities that the network should have there.
 #[derive(Clone, Copy, Debug)]
 pub struct Batch<'a> {

@@ -34,7 +34,7 @@ mod trunk_f32;
 mod trunk_tiles;
 mod velocity;
 
-pub use batch::{Batch, Loss};
+pub use batch::{Batch, Cloud, Loss};
 pub use conditioner::{Conditioner, ConditionerTape, EmbeddingShape, Film, Part};
 pub use point_features::point_inputs;
 pub use shape::MlpShape;

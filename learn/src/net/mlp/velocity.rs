@@ -1,9 +1,8 @@
-//! The MLP: its parameters, velocities, loss and gradient.
+//! The MLP: its layers, velocities, loss and gradient.
 
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::batch::Batch;
+use super::batch::{Batch, Cloud};
 use super::conditioner::{Conditioner, ConditionerTape};
 use super::point_features::point_inputs;
 use super::shape::MlpShape;
@@ -11,12 +10,10 @@ use super::shares::{PointPass, Share, add_gradients, divide};
 use super::trunk::Trunk;
 use super::trunk_bf16::PackedTrunk;
 use super::trunk_tiles::TrunkTapes;
-use crate::channels::Channels;
-use crate::flow::VelocityField;
 use crate::net::kernels::Precision;
 use crate::net::kernels::float32::{add, reset};
 use crate::net::layers::{Passes, Weights};
-use crate::net::parameters::{InitialWeights, NetworkShapeError, Table, require_precision};
+use crate::net::parameters::{Parameters, Table};
 use crate::pool::Pool;
 
 /// Tiles per share, the unit of parallel work. Fixed, so that sums are grouped alike for any number of threads.
@@ -26,8 +23,6 @@ const SHARE: usize = 8;
 #[derive(Clone, Debug)]
 pub struct Mlp {
     shape: MlpShape,
-    precision: Precision,
-    params: Vec<f32>,
     conditioner: Conditioner,
     trunk: Trunk,
     tapes: TrunkTapes,
@@ -54,75 +49,27 @@ pub struct MlpWorkspace {
 }
 
 impl Mlp {
-    /// A network with fresh parameters drawn from `rng`.
-    ///
-    /// # Errors
-    /// [`NetworkShapeError::Size`] where `shape` is out of bounds.
-    pub fn new(
-        shape: MlpShape,
-        initial: InitialWeights,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Self, NetworkShapeError> {
-        shape.check()?;
-        let mut table = Table::starting(initial);
-        shape.declare(&mut table);
-        let params = table.initial_params(rng);
-        Self::from_params(shape, params)
-    }
-
-    /// A network with given parameters, in the order of [`MlpShape::tensors`].
-    ///
-    /// # Errors
-    /// [`NetworkShapeError`] where `shape` is out of bounds or `params` has another length than it needs.
-    pub fn from_params(shape: MlpShape, params: Vec<f32>) -> Result<Self, NetworkShapeError> {
-        shape.check()?;
-        let mut table = Table::default();
-        let (conditioner, trunk) = shape.declare(&mut table);
-        let expected = table.len();
-        if params.len() != expected {
-            return Err(NetworkShapeError::ParameterCount {
-                found: params.len(),
-                expected,
-            });
-        }
-        Ok(Self {
+    /// Adds the tensors of a network of `shape` to `table`; returns its layers.
+    pub fn declare(shape: MlpShape, table: &mut Table) -> Self {
+        let (conditioner, trunk) = shape.declare(table);
+        Self {
+            shape,
             conditioner,
             trunk,
-            shape,
-            precision: Precision::default(),
-            params,
             tapes: TrunkTapes::default(),
             scratch: Pool::default(),
-        })
-    }
-
-    /// The network's shape.
-    pub fn shape(&self) -> MlpShape {
-        self.shape
-    }
-
-    /// Operand type of its products.
-    pub fn precision(&self) -> Precision {
-        self.precision
-    }
-
-    /// The same network with another operand type.
-    ///
-    /// # Errors
-    /// [`NetworkShapeError::Precision`] where its width does not suit it.
-    pub fn with_precision(self, precision: Precision) -> Result<Self, NetworkShapeError> {
-        require_precision(precision, self.shape.width)?;
-        Ok(Self { precision, ..self })
+        }
     }
 
     /// The trunk's weights, packed for `passes` where the operand type is bfloat16.
     fn trunk_weights<'a>(
-        &'a self,
+        &self,
+        parameters: Parameters<'a>,
         packed: &'a mut PackedTrunk,
         passes: Passes,
     ) -> Weights<'a, PackedTrunk> {
-        let params = &self.params[self.trunk.range.clone()];
-        let packed = match self.precision {
+        let params = &parameters.values[self.trunk.range.clone()];
+        let packed = match parameters.precision {
             Precision::Float32 => None,
             Precision::Bfloat16 => {
                 packed.set(&self.trunk, params, passes);
@@ -137,16 +84,6 @@ impl Mlp {
         self.conditioner.flops() + self.trunk.flops(points)
     }
 
-    /// The flat parameter vector, in the order of [`MlpShape::tensors`].
-    pub fn params(&self) -> &[f32] {
-        &self.params
-    }
-
-    /// The flat parameter vector, to be changed in place.
-    pub fn params_mut(&mut self) -> &mut [f32] {
-        &mut self.params
-    }
-
     /// Loss of `batch`, and its gradient by the parameters, written over `gradient`: the mean squared velocity error of all
     /// positions' components, plus the weighted one of the colours' ([`Loss`](super::batch::Loss)).
     ///
@@ -156,11 +93,12 @@ impl Mlp {
     /// Where the batch holds no point or a slice's length does not fit the others or the network.
     pub fn loss_and_gradient(
         &self,
+        parameters: Parameters,
         batch: &Batch,
         workspace: &mut MlpWorkspace,
         gradient: &mut [f32],
     ) -> f64 {
-        let (shape, params) = (self.shape(), self.params());
+        let (shape, params) = (self.shape, parameters.values);
         let sizes = [params.len(), gradient.len()];
         batch.check(shape.condition_dim, shape.channels, sizes);
         let MlpWorkspace {
@@ -176,7 +114,7 @@ impl Mlp {
         let (clouds, channels) = (batch.clouds(), shape.channels.count());
         let pass = PointPass {
             trunk: &self.trunk,
-            weights: self.trunk_weights(packed, Passes::Training),
+            weights: self.trunk_weights(parameters, packed, Passes::Training),
             tapes: &self.tapes,
             loss: batch.loss(shape.channels),
         };
@@ -209,29 +147,26 @@ impl Mlp {
         );
         shares.iter().map(|share| share.squared_error).sum::<f64>() / pass.loss.components as f64
     }
-}
 
-impl VelocityField for Mlp {
-    fn channels(&self) -> Channels {
-        self.shape.channels
-    }
-
-    /// Tiles of points run in parallel; the result does not depend on the number of threads.
+    /// Velocities of points. Tiles of them run in parallel; the result does not depend on the number of threads.
     ///
     /// # Panics
     /// Where a slice's length does not fit the others or the network.
-    fn velocity(&self, t: f32, condition: &[f32], points: &[f32], velocities: &mut [f32]) {
-        assert_eq!(
-            condition.len(),
-            self.shape.condition_dim,
-            "condition dimension"
-        );
+    pub fn velocity(&self, parameters: Parameters, cloud: Cloud, velocities: &mut [f32]) {
+        let Cloud {
+            time,
+            condition,
+            points,
+        } = cloud;
+        let expected = self.shape.condition_dim;
+        assert_eq!(condition.len(), expected, "condition dimension");
         assert_eq!(points.len(), velocities.len(), "one velocity per point");
         self.scratch.with(Default::default, |scratch| {
             let tape = &mut scratch.conditioner;
             self.conditioner
-                .forward(&self.params, &[t], condition, tape);
-            let weights = self.trunk_weights(&mut scratch.packed, Passes::Forward);
+                .forward(parameters.values, &[time], condition, tape);
+            let packed = &mut scratch.packed;
+            let weights = self.trunk_weights(parameters, packed, Passes::Forward);
             let inputs = point_inputs(&self.shape, points, &mut scratch.inputs);
             self.trunk
                 .velocities(weights, &tape.modulation, inputs, &self.tapes, velocities);

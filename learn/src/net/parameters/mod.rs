@@ -7,8 +7,18 @@
 mod error;
 mod table;
 
+use super::kernels::Precision;
+
 pub use error::{
     MAX_VOXEL_NUMBERS, NetworkShapeError, require_finite, require_parameters, require_precision,
     require_size,
 };
 pub use table::{Initial, InitialWeights, Table, TensorRole, TensorSpec, fan_in};
+
+/// The parameters of a network, and the operand type of its products.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameters<'a> {
+    /// In the order of the table.
+    pub values: &'a [f32],
+    pub precision: Precision,
+}
