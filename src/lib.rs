@@ -8,13 +8,15 @@
 //! ```
 //! use tdcr::learn::net::MlpShape;
 //! use tdcr::learn::train::TrainSettings;
+//! use tdcr::sim::robot::RobotSpec;
 //! use tdcr::pipeline::{CollectSettings, Silent, TrainingData, collect, train};
 //!
 //! # let folder = tempfile::tempdir()?;
 //! # let folder = folder.path();
 //! let (data, run) = (folder.join("data"), folder.join("run"));
-//! let settings = CollectSettings { count: 20, points: 1000, ..CollectSettings::default() };
-//! collect(&settings, &data, &Silent)?;
+//! let robot = RobotSpec::standard("2m").unwrap();
+//! let settings = CollectSettings { samples: 20, points: 1000, ..CollectSettings::default() };
+//! collect(&robot, &settings, &data, &Silent)?;
 //!
 //! // A toy: good shapes take thousands of steps, and a few minutes.
 //! let shape = MlpShape { width: 32, depth: 3, embedding: 32, ..MlpShape::default() };

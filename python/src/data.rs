@@ -5,12 +5,13 @@ use std::path::PathBuf;
 
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
-use tdcr::learn::data::{self, DataSet, Design, Meta, PayloadRange, Split, SplitSamples};
+use tdcr::learn::data::{self, DataSet, Meta, PayloadRange, Split, SplitSamples};
 use tdcr::pipeline::{self, CollectSettings};
 use tdcr::sim::render::{BaseVisibility, Sensor};
 
 use crate::arrays::array;
 use crate::errors::{Failure, Outcome, choice};
+use crate::options::options_of;
 use crate::robot::Robot;
 use crate::run;
 use crate::stage::Stage;
@@ -158,21 +159,6 @@ pub fn check_data(
     Ok(findings.iter().map(ToString::to_string).collect())
 }
 
-/// What a data set is made of, as `tdcr collect` asks for it.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct CollectOptions {
-    base: bool,
-    payload: Option<(f64, f64)>,
-    design: String,
-    samples: usize,
-    points: usize,
-    voxel: f64,
-    noise: Option<String>,
-    seed: u64,
-    part: Option<String>,
-}
-
 /// Makes a data set, or a part of one, in the folder `out`.
 #[pyfunction]
 #[pyo3(signature = (robot, out, options, progress = None))]
@@ -180,28 +166,17 @@ pub fn collect(
     py: Python<'_>,
     robot: &Robot,
     out: PathBuf,
-    options: CollectOptions,
+    options: &str,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> Outcome<()> {
-    let part = options.part.as_deref().map(str::parse).transpose()?;
-    let settings = CollectSettings {
-        robot: robot.0.spec().clone(),
-        base: visibility(options.base),
-        payload: options.payload.map(payload_range),
-        design: choice(
-            "design",
-            &options.design,
-            &Design::ALL.map(|design| (design.name(), design)),
-        )?,
-        count: options.samples,
-        points: options.points,
-        voxel_size: options.voxel,
-        sensor: sensor(options.noise.as_deref())?,
-        seed: options.seed,
-        part,
-    };
+    let settings: CollectSettings = options_of(options)?;
     run::long(py, progress, |watch| {
-        pipeline::collect(&settings, &out, &Stage::new(&["collect"], watch))
+        pipeline::collect(
+            robot.0.spec(),
+            &settings,
+            &out,
+            &Stage::new(&["collect"], watch),
+        )
     })??;
     Ok(())
 }

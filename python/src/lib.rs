@@ -47,6 +47,7 @@ mod inverse;
 mod loads;
 mod metrics;
 mod moving_robot;
+mod options;
 mod pages;
 mod predictor;
 mod recordings;

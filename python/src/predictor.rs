@@ -143,7 +143,7 @@ impl Predictor {
             ref sampler,
             prior_samples,
         } = options;
-        let sampler = sampler.settle(&self.model)?;
+        let sampler = sampler.resolve(&self.model)?;
         let (rows, dim) = (
             conditions.shape()[0],
             self.model.provenance.normalisation.motor_min.len(),
@@ -230,19 +230,19 @@ fn arrays<'py>(py: Python<'py>, found: &[Cloud], points: usize) -> Outcome<Cloud
 
 impl SamplerOptions {
     /// The sampler for a model.
-    pub fn settle(&self, model: &Model) -> Outcome<Sampler> {
+    pub fn resolve(&self, model: &Model) -> Outcome<Sampler> {
         let methods = Method::ALL.map(|method| (method.name(), method));
         let method = self.sampler.as_deref();
         let method = method.map(|name| choice("sampler", name, &methods));
         let plan = SamplerPlan {
-            method: method.transpose()?,
-            steps: self.sampler_steps,
-            power: self.sampler_power,
-            tolerance: self.sampler_tolerance,
-            denoise: self.sampler_denoise,
-            spare: self.sampler_spare,
+            sampler: method.transpose()?,
+            sampler_steps: self.sampler_steps,
+            sampler_power: self.sampler_power,
+            sampler_tolerance: self.sampler_tolerance,
+            sampler_denoise: self.sampler_denoise,
+            sampler_spare: self.sampler_spare,
         };
-        Ok(plan.settle(&model.settings)?)
+        Ok(plan.resolve(&model.settings)?)
     }
 }
 

@@ -11,13 +11,14 @@ use tdcr::hw::capture::{CaptureError, Fuser, Program};
 use tdcr::hw::rig::{
     Homing, Pace, Pictures, RigError, RigFile, WinchState, while_released as while_all_released,
 };
-use tdcr::pipeline::{self, CaptureLog, CaptureSettings, seen_tip};
+use tdcr::pipeline::{self, CaptureSettings, seen_tip};
 use tdcr::sim::cloud::{PointCloud, VoxelGrid};
 use tdcr::sim::robot::Command;
 
 use crate::dynamics::command_of;
 use crate::errors::{Failure, Outcome};
 use crate::hint;
+use crate::options::options_of;
 use crate::robot::Robot;
 use crate::run::{self, Watch};
 use crate::stage::Stage;
@@ -247,33 +248,15 @@ impl Rig {
     }
 
     /// Makes a data set, or goes on with it.
-    #[pyo3(signature = (out, commands, points, voxel, seed, sentinel_every, masks, log, progress = None))]
-    #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
+    #[pyo3(signature = (out, options, progress = None))]
     fn capture(
         &self,
         py: Python<'_>,
         out: PathBuf,
-        commands: usize,
-        points: usize,
-        voxel: f64,
-        seed: u64,
-        sentinel_every: usize,
-        masks: Option<PathBuf>,
-        log: bool,
+        options: &str,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> Outcome<String> {
-        let settings = CaptureSettings {
-            count: commands,
-            points,
-            voxel_size: voxel,
-            seed,
-            sentinel_every,
-            masks,
-            log: match log {
-                true => CaptureLog::Written,
-                false => CaptureLog::Omitted,
-            },
-        };
+        let settings: CaptureSettings = options_of(options)?;
         let rig = &self.0;
         let report = run::long(py, progress, |watch| -> Outcome<_> {
             let monitor = Stage::new(&["capture"], watch);

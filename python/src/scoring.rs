@@ -13,23 +13,11 @@ use tdcr::pipeline::{
 use crate::arrays::contiguous;
 use crate::data::visibility;
 use crate::errors::{Failure, Outcome, choice};
+use crate::options::options_of;
 use crate::predictor::{Predictor, SamplerOptions};
 use crate::robot::Robot;
 use crate::run;
 use crate::stage::Stage;
-
-/// How clouds are scored, as `tdcr eval` asks for it.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct ScoringOptions {
-    points: Option<usize>,
-    emd_points: Option<usize>,
-    tests: Option<usize>,
-    seed: u64,
-    worst: usize,
-    /// What is scored, as a page on it calls it; `None` for no page.
-    report: Option<String>,
-}
 
 /// What is scored.
 #[derive(FromPyObject)]
@@ -49,24 +37,21 @@ pub enum Scored<'py> {
 /// Scores clouds on the test commands of the data set in the folder `data`: what `tdcr eval --json` says, and the page where one
 /// is asked for.
 #[pyfunction]
-#[pyo3(signature = (scored, data, options, progress = None))]
+#[pyo3(signature = (scored, data, options, worst, report, progress = None))]
 pub fn evaluate(
     py: Python<'_>,
     scored: Scored<'_>,
     data: PathBuf,
-    options: ScoringOptions,
+    options: &str,
+    worst: usize,
+    report: Option<String>,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> Outcome<(String, Option<String>)> {
-    let settings = EvalSettings {
-        points: options.points,
-        emd_points: options.emd_points,
-        tests: options.tests,
-        seed: options.seed,
-    };
+    let settings: EvalSettings = options_of(options)?;
     let (model, clouds) = match scored {
         Scored::Model(predictor, sampler) => {
             let model = predictor.model.clone();
-            let sampler = sampler.settle(&model)?;
+            let sampler = sampler.resolve(&model)?;
             (Some((model, sampler)), None)
         }
         Scored::Clouds(points, colors, commands) => {
@@ -88,8 +73,8 @@ pub fn evaluate(
         }?;
         let evaluation = evaluator.run(None, &Stage::new(&["evaluate"], watch))?;
         let scored = model.as_ref().map(|(model, _)| &**model);
-        let results = Results::new(&evaluator, &evaluation, scored, options.worst);
-        let page = options.report.as_deref().map(|name| {
+        let results = Results::new(&evaluator, &evaluation, scored, worst);
+        let page = report.as_deref().map(|name| {
             let evaluated = match &model {
                 Some((model, sampler)) => Evaluated::Model {
                     file: Path::new(name),

@@ -15,9 +15,9 @@ use tdcr::pipeline;
 
 use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome, choice, text};
+use crate::options::options_of;
 use crate::run;
 use crate::stream::read_reduction;
-use crate::training::train_options_of;
 
 /// Conditions (B, D), points (B, N, 3) and, where they are wanted, colours (B, N, 3), and the provenance as JSON.
 type CloudArrays<'py> = (
@@ -46,7 +46,7 @@ pub fn presets() -> Outcome<String> {
 #[pyfunction]
 #[pyo3(signature = (options, clouds_in_set = None))]
 pub fn resolve_training(options: &str, clouds_in_set: Option<usize>) -> Outcome<(String, String)> {
-    let asked = train_options_of(options)?;
+    let asked = options_of::<TrainOptions>(options)?;
     let options = TrainOptions {
         refinement_steps: Some(0),
         precision: Some(asked.precision.unwrap_or_default()),

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use numpy::PyArray1;
 use pyo3::prelude::*;
-use serde_json::Value;
 use tdcr::learn::data::{Recipe, StreamSpec, Subject};
 use tdcr::learn::net::Precision;
 use tdcr::learn::options::{self, Resolved, TrainOptions};
@@ -14,6 +13,7 @@ use tdcr::pipeline::{self, StreamSettings, Trained, TrainingData};
 
 use crate::data::{payload_range, sensor, visibility};
 use crate::errors::{Failure, Outcome, choice, text};
+use crate::options::options_of;
 use crate::predictor::named_precision;
 use crate::robot::Robot;
 use crate::run;
@@ -31,14 +31,6 @@ type Run<'py> = (
 #[pyfunction]
 pub fn train_options() -> Outcome<String> {
     text(serde_json::to_string(&options::cli::options()))
-}
-
-/// Options of a run from JSON, by their names.
-pub fn train_options_of(asked: &str) -> Outcome<TrainOptions> {
-    let refuse = |error: serde_json::Error| Failure::input(error.to_string());
-    // Of a value, an error has no line and column.
-    let asked: Value = serde_json::from_str(asked).map_err(refuse)?;
-    serde_json::from_value(asked).map_err(refuse)
 }
 
 /// The use of symmetries of this name.
@@ -118,7 +110,7 @@ pub fn train<'py>(
     surface_prior: Option<PyRef<'py, Robot>>,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> Outcome<Run<'py>> {
-    let mut options = train_options_of(options)?;
+    let mut options = options_of::<TrainOptions>(options)?;
     options.surface_prior = surface_prior.map(|robot| robot.0.spec().clone().into());
     options.check()?;
     let data = source.data(&options)?;

@@ -486,7 +486,7 @@ class Dataset:
     def read(self, split: int, start: int, stop: int, progress: _Progress = None) -> tuple[_Floats32, _Floats32, _Bytes]: ...
 
 def check_data(path: str, progress: _Progress = None) -> list[str]: ...
-def collect(robot: Robot, out: str, options: dict[str, Any], progress: _Progress = None) -> None: ...
+def collect(robot: Robot, out: str, options: str, progress: _Progress = None) -> None: ...
 def merge(parts: list[str], out: str, progress: _Progress = None) -> None: ...
 
 @final
@@ -518,7 +518,14 @@ def distill(
     options: dict[str, Any],
     progress: _Progress = None,
 ) -> _Run: ...
-def evaluate(scored: Any, data: str, options: dict[str, Any], progress: _Progress = None) -> tuple[str, str | None]: ...
+def evaluate(
+    scored: Any,
+    data: str,
+    options: str,
+    worst: int,
+    report: str | None,
+    progress: _Progress = None,
+) -> tuple[str, str | None]: ...
 def compare(
     a: str,
     b: str | None,
@@ -580,13 +587,7 @@ class Rig:
     def capture(
         self,
         out: str,
-        commands: int,
-        points: int,
-        voxel: float,
-        seed: int,
-        sentinel_every: int,
-        masks: str | None,
-        log: bool,
+        options: str,
         progress: _Progress = None,
     ) -> str: ...
 

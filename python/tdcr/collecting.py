@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -67,7 +68,7 @@ def collect(
         "seed": as_seed(seed),
         "part": maybe_text(part, "part"),
     }
-    _tdcr.collect(Robot(robot)._native, as_path(out, "out"), options, progress=progress)
+    _tdcr.collect(Robot(robot)._native, as_path(out, "out"), json.dumps(options), progress=progress)
     return None if part is not None else Dataset(out)
 
 

@@ -382,14 +382,16 @@ class Rig:
             RigError: After the tension was released, with the reason.
             DataError: For a folder that holds something else, or cannot be written.
         """
-        count, many = as_count(commands, "commands"), as_count(points, "points", 1, MOST)
-        every = as_count(sentinel_every, "sentinel_every", 1)
-        size, folder = as_number(voxel, "voxel"), as_path(masks, "masks") if masks is not None else None
-        report = json.loads(
-            self._native.capture(
-                as_path(out, "out"), count, many, size, as_seed(seed), every, folder, as_flag(log, "log"), progress=progress
-            )
-        )
+        options = {
+            "commands": as_count(commands, "commands"),
+            "points": as_count(points, "points", 1, MOST),
+            "voxel": as_number(voxel, "voxel"),
+            "seed": as_seed(seed),
+            "sentinel_every": as_count(sentinel_every, "sentinel_every", 1),
+            "masks": as_path(masks, "masks") if masks is not None else None,
+            "no_log": not as_flag(log, "log"),
+        }
+        report = json.loads(self._native.capture(as_path(out, "out"), json.dumps(options), progress=progress))
         known = {name: report[name] for name in CaptureReport.__dataclass_fields__ if name not in ("data", "log")}
         written = Path(report["log"]) if report["log"] is not None else None
         return CaptureReport(data=Dataset(out), log=written, **known)

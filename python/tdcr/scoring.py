@@ -111,11 +111,12 @@ def evaluate(
         "emd_points": maybe_count(emd_points, "emd_points"),
         "tests": None if tests is None else as_count(tests, "tests"),
         "seed": as_seed(seed),
-        "worst": as_count(worst, "worst"),
-        "report": None if report is None else name,
     }
+    listed = as_count(worst, "worst")
     page = None if report is None else as_file(report, "report", ".html")
-    text, html = _tdcr.evaluate(scored, folder_of(data), options, progress=progress)
+    text, html = _tdcr.evaluate(
+        scored, folder_of(data), json.dumps(options), listed, None if page is None else name, progress=progress
+    )
     if page is not None and html is not None:
         write_whole(page, html.encode())
     results: dict[str, Any] = json.loads(text)

@@ -7,7 +7,7 @@ use serde::Serialize;
 use tdcr::hw::capture::Program;
 use tdcr::hw::rig::{Pace, Rig, RigFile};
 use tdcr::learn::data::split_indices;
-use tdcr::pipeline::{CaptureLog, CaptureReport, CaptureSettings, Monitor, capture};
+use tdcr::pipeline::{CaptureReport, CaptureSettings, Monitor, capture};
 use tdcr::report::counted;
 
 use super::console::{Console, Interrupted};
@@ -25,28 +25,8 @@ pub(super) struct CaptureArgs {
     /// File of the rig
     #[arg(long, value_name = "FILE")]
     rig: PathBuf,
-    /// Number of commands, split 80/10/10 into train, val and test; of fewer than 10 one tests and one validates, as far as they go
-    #[arg(long, default_value_t = CaptureSettings::default().count, value_name = "N", value_parser = super::amount)]
-    commands: usize,
-    /// Points per cloud
-    #[arg(long, default_value_t = CaptureSettings::default().points, value_name = "N", value_parser = super::amount)]
-    points: usize,
-    /// Edge of the voxels that thin the fused clouds (m)
-    #[arg(long, default_value_t = CaptureSettings::default().voxel_size, value_name = "M", value_parser = super::positive, allow_hyphen_values = true)]
-    voxel: f64,
-    /// Seed of commands, samples and splits
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// Look at the robot in its home pose after so many samples, and say how far it drifts
-    #[arg(long, default_value_t = CaptureSettings::default().sentinel_every, value_name = "N", value_parser = super::amount)]
-    sentinel_every: usize,
-    /// Folder of masks that another program has written, DIR/camera0/000000.png and so on: they make the clouds, in place of
-    /// the masks of the rig's file
-    #[arg(long, value_name = "DIR")]
-    masks: Option<PathBuf>,
-    /// Write no log. Else DIR/log.mcap has all that servos and cameras did, log-2.mcap where the capture is resumed
-    #[arg(long)]
-    no_log: bool,
+    #[command(flatten)]
+    settings: CaptureSettings,
     /// Print what would move, and touch nothing
     #[arg(long)]
     dry_run: bool,
@@ -86,34 +66,23 @@ struct Rehearsal {
 
 pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
     super::output::folder("--out", &args.out, "a folder for the data set")?;
-    let splits = split_indices(args.commands, args.seed)?;
+    let settings = &args.settings;
+    let splits = split_indices(settings.commands, settings.seed)?;
     let file = super::load_rig(&args.rig)?;
     if args.dry_run {
-        return rehearse(&file, args, console);
+        return rehearse(&file, settings, console);
     }
-    if splits.val.is_empty() || splits.test.is_empty() || args.commands < FEW {
+    if splits.val.is_empty() || splits.test.is_empty() || settings.commands < FEW {
         tracing::warn!(
             "{}: {} train, {} val, {} test; {FEW} or more are split 80/10/10, and the same command with more adds to the set",
-            counted(args.commands, "sample"),
+            counted(settings.commands, "sample"),
             splits.train.len(),
             splits.val.len(),
             splits.test.len()
         );
     }
-    let settings = CaptureSettings {
-        count: args.commands,
-        points: args.points,
-        voxel_size: args.voxel,
-        seed: args.seed,
-        sentinel_every: args.sentinel_every,
-        masks: args.masks.clone(),
-        log: match args.no_log {
-            true => CaptureLog::Omitted,
-            false => CaptureLog::Written,
-        },
-    };
     let mut rig = Rig::open_file(file, Pace::Computed)?;
-    let report = capture(&mut rig, &settings, &args.out, console)?;
+    let report = capture(&mut rig, settings, &args.out, console)?;
     let summary = Summary {
         dir: &args.out,
         rig: &rig.spec().name,
@@ -142,14 +111,14 @@ pub(super) fn run(args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
 }
 
 /// Tells what would move, command by command, in memory that does not grow with their number.
-fn rehearse(file: &RigFile, args: &CaptureArgs, console: &Console) -> anyhow::Result<()> {
-    let mut program = Program::new(file, args.seed)?;
+fn rehearse(file: &RigFile, settings: &CaptureSettings, console: &Console) -> anyhow::Result<()> {
+    let mut program = Program::new(file, settings.seed)?;
     let mut at = program.rest().clone();
     let mut ranges = vec![[0, 0]; file.spec.servos.ids.len()];
     let mut steps = 0;
-    console.begin("dry run", args.commands as u64, 0);
+    console.begin("dry run", settings.commands as u64, 0);
     console.part(&head(&file.spec.name, console)?)?;
-    for index in 0..args.commands {
+    for index in 0..settings.commands {
         if console.interrupted() {
             return Err(Interrupted.into());
         }
@@ -173,7 +142,7 @@ fn rehearse(file: &RigFile, args: &CaptureArgs, console: &Console) -> anyhow::Re
         console.part(&told.text(console)?)?;
         at = drawn.shape;
         console.advance(1);
-        if (index + 1) % (args.commands / 10).max(100) == 0 {
+        if (index + 1) % (settings.commands / 10).max(100) == 0 {
             console.note(&format!(
                 "{} s of motion",
                 (steps as f64 * file.spec.motion.period).round()

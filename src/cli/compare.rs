@@ -9,6 +9,7 @@ use tdcr::learn::data::Split;
 use tdcr::pages::comparison_page;
 use tdcr::pipeline::{
     CompareSettings, Comparer, Comparison, Configuration, Counterpart, Pairing, Place, Spread,
+    visibility,
 };
 
 use super::console::Console;
@@ -122,7 +123,7 @@ pub(super) fn run(args: &CompareArgs, console: &Console) -> anyhow::Result<()> {
         Some(b) => Counterpart::Set(b),
         None => Counterpart::Simulator {
             robot: robot.as_ref(),
-            base: super::visibility(args.base),
+            base: visibility(args.base),
         },
     };
     let comparer =

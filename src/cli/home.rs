@@ -113,7 +113,7 @@ pub(super) fn run(args: &HomeArgs, console: &Console) -> anyhow::Result<()> {
 fn check(rig: &mut Rig, console: &Console) -> anyhow::Result<Vec<f64>> {
     let settings = SessionSettings {
         seed: 0,
-        voxel_size: CaptureSettings::default().voxel_size,
+        voxel_size: CaptureSettings::default().voxel,
         masks: None,
     };
     let mut go_on = || console.go_on();

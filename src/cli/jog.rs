@@ -125,7 +125,7 @@ fn obey(
 ) -> anyhow::Result<()> {
     let settings = SessionSettings {
         seed: 0,
-        voxel_size: CaptureSettings::default().voxel_size,
+        voxel_size: CaptureSettings::default().voxel,
         masks: None,
     };
     let mut go_on = || console.go_on();

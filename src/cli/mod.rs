@@ -50,21 +50,19 @@ use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
 use clap::builder::TypedValueParser;
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, Parser, Subcommand};
 use tdcr::hw::capture::CaptureError;
 use tdcr::hw::rig::{RigError, RigFile};
 use tdcr::learn::data::Subject;
-use tdcr::learn::flow::{Method, Sampler};
 use tdcr::learn::net::Precision;
 use tdcr::learn::options;
-use tdcr::learn::options::cli::named;
+use tdcr::learn::options::cli::{amount, named, positive};
 use tdcr::learn::symmetry::SymmetryUse;
-use tdcr::learn::train::{Model, TrainSettings};
+use tdcr::learn::train::Model;
 use tdcr::pages::PageError;
-use tdcr::pipeline::{PipelineError, SamplerPlan};
+use tdcr::pipeline::PipelineError;
 use tdcr::report::counted;
 use tdcr::sim::formats::Note;
-use tdcr::sim::render::{BaseVisibility, Sensor};
 use tdcr::sim::robot::{self, Robot, RobotSpec};
 use tdcr::study::StudyError;
 use tracing_subscriber::filter::LevelFilter;
@@ -170,47 +168,6 @@ fn command_of(
     Ok(robot.command(given.unwrap_or_default())?)
 }
 
-/// How the network's flow is integrated.
-#[derive(Debug, Args)]
-struct SamplerArgs {
-    /// Integration method: heun evaluates the network twice per step, the others once [default: the model's own]
-    #[arg(long, value_parser = method())]
-    sampler: Option<Method>,
-    /// Number of steps; with a tolerance, the largest number of steps [default: the model's own; 200 with a tolerance]
-    #[arg(long, value_name = "N")]
-    sampler_steps: Option<usize>,
-    /// Exponent p of the time grid 1 - (1 - k/n)^p; 1 is uniform, as in the paper [default: the model's own]
-    #[arg(long, value_name = "P")]
-    sampler_power: Option<f32>,
-    /// Adaptive steps with this local error tolerance, relative to the data's extent (for adams-bashforth, exponential and
-    /// exponential3)
-    #[arg(long, value_name = "TOL", conflicts_with = "sampler_power")]
-    sampler_tolerance: Option<f32>,
-    /// Flow time T, below 1, of a last evaluation that takes the points to the data predicted there; 1: no such evaluation.
-    /// A refined model makes it by a network of its own at its own time, at others by the flow's network [default: the model's own]
-    #[arg(long, value_name = "T")]
-    sampler_denoise: Option<f32>,
-    /// Points to draw beyond those asked for, as a share of these; isolated and crowded ones are left out [default: the model's
-    /// own]
-    #[arg(long, value_name = "SHARE")]
-    sampler_spare: Option<f32>,
-}
-
-impl SamplerArgs {
-    /// The sampler for a model trained with `settings`.
-    fn sampler(&self, settings: &TrainSettings) -> anyhow::Result<Sampler> {
-        let plan = SamplerPlan {
-            method: self.sampler,
-            steps: self.sampler_steps,
-            power: self.sampler_power,
-            tolerance: self.sampler_tolerance,
-            denoise: self.sampler_denoise,
-            spare: self.sampler_spare,
-        };
-        Ok(plan.settle(settings)?)
-    }
-}
-
 /// Operand type of a network's matrix products.
 #[derive(Debug, Args)]
 struct PrecisionArgs {
@@ -228,11 +185,6 @@ impl PrecisionArgs {
 /// Parses the name of a precision.
 fn precision() -> impl TypedValueParser<Value = Precision> {
     named(Precision::ALL, Precision::name)
-}
-
-/// Parses the name of a method.
-fn method() -> impl TypedValueParser<Value = Method> {
-    named(Method::ALL, Method::name)
 }
 
 /// Exit status after an interruption, as shells report SIGINT.
@@ -392,29 +344,6 @@ fn load_model(file: &Path) -> anyhow::Result<Model> {
     Ok(Model::load(file)?)
 }
 
-/// Cameras whose noise can be simulated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Noise {
-    /// Intel RealSense D435
-    D435,
-}
-
-impl Noise {
-    fn sensor(self) -> Sensor {
-        match self {
-            Self::D435 => Sensor::d435(),
-        }
-    }
-}
-
-/// Whether the base is in view, from a flag.
-fn visibility(base: bool) -> BaseVisibility {
-    match base {
-        true => BaseVisibility::Shown,
-        false => BaseVisibility::Hidden,
-    }
-}
-
 /// Largest number of threads per processor: more would only wait, and each needs its own memory.
 const THREADS_PER_PROCESSOR: usize = 4;
 
@@ -445,23 +374,7 @@ fn numbers(text: &str) -> Result<Box<[f64]>, String> {
     text.split(',').map(number).collect()
 }
 
-/// Parses a number of samples, points or the like.
-fn amount(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(number) if (1..=10_000_000).contains(&number) => Ok(number),
-        _ => Err("expected a whole number, 1 to 10000000".to_owned()),
-    }
-}
-
 /// Parses whether symmetries are used.
 fn symmetry_use() -> impl TypedValueParser<Value = SymmetryUse> {
     named(SymmetryUse::ALL, SymmetryUse::name)
-}
-
-/// Parses a finite number above 0.
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(number) if f64::is_finite(number) && number > 0.0 => Ok(number),
-        _ => Err("expected a finite number above 0".to_owned()),
-    }
 }

@@ -9,7 +9,7 @@ use serde::Serialize;
 use tdcr::learn::data::{NpzArray, NpzRows, NpzValues, OutOfRange, write_npz};
 use tdcr::learn::predict::Prediction;
 use tdcr::learn::train::Model;
-use tdcr::pipeline::{Monitor, Quantiles};
+use tdcr::pipeline::{Monitor, Quantiles, SamplerPlan};
 use tdcr::report::counted;
 use tdcr::sim::cloud::{PlyError, PointCloud, PointProperty, write_ply_with};
 use tdcr::sim::robot::{Loads, Robot};
@@ -17,7 +17,7 @@ use tdcr::sim::robot::{Loads, Robot};
 use super::commands::read_commands;
 use super::console::{Console, Interrupted};
 use super::picture::{PictureArg, of_clouds};
-use super::{PrecisionArgs, SamplerArgs, output};
+use super::{PrecisionArgs, output};
 
 /// Predict the clouds of a settled robot for one command or many, and write them as PLY or NPZ
 #[derive(Debug, Args)]
@@ -46,7 +46,7 @@ pub(super) struct PredictArgs {
     #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = super::amount)]
     points: usize,
     #[command(flatten)]
-    sampler: SamplerArgs,
+    sampler: SamplerPlan,
     #[command(flatten)]
     precision: PrecisionArgs,
     /// Seed of the noise that every cloud starts from
@@ -250,7 +250,7 @@ fn predict(
     file: &Path,
     name: &str,
 ) -> anyhow::Result<(Cloud, Predicted)> {
-    let sampler = args.sampler.sampler(&model.settings)?;
+    let sampler = args.sampler.resolve(&model.settings)?;
     let out_of_range = model.provenance.normalisation.out_of_range(condition)?;
     for OutOfRange {
         index,

@@ -6,6 +6,7 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tdcr::learn::data::{NpzArray, NpzValues, write_npy};
+use tdcr::pipeline::Noise;
 use tdcr::report::counted;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
@@ -37,7 +38,7 @@ pub(super) struct RenderArgs {
     show: Vec<Extra>,
     /// Simulate the noise of a real depth camera
     #[arg(long, value_enum)]
-    noise: Option<super::Noise>,
+    noise: Option<Noise>,
     /// Seed of the faults
     #[arg(long, default_value_t = 0, requires = "noise")]
     seed: u64,
@@ -127,7 +128,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     if args.show.contains(&Extra::Tendons) {
         scene.add_tendons(&robot, &equilibrium);
     }
-    let sensor = args.noise.map(super::Noise::sensor);
+    let sensor = args.noise.map(Noise::sensor);
     let frames = see(
         &scene,
         &Camera::placed(&robot.spec().cameras),

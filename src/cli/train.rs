@@ -9,7 +9,9 @@ use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subjec
 use tdcr::learn::net::{Precision, Processor};
 use tdcr::learn::options::{OptionsError, Resolved, RobotChoice, TrainOptions};
 use tdcr::learn::train::Model;
-use tdcr::pipeline::{StreamSettings, TrainingData, model_path, train};
+use tdcr::pipeline::{
+    Noise, StreamSettings, TrainingData, model_path, payload_range, train, visibility,
+};
 
 use super::console::Console;
 
@@ -41,7 +43,7 @@ struct StreamArgs {
     #[arg(long, requires = "stream")]
     base: bool,
     /// Payloads of the stream (kg)
-    #[arg(long, value_name = "MIN:MAX", value_parser = super::collect::payload_range, requires = "stream", allow_hyphen_values = true)]
+    #[arg(long, value_name = "MIN:MAX", value_parser = payload_range, requires = "stream", allow_hyphen_values = true)]
     payload: Option<PayloadRange>,
     /// Points per cloud of the stream
     #[arg(long, default_value_t = StreamSpec::default().points, value_name = "N", value_parser = super::amount, requires = "stream")]
@@ -51,7 +53,7 @@ struct StreamArgs {
     voxel: f64,
     /// Simulate the noise of a real depth camera in the stream's clouds
     #[arg(long, value_enum, requires = "stream")]
-    noise: Option<super::Noise>,
+    noise: Option<Noise>,
     /// Clouds of the stream that a step draws from
     #[arg(long, default_value_t = StreamSettings::default().window, value_name = "N", value_parser = super::amount, requires = "stream")]
     window: usize,
@@ -107,13 +109,13 @@ fn training_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
     } = args.stream;
     let subject = Subject {
         robot: super::load_robot(robot)?,
-        base: super::visibility(base),
+        base: visibility(base),
         payload,
     };
     let recipe = Recipe {
         subject,
         voxel_size: voxel,
-        sensor: noise.map(super::Noise::sensor),
+        sensor: noise.map(Noise::sensor),
     };
     Ok(TrainingData::Stream(Box::new(StreamSettings {
         spec: StreamSpec {

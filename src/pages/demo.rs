@@ -7,12 +7,13 @@ use std::time::Instant;
 
 use serde::Serialize;
 use tdcr_base::files::{LARGEST_TEXT, read_text};
-use tdcr_learn::data::{DataSet, Split, split_indices};
+use tdcr_learn::data::{DataSet, Recipe, Split, split_indices};
 use tdcr_learn::flow::Sampler;
 use tdcr_learn::net::{MlpShape, Precision};
 use tdcr_learn::options::{DataFacts, Resolved, TrainOptions};
 use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{FlowPredictor, TrainError, TrainSettings};
+use tdcr_sim::robot::RobotSpec;
 
 use super::{PageError, evaluation as page, write};
 use crate::pipeline::{
@@ -89,12 +90,15 @@ pub fn demo(settings: &DemoSettings, out: &Path, monitor: &dyn Monitor) -> Resul
     let mut clock = StageClock::open(out.join("stages.json"));
 
     let collecting = CollectSettings {
-        count: settings.samples,
+        samples: settings.samples,
         seed: settings.seed,
         ..CollectSettings::default()
     };
+    let robot = Recipe::default().subject.robot;
     require_as_many(&data, settings.samples)?;
-    clock.time("collect", || collect(&collecting, &data, monitor).map(drop))?;
+    clock.time("collect", || {
+        collect(&robot, &collecting, &data, monitor).map(drop)
+    })?;
 
     let options = TrainOptions {
         steps: Some(settings.steps),
@@ -143,7 +147,13 @@ pub fn demo(settings: &DemoSettings, out: &Path, monitor: &dyn Monitor) -> Resul
     let report = Report {
         examples,
         per_test: Some(per_test),
-        ..report(settings, &collecting, &trained, &evaluation, &metrics)?
+        ..report(
+            settings,
+            (&robot, &collecting),
+            &trained,
+            &evaluation,
+            &metrics,
+        )?
     };
     let sheet = contact_sheet_examples(&report.examples);
     let page = out.join("report.html");
@@ -241,7 +251,7 @@ fn contact_sheet_examples(examples: &[Example]) -> Vec<Example> {
 
 fn report(
     demo: &DemoSettings,
-    settings: &CollectSettings,
+    (robot, settings): (&RobotSpec, &CollectSettings),
     trained: &Trained,
     evaluation: &Evaluation,
     metrics: &DemoMetrics,
@@ -258,22 +268,19 @@ fn report(
         summary: vec![
             (
                 "Robot".to_owned(),
-                format!("{} of the paper, without base", settings.robot.name),
+                format!("{} of the paper, without base", robot.name),
             ),
             (
                 "Commands".to_owned(),
                 format!("{train_count} train, {val_count} validation, {test_count} test"),
             ),
-            (
-                "Cameras".to_owned(),
-                settings.robot.cameras.count().to_string(),
-            ),
+            ("Cameras".to_owned(), robot.cameras.count().to_string()),
             (
                 "Points per cloud".to_owned(),
                 format!(
                     "{}, from {} mm voxels",
                     settings.points,
-                    settings.voxel_size * 1e3
+                    settings.voxel * 1e3
                 ),
             ),
             (
@@ -317,7 +324,7 @@ fn report(
                 model.settings.validation_points, model.settings.validation_clouds
             ),
         }),
-        motors: MotorGroup::of(Some(&settings.robot), settings.robot.tendon_count()),
+        motors: MotorGroup::of(Some(robot), robot.tendon_count()),
         stages: [
             ("Simulate and see", "collect"),
             ("Train", "train"),

@@ -7,66 +7,13 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 use serde::Serialize;
-use tdcr_base::Part;
 use tdcr_learn::data::{
-    self, Collector, Condition, DataSet, Design, ExportFormat, ImportSettings, Imported, Meta,
-    Origin, PayloadRange, Recipe, Sample, SimulationTimes, Simulator, Subject, conditions,
+    self, Collector, Condition, DataSet, ExportFormat, ImportSettings, Imported, Meta, Sample,
+    SimulationTimes, Simulator, conditions,
 };
-use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{Robot, RobotSpec};
 
-use super::{Monitor, PipelineError};
-
-/// Samples per file on disk.
-const SAMPLES_PER_SHARD: usize = 250;
-
-/// What a data set is made of.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CollectSettings {
-    /// The robot, and the cameras that see it.
-    pub robot: RobotSpec,
-    /// Whether the cameras see the base.
-    pub base: BaseVisibility,
-    /// Payloads at the tip; `None` for a data set without.
-    pub payload: Option<PayloadRange>,
-    /// How the conditions are chosen.
-    pub design: Design,
-    /// Number of conditions, all splits together.
-    pub count: usize,
-    /// Points per cloud.
-    pub points: usize,
-    /// Edge of the voxel grid that thins the fused clouds (m).
-    pub voxel_size: f64,
-    /// Faults of the cameras; `None` where they see the truth.
-    pub sensor: Option<Sensor>,
-    /// Seed of conditions, samples, faults and splits.
-    pub seed: u64,
-    /// Which part of the samples to make, for [`merge`]; `None` for the whole data set.
-    pub part: Option<Part>,
-}
-
-/// 1,000 clouds of 10,000 points of the default recipe, under uniform commands: those of the command line.
-impl Default for CollectSettings {
-    fn default() -> Self {
-        let Recipe {
-            subject,
-            voxel_size,
-            sensor,
-        } = Recipe::default();
-        Self {
-            robot: subject.robot,
-            base: subject.base,
-            payload: subject.payload,
-            design: Design::Uniform,
-            count: 1000,
-            points: 10_000,
-            voxel_size,
-            sensor,
-            seed: 0,
-            part: None,
-        }
-    }
-}
+use super::{CollectSettings, Monitor, PipelineError};
 
 /// Time that collecting took, added up over the threads but for the shards (s).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -81,36 +28,6 @@ pub struct CollectTimes {
     pub write: f64,
     /// Writing the shards in the end, wall clock.
     pub shards: f64,
-}
-
-impl CollectSettings {
-    fn recipe(&self) -> Recipe {
-        Recipe {
-            subject: Subject {
-                robot: self.robot.clone(),
-                base: self.base,
-                payload: self.payload,
-            },
-            voxel_size: self.voxel_size,
-            sensor: self.sensor,
-        }
-    }
-
-    fn meta(&self) -> Meta {
-        Meta {
-            format: Meta::FORMAT,
-            tdcr_version: env!("CARGO_PKG_VERSION").to_owned(),
-            seed: self.seed,
-            count: self.count,
-            motors: self.robot.tendon_count(),
-            points_per_cloud: self.points,
-            samples_per_shard: SAMPLES_PER_SHARD,
-            origin: Origin::Simulated {
-                recipe: self.recipe(),
-                design: self.design,
-            },
-        }
-    }
 }
 
 impl CollectTimes {
@@ -135,22 +52,24 @@ impl CollectTimes {
 /// [`PipelineError`]: a robot that is refused or does not settle, a folder that cannot be written or
 /// holds something else, or an interruption.
 pub fn collect(
+    robot: &RobotSpec,
     settings: &CollectSettings,
     dir: &Path,
     monitor: &dyn Monitor,
 ) -> Result<CollectTimes, PipelineError> {
-    let robot = Robot::new(settings.robot.clone())?;
+    let meta = settings.meta(robot);
+    let robot = Robot::new(robot.clone())?;
     let CollectSettings {
         payload,
         design,
-        count,
+        samples,
         seed,
         ..
     } = *settings;
-    let conditions = conditions(&robot, payload, design, count, seed)?;
+    let conditions = conditions(&robot, payload, design, samples, seed)?;
     let collector = match settings.part {
-        None => Collector::open(dir, &settings.meta())?,
-        Some(part) => Collector::open_part(dir, &settings.meta(), part)?,
+        None => Collector::open(dir, &meta)?,
+        Some(part) => Collector::open_part(dir, &meta, part)?,
     };
     collector.keep_samples(stage("keep samples", monitor))?;
     let mut times = simulate(settings, &robot, &conditions, &collector, monitor)?;
@@ -172,12 +91,12 @@ fn simulate(
     let missing: usize = blocks.iter().map(ExactSizeIterator::len).sum();
     if missing > 0 {
         let count = match settings.part {
-            None => settings.count,
-            Some(part) => part.range(settings.count).len(),
+            None => settings.samples,
+            Some(part) => part.range(settings.samples).len(),
         };
         monitor.begin("collect", count as u64, (count - missing) as u64);
     }
-    let recipe = settings.recipe();
+    let recipe = settings.recipe(robot.spec());
     let times = Mutex::new(CollectTimes::default());
     blocks.into_par_iter().try_for_each_init(
         || Simulator::new(robot, &recipe),

@@ -1,20 +1,26 @@
 //! How predictors are scored.
 
-use serde::Serialize;
+use clap::Args;
+use serde::{Deserialize, Serialize};
 
 use super::PipelineError;
 
-/// How clouds are compared.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// How clouds are compared. The one list of these options: the command line (`tdcr eval`) and Python (`tdcr.evaluate`) take their
+/// names and types from it, and the former its documentation. In JSON a field has the name of its option.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Args, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct EvalSettings {
-    /// Points of each cloud that the Chamfer distance is computed on; `None`: [`Scoring::POINTS`], or as many as the clouds have.
+    /// Points of each cloud that the Chamfer distance is computed on [default: 10000, or as many as the clouds have]
+    #[arg(long, value_name = "N")]
     pub points: Option<usize>,
-    /// Points of each cloud that the earth mover's distances are computed on, no more than `points`; `None`:
-    /// [`Scoring::EMD_POINTS`], or as many.
+    /// Points of each cloud that the exact earth mover's distances are computed on [default: 2000, or as many]
+    #[arg(long, value_name = "N")]
     pub emd_points: Option<usize>,
-    /// Test commands that are scored, the first of their split; `None`: all.
+    /// Test commands to score, the first N of their split [default: all]
+    #[arg(long, value_name = "N")]
     pub tests: Option<usize>,
-    /// Seed of noise and subsets.
+    /// Seed of noise and subsets
+    #[arg(long, default_value_t = 0)]
     pub seed: u64,
 }
 

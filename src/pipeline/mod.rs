@@ -7,6 +7,7 @@
 
 mod capture;
 mod collect;
+mod collect_settings;
 mod compare;
 mod contestant;
 mod distillation;
@@ -33,8 +34,9 @@ mod tip;
 mod train;
 mod training_data;
 
-pub use capture::{CaptureLog, CaptureReport, CaptureSettings, capture};
-pub use collect::{CollectSettings, CollectTimes, collect, export, import, merge};
+pub use capture::{CaptureReport, CaptureSettings, capture};
+pub use collect::{CollectTimes, collect, export, import, merge};
+pub use collect_settings::{CollectSettings, Noise, payload_range, visibility};
 pub use compare::{
     CompareSettings, Comparer, Comparison, Configuration, Counterpart, Spread, TipSource,
 };

@@ -1,25 +1,37 @@
 //! How a prediction is asked to follow the flow.
 
+use clap::Args;
 use tdcr_learn::flow::{Method, Sampler, TimeGrid};
+use tdcr_learn::options::cli::named;
 use tdcr_learn::train::{Target, TrainSettings};
 
 use super::{PipelineError, TrainRunError};
 
-/// How a prediction is asked to follow the flow; what is `None` is the model's own.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// How the network's flow is integrated; what is `None` is the model's own. The one list of these options: the command line and
+/// Python take their names and types from it, and the former its documentation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Args)]
 pub struct SamplerPlan {
-    /// Integration method.
-    pub method: Option<Method>,
-    /// Number of steps; with a tolerance, the most.
-    pub steps: Option<usize>,
-    /// Exponent of the time grid.
-    pub power: Option<f32>,
-    /// Adaptive steps of this tolerance, in place of a grid.
-    pub tolerance: Option<f32>,
-    /// Flow time of the last denoising; 1 for none.
-    pub denoise: Option<f32>,
-    /// Share of points that are drawn beyond those asked for.
-    pub spare: Option<f32>,
+    /// Integration method: heun evaluates the network twice per step, the others once [default: the model's own]
+    #[arg(long, value_parser = named(Method::ALL, Method::name))]
+    pub sampler: Option<Method>,
+    /// Number of steps; with a tolerance, the largest number of steps [default: the model's own; 200 with a tolerance]
+    #[arg(long, value_name = "N")]
+    pub sampler_steps: Option<usize>,
+    /// Exponent p of the time grid 1 - (1 - k/n)^p; 1 is uniform, as in the paper [default: the model's own]
+    #[arg(long, value_name = "P")]
+    pub sampler_power: Option<f32>,
+    /// Adaptive steps with this local error tolerance, relative to the data's extent (for adams-bashforth, exponential and
+    /// exponential3)
+    #[arg(long, value_name = "TOL", conflicts_with = "sampler_power")]
+    pub sampler_tolerance: Option<f32>,
+    /// Flow time T, below 1, of a last evaluation that takes the points to the data predicted there; 1: no such evaluation.
+    /// A refined model makes it by a network of its own at its own time, at others by the flow's network [default: the model's own]
+    #[arg(long, value_name = "T")]
+    pub sampler_denoise: Option<f32>,
+    /// Points to draw beyond those asked for, as a share of these; isolated and crowded ones are left out [default: the model's
+    /// own]
+    #[arg(long, value_name = "SHARE")]
+    pub sampler_spare: Option<f32>,
 }
 
 impl SamplerPlan {
@@ -31,25 +43,25 @@ impl SamplerPlan {
     /// # Errors
     /// [`TrainRunError::Sampler`] for values that describe none, [`TrainRunError::OwnSampler`] where the model was distilled
     /// for another.
-    pub fn settle(&self, settings: &TrainSettings) -> Result<Sampler, PipelineError> {
+    pub fn resolve(&self, settings: &TrainSettings) -> Result<Sampler, PipelineError> {
         let own = settings.sampler;
         let sampler = Sampler {
-            method: self.method.unwrap_or(own.method),
-            steps: match self.tolerance {
-                None => self.steps.unwrap_or(own.steps),
-                Some(_) => self.steps.unwrap_or(Self::MOST_STEPS),
+            method: self.sampler.unwrap_or(own.method),
+            steps: match self.sampler_tolerance {
+                None => self.sampler_steps.unwrap_or(own.steps),
+                Some(_) => self.sampler_steps.unwrap_or(Self::MOST_STEPS),
             },
-            grid: match (self.tolerance, self.power) {
+            grid: match (self.sampler_tolerance, self.sampler_power) {
                 (Some(tolerance), _) => TimeGrid::Adaptive(tolerance),
                 (None, Some(power)) => TimeGrid::Power(power),
                 (None, None) => own.grid,
             },
-            denoise: match self.denoise {
+            denoise: match self.sampler_denoise {
                 None => own.denoise,
                 Some(1.0) => None,
                 denoise => denoise,
             },
-            spare: self.spare.unwrap_or(own.spare),
+            spare: self.sampler_spare.unwrap_or(own.spare),
             colors: own.colors,
         };
         sampler.check()?;

@@ -199,6 +199,28 @@ pub(super) fn layers() -> impl TypedValueParser<Value = ContextLayers> {
     one_of(all, ContextLayers::name, all.map(value))
 }
 
+/// Parses a number of things, at least one.
+///
+/// # Errors
+/// What was expected.
+pub fn amount(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(number) if (1..=10_000_000).contains(&number) => Ok(number),
+        _ => Err("expected a whole number, 1 to 10000000".to_owned()),
+    }
+}
+
+/// Parses a finite number above 0.
+///
+/// # Errors
+/// What was expected.
+pub fn positive(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if f64::is_finite(number) && number > 0.0 => Ok(number),
+        _ => Err("expected a finite number above 0".to_owned()),
+    }
+}
+
 /// Parses the name of one of `all`.
 pub fn named<T: Copy + Send + Sync + 'static, const N: usize>(
     all: [T; N],

@@ -14,10 +14,10 @@ use tdcr::learn::data::read_predictions;
 use tdcr::learn::flow::Sampler;
 use tdcr::learn::train::Model;
 use tdcr::pages::{Evaluated, evaluation_page};
-use tdcr::pipeline::{EvalSettings, Evaluator, PipelineError, Results};
+use tdcr::pipeline::{EvalSettings, Evaluator, PipelineError, Results, SamplerPlan};
 
 use super::console::Console;
-use super::{PrecisionArgs, SamplerArgs, output};
+use super::{PrecisionArgs, output};
 
 pub(super) use tables::scores as table;
 
@@ -54,36 +54,15 @@ pub(super) struct EvalArgs {
     picture: Option<PathBuf>,
 }
 
-/// How clouds are compared.
+/// How clouds are compared, and predicted.
 #[derive(Debug, Args)]
 pub(super) struct ScoringArgs {
-    /// Points of each cloud that the Chamfer distance is computed on [default: 10000, or as many as the clouds have]
-    #[arg(long, value_name = "N")]
-    points: Option<usize>,
-    /// Points of each cloud that the exact earth mover's distances are computed on [default: 2000, or as many]
-    #[arg(long, value_name = "N")]
-    emd_points: Option<usize>,
-    /// Test commands to score, the first N of their split [default: all]
-    #[arg(long, value_name = "N")]
-    tests: Option<usize>,
     #[command(flatten)]
-    sampler: SamplerArgs,
+    settings: EvalSettings,
+    #[command(flatten)]
+    sampler: SamplerPlan,
     #[command(flatten)]
     precision: PrecisionArgs,
-    /// Seed of noise and subsets
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-}
-
-impl ScoringArgs {
-    fn settings(&self) -> EvalSettings {
-        EvalSettings {
-            points: self.points,
-            emd_points: self.emd_points,
-            tests: self.tests,
-            seed: self.seed,
-        }
-    }
 }
 
 /// What is evaluated.
@@ -126,7 +105,7 @@ pub(super) fn named_as_option(error: PipelineError) -> anyhow::Error {
 
 /// What is evaluated, and what scores it.
 fn prepare(args: &EvalArgs) -> anyhow::Result<(Scored, Evaluator)> {
-    let settings = args.scoring.settings();
+    let settings = args.scoring.settings;
     if let Some(file) = &args.predictions {
         let (name, clouds) = (file.display().to_string(), read_predictions(file)?);
         let evaluator = Evaluator::of_clouds(clouds, &args.data, settings);
@@ -135,7 +114,7 @@ fn prepare(args: &EvalArgs) -> anyhow::Result<(Scored, Evaluator)> {
         return Ok((Scored::Clouds(name), evaluator));
     }
     let model = super::load_model(&args.model)?;
-    let sampler = args.scoring.sampler.sampler(&model.settings)?;
+    let sampler = args.scoring.sampler.resolve(&model.settings)?;
     let precision = (args.scoring.precision).of_width(model.network.shape().width());
     let model = Arc::new(model.with_precision(precision)?);
     let evaluator = Evaluator::of_model(model.clone(), sampler, &args.data, settings);

@@ -62,11 +62,17 @@ fn fixed(key: &'static str, data: &Path) -> Arc<Fixed> {
 fn collected(folder: &Path) -> std::path::PathBuf {
     let data = folder.join("data");
     let settings = CollectSettings {
-        count: 20,
+        samples: 20,
         points: 300,
         ..CollectSettings::default()
     };
-    collect(&settings, &data, &Silent).unwrap();
+    collect(
+        &tdcr::learn::data::Recipe::default().subject.robot,
+        &settings,
+        &data,
+        &Silent,
+    )
+    .unwrap();
     data
 }
 

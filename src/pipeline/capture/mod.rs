@@ -6,14 +6,17 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
+use clap::Args;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use serde::Deserialize;
 use serde_json::json;
 use tdcr_hw::capture::{CaptureError, Session, SessionSettings};
 use tdcr_hw::log::free_space;
 use tdcr_hw::mask::MaskFolder;
 use tdcr_hw::rig::{Rig, RigSpec};
 use tdcr_learn::data::{Collector, Condition, DataError, Meta, Origin, Recording, Sample};
+use tdcr_learn::options::cli::{amount, positive};
 
 use super::collect::stage;
 use super::journal::Journal;
@@ -42,47 +45,46 @@ const PER_SET: usize = 1 << 20;
 /// Layout of that file.
 const FORMAT: u32 = 1;
 
-/// What is captured.
-#[derive(Clone, Debug, PartialEq)]
+/// What is captured. The one list of these options: the command line (`tdcr capture`) and Python (`Rig.capture`) take their names
+/// and types from it, and the former its documentation. In JSON a field has the name of its option.
+#[derive(Clone, Debug, PartialEq, Args, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct CaptureSettings {
-    /// Number of commands, all splits together.
-    pub count: usize,
-    /// Points per cloud.
+    /// Number of commands, split 80/10/10 into train, val and test; of fewer than 10 one tests and one validates, as far as they go
+    #[arg(long, default_value_t = Self::default().commands, value_name = "N", value_parser = amount)]
+    pub commands: usize,
+    /// Points per cloud
+    #[arg(long, default_value_t = Self::default().points, value_name = "N", value_parser = amount)]
     pub points: usize,
-    /// Edge of the voxel grid that thins the fused clouds (m).
-    pub voxel_size: f64,
-    /// Seed of the commands, of the points that are kept and of the splits.
+    /// Edge of the voxels that thin the fused clouds (m)
+    #[arg(long, default_value_t = Self::default().voxel, value_name = "M", value_parser = positive, allow_hyphen_values = true)]
+    pub voxel: f64,
+    /// Seed of commands, samples and splits
+    #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Samples between two looks at the robot in its home pose.
+    /// Look at the robot in its home pose after so many samples, and say how far it drifts
+    #[arg(long, default_value_t = Self::default().sentinel_every, value_name = "N", value_parser = amount)]
     pub sentinel_every: usize,
-    /// Folder of masks that another program has written, one for each sample and camera
-    /// ([`MaskFolder`]): what they show becomes the clouds. Those of the rig's file otherwise.
+    /// Folder of masks that another program has written, DIR/camera0/000000.png and so on: they make the clouds, in place of
+    /// the masks of the rig's file
+    #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
-    /// Whether a log is written.
-    pub log: CaptureLog,
-}
-
-/// Whether a capture writes a log (MCAP) of all that servos and cameras did.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum CaptureLog {
-    /// `log.mcap` in the data set's folder; `log-2.mcap` and so on where it is resumed.
-    #[default]
-    Written,
-    /// None.
-    Omitted,
+    /// Write no log. Else DIR/log.mcap has all that servos and cameras did, log-2.mcap where the capture is resumed
+    #[arg(long)]
+    pub no_log: bool,
 }
 
 /// 200 clouds of 10,000 points, with a look at the robot at home after every 25.
 impl Default for CaptureSettings {
     fn default() -> Self {
         Self {
-            count: 200,
+            commands: 200,
             points: 10_000,
-            voxel_size: 0.002,
+            voxel: 0.002,
             seed: 0,
             sentinel_every: 25,
             masks: None,
-            log: CaptureLog::default(),
+            no_log: false,
         }
     }
 }
@@ -93,7 +95,7 @@ impl CaptureSettings {
         // Staged: a file for each, of points, colours and command, and a line of the journal. In the end the shards: points twice,
         // colours, and the command twice.
         let [staged, sharded] = [15, 27].map(|bytes| bytes * self.points + 8 * motors);
-        (missing * (staged + PER_SAMPLE) + self.count * sharded + PER_SET) as u64
+        (missing * (staged + PER_SAMPLE) + self.commands * sharded + PER_SET) as u64
     }
 
     /// The end of a capture that has `kept` samples in the folder `dir`.
@@ -101,7 +103,7 @@ impl CaptureSettings {
         CaptureStop::Ended {
             ended: Box::new(ended),
             kept,
-            count: self.count,
+            count: self.commands,
             path: dir.to_owned(),
         }
         .into()
@@ -139,7 +141,7 @@ impl CaptureSettings {
             format: Meta::FORMAT,
             tdcr_version: env!("CARGO_PKG_VERSION").to_owned(),
             seed: self.seed,
-            count: self.count,
+            count: self.commands,
             motors: rig.winches().len(),
             points_per_cloud: self.points,
             samples_per_shard: SAMPLES_PER_SHARD,
@@ -148,7 +150,7 @@ impl CaptureSettings {
                     rig: name.clone(),
                     robot: rig.robot().spec().clone(),
                     base: *base,
-                    voxel_size: self.voxel_size,
+                    voxel_size: self.voxel,
                     settings,
                 },
             },
@@ -180,7 +182,7 @@ pub fn capture(
     collector.keep_samples(stage("keep samples", monitor))?;
     let missing: BTreeSet<usize> = collector.missing_blocks().into_iter().flatten().collect();
     let mut report = CaptureReport {
-        samples: settings.count,
+        samples: settings.commands,
         captured: missing.len(),
         ..CaptureReport::default()
     };
@@ -196,8 +198,8 @@ pub fn capture(
     if !missing.is_empty() {
         monitor.begin(
             "capture",
-            settings.count as u64,
-            (settings.count - missing.len()) as u64,
+            settings.commands as u64,
+            (settings.commands - missing.len()) as u64,
         );
         let reference = entries.into_iter().find_map(|entry| match entry {
             Entry::Sentinel { sentinel, .. } => Some(sentinel),
@@ -224,13 +226,13 @@ pub fn capture(
             let found = masks.must_have(rig.cameras().len(), wanted);
             found.map_err(CaptureError::from)?;
         }
-        if settings.log == CaptureLog::Written {
+        if !settings.no_log {
             let log = rig.log_in(dir, LOG, needed);
             report.log = Some(log.map_err(CaptureError::from)?);
         }
         let session = SessionSettings {
             seed: settings.seed,
-            voxel_size: settings.voxel_size,
+            voxel_size: settings.voxel,
             masks,
         };
         let recorder = Recorder {
@@ -252,12 +254,12 @@ pub fn capture(
         captured.map_err(|ended| {
             let missing = collector.missing_blocks();
             let missing: usize = missing.iter().map(ExactSizeIterator::len).sum();
-            settings.ended(ended, settings.count - missing, dir)
+            settings.ended(ended, settings.commands - missing, dir)
         })?;
         monitor.end();
     }
     let finished = collector.finish(stage("write shards", monitor));
-    finished.map_err(|ended| settings.ended(ended.into(), settings.count, dir))?;
+    finished.map_err(|ended| settings.ended(ended.into(), settings.commands, dir))?;
     report.rig_seconds = rig.clock().now().saturating_sub(rig_began).as_secs_f64();
     report.seconds = began.elapsed().as_secs_f64();
     Ok(report)

@@ -42,15 +42,15 @@ fn rig_at(pace: Pace, change: impl FnOnce(String) -> String) -> Rig {
     Rig::open_file(file, pace).unwrap()
 }
 
-fn settings(count: usize) -> CaptureSettings {
+fn settings(commands: usize) -> CaptureSettings {
     CaptureSettings {
-        count,
+        commands,
         points: 200,
-        voxel_size: 0.004,
+        voxel: 0.004,
         seed: 5,
         sentinel_every: 6,
         masks: None,
-        log: CaptureLog::Omitted,
+        no_log: true,
     }
 }
 
@@ -183,7 +183,7 @@ fn a_capture_is_a_data_set_that_resumes_and_grows() {
     assert_eq!(commands(&stopped).len(), 24);
     // Another rig is another data set.
     let other = CaptureSettings {
-        voxel_size: 0.003,
+        voxel: 0.003,
         ..settings(24)
     };
     let refused = capture(&mut idle, &other, &stopped, &Silent)
@@ -252,7 +252,7 @@ fn a_disk_and_a_terminal_that_stall_for_longer_than_the_watchdog_end_nothing() {
     };
     let session = SessionSettings {
         seed: settings.seed,
-        voxel_size: settings.voxel_size,
+        voxel_size: settings.voxel,
         masks: None,
     };
     let mut go_on = || ControlFlow::Continue(());
@@ -301,7 +301,7 @@ fn a_capture_runs_again_on_its_log_and_gives_the_same_clouds() {
     let folder = tempfile::tempdir().unwrap();
     let [first, again] = ["first", "again"].map(|name| folder.path().join(name));
     let logged = CaptureSettings {
-        log: CaptureLog::Written,
+        no_log: false,
         ..settings(12)
     };
     let report = capture(&mut rig(), &logged, &first, &Silent).unwrap();
@@ -357,7 +357,7 @@ fn a_capture_runs_again_on_its_log_and_gives_the_same_clouds() {
     assert!(said.contains("recording"), "{said}");
     // A log is not written over another one.
     let more = CaptureSettings {
-        count: 14,
+        commands: 14,
         ..logged
     };
     let report = capture(&mut rig(), &more, &first, &Silent).unwrap();
