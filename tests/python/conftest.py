@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import signal
 import subprocess
 
 import numpy as np
@@ -10,6 +11,9 @@ import pytest
 
 # MuJoCo's renderer without a screen; MuJoCo looks when it is first imported, in whichever test that is.
 os.environ.setdefault("MUJOCO_GL", "egl")
+
+# A shell has what it runs in the background ignore Ctrl-C, and Python then leaves it ignored; tests send it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
