@@ -67,7 +67,7 @@ fn ours(path: &str, baud_rate: u32, joined: bool, rounds: usize) -> Outcome<f64>
     let port = Serial::open(Path::new(path), settings, Arc::new(SystemClock::new()))?;
     let settings = BusSettings {
         answers: if joined {
-            Answers::Joined
+            Answers::Fast
         } else {
             Answers::Each
         },

@@ -156,7 +156,7 @@ fn something_of_each() {
 
 #[test]
 fn fast_reads() {
-    let answers = Answers::Joined;
+    let answers = Answers::Fast;
     let read = Instruction::SyncRead {
         answers,
         address: 132,

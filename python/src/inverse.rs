@@ -13,7 +13,7 @@ use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
 use crate::robot::{Robot, parameters};
 use crate::run;
-use crate::statics::{EquilibriumRows, Numbers, Questions, RowsArgument};
+use crate::statics::{Batch, EquilibriumRows, Numbers, RowsArgument};
 
 /// A target as it comes from Python: disc, "position", "direction" or "orientation", its numbers, lever (m), weight.
 type TargetTuple = (usize, String, Vec<f64>, f64, f64);
@@ -207,7 +207,7 @@ pub fn calibrate(
     discs: Vec<usize>,
     positions: PyReadonlyArray3<'_, f64>,
 ) -> Outcome<Calibration> {
-    let rows = Questions::new(&rows)?;
+    let rows = Batch::new(&rows)?;
     let spec = rows.one_robot()?.spec().clone();
     let unknowns: Vec<Unknown> = (unknowns.iter())
         .map(|(name, keys)| Ok(Unknown::shared(name, parameters(keys)?)))

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use tdcr::learn::data::{PredictedClouds, Split, read_predictions};
 use tdcr::pages::{Evaluated, comparison_page, evaluation_page};
 use tdcr::pipeline::{
-    CompareSettings, Comparer, Counterpart, EvalSettings, Evaluator, Pairing, Results,
+    CompareSettings, Comparer, EvalSettings, Evaluator, Pairing, Reference, Results,
 };
 
 use crate::arrays::contiguous;
@@ -141,8 +141,8 @@ pub fn compare(
     let robot = robot.map(|robot| robot.0.spec());
     let (comparison, page) = run::long(py, progress, |watch| {
         let other = match &b {
-            Some(b) => Counterpart::Set(b),
-            None => Counterpart::Simulator {
+            Some(b) => Reference::Set(b),
+            None => Reference::Simulator {
                 robot,
                 base: visibility(options.base),
             },

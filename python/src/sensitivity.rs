@@ -15,7 +15,7 @@ use crate::arrays::{array, contiguous};
 use crate::errors::{Failure, Outcome};
 use crate::robot::parameters_of;
 use crate::run;
-use crate::statics::{Questions, RowsArgument, SMALL};
+use crate::statics::{Batch, RowsArgument, SMALL};
 
 /// What becomes of rows without derivatives: not settled, or on the brink of instability.
 #[derive(Clone, Copy, PartialEq)]
@@ -42,7 +42,7 @@ pub fn quaternion_change(q: &UnitQuaternion<f64>, rotation: &Vector3<f64>) -> [f
 /// Computes each row's numbers from its sensitivity, in parallel.
 fn by_rows(
     py: Python<'_>,
-    rows: &Questions,
+    rows: &Batch,
     width: usize,
     failures: OnFailure,
     write: impl Fn(usize, &Sensitivity, &[UnitQuaternion<f64>], &mut [f64]) -> Outcome<()> + Sync,
@@ -93,7 +93,7 @@ pub fn jacobian_rows<'py>(
     names: Vec<String>,
     raises: bool,
 ) -> Outcome<Bound<'py, PyArray3<f64>>> {
-    let rows = Questions::new(&rows)?;
+    let rows = Batch::new(&rows)?;
     let names = parameters_of(rows.robot(0), &names)?;
     let (poses, width) = (6 * rows.discs, names.len());
     let whole_command = (0..rows.tendons)
@@ -125,7 +125,7 @@ pub fn jvp_rows<'py>(
     rates: PyReadonlyArray2<'_, f64>,
     raises: bool,
 ) -> Outcome<Bound<'py, PyArray3<f64>>> {
-    let rows = Questions::new(&rows)?;
+    let rows = Batch::new(&rows)?;
     let names = parameters_of(rows.robot(0), &names)?;
     let rates = contiguous(&rates, "rates", &[rows.rows(), names.len()])?.to_vec();
     let jvp =
@@ -161,7 +161,7 @@ pub fn vjp_rows<'py>(
     cotangents: PyReadonlyArray3<'_, f64>,
     raises: bool,
 ) -> Outcome<Bound<'py, PyArray2<f64>>> {
-    let rows = Questions::new(&rows)?;
+    let rows = Batch::new(&rows)?;
     let names = parameters_of(rows.robot(0), &names)?;
     let cotangents = contiguous(&cotangents, "cotangents", &[rows.rows(), rows.discs, 7])?;
     let cotangents = cotangents.as_chunks::<7>().0.to_vec();

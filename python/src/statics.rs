@@ -29,7 +29,7 @@ pub type RowsArgument<'py> = (
 );
 
 /// What each row is asked for: a robot, a command and loads.
-pub struct Questions {
+pub struct Batch {
     /// One for all rows, or one a row; all of as many discs and tendons.
     robots: Vec<tdcr::sim::robot::Robot>,
     pub commands: Vec<Command>,
@@ -38,7 +38,7 @@ pub struct Questions {
     pub tendons: usize,
 }
 
-impl Questions {
+impl Batch {
     /// Checks the rows of a batch.
     pub fn new((robots, commands, loads, payload, wrench): &RowsArgument<'_>) -> Outcome<Self> {
         let rows = numpy::PyUntypedArrayMethods::shape(&**commands)[0];
@@ -412,7 +412,7 @@ pub fn settle_rows(
     rows: RowsArgument<'_>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> Outcome<EquilibriumRows> {
-    let rows = Questions::new(&rows)?;
+    let rows = Batch::new(&rows)?;
     let mut numbers = Numbers::new(rows.rows(), rows.discs, rows.tendons);
     if rows.rows() == 1 && rows.discs <= SMALL && progress.is_none() {
         py.detach(|| {
@@ -444,7 +444,7 @@ pub fn follow_rows(
     rows: RowsArgument<'_>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> Outcome<EquilibriumRows> {
-    let rows = Questions::new(&rows)?;
+    let rows = Batch::new(&rows)?;
     let mut settler = tdcr::sim::statics::Settler::new(rows.one_robot()?);
     let mut numbers = Numbers::new(rows.rows(), rows.discs, rows.tendons);
     run::long(py, progress.as_ref(), |watch| {

@@ -121,7 +121,7 @@ pub fn train<'py>(
         let trained = pipeline::train(&data, &out, shape, &settings, initial.as_ref(), &stage)?;
         Ok::<_, Failure>((trained, settings.precision))
     })??;
-    Ok(told(py, &trained, precision))
+    Ok(arrays_of_run(py, &trained, precision))
 }
 
 /// What a distillation is asked for, as `tdcr distill` takes it.
@@ -161,10 +161,10 @@ pub fn distill<'py>(
         let trained = pipeline::distill(&teacher, &data, &out, &settings, &stage)?;
         Ok::<_, Failure>((trained, settings.precision))
     })??;
-    Ok(told(py, &trained, precision))
+    Ok(arrays_of_run(py, &trained, precision))
 }
 
-fn told<'py>(py: Python<'py>, trained: &Trained, precision: Precision) -> Run<'py> {
+fn arrays_of_run<'py>(py: Python<'py>, trained: &Trained, precision: Precision) -> Run<'py> {
     let steps = trained.validations.iter().map(|(step, _)| *step);
     let distances = trained.validations.iter().map(|(_, distance)| *distance);
     (

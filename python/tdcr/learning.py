@@ -132,8 +132,8 @@ def train(
         source = (Robot(stream)._native, of_stream)
     surface: Robot | None = asked.pop("surface_prior", None)
     of_prior = None if surface is None else surface._native
-    told = _tdcr.train(source, as_path(out, "out"), json.dumps(asked), of_prior, progress=progress)
-    return Run(Path(out), *told)
+    run = _tdcr.train(source, as_path(out, "out"), json.dumps(asked), of_prior, progress=progress)
+    return Run(Path(out), *run)
 
 
 def distill(
@@ -174,8 +174,8 @@ def distill(
         "seed": as_seed(seed),
     }
     teacher = model.path if isinstance(model, Predictor) else model_file(model)
-    told = _tdcr.distill(teacher, folder_of(data), as_path(out, "out"), options, progress=progress)
-    return Run(Path(out), *told)
+    run = _tdcr.distill(teacher, folder_of(data), as_path(out, "out"), options, progress=progress)
+    return Run(Path(out), *run)
 
 
 def demo(

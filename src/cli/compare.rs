@@ -8,7 +8,7 @@ use serde::Serialize;
 use tdcr::learn::data::Split;
 use tdcr::pages::comparison_page;
 use tdcr::pipeline::{
-    CompareSettings, Comparer, Comparison, Configuration, Counterpart, Pairing, Place, Spread,
+    CompareSettings, Comparer, Comparison, Configuration, Pairing, Place, Reference, Spread,
     visibility,
 };
 
@@ -120,8 +120,8 @@ pub(super) fn run(args: &CompareArgs, console: &Console) -> anyhow::Result<()> {
     }
     let robot = args.robot.as_deref().map(super::load_robot).transpose()?;
     let other = match &args.b {
-        Some(b) => Counterpart::Set(b),
-        None => Counterpart::Simulator {
+        Some(b) => Reference::Set(b),
+        None => Reference::Simulator {
             robot: robot.as_ref(),
             base: visibility(args.base),
         },

@@ -37,7 +37,7 @@ pub struct CompareSettings {
 
 /// What a data set is compared with.
 #[derive(Clone, Copy, Debug)]
-pub enum Counterpart<'a> {
+pub enum Reference<'a> {
     /// The data set in a folder.
     Set(&'a Path),
     /// The simulator under the same conditions, without faults of cameras.
@@ -266,17 +266,17 @@ impl Comparer {
     /// known that could be simulated, or there are fewer points than are to be compared.
     pub fn new(
         a: &Path,
-        b: Counterpart<'_>,
+        b: Reference<'_>,
         settings: &CompareSettings,
     ) -> Result<Self, PipelineError> {
         let first = Side::open(a, settings.split)?;
         let (second, pairs) = match b {
-            Counterpart::Set(b) => {
+            Reference::Set(b) => {
                 let second = Side::open(b, settings.split)?;
                 let pairs = settings.pairing.pairs(&first.entries, &second.entries)?;
                 (second, pairs)
             }
-            Counterpart::Simulator { robot, base } => {
+            Reference::Simulator { robot, base } => {
                 let pairs = (0..first.entries.len()).map(|k| Pair {
                     entries: [k, k],
                     apart: 0.0,

@@ -16,10 +16,10 @@ use tdcr_learn::prior::{Prior, SurfacePrior};
 use tdcr_learn::train::{FlowPredictor, Model};
 use tdcr_sim::robot::{Robot, RobotSpec};
 
-use super::contestant::{Clouds, Contestant, require_commands};
 use super::eval_settings::{EvalSettings, Scoring};
 use super::journal::Journal;
 use super::measure::{Extent, Measure, subset};
+use super::method::{Clouds, Method, require_commands};
 use super::scores::{Evaluation, Row, Scores};
 use super::simulation::Simulation;
 use super::subject::require_same;
@@ -64,7 +64,7 @@ struct Entry {
 /// expected to beat. The mean command and the references take a data set that names its robot.
 pub struct Evaluator {
     /// In the order of their rows: what is evaluated, `standard - 1` trivial predictors, and those that were added.
-    contestants: Vec<Contestant>,
+    methods: Vec<Method>,
     standard: usize,
     nearest: Arc<NearestCommand>,
     scoring: Scoring,
@@ -89,8 +89,8 @@ impl Evaluator {
         data: &Path,
         settings: EvalSettings,
     ) -> Result<Self, PipelineError> {
-        let contestant = Contestant::predictor(predictor, Extent::All);
-        Self::of(contestant, data, settings)
+        let method = Method::predictor(predictor, Extent::All);
+        Self::of(method, data, settings)
     }
 
     /// Prepares to score `model` with `sampler`, beside the simulator alone where its flow starts from a simulated surface.
@@ -123,23 +123,19 @@ impl Evaluator {
         data: &Path,
         settings: EvalSettings,
     ) -> Result<Self, PipelineError> {
-        Self::of(Contestant::given(clouds), data, settings)
+        Self::of(Method::given(clouds), data, settings)
     }
 
-    fn of(
-        contestant: Contestant,
-        data: &Path,
-        settings: EvalSettings,
-    ) -> Result<Self, PipelineError> {
+    fn of(method: Method, data: &Path, settings: EvalSettings) -> Result<Self, PipelineError> {
         let set = DataSet::open(data)?;
         let recipe = set.meta().and_then(|meta| meta.origin.recipe().cloned());
-        if let (Some(subject), Some(recipe)) = (&contestant.about.subject, &recipe) {
+        if let (Some(subject), Some(recipe)) = (&method.about.subject, &recipe) {
             require_same(subject, &recipe.subject)?;
         }
         let (training, mut test) = (set.cloud_set(Split::Train)?, set.read_split(Split::Test)?);
         set.require_some(Split::Test, test.len())?;
         let mut available = test.iter().map(|sample| sample.cloud.len()).min();
-        if let Clouds::Given(clouds) = &contestant.clouds {
+        if let Clouds::Given(clouds) = &method.clouds {
             require_commands(clouds, &test, set.normalisation())?;
             available = available.min(clouds.points.iter().map(Vec::len).min());
         }
@@ -166,15 +162,11 @@ impl Evaluator {
         let mean = mean.transpose()?;
         let normalisation = set.normalisation().clone();
         let nearest = Arc::new(NearestCommand::new(training, normalisation)?);
-        let mut contestants = vec![
-            contestant,
-            Contestant::predictor(nearest.clone(), Extent::Tip),
-        ];
-        contestants
-            .extend(mean.map(|mean| Contestant::predictor(Arc::new(mean), Extent::Distances)));
+        let mut methods = vec![method, Method::predictor(nearest.clone(), Extent::Tip)];
+        methods.extend(mean.map(|mean| Method::predictor(Arc::new(mean), Extent::Distances)));
         Ok(Self {
-            standard: contestants.len(),
-            contestants,
+            standard: methods.len(),
+            methods,
             nearest,
             scoring,
             asked: settings,
@@ -190,21 +182,18 @@ impl Evaluator {
     /// # Errors
     /// [`EvalError::SameKey`] where a row has its key already; as [`new`](Self::new) where it is of another subject.
     pub fn compare(&mut self, predictor: Arc<dyn Predictor>) -> Result<(), PipelineError> {
-        let contestant = Contestant::predictor(predictor, Extent::All);
-        let key = &contestant.about.key;
+        let method = Method::predictor(predictor, Extent::All);
+        let key = &method.about.key;
         let references = REFERENCES.iter().map(|(key, _)| *key);
-        let mut keys = (self
-            .contestants
-            .iter()
-            .map(|other| other.about.key.as_str()))
-        .chain(references);
+        let mut keys =
+            (self.methods.iter().map(|other| other.about.key.as_str())).chain(references);
         if keys.any(|other| other == key) {
             return Err(EvalError::SameKey { key: key.clone() }.into());
         }
-        if let (Some(subject), Some(simulation)) = (&contestant.about.subject, &self.simulation) {
+        if let (Some(subject), Some(simulation)) = (&method.about.subject, &self.simulation) {
             require_same(subject, &simulation.recipe.subject)?;
         }
-        self.contestants.push(contestant);
+        self.methods.push(method);
         Ok(())
     }
 
@@ -262,7 +251,7 @@ impl Evaluator {
     /// Whether colours are predicted that the data set cannot judge: all points of its test clouds have one
     /// colour, as those of clouds that were imported without colours do.
     pub fn lacks_colors(&self) -> bool {
-        self.contestants[0].about.colors && !self.colored
+        self.methods[0].about.colors && !self.colored
     }
 
     /// The evaluated cloud for test command `index`: of a predictor that draws points, as many as are compared.
@@ -270,18 +259,18 @@ impl Evaluator {
     /// # Errors
     /// [`PipelineError::Predict`] where the command does not fit the predictor.
     pub fn predict(&self, index: usize) -> Result<Prediction, PipelineError> {
-        self.cloud(&self.contestants[0], index)
+        self.cloud(&self.methods[0], index)
     }
 
-    /// The cloud of a contestant for test command `index`.
-    fn cloud(&self, contestant: &Contestant, index: usize) -> Result<Prediction, PipelineError> {
+    /// The cloud of a method for test command `index`.
+    fn cloud(&self, method: &Method, index: usize) -> Result<Prediction, PipelineError> {
         let Scoring {
             points,
             emd_points,
             seed,
             ..
         } = self.scoring;
-        let prediction = match &contestant.clouds {
+        let prediction = match &method.clouds {
             Clouds::Predicted(predictor) => {
                 let condition = &self.test[index].condition;
                 predictor.predict(condition, points, seed.wrapping_add(index as u64))?
@@ -292,7 +281,7 @@ impl Evaluator {
                 ..Prediction::default()
             },
         };
-        let expected = match contestant.extent {
+        let expected = match method.extent {
             Extent::All => points,
             // Training clouds may have fewer points than test clouds.
             Extent::Tip | Extent::Distances => emd_points,
@@ -300,7 +289,7 @@ impl Evaluator {
         match prediction.points.len() {
             found if found >= expected => Ok(prediction),
             found => Err(EvalError::FewPredicted {
-                predictor: contestant.about.name.clone(),
+                predictor: method.about.name.clone(),
                 found,
                 expected,
             }
@@ -329,8 +318,8 @@ impl Evaluator {
 
     /// What is scored, in the order of the rows.
     fn rows(&self) -> Vec<Row> {
-        let predicted = self.contestants.iter().map(|contestant| Row {
-            about: contestant.about.clone(),
+        let predicted = self.methods.iter().map(|method| Row {
+            about: method.about.clone(),
             is_reference: false,
         });
         let reference = |(key, name): (&str, &str)| Row {
@@ -348,18 +337,18 @@ impl Evaluator {
 
     /// What the entries of a journal are of; `None` where clouds are given, as those of another file might be others.
     fn journal_key(&self) -> Option<Value> {
-        let of = |contestant: &Contestant| match contestant.clouds {
+        let of = |method: &Method| match method.clouds {
             Clouds::Predicted(_) => Some(json!({
-                "key": contestant.about.key,
-                "made_from": contestant.about.made_from,
+                "key": method.about.key,
+                "made_from": method.about.made_from,
             })),
             Clouds::Given(_) => None,
         };
-        let contestants: Vec<Value> = self.contestants.iter().map(of).collect::<Option<_>>()?;
+        let methods: Vec<Value> = self.methods.iter().map(of).collect::<Option<_>>()?;
         Some(json!({
             "format": JOURNAL_FORMAT,
             "settings": self.scoring,
-            "predictors": contestants,
+            "predictors": methods,
             "tests": self.test.len(),
         }))
     }
@@ -441,15 +430,15 @@ impl Evaluator {
             settled: settled.transpose()?,
             colored: self.colored,
         };
-        let score = |contestant: &Contestant, rng: &mut ChaCha8Rng| {
-            let prediction = self.cloud(contestant, index)?;
-            let key = &contestant.about.key;
-            Ok::<_, PipelineError>(measure.row(key, &prediction, contestant.extent, rng)?)
+        let score = |method: &Method, rng: &mut ChaCha8Rng| {
+            let prediction = self.cloud(method, index)?;
+            let key = &method.about.key;
+            Ok::<_, PipelineError>(measure.row(key, &prediction, method.extent, rng)?)
         };
-        let (standard, added) = self.contestants.split_at(self.standard);
+        let (standard, added) = self.methods.split_at(self.standard);
         let mut rows = Vec::new();
-        for contestant in standard {
-            rows.push(score(contestant, &mut rng)?);
+        for method in standard {
+            rows.push(score(method, &mut rng)?);
         }
         let references = match simulation {
             Some(simulation) => {
@@ -459,8 +448,8 @@ impl Evaluator {
             }
             None => None,
         };
-        for contestant in added {
-            rows.push(score(contestant, &mut rng)?);
+        for method in added {
+            rows.push(score(method, &mut rng)?);
         }
         rows.extend(references.into_iter().flatten());
         Ok(Scores { rows })

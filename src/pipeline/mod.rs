@@ -9,7 +9,6 @@ mod capture;
 mod collect;
 mod collect_settings;
 mod compare;
-mod contestant;
 mod distillation;
 mod error;
 mod eval_settings;
@@ -19,6 +18,7 @@ mod journal;
 mod line_file;
 mod log;
 mod measure;
+mod method;
 mod metrics;
 mod monitor;
 mod pairing;
@@ -38,7 +38,7 @@ pub use capture::{CaptureReport, CaptureSettings, capture};
 pub use collect::{CollectTimes, collect, export, import, merge};
 pub use collect_settings::{CollectSettings, Noise, payload_range, visibility};
 pub use compare::{
-    CompareSettings, Comparer, Comparison, Configuration, Counterpart, Spread, TipSource,
+    CompareSettings, Comparer, Comparison, Configuration, Reference, Spread, TipSource,
 };
 pub use distillation::{distillation, student_sampler};
 pub use error::{CaptureStop, CompareError, Divergence, EvalError, PipelineError, TrainRunError};

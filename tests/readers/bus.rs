@@ -6,7 +6,7 @@ use tdcr::hw::servo::ServoId;
 
 /// An instruction of each kind.
 pub fn instructions() -> Vec<u8> {
-    let answers = Answers::Joined;
+    let answers = Answers::Fast;
     let (address, length, ids) = (116, 4, &[1, 2, 3]);
     let row = &[1, 116, 0, 4, 0, 0xFF, 0xFF, 0xFD, 0x00];
     let mut bytes = Vec::new();

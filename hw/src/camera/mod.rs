@@ -1,18 +1,18 @@
 //! RGB-D cameras: one trait, what they give, and what is done alike with all of them.
 //!
 //! Times are those of the rig's [`Clock`]. A camera exposes pictures in a rhythm of its own, keeps the last few, and gives each
-//! of them once. [`grab_all`] takes pictures of several cameras from one moment, [`Gathering`] does so in turns, [`Soak`] waits until a camera that was just
+//! of them once. [`grab_all`] takes pictures of several cameras from one moment, [`Gathering`] does so in turns, [`WarmUp`] waits until a camera that was just
 //! started has found its exposure, and [`UsbVersion::warning`] says what is wrong with a slow cable.
 
 mod forward;
-mod soak;
 mod together;
 mod usb;
+mod warm_up;
 
 pub(crate) use forward::described_by;
-pub use soak::{Soak, Soaked};
 pub use together::{Gathering, Together, grab_all};
 pub use usb::UsbVersion;
+pub use warm_up::{WarmUp, WarmedUp};
 
 use std::io;
 use std::sync::Arc;

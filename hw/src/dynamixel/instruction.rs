@@ -14,7 +14,7 @@ pub enum Answers {
     /// Each with a status of its own.
     Each,
     /// All in one status ("fast"; see [`joined`](super::joined)). For firmware 46 and newer.
-    Joined,
+    Fast,
 }
 
 /// What a factory reset keeps.
@@ -155,12 +155,12 @@ impl<'a> Instruction<'a> {
             Self::Backup(_) => 0x20,
             Self::SyncRead { answers, .. } => match answers {
                 Answers::Each => 0x82,
-                Answers::Joined => 0x8A,
+                Answers::Fast => 0x8A,
             },
             Self::SyncWrite { .. } => 0x83,
             Self::BulkRead { answers, .. } => match answers {
                 Answers::Each => 0x92,
-                Answers::Joined => 0x9A,
+                Answers::Fast => 0x9A,
             },
             Self::BulkWrite { .. } => 0x93,
         }
@@ -235,7 +235,7 @@ impl<'a> Instruction<'a> {
                     .map(Self::Backup)
             }),
             0x82 => sync_read(Answers::Each, parameters),
-            0x8A => sync_read(Answers::Joined, parameters),
+            0x8A => sync_read(Answers::Fast, parameters),
             0x83 => spans(parameters).and_then(|(address, length, rows)| {
                 let whole = rows.len().is_multiple_of(usize::from(length) + 1);
                 whole.then_some(Self::SyncWrite {
@@ -245,7 +245,7 @@ impl<'a> Instruction<'a> {
                 })
             }),
             0x92 => bulk_read(Answers::Each, parameters),
-            0x9A => bulk_read(Answers::Joined, parameters),
+            0x9A => bulk_read(Answers::Fast, parameters),
             0x93 => {
                 let used: usize = bulk_write_rows(parameters)
                     .map(|(_, _, data)| BULK_ROW + data.len())

@@ -13,7 +13,7 @@ use tdcr_sim::render::Scene;
 use super::Pace;
 use super::open::{clock, open_cameras};
 use super::{RigError, RigFile};
-use crate::camera::{RgbdCamera, Soak, grab_all};
+use crate::camera::{RgbdCamera, WarmUp, grab_all};
 use crate::clock::Clock;
 use crate::log::{LogError, LogSettings, LogWriter};
 
@@ -39,7 +39,7 @@ impl RigFile {
         let opened = open_cameras(self, || Some(Box::new(Scene::default())), &clock)?;
         let mut cameras: Vec<_> = opened.into_iter().map(|(camera, _)| camera).collect();
         for camera in &mut cameras {
-            Soak::default().run(camera)?;
+            WarmUp::default().run(camera)?;
         }
         let log = LogWriter::create(&partial.file, &*clock, LogSettings::default())?;
         let patience = Duration::from_secs_f64(self.spec.motion.picture);

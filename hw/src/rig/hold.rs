@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use super::motion::Drive;
 use super::{Pictures, Rig, RigError};
-use crate::camera::{Gathering, RgbdCamera, Soak, Together};
+use crate::camera::{Gathering, RgbdCamera, Together, WarmUp};
 
 impl Rig {
     /// Does some work, and looks at the servos meanwhile, each period, as [`poll`](Self::poll) does. Where the motors are off, or
@@ -68,7 +68,7 @@ impl Rig {
         self.with_cameras(|rig, cameras| {
             for camera in cameras {
                 let mut between = || rig.look_if_engaged();
-                Soak::default().run_in_turns(camera, period, &mut between)?;
+                WarmUp::default().run_in_turns(camera, period, &mut between)?;
             }
             Ok(())
         })

@@ -305,7 +305,7 @@ impl World {
     fn answer_many(&mut self, at: Duration, answers: Answers, asked: &[(ServoId, u16, u16)]) {
         match answers {
             Answers::Each => self.answer_each(at, asked),
-            Answers::Joined => self.answer_joined(at, asked),
+            Answers::Fast => self.answer_joined(at, asked),
         }
     }
 

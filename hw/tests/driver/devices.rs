@@ -250,8 +250,8 @@ impl Devices {
             statuses.push((id, error, data));
         }
         match answers {
-            Answers::Joined if statuses.is_empty() => {}
-            Answers::Joined => self.answer(&joined),
+            Answers::Fast if statuses.is_empty() => {}
+            Answers::Fast => self.answer(&joined),
             Answers::Each => {
                 for (id, error, data) in statuses {
                     self.answer_status(id, error, &data);

@@ -35,7 +35,7 @@ fn all<T>(results: PerServo<T>) -> Vec<T> {
 
 #[test]
 fn one_exchange_reads_all_that_servos_say_of_themselves() {
-    for (answers, number) in [(Answers::Joined, FAST_READ), (Answers::Each, SYNC_READ)] {
+    for (answers, number) in [(Answers::Fast, FAST_READ), (Answers::Each, SYNC_READ)] {
         let mut devices = three();
         devices.device(2).set(Item::PresentPosition, -1200);
         devices.device(2).set(Item::PresentVelocity, -100);
@@ -82,7 +82,7 @@ fn servos_of_both_layouts_are_read_together() {
 
 #[test]
 fn a_servo_that_does_not_answer_costs_no_others_data() {
-    for answers in [Answers::Joined, Answers::Each] {
+    for answers in [Answers::Fast, Answers::Each] {
         for dead in [1, 2, 3] {
             let mut devices = three();
             let settings = BusSettings {

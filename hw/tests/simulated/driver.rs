@@ -62,7 +62,7 @@ fn moves(bus: &mut impl ServoBus, ids: &[ServoId], wait: impl Fn(Duration)) {
 
 #[test]
 fn it_moves_nine_servos_in_memory_with_either_answer() {
-    for answers in [Answers::Joined, Answers::Each] {
+    for answers in [Answers::Fast, Answers::Each] {
         let desk = Desk::of("3m");
         let settings = BusSettings {
             answers,
@@ -90,7 +90,7 @@ fn it_moves_nine_servos_in_memory_with_either_answer() {
 
 #[test]
 fn one_that_is_silent_costs_no_other_ones_data() {
-    for answers in [Answers::Joined, Answers::Each] {
+    for answers in [Answers::Fast, Answers::Each] {
         let desk = Desk::of("3m");
         let settings = BusSettings {
             answers,

@@ -65,7 +65,7 @@ fn one_that_is_silent_costs_no_other_ones_answer() {
 #[test]
 fn a_fast_sync_read_is_one_status_with_chained_checksums() {
     let mut desk = Desk::of("3m");
-    let instruction = sync_read(Answers::Joined, &[3, 7, 4]);
+    let instruction = sync_read(Answers::Fast, &[3, 7, 4]);
     let bytes = desk.exchange(PacketId::Broadcast, &instruction);
     assert_eq!(bytes.len(), 8 + 3 * 8);
     assert_eq!(bytes[..8], [0xFF, 0xFF, 0xFD, 0x00, 0xFE, 25, 0, 0x55]);
@@ -93,7 +93,7 @@ fn bulk_reads_and_writes_name_an_address_for_each() {
         (1, 300)
     );
     let rows = [2, 112, 0, 4, 0, 1, 65, 0, 1, 0];
-    for answers in [Answers::Each, Answers::Joined] {
+    for answers in [Answers::Each, Answers::Fast] {
         let read = Instruction::BulkRead {
             answers,
             rows: &rows,
@@ -105,7 +105,7 @@ fn bulk_reads_and_writes_name_an_address_for_each() {
                 assert_eq!(heard[0].data, [0x2C, 0x01, 0, 0]);
                 assert_eq!(heard[1].data, [1]);
             }
-            Answers::Joined => {
+            Answers::Fast => {
                 let data = &heard[0].data;
                 assert_eq!(data[..5], [2, 0x2C, 0x01, 0, 0]);
                 assert_eq!(data[7..10], [0, 1, 1]);

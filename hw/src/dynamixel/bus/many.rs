@@ -33,9 +33,9 @@ impl<T: Transport> Bus<T> {
             let known = self.servos.get(&span.id);
             known.is_some_and(|known| known.firmware >= FIRST_FAST_FIRMWARE)
         };
-        let joined = self.settings.answers == Answers::Joined && spans.iter().all(is_fast);
+        let joined = self.settings.answers == Answers::Fast && spans.iter().all(is_fast);
         let rounds: &[Answers] = if joined {
-            &[Answers::Joined, Answers::Each]
+            &[Answers::Fast, Answers::Each]
         } else {
             &[Answers::Each]
         };
@@ -129,7 +129,7 @@ impl<T: Transport> Bus<T> {
         let deadline = self.line.deadline(sent, delays, bytes);
         let position = |id| asked.iter().position(|span| span.id == id);
         match answers {
-            Answers::Joined => {
+            Answers::Fast => {
                 let sizes: Vec<_> = asked
                     .iter()
                     .map(|span| (span.id, span.length.into()))
@@ -178,7 +178,7 @@ fn chunks<'a>(
     let longest = longest.unwrap_or_default();
     let row = match answers {
         Answers::Each => 5,
-        Answers::Joined => length_field([longest]).max(5),
+        Answers::Fast => length_field([longest]).max(5),
     };
     missing.chunks(((MAX_LENGTH - ROOM_FOR_STUFFING) / row).max(1))
 }

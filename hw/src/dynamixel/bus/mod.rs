@@ -54,7 +54,7 @@ impl Default for BusSettings {
             // At 0.2 % of bytes lost, an instruction of 50 bytes and its answer fail one time in ten.
             attempts: 6,
             pause: Duration::from_millis(2),
-            answers: Answers::Joined,
+            answers: Answers::Fast,
             lasting_changes: LastingChanges::Refused,
         }
     }

@@ -5,7 +5,7 @@ use tdcr_sim::camera::Intrinsics;
 use tdcr_sim::geometry::{Instance, Shape};
 
 use super::*;
-use crate::camera::{Soak, grab_all};
+use crate::camera::{WarmUp, grab_all};
 use crate::clock::{Clock, VirtualClock};
 
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -234,7 +234,7 @@ fn frozen_pictures_come_with_new_times_and_without_new_noise() {
 }
 
 #[test]
-fn a_soak_ends_when_exposure_and_depth_are_steady() {
+fn a_warm_up_ends_when_exposure_and_depth_are_steady() {
     let warm_up = Duration::from_millis(300);
     let table = table(-0.1).expect("sizes above 0");
     let setup = CameraSetup {
@@ -250,17 +250,22 @@ fn a_soak_ends_when_exposure_and_depth_are_steady() {
         )
     };
     let mut camera = open(setup.clone());
-    let soaked = Soak::default().run(&mut camera).expect("it becomes steady");
+    let warmed_up = WarmUp::default()
+        .run(&mut camera)
+        .expect("it becomes steady");
     let before = camera.grab(PATIENCE).expect("a picture").value;
     camera.clock().wait(10 * warm_up);
     let after = camera.grab(PATIENCE).expect("a picture").value;
     let seen = |frame: &RgbdFrame| frame.depth.iter().filter(|depth| **depth > 0.0).count();
-    assert!(soaked.frames > 15 && soaked.took > warm_up, "{soaked:?}");
+    assert!(
+        warmed_up.frames > 15 && warmed_up.took > warm_up,
+        "{warmed_up:?}"
+    );
     assert!(seen(&before) as f64 > 0.93 * seen(&after) as f64);
     // One that is given too little time says so.
-    let hasty = Soak {
+    let hasty = WarmUp {
         patience: warm_up,
-        ..Soak::default()
+        ..WarmUp::default()
     };
     let error = hasty
         .run(&mut open(setup))
@@ -270,7 +275,7 @@ fn a_soak_ends_when_exposure_and_depth_are_steady() {
     let mut dead = open(ideal("a"));
     dead.faults()
         .set_from(Duration::ZERO, Some(CameraFault::Stalled));
-    let error = Soak::default().run(&mut dead).expect_err("no pictures");
+    let error = WarmUp::default().run(&mut dead).expect_err("no pictures");
     assert!(matches!(error, CameraError::NoFrame { .. }), "{error}");
 }
 

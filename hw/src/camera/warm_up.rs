@@ -9,7 +9,7 @@ use super::{CameraError, RgbdCamera};
 /// What a camera must show before its pictures are used: auto-exposure changes brightness, and with it where depth is found,
 /// in the first second or so.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Soak {
+pub struct WarmUp {
     /// Pictures thrown away in any case.
     pub least_frames: u32,
     /// Consecutive pictures that must be alike.
@@ -21,16 +21,16 @@ pub struct Soak {
     pub patience: Duration,
 }
 
-/// What a soak took.
+/// What it took to warm up.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Soaked {
+pub struct WarmedUp {
     /// Pictures thrown away.
     pub frames: u32,
     /// Time it took.
     pub took: Duration,
 }
 
-impl Default for Soak {
+impl Default for WarmUp {
     /// 15 pictures at least, then 5 within 1 % of each other, in no more than 10 s.
     fn default() -> Self {
         Self {
@@ -68,12 +68,12 @@ impl Look {
     }
 }
 
-impl Soak {
+impl WarmUp {
     /// Throws pictures of a camera away until it is steady.
     ///
     /// # Errors
     /// [`CameraError::Unsteady`] where it does not become so in time, and those of the camera.
-    pub fn run(&self, camera: &mut impl RgbdCamera) -> Result<Soaked, CameraError> {
+    pub fn run(&self, camera: &mut impl RgbdCamera) -> Result<WarmedUp, CameraError> {
         self.run_in_turns(camera, self.patience, &mut || Ok(()))
     }
 
@@ -86,7 +86,7 @@ impl Soak {
         camera: &mut impl RgbdCamera,
         turn: Duration,
         between: &mut dyn FnMut() -> Result<(), E>,
-    ) -> Result<Soaked, E> {
+    ) -> Result<WarmedUp, E> {
         let start = camera.clock().now();
         let deadline = start + self.patience;
         let mut frames = 0;
@@ -127,7 +127,7 @@ impl Soak {
             last = Some(look);
             if frames >= self.least_frames && alike >= self.steady_frames {
                 let took = camera.clock().now().saturating_sub(start);
-                return Ok(Soaked { frames, took });
+                return Ok(WarmedUp { frames, took });
             }
         }
     }

@@ -13,7 +13,7 @@ use super::{EvalError, PipelineError};
 const COMMAND_TOLERANCE: f32 = 1e-3;
 
 /// What is scored.
-pub(super) struct Contestant {
+pub(super) struct Method {
     pub about: About,
     pub clouds: Clouds,
     pub extent: Extent,
@@ -28,7 +28,7 @@ pub(super) enum Clouds {
     Given(PredictedClouds),
 }
 
-impl Contestant {
+impl Method {
     pub fn predictor(predictor: Arc<dyn Predictor>, extent: Extent) -> Self {
         Self {
             about: predictor.about(),
