@@ -185,7 +185,7 @@ impl From<RecordingFileError> for Failure {
     fn from(error: RecordingFileError) -> Self {
         let hint = hint::of_recording(&error);
         let class = match error {
-            RecordingFileError::Columns { .. } => "InputError",
+            RecordingFileError::Columns { .. } | RecordingFileError::Priors { .. } => "InputError",
             _ => "DataError",
         };
         Self::with_hint(class, &error, hint)

@@ -103,7 +103,7 @@ mod _tdcr {
     #[pymodule_export]
     use crate::rig::{Rig, record_background, while_released};
     #[pymodule_export]
-    use crate::robot::Robot;
+    use crate::robot::{Robot, parameter_bounds};
     #[pymodule_export]
     use crate::run::{processors, set_threads, threads};
     #[pymodule_export]

@@ -6,7 +6,8 @@ use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use tdcr::pages::CalibrationPage;
 use tdcr::pipeline::recording::{
-    BadRows, CalibrateError, CalibrateSettings, Calibration, Columns, Compared, Fitted, calibrate,
+    BadRows, CalibrateError, CalibrateSettings, Calibration, Columns, Compared, Fitted,
+    GivenPriors, calibrate,
 };
 
 use crate::arrays::array;
@@ -24,6 +25,7 @@ pub struct Options {
     starts: usize,
     seed: u64,
     skip_bad_rows: bool,
+    priors: Option<TableArgument>,
 }
 
 impl Options {
@@ -46,6 +48,11 @@ impl Options {
         };
         Ok(CalibrateSettings {
             fitted,
+            priors: match &self.priors {
+                Some(TableArgument::File(path)) => GivenPriors::load(path)?,
+                Some(TableArgument::Json((text,))) => GivenPriors::from_json(text)?,
+                None => GivenPriors::default(),
+            },
             loss: self.loss,
             starts: self.starts,
             seed: self.seed,
@@ -115,7 +122,7 @@ pub fn calibrate_recording(
     py: Python<'_>,
     robot: &Robot,
     data: PathBuf,
-    columns: Option<MapArgument>,
+    columns: Option<TableArgument>,
     validate: Option<PathBuf>,
     report: Option<PathBuf>,
     options: Options,
@@ -124,8 +131,8 @@ pub fn calibrate_recording(
     let spec = robot.0.spec().clone();
     let settings = options.settings()?;
     let columns = match columns {
-        Some(MapArgument::File(path)) => Some(Columns::load(&path, &spec)?),
-        Some(MapArgument::Json((text,))) => Some(Columns::from_json(&text, &spec)?),
+        Some(TableArgument::File(path)) => Some(Columns::load(&path, &spec)?),
+        Some(TableArgument::Json((text,))) => Some(Columns::from_json(&text, &spec)?),
         None => None,
     };
     let calibration = run::long(py, progress, |watch| {
@@ -166,9 +173,9 @@ pub fn calibrate_recording(
     })
 }
 
-/// A column map: its file, or its JSON text.
+/// A column map or priors: the file, or JSON text.
 #[derive(FromPyObject)]
-pub enum MapArgument {
+pub enum TableArgument {
     Json((String,)),
     File(PathBuf),
 }

@@ -26,7 +26,7 @@ impl Robot {
     }
 }
 
-/// A parameter: name, value, unit, what it acts on in words, module, discs, tendons, names of those that overlap with it.
+/// A parameter: name, value, unit, what it acts on in words, module, discs, tendons, names of those that overlap with it, bounds.
 type Described = (
     String,
     f64,
@@ -36,6 +36,7 @@ type Described = (
     Vec<usize>,
     Vec<usize>,
     Vec<String>,
+    (f64, f64),
 );
 
 /// What a model for MuJoCo shows and how it moves, as `tdcr export` asks for it.
@@ -201,6 +202,7 @@ impl Robot {
                 discs,
                 tendons,
                 overlapping.map(Parameter::key).collect(),
+                bounds(parameter),
             ))
         };
         all.iter().map(describe).collect()
@@ -217,6 +219,16 @@ impl Robot {
         let values: Vec<_> = names.into_iter().zip(values).collect();
         Self::new(self.0.spec().with(&values)?)
     }
+}
+
+/// Smallest and largest value of a parameter of any robot, by its name; of sizes that cannot be 0, 0 is just below the smallest.
+#[pyfunction]
+pub fn parameter_bounds(name: &str) -> Outcome<(f64, f64)> {
+    named(name).map(bounds)
+}
+
+fn bounds(parameter: Parameter) -> (f64, f64) {
+    (parameter.kind().quantity.values.least(), f64::INFINITY)
 }
 
 /// A parameter by its name.

@@ -62,14 +62,14 @@ def _plain(value: Any, path: str, what: str, error: type[InputError]) -> Any:
 
 
 @contextmanager
-def in_its_words(text: str) -> Iterator[None]:
-    """Errors about a place in ``text``, which :func:`as_json` wrote, name the keys that lead there in its place."""
+def in_its_words(text: str, what: str = "") -> Iterator[None]:
+    """Errors about a place in ``text``, which :func:`as_json` wrote of ``what``, name the keys that lead there in its place."""
     try:
         yield
     except InputError as error:
         message = str(error)
         found = _PLACE.search(message)
-        if found is None:
+        if found is None or not message.startswith(what):
             raise
         path = _path(text, int(found[1]))
         message = message[: found.start()] + message[found.end() :]

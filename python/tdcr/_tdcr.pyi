@@ -51,6 +51,7 @@ __all__ = [
     "linearise",
     "merge",
     "merge_study",
+    "parameter_bounds",
     "presets",
     "processors",
     "read_cloud_set",
@@ -126,9 +127,11 @@ class Robot:
     def value(self, parameter: str) -> float: ...
     def parameters(
         self,
-    ) -> list[tuple[str, float, str, str, int | None, list[int], list[int], list[str]]]: ...
+    ) -> list[tuple[str, float, str, str, int | None, list[int], list[int], list[str], tuple[float, float]]]: ...
     def check_parameters(self, names: list[str]) -> None: ...
     def with_values(self, names: list[str], values: list[float]) -> Robot: ...
+
+def parameter_bounds(name: str) -> tuple[float, float]: ...
 
 @final
 class Loads:

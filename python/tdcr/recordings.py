@@ -86,6 +86,7 @@ def calibrate_recording(
     *,
     validate: PathLike | None = None,
     fit: Sequence[str] | None = None,
+    priors: PathLike | Mapping[str, Mapping[str, Any]] | None = None,
     loss: float | None = None,
     starts: int = 1,
     seed: int = 0,
@@ -108,6 +109,10 @@ def calibrate_recording(
             ``["default", "friction"]`` friction besides the default ones. With ``"servo_map"``, which servo pulls which tendon,
             and which way, is found first; with the default ones only where ``columns`` is clearly wrong, and so is the frame of
             the recording.
+        priors: What is known of unknowns before the fit, by the name of a group or of an unknown as ``parameters`` has it: a TOML
+            file, or a dictionary from the name to ``spread`` (standard deviation, of factors and gains a share), ``bounds``
+            (lowest and highest value), ``value`` (the mean, where the fit starts) and ``unit`` (which is compared); what is not
+            said is as the robot and the groups have it.
         loss: Distance (m) from which a miss counts less than by its square; a fortieth of the robot's length.
         starts: Starts of the fit: the robot's own values, then others at random.
         seed: Seed of the random starts.
@@ -117,21 +122,23 @@ def calibrate_recording(
 
     Raises:
         DataError: For a recording that cannot be read, or has bad rows.
-        InputError: For a column map that does not fit or is missing, or a recording that says too little.
+        InputError: For a column map that does not fit or is missing, priors of nothing that is fitted, or a recording that says
+            too little.
     """
     robot = as_robot(robot)
-    text = as_json(columns, "columns") if isinstance(columns, Mapping) else ""
-    chosen: Any = (text,) if text else None if columns is None else as_path(columns, "columns")  # type: ignore[arg-type]
+    text, chosen = _table(columns, "columns")
+    believed, known = _table(priors, "priors")
     options = {
         "fit": None if fit is None else as_texts(fit, "fit"),
         "loss": maybe_number(loss, "loss"),
         "starts": as_count(starts, "starts", 1, 65535),
         "seed": as_count(seed, "seed"),
         "skip_bad_rows": as_flag(skip_bad_rows, "skip_bad_rows"),
+        "priors": known,
     }
     page = None if report is None else os.fspath(as_file(report, "report", ".html"))
     other = None if validate is None else as_path(validate, "validate")
-    with in_its_words(text):
+    with in_its_words(text, "columns: "), in_its_words(believed, "priors: "):
         native = _tdcr.calibrate_recording(robot._native, as_path(data, "data"), chosen, other, page, options, progress)
     for note in native.notes:
         warnings.warn(note, stacklevel=2)
@@ -147,6 +154,14 @@ def calibrate_recording(
         validation=None if native.validation is None else _replayed(native.validation),
         _columns_text=native.columns,
     )
+
+
+def _table(given: PathLike | Mapping[str, Any] | None, what: str) -> tuple[str, tuple[str] | str | None]:
+    """JSON text of a dictionary, and what the native module takes of it, of a file or of none."""
+    if isinstance(given, Mapping):
+        text = as_json(given, what)
+        return text, (text,)
+    return "", None if given is None else as_path(given, what)
 
 
 def _replayed(native: _tdcr.ReplayedRecording) -> Replayed:

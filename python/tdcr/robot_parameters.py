@@ -30,6 +30,7 @@ class Parameter:
         tendons: The tendon that it is a parameter of.
         overlaps: Names of parameters that stand for the same numbers, so that they cannot be named with it: the radius of a
             body's holes, and the places of each.
+        bounds: Smallest and largest value that a robot can have, in the unit; a size that cannot be 0 is above 0.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Parameter:
     discs: tuple[int, ...]
     tendons: tuple[int, ...]
     overlaps: tuple[str, ...]
+    bounds: tuple[float, float]
 
 
 class Parameters(Sequence[Parameter]):
@@ -113,7 +115,7 @@ def parameters(robot: RobotLike) -> Parameters:
     return Parameters(
         robot.name,
         [
-            Parameter(name, value, unit, acts_on, module, tuple(discs), tuple(tendons), tuple(overlaps))
-            for name, value, unit, acts_on, module, discs, tendons, overlaps in every
+            Parameter(name, value, unit, acts_on, module, tuple(discs), tuple(tendons), tuple(overlaps), bounds)
+            for name, value, unit, acts_on, module, discs, tendons, overlaps, bounds in every
         ],
     )

@@ -8,8 +8,8 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use tdcr::pages::CalibrationPage;
 use tdcr::pipeline::recording::{
-    BadRows, CalibrateError, CalibrateSettings, Calibrated, Columns, Fitted, FoundServos, Measured,
-    calibrate,
+    BadRows, CalibrateError, CalibrateSettings, Calibrated, Columns, Fitted, FoundServos,
+    GivenPriors, Measured, calibrate,
 };
 use tdcr::report::counted;
 
@@ -46,6 +46,10 @@ pub(super) struct CalibrateArgs {
     /// only where the columns are clearly wrong, and so is the recording's frame
     #[arg(long, value_delimiter = ',', value_name = "GROUP,..", value_parser = names())]
     fit: Option<Vec<String>>,
+    /// What is known of unknowns before the fit, by the name of a group or of an unknown: `spread`, `bounds`, `value` (TOML;
+    /// docs/sim-to-real.md) [default: the robot file and the priors of the groups]
+    #[arg(long, value_name = "FILE")]
+    priors: Option<PathBuf>,
     /// Distance (m) from which a marker's or a point's miss counts less than by its square [default: a fortieth of the robot's length]
     #[arg(long, value_name = "M", value_parser = super::positive)]
     loss: Option<f64>,
@@ -87,6 +91,10 @@ impl CalibrateArgs {
                 Some(_) if none => Fitted::nothing(),
                 Some(names) => Fitted::named(names.iter().map(String::as_str))
                     .map_err(|name| anyhow!("--fit has {name}, which is no group"))?,
+            },
+            priors: match &self.priors {
+                Some(file) => GivenPriors::load(file)?,
+                None => GivenPriors::default(),
             },
             loss: self.loss,
             starts: self.starts.into(),

@@ -5,6 +5,7 @@
 mod calibrate;
 mod calibrate_cameras;
 mod calibrate_clouds;
+mod calibrate_priors;
 mod calibrate_wild;
 mod capture;
 mod colors;

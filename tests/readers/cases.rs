@@ -110,6 +110,10 @@ pub fn sound(name: &str) -> Vec<Case> {
             ("marked", marked(b"0.01, 0.02\n")),
         ],
         "columns" => vec![("all", include_bytes!("columns.toml").to_vec())],
+        "priors" => vec![
+            ("two", PRIORS.into()),
+            ("marked", marked(PRIORS.as_bytes())),
+        ],
         "recording" => vec![
             ("commas", recording(",")),
             ("tabs", recording("\t")),
@@ -133,6 +137,16 @@ pub fn hostile(name: &str) -> Vec<Case> {
         "columns" => vec![
             ("deep", format!("pattern = {}", "[".repeat(100_000)).into()),
             ("many", "[[markers]]\n".repeat(200_000).into()),
+        ],
+        "priors" => vec![
+            ("deep", format!("lag = {}", "[".repeat(100_000)).into()),
+            (
+                "many",
+                (0..100_000)
+                    .map(|k| format!("[u{k}]\n"))
+                    .collect::<String>()
+                    .into(),
+            ),
         ],
         "recording" => vec![
             ("wide", ",".repeat(3_000_000).into()),

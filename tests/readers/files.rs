@@ -169,6 +169,9 @@ pub fn zeros(samples: u64, points: u64, deflate: Option<u32>) -> Vec<u8> {
     builder.finish().expect("memory can be written")
 }
 
+/// Priors of a group and of an unknown.
+pub const PRIORS: &str = "[lag]\nvalue = 0.1\nspread = 0.02\nunit = \"s\"\n\n[\"gain of servo 1\"]\nbounds = [0.9, 1.1]\n";
+
 /// Names of the columns of `columns.toml`.
 pub const NAMES: &str = "t,motion,a,b,c,d,e,f,x,y,z,mx,my,mz,qw,qx,qy,qz";
 

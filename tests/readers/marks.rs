@@ -9,7 +9,7 @@ use tdcr::hw::extrinsics::{CameraFile, read_board};
 use tdcr::hw::rig::RigFile;
 use tdcr::learn::data::{DataSet, ImportSettings, import, merge, read_cloud};
 use tdcr::pipeline::Silent;
-use tdcr::pipeline::recording::{Columns, RecordingFile};
+use tdcr::pipeline::recording::{Columns, GivenPriors, RecordingFile};
 use tdcr::sim::geometry::Shape;
 use tdcr::sim::robot::RobotSpec;
 use tdcr::study::{Study, merge as merge_study, run};
@@ -92,6 +92,9 @@ fn recordings_and_their_maps_are_read_behind_a_mark() {
     let robot = RobotSpec::standard("2m").unwrap();
     check("columns.toml", &first("columns"), |path| {
         outcome(Columns::load(path, &robot))
+    });
+    check("priors.toml", &first("priors"), |path| {
+        outcome(GivenPriors::load(path))
     });
     let columns: Columns = toml::from_str(include_str!("columns.toml")).unwrap();
     check("recording.csv", &first("recording"), |path| {

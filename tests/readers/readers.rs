@@ -20,7 +20,7 @@ use tdcr::learn::data::{
     DataSet, ImportSettings, Split, import, merge, read_cloud, read_predictions,
 };
 use tdcr::learn::train::{Model, TrainingState};
-use tdcr::pipeline::recording::{Columns, RecordingFile};
+use tdcr::pipeline::recording::{Columns, GivenPriors, RecordingFile};
 use tdcr::pipeline::{PipelineError, Scores};
 use tdcr::sim::geometry::Shape;
 use tdcr::sim::robot::{Robot, RobotSpec};
@@ -47,7 +47,7 @@ mod line_file;
 pub type Reader = (&'static str, fn(&[u8]));
 
 /// All readers.
-pub const READERS: [Reader; 28] = [
+pub const READERS: [Reader; 29] = [
     ("robot_toml", robot_toml),
     ("robot_json", robot_json),
     ("mjcf", mjcf),
@@ -72,6 +72,7 @@ pub const READERS: [Reader; 28] = [
     ("servo_answers", servo_answers),
     ("rig_log", rig_log),
     ("columns", columns),
+    ("priors", priors),
     ("recording", recording),
     ("predictions", predictions),
     ("study_file", study_file),
@@ -387,6 +388,11 @@ pub fn columns(bytes: &[u8]) {
             drop(columns.transmission(&robot));
         }
     });
+}
+
+/// Priors of unknowns.
+pub fn priors(bytes: &[u8]) {
+    in_file("priors.toml", bytes, |path| drop(GivenPriors::load(path)));
 }
 
 /// A column map of all kinds of columns.

@@ -258,10 +258,10 @@ def _ranges(robot: Robot, randomise: Mapping[str, tuple[float, float]]) -> dict[
             raise InputError(f"randomise[{name!r}] is {ends!r}; expected (low, high): {error}") from None
         if not low <= high:
             raise InputError(f"randomise[{name!r}] is ({low}, {high}); expected low <= high")
-        if name == "payload":
-            if low < 0.0:
-                raise InputError(f"randomise['payload'] is ({low}, {high}); expected masses of 0 or more")
-        else:
+        least, _ = _tdcr.parameter_bounds(name)
+        if low < least:
+            raise InputError(f"randomise[{name!r}] is ({low}, {high}); expected values of {least:g} or more")
+        if name != "payload":
             for end in (low, high):
                 robot.with_values({name: end})
         ranges[name] = (low, high)

@@ -9,7 +9,7 @@ use super::{Body, Drive, MassSpec, RobotSpec};
 
 /// A number that an equilibrium or a motion depends on. Derivatives are per unit given here. Those of
 /// the robot, not of its command and loads, have a value in its specification: [`RobotSpec::value`].
-/// Each has a name as text: [`Parameter::key`].
+/// Each has a name as text, [`Parameter::key`], and a kind, of which all else is known: [`Parameter::kind`].
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Parameter {
@@ -105,57 +105,9 @@ impl Axis {
     }
 }
 
-impl Parameter {
-    /// Its unit.
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Command(_) => "m or N",
-            Self::Payload => "kg",
-            Self::Force(..) => "N",
-            Self::Moment(..) => "N m",
-            Self::Gain(_) | Self::AxialStiffness(_) => "N/m",
-            Self::Bending(..) | Self::Torsion(_) | Self::HingeStiffness(..) => "N m/rad",
-            Self::Density(_) => "kg/m\u{b3}",
-            Self::Youngs(_) => "Pa",
-            Self::HoleRadius(_) | Self::Hole(..) | Self::Pitch(_) => "m",
-            Self::Damping(_) => "N m s/rad",
-            Self::Armature(_) => "kg m\u{b2}",
-        }
-    }
-}
-
 impl fmt::Display for Axis {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(["x", "y", "z"][self.index()])
-    }
-}
-
-impl fmt::Display for Parameter {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let body = |body: &Body| match body {
-            Body::Base => "the base".to_owned(),
-            Body::Disc(disc) => format!("the module of disc {disc}"),
-        };
-        match self {
-            Self::Command(t) => write!(f, "command of tendon {t}"),
-            Self::Payload => write!(f, "payload"),
-            Self::Force(disc, axis) => write!(f, "force on disc {disc} along {axis}"),
-            Self::Moment(disc, axis) => write!(f, "moment on disc {disc} about {axis}"),
-            Self::Gain(t) => write!(f, "gain of tendon {t}"),
-            Self::AxialStiffness(t) => write!(f, "axial stiffness of tendon {t}"),
-            Self::Bending(m, axis) => write!(f, "bending stiffness of module {m} about {axis}"),
-            Self::Torsion(m) => write!(f, "torsion stiffness of module {m}"),
-            Self::HingeStiffness(m, hinge) => {
-                write!(f, "stiffness of hinge {hinge} of module {m}")
-            }
-            Self::Density(m) => write!(f, "density of module {m}"),
-            Self::Youngs(m) => write!(f, "Young's modulus of the rod of module {m}"),
-            Self::HoleRadius(at) => write!(f, "hole radius of {}", body(at)),
-            Self::Hole(at, hole, axis) => write!(f, "{axis} of hole {hole} of {}", body(at)),
-            Self::Pitch(m) => write!(f, "pitch of module {m}"),
-            Self::Damping(m) => write!(f, "joint damping of module {m}"),
-            Self::Armature(m) => write!(f, "joint armature of module {m}"),
-        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Parameters by name, as text: what files, command lines and other languages say.
+//! Parameters as text: by key, as files, command lines and other languages say them, and in words.
 //!
 //! | key | parameter |
 //! |---|---|
@@ -13,11 +13,13 @@
 //!
 //! Numbers count from 0 and are written without leading zeros, so that every parameter has one key.
 
+use std::fmt;
 use std::str::FromStr;
 
 use thiserror::Error;
 
-use super::{Axis, Body, Parameter};
+use super::parameter_kind::{Each, Which};
+use super::{Axis, Body, Parameter, ParameterKind};
 
 /// Why a text is not the key of a parameter.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -30,26 +32,6 @@ pub struct ParameterKeyError {
     /// What would be right.
     pub expected: String,
 }
-
-/// The names of parameters and what follows each, an example.
-const FORMS: [(&str, &str); 16] = [
-    ("command", "command[0]"),
-    ("payload", "payload"),
-    ("force", "force[9].x"),
-    ("moment", "moment[9].z"),
-    ("gain", "gain[2]"),
-    ("axial_stiffness", "axial_stiffness[0]"),
-    ("bending", "bending[0].x"),
-    ("torsion", "torsion[0]"),
-    ("hinge_stiffness", "hinge_stiffness[0][1]"),
-    ("density", "density[1]"),
-    ("youngs", "youngs[0]"),
-    ("hole_radius", "hole_radius[base] or hole_radius[3]"),
-    ("hole", "hole[base][2].x or hole[3][0].y"),
-    ("pitch", "pitch[1]"),
-    ("damping", "damping[0]"),
-    ("armature", "armature[0]"),
-];
 
 impl Parameter {
     /// Its name as text, which [`Parameter::from_str`] reads.
@@ -67,24 +49,48 @@ impl Parameter {
             Body::Base => "base".to_owned(),
             Body::Disc(disc) => disc.to_string(),
         };
-        match self {
-            Self::Command(tendon) => format!("command[{tendon}]"),
-            Self::Payload => "payload".to_owned(),
-            Self::Force(disc, axis) => format!("force[{disc}].{axis}"),
-            Self::Moment(disc, axis) => format!("moment[{disc}].{axis}"),
-            Self::Gain(tendon) => format!("gain[{tendon}]"),
-            Self::AxialStiffness(tendon) => format!("axial_stiffness[{tendon}]"),
-            Self::Bending(module, axis) => format!("bending[{module}].{axis}"),
-            Self::Torsion(module) => format!("torsion[{module}]"),
-            Self::HingeStiffness(module, hinge) => format!("hinge_stiffness[{module}][{hinge}]"),
-            Self::Density(module) => format!("density[{module}]"),
-            Self::Youngs(module) => format!("youngs[{module}]"),
-            Self::HoleRadius(at) => format!("hole_radius[{}]", body(at)),
-            Self::Hole(at, hole, axis) => format!("hole[{}][{hole}].{axis}", body(at)),
-            Self::Pitch(module) => format!("pitch[{module}]"),
-            Self::Damping(module) => format!("damping[{module}]"),
-            Self::Armature(module) => format!("armature[{module}]"),
+        let name = self.kind().quantity.name;
+        match self.which() {
+            Which::Once => name.to_owned(),
+            Which::Tendon(number) | Which::Module(number) => format!("{name}[{number}]"),
+            Which::DiscAxis(number, axis) | Which::ModuleAxis(number, axis) => {
+                format!("{name}[{number}].{axis}")
+            }
+            Which::Hinge(module, hinge) => format!("{name}[{module}][{hinge}]"),
+            Which::Body(at) => format!("{name}[{}]", body(at)),
+            Which::Hole(at, hole, axis) => format!("{name}[{}][{hole}].{axis}", body(at)),
         }
+    }
+}
+
+impl fmt::Display for Parameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let body = |body: Body| match body {
+            Body::Base => "the base".to_owned(),
+            Body::Disc(disc) => format!("the module of disc {disc}"),
+        };
+        let fill = |text: &str, what: &str, with: String| text.replace(what, &with);
+        let number = |what: &str, number: usize| fill(self.kind().title, what, number.to_string());
+        let title = match self.which() {
+            Which::Once => self.kind().title.to_owned(),
+            Which::Tendon(tendon) => number("{tendon}", tendon),
+            Which::DiscAxis(disc, axis) => {
+                fill(&number("{disc}", disc), "{axis}", axis.to_string())
+            }
+            Which::Module(module) => number("{module}", module),
+            Which::ModuleAxis(module, axis) => {
+                fill(&number("{module}", module), "{axis}", axis.to_string())
+            }
+            Which::Hinge(module, hinge) => {
+                fill(&number("{module}", module), "{hinge}", hinge.to_string())
+            }
+            Which::Body(at) => fill(self.kind().title, "{body}", body(at)),
+            Which::Hole(at, hole, axis) => {
+                let title = fill(&number("{hole}", hole), "{axis}", axis.to_string());
+                fill(&title, "{body}", body(at))
+            }
+        };
+        f.write_str(&title)
     }
 }
 
@@ -100,8 +106,9 @@ impl FromStr for Parameter {
             reason,
             expected,
         };
-        let Some((_, form)) = FORMS.iter().find(|form| form.0 == name) else {
-            let all = FORMS.map(|form| form.1).join(", ");
+        let Some(kind) = ParameterKind::named(name) else {
+            let all = ParameterKind::all().iter().map(|kind| kind.example);
+            let all = all.collect::<Vec<_>>().join(", ");
             return Err(refuse(
                 format!("there is no parameter {name:?}"),
                 format!("a key like one of {all}"),
@@ -109,9 +116,9 @@ impl FromStr for Parameter {
         };
         let mut rest = Rest(rest);
         let parameter = rest
-            .parameter(name)
+            .parameter(kind)
             .and_then(|parameter| rest.end().map(|()| parameter));
-        parameter.map_err(|reason| refuse(reason, format!("a key like {form}")))
+        parameter.map_err(|reason| refuse(reason, format!("a key like {}", kind.example)))
     }
 }
 
@@ -119,26 +126,16 @@ impl FromStr for Parameter {
 struct Rest<'a>(&'a str);
 
 impl<'a> Rest<'a> {
-    fn parameter(&mut self, name: &str) -> Result<Parameter, String> {
-        Ok(match name {
-            "command" => Parameter::Command(self.number("tendon")?),
-            "force" => Parameter::Force(self.number("disc")?, self.axis()?),
-            "moment" => Parameter::Moment(self.number("disc")?, self.axis()?),
-            "gain" => Parameter::Gain(self.number("tendon")?),
-            "axial_stiffness" => Parameter::AxialStiffness(self.number("tendon")?),
-            "bending" => Parameter::Bending(self.number("module")?, self.axis()?),
-            "torsion" => Parameter::Torsion(self.number("module")?),
-            "hinge_stiffness" => {
-                Parameter::HingeStiffness(self.number("module")?, self.number("hinge")?)
-            }
-            "density" => Parameter::Density(self.number("module")?),
-            "youngs" => Parameter::Youngs(self.number("module")?),
-            "hole_radius" => Parameter::HoleRadius(self.body()?),
-            "hole" => Parameter::Hole(self.body()?, self.number("hole")?, self.axis()?),
-            "pitch" => Parameter::Pitch(self.number("module")?),
-            "damping" => Parameter::Damping(self.number("module")?),
-            "armature" => Parameter::Armature(self.number("module")?),
-            _ => Parameter::Payload,
+    fn parameter(&mut self, kind: &ParameterKind) -> Result<Parameter, String> {
+        Ok(match kind.each {
+            Each::Once(parameter) => parameter,
+            Each::Tendon(of) => of(self.number("tendon")?),
+            Each::DiscAxis(of) => of(self.number("disc")?, self.axis()?),
+            Each::Module(of) => of(self.number("module")?),
+            Each::ModuleAxis(of) => of(self.number("module")?, self.axis()?),
+            Each::Hinge(of) => of(self.number("module")?, self.number("hinge")?),
+            Each::Body(of) => of(self.body()?),
+            Each::Hole(of) => of(self.body()?, self.number("hole")?, self.axis()?),
         })
     }
 

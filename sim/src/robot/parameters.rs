@@ -5,7 +5,8 @@ use std::fmt;
 use std::ops::Range;
 
 use super::parameter::check;
-use super::{Axis, Body, Parameter, ParameterError, RobotSpec};
+use super::parameter_kind::Which;
+use super::{Body, Parameter, ParameterError, ParameterKind, RobotSpec};
 
 /// What a parameter acts on.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -57,34 +58,12 @@ impl RobotSpec {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn parameters(&self) -> Vec<Parameter> {
-        let tendons = 0..self.tendon_count();
-        let modules = 0..self.modules.len();
-        let bodies = || {
-            let discs = modules.clone().map(|m| Body::Disc(self.discs_of(m).start));
-            std::iter::once(Body::Base).chain(discs)
-        };
-        let bending = |m| [Axis::X, Axis::Y].map(|axis| Parameter::Bending(m, axis));
-        let hinges = |m| (0..3).map(move |hinge| Parameter::HingeStiffness(m, hinge));
-        let places = |body| {
-            let count = self.holes(body).map_or(0, |holes| holes.count());
-            let place =
-                move |hole| [Axis::X, Axis::Y].map(|axis| Parameter::Hole(body, hole, axis));
-            (0..count).flat_map(place)
-        };
-        let all = (tendons.clone().map(Parameter::Gain))
-            .chain(tendons.map(Parameter::AxialStiffness))
-            .chain(modules.clone().flat_map(bending))
-            .chain(modules.clone().map(Parameter::Torsion))
-            .chain(modules.clone().flat_map(hinges))
-            .chain(modules.clone().map(Parameter::Youngs))
-            .chain(modules.clone().map(Parameter::Density))
-            .chain(modules.clone().map(Parameter::Pitch))
-            .chain(modules.clone().map(Parameter::Damping))
-            .chain(modules.clone().map(Parameter::Armature))
-            .chain(bodies().map(Parameter::HoleRadius))
-            .chain(bodies().flat_map(places));
-        all.filter(|&parameter| check(self, parameter).is_ok())
-            .collect()
+        (ParameterKind::all()
+            .iter()
+            .filter(|kind| kind.is_of_robot()))
+        .flat_map(|kind| kind.parameters(self))
+        .filter(|&parameter| check(self, parameter).is_ok())
+        .collect()
     }
 
     /// What a parameter acts on.
@@ -97,21 +76,14 @@ impl RobotSpec {
             module,
             discs: self.discs_of(module),
         };
-        Ok(match parameter {
-            Parameter::Command(tendon)
-            | Parameter::Gain(tendon)
-            | Parameter::AxialStiffness(tendon) => ActsOn::Tendon(tendon),
-            Parameter::Force(disc, _) | Parameter::Moment(disc, _) => ActsOn::Disc(disc),
-            Parameter::Payload => ActsOn::Disc(self.disc_count() - 1),
-            Parameter::Bending(module, _)
-            | Parameter::Torsion(module)
-            | Parameter::HingeStiffness(module, _)
-            | Parameter::Density(module)
-            | Parameter::Youngs(module)
-            | Parameter::Pitch(module)
-            | Parameter::Damping(module)
-            | Parameter::Armature(module) => of_module(module),
-            Parameter::HoleRadius(body) | Parameter::Hole(body, ..) => {
+        Ok(match parameter.which() {
+            Which::Once => ActsOn::Disc(self.disc_count() - 1),
+            Which::Tendon(tendon) => ActsOn::Tendon(tendon),
+            Which::DiscAxis(disc, _) => ActsOn::Disc(disc),
+            Which::Module(module) | Which::ModuleAxis(module, _) | Which::Hinge(module, _) => {
+                of_module(module)
+            }
+            Which::Body(body) | Which::Hole(body, ..) => {
                 self.module_at(body).map_or(ActsOn::Base, of_module)
             }
         })
@@ -209,7 +181,7 @@ impl RobotSpec {
     }
 
     /// The discs of a module, from 0 at the base.
-    fn discs_of(&self, module: usize) -> Range<usize> {
+    pub(super) fn discs_of(&self, module: usize) -> Range<usize> {
         let start = self.modules[..module].iter().map(|m| m.discs).sum();
         start..start + self.modules[module].discs
     }

@@ -11,16 +11,17 @@ use tdcr_sim::inverse::recording::{
 };
 use tdcr_sim::robot::{Robot, RobotSpec};
 
-use super::Columns;
 use super::calibrate_error::CalibrateError;
 use super::clouds::Source;
 use super::column_corrections::{Corrected, MovedFrame};
 use super::compared::Compared;
 use super::fitted::Fitted;
+use super::priors::GivenPriors;
 use super::reader::{Reader, own_columns, same};
 use super::repeat::repeatability;
 use super::rows::{BadRows, RecordingFile};
 use super::servos::FoundServos;
+use super::{Columns, RecordingFileError};
 use crate::pipeline::Monitor;
 
 /// What is fitted, and how.
@@ -28,6 +29,8 @@ use crate::pipeline::Monitor;
 pub struct CalibrateSettings {
     /// What is fitted.
     pub fitted: Fitted,
+    /// What is known of the unknowns, where it is not what the robot file and the table of unknowns say.
+    pub priors: GivenPriors,
     /// Distance (m) from which a residual counts less than by its square; a fortieth of the robot's length where not given.
     pub loss: Option<f64>,
     /// Starts of the fit: the robot's own values, then others at random.
@@ -143,6 +146,10 @@ pub fn calibrate(
     let mut notes = Vec::new();
     let failed = |source: RecordingError| match source {
         RecordingError::Interrupted => CalibrateError::Interrupted,
+        prior @ RecordingError::Prior { .. } => CalibrateError::File(RecordingFileError::Priors {
+            path: settings.priors.source.clone(),
+            reason: prior.to_string(),
+        }),
         source => CalibrateError::Recording {
             path: data.to_owned(),
             source,
@@ -221,11 +228,12 @@ fn fit(
 ) -> Result<Option<RecordingFit>, RecordingError> {
     let of_fit = RecordingSettings {
         groups: settings.fitted.groups_of(robot, train.recording.order),
+        priors: settings.priors.priors.clone(),
         loss: settings.loss,
         starts: settings.starts.max(1),
         seed: settings.seed,
     };
-    if of_fit.groups.is_empty() {
+    if of_fit.groups.is_empty() && of_fit.priors.is_empty() {
         return Ok(None);
     }
     let mut begun = false;

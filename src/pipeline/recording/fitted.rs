@@ -65,12 +65,9 @@ impl Fitted {
     /// The groups for a robot and a recording whose rows are in `order`.
     pub(super) fn groups_of(&self, robot: &RobotSpec, order: Order) -> Vec<Group> {
         let mut groups = match self.defaults {
-            true => RecordingSettings::of(robot).groups,
+            true => RecordingSettings::of(robot, order).groups,
             false => Vec::new(),
         };
-        if order == Order::AtRest {
-            groups.retain(|group| !matches!(group, Group::Backlash | Group::Lag));
-        }
         groups.extend(&self.groups);
         groups
     }

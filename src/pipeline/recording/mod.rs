@@ -9,6 +9,7 @@ mod columns;
 mod compared;
 mod fitted;
 mod markers;
+mod priors;
 mod reader;
 mod repeat;
 mod rotation;
@@ -24,6 +25,7 @@ pub use columns::{Columns, FramePose, TimeColumn, TimeUnit};
 pub use compared::Compared;
 pub use fitted::Fitted;
 pub use markers::{DiscName, MarkerColumns};
+pub use priors::GivenPriors;
 pub use rows::{BadRows, RecordingFile};
 pub use servo_column::{PullUnit, ServoColumn};
 pub use servos::{FoundServo, FoundServos};
@@ -67,6 +69,14 @@ pub enum RecordingFileError {
         /// The map's file.
         path: PathBuf,
         /// What is wrong with it.
+        reason: String,
+    },
+    /// Priors that are of no unknown, or that it cannot have.
+    #[error("{}: {reason}", path.display())]
+    Priors {
+        /// The priors' file.
+        path: PathBuf,
+        /// What is wrong with them.
         reason: String,
     },
     /// A column that the map names is not there.

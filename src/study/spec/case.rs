@@ -67,9 +67,13 @@ fn change(
             }
         }
         Target::Field(field) => spec = field.set(&spec, value)?,
-        Target::Every(family) => {
+        Target::Every(kind) => {
             let value = number(value)?;
-            let all: Vec<_> = family.of(&spec).into_iter().map(|p| (p, value)).collect();
+            let all: Vec<_> = kind
+                .parameters(&spec)
+                .into_iter()
+                .map(|p| (p, value))
+                .collect();
             spec = spec.with(&all).map_err(|error| error.to_string())?;
         }
         Target::Parameter(parameter) => {

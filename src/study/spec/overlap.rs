@@ -57,7 +57,7 @@ impl Numbers {
             Place::Disc(disc) => *disc,
         };
         let parameters = match target {
-            Target::Every(family) => family.of(spec),
+            Target::Every(kind) => kind.parameters(spec),
             Target::Parameter(parameter) => vec![*parameter],
             Target::Command => (0..spec.tendon_count()).map(Parameter::Command).collect(),
             Target::Tendon(tendon) => vec![Parameter::Command(*tendon)],

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use tdcr_sim::robot::{Axis, Body, Parameter, RobotSpec};
+use tdcr_sim::robot::{Axis, Parameter, ParameterKind};
 
 use super::field::Field;
 
@@ -38,7 +38,7 @@ pub(in crate::study) enum Target {
     /// A field of the robot's file.
     Field(Field),
     /// Parameters of the robot that take the same value: of all tendons, modules or bodies.
-    Every(Family),
+    Every(&'static ParameterKind),
     /// A parameter of the robot.
     Parameter(Parameter),
     /// The seed of what is sampled.
@@ -64,70 +64,6 @@ pub(in crate::study) enum Place {
     Disc(usize),
 }
 
-/// A parameter that every tendon, module or body has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::study) enum Family {
-    Gain,
-    AxialStiffness,
-    Density,
-    Youngs,
-    HoleRadius,
-    Pitch,
-    Damping,
-    Armature,
-}
-
-/// Families with their names.
-const FAMILIES: [(&str, Family); 8] = [
-    ("gain", Family::Gain),
-    ("axial_stiffness", Family::AxialStiffness),
-    ("density", Family::Density),
-    ("youngs", Family::Youngs),
-    ("hole_radius", Family::HoleRadius),
-    ("pitch", Family::Pitch),
-    ("damping", Family::Damping),
-    ("armature", Family::Armature),
-];
-
-impl Family {
-    /// Its parameters in a robot.
-    pub fn of(self, spec: &RobotSpec) -> Vec<Parameter> {
-        let modules = 0..spec.modules.len();
-        let tendons = 0..spec.tendon_count();
-        match self {
-            Self::Gain => tendons.map(Parameter::Gain).collect(),
-            Self::AxialStiffness => tendons.map(Parameter::AxialStiffness).collect(),
-            Self::Density => modules.map(Parameter::Density).collect(),
-            Self::Youngs => modules.map(Parameter::Youngs).collect(),
-            Self::Pitch => modules.map(Parameter::Pitch).collect(),
-            Self::Damping => modules.map(Parameter::Damping).collect(),
-            Self::Armature => modules.map(Parameter::Armature).collect(),
-            Self::HoleRadius => {
-                let mut first = 0;
-                let discs = spec.modules.iter().map(|module| {
-                    first += module.discs;
-                    Body::Disc(first - module.discs)
-                });
-                let bodies = std::iter::once(Body::Base).chain(discs);
-                bodies.map(Parameter::HoleRadius).collect()
-            }
-        }
-    }
-
-    fn unit(self) -> &'static str {
-        match self {
-            Self::Gain => Parameter::Gain(0).unit(),
-            Self::AxialStiffness => Parameter::AxialStiffness(0).unit(),
-            Self::Density => Parameter::Density(0).unit(),
-            Self::Youngs => Parameter::Youngs(0).unit(),
-            Self::HoleRadius => Parameter::HoleRadius(Body::Base).unit(),
-            Self::Pitch => Parameter::Pitch(0).unit(),
-            Self::Damping => Parameter::Damping(0).unit(),
-            Self::Armature => Parameter::Armature(0).unit(),
-        }
-    }
-}
-
 impl Variable {
     /// Its name in files and tables.
     pub fn name(&self) -> &str {
@@ -143,14 +79,14 @@ impl Variable {
             | Target::Discs
             | Target::Friction
             | Target::Seed => "",
-            Target::Stiffness => "N m/rad",
+            Target::Stiffness => Parameter::Torsion(0).unit(),
             Target::Field(field) => field.unit(),
-            Target::Every(family) => family.unit(),
+            Target::Every(kind) => kind.quantity.unit,
             Target::Parameter(parameter) => parameter.unit(),
-            Target::Command | Target::Tendon(_) => "m or N",
-            Target::Payload => "kg",
-            Target::Force(..) => "N",
-            Target::Moment(..) => "N m",
+            Target::Command | Target::Tendon(_) => Parameter::Command(0).unit(),
+            Target::Payload => Parameter::Payload.unit(),
+            Target::Force(_, axis) => Parameter::Force(0, *axis).unit(),
+            Target::Moment(_, axis) => Parameter::Moment(0, *axis).unit(),
         }
     }
 
@@ -221,9 +157,9 @@ impl FromStr for Variable {
             "command" => Some(Target::Command),
             "seed" => Some(Target::Seed),
             _ if is_part_of_path(name) => Some(Target::Model),
-            _ => (FAMILIES.iter())
-                .find(|(family, _)| *family == name)
-                .map(|(_, family)| Target::Every(*family))
+            _ => ParameterKind::named(name)
+                .filter(|kind| kind.is_shared())
+                .map(Target::Every)
                 .or_else(|| parameter(name))
                 .or_else(|| Field::parse(name).map(Target::Field)),
         };

@@ -33,6 +33,8 @@ def test_the_parameters_of_a_robot_are_listed_with_what_they_act_on() -> None:
     assert radius.acts_on == "module 1 (discs 5 to 9)" and "hole[5][2].y" in radius.overlaps
     assert listed["gain[4]"].tendons == (4,) and listed["gain[4]"].acts_on == "tendon 4"
     assert listed["hole_radius[base]"].acts_on == "base"
+    assert radius.bounds == (0.0, np.inf) and listed["hole[5][2].y"].bounds == (-np.inf, np.inf)
+    assert all(low <= parameter.value <= high for parameter in listed for low, high in [parameter.bounds])
     assert "damping[1]" in listed and "youngs[0]" not in listed and listed[:3].names == listed.names[:3]
     assert len(repr(tdcr.parameters(tdcr.Robot("5m"))).splitlines()) <= 20
     with pytest.raises(ParameterError, match="no parameter 'gain' here; expected one of gain\\[0\\], "):

@@ -74,3 +74,31 @@ def test_what_cannot_be_used_is_said(tmp_path: Path) -> None:
         tdcr.calibrate_recording(str(ROBOT), tmp_path / "nowhere.csv", COLUMNS)
     with pytest.raises(InputError, match=r"expected a name that ends in \.html"):
         tdcr.calibrate_recording(str(ROBOT), PULLS, COLUMNS, report=tmp_path / "page.pdf")
+
+
+def test_priors_are_a_dictionary_or_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "priors.toml"
+    file.write_text('["lag"]\nvalue = 0.3\nspread = 0.001\nunit = "min"\n')
+    columns = tomllib.loads(COLUMNS.read_text())
+    unit = "s" if "time" in columns else "min"
+    file.write_text(file.read_text().replace("min", unit))
+    priors = {"lag": {"value": 0.3, "spread": np.float64(0.001), "unit": unit}}
+
+    def lag(given: object) -> float:
+        fit = tdcr.calibrate_recording(str(ROBOT), PULLS, columns, fit=["lag"], priors=given)  # type: ignore[arg-type]
+        return float(fit.parameters[0]["value"])
+
+    assert lag(priors) == lag(file) == pytest.approx(0.3, abs=0.01)
+    assert lag({"lag": {"bounds": (0.0, 0.2), "value": 0.1}}) <= 0.2
+    for wrong, says in (
+        ({"mass": {"spread": 1.0}}, r"^priors: mass: nothing of this name is fitted; expected one of lag$"),
+        ({"lag": {"bounds": [1.0, 0.0]}}, r"^priors: lag\.bounds: \[1, 0\] are no bounds"),
+        ({"lag": {"spread": float("nan")}}, r"^priors: lag\.spread is nan; expected a finite number"),
+        ({"lag": {"sigma": 1.0}}, "unknown field `sigma`"),
+        ({"lag": 1.0}, r"lag.*expected a dictionary"),
+    ):
+        with pytest.raises(InputError, match=says):
+            lag(wrong)
+    file.write_text("[lag]\nspread = -1.0\n")
+    with pytest.raises(InputError, match=r"priors\.toml: lag\.spread: -1 is no spread"):
+        lag(file)

@@ -30,7 +30,6 @@
 //! The errors of measurement are taken to be independent, all of the same unknown size, and to have
 //! no mean; the commands and loads to be known. Frames of cameras and robot must agree.
 
-mod coordinate;
 mod error;
 mod identify;
 mod problem;
@@ -131,15 +130,15 @@ pub fn calibrate(
 ) -> Result<Calibration, CalibrationError> {
     let (problem, start) = Problem::new(first, unknowns, observations)?;
     let limits = problem.limits();
-    let Fitted { x, mut at, steps } = best(&problem, &start, &limits)?;
-    let state = state(&x, &at, &limits);
+    let Fitted { x, mut at, steps } = best(&problem, &start, limits)?;
+    let state = state(&x, &at, limits);
     let values = problem.values(&x);
     let spec = problem.spec(&x)?;
     let scales: Vec<f64> = (unknowns.iter().zip(&values))
         .map(|(unknown, value)| unknown.scale(&spec, *value))
         .collect();
     problem.by_values(&x, &mut at.jacobian);
-    let stopped: Vec<bool> = (x.iter().zip(&limits))
+    let stopped: Vec<bool> = (x.iter().zip(limits))
         .map(|(x, limit)| limit.stops(*x))
         .collect();
     let identification = identify::identify(&values, &at, &stopped, &scales);

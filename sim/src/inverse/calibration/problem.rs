@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::coordinate::Coordinate;
 use super::{CalibrationError, Observation, Unknown};
+use crate::inverse::coordinate::Coordinate;
 use crate::inverse::least_squares::{Evaluation, Limit};
 use crate::robot::{Parameter, ParameterError, Robot, RobotSpec};
 use crate::statics::{Equilibrium, Settler};
@@ -16,6 +16,7 @@ pub(super) struct Problem<'a> {
     pub observations: &'a [Observation],
     /// Of each unknown, in order.
     pub coordinates: Vec<Coordinate>,
+    limits: Vec<Limit>,
 }
 
 impl<'a> Problem<'a> {
@@ -30,14 +31,23 @@ impl<'a> Problem<'a> {
             unknowns,
             observations,
             coordinates: Vec::new(),
+            limits: Vec::new(),
         };
         let values = problem.check()?;
-        let pairs = || unknowns.iter().zip(&values);
-        problem.coordinates = pairs()
-            .map(|(u, &value)| Coordinate::new(u, value))
-            .collect();
-        let start = problem.coordinates.iter().zip(&values);
-        let start: Vec<f64> = start.map(|(c, &value)| c.of(value)).collect();
+        let mut start = Vec::with_capacity(values.len());
+        for (unknown, &value) in unknowns.iter().zip(&values) {
+            let coordinate = unknown.coordinate(value);
+            problem.limits.push(Limit {
+                range: unknown.bounds(value).map(|bound| coordinate.of(bound)),
+                // A size moves by about its own in one step.
+                reach: match coordinate {
+                    Coordinate::Size { .. } => 1.0,
+                    _ => f64::INFINITY,
+                },
+            });
+            start.push(coordinate.of(value));
+            problem.coordinates.push(coordinate);
+        }
         Ok((problem, DVector::from_vec(start)))
     }
 
@@ -48,16 +58,8 @@ impl<'a> Problem<'a> {
     }
 
     /// How far each unknown's coordinate may go.
-    pub fn limits(&self) -> Vec<Limit> {
-        let limit = |(unknown, c): (&Unknown, &Coordinate)| Limit {
-            range: unknown.bounds(c.first).map(|value| c.of(value)),
-            reach: c.reach(),
-        };
-        self.unknowns
-            .iter()
-            .zip(&self.coordinates)
-            .map(limit)
-            .collect()
+    pub fn limits(&self) -> &[Limit] {
+        &self.limits
     }
 
     /// Takes derivatives by coordinates at `x` to those by the values.

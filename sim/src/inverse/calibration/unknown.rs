@@ -1,6 +1,7 @@
 //! What is to be found.
 
-use crate::robot::{Parameter, ParameterError, RobotSpec};
+use crate::inverse::coordinate::Coordinate;
+use crate::robot::{Parameter, ParameterError, RobotSpec, Values};
 
 /// Bounds of what must be above zero, relative to its first value.
 const WIDEST: [f64; 2] = [1e-6, 1e6];
@@ -70,23 +71,22 @@ impl Unknown {
         }
     }
 
-    /// Whether it is a size, at or above zero; the place of a hole may be anywhere.
-    pub(super) fn is_size(&self) -> bool {
-        let place = |parameter: &Parameter| matches!(parameter, Parameter::Hole(..));
-        !self.parameters.iter().any(place)
+    /// The coordinate in which it is sought, for a first value: sizes relative to it, the place of a hole as it is.
+    pub(super) fn coordinate(&self, first: f64) -> Coordinate {
+        let mut values = self.parameters.iter().map(|p| p.kind().quantity.values);
+        match values.any(|values| values == Values::Any) || first <= 0.0 {
+            true => Coordinate::SAME,
+            false => Coordinate::Size { first },
+        }
     }
 
     /// Smallest and largest value considered, from a first one.
     pub(super) fn bounds(&self, first: f64) -> [f64; 2] {
         let [least, most] = WIDEST.map(|share| share * first);
-        let bounds = |parameter: &Parameter| match parameter {
-            Parameter::Hole(..) => [f64::NEG_INFINITY, f64::INFINITY],
-            // A backbone may be limp and a disc weightless; anything else vanishes only with the robot.
-            Parameter::Bending(..)
-            | Parameter::Torsion(_)
-            | Parameter::HingeStiffness(..)
-            | Parameter::Density(_) => [0.0, if first > 0.0 { most } else { f64::INFINITY }],
-            _ => [least, most],
+        let bounds = |parameter: &Parameter| match parameter.kind().quantity.values {
+            Values::Any => [f64::NEG_INFINITY, f64::INFINITY],
+            Values::NotNegative => [0.0, if first > 0.0 { most } else { f64::INFINITY }],
+            Values::Positive => [least, most],
         };
         let all = self.parameters.iter().map(bounds);
         all.fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], [l, h]| {

@@ -181,8 +181,8 @@ mod tests {
     use rand_distr::{Distribution, Normal};
 
     use super::super::{
-        Group, Order, Recording, RecordingSettings, Replay, Transmission, explicit, fit_recording,
-        priors, problem,
+        Group, Order, Recording, RecordingSettings, Replay, Transmission, explicit, facts,
+        fit_recording, problem, unknowns,
     };
     use super::*;
     use crate::robot::{Backbone, Drive, PerDisc, Pull};
@@ -312,8 +312,13 @@ mod tests {
         let groups: Vec<Group> = (Group::ALL.into_iter())
             .filter(|group| !way.contains(group))
             .collect();
-        let unknowns =
-            priors::unknowns(&groups, &explicit, &there, &recording).expect("all groups");
+        let facts = facts::Facts {
+            groups: &groups,
+            explicit: &explicit,
+            transmission: &there,
+            recording: &recording,
+        };
+        let unknowns = unknowns::unknowns(&facts).expect("all groups");
         let problem = problem::Problem {
             explicit: &explicit,
             transmission: &there,

@@ -48,6 +48,14 @@ pub enum RecordingError {
         /// Why.
         reason: &'static str,
     },
+    /// A prior of no unknown, or one that its unknown cannot have.
+    #[error("{key}: {reason}")]
+    Prior {
+        /// The name of its entry, and the field.
+        key: String,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// Fewer measured coordinates than unknowns.
     #[error(
         "{coordinates} measured coordinates cannot tell {unknowns} unknowns; expected more of them than unknowns"

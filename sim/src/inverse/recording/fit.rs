@@ -7,13 +7,15 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::explicit::Explicit;
+use super::facts::{Facts, length};
 use super::interval::{Correlation, FittedUnknown, correlations, fitted};
 use super::path::has_friction;
-use super::priors::{length, unknowns};
+use super::priors::Priors;
 use super::problem::{Memory, Problem, Weighing};
+use super::unknowns::unknowns;
 use super::{Group, Order, Recording, RecordingError, Replay, Residuals, Transmission, check};
 use crate::inverse::least_squares::{Evaluation, minimise};
-use crate::robot::{ModuleSpec, Robot, RobotSpec};
+use crate::robot::{Robot, RobotSpec};
 use crate::tendon_friction::Tangents;
 
 /// Rows of the first fit.
@@ -34,6 +36,8 @@ const LONGEST: f64 = 0.2;
 pub struct RecordingSettings {
     /// What is unknown.
     pub groups: Vec<Group>,
+    /// What is known of them, where it is not what the robot file and the table of unknowns say.
+    pub priors: Priors,
     /// Distance from which a marker's or a point's miss counts less than by its square (m); none for a fortieth of the robot's
     /// length, infinite for least squares.
     pub loss: Option<f64>,
@@ -62,6 +66,7 @@ impl Default for RecordingSettings {
                 Group::Gravity,
                 Group::Mass,
             ],
+            priors: Priors::default(),
             loss: None,
             starts: 1,
             seed: 0,
@@ -70,21 +75,12 @@ impl Default for RecordingSettings {
 }
 
 impl RecordingSettings {
-    /// The default, without the groups that a robot does not have: of tendons that do not stretch, of joints without
-    /// elasticity, and of weight where there is no gravity.
-    pub fn of(robot: &RobotSpec) -> Self {
+    /// The default, without the groups that a robot, or a recording whose rows are in `order`, does not have: of tendons that do not
+    /// stretch, of joints without elasticity, of weight where there is no gravity, and of motion where each row is at rest.
+    pub fn of(robot: &RobotSpec, order: Order) -> Self {
         let mut settings = Self::default();
-        let elastic = |module: &ModuleSpec| module.backbone.is_some() || module.rod.is_some();
-        let (stretches, elastic) = (
-            robot.tendons().iter().any(|tendon| tendon.stretches()),
-            robot.modules.iter().any(elastic),
-        );
-        settings.groups.retain(|group| match group {
-            Group::TendonStiffness | Group::TendonStiffening => stretches,
-            Group::Twist | Group::Stiffness | Group::Torsion | Group::RestBend => elastic,
-            Group::Gravity | Group::Mass => robot.gravity != [0.0; 3],
-            _ => true,
-        });
+        let groups = &mut settings.groups;
+        groups.retain(|group| group.missing(robot, order).is_none());
         settings
     }
 }
@@ -144,7 +140,14 @@ pub fn fit_recording(
     if 2 * settled < rows || rows == 0 {
         return Err(RecordingError::Unsettled { settled, rows });
     }
-    let unknowns = unknowns(&settings.groups, &explicit, transmission, recording)?;
+    let facts = Facts {
+        groups: &settings.groups,
+        explicit: &explicit,
+        transmission,
+        recording,
+    };
+    let mut unknowns = unknowns(&facts)?;
+    settings.priors.apply(&mut unknowns, &facts)?;
     let coordinates = recording.coordinates();
     if coordinates <= unknowns.len() {
         return Err(RecordingError::TooFew {

@@ -4,6 +4,9 @@ use std::fmt;
 
 use serde::Serialize;
 
+use super::Order;
+use crate::robot::{ModuleSpec, RobotSpec};
+
 /// Unknowns of one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -88,6 +91,31 @@ impl Group {
             Self::Gravity => "gravity",
             Self::Mass => "mass",
         }
+    }
+
+    /// Why a robot, or a recording whose rows are in `order`, has none of its unknowns; `None` where it may have some.
+    pub fn missing(self, robot: &RobotSpec, order: Order) -> Option<&'static str> {
+        let elastic = |module: &ModuleSpec| module.backbone.is_some() || module.rod.is_some();
+        let (has, reason) = match self {
+            Self::Twist | Self::Stiffness | Self::Torsion | Self::RestBend => (
+                robot.modules.iter().any(elastic),
+                "no module has a backbone or a rod",
+            ),
+            Self::TendonStiffness | Self::TendonStiffening => (
+                robot.tendons().iter().any(|tendon| tendon.stretches()),
+                "no tendon has a stiffness: expected a drive with a gain, or an axial_stiffness",
+            ),
+            Self::Gravity | Self::Mass => (
+                robot.gravity != [0.0; 3],
+                "the robot's gravity is zero, which has no direction, and pulls on no mass",
+            ),
+            Self::Backlash | Self::Lag | Self::Friction => (
+                order == Order::Motion,
+                "each row is the robot at rest, which does not tell how it came there",
+            ),
+            _ => return None,
+        };
+        (!has).then_some(reason)
     }
 
     /// The group of a name.

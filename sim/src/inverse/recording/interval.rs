@@ -61,7 +61,7 @@ pub(super) fn fitted(
         let end = |sign: f64| unknown.value((x[i] + sign * WIDTH * deviation).clamp(low, high));
         FittedUnknown {
             name: unknown.name.clone(),
-            group: unknown.group,
+            group: unknown.group(),
             unit: unknown.unit,
             value: unknown.value(x[i]),
             interval: [end(-1.0), end(1.0)],

@@ -24,15 +24,19 @@
 mod cloud;
 mod error;
 mod explicit;
+mod facts;
 mod fit;
 mod frame;
 mod group;
 mod interval;
+mod numbers;
 mod path;
+mod places;
 mod priors;
 mod problem;
 mod replay;
 mod servo_map;
+mod table;
 #[cfg(test)]
 mod tests;
 mod transmission;
@@ -44,6 +48,7 @@ pub use fit::{Progress, RecordingFit, RecordingSettings, fit_recording};
 pub use frame::{FoundFrame, find_frame};
 pub use group::Group;
 pub use interval::{Correlation, FittedUnknown};
+pub use priors::{Prior, Priors};
 pub use replay::{Replay, Residuals};
 pub use servo_map::{MappedServo, ServoMap, find_servo_map};
 pub use transmission::{Marker, Order, Recording, Servo, Transmission};

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::cloud::{Surface, Touch, corners};
 use super::explicit::Explicit;
+use super::numbers::Numbers;
 use super::unknowns::Unknown;
 use super::{Recording, RecordingError, Transmission};
 use crate::chain::Configuration;
@@ -83,8 +84,13 @@ impl<'a> Problem<'a> {
     /// The specification and the transmission at `x`.
     pub fn values(&self, x: &DVector<f64>) -> (RobotSpec, Transmission) {
         let (mut spec, mut transmission) = (self.explicit.spec.clone(), self.transmission.clone());
+        let mut numbers = Numbers {
+            explicit: self.explicit,
+            spec: &mut spec,
+            transmission: &mut transmission,
+        };
         for (unknown, &x) in self.unknowns.iter().zip(x) {
-            unknown.set(x, self.explicit, &mut spec, &mut transmission);
+            unknown.set(x, &mut numbers);
         }
         (spec, transmission)
     }

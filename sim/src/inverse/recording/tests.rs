@@ -173,7 +173,13 @@ fn largest_difference(
 ) -> (f64, String) {
     let recording = recording(real, there, 8);
     let explicit = explicit::Explicit::new(first).expect("a robot");
-    let unknowns = priors::unknowns(&Group::ALL, &explicit, there, &recording).expect("all groups");
+    let facts = facts::Facts {
+        groups: &Group::ALL,
+        explicit: &explicit,
+        transmission: there,
+        recording: &recording,
+    };
+    let unknowns = unknowns::unknowns(&facts).expect("all groups");
     let problem = problem::Problem {
         explicit: &explicit,
         transmission: there,
