@@ -1,7 +1,7 @@
 //! Line and bar charts as inline SVG, drawn in the page's own colours and font.
 
 use super::Role;
-use super::axis::{Axis, Spacing, tick_label};
+use super::figure::axis::{Axis, Spacing, tick_label};
 use super::html::{duration, escape};
 use std::fmt::Write;
 

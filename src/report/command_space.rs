@@ -3,9 +3,9 @@
 use tdcr_base::stats::{quantile, sorted};
 
 use super::PerTest;
-use super::axis::Spacing;
 use super::chart::{AxisStyle, Dot, dot_chart};
 use super::color_scale::color_at;
+use super::figure::Spacing;
 use super::html::{column_decimals, fixed};
 use super::motors::MotorGroup;
 use super::sections::{CD_TITLE, CD_UNIT, figure};

@@ -1,7 +1,7 @@
 //! The page's charts: all test commands, training, time.
 
-use super::axis::Spacing;
 use super::chart::{AxisStyle, Series, duration_bars, line_chart};
+use super::figure::Spacing;
 use super::html::{duration, escape};
 use super::sections::{CD_TITLE, CD_UNIT, figure, missing};
 use super::{MethodDistances, PerTest, Role, Stage, Training};

@@ -1,8 +1,7 @@
 //! The page on data sets: what is in them, drawn.
 
-use super::axis::Spacing;
 use super::count::counted;
-use super::figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
+use super::figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape, Spacing};
 use super::frame::PageFrame;
 use super::html::{base64, escape};
 use super::motors::MotorGroup;
