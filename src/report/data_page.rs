@@ -59,7 +59,7 @@ impl DataPage {
         let frame = PageFrame {
             title: &title,
             lead: "",
-            style: ".figures svg { display: block; height: auto; max-width: 100%; }\n",
+            style: "",
         };
         frame.fill(
             include_str!("data_page.html"),

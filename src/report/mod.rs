@@ -6,7 +6,6 @@
 //! security policy forbids anything else.
 
 mod calibration;
-mod chart;
 mod closing;
 mod color_scale;
 mod command_space;
