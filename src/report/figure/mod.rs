@@ -15,8 +15,8 @@ use super::html::escape;
 use panel::PLOT;
 use text::{LETTER, LINE, STYLE, text, wrap};
 
-/// Width of a letter of the title, and the distance of its lines (CSS pixels).
-const TITLE_LETTER: f64 = 9.8;
+/// Width of a letter of the title, in the widest of the fonts that it may have, and the distance of its lines (CSS pixels).
+const TITLE_LETTER: f64 = 10.8;
 const TITLE_LINE: f64 = 23.0;
 
 /// A row of plots under a title and above a caption.
@@ -64,7 +64,10 @@ fn picture(title: &str, caption: &str, [width, height]: [f64; 2], plots: &str) -
         let y = top + LINE * k as f64;
         body += &text("caption", 16.0, y, "start", line);
     }
-    let height = top + LINE * lines.len() as f64;
+    let height = match lines.len() {
+        0 => above + height,
+        lines => top + LINE * lines as f64,
+    };
     let title = escape(title);
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" \
