@@ -2,7 +2,7 @@
 
 use tdcr_base::stats::{quantile, sorted};
 
-use super::axis::mark_at_or_above;
+use super::figure::axis::mark_at_or_above;
 
 /// Colours at equal distances along the scale, ever darker, so that the scale also reads without colour vision and
 /// large values stand out from white paper.

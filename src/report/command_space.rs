@@ -3,19 +3,19 @@
 use tdcr_base::stats::{quantile, sorted};
 
 use super::PerTest;
-use super::axis::Spacing;
-use super::chart::{AxisStyle, Dot, dot_chart};
 use super::color_scale::color_at;
+use super::figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape, Spacing};
 use super::html::{column_decimals, fixed};
 use super::motors::MotorGroup;
 use super::sections::{CD_TITLE, CD_UNIT, figure};
 
-/// Maps over pairs of motors, at most.
+/// Maps over pairs of motors, at most, and how many lie side by side.
 const MAPS: usize = 24;
+const ACROSS: usize = 3;
 /// Shares of the test commands with the first and the last colour.
 const ENDS: [f64; 2] = [0.05, 0.95];
 
-/// A chart of the error over the distance to the training data, and maps of it over pairs of motors that belong together;
+/// A plot of the error over the distance to the training data, and maps of it over pairs of motors that belong together;
 /// nothing where the commands are not known.
 pub(crate) fn section(per_test: Option<&PerTest>, motors: &[MotorGroup]) -> String {
     let Some(tests) = per_test.filter(|tests| !tests.commands.is_empty()) else {
@@ -28,90 +28,113 @@ pub(crate) fn section(per_test: Option<&PerTest>, motors: &[MotorGroup]) -> Stri
     let Some(colors) = Colors::of(&cds) else {
         return String::new();
     };
-    let apart = dot_chart(
-        "Chamfer distance over the distance to the nearest training command",
-        &AxisStyle {
-            title: "Distance to the nearest training command (ranges)",
-            spacing: Spacing::Linear,
-        },
-        &AxisStyle {
-            title: CD_TITLE,
-            spacing: Spacing::Log,
-        },
-        &dots(
-            tests.apart.iter().copied().zip(cds.iter().copied()),
-            &cds,
-            &colors,
-        ),
-    );
-    let apart = apart.map_or_else(String::new, |chart| {
+    let apart = apart(tests, &cds, &colors).map_or_else(String::new, |plot| {
         figure(
-            "single",
-            &chart,
+            "figures",
+            &plot.to_svg(),
             "A dot is a test command. The distance is Euclidean, each number of a command in units of its range in the \
              training data. Dots that rise to the right say that more training commands would help.",
         )
     });
-    let maps: String = pairs(motors)
-        .into_iter()
-        .take(MAPS)
-        .filter_map(|pair| map(tests, pair, &cds, &colors))
+    let maps: String = maps(tests, motors, &cds, &colors)
+        .iter()
+        .map(Figure::to_svg)
         .collect();
     format!(
-        "<section><h2>Errors over the commands</h2>{}{apart}<div class=\"maps\">{maps}</div>\
+        "<section><h2>Errors over the commands</h2>{}{apart}<div class=\"figures maps\">{maps}</div>\
          <p class=\"note\">Each map shows the test commands over two motors of a module; the others differ from dot to \
          dot. Dark dots that lie together mark commands that the network predicts badly.</p></section>",
         colors.legend(),
     )
 }
 
-/// Pairs of neighbouring motors in each group, around it: a module's tendons stand in a circle.
-fn pairs(motors: &[MotorGroup]) -> Vec<[(usize, &MotorGroup); 2]> {
-    let of_group = |group| {
-        let MotorGroup { motors, .. }: &MotorGroup = group;
-        let last = motors.end.saturating_sub(1);
-        // Two motors make one pair, not two.
-        let closing = (motors.len() > 2).then_some([last, motors.start]);
-        let open = (motors.start..last).map(|k| [k, k + 1]);
-        open.chain(closing)
-            .map(move |pair| pair.map(|motor| (motor, group)))
-    };
-    motors.iter().flat_map(of_group).collect()
+/// The error over the distance to the nearest training command; `None` where no command has a place.
+fn apart(tests: &PerTest, cds: &[f64], colors: &Colors) -> Option<Figure> {
+    let places = tests.apart.iter().zip(cds).map(|(&apart, &cd)| [apart, cd]);
+    let shown = |place: &[f64; 2]| place[0].is_finite() && Spacing::Log.shows(place[1]);
+    let any = places.clone().any(|place| shown(&place));
+    any.then(|| Figure {
+        title: "Chamfer distance over the distance to the nearest training command".to_owned(),
+        caption: String::new(),
+        panels: vec![Panel {
+            title: String::new(),
+            x: Scale::linear("Distance to the nearest training command (ranges)"),
+            y: Scale::log(CD_TITLE),
+            aspect: Aspect::Free,
+            marks: dots(places, cds, colors),
+        }],
+    })
 }
 
-/// The test commands over two motors.
+/// The test commands over pairs of motors, a figure or more for each group of them.
+fn maps(tests: &PerTest, motors: &[MotorGroup], cds: &[f64], colors: &Colors) -> Vec<Figure> {
+    let mut left = MAPS;
+    let mut figures = Vec::new();
+    for group in motors {
+        let panels = pairs(group).into_iter().take(left);
+        let panels = panels.filter_map(|pair| map(tests, pair, group, cds, colors));
+        let panels: Vec<Panel> = panels.collect();
+        left -= panels.len();
+        let title = match group.name.as_str() {
+            "" => "Chamfer distance over two motors".to_owned(),
+            name => format!("Chamfer distance over two motors, {name}"),
+        };
+        figures.extend(panels.chunks(ACROSS).map(|panels| Figure {
+            title: title.clone(),
+            caption: String::new(),
+            panels: panels.to_vec(),
+        }));
+    }
+    figures
+}
+
+/// Pairs of neighbouring motors in a group, around it: a module's tendons stand in a circle.
+fn pairs(group: &MotorGroup) -> Vec<[usize; 2]> {
+    let motors = &group.motors;
+    let last = motors.end.saturating_sub(1);
+    // Two motors make one pair, not two.
+    let closing = (motors.len() > 2).then_some([last, motors.start]);
+    let open = (motors.start..last).map(|k| [k, k + 1]);
+    open.chain(closing).collect()
+}
+
+/// The test commands over two motors; `None` where none has a place.
 fn map(
     tests: &PerTest,
-    pair: [(usize, &MotorGroup); 2],
+    pair: [usize; 2],
+    group: &MotorGroup,
     cds: &[f64],
     colors: &Colors,
-) -> Option<String> {
-    let titles = pair.map(|(motor, group)| format!("Motor {} ({})", motor + 1, group.unit_name()));
-    let [x, y] = titles.each_ref().map(|title| AxisStyle {
-        title,
-        spacing: Spacing::Linear,
-    });
-    let value = |command: &[f64], (motor, group): (usize, &MotorGroup)| {
-        command
-            .get(motor)
-            .map_or(f64::NAN, |&value| group.shown(value))
+) -> Option<Panel> {
+    let axis = |motor| Scale::linear(&format!("Motor {} ({})", motor + 1, group.unit_name()));
+    let value = |command: &[f64], motor: usize| {
+        let value = command.get(motor);
+        value.map_or(f64::NAN, |&value| group.shown(value))
     };
-    let places = (tests.commands.iter()).map(|c| (value(c, pair[0]), value(c, pair[1])));
-    let name = format!("Chamfer distance over {} and {}", titles[0], titles[1]);
-    dot_chart(&name, &x, &y, &dots(places, cds, colors))
+    let places = (tests.commands.iter()).map(|command| pair.map(|motor| value(command, motor)));
+    let any = places.clone().any(|[x, y]| x.is_finite() && y.is_finite());
+    any.then(|| Panel {
+        title: String::new(),
+        x: axis(pair[0]),
+        y: axis(pair[1]),
+        aspect: Aspect::Free,
+        marks: dots(places, cds, colors),
+    })
 }
 
 /// Dots at places, coloured by their error, the worst on top.
-fn dots(places: impl Iterator<Item = (f64, f64)>, cds: &[f64], colors: &Colors) -> Vec<Dot> {
-    let mut dots: Vec<(f64, Dot)> = places
-        .zip(cds)
-        .map(|(place, &cd)| {
-            let color = colors.of_value(cd);
-            (cd, Dot { place, color })
-        })
-        .collect();
-    dots.sort_by(|a, b| a.0.total_cmp(&b.0));
-    dots.into_iter().map(|(_, dot)| dot).collect()
+fn dots(places: impl Iterator<Item = [f64; 2]>, cds: &[f64], colors: &Colors) -> Vec<Mark> {
+    let mut dots: Vec<([f64; 2], f64)> = places.zip(cds.iter().copied()).collect();
+    dots.sort_by(|(_, a), (_, b)| a.total_cmp(b));
+    let color = |dot: &([f64; 2], f64)| colors.of_value(dot.1);
+    let alike = dots.chunk_by(|a, b| color(a) == color(b));
+    let mark = |dots: &[([f64; 2], f64)]| Mark {
+        name: String::new(),
+        shape: Shape::Discs,
+        ink: Ink::Of(color(&dots[0])),
+        points: dots.iter().map(|(place, _)| *place).collect(),
+    };
+    alike.map(mark).collect()
 }
 
 /// Colours of errors, on a logarithmic scale between quantiles.
@@ -162,7 +185,7 @@ mod tests {
             group(9..10),
             group(10..10),
         ];
-        let found: Vec<[usize; 2]> = pairs(&groups).iter().map(|p| p.map(|(k, _)| k)).collect();
+        let found: Vec<[usize; 2]> = groups.iter().flat_map(pairs).collect();
         let expected = [
             [0, 1],
             [1, 2],

@@ -1,8 +1,7 @@
 //! The page on data sets: what is in them, drawn.
 
-use super::axis::Spacing;
 use super::count::counted;
-use super::figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
+use super::figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape, Spacing};
 use super::frame::PageFrame;
 use super::html::{base64, escape};
 use super::motors::MotorGroup;
@@ -60,7 +59,7 @@ impl DataPage {
         let frame = PageFrame {
             title: &title,
             lead: "",
-            style: ".figures svg { display: block; height: auto; max-width: 100%; }\n",
+            style: "",
         };
         frame.fill(
             include_str!("data_page.html"),

@@ -5,9 +5,7 @@
 //! loads nothing: its style, script, pictures and point clouds are inside it, and its content
 //! security policy forbids anything else.
 
-mod axis;
 mod calibration;
-mod chart;
 mod closing;
 mod color_scale;
 mod command_space;
@@ -17,7 +15,6 @@ mod curves;
 mod data_page;
 mod figure;
 mod frame;
-mod heat_map;
 mod html;
 mod lettering;
 mod motors;
@@ -29,13 +26,11 @@ mod study_page;
 mod surface;
 mod viewer;
 
-pub use axis::Spacing;
 pub use calibration::CalibrationReport;
 pub use comparison::{ComparisonPage, Measure};
 pub use count::counted;
 pub use data_page::{DataPage, SetSummary};
-pub use figure::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape};
-pub use heat_map::{HeatMap, HeatPanel};
+pub use figure::{Aspect, Figure, HeatMap, HeatPanel, Ink, Mark, Panel, Scale, Shape, Spacing};
 pub use motors::MotorGroup;
 pub use sheet::{cloud_sheet, contact_sheet, scale_bar};
 pub use study_page::{StudyFigure, StudyPage};
@@ -109,7 +104,7 @@ pub struct MethodDistances {
     pub values: Vec<f64>,
 }
 
-/// What a method is in a chart, which decides its colour and stroke.
+/// What a method is in a plot, which decides its colour and stroke.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Role {

@@ -1,9 +1,9 @@
 //! Pictures of examples: one view per example, one scale for all.
 
 use super::Example;
-use super::axis::mark_at_or_below;
 use super::closing::closing_radius;
 use super::color_scale::ColorScale;
+use super::figure::axis::mark_at_or_below;
 use super::raster::{Frame, Image, Layer, Paint, View, render};
 use tdcr_sim::cloud::PointCloud;
 

@@ -16,7 +16,7 @@ impl Spacing {
     }
 }
 
-/// An axis from `low` to `high`, both of them round numbers.
+/// An axis from `low` to `high`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Axis {
     spacing: Spacing,
@@ -26,7 +26,7 @@ pub(crate) struct Axis {
 }
 
 impl Axis {
-    /// The axis that covers the values that it can show; `None` if there is no such value.
+    /// The axis between round numbers that covers the values that it can show; `None` if there is no such value.
     pub fn covering(spacing: Spacing, values: impl IntoIterator<Item = f64>) -> Option<Self> {
         let shown = values.into_iter().filter(|&x| spacing.shows(x));
         let range = shown.fold(None, |range: Option<(f64, f64)>, x| {
@@ -36,6 +36,16 @@ impl Axis {
         range.map(|(low, high)| match spacing {
             Spacing::Linear => Self::linear(low, high),
             Spacing::Log => Self::log(low, high),
+        })
+    }
+
+    /// The axis of so many names, the first at 0, each with as much place as the others; `None` without any.
+    pub fn of_names(count: usize) -> Option<Self> {
+        (count > 0).then(|| Self {
+            spacing: Spacing::Linear,
+            low: -0.5,
+            high: count as f64 - 0.5,
+            ticks: (0..count).map(|k| k as f64).collect(),
         })
     }
 
