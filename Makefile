@@ -93,7 +93,7 @@ test-mujoco:
 # Two processes of one thread each: PyTorch is slow where its threads share busy cores.
 test-python: wheel site
 	cargo build $(WITH_EXAMPLES) --bins --release --locked
-	TDCR=$(TDCR) OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile tests/python
+	TDCR=$(TDCR) OMP_NUM_THREADS=1 $(PYTHON) -m pytest -q -rs -n 2 --dist loadfile --no-loadscope-reorder tests/python
 
 # Ours alone, then the tables of ours beside MuJoCo's and, where they are installed, PyTorch's and Gymnasium's; a flow from a
 # simulated surface, the real robot of examples/opencr, and what a network adds to it.

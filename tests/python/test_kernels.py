@@ -36,6 +36,9 @@ SETTINGS = [
     # Looking for symmetries renders hundreds of pictures, which takes an emulator most of its time.
     "--symmetry",
     "none",
+    # Refinement is made of the same products, and takes an emulator as long as the run itself.
+    "--refinement-steps",
+    "0",
 ]
 CONTEXT = ["--channels", "8,8,8", "--resolutions", "4,3,2", "--blocks", "1", "--context", "8"]
 
