@@ -66,11 +66,7 @@ fn ours(path: &str, baud_rate: u32, joined: bool, rounds: usize) -> Outcome<f64>
     };
     let port = Serial::open(Path::new(path), settings, Arc::new(SystemClock::new()))?;
     let settings = BusSettings {
-        answers: if joined {
-            Answers::Fast
-        } else {
-            Answers::Each
-        },
+        answers: if joined { Answers::Fast } else { Answers::Each },
         ..BusSettings::default()
     };
     let mut bus = Bus::new(port, settings);

@@ -4,14 +4,12 @@ use std::path::PathBuf;
 
 use numpy::PyArray1;
 use pyo3::prelude::*;
-use tdcr::learn::data::{Recipe, StreamSpec, Subject};
 use tdcr::learn::net::Precision;
 use tdcr::learn::options::{self, Resolved, TrainOptions};
 use tdcr::learn::symmetry::SymmetryUse;
 use tdcr::learn::train::{Model, TrainSettings};
-use tdcr::pipeline::{self, StreamSettings, Trained, TrainingData};
+use tdcr::pipeline::{self, StreamOptions, Trained, TrainingData};
 
-use crate::data::{payload_range, sensor, visibility};
 use crate::errors::{Failure, Outcome, choice, text};
 use crate::options::options_of;
 use crate::predictor::named_precision;
@@ -42,25 +40,11 @@ pub fn named_symmetry(name: &str) -> Outcome<SymmetryUse> {
     )
 }
 
-/// A stream that takes the place of a data set.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct StreamOptions {
-    base: bool,
-    payload: Option<(f64, f64)>,
-    stream_points: usize,
-    voxel: f64,
-    noise: Option<String>,
-    window: usize,
-    fresh: usize,
-    validation: Option<PathBuf>,
-}
-
 /// What a run trains on.
 #[derive(FromPyObject)]
 pub enum Source<'py> {
-    /// Robot and options of a stream.
-    Stream(PyRef<'py, Robot>, StreamOptions),
+    /// Robot and options of a stream, in JSON.
+    Stream(PyRef<'py, Robot>, String),
     /// Folder of a data set.
     Set(PathBuf),
 }
@@ -74,26 +58,9 @@ impl Source<'_> {
                 TrainingData::SetIn(dir.clone(), Box::new(units))
             }
             (Self::Stream(robot, options), _) => {
-                let subject = Subject {
-                    robot: robot.0.spec().clone(),
-                    base: visibility(options.base),
-                    payload: options.payload.map(payload_range),
-                };
-                let recipe = Recipe {
-                    subject,
-                    voxel_size: options.voxel,
-                    sensor: sensor(options.noise.as_deref())?,
-                };
-                TrainingData::Stream(Box::new(StreamSettings {
-                    spec: StreamSpec {
-                        recipe,
-                        points: options.stream_points,
-                        seed: asked.seed,
-                    },
-                    window: options.window,
-                    fresh: options.fresh,
-                    validation: options.validation.clone(),
-                }))
+                let options: StreamOptions = options_of(options)?;
+                let stream = options.settings(robot.0.spec().clone(), asked.seed);
+                TrainingData::Stream(Box::new(stream))
             }
         })
     }

@@ -129,7 +129,7 @@ def train(
             "fresh": as_count(fresh, "fresh", 1, MOST),
             "validation": None if validation is None else as_path(validation, "validation"),
         }
-        source = (Robot(stream)._native, of_stream)
+        source = (Robot(stream)._native, json.dumps(of_stream))
     surface: Robot | None = asked.pop("surface_prior", None)
     of_prior = None if surface is None else surface._native
     run = _tdcr.train(source, as_path(out, "out"), json.dumps(asked), of_prior, progress=progress)

@@ -5,13 +5,11 @@ use std::path::PathBuf;
 use anyhow::anyhow;
 use clap::Args;
 use serde::Serialize;
-use tdcr::learn::data::{DataSet, PayloadRange, Recipe, Split, StreamSpec, Subject};
+use tdcr::learn::data::{DataSet, Split};
 use tdcr::learn::net::{Precision, Processor};
 use tdcr::learn::options::{OptionsError, Resolved, RobotChoice, TrainOptions};
 use tdcr::learn::train::Model;
-use tdcr::pipeline::{
-    Noise, StreamSettings, TrainingData, model_path, payload_range, train, visibility,
-};
+use tdcr::pipeline::{StreamOptions, TrainingData, model_path, payload_range, train, visibility};
 
 use super::console::Console;
 
@@ -39,30 +37,8 @@ struct StreamArgs {
     /// scaled by the tendons' ranges and the reach of the straight robot
     #[arg(long, value_name = "ROBOT", conflicts_with = "data")]
     stream: Option<String>,
-    /// Show the robot's base to the stream's cameras
-    #[arg(long, requires = "stream")]
-    base: bool,
-    /// Payloads of the stream (kg)
-    #[arg(long, value_name = "MIN:MAX", value_parser = payload_range, requires = "stream", allow_hyphen_values = true)]
-    payload: Option<PayloadRange>,
-    /// Points per cloud of the stream
-    #[arg(long, default_value_t = StreamSpec::default().points, value_name = "N", value_parser = super::amount, requires = "stream")]
-    stream_points: usize,
-    /// Edge of the voxels that thin the stream's clouds (m)
-    #[arg(long, default_value_t = Recipe::default().voxel_size, value_name = "M", value_parser = super::positive, requires = "stream")]
-    voxel: f64,
-    /// Simulate the noise of a real depth camera in the stream's clouds
-    #[arg(long, value_enum, requires = "stream")]
-    noise: Option<Noise>,
-    /// Clouds of the stream that a step draws from
-    #[arg(long, default_value_t = StreamSettings::default().window, value_name = "N", value_parser = super::amount, requires = "stream")]
-    window: usize,
-    /// Clouds of the window that are replaced by fresh ones after each step
-    #[arg(long, default_value_t = StreamSettings::default().fresh, value_name = "N", value_parser = super::amount, requires = "stream")]
-    fresh: usize,
-    /// Folder of a data set whose val split validates; by default clouds of the stream that no step sees
-    #[arg(long, value_name = "DIR", requires = "stream")]
-    validation: Option<PathBuf>,
+    #[command(flatten)]
+    options: StreamOptions,
 }
 
 /// The data set, in its own units or in those of a model.
@@ -96,37 +72,9 @@ fn training_data(args: &TrainArgs) -> anyhow::Result<TrainingData> {
     let Some(robot) = &args.stream.stream else {
         return set_data(args);
     };
-    let StreamArgs {
-        base,
-        payload,
-        stream_points,
-        voxel,
-        noise,
-        window,
-        fresh,
-        ref validation,
-        ..
-    } = args.stream;
-    let subject = Subject {
-        robot: super::load_robot(robot)?,
-        base: visibility(base),
-        payload,
-    };
-    let recipe = Recipe {
-        subject,
-        voxel_size: voxel,
-        sensor: noise.map(Noise::sensor),
-    };
-    Ok(TrainingData::Stream(Box::new(StreamSettings {
-        spec: StreamSpec {
-            recipe,
-            points: stream_points,
-            seed: args.options.seed,
-        },
-        window,
-        fresh,
-        validation: validation.clone(),
-    })))
+    let robot = super::load_robot(robot)?;
+    let stream = args.stream.options.settings(robot, args.options.seed);
+    Ok(TrainingData::Stream(Box::new(stream)))
 }
 
 /// What is asked for, with the robot of its file; warns of what was ignored there.

@@ -132,7 +132,8 @@ pub fn payload_range(text: &str) -> Result<PayloadRange, String> {
     Ok(PayloadRange { min, max })
 }
 
-fn noise<'de, D: Deserializer<'de>>(value: D) -> Result<Option<Noise>, D::Error> {
+/// The camera of this name, in JSON.
+pub(super) fn noise<'de, D: Deserializer<'de>>(value: D) -> Result<Option<Noise>, D::Error> {
     let name = Option::<String>::deserialize(value)?;
     let named =
         |name: String| Noise::from_str(&name, false).map_err(|_| other("noise", &name, &["d435"]));

@@ -27,6 +27,7 @@ pub mod recording;
 mod sampler_plan;
 mod scores;
 mod simulation;
+mod stream_options;
 mod subject;
 mod survey;
 mod symmetry;
@@ -36,7 +37,7 @@ mod training_data;
 
 pub use capture::{CaptureReport, CaptureSettings, capture};
 pub use collect::{CollectTimes, collect, export, import, merge};
-pub use collect_settings::{CollectSettings, Noise, payload_range, visibility};
+pub use collect_settings::{CollectSettings, Noise, visibility};
 pub use compare::{
     CompareSettings, Comparer, Comparison, Configuration, Reference, Spread, TipSource,
 };
@@ -51,6 +52,7 @@ pub use pairing::{Pairing, Place};
 pub(crate) use probe::{Probe, Probed};
 pub use sampler_plan::SamplerPlan;
 pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
+pub use stream_options::StreamOptions;
 pub use survey::{Survey, Tips};
 pub use symmetry::seen_symmetries;
 pub use tip::seen_tip;

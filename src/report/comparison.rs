@@ -266,7 +266,7 @@ impl ComparisonPage {
             .collect();
         let left_out = match self.configurations.len() - order.len() {
             0 => String::new(),
-            more => format!("; {more} better ones are left out, --json has all"),
+            more => format!("; {more} better ones are left out, and are in the results as JSON"),
         };
         format!(
             "<div class=\"listed\"><table><thead><tr><th scope=\"col\">Configuration</th><th scope=\"col\">Condition</th>{heads}\
