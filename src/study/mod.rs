@@ -39,4 +39,4 @@ mod spec;
 
 pub use error::{Refusal, StudyError};
 pub use run::{Finished, merge, run};
-pub use spec::{Column, Kind, Starter, Study, Variable, Want};
+pub use spec::{Column, Kind, Output, Starter, Study, Variable};

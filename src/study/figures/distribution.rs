@@ -5,7 +5,7 @@ use tdcr_base::stats::quantile;
 use super::axes::{ACROSS, readable, spacing_between, titled};
 use crate::report::{Aspect, Figure, Ink, Mark, Panel, Scale, Shape, Spacing, StudyFigure};
 use crate::study::outputs::thinned::Thinned;
-use crate::study::spec::{Column, Study, Want};
+use crate::study::spec::{Column, Output, Study};
 
 /// Points of a distribution's curve.
 const CURVE: usize = 200;
@@ -24,7 +24,7 @@ pub(super) fn distributions(
             let share = k as f64 / CURVE as f64;
             [factor * quantile(&sorted, share), 100.0 * share]
         });
-        let title = Want::title(&column.name).unwrap_or(&column.name);
+        let title = Output::title(&column.name).unwrap_or(&column.name);
         let ends = sorted.first().map(|least| [*least, values.largest()]);
         Panel {
             title: String::new(),
@@ -44,12 +44,12 @@ pub(super) fn distributions(
     };
     let limited = study.tension_limit.is_some();
     let mut figures = Vec::new();
-    for want in Want::ALL {
+    for want in Output::ALL {
         let columns = want.columns(limited);
         let of_want = drawn
             .iter()
             .zip(all)
-            .filter(|(column, _)| columns.contains(column) && !Want::is_reference(&column.name));
+            .filter(|(column, _)| columns.contains(column) && !Output::is_reference(&column.name));
         let panels: Vec<Panel> = of_want
             .map(|(column, values)| panel(column, values))
             .collect();

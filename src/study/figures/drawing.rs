@@ -9,7 +9,7 @@ use crate::report::{
     Aspect, Figure, HeatMap, HeatPanel, Ink, Mark, Panel, Scale, Shape, Spacing, StudyFigure,
 };
 use crate::study::outputs::thinned::Thinned;
-use crate::study::spec::{Column, Study, Want};
+use crate::study::spec::{Column, Output, Study};
 
 /// Values that a median and a band are of, at most.
 const MOST_VALUES: usize = 1000;
@@ -19,7 +19,7 @@ const DASHED: &str =
 /// Lines of at most so many places have dots.
 const DOTTED: usize = 40;
 /// An output to draw, its values by plot, line and place.
-pub(super) struct Output {
+pub(super) struct DrawnOutput {
     column: Column,
     place: usize,
     values: Vec<Thinned<f64>>,
@@ -28,7 +28,7 @@ pub(super) struct Output {
 /// Outputs over one set of axes.
 pub(super) struct Drawing {
     axes: Axes,
-    outputs: Vec<Output>,
+    outputs: Vec<DrawnOutput>,
 }
 
 impl Drawing {
@@ -38,7 +38,7 @@ impl Drawing {
             axes.x.values.len() * length(&axes.lines) * length(&axes.plots) * length(&axes.up);
         // Few values each where there are very many places.
         let most = (4_000_000 / count.max(1)).clamp(16, MOST_VALUES);
-        let output = |column: &Column| Output {
+        let output = |column: &Column| DrawnOutput {
             column: column.clone(),
             place: columns
                 .get(column.name.as_str())
@@ -115,8 +115,8 @@ impl Drawing {
         let Some(up) = &self.axes.up else {
             return Vec::new();
         };
-        let map = |output: &Output| {
-            let title = Want::title(&output.column.name).unwrap_or(&output.column.name);
+        let map = |output: &DrawnOutput| {
+            let title = Output::title(&output.column.name).unwrap_or(&output.column.name);
             let (factor, unit) = output.readable();
             let panel = |plot: usize| HeatPanel {
                 title: self.plot_title(plot),
@@ -159,8 +159,8 @@ impl Drawing {
     /// Curves: outputs of one kind side by side, or the plots of one output.
     fn curves(&self, study: &Study, note: &str) -> Vec<StudyFigure> {
         if self.axes.plots.is_some() {
-            let figure = |output: &Output| {
-                let title = Want::title(&output.column.name).unwrap_or(&output.column.name);
+            let figure = |output: &DrawnOutput| {
+                let title = Output::title(&output.column.name).unwrap_or(&output.column.name);
                 let panels: Vec<Panel> = (0..self.plots())
                     .map(|plot| self.panel(output, plot, self.plot_title(plot)))
                     .collect();
@@ -185,14 +185,14 @@ impl Drawing {
     }
 
     /// Outputs that have figures of their own.
-    fn drawn(&self) -> impl Iterator<Item = &Output> {
-        let own = |output: &&Output| !Want::is_reference(&output.column.name);
+    fn drawn(&self) -> impl Iterator<Item = &DrawnOutput> {
+        let own = |output: &&DrawnOutput| !Output::is_reference(&output.column.name);
         self.outputs.iter().filter(own)
     }
 
     /// The output that a figure on another shows as a dashed line.
-    fn reference(&self, output: &Output) -> Option<&Output> {
-        let name = Want::reference(&output.column.name)?;
+    fn reference(&self, output: &DrawnOutput) -> Option<&DrawnOutput> {
+        let name = Output::reference(&output.column.name)?;
         self.outputs.iter().find(|other| other.column.name == name)
     }
 
@@ -201,7 +201,7 @@ impl Drawing {
         title: &str,
         name: &str,
         panels: Vec<Panel>,
-        outputs: &[&Output],
+        outputs: &[&DrawnOutput],
         note: &str,
     ) -> StudyFigure {
         let captions = outputs.iter().map(|output| {
@@ -239,7 +239,13 @@ impl Drawing {
     }
 
     /// Medians of an output along the axis, times a factor.
-    fn medians(&self, output: &Output, factor: f64, plot: usize, line: usize) -> Vec<[f64; 2]> {
+    fn medians(
+        &self,
+        output: &DrawnOutput,
+        factor: f64,
+        plot: usize,
+        line: usize,
+    ) -> Vec<[f64; 2]> {
         let values = self.axes.x.values.iter().enumerate();
         let medians = values.map(|(place, x)| {
             let sorted = output.values[self.index(plot, line, place)].sorted();
@@ -249,7 +255,7 @@ impl Drawing {
     }
 
     /// One plot of an output.
-    fn panel(&self, output: &Output, plot: usize, title: String) -> Panel {
+    fn panel(&self, output: &DrawnOutput, plot: usize, title: String) -> Panel {
         let (factor, unit) = output.readable();
         let x = &self.axes.x;
         let (mut bands, mut lines) = (Vec::new(), Vec::new());
@@ -338,7 +344,7 @@ impl Drawing {
             },
             y: Scale::Numbers {
                 title: titled(
-                    Want::title(&output.column.name).unwrap_or(&output.column.name),
+                    Output::title(&output.column.name).unwrap_or(&output.column.name),
                     &unit,
                 ),
                 spacing,
@@ -355,7 +361,7 @@ fn reach(ends: Option<[f64; 2]>, value: f64) -> [f64; 2] {
     [least.min(value), most.max(value)]
 }
 
-impl Output {
+impl DrawnOutput {
     /// The unit in which its values are easy to read.
     fn readable(&self) -> (f64, String) {
         let largest = self.values.iter().map(Thinned::largest).fold(0.0, f64::max);
@@ -375,11 +381,11 @@ impl Output {
 /// Outputs by what was wanted.
 fn by_want<'a>(
     study: &Study,
-    outputs: impl Iterator<Item = &'a Output>,
-) -> Vec<(Want, Vec<&'a Output>)> {
+    outputs: impl Iterator<Item = &'a DrawnOutput>,
+) -> Vec<(Output, Vec<&'a DrawnOutput>)> {
     let limited = study.tension_limit.is_some();
-    let outputs: Vec<&Output> = outputs.collect();
-    let of = |want: Want| {
+    let outputs: Vec<&DrawnOutput> = outputs.collect();
+    let of = |want: Output| {
         let columns = want.columns(limited);
         let of_want = outputs
             .iter()
@@ -387,7 +393,7 @@ fn by_want<'a>(
             .filter(|output| columns.iter().any(|c| c.name == output.column.name));
         (want, of_want.collect::<Vec<_>>())
     };
-    Want::ALL
+    Output::ALL
         .into_iter()
         .map(of)
         .filter(|(_, outputs)| !outputs.is_empty())

@@ -20,7 +20,7 @@ use crate::study::outputs::workspace::{Workspace, bounds};
 use crate::study::spec::cases::Cases;
 use crate::study::spec::models::Models;
 use crate::study::spec::variable::{phrase, plain};
-use crate::study::spec::{Variable, Want};
+use crate::study::spec::{Output, Variable};
 
 /// Workspaces that are drawn, at most.
 const WORKSPACES: usize = 6;
@@ -46,11 +46,11 @@ pub(in crate::study) fn write(
     };
     for mut group in groups {
         let name = combination(cases, group.combination);
-        if study.want.contains(&Want::Dexterity) && dexterities.len() < DEXTERITIES {
+        if study.want.contains(&Output::Dexterity) && dexterities.len() < DEXTERITIES {
             let found = Dexterity::new(group.axes.take(), study.dexterity_radius);
             dexterities.push((name.clone(), found));
         }
-        if study.want.contains(&Want::Workspace) {
+        if study.want.contains(&Output::Workspace) {
             let workspace = Workspace::new(group.tips.take(), study.alpha);
             figures.push(section_figure(
                 &workspace,
@@ -72,7 +72,7 @@ pub(in crate::study) fn write(
     }
     figures.extend(dexterity::figure(&dexterities, &study.robot_phrase()));
     figures.extend(draw(cases, record, table)?);
-    if study.want.contains(&Want::Hysteresis) {
+    if study.want.contains(&Output::Hysteresis) {
         figures.extend(hysteresis::figure(study, cases, &study.robot_phrase()));
     }
     figures.extend(training::figure(study));

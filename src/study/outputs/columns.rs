@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::table::Cell;
 use crate::study::spec::cases::Cases;
 use crate::study::spec::variable::{Setting, Target};
-use crate::study::spec::{Column, Kind, Study, Want};
+use crate::study::spec::{Column, Kind, Output, Study};
 
 /// What is in a row besides outputs.
 pub(in crate::study) const ROW: &str = "row";
@@ -55,7 +55,7 @@ pub(in crate::study) fn outputs(study: &Study) -> Vec<Column> {
     let limited = study.tension_limit.is_some();
     let mut wants = study.want.clone();
     if needs_tip(study) {
-        wants.insert(0, Want::Tip);
+        wants.insert(0, Output::Tip);
     }
     wants
         .into_iter()
@@ -65,7 +65,7 @@ pub(in crate::study) fn outputs(study: &Study) -> Vec<Column> {
 
 /// Whether the tips are computed though the study does not ask for them.
 pub(in crate::study) fn needs_tip(study: &Study) -> bool {
-    study.want.iter().any(|want| want.is_of_tips()) && !study.want.contains(&Want::Tip)
+    study.want.iter().any(|want| want.is_of_tips()) && !study.want.contains(&Output::Tip)
 }
 
 /// Values of some levels as cells.

@@ -15,7 +15,7 @@ use super::thinned::Thinned;
 use super::workspace::{self, Workspace};
 use crate::study::error::StudyError;
 use crate::study::spec::cases::Cases;
-use crate::study::spec::{Column, Kind, Want};
+use crate::study::spec::{Column, Kind, Output};
 
 /// Quantiles of each output, with what its column's name ends in.
 const QUANTILES: [(&str, f64); 3] = [("p10", 0.1), ("median", 0.5), ("p90", 0.9)];
@@ -60,11 +60,11 @@ pub(in crate::study) fn write(
         };
         columns.extend(QUANTILES.map(named));
     }
-    let wants_workspace = study.want.contains(&Want::Workspace);
+    let wants_workspace = study.want.contains(&Output::Workspace);
     if wants_workspace {
         columns.extend(workspace::columns());
     }
-    let wants_dexterity = study.want.contains(&Want::Dexterity);
+    let wants_dexterity = study.want.contains(&Output::Dexterity);
     if wants_dexterity {
         columns.extend(dexterity::columns());
     }

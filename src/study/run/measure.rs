@@ -14,7 +14,7 @@ use tdcr_sim::statics::{Equilibrium, Examined, Settler, Stability};
 use crate::pipeline::Probed;
 use crate::study::outputs::table::Cell;
 use crate::study::outputs::tip_loop::TipLoop;
-use crate::study::spec::{Study, Want};
+use crate::study::spec::{Output, Study};
 
 /// Random poses that equilibria are sought from.
 const STARTS: usize = 16;
@@ -47,19 +47,19 @@ impl Settled<'_> {
     /// The cells of an output, as many as it has columns. What has no value is empty.
     pub fn cells(
         &self,
-        want: Want,
+        want: Output,
         settler: &mut Settler,
         derivatives: Option<&Sensitivity>,
     ) -> Vec<Cell> {
         let numbers = |numbers: &[f64]| numbers.iter().copied().map(Cell::Number).collect();
         match want {
-            Want::Tip => {
+            Output::Tip => {
                 let tip = self.equilibrium.pose().tip();
                 let (p, q) = (tip.translation.vector, tip.rotation);
                 numbers(&[p.x, p.y, p.z, q.w, q.i, q.j, q.k])
             }
-            Want::Deflection => numbers(&self.deflection(settler)),
-            Want::Tension => {
+            Output::Deflection => numbers(&self.deflection(settler)),
+            Output::Tension => {
                 let tensions = || self.equilibrium.tendon_tensions.iter().copied();
                 let (least, most) = (
                     tensions().fold(f64::INFINITY, f64::min),
@@ -68,12 +68,12 @@ impl Settled<'_> {
                 let margin = self.study.tension_limit.map(|limit| limit - most);
                 numbers(&[&[least, most], margin.as_slice()].concat())
             }
-            Want::Energy => {
+            Output::Energy => {
                 numbers(&[self
                     .robot
                     .potential_energy(self.command, self.loads, self.equilibrium)])
             }
-            Want::Stability => {
+            Output::Stability => {
                 let stability = self.equilibrium.stability.map_or("", Stability::name);
                 let examined = self.equilibrium.examined.map_or("", Examined::name);
                 let stiffness =
@@ -85,40 +85,40 @@ impl Settled<'_> {
                     Cell::Number(stiffness),
                 ]
             }
-            Want::Compliance => {
+            Output::Compliance => {
                 let axes = derivatives
                     .and_then(|d| tip_compliance(self.robot, d))
                     .map(|c| singular(&c));
                 let [least, _, most] = axes.unwrap_or([f64::NAN; 3]);
                 numbers(&[least, most, most / least])
             }
-            Want::Manipulability => {
+            Output::Manipulability => {
                 let axes =
                     derivatives.map(|d| ellipsoid(&tip_jacobian(self.robot, d, self.equilibrium)));
                 let [least, middle, most] = axes.unwrap_or([f64::NAN; 3]);
                 numbers(&[least, middle, most, least * middle * most])
             }
-            Want::Force => numbers(
+            Output::Force => numbers(
                 &derivatives
                     .and_then(|d| self.forces(d))
                     .unwrap_or([f64::NAN; 3]),
             ),
-            Want::Equilibria => {
+            Output::Equilibria => {
                 let (count, apart) = self.equilibria(settler);
                 vec![Cell::Whole(count), Cell::Number(apart)]
             }
-            Want::Hysteresis => {
+            Output::Hysteresis => {
                 let about = self.study.hysteresis;
                 let found = TipLoop::new(self.robot, self.command, self.loads, about);
                 let numbers_of_loop =
                     found.map(|found| [found.width(), found.area(), found.dissipated]);
                 numbers(&numbers_of_loop.unwrap_or([f64::NAN; 3]))
             }
-            Want::Cost => {
+            Output::Cost => {
                 let steps = i64::try_from(self.equilibrium.iterations).unwrap_or(i64::MAX);
                 vec![Cell::Whole(steps), Cell::Number(self.seconds)]
             }
-            Want::Model => match &self.probed {
+            Output::Model => match &self.probed {
                 Some(probed) => numbers(&[
                     probed.distances.cd,
                     probed.distances.emd,
@@ -128,7 +128,7 @@ impl Settled<'_> {
                 ]),
                 None => Vec::new(),
             },
-            Want::Workspace | Want::Dexterity => Vec::new(),
+            Output::Workspace | Output::Dexterity => Vec::new(),
         }
     }
 

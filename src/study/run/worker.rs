@@ -11,7 +11,7 @@ use crate::study::outputs::table::Cell;
 use crate::study::spec::case;
 use crate::study::spec::cases::{Case, Cases};
 use crate::study::spec::variable::Setting;
-use crate::study::spec::{Study, Want};
+use crate::study::spec::{Output, Study};
 
 /// Computes rows one after another; configurations of one robot share its compilation.
 pub(super) struct Worker<'a> {
@@ -100,13 +100,17 @@ impl<'a> Worker<'a> {
             seconds,
             probed,
         };
-        let needs =
-            |want: &Want| matches!(want, Want::Compliance | Want::Manipulability | Want::Force);
+        let needs = |want: &Output| {
+            matches!(
+                want,
+                Output::Compliance | Output::Manipulability | Output::Force
+            )
+        };
         let derivatives = match study.want.iter().any(needs) {
             true => robot.sensitivity(&command, &loads, &equilibrium).ok(),
             false => None,
         };
-        let tip = needs_tip(study).then_some(Want::Tip);
+        let tip = needs_tip(study).then_some(Output::Tip);
         for want in tip.into_iter().chain(study.want.iter().copied()) {
             cells.extend(settled.cells(want, settler, derivatives.as_ref()));
         }

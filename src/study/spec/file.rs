@@ -14,7 +14,7 @@ use super::cases::Cases;
 use super::models::{Models, ModelsInFile};
 use super::variable::{NAMES, Target, Variable};
 use super::vary::Vary;
-use super::{HysteresisLoop, Levels, Sample, Sampled, Study, Want};
+use super::{HysteresisLoop, Levels, Output, Sample, Sampled, Study};
 use crate::study::error::{Refusal, StudyError};
 
 /// Largest file of a study (bytes).
@@ -262,7 +262,7 @@ impl HysteresisLoop {
 /// Refuses an output of models without any, models without their output, and robots beside those of models.
 fn check_models(
     models: &Option<Models>,
-    want: &[Want],
+    want: &[Output],
     robot: &Option<String>,
     set: &[(Variable, Value)],
     levels: &[Levels],
@@ -272,7 +272,7 @@ fn check_models(
             .map(|(what, _)| what)
             .chain(levels.iter().map(|l| &l.what))
     };
-    match (models, want.contains(&Want::Model)) {
+    match (models, want.contains(&Output::Model)) {
         (None, true) => {
             let expected =
                 "a table with `file`, the path of a trained model, for the output `model`";
@@ -326,12 +326,12 @@ fn variable(key: &str, name: &str) -> Result<Variable, Refusal> {
         .map_err(|_| Refusal::value(key, format!("\"{name}\""), format!("one of {NAMES}")))
 }
 
-fn wanted(names: &[String], sampled: bool) -> Result<Vec<Want>, Refusal> {
-    let all = || Want::ALL.map(Want::name).join(", ");
+fn wanted(names: &[String], sampled: bool) -> Result<Vec<Output>, Refusal> {
+    let all = || Output::ALL.map(Output::name).join(", ");
     let mut want = Vec::new();
     for (place, name) in names.iter().enumerate() {
         let key = format!("want[{place}]");
-        let found = Want::ALL.into_iter().find(|want| want.name() == name);
+        let found = Output::ALL.into_iter().find(|want| want.name() == name);
         let found = found.ok_or_else(|| {
             Refusal::value(&key, format!("\"{name}\""), format!("one of {}", all()))
         })?;

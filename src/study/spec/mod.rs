@@ -6,16 +6,16 @@ mod column;
 mod field;
 mod file;
 pub(in crate::study) mod models;
+mod output;
 mod overlap;
 mod starter;
 pub(in crate::study) mod variable;
 pub(in crate::study) mod vary;
-mod want;
 
 pub use column::{Column, Kind};
+pub use output::Output;
 pub use starter::Starter;
 pub use variable::Variable;
-pub use want::Want;
 
 use std::collections::BTreeMap;
 
@@ -53,7 +53,7 @@ pub struct Study {
     /// How they are; `None` where there is none.
     pub(in crate::study) sample: Option<Sample>,
     /// What is computed.
-    pub want: Vec<Want>,
+    pub want: Vec<Output>,
     /// Largest tension that a tendon or its servo bears (N).
     pub tension_limit: Option<f64>,
     /// Radius of the balls that carve a workspace's boundary (m); `None` for the smallest that leaves it in one piece.

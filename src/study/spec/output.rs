@@ -8,7 +8,7 @@ use super::column::{Column, Kind};
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Want {
+pub enum Output {
     /// Pose of the tip disc.
     Tip,
     /// How far the loads move the tip from where the command alone puts it.
@@ -42,7 +42,7 @@ pub enum Want {
 /// Whether the tension has a limit.
 pub(in crate::study) type Limited = bool;
 
-impl Want {
+impl Output {
     /// All outputs.
     pub const ALL: [Self; 14] = [
         Self::Tip,
