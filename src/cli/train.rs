@@ -9,7 +9,7 @@ use tdcr::learn::data::{DataSet, Split};
 use tdcr::learn::net::{Precision, Processor};
 use tdcr::learn::options::{OptionsError, Resolved, RobotChoice, TrainOptions};
 use tdcr::learn::train::Model;
-use tdcr::pipeline::{StreamOptions, TrainingData, model_path, payload_range, train, visibility};
+use tdcr::pipeline::{StreamOptions, TrainingData, model_path, train};
 
 use super::console::Console;
 

@@ -9,27 +9,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::source::Source;
 use super::{House, houses, is_root};
 
-/// An arrow that closes a circle and may stay for now.
-struct Known {
-    folder: &'static str,
-    /// Module that imports, and the one that it imports.
-    arrow: [&'static str; 2],
-    why: &'static str,
-}
-
-const KNOWN: &[Known] = &[
-    Known {
-        folder: "learn/src",
-        arrow: ["net/hybrid/shape", "net/hybrid/pvcnn"],
-        why: "two hybrids, which are to be one",
-    },
-    Known {
-        folder: "learn/src",
-        arrow: ["train/settings", "train/refinement"],
-        why: "the settings of a refinement are to lie with those of training",
-    },
-];
-
 /// Most re-exports that lead from a name to its file.
 const DOORS: usize = 8;
 
@@ -140,27 +119,11 @@ fn is_kin(a: &[String], b: &[String]) -> bool {
     is_root(a) || is_root(b) || a.starts_with(b) || b.starts_with(a)
 }
 
-fn steps(module: &str) -> Vec<String> {
-    module.split('/').map(str::to_owned).collect()
-}
-
 #[test]
 fn no_circle_goes_through_two_files() {
     let mut lines = Vec::new();
     for house in houses() {
-        let mut files = Files::of(&house);
-        for known in KNOWN.iter().filter(|known| known.folder == house.folder) {
-            let [from, to] = known.arrow.map(steps);
-            let arrows = files.arrows.get_mut(&from);
-            assert!(
-                arrows.is_some_and(|arrows| arrows.remove(&to).is_some()),
-                "{}: {} no longer uses {}: take it out of KNOWN ({})",
-                known.folder,
-                known.arrow[0],
-                known.arrow[1],
-                known.why
-            );
-        }
+        let files = Files::of(&house);
         lines.extend(files.circles(&house));
     }
     assert!(

@@ -9,7 +9,6 @@
 
 use rand::RngExt;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use tdcr_base::hash::hash_all;
 
 use super::error::{SettingsError, TrainError};
@@ -17,7 +16,7 @@ use super::model::{Model, positions};
 use super::optimizer::Optimizer;
 use super::refined::Refined;
 use super::samples::Samples;
-use super::settings::{Target, TrainSettings};
+use super::settings::{Refinement, Target, TrainSettings};
 use super::{start, state};
 use crate::channels::DIM;
 use crate::data::CloudSet;
@@ -35,46 +34,6 @@ const HUBER: f32 = 2.5e-3;
 
 /// Learning rate, of Muon and of AdamW: half of what networks are trained at from the start.
 const RATE: f64 = 1e-2;
-
-/// How a network's last evaluation is learned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Refinement {
-    /// Optimiser steps.
-    pub steps: u64,
-    /// Points that the network predicts of each training cloud, to learn from.
-    pub points: usize,
-}
-
-/// [`Refinement::DEFAULT`].
-impl Default for Refinement {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
-impl Refinement {
-    /// Of a network that a CPU trains in minutes.
-    pub const DEFAULT: Self = Self {
-        steps: 1500,
-        points: 500,
-    };
-
-    /// The same of no more than `steps` steps; `None` where that is none.
-    pub fn at_most(self, steps: u64) -> Option<Self> {
-        let steps = self.steps.min(steps);
-        (steps > 0).then_some(Self { steps, ..self })
-    }
-
-    /// Points that are predicted of each of `clouds` clouds: no more than its steps see.
-    fn points_per_cloud(self, settings: &TrainSettings, clouds: usize) -> usize {
-        let seen = self
-            .steps
-            .saturating_mul((settings.clouds * settings.points) as u64);
-        let each = usize::try_from(seen / clouds.max(1) as u64).unwrap_or(usize::MAX);
-        self.points.min(each.max(settings.points))
-    }
-}
 
 /// The ends of a network's flow under the conditions of training clouds, and where they should have come to.
 #[derive(Debug)]

@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use super::optimizer::Optimizer;
-use super::refinement::Refinement;
 use crate::flow::{FlowPath, Sampler};
 use crate::net::{InitialWeights, Precision};
 use crate::prior::Prior;
@@ -177,5 +176,45 @@ impl Target {
             Self::Steps => "steps",
             Self::Refinement => "refinement",
         }
+    }
+}
+
+/// How a network's last evaluation is learned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Refinement {
+    /// Optimiser steps.
+    pub steps: u64,
+    /// Points that the network predicts of each training cloud, to learn from.
+    pub points: usize,
+}
+
+/// [`Refinement::DEFAULT`].
+impl Default for Refinement {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+impl Refinement {
+    /// Of a network that a CPU trains in minutes.
+    pub const DEFAULT: Self = Self {
+        steps: 1500,
+        points: 500,
+    };
+
+    /// The same of no more than `steps` steps; `None` where that is none.
+    pub fn at_most(self, steps: u64) -> Option<Self> {
+        let steps = self.steps.min(steps);
+        (steps > 0).then_some(Self { steps, ..self })
+    }
+
+    /// Points that are predicted of each of `clouds` clouds: no more than its steps see.
+    pub(super) fn points_per_cloud(self, settings: &TrainSettings, clouds: usize) -> usize {
+        let seen = self
+            .steps
+            .saturating_mul((settings.clouds * settings.points) as u64);
+        let each = usize::try_from(seen / clouds.max(1) as u64).unwrap_or(usize::MAX);
+        self.points.min(each.max(settings.points))
     }
 }
