@@ -53,13 +53,13 @@ pub(super) fn figure(study: &Study, cases: &Cases, note: &str) -> Option<StudyFi
         caption: format!(
             "The tip as the command of tendon {} goes out and back: its displacement along the line from the start to the turn.{others} \
              {note}",
-            study.hysteresis.tendon
+            study.hysteresis.tendon + 1
         ),
         panels: vec![Panel {
             title: String::new(),
             x: Scale::linear(&format!(
                 "Command of tendon {} ({unit})",
-                study.hysteresis.tendon
+                study.hysteresis.tendon + 1
             )),
             y: Scale::linear("Displacement of the tip (mm)"),
             aspect: Aspect::Free,
