@@ -43,7 +43,7 @@ impl CollectTimes {
 ///
 /// Sample `i` is a function of the settings and `i` alone, so an interrupted collection that is taken
 /// up, on any number of threads, gives the files of an uninterrupted one. So does a set of fewer samples that grows, where the
-/// design allows it ([`Design::can_grow`]); but the splits are drawn anew, and networks that were trained on the smaller set
+/// design allows it ([`Design::can_grow`](data::Design::can_grow)); but the splits are drawn anew, and networks that were trained on the smaller set
 /// have seen samples that now test.
 ///
 /// Parts of a data set are made by as many calls, anywhere, each in a folder of its own.
