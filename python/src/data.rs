@@ -7,7 +7,7 @@ use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use tdcr::learn::data::{self, DataSet, Meta, PayloadRange, Split, SplitSamples};
 use tdcr::pipeline::{self, CollectSettings};
-use tdcr::sim::render::{BaseVisibility, Sensor};
+use tdcr::sim::render::Sensor;
 
 use crate::arrays::array;
 use crate::errors::{Failure, Outcome, choice};
@@ -194,14 +194,6 @@ pub fn merge(
         pipeline::merge(&parts, &out, &Stage::new(&["merge"], watch))
     })??;
     Ok(())
-}
-
-/// Whether the base is in view.
-pub fn visibility(base: bool) -> BaseVisibility {
-    match base {
-        true => BaseVisibility::Shown,
-        false => BaseVisibility::Hidden,
-    }
 }
 
 /// A range of payloads from its ends (kg).

@@ -7,11 +7,10 @@ use pyo3::prelude::*;
 use tdcr::learn::data::{PredictedClouds, Split, read_predictions};
 use tdcr::pages::{Evaluated, comparison_page, evaluation_page};
 use tdcr::pipeline::{
-    CompareSettings, Comparer, EvalSettings, Evaluator, Pairing, Reference, Results,
+    CompareSettings, Comparer, EvalSettings, Evaluator, Pairing, Reference, Results, visibility,
 };
 
 use crate::arrays::contiguous;
-use crate::data::visibility;
 use crate::errors::{Failure, Outcome, choice};
 use crate::options::options_of;
 use crate::predictor::{Predictor, SamplerOptions};

@@ -8,10 +8,11 @@ use tdcr::learn::symmetry::Reduction;
 use tdcr::learn::train::Provenance;
 
 use crate::arrays::array;
-use crate::data::{payload_range, sensor, visibility};
+use crate::data::{payload_range, sensor};
 use crate::errors::{Failure, Outcome, text};
 use crate::robot::Robot;
 use crate::run;
+use tdcr::pipeline::visibility;
 
 /// A condition (D,), points (N, 3) and colours (N, 3).
 type Arrays<'py> = (

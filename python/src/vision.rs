@@ -3,12 +3,13 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray2};
 use pyo3::prelude::*;
+use tdcr::pipeline::visibility;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::chain::Configuration;
 use tdcr::sim::cloud::{Observer, PointCloud, VoxelGrid, write_ply};
 use tdcr::sim::geometry::Shape;
 use tdcr::sim::pose::Pose;
-use tdcr::sim::render::{BaseVisibility, RgbdFrame, Scene, Sensor};
+use tdcr::sim::render::{RgbdFrame, Scene, Sensor};
 
 use crate::arrays::{array, contiguous, quaternions};
 use crate::errors::{Failure, Outcome};
@@ -64,14 +65,6 @@ pub struct View {
     distortion: [f64; 5],
     position: Py<PyArray1<f64>>,
     quaternion: Py<PyArray1<f64>>,
-}
-
-fn visibility(base: bool) -> BaseVisibility {
-    if base {
-        BaseVisibility::Shown
-    } else {
-        BaseVisibility::Hidden
-    }
 }
 
 /// The faults of a camera, by name.
