@@ -74,7 +74,8 @@ REALSENSE = REALSENSE_LIBRARY="$${REALSENSE_LIBRARY-$$($(PYTHON) scripts/realsen
 
 # Tests within the libraries, and those from outside that take seconds.
 test-fast:
-	$(REALSENSE) cargo test $(WORKSPACE) --release --locked --lib --test house --test robot_files --test statics
+	$(REALSENSE) cargo test $(WORKSPACE) --release --locked --lib --test house --test robot
+	cargo test $(WORKSPACE) --release --locked --test statics equilibria
 
 # In release mode: the tests settle tens of thousands of robots and train small networks.
 test-rust:

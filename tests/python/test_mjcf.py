@@ -9,7 +9,7 @@ import pytest
 from paper_robots import ROBOTS, model
 
 ROOT = pathlib.Path(__file__).parents[2]
-BY_HAND = ROOT / "sim/tests/formats/by_hand/robot.xml"
+BY_HAND = ROOT / "sim/tests/data/by_hand/robot.xml"
 
 # One of each: a tilted base, joints below the discs, masses of both kinds, a bent backbone, drives of all kinds.
 EVERYTHING = """

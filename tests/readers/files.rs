@@ -10,7 +10,7 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 pub const ROBOT: &str = include_str!("../../sim/robots/2m.toml");
-pub const BY_HAND: &str = include_str!("../../sim/tests/formats/by_hand/robot.xml");
+pub const BY_HAND: &str = include_str!("../../sim/tests/data/by_hand/robot.xml");
 pub const STL: &str = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n\
                    endloop\nendfacet\nendsolid s\n";
 pub const PCD: &str = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS 2\nDATA ascii\n1 2 3\n4 5 6\n";

@@ -1,8 +1,10 @@
 //! What the virtual cameras and the clouds made from them promise.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod cameras;
 mod clouds;
 mod pictures;
+mod sensor;
 
 use nalgebra::Vector3;
 use tdcr_sim::robot::{Loads, Robot};

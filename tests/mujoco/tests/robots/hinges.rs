@@ -13,7 +13,7 @@ use crate::probe::{Probe, largest_difference};
 use crate::random::random_robot::{Kind, random_hinged_robot, within};
 
 /// A published form of tendon robot: ten universal joints of an x, then a y hinge.
-const UNIVERSAL: &str = include_str!("../../../../sim/tests/formats/by_hand/universal_joints.xml");
+const UNIVERSAL: &str = include_str!("../../../../sim/tests/data/by_hand/universal_joints.xml");
 
 fn universal() -> Robot {
     Robot::new(mjcf::import_text(UNIVERSAL).unwrap().spec).unwrap()

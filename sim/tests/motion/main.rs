@@ -1,0 +1,10 @@
+//! Robots in motion: dynamics, friction of tendons along a path, and the interface that all simulations share.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+mod cosserat_motion;
+mod dynamics;
+mod flutter;
+#[path = "../common/random_robot.rs"]
+mod random_robot;
+mod simulation;
+mod tendon_friction;
