@@ -1,6 +1,5 @@
 //! What the statics promise under loads, drives and routes of every kind.
 
-use crate::random_robot::{Kind, random_robot, random_spec, within};
 use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,6 +7,8 @@ use tdcr_sim::robot::{
     Body, Drive, Frame, Loads, Payload, Pull, Robot, RobotSpec, TendonSpec, Waypoint, Wrench,
 };
 use tdcr_sim::statics::{Equilibrium, Settler};
+
+use crate::random_robot::{Kind, random_robot, random_spec, within};
 
 /// Loads of every kind.
 fn random_loads(robot: &Robot, rng: &mut impl Rng) -> Loads {

@@ -3,7 +3,6 @@
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
-use crate::random_robot::{Kind, random_robot, random_spec, within};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -16,6 +15,8 @@ use tdcr_sim::robot::{
 };
 use tdcr_sim::statics::Equilibrium;
 use tdcr_sim::tendon_friction::FrictionPath;
+
+use crate::random_robot::{Kind, random_robot, random_spec, within};
 
 const LENGTH: f64 = 0.6;
 const RADIUS: f64 = 8e-4;

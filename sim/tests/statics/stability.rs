@@ -1,6 +1,5 @@
 //! Which equilibria count as settled, how stiff they are, and how exactly they are found.
 
-use crate::random_robot::{Kind, random_spec, within};
 use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,6 +10,8 @@ use tdcr_sim::robot::{
     PerDisc, Pull, Robot, RobotSpec, Wrench,
 };
 use tdcr_sim::statics::{Equilibrium, LENGTH_TOLERANCE, NotSettled, Stability, TOLERANCE};
+
+use crate::random_robot::{Kind, random_spec, within};
 
 /// The 2m robot with other tendons.
 fn two_modules(drive: Drive, pull: Pull, range: [f64; 2]) -> RobotSpec {

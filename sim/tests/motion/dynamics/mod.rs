@@ -7,13 +7,14 @@ mod refusals;
 mod rods;
 mod steps;
 
-use crate::random_robot::{Kind, random_hinged_robot, random_robot, within};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::chain::Configuration;
 use tdcr_sim::dynamics::State;
 use tdcr_sim::robot::{Frame, Hinges, Loads, Payload, Pull, Robot, Wrench};
+
+use crate::random_robot::{Kind, random_hinged_robot, random_robot, within};
 
 /// A bent robot in motion.
 fn random_state(robot: &Robot, rng: &mut ChaCha8Rng) -> State {

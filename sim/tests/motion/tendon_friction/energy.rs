@@ -1,11 +1,12 @@
 //! Friction takes energy and never creates any.
 
-use super::{CONTACT, assert_capstan, potential, pull_first, rough_robot};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::Loads;
 use tdcr_sim::tendon_friction::{FrictionPath, SlipState, TendonProfile};
+
+use super::{CONTACT, assert_capstan, potential, pull_first, rough_robot};
 
 /// Servo work and dissipation (J) of the third round of a loop of the first tendon, and how much
 /// energy the robot's potential gains over it.

@@ -1,9 +1,10 @@
 //! The capstan law at each hole, and the balance of every disc.
 
-use super::{BACKBONE, pull_first, rough, rough_robot, rough_spec, tip};
 use nalgebra::Vector3;
 use tdcr_sim::robot::{Body, Drive, Loads, Pull, Robot, RouteSpec, TendonSpec, Waypoint};
 use tdcr_sim::tendon_friction::{FrictionPath, SlipState, TendonProfile};
+
+use super::{BACKBONE, pull_first, rough, rough_robot, rough_spec, tip};
 
 /// A robot whose last tendon goes around two holes of the base before it goes up.
 fn robot_with_a_fixed_wrap(coefficient: f64) -> (Robot, f64) {

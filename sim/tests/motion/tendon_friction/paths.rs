@@ -1,11 +1,12 @@
 //! Where paths start, what they tend to, and which robots they lead.
 
-use super::{assert_capstan, pull_first, rough, rough_robot, rough_spec, tip};
-use crate::random_robot::{Kind, random_spec};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::{Drive, Frame, Loads, Pull, Robot, RobotSpec, Wrench};
 use tdcr_sim::tendon_friction::{FrictionPath, SlipState};
+
+use super::{assert_capstan, pull_first, rough, rough_robot, rough_spec, tip};
+use crate::random_robot::{Kind, random_spec};
 
 #[test]
 fn without_friction_a_path_is_the_settler_bit_for_bit() {

@@ -1,10 +1,11 @@
 //! Snaps: where no equilibrium is near.
 
-use super::{assert_capstan, potential, pull_first, rough_robot, rough_spec, tip};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::{Frame, Loads, Robot, Wrench};
 use tdcr_sim::tendon_friction::FrictionPath;
+
+use super::{assert_capstan, potential, pull_first, rough_robot, rough_spec, tip};
 
 /// Strong friction makes contacts let go so suddenly that no equilibrium is near.
 #[test]

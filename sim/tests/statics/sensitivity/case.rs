@@ -1,6 +1,5 @@
 //! One equilibrium as a function of its parameters, and its derivatives by differences.
 
-use crate::random_robot::{Kind, random_robot, within};
 use nalgebra::{DMatrix, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,6 +9,8 @@ use tdcr_sim::robot::{
 };
 use tdcr_sim::sensitivity::{PoseTangent, Sensitivity};
 use tdcr_sim::statics::{Equilibrium, Settler};
+
+use crate::random_robot::{Kind, random_robot, within};
 
 /// One equilibrium, as a function of its parameters.
 #[derive(Clone)]

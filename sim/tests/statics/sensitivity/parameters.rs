@@ -1,11 +1,12 @@
 //! The parameters: values set and read, the command's, and what has no derivative.
 
-use super::case::{all_parameters, random_case};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::pose::PoseTangent;
 use tdcr_sim::robot::{ActsOn, Axis, Body, Command, Holes, Loads, Parameter, Robot, RobotSpec};
 use tdcr_sim::sensitivity::SensitivityError;
+
+use super::case::{all_parameters, random_case};
 
 #[test]
 fn a_robot_with_another_value_differs_in_that_parameter_alone() {

@@ -1,10 +1,11 @@
 //! Random robots.
 
-use super::case::{NOISE, assert_derivatives_agree, case_of, derivatives_agree, random_case};
-use crate::random_robot::{Kind, random_hinged_robot};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::{Frame, Limit, PerDisc, Wrench};
+
+use super::case::{NOISE, assert_derivatives_agree, case_of, derivatives_agree, random_case};
+use crate::random_robot::{Kind, random_hinged_robot};
 
 #[test]
 fn derivatives_are_differences_of_settled_poses_on_random_robots() {

@@ -1,13 +1,14 @@
 //! Poses and robots where derivatives are easily wrong.
 
-use super::case::{Case, assert_derivatives_agree, derivatives_agree, own_routes};
-use crate::random_robot::within;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::robot::{
     Backbone, Body, Drive, Holes, Loads, MassSpec, Parameter, PerDisc, Pull, Robot, RobotSpec,
     RodDamping, RodSpec, SolidMass, Waypoint,
 };
+
+use super::case::{Case, assert_derivatives_agree, derivatives_agree, own_routes};
+use crate::random_robot::within;
 
 /// The 3m robot, hanging or on a backbone, every tendon on its own route.
 fn changed(change: impl Fn(&mut RobotSpec)) -> RobotSpec {

@@ -1,0 +1,259 @@
+//! A refinement learns on the ends of a network's own flow, and takes its place in the last evaluation.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use tdcr_learn::data::CloudSet;
+use tdcr_learn::flow::Sampler;
+use tdcr_learn::metrics::nearest_distances;
+use tdcr_learn::net::Channels;
+use tdcr_learn::train::{
+    Feed, Model, Refinement, Refiner, Target, Teacher, TrainSettings, Trainer, TrainingState,
+};
+use tempfile::TempDir;
+
+use crate::toy::{COLORED, LARGER, SHAPE, bars, colored_bars, learning, provenance, run, settings};
+
+const STEPS: u64 = 150;
+
+/// Settings of a run that is refined, whose sampler denoises.
+fn refined(steps: u64) -> TrainSettings {
+    TrainSettings {
+        validation_clouds: 3,
+        sampler: Sampler {
+            denoise: Some(0.995),
+            spare: 0.0,
+            ..settings().sampler
+        },
+        refinement: Some(Refinement {
+            steps: STEPS,
+            points: 60,
+        }),
+        warmup_steps: (steps / 10).min(20),
+        ..learning(steps)
+    }
+}
+
+/// A network that has learned a little.
+fn flow(training: &CloudSet, validation: &CloudSet) -> Model {
+    let trainer = Trainer::new(LARGER, refined(300), training, validation).unwrap();
+    run(trainer, 300).model(provenance()).unwrap()
+}
+
+fn feed(model: &Model, training: &CloudSet) -> Feed<'static> {
+    let refiner = Refiner::new(model, training, &|| true).unwrap();
+    Feed::Refiner(Box::new(refiner.unwrap()))
+}
+
+fn refine(model: &Model, training: &CloudSet, validation: &CloudSet) -> Model {
+    let settings = model.settings.refining().unwrap();
+    let trainer = Trainer::new(&model.network, settings, feed(model, training), validation);
+    let last = run(trainer.unwrap(), STEPS).model(provenance()).unwrap();
+    Model {
+        validation_distance: last.validation_distance,
+        refinement: Some(last.network),
+        ..model.clone()
+    }
+}
+
+/// Mean distance (m) of predicted points from the bar under commands that the network has not seen.
+fn off(model: &Model, sampler: &Sampler) -> f64 {
+    let unseen = bars(10, 9);
+    let mut sum = 0.0;
+    for index in 0..unseen.len() {
+        let command = (unseen
+            .condition(index)
+            .iter()
+            .zip([[0.0, 0.04], [0.01, 0.02]]))
+        .map(|(c, [from, range])| from + range * f64::from(*c))
+        .collect::<Vec<_>>();
+        let cloud = model.predict(&command, 100, 5, sampler).unwrap();
+        let mut truth = unseen.cloud(index).as_chunks::<3>().0.to_vec();
+        truth.as_flattened_mut().iter_mut().for_each(|x| *x *= 0.4);
+        let distances = nearest_distances(&cloud.points, &truth).unwrap();
+        sum += distances.iter().sum::<f64>() / 1000.0;
+    }
+    sum
+}
+
+#[test]
+fn a_refined_network_comes_nearer_to_the_surface() {
+    let (training, validation) = (bars(64, 1), bars(3, 2));
+    let plain = flow(&training, &validation);
+    let refined = refine(&plain, &training, &validation);
+    let sampler = plain.settings.sampler;
+    let [before, after] = [&plain, &refined].map(|model| off(model, &sampler));
+    assert!(after < 0.8 * before, "{before} to {after} m");
+    assert!(refined.validation_distance < plain.validation_distance);
+}
+
+#[test]
+fn it_is_saved_with_the_model_and_used_at_its_own_time_alone() {
+    let (training, validation) = (bars(16, 1), bars(3, 2));
+    let plain = flow(&training, &validation);
+    let refined = refine(&plain, &training, &validation);
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("model.safetensors");
+    refined.save(&file).unwrap();
+    let loaded = Model::load(&file).unwrap();
+    let at = |denoise| Sampler {
+        denoise,
+        ..plain.settings.sampler
+    };
+    let cloud = |model: &Model, denoise| {
+        let cloud = model.predict(&[0.02, 0.02], 30, 7, &at(denoise));
+        cloud.unwrap().points
+    };
+    let own = Some(0.995);
+    assert_eq!(cloud(&loaded, own), cloud(&refined, own));
+    assert_ne!(cloud(&refined, own), cloud(&plain, own));
+    for other in [None, Some(0.99)] {
+        assert_eq!(cloud(&refined, other), cloud(&plain, other));
+    }
+}
+
+#[test]
+fn a_resumed_refinement_ends_as_if_it_had_not_been_left() {
+    let (training, validation) = (bars(16, 1), bars(3, 2));
+    let model = flow(&training, &validation);
+    let settings = || model.settings.refining().unwrap();
+    let network = &model.network;
+    let begin = || Trainer::new(network, settings(), feed(&model, &training), &validation).unwrap();
+    let whole = run(begin(), 12).state(provenance());
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("state.safetensors");
+    run(begin(), 5).state(provenance()).save(&file).unwrap();
+    let half = TrainingState::load(&file).unwrap();
+    assert!(half.starts_from(network));
+    assert!(!half.starts_from(&refine(&model, &training, &validation).refinement.unwrap()));
+    let feed = |clouds| feed(&model, clouds);
+    let again = Trainer::resume(
+        half.clone(),
+        network,
+        settings(),
+        feed(&training),
+        &validation,
+    );
+    assert_eq!(run(again.unwrap(), 12).state(provenance()), whole);
+    // Nor is it resumed with other clouds.
+    let other = Trainer::resume(half, network, settings(), feed(&bars(16, 3)), &validation);
+    let said = other.unwrap_err().to_string();
+    assert!(said.contains("training set's fingerprint"), "{said}");
+}
+
+/// What is to be refined learns what it would without, and distils, to another student.
+#[test]
+fn the_flow_itself_is_that_of_a_run_without() {
+    let (training, validation) = (bars(16, 1), bars(3, 2));
+    let train = |settings: TrainSettings| {
+        let trainer = Trainer::new(SHAPE, settings, &training, &validation).unwrap();
+        run(trainer, 12)
+    };
+    let with = refined(12);
+    let without = TrainSettings {
+        refinement: None,
+        ..with.clone()
+    };
+    let [with, without] = [with, without].map(train);
+    let [a, b] = [&with, &without].map(|trainer| trainer.state(provenance()));
+    assert!(a.params == b.params && a.average == b.average && a.losses == b.losses);
+    let written = serde_json::to_value(&b.settings).unwrap();
+    assert_eq!(written.get("refinement"), None);
+
+    let plain = with.model(provenance()).unwrap();
+    let last = refine(&plain, &training, &validation);
+    let distil = |teacher: &Model| {
+        let settings = TrainSettings {
+            sampler: Sampler {
+                method: tdcr_learn::flow::Method::Euler,
+                steps: 2,
+                denoise: Some(0.99),
+                ..Sampler::PAPER
+            },
+            clouds: 6,
+            path: plain.settings.path,
+            target: Target::Steps,
+            ..settings()
+        };
+        let feed = Feed::Teacher(Box::new(Teacher::new(teacher).unwrap()));
+        let trainer = Trainer::new(&teacher.network, settings, feed, &validation).unwrap();
+        run(trainer, 3).losses().to_vec()
+    };
+    assert_ne!(distil(&plain), distil(&last));
+}
+
+#[test]
+fn points_move_and_colours_stay_as_the_flow_has_them() {
+    let (training, validation) = (colored_bars(64, 1), colored_bars(3, 2));
+    let trainer = Trainer::new(COLORED, refined(300), &training, &validation).unwrap();
+    let plain = run(trainer, 300).model(provenance()).unwrap();
+    let last = refine(&plain, &training, &validation);
+    assert_eq!(last.network.shape().channels(), Channels::XyzRgb);
+    let sampler = plain.settings.sampler;
+    let [before, after] = [&plain, &last].map(|model| off(model, &sampler));
+    assert!(after < 0.9 * before, "{before} to {after} m");
+    let colors = |model: &Model| {
+        let cloud = model.predict(&[0.0, 0.03], 50, 3, &sampler).unwrap();
+        cloud.colors.unwrap().concat()
+    };
+    let pairs = colors(&plain).into_iter().zip(colors(&last));
+    assert!(pairs.map(|(a, b)| a.abs_diff(b)).max().unwrap() <= 4);
+}
+
+#[test]
+fn what_cannot_be_refined_is_refused_by_name() {
+    let (training, validation) = (bars(5, 1), bars(3, 2));
+    let refused = |settings: TrainSettings| settings.check().unwrap_err().to_string();
+    let none = TrainSettings {
+        refinement: Some(Refinement {
+            steps: 0,
+            points: 5,
+        }),
+        ..refined(12)
+    };
+    assert_eq!(refused(none), "refinement.steps is 0, expected at least 1");
+    let undenoised = TrainSettings {
+        sampler: settings().sampler,
+        ..refined(12)
+    };
+    let said = refused(undenoised);
+    assert!(said.contains("expected a sampler that denoises"), "{said}");
+
+    let trainer = Trainer::new(LARGER, refined(12), &training, &validation).unwrap();
+    let model = run(trainer, 12).model(provenance()).unwrap();
+    let begin = |settings| {
+        let trainer = Trainer::new(
+            &model.network,
+            settings,
+            feed(&model, &training),
+            &validation,
+        );
+        trainer.unwrap_err().to_string()
+    };
+    let said = begin(refined(12));
+    assert!(
+        said.starts_with("target is velocity, expected refinement"),
+        "{said}"
+    );
+    let elsewhere = TrainSettings {
+        sampler: Sampler {
+            denoise: Some(0.9),
+            ..model.settings.sampler
+        },
+        ..model.settings.refining().unwrap()
+    };
+    let said = begin(elsewhere);
+    assert!(
+        said.starts_with("sampler denoising time is Some(0.9)"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_refiner_stops_where_it_is_told_to() {
+    let (training, validation) = (bars(5, 1), bars(3, 2));
+    let trainer = Trainer::new(LARGER, refined(12), &training, &validation).unwrap();
+    let model = run(trainer, 12).model(provenance()).unwrap();
+    let made = AtomicUsize::new(0);
+    let go_on = || made.fetch_add(1, Ordering::Relaxed) < 2;
+    assert!(Refiner::new(&model, &training, &go_on).unwrap().is_none());
+}
