@@ -7,10 +7,9 @@ use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use tdcr::learn::data::{self, DataSet, Meta, PayloadRange, Split, SplitSamples};
 use tdcr::pipeline::{self, CollectSettings};
-use tdcr::sim::render::Sensor;
 
 use crate::arrays::array;
-use crate::errors::{Failure, Outcome, choice};
+use crate::errors::{Failure, Outcome};
 use crate::options::options_of;
 use crate::robot::Robot;
 use crate::run;
@@ -199,10 +198,4 @@ pub fn merge(
 /// A range of payloads from its ends (kg).
 pub fn payload_range((min, max): (f64, f64)) -> PayloadRange {
     PayloadRange { min, max }
-}
-
-/// Faults of cameras, by name.
-pub fn sensor(noise: Option<&str>) -> Outcome<Option<Sensor>> {
-    let known = [("d435", Sensor::d435())];
-    noise.map(|name| choice("noise", name, &known)).transpose()
 }

@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 
 use numpy::{PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use tdcr::learn::data::{PredictedClouds, Split, read_predictions};
+use tdcr::learn::data::{PredictedClouds, read_predictions};
 use tdcr::pages::{Evaluated, comparison_page, evaluation_page};
 use tdcr::pipeline::{
-    CompareSettings, Comparer, EvalSettings, Evaluator, Pairing, Reference, Results, visibility,
+    CompareSettings, Comparer, EvalSettings, Evaluator, Reference, Results, visibility,
 };
 
 use crate::arrays::contiguous;
-use crate::errors::{Failure, Outcome, choice};
+use crate::errors::{Failure, Outcome};
 use crate::options::options_of;
 use crate::predictor::{Predictor, SamplerOptions};
 use crate::robot::Robot;
@@ -91,65 +91,35 @@ pub fn evaluate(
     Ok((text, page))
 }
 
-/// What two data sets are compared by, as `tdcr compare` asks for it.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct CompareOptions {
-    base: bool,
-    pairing: String,
-    tolerance: f64,
-    split: String,
-    points: Option<usize>,
-    emd_points: Option<usize>,
-    worst: usize,
-    seed: u64,
-    report: bool,
-}
-
-impl CompareOptions {
-    fn settings(&self) -> Outcome<CompareSettings> {
-        let tolerance = self.tolerance;
-        let pairings = [
-            ("condition", Pairing::Condition { tolerance }),
-            ("index", Pairing::Index),
-        ];
-        let [train, val, test] = Split::ALL.map(|split| (split.folder(), Some(split)));
-        Ok(CompareSettings {
-            pairing: choice("match", &self.pairing, &pairings)?,
-            split: choice("split", &self.split, &[("all", None), train, val, test])?,
-            points: self.points,
-            emd_points: self.emd_points,
-            seed: self.seed,
-        })
-    }
-}
-
 /// Compares the data set in the folder `a` with that in `b`, or with the simulator: what `tdcr compare --json` says, and the page
 /// where one is asked for.
 #[pyfunction]
-#[pyo3(signature = (a, b, robot, options, progress = None))]
+#[pyo3(signature = (a, b, robot, base, options, worst, report, progress = None))]
+#[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn compare(
     py: Python<'_>,
     a: PathBuf,
     b: Option<PathBuf>,
     robot: Option<&Robot>,
-    options: CompareOptions,
+    base: bool,
+    options: &str,
+    worst: usize,
+    report: bool,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> Outcome<(String, Option<String>)> {
-    let settings = options.settings()?;
+    let settings: CompareSettings = options_of(options)?;
     let robot = robot.map(|robot| robot.0.spec());
     let (comparison, page) = run::long(py, progress, |watch| {
         let other = match &b {
             Some(b) => Reference::Set(b),
             None => Reference::Simulator {
                 robot,
-                base: visibility(options.base),
+                base: visibility(base),
             },
         };
         let comparer = Comparer::new(&a, other, &settings)?;
-        let comparison = comparer.run(options.worst, &Stage::new(&["compare"], watch))?;
-        let page =
-            (options.report).then(|| comparison_page(&a, b.as_deref(), &comparer, &comparison));
+        let comparison = comparer.run(worst, &Stage::new(&["compare"], watch))?;
+        let page = report.then(|| comparison_page(&a, b.as_deref(), &comparer, &comparison));
         Ok::<_, Failure>((comparison, page.transpose()?.map(|page| page.to_html())))
     })??;
     let text = serde_json::to_string(&comparison);

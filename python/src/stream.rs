@@ -8,8 +8,9 @@ use tdcr::learn::symmetry::Reduction;
 use tdcr::learn::train::Provenance;
 
 use crate::arrays::array;
-use crate::data::{payload_range, sensor};
+use crate::data::payload_range;
 use crate::errors::{Failure, Outcome, text};
+use crate::options::sensor;
 use crate::robot::Robot;
 use crate::run;
 use tdcr::pipeline::visibility;

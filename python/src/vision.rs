@@ -9,11 +9,12 @@ use tdcr::sim::chain::Configuration;
 use tdcr::sim::cloud::{Observer, PointCloud, VoxelGrid, write_ply};
 use tdcr::sim::geometry::Shape;
 use tdcr::sim::pose::Pose;
-use tdcr::sim::render::{RgbdFrame, Scene, Sensor};
+use tdcr::sim::render::{RgbdFrame, Scene};
 
 use crate::arrays::{array, contiguous, quaternions};
 use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
+use crate::options::sensor;
 use crate::robot::Robot;
 use crate::run;
 
@@ -65,18 +66,6 @@ pub struct View {
     distortion: [f64; 5],
     position: Py<PyArray1<f64>>,
     quaternion: Py<PyArray1<f64>>,
-}
-
-/// The faults of a camera, by name.
-fn sensor(noise: Option<&str>) -> Outcome<Option<Sensor>> {
-    match noise {
-        None => Ok(None),
-        Some("d435") => Ok(Some(Sensor::d435())),
-        Some(other) => {
-            let message = format!("the noise is {other:?}; expected None or 'd435'");
-            Err(Failure::input(message))
-        }
-    }
 }
 
 /// Pictures of a robot in a configuration by its own cameras.

@@ -533,7 +533,10 @@ def compare(
     a: str,
     b: str | None,
     robot: Robot | None,
-    options: dict[str, Any],
+    base: bool,
+    options: str,
+    worst: int,
+    report: bool,
     progress: _Progress = None,
 ) -> tuple[str, str | None]: ...
 def data_info(path: str) -> str: ...

@@ -171,20 +171,20 @@ def compare(
     if not 0.0 <= as_number(tolerance, "tolerance") <= 1.0:
         raise InputError(f"tolerance is {tolerance}; expected 0 to 1")
     options = {
-        "base": as_flag(base, "base"),
-        "pairing": as_text(match, "match"),
+        "match": as_text(match, "match"),
         "tolerance": as_number(tolerance, "tolerance"),
         "split": as_text(split, "split"),
         "points": maybe_count(points, "points"),
         "emd_points": maybe_count(emd_points, "emd_points"),
-        "worst": as_count(worst, "worst"),
         "seed": as_seed(seed),
-        "report": report is not None,
     }
+    in_view, listed = as_flag(base, "base"), as_count(worst, "worst")
     page = None if report is None else as_file(report, "report", ".html")
     first, second = folder_of(a), None if b is None else folder_of(b)
     simulated = None if robot is None else Robot(robot)._native
-    text, html = _tdcr.compare(first, second, simulated, options, progress=progress)
+    text, html = _tdcr.compare(
+        first, second, simulated, in_view, json.dumps(options), listed, page is not None, progress=progress
+    )
     if page is not None and html is not None:
         write_whole(page, html.encode())
     return {"a": first, "b": second, **json.loads(text)}

@@ -3,13 +3,11 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde::Serialize;
-use tdcr::learn::data::Split;
 use tdcr::pages::comparison_page;
 use tdcr::pipeline::{
-    CompareSettings, Comparer, Comparison, Configuration, Pairing, Place, Reference, Spread,
-    visibility,
+    CompareSettings, Comparer, Comparison, Configuration, Place, Reference, Spread, visibility,
 };
 
 use super::console::Console;
@@ -27,60 +25,19 @@ pub(super) struct CompareArgs {
     #[arg(value_name = "B")]
     b: Option<PathBuf>,
     /// The robot to simulate where there is no B: 2m, 3m, 5m, or the path of a robot file [default: the robot of A]
-    #[arg(long, value_name = "ROBOT", conflicts_with = "b")]
+    #[arg(long, value_name = "ROBOT", conflicts_with_all = ["b", "matched"])]
     robot: Option<String>,
     /// Show the robot's base to the simulator's cameras, where A does not say whether it is in view
-    #[arg(long, conflicts_with = "b")]
+    #[arg(long, conflicts_with_all = ["b", "matched"])]
     base: bool,
-    /// How samples are paired
-    #[arg(long = "match", value_enum, default_value_t = Match::Condition, value_name = "HOW", conflicts_with_all = ["robot", "base"])]
-    pairing: Match,
-    /// Largest difference of a number of two conditions that count as equal, as a part of its range in both data sets
-    #[arg(long, default_value_t = Pairing::TOLERANCE, value_name = "PART", value_parser = tolerance, allow_hyphen_values = true)]
-    tolerance: f64,
-    /// Which samples to compare
-    #[arg(long, value_enum, default_value_t = Which::All)]
-    split: Which,
-    /// Points of each cloud that the Chamfer distance is computed on [default: as many as the smaller clouds have, at most
-    /// 10000]
-    #[arg(long, value_name = "N")]
-    points: Option<usize>,
-    /// Points of each cloud that the exact earth mover's distances are computed on [default: as many, at most 2000]
-    #[arg(long, value_name = "N")]
-    emd_points: Option<usize>,
+    #[command(flatten)]
+    settings: CompareSettings,
     /// How many of the worst configurations, by Chamfer distance, to list and to show in the report
     #[arg(long, default_value_t = 5, value_name = "N")]
     worst: usize,
-    /// Seed of the points that are compared
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
     /// Write an HTML page: table, pictures of both clouds over each other, a 3-D view of the worst
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Match {
-    /// Those of equal commands and payloads
-    Condition,
-    /// Those of one index in one split
-    Index,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Which {
-    All,
-    Train,
-    Val,
-    Test,
-}
-
-/// Parses a part of a range.
-fn tolerance(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(part) if (0.0..=1.0).contains(&part) => Ok(part),
-        _ => Err("expected a number from 0 to 1".to_owned()),
-    }
 }
 
 #[derive(Serialize)]
@@ -90,28 +47,6 @@ struct Compared<'a> {
     b: Option<&'a PathBuf>,
     #[serde(flatten)]
     comparison: &'a Comparison,
-}
-
-impl CompareArgs {
-    fn settings(&self) -> CompareSettings {
-        CompareSettings {
-            pairing: match self.pairing {
-                Match::Condition => Pairing::Condition {
-                    tolerance: self.tolerance,
-                },
-                Match::Index => Pairing::Index,
-            },
-            split: match self.split {
-                Which::All => None,
-                Which::Train => Some(Split::Train),
-                Which::Val => Some(Split::Val),
-                Which::Test => Some(Split::Test),
-            },
-            points: self.points,
-            emd_points: self.emd_points,
-            seed: self.seed,
-        }
-    }
 }
 
 pub(super) fn run(args: &CompareArgs, console: &Console) -> anyhow::Result<()> {
@@ -127,7 +62,7 @@ pub(super) fn run(args: &CompareArgs, console: &Console) -> anyhow::Result<()> {
         },
     };
     let comparer =
-        Comparer::new(&args.a, other, &args.settings()).map_err(super::eval::named_as_option)?;
+        Comparer::new(&args.a, other, &args.settings).map_err(super::eval::named_as_option)?;
     let comparison = comparer.run(args.worst, console)?;
     let compared = Compared {
         a: &args.a,

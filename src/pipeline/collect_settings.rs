@@ -105,6 +105,14 @@ pub enum Noise {
 }
 
 impl Noise {
+    /// The camera of this name.
+    ///
+    /// # Errors
+    /// The names that there are.
+    pub fn named(name: &str) -> Result<Self, String> {
+        named_value("noise", name)
+    }
+
     /// Its faults.
     pub fn sensor(self) -> Sensor {
         match self {
@@ -135,15 +143,35 @@ pub fn payload_range(text: &str) -> Result<PayloadRange, String> {
 /// The camera of this name, in JSON.
 pub(super) fn noise<'de, D: Deserializer<'de>>(value: D) -> Result<Option<Noise>, D::Error> {
     let name = Option::<String>::deserialize(value)?;
-    let named =
-        |name: String| Noise::from_str(&name, false).map_err(|_| other("noise", &name, &["d435"]));
-    name.map(named).transpose()
+    let named = name.map(|name| Noise::named(&name));
+    named.transpose().map_err(D::Error::custom)
+}
+
+/// The value of this name of an option, in JSON.
+pub(super) fn value_named<'de, T: ValueEnum, D: Deserializer<'de>>(
+    option: &str,
+    value: D,
+) -> Result<T, D::Error> {
+    let name = String::deserialize(value)?;
+    named_value(option, &name).map_err(D::Error::custom)
+}
+
+/// The value of this name of an option, or what was expected.
+fn named_value<T: ValueEnum>(option: &str, name: &str) -> Result<T, String> {
+    let name_of = |value: &T| {
+        value
+            .to_possible_value()
+            .map(|value| value.get_name().to_owned())
+    };
+    let names: Vec<String> = T::value_variants().iter().filter_map(name_of).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    T::from_str(name, false).map_err(|_| other(option, name, &names))
 }
 
 fn design<'de, D: Deserializer<'de>>(value: D) -> Result<Design, D::Error> {
     let name = String::deserialize(value)?;
     let found = Design::ALL.into_iter().find(|design| design.name() == name);
-    found.ok_or_else(|| other("design", &name, &Design::ALL.map(Design::name)))
+    found.ok_or_else(|| D::Error::custom(other("design", &name, &Design::ALL.map(Design::name))))
 }
 
 fn part<'de, D: Deserializer<'de>>(value: D) -> Result<Option<Part>, D::Error> {
@@ -153,8 +181,8 @@ fn part<'de, D: Deserializer<'de>>(value: D) -> Result<Option<Part>, D::Error> {
 }
 
 /// A name that is none of those known.
-fn other<E: Error>(field: &str, found: &str, known: &[&str]) -> E {
+fn other(field: &str, found: &str, known: &[&str]) -> String {
     let known = known.iter().map(|name| format!("{name:?}"));
     let known = known.collect::<Vec<_>>().join(", ");
-    E::custom(format!("{field} is {found:?}; expected one of {known}"))
+    format!("{field} is {found:?}; expected one of {known}")
 }

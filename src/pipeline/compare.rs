@@ -11,29 +11,14 @@ use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Robot, RobotSpec};
 
+use super::compare_settings::CompareSettings;
 use super::eval_settings::{EvalSettings, Scoring};
 use super::measure::{distances, subset};
-use super::pairing::{Entry, Pair, Pairing, Place};
+use super::pairing::{Entry, Pair, Place};
 use super::scores::{Distances, Quantiles};
 use super::simulation::Simulation;
 use super::tip::tip_error;
 use super::{CompareError, Monitor, PipelineError};
-
-/// How clouds are compared.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CompareSettings {
-    /// Which samples are of one configuration.
-    pub pairing: Pairing,
-    /// The split whose samples are compared; `None` for all.
-    pub split: Option<Split>,
-    /// Points of each cloud that the Chamfer distance is computed on; by default as many as the smaller clouds have, at most
-    /// 10,000.
-    pub points: Option<usize>,
-    /// Points of each cloud that the earth mover's distances are computed on, no more than `points`; at most 2,000 by default.
-    pub emd_points: Option<usize>,
-    /// Seed of the points that are compared, and of what the simulator's cameras see.
-    pub seed: u64,
-}
 
 /// What a data set is compared with.
 #[derive(Clone, Copy, Debug)]
@@ -269,11 +254,11 @@ impl Comparer {
         b: Reference<'_>,
         settings: &CompareSettings,
     ) -> Result<Self, PipelineError> {
-        let first = Side::open(a, settings.split)?;
+        let first = Side::open(a, settings.split())?;
         let (second, pairs) = match b {
             Reference::Set(b) => {
-                let second = Side::open(b, settings.split)?;
-                let pairs = settings.pairing.pairs(&first.entries, &second.entries)?;
+                let second = Side::open(b, settings.split())?;
+                let pairs = settings.pairing().pairs(&first.entries, &second.entries)?;
                 (second, pairs)
             }
             Reference::Simulator { robot, base } => {

@@ -9,6 +9,7 @@ mod capture;
 mod collect;
 mod collect_settings;
 mod compare;
+mod compare_settings;
 mod distillation;
 mod error;
 mod eval_settings;
@@ -38,9 +39,8 @@ mod training_data;
 pub use capture::{CaptureReport, CaptureSettings, capture};
 pub use collect::{CollectTimes, collect, export, import, merge};
 pub use collect_settings::{CollectSettings, Noise, visibility};
-pub use compare::{
-    CompareSettings, Comparer, Comparison, Configuration, Reference, Spread, TipSource,
-};
+pub use compare::{Comparer, Comparison, Configuration, Reference, Spread, TipSource};
+pub use compare_settings::{CompareSettings, Match, Which};
 pub use distillation::{distillation, student_sampler};
 pub use error::{CaptureStop, CompareError, Divergence, EvalError, PipelineError, TrainRunError};
 pub use eval_settings::{EvalSettings, Scoring};
@@ -48,7 +48,7 @@ pub use evaluate::Evaluator;
 pub(crate) use line_file::LineFile;
 pub use metrics::{DistanceQuantiles, Metrics, OtherMetrics, Results, WorstTest};
 pub use monitor::{Monitor, Silent};
-pub use pairing::{Pairing, Place};
+pub use pairing::Place;
 pub(crate) use probe::{Probe, Probed};
 pub use sampler_plan::SamplerPlan;
 pub use scores::{Distances, Evaluation, Quantiles, Row, RowScore, Scores, UncertaintyScore};
