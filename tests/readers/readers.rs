@@ -27,7 +27,7 @@ use tdcr::sim::robot::{Robot, RobotSpec};
 use tdcr::study::Study;
 
 // A line of servos for tests.
-#[path = "../../hw/tests/driver/noise.rs"]
+#[path = "../../hw/tests/servos/driver/noise.rs"]
 mod noise;
 
 use noise::NoiseTransport;

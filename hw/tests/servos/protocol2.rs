@@ -1,5 +1,4 @@
 //! The examples of the manufacturer's manual, encoded and decoded: `data/protocol2_examples.txt`.
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 use tdcr_hw::dynamixel::joined::{JoinedWriter, Section, length_field, sections};
 use tdcr_hw::dynamixel::{
@@ -10,7 +9,7 @@ use tdcr_hw::servo::ServoId;
 
 /// The packets of one example: its instruction and its statuses.
 fn example(name: &str) -> (Vec<u8>, Vec<Vec<u8>>) {
-    let text = include_str!("data/protocol2_examples.txt");
+    let text = include_str!("../data/protocol2_examples.txt");
     let from = text.split_once(&format!("= {name}\n")).unwrap().1;
     let lines: Vec<&str> = from
         .lines()

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use rustypot::DynamixelProtocolHandler;
+use ::rustypot::DynamixelProtocolHandler;
 use serialport::SerialPort;
 use tdcr_hw::clock::SystemClock;
 use tdcr_hw::servo::ServoId;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use tdcr_hw::dynamixel::{Backup, Bus, BusSettings, LastingChanges, Reset, Span};
 use tdcr_hw::servo::{Fault, Identity, ServoBus, ServoError, ServoId};
 
-use crate::script::{Exchange, Script};
+use super::script::{Exchange, Script};
 
 fn hex(text: &str) -> Vec<u8> {
     text.split_whitespace()
@@ -15,7 +15,7 @@ fn hex(text: &str) -> Vec<u8> {
 
 /// An example of the manual: its instruction, and its statuses 1 ms apart.
 fn example(name: &str) -> Exchange {
-    let text = include_str!("../data/protocol2_examples.txt");
+    let text = include_str!("../../data/protocol2_examples.txt");
     let from = text.split_once(&format!("= {name}\n")).unwrap().1;
     let lines: Vec<&str> = from
         .lines()

@@ -10,7 +10,7 @@ use tdcr_hw::servo::{
     Torque,
 };
 
-use crate::devices::{Device, Devices};
+use super::devices::{Device, Devices};
 
 const LIMITS: Limits = Limits {
     min: Ticks(-1200),

@@ -1,5 +1,4 @@
 //! The driver against published conversations, servos that only remember, and nonsense.
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 mod conversations;
 mod decorators;

@@ -10,7 +10,7 @@ use tdcr_hw::dynamixel::{
 };
 use tdcr_hw::servo::{ServoBus, ServoId, Setting, Torque};
 
-use crate::noise::NoiseTransport;
+use super::noise::NoiseTransport;
 
 /// The same cases in each run: garbage may hold a frame by chance, which swallows another.
 fn seeded(cases: u32) -> ProptestConfig {

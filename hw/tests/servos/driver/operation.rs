@@ -9,7 +9,7 @@ use tdcr_hw::servo::{
 };
 use tdcr_hw::transport::Transport;
 
-use crate::devices::{Device, Devices};
+use super::devices::{Device, Devices};
 
 const FAST_READ: u8 = 0x8A;
 const SYNC_READ: u8 = 0x82;

@@ -11,7 +11,7 @@ use tdcr_hw::serial::{Serial, SerialSettings};
 use tdcr_hw::servo::{OperatingMode, ServoBus, ServoId, Setting, Ticks, Torque, WatchdogState};
 use tdcr_hw::simulated::{Fault, SimulatedBus, Simulator, Terminal};
 
-use crate::{Desk, id, setup};
+use super::{Desk, id, setup};
 
 fn nine() -> Vec<ServoId> {
     (1..=9).map(id).collect()

@@ -8,7 +8,7 @@ use tdcr_hw::dynamixel::{Fault as Refusal, Instruction, Item, PacketId};
 use tdcr_hw::simulated::{Fault, LATENESS, ScheduledFault, TendonFault};
 use tdcr_hw::transport::Transport;
 
-use crate::{Desk, EXTENDED, answers, id, setup};
+use super::{Desk, EXTENDED, answers, id, setup};
 
 const PING: Instruction<'_> = Instruction::Ping;
 

@@ -6,7 +6,7 @@ use tdcr_hw::dynamixel::{Fault as Refusal, Instruction, Item, PacketId};
 use tdcr_hw::simulated::{Physics, Simulator, Truth, Winding};
 use tdcr_sim::robot::{Drive, Loads, Pull, Robot, RobotSpec};
 
-use crate::{CURRENT_BASED, Desk, EXTENDED, VELOCITY, setup};
+use super::{CURRENT_BASED, Desk, EXTENDED, VELOCITY, setup};
 
 /// Torque (N m) per current (A) of an XC330-M288, and its friction (N m): 5 % of the stall torque.
 const TORQUE_CONSTANT: f64 = 0.93 / 1.80;

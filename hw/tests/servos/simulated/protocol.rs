@@ -8,7 +8,7 @@ use tdcr_hw::dynamixel::{
 };
 use tdcr_hw::transport::Transport;
 
-use crate::{Desk, EXTENDED, POSITION, answers, id, setup, table};
+use super::{Desk, EXTENDED, POSITION, answers, id, setup, table};
 
 #[test]
 fn a_ping_says_model_and_firmware() {

@@ -7,7 +7,7 @@ use tdcr_hw::dynamixel::joined::sections;
 use tdcr_hw::dynamixel::{Answers, Instruction, Item, PacketId};
 use tdcr_hw::simulated::Fault;
 
-use crate::{Answer, Desk, id, setup};
+use super::{Answer, Desk, id, setup};
 
 const POSITIONS: (u16, u16) = (132, 4);
 
@@ -35,7 +35,7 @@ fn all_answer_a_ping_spaced_by_their_ids() {
         .encode(PacketId::Broadcast, &mut ping)
         .expect("a short frame");
     tdcr_hw::transport::Transport::write(&mut desk.bus, &ping).expect("it is plugged in");
-    let heard = crate::answers(&desk.listen(Duration::from_secs(1)));
+    let heard = super::answers(&desk.listen(Duration::from_secs(1)));
     assert_eq!(who(&heard), [1, 2, 3, 4, 5, 252]);
     // The vendor's SDK listens for 252 statuses, and 3 ms each. The last patience found nothing.
     let window = Duration::from_micros(252 * (140 + 3000) + 16_000);
@@ -154,5 +154,5 @@ fn two_servos_of_one_id_talk_over_each_other() {
     };
     let bytes = desk.exchange(PacketId::Servo(id(1)), &read);
     assert_eq!(bytes.len(), 12);
-    assert_eq!(crate::answers(&bytes), []);
+    assert_eq!(super::answers(&bytes), []);
 }

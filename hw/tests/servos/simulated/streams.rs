@@ -7,7 +7,7 @@ use tdcr_hw::clock::Clock;
 use tdcr_hw::dynamixel::{Instruction, PacketId, crc16};
 use tdcr_hw::transport::Transport;
 
-use crate::{Desk, id};
+use super::{Desk, id};
 
 /// Bytes in which much looks like frames of all instructions.
 fn bytes() -> impl Strategy<Value = Vec<u8>> {
@@ -63,7 +63,7 @@ proptest! {
                 let mut ping = Vec::new();
                 Instruction::Ping.encode(PacketId::Broadcast, &mut ping).expect("short");
                 desk.bus.write(&ping).expect("it is plugged in");
-                !crate::answers(&desk.listen(Duration::from_secs(6))).is_empty()
+                !super::answers(&desk.listen(Duration::from_secs(6))).is_empty()
             });
         prop_assert!(found);
     }
