@@ -25,6 +25,10 @@ use crate::energy::following::{add_product, add_transposed_product, follows};
 use crate::factor::{Arnoldi, Curvature, dot, probe, project};
 use crate::robot::{Loads, Robot};
 
+mod mode;
+
+use mode::Mode;
+
 /// Growth of a motion, as a share of its rate's size, that is not told from none; and of a robot without damping about some axis, which
 /// is less than the weakest damping of a material takes.
 const STEADY: f64 = 1e-6;
@@ -459,59 +463,6 @@ impl SmallMotionRates {
         (self.matrix).stiffness_product(&self.equations, loads, turns, &mut out);
         project(&self.equations.posture.chain.hinges, &mut out);
         out
-    }
-}
-
-/// What the equations of motion say of a rate and its mode.
-struct Mode {
-    /// What resists it, for each unit of its size (N m/rad): of inertia and damping, without regard to signs.
-    resistance: f64,
-    /// What is left of the equations, as a share of their terms.
-    error: f64,
-}
-
-impl Mode {
-    /// Of a mode's real and imaginary part.
-    fn new(
-        rates: &mut SmallMotionRates,
-        loads: &Loads,
-        damped: bool,
-        rate: Complex<f64>,
-        mode: [&[Vector3<f64>]; 2],
-    ) -> Self {
-        let mass = mode.map(|part| rates.mass(part));
-        let mut damping = mode.map(|part| rates.damping(part));
-        if !damped {
-            damping
-                .iter_mut()
-                .flatten()
-                .for_each(|entry| *entry = Vector3::zeros());
-        }
-        let stiffness = mode.map(|part| rates.stiffness(loads, part));
-        let size = dot(mode[0], mode[0]) + dot(mode[1], mode[1]);
-        let form =
-            |image: &[Vec<Vector3<f64>>; 2]| dot(mode[0], &image[0]) + dot(mode[1], &image[1]);
-        let resistance = (rate.norm_sqr() * form(&mass) + rate.norm() * form(&damping)) / size;
-        // Each number of the sum of the terms, and the sum of their sizes.
-        let (mut left, mut terms) = (0.0, 0.0);
-        for joint in 0..mode[0].len() {
-            for axis in 0..3 {
-                let number = |image: &[Vec<Vector3<f64>>; 2]| {
-                    Complex::new(image[0][joint][axis], image[1][joint][axis])
-                };
-                let parts = [
-                    number(&mass) * rate * rate,
-                    number(&damping) * rate,
-                    number(&stiffness),
-                ];
-                left += parts.iter().sum::<Complex<f64>>().norm_sqr();
-                terms += parts.iter().map(Complex::norm_sqr).sum::<f64>();
-            }
-        }
-        Self {
-            resistance,
-            error: (left / terms).sqrt(),
-        }
     }
 }
 
