@@ -303,7 +303,7 @@ fn the_floor_is_of_random_phases_and_a_perfect_predictor_is_shown_beside_it() {
     let trained = train_tiny(&data, &run, &[]);
     let model = trained["model"].as_str().unwrap();
     let eval = ["eval", "--model", model, "--data", text(&data)];
-    let eval = [&eval[..], &["--emd-points", "50"]].concat();
+    let eval = [&eval[..], &["--emd-points", "50", "--tests", "3"]].concat();
     let scores = succeed_json(&eval);
     let keys = ["cd_floor", "cd_perfect", "cd_perfect_selected"];
     let [floor, perfect, selected] = keys.map(|key| number(&scores[key]));
