@@ -11,7 +11,7 @@ use tdcr::report::counted;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
 use tdcr::sim::geometry::{Instance, Shape};
-use tdcr::sim::render::{BaseVisibility, RgbdFrame, Scene, Sensor};
+use tdcr::sim::render::{BaseVisibility, RgbdFrame, Sensor, Visuals};
 use tdcr::sim::robot::Robot;
 
 use super::console::Console;
@@ -118,19 +118,19 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         true => BaseVisibility::Shown,
         false => BaseVisibility::Hidden,
     };
-    let mut scene = Scene::of_robot(&robot, &equilibrium, base);
+    let mut visuals = Visuals::of_robot(&robot, &equilibrium, base);
     if let Some(mesh) = mesh {
-        scene.add_base(&robot, mesh);
+        visuals.add_base(&robot, mesh);
     }
     if args.show.contains(&Extra::Payload) {
-        scene.add_payload(&robot, &equilibrium, &loads.tip_payload());
+        visuals.add_payload(&robot, &equilibrium, &loads.tip_payload());
     }
     if args.show.contains(&Extra::Tendons) {
-        scene.add_tendons(&robot, &equilibrium);
+        visuals.add_tendons(&robot, &equilibrium);
     }
     let sensor = args.noise.map(Noise::sensor);
     let frames = see(
-        &scene,
+        &visuals,
         &Camera::placed(&robot.spec().cameras),
         sensor,
         args.seed,
@@ -174,9 +174,9 @@ fn prepare(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn see(scene: &Scene, cameras: &[Camera], sensor: Option<Sensor>, seed: u64) -> Vec<RgbdFrame> {
+fn see(visuals: &Visuals, cameras: &[Camera], sensor: Option<Sensor>, seed: u64) -> Vec<RgbdFrame> {
     let mut frames = Vec::new();
-    scene.render_all_into(cameras, &mut frames);
+    visuals.render_all_into(cameras, &mut frames);
     if let Some(sensor) = sensor {
         for (index, frame) in frames.iter_mut().enumerate() {
             *frame = sensor.take(frame, seed, index as u64, 0);

@@ -1,4 +1,4 @@
-//! What the cameras see: solids with poses and colours.
+//! What the cameras see: the visuals of a robot and of what is around it, solids with poses and colours.
 
 use std::f64::consts::PI;
 
@@ -21,12 +21,12 @@ const STEEL: f64 = 7850.0;
 
 /// Everything that cameras can see.
 #[derive(Clone, Debug, Default)]
-pub struct Scene {
+pub struct Visuals {
     /// The solids.
     pub solids: Vec<Solid>,
 }
 
-/// Whether the rigid base below the first module is part of a scene: the paper's "with base" (WB)
+/// Whether the rigid base below the first module is seen: the paper's "with base" (WB)
 /// and "no base" (NB) data sets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -37,7 +37,7 @@ pub enum BaseVisibility {
     Hidden,
 }
 
-impl Scene {
+impl Visuals {
     /// A robot in a pose, for example of an equilibrium: its discs, and the rods through them.
     pub fn of_robot<'a>(robot: &Robot, pose: impl Into<Pose<'a>>, base: BaseVisibility) -> Self {
         let pose = pose.into();
@@ -52,7 +52,7 @@ impl Scene {
     }
 }
 
-impl Scene {
+impl Visuals {
     /// Adds a base of the user's own: a shape in the frame of the robot's base (m).
     pub fn add_base(&mut self, robot: &Robot, shape: Shape) {
         self.solids.push(Solid {
