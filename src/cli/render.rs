@@ -1,5 +1,6 @@
 //! `tdcr render`.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -13,9 +14,11 @@ use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
 use tdcr::sim::geometry::{Instance, Shape};
 use tdcr::sim::render::{BaseVisibility, RgbdFrame, Sensor, Visuals};
 use tdcr::sim::robot::Robot;
+use tdcr::sim::scene::Scene;
 
 use super::console::Console;
 use super::loads::{LoadArgs, LoadsJson};
+use super::scene::SceneArgs;
 use super::{CommandArg, command_of, images, output};
 
 /// Render a settled robot with its cameras: colour, depth and mask images, and the fused cloud
@@ -27,6 +30,8 @@ pub(super) struct RenderArgs {
     command: CommandArg,
     #[command(flatten)]
     loads: LoadArgs,
+    #[command(flatten)]
+    scene: SceneArgs,
     /// Show the robot's base
     #[arg(long)]
     base: bool,
@@ -95,6 +100,9 @@ struct ViewFiles {
 struct MaskValue {
     value: u16,
     instance: String,
+    /// Of an obstacle, as its scene file has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
     /// Pixels in all images.
     pixels: usize,
 }
@@ -108,6 +116,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     let robot = Robot::new(args.robot.load()?)?;
     let command = command_of(args.command.lengths.as_deref(), &robot, "")?;
     let loads = args.loads.on(&robot)?;
+    let scene = args.scene.load()?;
     let equilibrium = robot.settle(&command, &loads);
     if let Some(failure) = equilibrium.failure(&robot, &command) {
         return Err(failure.into());
@@ -128,6 +137,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     if args.show.contains(&Extra::Tendons) {
         visuals.add_tendons(&robot, &equilibrium);
     }
+    visuals.add_scene(&scene);
     let sensor = args.noise.map(Noise::sensor);
     let frames = see(
         &visuals,
@@ -147,7 +157,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         cameras: (frames.iter().enumerate())
             .map(|(index, frame)| write_frame(&args.out, index, frame))
             .collect::<anyhow::Result<_>>()?,
-        mask: mask_values(&frames),
+        mask: mask_values(&frames, &scene),
         cloud: "cloud.ply",
         points: cloud.len(),
     };
@@ -234,20 +244,21 @@ fn name_of(instance: Instance) -> String {
 }
 
 /// The instances that are seen, by value.
-fn mask_values(frames: &[RgbdFrame]) -> Vec<MaskValue> {
-    let mut seen = std::collections::BTreeMap::new();
+fn mask_values(frames: &[RgbdFrame], scene: &Scene) -> Vec<MaskValue> {
+    let mut seen = BTreeMap::new();
     for &instance in frames.iter().flat_map(|frame| &frame.mask) {
-        let value = MaskValue {
-            value: instance.value(),
-            instance: String::new(),
-            pixels: 0,
-        };
-        let entry = seen.entry(value.value).or_insert((value, instance));
-        entry.0.pixels += 1;
+        seen.entry(instance.value()).or_insert((instance, 0)).1 += 1;
     }
-    let named = |(value, instance): (MaskValue, Instance)| MaskValue {
-        instance: name_of(instance),
-        ..value
+    let obstacle = |instance| match instance {
+        Instance::Obstacle(index) => scene.obstacles().get(usize::from(index)),
+        _ => None,
     };
-    seen.into_values().map(named).collect()
+    let seen = seen.into_iter();
+    seen.map(|(value, (instance, pixels))| MaskValue {
+        value,
+        instance: name_of(instance),
+        name: obstacle(instance).map(|obstacle| obstacle.name.clone()),
+        pixels,
+    })
+    .collect()
 }
