@@ -79,7 +79,7 @@ fn damaged_files_get_an_answer_and_accepted_ones_are_whole() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let began = Instant::now();
     let camera = Camera {
-        intrinsics: Intrinsics::from_fovy(32, 24, 60.0),
+        intrinsics: Intrinsics::from_fovy(32, 24, 60_f64.to_radians()),
         pose: nalgebra::Isometry3::translation(0.0, 0.0, -0.5),
     };
     let mut accepted = 0;
