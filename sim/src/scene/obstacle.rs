@@ -30,7 +30,8 @@ const LONGEST_NAME: usize = 100;
 pub struct Obstacle {
     /// Name, no other obstacle's.
     pub name: String,
-    /// Shape, in the obstacle's frame (m).
+    /// Shape, in the obstacle's frame (m). A mesh or a pipe is written to files as what it was made from: for another one,
+    /// make another obstacle.
     pub shape: ObstacleShape,
     /// Pose of that frame in the world (m).
     pub pose: Isometry3<f64>,

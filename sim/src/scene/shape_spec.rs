@@ -76,26 +76,26 @@ impl ShapeSpec {
 
 /// `half_space = {}`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table without fields, {}")]
 pub(super) struct HalfSpaceInFile {}
 
 /// `box = { size = [x, y, z] }`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table { size }")]
 pub(super) struct BoxInFile {
     pub size: [f64; 3],
 }
 
 /// `sphere = { radius = r }`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table { radius }")]
 pub(super) struct SphereInFile {
     pub radius: f64,
 }
 
 /// `capsule = { radius = r, length = l }`, and the same of a cylinder.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table { radius, length }")]
 pub(super) struct RoundInFile {
     pub radius: f64,
     pub length: f64,
@@ -103,7 +103,10 @@ pub(super) struct RoundInFile {
 
 /// `pipe = { radius = r, length = l }`, or a `path` in place of the length.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table { radius, length } or { radius, path }"
+)]
 pub(super) struct PipeInFile {
     pub radius: f64,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -72,7 +72,7 @@ pub(super) struct SceneInFile {
 
 /// A table `[[obstacle]]`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table [[obstacle]]")]
 pub(super) struct ObstacleInFile {
     #[serde(skip_serializing_if = "Option::is_none")]
     name: Option<String>,

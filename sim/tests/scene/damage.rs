@@ -111,3 +111,36 @@ fn damaged_files_get_an_answer_and_accepted_ones_are_whole() {
     // Neither all nor nothing is refused.
     assert!((CASES / 20..CASES).contains(&accepted), "{accepted}");
 }
+
+/// Files that ask for more than they hold are refused or read in a moment.
+#[test]
+fn files_that_ask_for_much_get_an_answer_in_bounded_time() {
+    let pipe = "[[obstacle]]\npipe = { radius = 1, length = 1 }\n";
+    let points = "[0, 0, 0], [0, 0, 1], ".repeat(100_000);
+    for (name, text, is_read) in [
+        ("deep", format!("obstacle = {}", "[".repeat(100_000)), false),
+        ("many", "[[obstacle]]\n".repeat(200_000), false),
+        ("many pipes", pipe.repeat(10_000), true),
+        ("a pipe more", pipe.repeat(10_001), false),
+        (
+            "long",
+            format!("[[obstacle]]\npipe = {{ radius = 1, path = [{points}] }}"),
+            false,
+        ),
+        (
+            "far",
+            "[[obstacle]]\nhalf_space = {}\n".repeat(9_999) + "friction = true",
+            false,
+        ),
+        (
+            "itself",
+            "[[obstacle]]\nmesh = 'Cargo.toml'".to_owned(),
+            false,
+        ),
+    ] {
+        let began = Instant::now();
+        assert_eq!(scene(&text).is_ok(), is_read, "{name}");
+        let took = began.elapsed();
+        assert!(took < Duration::from_secs(20), "{name}: {took:?}");
+    }
+}

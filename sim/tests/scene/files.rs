@@ -257,3 +257,40 @@ fn a_mesh_of_many_obstacles_is_read_once_and_meshes_are_scaled() {
     let expected = "obstacle `part`: field `mesh` is of a shape that reaches 2e6 m from its origin; expected 1e6 m at most";
     assert_eq!(large, expected);
 }
+
+/// The files of `docs/scene-files.md`: in blocks of its own, and in the example that it names.
+#[test]
+fn the_documented_files_are_scenes() {
+    let page = include_str!("../../../docs/scene-files.md");
+    let blocks = page.split("```toml\n").skip(1);
+    let blocks: Vec<&str> = blocks
+        .map(|rest| rest.split("```").next().unwrap())
+        .collect();
+    assert_eq!(blocks.len(), 1);
+    let spec = SceneSpec::from_toml(blocks[0]).unwrap();
+    assert_eq!(spec.obstacles[1].name, "part");
+    assert!(page.contains("examples/scenes/shelf.toml"));
+    let shapes = scene(SHELF).unwrap().spec().unwrap().obstacles;
+    let kinds: std::collections::HashSet<_> = (shapes.iter())
+        .map(|obstacle| std::mem::discriminant(&obstacle.shape))
+        .collect();
+    assert_eq!(kinds.len(), 7, "all shapes but a mesh");
+    // Defaults and accepted ends as the table of fields says them.
+    for line in page.lines().filter(|line| line.starts_with("| `")) {
+        let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+        let [field, default] = [
+            cells[0].trim_matches('`'),
+            cells.get(3).copied().unwrap_or(""),
+        ];
+        if cells.len() == 6 && default.starts_with('`') && field != "name" {
+            let default = default.trim_matches('`');
+            let text = format!("[[obstacle]]\nsphere = {{ radius = 1 }}\n{field} = {default}");
+            let without = scene("[[obstacle]]\nsphere = { radius = 1 }").unwrap();
+            assert_eq!(
+                scene(&text).unwrap().spec().unwrap(),
+                without.spec().unwrap(),
+                "{field}"
+            );
+        }
+    }
+}

@@ -174,7 +174,7 @@ fn unknown_and_wrong_fields_are_named_with_their_obstacle() {
         ("sphere = {}", &["missing field `radius`"]),
         (
             "sphere = 1",
-            &["invalid type: integer `1`, expected struct SphereInFile"],
+            &["invalid type: integer `1`, expected a table { radius }"],
         ),
         ("half_space = { height = 1 }", &["unknown field `height`"]),
         (
