@@ -14,7 +14,7 @@ use serde::Serialize;
 use tdcr::base::stats::median;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::dynamics::{Integrator, Rollout, State, Stepper, rollout_batch};
-use tdcr::sim::render::{BaseVisibility, Scene};
+use tdcr::sim::render::{BaseVisibility, Visuals};
 use tdcr::sim::robot::{Command, Loads, Robot, RobotSpec};
 use tdcr::sim::statics::Settler;
 
@@ -163,8 +163,8 @@ fn render(robot: &Robot, commands: &[Command]) -> f64 {
     let mut time = |command| {
         let settled = robot.settle(command, &none);
         let began = Instant::now();
-        let scene = Scene::of_robot(robot, &settled, BaseVisibility::Shown);
-        scene.render_all_into(&cameras, &mut frames);
+        let visuals = Visuals::of_robot(robot, &settled, BaseVisibility::Shown);
+        visuals.render_all_into(&cameras, &mut frames);
         began.elapsed()
     };
     median_us(commands.iter().map(&mut time).collect())

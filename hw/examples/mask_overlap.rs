@@ -27,7 +27,7 @@ use tdcr_hw::mask::{
 use tdcr_hw::simulated::camera::{CameraSetup, SimulatedCamera, Subject, table};
 use tdcr_sim::camera::Camera;
 use tdcr_sim::geometry::Instance;
-use tdcr_sim::render::{BaseVisibility, Scene};
+use tdcr_sim::render::{BaseVisibility, Visuals};
 use tdcr_sim::robot::{Command, Loads, Robot};
 use tdcr_sim::statics::Settler;
 
@@ -42,11 +42,11 @@ const EMPTY: usize = 30;
 const POSES: usize = 24;
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Shows one scene after the other, a picture each.
-struct Show(VecDeque<Scene>);
+/// Shows one after the other, a picture each.
+struct Show(VecDeque<Visuals>);
 
 impl Subject for Show {
-    fn scene_at(&mut self, _: Duration) -> Scene {
+    fn visuals_at(&mut self, _: Duration) -> Visuals {
         self.0.pop_front().unwrap_or_default()
     }
 }
@@ -54,8 +54,8 @@ impl Subject for Show {
 /// A robot on a table, in some poses.
 struct Setting {
     robot: Robot,
-    poses: Vec<Scene>,
-    surroundings: Scene,
+    poses: Vec<Visuals>,
+    surroundings: Visuals,
     workspace: WorkspaceBox,
 }
 
@@ -66,7 +66,7 @@ impl Setting {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut pose = |command: &Command| {
             let equilibrium = settler.settle(command, &Loads::default());
-            Scene::of_robot(&robot, equilibrium, BaseVisibility::Hidden)
+            Visuals::of_robot(&robot, equilibrium, BaseVisibility::Hidden)
         };
         let straight = pose(&robot.mean_command());
         let poses = (0..poses)
@@ -74,7 +74,7 @@ impl Setting {
             .collect();
         // The base stands on the table and does not move.
         let mut surroundings = table(0.0)?;
-        let whole = Scene::of_robot(&robot, settler.equilibrium(), BaseVisibility::Shown);
+        let whole = Visuals::of_robot(&robot, settler.equilibrium(), BaseVisibility::Shown);
         let base = whole
             .solids
             .into_iter()
@@ -104,10 +104,10 @@ impl Setting {
             surroundings: self.surroundings.clone(),
             ..CameraSetup::d435(format!("camera{view}"), camera)
         };
-        let mut scenes: VecDeque<_> = (0..EMPTY).map(|_| Scene::default()).collect();
-        scenes.extend(self.poses.iter().cloned());
+        let mut shown: VecDeque<_> = (0..EMPTY).map(|_| Visuals::default()).collect();
+        shown.extend(self.poses.iter().cloned());
         let mut camera =
-            SimulatedCamera::new(setup, Box::new(Show(scenes)), Arc::new(VirtualClock::new()));
+            SimulatedCamera::new(setup, Box::new(Show(shown)), Arc::new(VirtualClock::new()));
         let mut learner = BackgroundLearner::new();
         for _ in 0..EMPTY {
             learner.add(0, &camera.grab(PATIENCE)?.value)?;

@@ -9,7 +9,7 @@ use tdcr::sim::chain::Configuration;
 use tdcr::sim::cloud::{Observer, PointCloud, VoxelGrid, write_ply};
 use tdcr::sim::geometry::Shape;
 use tdcr::sim::pose::Pose;
-use tdcr::sim::render::{RgbdFrame, Scene};
+use tdcr::sim::render::{RgbdFrame, Visuals};
 
 use crate::arrays::{array, contiguous, quaternions};
 use crate::errors::{Failure, Outcome};
@@ -89,19 +89,19 @@ pub fn render(
     let sensor = sensor(noise)?;
     let (robot, loads) = (&robot.0, &loads.0);
     let frames = run::long(py, None, |_| -> Outcome<Vec<RgbdFrame>> {
-        let mut scene = Scene::of_robot(robot, placed.pose(), visibility(base));
+        let mut visuals = Visuals::of_robot(robot, placed.pose(), visibility(base));
         if let Some(path) = &base_mesh {
             let mesh = Shape::read_stl(path).map_err(|error| Failure::input(error.to_string()))?;
-            scene.add_base(robot, mesh);
+            visuals.add_base(robot, mesh);
         }
         if payload {
-            scene.add_payload(robot, placed.pose(), &loads.tip_payload());
+            visuals.add_payload(robot, placed.pose(), &loads.tip_payload());
         }
         if tendons {
-            scene.add_tendons(robot, placed.pose());
+            visuals.add_tendons(robot, placed.pose());
         }
         let mut frames = Vec::new();
-        scene.render_all_into(&Camera::placed(&robot.spec().cameras), &mut frames);
+        visuals.render_all_into(&Camera::placed(&robot.spec().cameras), &mut frames);
         if let Some(sensor) = sensor {
             for (camera, frame) in frames.iter_mut().enumerate() {
                 *frame = sensor.take(frame, seed, camera as u64, index);

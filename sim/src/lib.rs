@@ -34,6 +34,7 @@
 //!
 //! - [`robot`]: what the user writes, validated and compiled; commands and loads.
 //! - [`geometry`]: shapes and solids, and those that a robot consists of.
+//! - [`scene`]: obstacles around a robot, from files.
 //! - [`chain`]: configurations on SO(3)^n.
 //! - [`statics`]: command to equilibrium, one at a time, along paths, in batches and sweeps.
 //! - [`symmetry`]: isometries that map a robot to itself, and what they do to its commands.
@@ -74,6 +75,7 @@ pub mod pose;
 pub mod reactions;
 pub mod render;
 pub mod robot;
+pub mod scene;
 pub mod sensitivity;
 pub mod simulation;
 mod solve;

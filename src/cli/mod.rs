@@ -35,6 +35,7 @@ mod printable;
 mod reach;
 mod render;
 mod scan;
+mod scene;
 mod servo_sim;
 mod settle;
 mod settle_many;

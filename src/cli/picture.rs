@@ -10,7 +10,7 @@ use tdcr::sim::chain::Configuration;
 use tdcr::sim::cloud::PointCloud;
 use tdcr::sim::geometry::Instance;
 use tdcr::sim::pose::Pose;
-use tdcr::sim::render::{BaseVisibility, RgbdFrame, Scene};
+use tdcr::sim::render::{BaseVisibility, RgbdFrame, Visuals};
 use tdcr::sim::robot::{Aim, CameraSpec, Lens, Loads, Robot};
 
 use super::film::{FRAME_TIME, Film};
@@ -85,11 +85,11 @@ fn cameras(robot: &Robot) -> [Camera; 2] {
 
 /// What a camera sees of the robot, row by row; white where there is nothing.
 fn view(robot: &Robot, pose: Pose, loads: &Loads, camera: &Camera) -> Vec<[u8; 3]> {
-    let mut scene = Scene::of_robot(robot, pose, BaseVisibility::Shown);
-    scene.add_tendons(robot, pose);
-    scene.add_payload(robot, pose, &loads.tip_payload());
+    let mut visuals = Visuals::of_robot(robot, pose, BaseVisibility::Shown);
+    visuals.add_tendons(robot, pose);
+    visuals.add_payload(robot, pose, &loads.tip_payload());
     let mut frames: Vec<RgbdFrame> = Vec::new();
-    scene.render_all_into(std::slice::from_ref(camera), &mut frames);
+    visuals.render_all_into(std::slice::from_ref(camera), &mut frames);
     let frame = &frames[0];
     let seen = frame.color.iter().zip(&frame.mask);
     seen.map(|(color, instance)| match instance {

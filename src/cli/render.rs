@@ -1,5 +1,6 @@
 //! `tdcr render`.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -11,11 +12,13 @@ use tdcr::report::counted;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
 use tdcr::sim::geometry::{Instance, Shape};
-use tdcr::sim::render::{BaseVisibility, RgbdFrame, Scene, Sensor};
+use tdcr::sim::render::{BaseVisibility, RgbdFrame, Sensor, Visuals};
 use tdcr::sim::robot::Robot;
+use tdcr::sim::scene::Scene;
 
 use super::console::Console;
 use super::loads::{LoadArgs, LoadsJson};
+use super::scene::SceneArgs;
 use super::{CommandArg, command_of, images, output};
 
 /// Render a settled robot with its cameras: colour, depth and mask images, and the fused cloud
@@ -27,6 +30,8 @@ pub(super) struct RenderArgs {
     command: CommandArg,
     #[command(flatten)]
     loads: LoadArgs,
+    #[command(flatten)]
+    scene: SceneArgs,
     /// Show the robot's base
     #[arg(long)]
     base: bool,
@@ -95,6 +100,9 @@ struct ViewFiles {
 struct MaskValue {
     value: u16,
     instance: String,
+    /// Of an obstacle, as its scene file has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
     /// Pixels in all images.
     pixels: usize,
 }
@@ -108,6 +116,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     let robot = Robot::new(args.robot.load()?)?;
     let command = command_of(args.command.lengths.as_deref(), &robot, "")?;
     let loads = args.loads.on(&robot)?;
+    let scene = args.scene.load()?;
     let equilibrium = robot.settle(&command, &loads);
     if let Some(failure) = equilibrium.failure(&robot, &command) {
         return Err(failure.into());
@@ -118,19 +127,20 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         true => BaseVisibility::Shown,
         false => BaseVisibility::Hidden,
     };
-    let mut scene = Scene::of_robot(&robot, &equilibrium, base);
+    let mut visuals = Visuals::of_robot(&robot, &equilibrium, base);
     if let Some(mesh) = mesh {
-        scene.add_base(&robot, mesh);
+        visuals.add_base(&robot, mesh);
     }
     if args.show.contains(&Extra::Payload) {
-        scene.add_payload(&robot, &equilibrium, &loads.tip_payload());
+        visuals.add_payload(&robot, &equilibrium, &loads.tip_payload());
     }
     if args.show.contains(&Extra::Tendons) {
-        scene.add_tendons(&robot, &equilibrium);
+        visuals.add_tendons(&robot, &equilibrium);
     }
+    visuals.add_scene(&scene);
     let sensor = args.noise.map(Noise::sensor);
     let frames = see(
-        &scene,
+        &visuals,
         &Camera::placed(&robot.spec().cameras),
         sensor,
         args.seed,
@@ -147,7 +157,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         cameras: (frames.iter().enumerate())
             .map(|(index, frame)| write_frame(&args.out, index, frame))
             .collect::<anyhow::Result<_>>()?,
-        mask: mask_values(&frames),
+        mask: mask_values(&frames, &scene),
         cloud: "cloud.ply",
         points: cloud.len(),
     };
@@ -174,9 +184,9 @@ fn prepare(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn see(scene: &Scene, cameras: &[Camera], sensor: Option<Sensor>, seed: u64) -> Vec<RgbdFrame> {
+fn see(visuals: &Visuals, cameras: &[Camera], sensor: Option<Sensor>, seed: u64) -> Vec<RgbdFrame> {
     let mut frames = Vec::new();
-    scene.render_all_into(cameras, &mut frames);
+    visuals.render_all_into(cameras, &mut frames);
     if let Some(sensor) = sensor {
         for (index, frame) in frames.iter_mut().enumerate() {
             *frame = sensor.take(frame, seed, index as u64, 0);
@@ -234,20 +244,21 @@ fn name_of(instance: Instance) -> String {
 }
 
 /// The instances that are seen, by value.
-fn mask_values(frames: &[RgbdFrame]) -> Vec<MaskValue> {
-    let mut seen = std::collections::BTreeMap::new();
+fn mask_values(frames: &[RgbdFrame], scene: &Scene) -> Vec<MaskValue> {
+    let mut seen = BTreeMap::new();
     for &instance in frames.iter().flat_map(|frame| &frame.mask) {
-        let value = MaskValue {
-            value: instance.value(),
-            instance: String::new(),
-            pixels: 0,
-        };
-        let entry = seen.entry(value.value).or_insert((value, instance));
-        entry.0.pixels += 1;
+        seen.entry(instance.value()).or_insert((instance, 0)).1 += 1;
     }
-    let named = |(value, instance): (MaskValue, Instance)| MaskValue {
-        instance: name_of(instance),
-        ..value
+    let obstacle = |instance| match instance {
+        Instance::Obstacle(index) => scene.obstacles().get(usize::from(index)),
+        _ => None,
     };
-    seen.into_values().map(named).collect()
+    let seen = seen.into_iter();
+    seen.map(|(value, (instance, pixels))| MaskValue {
+        value,
+        instance: name_of(instance),
+        name: obstacle(instance).map(|obstacle| obstacle.name.clone()),
+        pixels,
+    })
+    .collect()
 }

@@ -78,6 +78,45 @@ fn payload_and_tendons_are_shown_when_asked_for() {
     assert!(pixels(&shown, "payload") > 50 && pixels(&shown, "tendon 1") > 0);
 }
 
+/// Each obstacle that is seen has a value in the masks, and its name from the file.
+#[test]
+fn obstacles_of_a_scene_are_shown_by_their_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scenes/shelf.toml");
+    let without = render(&folder.path().join("without"), &[]);
+    assert_eq!(pixels(&without, "obstacle 0"), 0);
+    let shown = render(&folder.path().join("with"), &["--scene", scene]);
+    let listed = shown["mask"].as_array().unwrap();
+    let floor = listed
+        .iter()
+        .find(|entry| entry["instance"] == "obstacle 0");
+    let floor = floor.unwrap();
+    assert_eq!(
+        (&floor["name"], &floor["value"]),
+        (&"floor".into(), &40_000.into())
+    );
+    assert!(pixels(&shown, "obstacle 0") > 1_000);
+    let disc = listed.iter().find(|entry| entry["instance"] == "disc 4");
+    assert!(disc.unwrap().get("name").is_none());
+}
+
+#[test]
+fn a_wrong_scene_is_named_before_anything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, out) = (folder.path().join("s.toml"), folder.path().join("never"));
+    fs::write(
+        &file,
+        "[[obstacle]]\nname = 'ball'\nsphere = { radius = 0 }\n",
+    )
+    .unwrap();
+    let expected = format!(
+        "scene file {}: obstacle 0 `ball`: field `sphere.radius` is 0; expected a length above 0, at most 1e6 m",
+        file.display()
+    );
+    refuse(&arguments(&out, &["--scene", text(&file)]), 1, &expected);
+    assert!(!out.exists());
+}
+
 /// A pyramid under the base as an STL text: 6 cm wide, its tip 1 cm below the base's origin.
 const PYRAMID: [[[f64; 3]; 3]; 4] = {
     let (tip, low) = ([0.0, 0.0, -0.01], -0.05);

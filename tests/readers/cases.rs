@@ -83,6 +83,10 @@ pub fn sound(name: &str) -> Vec<Case> {
             "simulated",
             include_bytes!("../../examples/rig-sim.toml").to_vec(),
         )],
+        "scene_file" => vec![
+            ("shelf", SHELF.into()),
+            ("marked", marked(SHELF.as_bytes())),
+        ],
         "model" => vec![("mlp", model())],
         "training_state" => vec![("mlp", training_state())],
         "split_file" => vec![(
@@ -249,6 +253,29 @@ pub fn hostile(name: &str) -> Vec<Case> {
                 "endless_model",
                 b"want = [\"model\"]\n[model]\nfile = \"/dev/zero\"\n".to_vec(),
             ),
+        ],
+        "scene_file" => vec![
+            ("deep", format!("obstacle = {}", "[".repeat(100_000)).into()),
+            ("many", "[[obstacle]]\n".repeat(200_000).into()),
+            (
+                "many_pipes",
+                "[[obstacle]]\npipe = { radius = 1, length = 1 }\n"
+                    .repeat(10_000)
+                    .into(),
+            ),
+            (
+                "long_pipe",
+                format!(
+                    "[[obstacle]]\npipe = {{ radius = 1, path = [{}] }}\n",
+                    "[0, 0, 0], [0, 0, 1], ".repeat(100_000)
+                )
+                .into(),
+            ),
+            (
+                "endless_mesh",
+                b"[[obstacle]]\nmesh = \"/dev/zero\"\n".to_vec(),
+            ),
+            ("itself", b"[[obstacle]]\nmesh = \"scene.toml\"\n".to_vec()),
         ],
         "rig_file" => vec![("deep", format!("servos = {}", "[".repeat(100_000)).into())],
         "npy" => vec![

@@ -26,6 +26,9 @@ pub const COLORED_PCD: &str =
 pub const STUDY: &str = "want = [\"tip\", \"manipulability\"]\n[[vary]]\nwhat = \"payload\"\n\
                      range = [0.0, 0.1]\nsteps = 3\n[[vary]]\nwhat = \"command\"\n[sample]\ncount = 4\n";
 
+/// Obstacles of all shapes but meshes.
+pub const SHELF: &str = include_str!("../../examples/scenes/shelf.toml");
+
 /// A text behind a byte order mark.
 pub fn marked(text: &[u8]) -> Vec<u8> {
     ["\u{feff}".as_bytes(), text].concat()

@@ -187,7 +187,7 @@ macro_rules! tests_of {
 tests_of!(
     robot_toml robot_json mjcf urdf stl meta part motor_ranges point_scale shard npy npz pcd ply motors split_file
     model training_state journal commands servo_frames servo_answers rig_log columns priors
-    recording predictions study_file rig_file
+    recording predictions study_file rig_file scene_file
 );
 
 /// A reader is tested, and has a fuzz target.

@@ -12,6 +12,7 @@ use tdcr::pipeline::Silent;
 use tdcr::pipeline::recording::{Columns, GivenPriors, RecordingFile};
 use tdcr::sim::geometry::Shape;
 use tdcr::sim::robot::RobotSpec;
+use tdcr::sim::scene::Scene;
 use tdcr::study::{Study, merge as merge_study, run};
 
 use crate::cases::sound;
@@ -70,7 +71,7 @@ fn robots_and_meshes_are_read_behind_a_mark() {
 }
 
 #[test]
-fn files_of_studies_and_rigs_are_read_behind_a_mark() {
+fn files_of_studies_rigs_and_scenes_are_read_behind_a_mark() {
     let study = |path: &Path| outcome(Study::load(path));
     check("study.toml", STUDY.as_bytes(), study);
     let rig = |path: &Path| outcome(RigFile::load(path));
@@ -78,6 +79,8 @@ fn files_of_studies_and_rigs_are_read_behind_a_mark() {
     let text = String::from_utf8(first("rig_file")).unwrap();
     let text = text.replace("paper-robot.toml", robot);
     check("rig.toml", text.as_bytes(), rig);
+    let scene = |path: &Path| outcome(Scene::load(path));
+    check("scene.toml", &first("scene_file"), scene);
     let board = include_bytes!("../../examples/board.toml");
     check("board.toml", board, |path| outcome(read_board(path)));
     let cameras = b"[[cameras]]\nserial = \"one\"\n[cameras.camera]\nresolution = [640, 480]\n\

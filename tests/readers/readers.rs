@@ -23,7 +23,9 @@ use tdcr::learn::train::{Model, TrainingState};
 use tdcr::pipeline::recording::{Columns, GivenPriors, RecordingFile};
 use tdcr::pipeline::{PipelineError, Scores};
 use tdcr::sim::geometry::Shape;
+use tdcr::sim::render::Visuals;
 use tdcr::sim::robot::{Robot, RobotSpec};
+use tdcr::sim::scene::Scene;
 use tdcr::study::Study;
 
 // A line of servos for tests.
@@ -47,7 +49,7 @@ mod line_file;
 pub type Reader = (&'static str, fn(&[u8]));
 
 /// All readers.
-pub const READERS: [Reader; 29] = [
+pub const READERS: [Reader; 30] = [
     ("robot_toml", robot_toml),
     ("robot_json", robot_json),
     ("mjcf", mjcf),
@@ -77,6 +79,7 @@ pub const READERS: [Reader; 29] = [
     ("predictions", predictions),
     ("study_file", study_file),
     ("rig_file", rig_file),
+    ("scene_file", scene_file),
 ];
 
 /// Robot files (TOML).
@@ -217,6 +220,17 @@ pub fn study_file(bytes: &[u8]) {
 /// Files of rigs.
 pub fn rig_file(bytes: &[u8]) {
     in_file("rig.toml", bytes, |path| drop(RigFile::load(path)));
+}
+
+/// Files of scenes.
+pub fn scene_file(bytes: &[u8]) {
+    in_file("scene.toml", bytes, |path| {
+        // What is read is a scene, and can be written and seen.
+        if let Ok(scene) = Scene::load(path) {
+            drop(scene.to_toml());
+            Visuals::default().add_scene(&scene);
+        }
+    });
 }
 
 /// Motors beside a cloud that is imported.

@@ -71,7 +71,7 @@ pub(super) fn change(before: &RgbdFrame, after: &RgbdFrame) -> Option<f64> {
 mod tests {
     use super::*;
     use tdcr_sim::camera::Camera;
-    use tdcr_sim::render::{BaseVisibility, Scene, Sensor};
+    use tdcr_sim::render::{BaseVisibility, Sensor, Visuals};
     use tdcr_sim::robot::{Loads, Robot};
 
     /// A robot that moves by a millimetre is told from a D435's noise on one that stands.
@@ -83,8 +83,8 @@ mod tests {
             let command = [0.02 - shift, 0.02, 0.02, 0.02, 0.02, 0.02];
             let command = robot.command(&command).expect("in range");
             let settled = robot.settle(&command, &Loads::default());
-            let scene = Scene::of_robot(&robot, &settled, BaseVisibility::Hidden);
-            Sensor::d435().take(&scene.render(camera), 0, 0, index)
+            let visuals = Visuals::of_robot(&robot, &settled, BaseVisibility::Hidden);
+            Sensor::d435().take(&visuals.render(camera), 0, 0, index)
         };
         let first = seen(0.0, 0);
         let noise = change(&first, &seen(0.0, 1)).expect("seen");

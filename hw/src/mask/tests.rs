@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use tdcr_sim::camera::{Camera, Intrinsics};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::geometry::Instance;
-use tdcr_sim::render::{BaseVisibility, Scene};
+use tdcr_sim::render::{BaseVisibility, Visuals};
 use tdcr_sim::robot::{Loads, Robot};
 use tdcr_sim::statics::Settler;
 
@@ -221,7 +221,7 @@ fn maskers_find_the_robot_on_a_table() {
     camera.intrinsics = Intrinsics::from_fovy(320, 180, 45_f64.to_radians());
     let mut surroundings = table(0.0).expect("sizes above 0");
     surroundings.solids.extend(
-        Scene::of_robot(&robot, equilibrium, BaseVisibility::Shown)
+        Visuals::of_robot(&robot, equilibrium, BaseVisibility::Shown)
             .solids
             .into_iter()
             .filter(|solid| solid.instance == Instance::Base),
@@ -232,9 +232,10 @@ fn maskers_find_the_robot_on_a_table() {
     };
     let clock = Arc::new(VirtualClock::new());
     let patience = Duration::from_secs(1);
-    let open = |scene: Scene| SimulatedCamera::new(setup.clone(), Box::new(scene), clock.clone());
+    let open =
+        |visuals: Visuals| SimulatedCamera::new(setup.clone(), Box::new(visuals), clock.clone());
     let mut learner = BackgroundLearner::new();
-    let mut empty = open(Scene::default());
+    let mut empty = open(Visuals::default());
     for _ in 0..20 {
         let frame = empty.grab(patience).expect("a picture").value;
         learner.add(0, &frame).expect("of one size");
@@ -242,7 +243,11 @@ fn maskers_find_the_robot_on_a_table() {
     let background = learner
         .finish(&BackgroundSetting::default())
         .expect("enough pictures");
-    let mut watching = open(Scene::of_robot(&robot, equilibrium, BaseVisibility::Hidden));
+    let mut watching = open(Visuals::of_robot(
+        &robot,
+        equilibrium,
+        BaseVisibility::Hidden,
+    ));
     let frame = watching.grab(patience).expect("a picture").value;
     let truth = Mask::of_robot(watching.truth().expect("a picture was taken"));
     assert!(truth.count() > 500);

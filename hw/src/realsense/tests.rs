@@ -7,7 +7,7 @@ use std::time::Duration;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tdcr_sim::camera::{Camera, Distortion, Intrinsics};
 use tdcr_sim::geometry::Shape;
-use tdcr_sim::render::{RgbdFrame, Scene};
+use tdcr_sim::render::{RgbdFrame, Visuals};
 
 use super::camera::describe;
 use super::handles::now;
@@ -56,8 +56,8 @@ fn as_extrinsics(transform: &Isometry3<f64>) -> RsExtrinsics {
 }
 
 /// A slanted wall with a ball and a rod before it, as cameras with z ahead see them.
-fn scene() -> Scene {
-    let mut scene = Scene::default();
+fn visuals() -> Visuals {
+    let mut visuals = Visuals::default();
     let turn = UnitQuaternion::from_euler_angles(0.2, -0.15, 0.0);
     let shapes = [
         (
@@ -77,9 +77,9 @@ fn scene() -> Scene {
         ),
     ];
     for (shape, pose, color) in shapes {
-        scene.add_obstacle(shape.expect("sizes above 0"), pose, color);
+        visuals.add_obstacle(shape.expect("sizes above 0"), pose, color);
     }
-    scene
+    visuals
 }
 
 /// That nearly all pixels have a depth, half of them within 0.5 mm of the truth, and all but those at edges and on steep
@@ -169,11 +169,11 @@ fn aligned_depth_is_what_the_other_camera_would_measure() {
     for [width, height] in [[424, 240], [320, 180], [212, 120]] {
         let depth = Intrinsics::from_fovy(width, height, 1.0);
         // The world is the colour camera's frame.
-        let seen = scene().render(&Camera {
+        let seen = visuals().render(&Camera {
             intrinsics: depth,
             pose: transform,
         });
-        let truth = scene().render(&Camera {
+        let truth = visuals().render(&Camera {
             intrinsics: color,
             pose: Isometry3::identity(),
         });
@@ -294,11 +294,11 @@ fn librealsense_gives_our_frames_with_the_right_distances() {
     );
 
     // What both cameras would see; the world is the colour camera's frame here.
-    let seen = scene().render(&Camera {
+    let seen = visuals().render(&Camera {
         intrinsics: *camera.depth_intrinsics(),
         pose: transform,
     });
-    let truth = scene().render(&Camera {
+    let truth = visuals().render(&Camera {
         intrinsics,
         pose: Isometry3::identity(),
     });

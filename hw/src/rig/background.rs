@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use rustix::io::Errno;
 use tdcr_base::files::TEMPORARY;
-use tdcr_sim::render::Scene;
+use tdcr_sim::render::Visuals;
 
 use super::Pace;
 use super::open::{clock, open_cameras};
@@ -36,7 +36,7 @@ impl RigFile {
         }
         let partial = Partial::begin(path)?;
         let clock = clock(self, Pace::Computed);
-        let opened = open_cameras(self, || Some(Box::new(Scene::default())), &clock)?;
+        let opened = open_cameras(self, || Some(Box::new(Visuals::default())), &clock)?;
         let mut cameras: Vec<_> = opened.into_iter().map(|(camera, _)| camera).collect();
         for camera in &mut cameras {
             WarmUp::default().run(camera)?;

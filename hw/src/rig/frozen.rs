@@ -8,7 +8,7 @@
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use tdcr_sim::render::{BaseVisibility, RgbdFrame, Scene};
+use tdcr_sim::render::{BaseVisibility, RgbdFrame, Visuals};
 use tdcr_sim::robot::{Loads, Robot};
 
 use super::{Rig, RigError};
@@ -144,7 +144,7 @@ fn covered(robot: &Robot, frame: &RgbdFrame, command: &[f64]) -> Option<Vec<bool
     if !settled.converged {
         return None;
     }
-    let scene = Scene::of_robot(robot, &settled, BaseVisibility::Hidden);
-    let view = scene.render(&frame.camera);
+    let visuals = Visuals::of_robot(robot, &settled, BaseVisibility::Hidden);
+    let view = visuals.render(&frame.camera);
     Some(view.depth.iter().map(|&depth| depth > 0.0).collect())
 }

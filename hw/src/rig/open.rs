@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use tdcr_sim::camera::Camera;
-use tdcr_sim::render::{Scene, Sensor};
+use tdcr_sim::render::{Sensor, Visuals};
 
 use super::file::{CameraLink, RigCameraSpec, RigFile, ServoLink};
 use super::settings::Surroundings;
@@ -185,7 +185,7 @@ fn open_camera(
         (CameraLink::Simulated, Some(subject)) => {
             let simulation = &file.spec.simulation;
             let surroundings = match simulation.surroundings {
-                Surroundings::Nothing => Scene::default(),
+                Surroundings::Nothing => Visuals::default(),
                 Surroundings::Table => {
                     table(0.0).map_err(|error| RigError::unavailable(field(), error))?
                 }

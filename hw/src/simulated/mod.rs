@@ -64,7 +64,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use nalgebra::Isometry3;
-use tdcr_sim::render::{BaseVisibility, Scene};
+use tdcr_sim::render::{BaseVisibility, Visuals};
 use tdcr_sim::robot::{Loads, LoadsError, Robot, RobotSpec};
 use thiserror::Error;
 
@@ -357,11 +357,11 @@ impl Simulator {
 
 /// Cameras see the robot as it was at a time, but not before it was last asked about: it does not go back.
 impl Subject for Simulator {
-    fn scene_at(&mut self, time: Duration) -> Scene {
+    fn visuals_at(&mut self, time: Duration) -> Visuals {
         let now = self.clock.now();
         let mut world = self.world();
         world.advance(time.min(now));
         world.plant.refresh();
-        world.plant.scene()
+        world.plant.visuals()
     }
 }

@@ -7,7 +7,7 @@
 
 use tdcr_sim::dynamics::{DynamicsError, Integrator};
 use tdcr_sim::pose::Pose;
-use tdcr_sim::render::{BaseVisibility, Scene};
+use tdcr_sim::render::{BaseVisibility, Visuals};
 use tdcr_sim::robot::{
     Drive, Friction, Loads, LoadsError, Pull, Robot, RobotSpec, SpecError, TendonSpec,
 };
@@ -269,8 +269,8 @@ impl Plant {
     }
 
     /// What cameras see: the robot and its tendons.
-    pub fn scene(&self) -> Scene {
-        Scene::of_robot(self.robot(), self.pose(), self.base)
+    pub fn visuals(&self) -> Visuals {
+        Visuals::of_robot(self.robot(), self.pose(), self.base)
     }
 
     /// Solves the robot for the rest lengths of now.

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 use tdcr_hw::extrinsics::{Overlap, overlaps};
 use tdcr_sim::camera::Camera;
-use tdcr_sim::render::{BaseVisibility, RgbdFrame, Scene};
+use tdcr_sim::render::{BaseVisibility, RgbdFrame, Visuals};
 use tdcr_sim::robot::{Cameras, Loads, Robot, RobotSpec};
 
 /// A bent 3m seen by its ring at half the resolution.
@@ -11,13 +11,13 @@ fn frames() -> Vec<RgbdFrame> {
     let robot = Robot::new(RobotSpec::standard("3m").unwrap()).unwrap();
     let lengths: Vec<f64> = (0..9).map(|k| 0.01 + 0.012 * f64::from(k % 3)).collect();
     let equilibrium = robot.settle(&robot.command(&lengths).unwrap(), &Loads::default());
-    let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
+    let visuals = Visuals::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
     let Cameras::Ring(mut ring) = robot.spec().cameras.clone() else {
         panic!("the paper's cameras are a ring");
     };
     ring.resolution = [640, 360];
     let mut frames = Vec::new();
-    scene.render_all_into(&Camera::ring(&ring), &mut frames);
+    visuals.render_all_into(&Camera::ring(&ring), &mut frames);
     frames
 }
 

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 use tdcr::sim::camera::{Camera, Intrinsics};
 use tdcr::sim::cloud::{PointCloud, VoxelGrid};
 use tdcr::sim::geometry::Shape;
-use tdcr::sim::render::{BaseVisibility, RgbdFrame, Scene};
+use tdcr::sim::render::{BaseVisibility, RgbdFrame, Visuals};
 
 use super::row::Row;
 use crate::errors::{Failure, Outcome};
@@ -59,24 +59,24 @@ pub fn picture(
         return Err(Failure::input(message));
     };
     let (robot, pose) = (&row.robot, row.shown.pose());
-    let mut scene = Scene::of_robot(robot, pose, BaseVisibility::Shown);
-    scene.add_tendons(robot, pose);
-    scene.add_payload(robot, pose, &row.loads.tip_payload());
+    let mut visuals = Visuals::of_robot(robot, pose, BaseVisibility::Shown);
+    visuals.add_tendons(robot, pose);
+    visuals.add_payload(robot, pose, &row.loads.tip_payload());
     for target in targets {
         let ball = Shape::sphere(radius).map_err(|error| Failure::input(error.to_string()))?;
         let [x, y, z] = *target;
-        scene.add_obstacle(ball, Isometry3::translation(x, y, z), TARGET_COLOR);
+        visuals.add_obstacle(ball, Isometry3::translation(x, y, z), TARGET_COLOR);
     }
-    Ok(scene.render(camera))
+    Ok(visuals.render(camera))
 }
 
 /// Writes as many points (m) as `out` has room for, taken evenly from what all cameras see of the robot without its base.
 /// Repeats points where they see fewer; all are the tip where they see none.
 pub fn cloud(row: &Row, out: &mut [[f32; 3]]) {
-    let scene = Scene::of_robot(&row.robot, row.shown.pose(), BaseVisibility::Hidden);
+    let visuals = Visuals::of_robot(&row.robot, row.shown.pose(), BaseVisibility::Hidden);
     let mut seen = PointCloud::default();
     for camera in cameras(row, WIDTH, HEIGHT) {
-        seen.add_frame(&scene.render(&camera));
+        seen.add_frame(&visuals.render(&camera));
     }
     let seen = seen.voxel_downsample(VoxelGrid::new(VOXEL)).points;
     let count = out.len();

@@ -7,7 +7,7 @@ use super::voxels::CellSet;
 use super::{PointCloud, VoxelGrid};
 use crate::camera::Camera;
 use crate::pose::Pose;
-use crate::render::{BaseVisibility, RgbdFrame, Scene, Sensor};
+use crate::render::{BaseVisibility, RgbdFrame, Sensor, Visuals};
 use crate::robot::Robot;
 
 /// Sees a robot with several cameras and fuses the frames into one cloud, reusing memory.
@@ -73,12 +73,12 @@ impl Observer {
 
     /// Fuses what `take` makes of each camera's picture.
     fn fuse(&mut self, pose: Pose, take: impl Fn(usize, RgbdFrame) -> RgbdFrame) -> PointCloud {
-        let scene = Scene::of_robot(&self.robot, pose, self.base);
+        let visuals = Visuals::of_robot(&self.robot, pose, self.base);
         self.occupied.clear();
         let mut cloud = PointCloud::default();
         for (index, camera) in self.cameras.iter().enumerate() {
             let mut truth = (self.frame.take()).unwrap_or_else(|| RgbdFrame::new(camera));
-            scene.render_into(camera, &mut truth);
+            visuals.render_into(camera, &mut truth);
             let frame = take(index, truth);
             let rows = 0..camera.intrinsics.height;
             for v in rows.filter(|&v| !frame.span(v).is_empty()) {

@@ -14,6 +14,7 @@
 mod alpha_shape;
 mod delaunay;
 mod nearest;
+mod pipe;
 mod primitives;
 mod robot;
 mod shape;
@@ -21,6 +22,7 @@ mod solid;
 mod stl;
 
 pub use alpha_shape::AlphaShape;
+pub use pipe::Pipe;
 pub(crate) use primitives::{Capsule, Cuboid, Cylinder, Mesh, Sphere};
 pub use robot::disc_color;
 pub(crate) use robot::{

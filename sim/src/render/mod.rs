@@ -1,4 +1,4 @@
-//! RGB-D images and masks of a scene by casting rays at its shapes.
+//! RGB-D images and masks of [`Visuals`] by casting rays at their shapes.
 //!
 //! Each solid is cast only at the pixels that it can cover, so background costs nothing: its
 //! extents bound columns and rows, and of a cylinder or a sphere the outline bounds each row.
@@ -7,13 +7,13 @@
 mod cast;
 mod frame;
 mod lanes;
-mod scene;
 mod sensor;
 mod view;
+mod visuals;
 
 pub use frame::{FrameError, RgbdFrame};
-pub use scene::{BaseVisibility, Scene};
 pub use sensor::{Edges, ExtrinsicError, Grazing, Sensor};
+pub use visuals::{BaseVisibility, Visuals};
 
 use rayon::prelude::*;
 
@@ -23,8 +23,8 @@ use view::{Band, View};
 /// Rows that one thread draws in one go.
 const BAND: usize = 60;
 
-impl Scene {
-    /// Sees the scene with `camera` on one thread, writing to `frame`, whose memory is reused.
+impl Visuals {
+    /// Sees the solids with `camera` on one thread, writing to `frame`, whose memory is reused.
     pub fn render_into(&self, camera: &Camera, frame: &mut RgbdFrame) {
         frame.turn_to(camera);
         View::of(self, camera).draw(&mut Band {
@@ -36,14 +36,14 @@ impl Scene {
         });
     }
 
-    /// Sees the scene with `camera` on one thread.
+    /// Sees the solids with `camera` on one thread.
     pub fn render(&self, camera: &Camera) -> RgbdFrame {
         let mut frame = RgbdFrame::new(camera);
         self.render_into(camera, &mut frame);
         frame
     }
 
-    /// Sees the scene with all `cameras` on all threads, writing to `frames`, one for each, whose
+    /// Sees the solids with all `cameras` on all threads, writing to `frames`, one for each, whose
     /// memory is reused.
     pub fn render_all_into(&self, cameras: &[Camera], frames: &mut Vec<RgbdFrame>) {
         frames.truncate(cameras.len());

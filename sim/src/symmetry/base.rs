@@ -16,7 +16,7 @@ const POINTS: usize = 200;
 const REACH: f64 = 0.05;
 
 impl Symmetries {
-    /// The largest group of those that map the base that [`Scene::of_robot`](crate::render::Scene::of_robot) shows to itself:
+    /// The largest group of those that map the base that [`Visuals::of_robot`](crate::render::Visuals::of_robot) shows to itself:
     /// random points near it are as far from it as their images are.
     #[must_use]
     pub fn of_base(&self, robot: &Robot) -> Self {

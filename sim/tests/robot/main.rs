@@ -3,5 +3,6 @@
 
 mod files;
 mod formats;
+mod scenes;
 mod specification;
 mod symmetry;

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use tdcr_sim::camera::{Camera, Distortion};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::geometry::{Instance, Shape, ShapeError};
-use tdcr_sim::render::{BaseVisibility, RgbdFrame, Scene};
+use tdcr_sim::render::{BaseVisibility, RgbdFrame, Visuals};
 use tdcr_sim::robot::{Loads, Payload, Robot, RobotSpec, RodDamping, RodSpec};
 
 use crate::{bent_robot, distance_to_disc};
@@ -54,9 +54,9 @@ fn projection_undoes_back_projection() {
 #[test]
 fn every_pixel_shows_the_nearest_surface_along_its_ray() {
     let (robot, equilibrium) = bent_robot();
-    let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
+    let visuals = Visuals::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
     for camera in Camera::placed(&robot.spec().cameras) {
-        let frame = scene.render(&camera);
+        let frame = visuals.render(&camera);
         let mut seen = 0;
         for v in 0..camera.intrinsics.height {
             for u in 0..camera.intrinsics.width {
@@ -83,11 +83,11 @@ fn every_pixel_shows_the_nearest_surface_along_its_ray() {
 #[test]
 fn nearer_discs_hide_farther_ones() {
     let (robot, equilibrium) = bent_robot();
-    let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
+    let visuals = Visuals::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
     for camera in Camera::placed(&robot.spec().cameras) {
-        let together = scene.render(&camera);
-        for solid in &scene.solids {
-            let alone = Scene {
+        let together = visuals.render(&camera);
+        for solid in &visuals.solids {
+            let alone = Visuals {
                 solids: vec![solid.clone()],
             }
             .render(&camera);
@@ -107,8 +107,8 @@ fn a_reused_frame_keeps_nothing_of_the_picture_before() {
     let (robot, equilibrium) = bent_robot();
     let straight = robot.settle(&robot.mean_command(), &Loads::default());
     let camera = &Camera::placed(&robot.spec().cameras)[2];
-    let bent = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
-    let upright = Scene::of_robot(&robot, &straight, BaseVisibility::Hidden);
+    let bent = Visuals::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
+    let upright = Visuals::of_robot(&robot, &straight, BaseVisibility::Hidden);
     let mut reused = bent.render(camera);
     upright.render_into(camera, &mut reused);
     let fresh = upright.render(camera);
@@ -121,18 +121,18 @@ fn a_reused_frame_keeps_nothing_of_the_picture_before() {
 fn pictures_do_not_depend_on_the_number_of_threads() {
     let (robot, equilibrium) = bent_robot();
     let cameras = Camera::placed(&robot.spec().cameras);
-    let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
+    let visuals = Visuals::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
     for threads in [1, 3] {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
             .unwrap();
         // Frames with another picture in them, of another number of cameras.
-        let mut frames = vec![scene.render(&cameras[5]); 9];
-        pool.install(|| scene.render_all_into(&cameras, &mut frames));
+        let mut frames = vec![visuals.render(&cameras[5]); 9];
+        pool.install(|| visuals.render_all_into(&cameras, &mut frames));
         assert_eq!(frames.len(), cameras.len());
         for (camera, frame) in cameras.iter().zip(&frames) {
-            let alone = scene.render(camera);
+            let alone = visuals.render(camera);
             assert_eq!(frame.camera, alone.camera);
             assert!(frame.depth == alone.depth && frame.mask == alone.mask);
             assert!(frame.color == alone.color);
@@ -144,28 +144,28 @@ fn pictures_do_not_depend_on_the_number_of_threads() {
 fn what_the_user_adds_is_seen_and_labelled() {
     let (robot, equilibrium) = bent_robot();
     let camera = &Camera::placed(&robot.spec().cameras)[0];
-    let mut scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
-    let count = |scene: &Scene, instance| {
-        let frame = scene.render(camera);
+    let mut visuals = Visuals::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
+    let count = |visuals: &Visuals, instance| {
+        let frame = visuals.render(camera);
         frame.mask.iter().filter(|&&seen| seen == instance).count()
     };
     let payload = |mass| Payload {
         mass,
         ..Payload::default()
     };
-    scene.add_payload(&robot, &equilibrium, &payload(0.0));
-    assert_eq!(count(&scene, Instance::Payload), 0, "no mass, no ball");
-    scene.add_payload(&robot, &equilibrium, &payload(0.03));
+    visuals.add_payload(&robot, &equilibrium, &payload(0.0));
+    assert_eq!(count(&visuals, Instance::Payload), 0, "no mass, no ball");
+    visuals.add_payload(&robot, &equilibrium, &payload(0.03));
     // 30 g of steel are a ball of 9.7 mm radius, seen at about half a metre: 17 pixels of radius.
-    assert!((300..1_500).contains(&count(&scene, Instance::Payload)));
-    let discs = |scene: &Scene| {
+    assert!((300..1_500).contains(&count(&visuals, Instance::Payload)));
+    let discs = |visuals: &Visuals| {
         (0..10)
-            .map(|disc| count(scene, Instance::Disc(disc)))
+            .map(|disc| count(visuals, Instance::Disc(disc)))
             .sum::<usize>()
     };
-    let discs_before = discs(&scene);
-    scene.add_tendons(&robot, &equilibrium);
-    let tendons: usize = (0..6).map(|t| count(&scene, Instance::Tendon(t))).sum();
+    let discs_before = discs(&visuals);
+    visuals.add_tendons(&robot, &equilibrium);
+    let tendons: usize = (0..6).map(|t| count(&visuals, Instance::Tendon(t))).sum();
     assert!((20..3_000).contains(&tendons), "{tendons}");
     // A pyramid before the camera hides the robot; its base is 4 cm wide, its tip towards the camera.
     let corner = |x, y| [x, y, 0.0];
@@ -179,10 +179,10 @@ fn what_the_user_adds_is_seen_and_labelled() {
     let pyramid = Shape::mesh(&vertices, &[[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]).unwrap();
     let pose = camera.pose * nalgebra::Translation3::new(0.0, 0.0, 0.1);
     assert_eq!(
-        scene.add_obstacle(pyramid, pose, [9; 3]),
+        visuals.add_obstacle(pyramid, pose, [9; 3]),
         Instance::Obstacle(0)
     );
-    let frame = scene.render(camera);
+    let frame = visuals.render(camera);
     let side = 2.0 * 0.02 / 0.1 * camera.intrinsics.fx;
     let area = frame
         .mask
@@ -192,10 +192,10 @@ fn what_the_user_adds_is_seen_and_labelled() {
     assert!((area as f64 / (side * side) - 1.0).abs() < 0.02, "{area}");
     let tip = frame.depth[frame.index(640, 360)];
     assert!((tip - 0.08).abs() < 2e-4, "{tip}");
-    assert!(discs(&scene) < discs_before);
+    assert!(discs(&visuals) < discs_before);
     let ball = Shape::sphere(0.01).unwrap();
     assert_eq!(
-        scene.add_obstacle(ball, pose, [9; 3]),
+        visuals.add_obstacle(ball, pose, [9; 3]),
         Instance::Obstacle(1)
     );
 }
@@ -227,7 +227,7 @@ fn a_shape_that_there_is_not_is_refused() {
 fn a_picture_of_a_real_camera_gives_the_same_cloud() {
     let (robot, equilibrium) = bent_robot();
     let camera = &Camera::placed(&robot.spec().cameras)[1];
-    let frame = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Hidden).render(camera);
+    let frame = Visuals::of_robot(&robot, &equilibrium, BaseVisibility::Hidden).render(camera);
     let real = RgbdFrame::measured(camera, frame.color.clone(), frame.depth.clone()).unwrap();
     let cloud = |frame: &RgbdFrame| {
         let mut cloud = PointCloud::default();
@@ -249,7 +249,7 @@ fn a_picture_of_a_real_camera_gives_the_same_cloud() {
 fn points_are_back_projections_of_pixels_through_any_lens() {
     let (robot, equilibrium) = bent_robot();
     let mut camera = Camera::placed(&robot.spec().cameras)[3].clone();
-    let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
+    let visuals = Visuals::of_robot(&robot, &equilibrium, BaseVisibility::Shown);
     for distortion in [
         None,
         Some(Distortion {
@@ -259,7 +259,7 @@ fn points_are_back_projections_of_pixels_through_any_lens() {
         }),
     ] {
         camera.intrinsics.distortion = distortion;
-        let frame = scene.render(&camera);
+        let frame = visuals.render(&camera);
         let mut cloud = PointCloud::default();
         cloud.add_frame(&frame);
         let mut points = cloud.points.iter();
@@ -289,8 +289,8 @@ fn the_rod_of_a_robot_is_seen_between_its_discs() {
     let pixels = |spec: &RobotSpec| {
         let robot = Robot::new(spec.clone()).unwrap();
         let equilibrium = robot.settle(&robot.mean_command(), &Loads::default());
-        let scene = Scene::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
-        let mut frame = scene.render(&Camera::placed(&robot.spec().cameras)[0]);
+        let visuals = Visuals::of_robot(&robot, &equilibrium, BaseVisibility::Hidden);
+        let mut frame = visuals.render(&Camera::placed(&robot.spec().cameras)[0]);
         let mut heights = Vec::new();
         let others = frame
             .mask

@@ -4,7 +4,9 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tdcr_sim::camera::{Camera, Intrinsics};
 use tdcr_sim::cloud::{Observer, VoxelGrid};
 use tdcr_sim::geometry::{Instance, Shape};
-use tdcr_sim::render::{BaseVisibility, Edges, ExtrinsicError, Grazing, RgbdFrame, Scene, Sensor};
+use tdcr_sim::render::{
+    BaseVisibility, Edges, ExtrinsicError, Grazing, RgbdFrame, Sensor, Visuals,
+};
 use tdcr_sim::robot::{Loads, Robot};
 
 fn camera() -> Camera {
@@ -16,14 +18,14 @@ fn camera() -> Camera {
 
 /// A wall at `distance` (m) in front of the camera, turned by `turn` (rad) about the vertical.
 fn wall(distance: f64, turn: f64, half_side: f64) -> RgbdFrame {
-    let mut scene = Scene::default();
+    let mut visuals = Visuals::default();
     let slab = Shape::cuboid([half_side, half_side, 1e-4]).unwrap();
     let pose = Isometry3::from_parts(
         Translation3::new(0.0, 0.0, distance),
         UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn),
     );
-    scene.add_obstacle(slab, pose, [128; 3]);
-    scene.render(&camera())
+    visuals.add_obstacle(slab, pose, [128; 3]);
+    visuals.render(&camera())
 }
 
 /// Depths of the pixels that show something: true, measured.
@@ -139,12 +141,12 @@ fn surfaces_at_a_slant_are_lost_in_proportion() {
 
 #[test]
 fn pixels_at_edges_are_lost_or_fly_between_the_two_sides() {
-    let mut scene = Scene::default();
+    let mut visuals = Visuals::default();
     for (distance, side) in [(0.5, 0.05), (0.7, 1.0)] {
         let slab = Shape::cuboid([side, side, 1e-4]).unwrap();
-        scene.add_obstacle(slab, Translation3::new(0.0, 0.0, distance).into(), [200; 3]);
+        visuals.add_obstacle(slab, Translation3::new(0.0, 0.0, distance).into(), [200; 3]);
     }
-    let truth = scene.render(&camera());
+    let truth = visuals.render(&camera());
     let sensor = Sensor {
         edges: Some(Edges {
             jump: 0.01,

@@ -12,21 +12,21 @@ use std::time::Duration;
 
 use nalgebra::Isometry3;
 use tdcr_sim::camera::Camera;
-use tdcr_sim::render::{RgbdFrame, Scene, Sensor};
+use tdcr_sim::render::{RgbdFrame, Sensor, Visuals};
 
 use crate::camera::{CameraError, RgbdCamera, Stamped, UsbVersion};
 use crate::clock::Clock;
 
 /// What simulated cameras see.
 pub trait Subject: Send {
-    /// The scene at `time` of the rig's clock. It may lie some pictures before the last one asked for; a subject that cannot
+    /// What is seen at `time` of the rig's clock. It may lie some pictures before the last one asked for; a subject that cannot
     /// go back shows what it has.
-    fn scene_at(&mut self, time: Duration) -> Scene;
+    fn visuals_at(&mut self, time: Duration) -> Visuals;
 }
 
-/// A scene in which nothing moves.
-impl Subject for Scene {
-    fn scene_at(&mut self, _: Duration) -> Scene {
+/// Visuals in which nothing moves.
+impl Subject for Visuals {
+    fn visuals_at(&mut self, _: Duration) -> Visuals {
         self.clone()
     }
 }
@@ -65,7 +65,7 @@ pub struct CameraSetup {
     /// What it is plugged into.
     pub usb: Option<UsbVersion>,
     /// What else is in sight besides the subject.
-    pub surroundings: Scene,
+    pub surroundings: Visuals,
     /// Whether pictures say what each pixel shows.
     pub labels: Labels,
 }
@@ -84,7 +84,7 @@ impl CameraSetup {
             phase: Duration::ZERO,
             warm_up: Duration::ZERO,
             usb: Some(UsbVersion { major: 3, minor: 2 }),
-            surroundings: Scene::default(),
+            surroundings: Visuals::default(),
             labels: Labels::Hidden,
         }
     }
@@ -171,11 +171,11 @@ impl SimulatedCamera {
     /// Takes picture `index`.
     fn take(&mut self, index: u64) -> Result<RgbdFrame, CameraError> {
         let time = self.exposure(index);
-        let mut scene = self.subject.scene_at(time);
-        scene
+        let mut visuals = self.subject.visuals_at(time);
+        visuals
             .solids
             .extend_from_slice(&self.setup.surroundings.solids);
-        scene.render_all_into(std::slice::from_ref(&self.setup.camera), &mut self.truth);
+        visuals.render_all_into(std::slice::from_ref(&self.setup.camera), &mut self.truth);
         let setup = &self.setup;
         let mut frame = setup
             .sensor

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Translation3};
 use tdcr_sim::geometry::{Shape, ShapeError};
-use tdcr_sim::render::Scene;
+use tdcr_sim::render::Visuals;
 
 /// A table under the robot's base with three things on it, and walls around it (m): what masks must remove.
 ///
@@ -11,7 +11,7 @@ use tdcr_sim::render::Scene;
 ///
 /// # Errors
 /// None but those of the shapes, whose sizes are given here.
-pub fn table(height: f64) -> Result<Scene, ShapeError> {
+pub fn table(height: f64) -> Result<Visuals, ShapeError> {
     const WOOD: [u8; 3] = [168, 142, 112];
     const WALL: [u8; 3] = [176, 178, 172];
     const CARDBOARD: [u8; 3] = [150, 120, 85];
@@ -26,11 +26,11 @@ pub fn table(height: f64) -> Result<Scene, ShapeError> {
         ([0.02, 2.0, 1.5], [1.6, 0.0, 0.5], WALL),
         ([0.02, 2.0, 1.5], [-1.6, 0.0, 0.5], WALL),
     ];
-    let mut scene = Scene::default();
+    let mut visuals = Visuals::default();
     let at = |[x, y, z]: [f64; 3]| Isometry3::from(Translation3::new(x, y, z + height));
     for (half_sides, place, color) in boxes {
-        scene.add_obstacle(Shape::cuboid(half_sides)?, at(place), color);
+        visuals.add_obstacle(Shape::cuboid(half_sides)?, at(place), color);
     }
-    scene.add_obstacle(Shape::cylinder(0.04, 0.07)?, at([-0.1, -0.3, 0.07]), STEEL);
-    Ok(scene)
+    visuals.add_obstacle(Shape::cylinder(0.04, 0.07)?, at([-0.1, -0.3, 0.07]), STEEL);
+    Ok(visuals)
 }

@@ -15,12 +15,12 @@ const PERIOD: Duration = Duration::from_nanos(33_333_333);
 struct FallingBall;
 
 impl Subject for FallingBall {
-    fn scene_at(&mut self, time: Duration) -> Scene {
+    fn visuals_at(&mut self, time: Duration) -> Visuals {
         let place = Translation3::new(0.0, 0.0, 0.1 - time.as_secs_f64());
-        let mut scene = Scene::default();
+        let mut visuals = Visuals::default();
         let ball = Shape::sphere(0.02).expect("a radius above 0");
-        scene.add_obstacle(ball, place.into(), [200, 40, 40]);
-        scene
+        visuals.add_obstacle(ball, place.into(), [200, 40, 40]);
+        visuals
     }
 }
 
@@ -87,8 +87,8 @@ fn noise_is_a_function_of_seed_camera_and_picture() {
             ..CameraSetup::d435("a", camera())
         };
         // Nothing moves.
-        let scene = FallingBall.scene_at(Duration::ZERO);
-        let mut camera = SimulatedCamera::new(setup, Box::new(scene), clock);
+        let visuals = FallingBall.visuals_at(Duration::ZERO);
+        let mut camera = SimulatedCamera::new(setup, Box::new(visuals), clock);
         let frames = (0..pictures).map(|_| camera.grab(PATIENCE).expect("a picture").value);
         frames.last().expect("one picture at least")
     };
@@ -104,7 +104,7 @@ fn noise_is_a_function_of_seed_camera_and_picture() {
 fn the_believed_pose_is_off_by_the_sensors_error_or_what_a_calibration_found() {
     let clock: Arc<dyn Clock> = Arc::new(VirtualClock::new());
     let truth = camera();
-    let open = |setup| SimulatedCamera::new(setup, Box::new(Scene::default()), clock.clone());
+    let open = |setup| SimulatedCamera::new(setup, Box::new(Visuals::default()), clock.clone());
     let mut noisy = open(CameraSetup::d435("a", truth.clone()));
     let off = (noisy.camera().pose.translation.vector - truth.pose.translation.vector).norm();
     assert!(off > 1e-5 && off < 0.01, "{off}");
@@ -218,9 +218,9 @@ fn a_wait_ends_at_its_deadline() {
 #[test]
 fn frozen_pictures_come_with_new_times_and_without_new_noise() {
     let clock = Arc::new(VirtualClock::new());
-    let scene = FallingBall.scene_at(Duration::ZERO);
+    let visuals = FallingBall.visuals_at(Duration::ZERO);
     let setup = CameraSetup::d435("a", camera());
-    let mut camera = SimulatedCamera::new(setup, Box::new(scene), clock.clone());
+    let mut camera = SimulatedCamera::new(setup, Box::new(visuals), clock.clone());
     let mut grab = |faults: Option<CameraFault>| {
         let from = clock.now() + Duration::from_nanos(1);
         camera.faults().set_from(from, faults);
@@ -245,7 +245,7 @@ fn a_warm_up_ends_when_exposure_and_depth_are_steady() {
     let open = |setup: CameraSetup| {
         SimulatedCamera::new(
             setup,
-            Box::new(Scene::default()),
+            Box::new(Visuals::default()),
             Arc::new(VirtualClock::new()),
         )
     };

@@ -1,4 +1,4 @@
-//! A scene as one camera sees it, row by row.
+//! Visuals as one camera sees them, row by row.
 //!
 //! A row is cast solid by solid into a depth buffer that stays in cache, within the columns that the solid's outline bounds;
 //! then each pixel is shaded once.
@@ -12,7 +12,7 @@ use super::cast::Cast;
 use super::frame::Span;
 use super::lanes::Lanes;
 
-use super::Scene;
+use super::Visuals;
 use crate::camera::Camera;
 use crate::geometry::{Instance, Kind, Solid};
 
@@ -67,13 +67,13 @@ struct Row {
 }
 
 impl<'a> View<'a> {
-    pub fn of(scene: &'a Scene, camera: &'a Camera) -> Self {
+    pub fn of(visuals: &'a Visuals, camera: &'a Camera) -> Self {
         let k = &camera.intrinsics;
         let columns = match k.distortion {
             None => (0..k.width).map(|u| (f64::from(u) - k.cx) / k.fx).collect(),
             Some(_) => Vec::new(),
         };
-        let mut solids: Vec<Seen> = (scene.solids.iter())
+        let mut solids: Vec<Seen> = (visuals.solids.iter())
             .filter_map(|solid| Seen::of(solid, camera))
             .collect();
         // From near to far, so that few pixels are drawn twice.

@@ -45,12 +45,12 @@ fn bounds_hold_every_pixel_that_a_solid_covers() {
             color: [200, 100, 50],
             instance: Instance::Disc(0),
         };
-        let scene = Scene {
+        let visuals = Visuals {
             solids: vec![solid],
         };
-        let frame = scene.render(&camera);
+        let frame = visuals.render(&camera);
         let mut whole = RgbdFrame::new(&camera);
-        let mut view = View::of(&scene, &camera);
+        let mut view = View::of(&visuals, &camera);
         for seen in &mut view.solids {
             (seen.columns, seen.rows) = (0..96, 0..72);
         }

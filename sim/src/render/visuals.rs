@@ -1,4 +1,4 @@
-//! What the cameras see: solids with poses and colours.
+//! What the cameras see: the visuals of a robot and of what is around it, solids with poses and colours.
 
 use std::f64::consts::PI;
 
@@ -6,27 +6,30 @@ use nalgebra::{Isometry3, Point3, Translation3};
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{
-    BASE_COLOR, Instance, Kind, Shape, Solid, Sphere, base_pose, base_solids, between, disc_solids,
-    rod_solids,
+    BASE_COLOR, Cuboid, Instance, Kind, Shape, Solid, Sphere, base_pose, base_solids, between,
+    disc_solids, rod_solids,
 };
 use crate::pose::Pose;
 use crate::robot::{Body, Payload, Robot, Waypoint};
+use crate::scene::{Obstacle, ObstacleShape, Scene};
 
 const TENDON_COLOR: [u8; 3] = [60, 60, 60];
 const PAYLOAD_COLOR: [u8; 3] = [150, 155, 165];
 /// Radius that tendons are drawn with (m).
 const TENDON_RADIUS: f64 = 0.0005;
+/// Half sides of the box that a half space is seen as (m).
+const HALF_SPACE: [f64; 3] = [1.0, 1.0, 0.001];
 /// Density of steel (kg/m³).
 const STEEL: f64 = 7850.0;
 
 /// Everything that cameras can see.
 #[derive(Clone, Debug, Default)]
-pub struct Scene {
+pub struct Visuals {
     /// The solids.
     pub solids: Vec<Solid>,
 }
 
-/// Whether the rigid base below the first module is part of a scene: the paper's "with base" (WB)
+/// Whether the rigid base below the first module is seen: the paper's "with base" (WB)
 /// and "no base" (NB) data sets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -37,7 +40,7 @@ pub enum BaseVisibility {
     Hidden,
 }
 
-impl Scene {
+impl Visuals {
     /// A robot in a pose, for example of an equilibrium: its discs, and the rods through them.
     pub fn of_robot<'a>(robot: &Robot, pose: impl Into<Pose<'a>>, base: BaseVisibility) -> Self {
         let pose = pose.into();
@@ -52,7 +55,7 @@ impl Scene {
     }
 }
 
-impl Scene {
+impl Visuals {
     /// Adds a base of the user's own: a shape in the frame of the robot's base (m).
     pub fn add_base(&mut self, robot: &Robot, shape: Shape) {
         self.solids.push(Solid {
@@ -109,9 +112,7 @@ impl Scene {
     /// Adds an obstacle of a shape, at a pose in the world (m); returns what its pixels are labelled
     /// with.
     pub fn add_obstacle(&mut self, shape: Shape, pose: Isometry3<f64>, color: [u8; 3]) -> Instance {
-        let is_obstacle = |solid: &&Solid| matches!(solid.instance, Instance::Obstacle(_));
-        let count = self.solids.iter().filter(is_obstacle).count();
-        let instance = Instance::Obstacle(count as u16);
+        let instance = obstacle(self.obstacle_count());
         self.solids.push(Solid {
             shape,
             pose,
@@ -119,5 +120,46 @@ impl Scene {
             instance,
         });
         instance
+    }
+
+    /// Adds the obstacles of a scene. They are labelled with their numbers in it, counted on from the obstacles that are there
+    /// already.
+    ///
+    /// A pipe is seen as its [mesh](crate::geometry::Pipe::mesh), a half space as a box of 2 m by 2 m by 2 mm whose top is the
+    /// plane about the origin of its frame.
+    pub fn add_scene(&mut self, scene: &Scene) {
+        let first = self.obstacle_count();
+        for (index, added) in scene.obstacles().iter().enumerate() {
+            let (shape, pose) = seen(added);
+            self.solids.push(Solid {
+                shape,
+                pose,
+                color: added.color,
+                instance: obstacle(first + index),
+            });
+        }
+    }
+
+    fn obstacle_count(&self) -> usize {
+        let is_obstacle = |solid: &&Solid| matches!(solid.instance, Instance::Obstacle(_));
+        self.solids.iter().filter(is_obstacle).count()
+    }
+}
+
+/// The label of an obstacle; those beyond the largest share it.
+fn obstacle(index: usize) -> Instance {
+    Instance::Obstacle(u16::try_from(index).unwrap_or(u16::MAX))
+}
+
+/// The shape that an obstacle is seen as, and its pose in the world (m).
+fn seen(obstacle: &Obstacle) -> (Shape, Isometry3<f64>) {
+    match &obstacle.shape {
+        ObstacleShape::Solid(shape) => (shape.clone(), obstacle.pose),
+        ObstacleShape::Pipe(pipe) => (pipe.mesh(), obstacle.pose),
+        ObstacleShape::HalfSpace => {
+            let half = HALF_SPACE.into();
+            let middle = Translation3::new(0.0, 0.0, -HALF_SPACE[2]);
+            (Shape(Kind::Cuboid(Cuboid { half })), obstacle.pose * middle)
+        }
     }
 }

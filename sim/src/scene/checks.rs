@@ -1,0 +1,92 @@
+//! What numbers of a scene must be.
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+
+use super::SceneError;
+use super::error::refuse;
+
+/// Largest length and coordinate (m).
+pub(super) const LARGEST_LENGTH: f64 = 1e6;
+/// Largest of all other quantities, in SI units: products of several such do not overflow.
+const LARGEST: f64 = 1e15;
+
+/// A length (m).
+pub(super) fn length(obstacle: &str, field: &str, value: f64) -> Result<(), SceneError> {
+    match value > 0.0 && value <= LARGEST_LENGTH {
+        true => Ok(()),
+        false => Err(refuse(
+            obstacle,
+            field,
+            value,
+            "a length above 0, at most 1e6 m",
+        )),
+    }
+}
+
+/// A point (m).
+pub(super) fn point(obstacle: &str, field: &str, value: &[f64; 3]) -> Result<(), SceneError> {
+    match value.iter().all(|x| x.abs() <= LARGEST_LENGTH) {
+        true => Ok(()),
+        false => {
+            let value = format!("{value:?}");
+            Err(refuse(
+                obstacle,
+                field,
+                value,
+                "finite coordinates of at most 1e6 m",
+            ))
+        }
+    }
+}
+
+/// A quantity that may be 0.
+pub(super) fn not_negative(obstacle: &str, field: &str, value: f64) -> Result<(), SceneError> {
+    match (0.0..=LARGEST).contains(&value) {
+        true => Ok(()),
+        false => Err(refuse(obstacle, field, value, "a number from 0 to 1e15")),
+    }
+}
+
+/// A quantity above 0.
+pub(super) fn positive(obstacle: &str, field: &str, value: f64) -> Result<(), SceneError> {
+    match value > 0.0 && value <= LARGEST {
+        true => Ok(()),
+        false => Err(refuse(
+            obstacle,
+            field,
+            value,
+            "a number above 0, at most 1e15",
+        )),
+    }
+}
+
+/// A quaternion (w, x, y, z), normalised.
+pub(super) fn orientation(
+    obstacle: &str,
+    [w, x, y, z]: [f64; 4],
+) -> Result<UnitQuaternion<f64>, SceneError> {
+    let numbers = [w, x, y, z];
+    let finite = numbers.iter().all(|x| x.abs() <= LARGEST);
+    match finite && numbers.iter().any(|x| x.abs() >= 1e-6) {
+        true => Ok(UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))),
+        false => {
+            let value = format!("{numbers:?}");
+            let expected = "a quaternion (w, x, y, z), not all 0";
+            Err(refuse(obstacle, "orientation", value, expected))
+        }
+    }
+}
+
+/// A pose by a position (m) and a quaternion (w, x, y, z).
+pub(super) fn pose(
+    obstacle: &str,
+    position: [f64; 3],
+    quaternion: [f64; 4],
+) -> Result<Isometry3<f64>, SceneError> {
+    point(obstacle, "position", &position)?;
+    let rotation = orientation(obstacle, quaternion)?;
+    Ok(Isometry3::from_parts(
+        Translation3::from(position),
+        rotation,
+    ))
+}

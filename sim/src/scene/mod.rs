@@ -1,0 +1,125 @@
+//! Scenes: obstacles around a robot, which is not one of them.
+//!
+//! A [`SceneSpec`] is what the user writes, a TOML file beside that of the robot (`docs/scene-files.md`). A [`Scene`] is what
+//! it is compiled into: [`Obstacle`]s with a shape, a pose in the world, and what their surface is like. Cameras see it by
+//! [`Visuals::add_scene`](crate::render::Visuals::add_scene).
+//!
+//! ```
+//! use std::path::Path;
+//! use tdcr_sim::scene::Scene;
+//!
+//! let text = "
+//!     [[obstacle]]
+//!     name = 'post'
+//!     cylinder = { radius = 0.01, length = 0.4 }
+//!     position = [0.05, 0.0, 0.2]
+//! ";
+//! let scene = Scene::from_toml(text, Path::new("."))?;
+//! assert_eq!(scene.find("post"), Some(0));
+//! # Ok::<(), tdcr_sim::scene::SceneError>(())
+//! ```
+
+mod checks;
+mod compile;
+mod error;
+mod obstacle;
+mod read;
+mod shape_spec;
+mod spec;
+
+pub use compile::ObstacleShape;
+pub use error::SceneError;
+pub use obstacle::Obstacle;
+pub use shape_spec::ShapeSpec;
+pub use spec::{ObstacleSpec, SceneSpec};
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use compile::Sources;
+use error::called;
+
+/// Most obstacles of a scene: pictures label each by a number of its own.
+const MOST_OBSTACLES: usize = 10_000;
+
+/// Obstacles around a robot, valid and with names of their own. Clones share them. The default is the scene without any.
+#[derive(Clone, Debug, Default)]
+pub struct Scene(Arc<[Obstacle]>);
+
+impl Scene {
+    /// A scene of obstacles, whose numbers are their places in the list, from 0.
+    ///
+    /// # Errors
+    /// [`SceneError::Count`] for more than 10,000 obstacles, [`SceneError::Name`] for two of one name, [`SceneError::Field`]
+    /// for a value that no obstacle can have.
+    pub fn new(obstacles: Vec<Obstacle>) -> Result<Self, SceneError> {
+        check_count(obstacles.len())?;
+        for (index, obstacle) in obstacles.iter().enumerate() {
+            obstacle.check(&called(Some(index), Some(&obstacle.name)))?;
+        }
+        check_names(obstacles.iter().map(|obstacle| obstacle.name.as_str()))?;
+        Ok(Self(obstacles.into()))
+    }
+
+    /// The scene that is written as `spec`; meshes with relative paths are in `folder`.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); [`SceneError::Mesh`] for an STL file that cannot be read, [`SceneError::Shape`] for a shape that
+    /// there is not.
+    pub fn compile(spec: SceneSpec, folder: &Path) -> Result<Self, SceneError> {
+        check_count(spec.obstacles.len())?;
+        check_names(spec.obstacles.iter().map(|obstacle| obstacle.name.as_str()))?;
+        let mut sources = Sources::new(folder);
+        let obstacles = spec.obstacles.into_iter().enumerate();
+        let obstacles = obstacles.map(|(index, spec)| {
+            let obstacle = called(Some(index), Some(&spec.name));
+            Obstacle::compile(spec, &obstacle, &mut sources)
+        });
+        Ok(Self(obstacles.collect::<Result<_, _>>()?))
+    }
+
+    /// The obstacles, by their numbers.
+    pub fn obstacles(&self) -> &[Obstacle] {
+        &self.0
+    }
+
+    /// The number of the obstacle with a name; `None` if there is none.
+    pub fn find(&self, name: &str) -> Option<usize> {
+        self.0.iter().position(|obstacle| obstacle.name == name)
+    }
+
+    /// What a file says to give this scene. Orientations are normalised; meshes have the names by which they were read.
+    ///
+    /// # Errors
+    /// [`SceneError::Unwritten`] for a mesh or a pipe that was made in memory.
+    pub fn spec(&self) -> Result<SceneSpec, SceneError> {
+        let obstacles = self.0.iter().enumerate();
+        let obstacles = obstacles
+            .map(|(index, obstacle)| obstacle.spec(&called(Some(index), Some(&obstacle.name))));
+        Ok(SceneSpec {
+            obstacles: obstacles.collect::<Result<_, _>>()?,
+        })
+    }
+}
+
+fn check_count(found: usize) -> Result<(), SceneError> {
+    let most = MOST_OBSTACLES;
+    match found <= most {
+        true => Ok(()),
+        false => Err(SceneError::Count { found, most }),
+    }
+}
+
+fn check_names<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), SceneError> {
+    let mut first = HashMap::new();
+    for (index, name) in names.enumerate() {
+        if let Some(before) = first.insert(name, index) {
+            return Err(SceneError::Name {
+                name: name.to_owned(),
+                obstacles: [before, index],
+            });
+        }
+    }
+    Ok(())
+}
