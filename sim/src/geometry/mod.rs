@@ -2,7 +2,7 @@
 //!
 //! A [`Shape`] is centred on its frame's origin: a cylinder, box, sphere or capsule by its dimensions, or a triangle
 //! mesh ([`Shape::read_stl`]). A [`Solid`] is a shape with a pose in the world (m), a colour, and the [`Instance`] that
-//! it is a part of. An [`AlphaShape`] is what points enclose.
+//! it is a part of. A [`Pipe`] is the inside of a straight or bent tube. An [`AlphaShape`] is what points enclose.
 //!
 //! ```
 //! use tdcr_sim::geometry::Shape;
@@ -13,7 +13,7 @@
 
 mod alpha_shape;
 mod delaunay;
-mod nearest;
+mod distance;
 mod pipe;
 mod primitives;
 mod robot;

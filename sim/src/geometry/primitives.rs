@@ -1,7 +1,11 @@
 //! Shapes by their dimensions.
 
+use std::sync::OnceLock;
+
 use nalgebra::Vector3;
 use parry3d_f64::shape::TriMesh;
+
+use super::distance::Adjacency;
 
 /// A cylinder about the z axis (m).
 #[derive(Clone, Copy, Debug)]
@@ -29,10 +33,11 @@ pub(crate) struct Capsule {
     pub half_length: f64,
 }
 
-/// Triangles, in parry's bounding volume hierarchy, and the box around them (m).
+/// Triangles, in parry's bounding volume hierarchy, the box around them (m), and which of them meet, once asked for.
 #[derive(Clone, Debug)]
 pub(crate) struct Mesh {
     pub mesh: TriMesh,
     pub middle: Vector3<f64>,
     pub half: Vector3<f64>,
+    pub adjacency: OnceLock<Adjacency>,
 }

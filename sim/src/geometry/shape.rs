@@ -1,6 +1,6 @@
 //! Shapes of solids.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Matrix3, Vector3};
 use parry3d_f64::math::Vec3;
@@ -57,6 +57,47 @@ pub enum ShapeError {
     /// A mesh without triangles.
     #[error("a mesh has no triangles; expected one at least")]
     Empty,
+    /// A path of fewer than two points.
+    #[error("a pipe's path has {count} points; expected two at least")]
+    Path {
+        /// Number of points.
+        count: usize,
+    },
+    /// A point of a path that is not finite, or so far away that products of its coordinates are not.
+    #[error("point {index} of a pipe's path is {position:?}; expected finite numbers below 1e150")]
+    PathPoint {
+        /// The point.
+        index: usize,
+        /// Its position (m).
+        position: [f64; 3],
+    },
+    /// A point of a path at the position of the one before.
+    #[error("point {index} of a pipe's path is the one before it again; expected another position")]
+    PathRepeats {
+        /// The point.
+        index: usize,
+    },
+    /// A point at which a path turns back the way it came.
+    #[error("a pipe's path turns back at point {index}; expected a bend of less than 180 degrees")]
+    PathFolds {
+        /// The point.
+        index: usize,
+    },
+    /// A bend that is too narrow for its pipe.
+    #[error(
+        "a pipe of radius {radius} m bends with a radius of {bend} m at point {index} of its path; expected more than the pipe's, \
+         by segments longer than {segment} m there"
+    )]
+    Bend {
+        /// The point.
+        index: usize,
+        /// Radius of the arc (m).
+        bend: f64,
+        /// Radius of the pipe (m).
+        radius: f64,
+        /// Length that both segments at the point must exceed (m).
+        segment: f64,
+    },
 }
 
 impl Shape {
@@ -140,6 +181,7 @@ impl Shape {
             mesh,
             middle: (low + high) / 2.0,
             half: (high - low) / 2.0,
+            adjacency: OnceLock::new(),
         }))))
     }
 
@@ -168,7 +210,11 @@ impl Shape {
     }
 }
 
-fn length(shape: &'static str, what: &'static str, value: f64) -> Result<f64, ShapeError> {
+pub(super) fn length(
+    shape: &'static str,
+    what: &'static str,
+    value: f64,
+) -> Result<f64, ShapeError> {
     if value.is_finite() && value > 0.0 {
         Ok(value)
     } else {
