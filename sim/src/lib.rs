@@ -38,6 +38,7 @@
 //! - [`chain`]: configurations on SO(3)^n.
 //! - [`statics`]: command to equilibrium, one at a time, along paths, in batches and sweeps.
 //! - [`symmetry`]: isometries that map a robot to itself, and what they do to its commands.
+//! - [`contact`]: equilibria among obstacles, with derivatives.
 //! - [`tendon_friction`]: paths of equilibria with friction between tendons and holes.
 //! - [`sensitivity`]: derivatives of an equilibrium by commands, loads and physical parameters.
 //! - [`curve`]: the backbone between the discs; [`reactions`]: what the joints transmit.
@@ -51,7 +52,7 @@
 //!
 //! # What it is not for
 //!
-//! Contact of the robot with itself or its surroundings is not modelled. Friction of the tendons in
+//! Contact with surroundings is of robots at rest, and without friction ([`contact`]); discs do not touch each other. Friction of the tendons in
 //! their holes acts along quasi-static paths ([`tendon_friction`]) only: [`statics`], [`sensitivity`] and
 //! [`dynamics`] leave it out.
 
@@ -62,6 +63,7 @@ mod backbone;
 pub mod camera;
 pub mod chain;
 pub mod cloud;
+pub mod contact;
 pub mod curve;
 pub mod dynamics;
 mod energy;

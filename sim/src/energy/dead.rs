@@ -87,6 +87,12 @@ impl DeadForces {
         self.set_payload(robot, loads, weight);
     }
 
+    /// Adds a force (N, world axes) on a point of a disc, from its origin in its frame (m).
+    pub fn push(&mut self, disc: usize, point: &Vector3<f64>, force: &Vector3<f64>) {
+        self.at_origin[disc] += force;
+        self.couples[disc] += force * point.transpose();
+    }
+
     /// Sets the payload's force, acting where the payload of `loads` hangs.
     pub fn set_payload(&mut self, robot: &Robot, loads: &Loads, force: Vector3<f64>) {
         self.payload = force;
@@ -103,6 +109,21 @@ impl DeadForces {
     pub fn couple(&self, disc: usize, orientation: &Matrix3<f64>) -> Option<Matrix3<f64>> {
         let couple = &self.couples[disc];
         (*couple != Matrix3::zeros()).then(|| couple * orientation.transpose())
+    }
+
+    /// Of each disc the force on its origin (N), and the couples about there, the sum of `f r'` in world axes (N m); the payload's
+    /// among them.
+    pub fn wrenches(&self, chain: &Chain) -> Vec<(Vector3<f64>, Matrix3<f64>)> {
+        let mut wrenches: Vec<_> = (self.at_origin.iter().enumerate())
+            .map(|(k, force)| (*force, self.couples[k] * chain.disc(k).transpose()))
+            .collect();
+        if let Some((force, couples)) = wrenches.last_mut() {
+            let tip = chain.positions.len() - 1;
+            let hung = chain.centres[tip] + chain.disc(tip) * self.payload_arm;
+            *force += self.payload;
+            *couples += self.payload * (hung - chain.positions[tip]).transpose();
+        }
+        wrenches
     }
 
     /// Their potential (J) in the poses of `chain`.

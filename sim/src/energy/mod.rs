@@ -21,12 +21,14 @@ mod columns;
 mod dead;
 pub(crate) mod following;
 mod gradient;
+mod pressing;
 mod product;
 #[cfg(test)]
 mod tests;
 
 pub(crate) use columns::Columns;
 pub(crate) use dead::DeadForces;
+pub(crate) use pressing::Pressing;
 
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};

@@ -29,7 +29,7 @@ pub(crate) use contact::{ContactLu, Inflow};
 pub(crate) use held::HeldLengths;
 pub(crate) use krylov::{Arnoldi, dot, probe};
 pub(crate) use loaded::{LoadedFactor, LoadedMatrix, project};
-pub(crate) use softest::{smallest_eigenvalue, smallest_real_part};
+pub(crate) use softest::{smallest_by_solving, smallest_eigenvalue, smallest_real_part};
 pub(crate) use unsymmetric::{ChainLu, ChainMatrix, Side};
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};

@@ -45,6 +45,24 @@ pub(crate) fn smallest_eigenvalue(expansion: &Expansion, held: &HeldLengths) -> 
     Some(1.0 / largest - shift)
 }
 
+/// The smallest eigenvalue of a positive definite matrix of so many joints, given how to solve with it, on the turns that keep
+/// the lengths `held` (N m/rad); infinite where none do, `None` for numbers that are not finite.
+pub(crate) fn smallest_by_solving(
+    joints: usize,
+    held: &HeldLengths,
+    solve: impl FnMut(&[Vector3<f64>], &mut [Vector3<f64>]),
+) -> Option<f64> {
+    let freedom = 3 * joints - held.rank();
+    if freedom == 0 {
+        return Some(f64::INFINITY);
+    }
+    let mut solver = held.solver(solve);
+    let largest = largest_of_inverse(first(joints, held), freedom, |rhs, solution| {
+        solver.solve(rhs, solution);
+    })?;
+    Some(1.0 / largest)
+}
+
 /// The smallest real part of the eigenvalues of a Jacobian under loads without a potential, on the turns that keep the lengths
 /// `held` (N m/rad); infinite where none do, `None` if it cannot be computed.
 ///

@@ -12,6 +12,7 @@
 //! ```
 
 mod alpha_shape;
+mod beads;
 mod delaunay;
 mod distance;
 mod pipe;
@@ -22,6 +23,8 @@ mod solid;
 mod stl;
 
 pub use alpha_shape::AlphaShape;
+pub use beads::{Bead, Beads};
+pub(crate) use distance::Nearest;
 pub use pipe::Pipe;
 pub(crate) use primitives::{Capsule, Cuboid, Cylinder, Mesh, Sphere};
 pub use robot::disc_color;

@@ -23,16 +23,17 @@
 //! tendons is left out.
 
 mod changed;
+mod pressed;
 mod tangent;
 mod tool;
 
 use faer::Mat;
 use faer::linalg::solvers::{PartialPivLu, Solve};
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
 use thiserror::Error;
 
-use crate::energy::{DeadForces, Expansion, Potential, following};
-use crate::factor::{Curvature, Factor, LoadedFactor, LoadedMatrix, Side};
+use crate::energy::{DeadForces, Expansion, Potential, Pressing, following};
+use crate::factor::{ChainLu, ChainMatrix, Curvature, Factor, LoadedFactor, LoadedMatrix, Side};
 use crate::model_tangent::{Expanded, ModelTangent, pull_back_centres};
 pub use crate::pose::PoseTangent;
 use crate::pose::levers;
@@ -83,6 +84,8 @@ enum System {
     Chain(Box<Factor>),
     /// With moments or following forces.
     Loaded(Box<LoadedFactor>),
+    /// With contacts, and the forms that they add.
+    Touching(Box<ChainLu>, Vec<Matrix6<f64>>),
 }
 
 /// Constraints that tendons keep their commanded lengths.
@@ -108,13 +111,7 @@ impl Robot {
         loads: &Loads,
         equilibrium: &Equilibrium,
     ) -> Result<Sensitivity, SensitivityError> {
-        if !equilibrium.converged {
-            if let Some(Stability::Unstable | Stability::Flutter) = equilibrium.stability {
-                return Err(SensitivityError::Unstable);
-            }
-            return Err(SensitivityError::NotSettled(equilibrium.residual));
-        }
-        let mut sensitivity = Sensitivity::expand(self, command, loads, equilibrium);
+        let mut sensitivity = Sensitivity::expand(self, command, loads, equilibrium, None)?;
         sensitivity.factorise()?;
         sensitivity.hold_lengths();
         Ok(sensitivity)
@@ -122,12 +119,52 @@ impl Robot {
 }
 
 impl Sensitivity {
-    fn expand(robot: &Robot, command: &Command, loads: &Loads, equilibrium: &Equilibrium) -> Self {
+    /// The same where the robot is pressed by contacts.
+    pub(crate) fn pressed(
+        robot: &Robot,
+        command: &Command,
+        loads: &Loads,
+        equilibrium: &Equilibrium,
+        pressing: &Pressing,
+    ) -> Result<Self, SensitivityError> {
+        let mut sensitivity = Self::expand(robot, command, loads, equilibrium, Some(pressing))?;
+        let mut lu = ChainLu::new(&sensitivity.expansion);
+        let curvature = lu.factorise(&ChainMatrix {
+            expansion: &sensitivity.expansion,
+            scale: 1.0,
+            centres: &sensitivity.posture.chain.centres,
+            joints: &vec![Matrix3::zeros(); robot.discs().len()],
+            bodies: &pressing.forms,
+        });
+        if curvature != Some(Curvature::Positive) {
+            return Err(SensitivityError::Unstable);
+        }
+        sensitivity.system = System::Touching(Box::new(lu), pressing.forms.clone());
+        sensitivity.hold_lengths();
+        Ok(sensitivity)
+    }
+
+    fn expand(
+        robot: &Robot,
+        command: &Command,
+        loads: &Loads,
+        equilibrium: &Equilibrium,
+        pressing: Option<&Pressing>,
+    ) -> Result<Self, SensitivityError> {
+        if !equilibrium.converged {
+            if let Some(Stability::Unstable | Stability::Flutter) = equilibrium.stability {
+                return Err(SensitivityError::Unstable);
+            }
+            return Err(SensitivityError::NotSettled(equilibrium.residual));
+        }
         let mut posture = Posture::new(robot);
         posture.place(robot, &equilibrium.configuration);
         let mut dead = DeadForces::new(robot);
         dead.set(robot, loads);
         following::add_forces(loads, 1.0, &posture, &mut dead);
+        if let Some(pressing) = pressing {
+            pressing.add_to(&mut dead);
+        }
         // A commanded length is the spring that gives its tension.
         let mut effective = command.as_slice().to_vec();
         for (t, tendon) in robot.tendons().iter().enumerate() {
@@ -143,7 +180,7 @@ impl Sensitivity {
         };
         potential.expand(&equilibrium.configuration, &posture, &mut expansion);
         following::add_moments(loads, 1.0, &posture, &mut expansion);
-        Self {
+        Ok(Self {
             robot: robot.clone(),
             loads: loads.clone(),
             q: equilibrium.configuration.clone(),
@@ -158,7 +195,7 @@ impl Sensitivity {
             expansion,
             dead,
             command: effective,
-        }
+        })
     }
 
     fn factorise(&mut self) -> Result<(), SensitivityError> {
@@ -218,6 +255,7 @@ impl Sensitivity {
         match &self.system {
             System::Chain(factor) => factor.solve(joint, disc, &mut solution),
             System::Loaded(factor) => factor.solve(joint, disc, side, &mut solution),
+            System::Touching(factor, _) => factor.solve(joint, disc, side, &mut solution),
         }
         solution
     }
@@ -380,7 +418,8 @@ impl Sensitivity {
             .collect();
         let mut model = ModelTangent::zero(&self.robot);
         self.expanded().pull_back(&turns, &held, &mut model);
-        let centres: Vec<_> = cotangents.iter().map(|pose| pose.position).collect();
+        let mut centres: Vec<_> = cotangents.iter().map(|pose| pose.position).collect();
+        self.press_back(&turns, &mut centres);
         pull_back_centres(&self.posture.chain, &centres, &mut model);
         for (tendon, weight) in held {
             model.command[tendon] -= weight;
@@ -403,7 +442,8 @@ impl Sensitivity {
 
     /// Change of all disc poses for a change of the model.
     fn poses(&self, tangent: &ModelTangent) -> Vec<PoseTangent> {
-        let change = self.expanded().gradient_tangent(tangent);
+        let mut change = self.expanded().gradient_tangent(tangent);
+        self.press(tangent, &mut change.disc);
         let growth: Vec<f64> = (self.held.tendons.iter())
             .map(|&t| change.lengths[t] - tangent.command[t])
             .collect();

@@ -7,6 +7,7 @@
 //! | | one advance | history |
 //! |---|---|---|
 //! | [`Settler`] | to the equilibrium of the command, followed from the last one | the branch of equilibria |
+//! | [`ContactSettler`] | the same among obstacles | the branch of equilibria |
 //! | [`FrictionPath`] | along the straight line of commands, with friction in the holes | slip at every hole |
 //! | [`MovingRobot`] | by a fixed number of time steps | velocities |
 //!
@@ -39,6 +40,7 @@ pub use moving::MovingRobot;
 
 use thiserror::Error;
 
+use crate::contact::{ContactError, ContactSettler};
 use crate::dynamics::DynamicsError;
 use crate::pose::Pose;
 use crate::robot::{Command, CommandError, Loads, LoadsError, Robot};
@@ -80,6 +82,9 @@ pub enum SimulationError {
     /// There is no equilibrium where one was sought.
     #[error(transparent)]
     NotSettled(#[from] NotSettled),
+    /// Among obstacles the problem cannot be solved.
+    #[error(transparent)]
+    Contact(#[from] ContactError),
     /// The motion cannot be computed.
     #[error(transparent)]
     Dynamics(#[from] DynamicsError),
@@ -121,6 +126,28 @@ impl Simulation for Settler {
 
     fn pose(&self) -> Pose<'_> {
         self.equilibrium().pose()
+    }
+}
+
+impl Simulation for ContactSettler {
+    fn robot(&self) -> &Robot {
+        self.robot()
+    }
+
+    fn reset(&mut self, command: &Command, loads: &Loads) -> Result<(), SimulationError> {
+        check(self.robot(), command, loads)?;
+        self.settle(command, loads)?;
+        settled(self.robot(), command, &self.found().equilibrium)
+    }
+
+    fn advance(&mut self, command: &Command, loads: &Loads) -> Result<(), SimulationError> {
+        check(self.robot(), command, loads)?;
+        self.follow(command, loads)?;
+        settled(self.robot(), command, &self.found().equilibrium)
+    }
+
+    fn pose(&self) -> Pose<'_> {
+        self.found().equilibrium.pose()
     }
 }
 

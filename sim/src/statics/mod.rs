@@ -118,7 +118,7 @@ impl Equilibrium {
     }
 
     /// Whether all places and lengths are finite numbers.
-    fn is_finite(&self) -> bool {
+    pub(crate) fn is_finite(&self) -> bool {
         let places = self.positions.iter().flatten();
         places.chain(&self.tendon_lengths).all(|x| x.is_finite())
     }

@@ -32,7 +32,7 @@ pub(crate) struct Nearest {
 
 impl Nearest {
     /// Of a plane.
-    pub(super) fn flat(distance: f64, normal: Vector3<f64>) -> Self {
+    pub(crate) fn flat(distance: f64, normal: Vector3<f64>) -> Self {
         Self {
             distance,
             normal,
@@ -92,7 +92,6 @@ impl Shape {
 
     /// Appends what of the surface is less than `reach` (m) from a point in the shape's frame (m) and nearer to it than all of
     /// the surface around: of a mesh all such faces, edges and vertices, each once; of other shapes the nearest surface.
-    #[cfg_attr(not(test), expect(dead_code, reason = "for contact, which is to come"))]
     pub(crate) fn features(&self, point: &Vector3<f64>, reach: f64, found: &mut Vec<Nearest>) {
         match &self.0 {
             Kind::Mesh(mesh) => mesh.features(point, reach, found),
@@ -107,7 +106,6 @@ impl Shape {
 
     /// Whether a point in the shape's frame (m) is inside. A mesh has an inside if its triangles are oriented alike and leave no
     /// edge open; where parts overlap, what is inside any of them is inside.
-    #[cfg_attr(not(test), expect(dead_code, reason = "for contact, which is to come"))]
     pub(crate) fn contains(&self, point: &Vector3<f64>) -> bool {
         match &self.0 {
             Kind::Mesh(mesh) => mesh.contains(point),
@@ -147,7 +145,7 @@ pub(super) fn inverse(value: f64) -> f64 {
 
 /// Of a solid bounded by faces at right angles to each other, one at least, by what each of them is to the point alone.
 ///
-/// With `b` the distances from the faces that the point is outside of, `n` their normals and `H` their Hessians, the distance is
+/// With `b` the distances from the faces that the point is outside of, `n` their gradients and `H` their Hessians, the distance is
 /// `d = sqrt(sum b²)`, its gradient `g = sum b n / d`, its Hessian `(sum (nn' + b H) - gg') / d`.
 pub(super) fn convex(faces: &[Nearest]) -> Nearest {
     let outside = || faces.iter().filter(|face| face.distance > 0.0);
@@ -164,14 +162,18 @@ pub(super) fn convex(faces: &[Nearest]) -> Nearest {
         return highest.unwrap_or_else(|| Nearest::flat(f64::NEG_INFINITY, Vector3::z()));
     }
     let away: Vector3<f64> = outside().map(|face| face.normal * face.distance).sum();
-    let normal = direction(&away, Vector3::z());
+    let distance = outside()
+        .map(|face| face.distance.powi(2))
+        .sum::<f64>()
+        .sqrt();
+    let normal = away * inverse(distance);
     let bends: Matrix3<f64> = outside()
         .map(|face| face.normal * face.normal.transpose() + face.curvature * face.distance)
         .sum();
     Nearest {
-        distance: away.norm(),
+        distance,
         normal,
-        curvature: (bends - normal * normal.transpose()) * inverse(away.norm()),
+        curvature: (bends - normal * normal.transpose()) * inverse(distance),
     }
 }
 

@@ -80,8 +80,33 @@ impl Pipe {
     ///
     /// Along the pipe the distance is its radius less the distance from the axis. Beyond an end of the axis it is that from the
     /// plane in which the block ends, or in front of the hole from its rim. Next to an end, in the block, the nearer of both counts.
-    #[cfg_attr(not(test), expect(dead_code, reason = "for contact, which is to come"))]
     pub(crate) fn nearest(&self, point: &Vector3<f64>) -> Nearest {
+        self.wall(point, |foot| self.bore(foot))
+    }
+
+    /// The same for the centre of a ball (m), without the ridge that the distance has on the axis: within the bore, at `r` from the axis,
+    /// `(c² - r²) / (2 c)` stands for the distance `c - r` of the ball, where `c` is how much narrower it is than the pipe. Both are
+    /// alike at the wall, with their gradients; elsewhere this one's gradient is shorter than 1.
+    pub(crate) fn nearest_to_ball(&self, centre: &Vector3<f64>, radius: f64) -> Nearest {
+        let narrower = self.radius - radius;
+        self.wall(centre, |foot| {
+            let bore = self.bore(foot);
+            if narrower <= 0.0 {
+                return bore;
+            }
+            let t = foot.along;
+            let radial = foot.away - t * t.dot(&foot.away);
+            let across = Matrix3::identity() - t * t.transpose();
+            let bend = t * t.transpose() * (foot.bend * radial.norm());
+            Nearest {
+                distance: (narrower - radial.norm_squared() / narrower) / 2.0 + radius,
+                normal: -radial / narrower,
+                curvature: -(across + bend) / narrower,
+            }
+        })
+    }
+
+    fn wall(&self, point: &Vector3<f64>, bore: impl Fn(&Foot) -> Nearest) -> Nearest {
         let feet = self.pieces.iter().map(|piece| piece.foot(point));
         let nearest = feet
             .enumerate()
@@ -89,7 +114,7 @@ impl Pipe {
         let Some((index, foot)) = nearest else {
             return Nearest::flat(f64::INFINITY, Vector3::z());
         };
-        let bore = self.bore(&foot);
+        let bore = bore(&foot);
         let start = Nearest::flat(foot.before, -foot.along);
         let end = Nearest::flat(foot.behind, foot.along);
         match (index == 0, index + 1 == self.pieces.len()) {

@@ -1,0 +1,116 @@
+//! The force of a contact by its gap.
+//!
+//! A contact of compliance `C` is pressed in by `C f` under a force `f`, so the surfaces are `w = g + C f` apart, `g` being the
+//! gap between the undeformed shapes. Exact contact is `w >= 0`, `f >= 0`, `f w = 0`; with a barrier `mu` it is `f w = mu`, whose
+//! solution is `f = 2 mu / (g + sqrt(g² + 4 C mu))` (an interior-point method: Nocedal and Wright, Numerical Optimization, ch. 19).
+//! It has a potential, `C f² / 2 - mu log w`, which is smooth in every gap, and tends to `g² / (2 C)` of the overlap as `mu` does
+//! to 0.
+
+/// Compliances below this count as this (m/N): forces would feel how positions are rounded.
+const STIFFEST: f64 = 1e-8;
+
+/// The law of one contact.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Law {
+    /// Barrier `mu` (J).
+    pub barrier: f64,
+    /// Compliance `C` (m/N), above 0.
+    pub compliance: f64,
+    /// Gap at which the potential counts from 0 (m).
+    pub reach: f64,
+}
+
+/// What a contact does at a gap.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Response {
+    /// Force (N), the derivative of its energy by the gap with the sign changed.
+    pub force: f64,
+    /// Second derivative of the energy by the gap (N/m).
+    pub stiffness: f64,
+    /// Derivative of the force by the compliance, the gap being the same (N²/m).
+    pub by_compliance: f64,
+}
+
+impl Law {
+    pub fn new(barrier: f64, compliance: f64, reach: f64) -> Self {
+        Self {
+            barrier,
+            compliance: compliance.max(STIFFEST),
+            reach,
+        }
+    }
+
+    /// The response at a gap (m).
+    pub fn at(&self, gap: f64) -> Response {
+        let root = self.root(gap);
+        let force = self.force(gap, root);
+        Response {
+            force,
+            stiffness: force / root,
+            by_compliance: -force * force / root,
+        }
+    }
+
+    /// Energy at a gap (J).
+    pub fn energy(&self, gap: f64) -> f64 {
+        let force = self.force(gap, self.root(gap));
+        let apart = self.barrier / force;
+        0.5 * self.compliance * force * force - self.barrier * (apart / self.reach).ln()
+    }
+
+    fn root(&self, gap: f64) -> f64 {
+        (gap * gap + 4.0 * self.compliance * self.barrier).sqrt()
+    }
+
+    /// Of the two forms of the solution the one without cancellation.
+    fn force(&self, gap: f64, root: f64) -> f64 {
+        if gap > 0.0 {
+            2.0 * self.barrier / (gap + root)
+        } else {
+            (root - gap) / (2.0 * self.compliance)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn force_and_stiffness_are_derivatives_of_the_energy() {
+        for barrier in [1e-4, 1e-7] {
+            for gap in [-3e-5, -1e-6, 0.0, 1e-6, 1e-3] {
+                let law = Law::new(barrier, 1e-6, 0.05);
+                let step = 1e-9;
+                let [below, at, above] = [gap - step, gap, gap + step].map(|gap| law.at(gap));
+                let slope = (law.energy(gap - step) - law.energy(gap + step)) / (2.0 * step);
+                let bend = (below.force - above.force) / (2.0 * step);
+                assert!((slope / at.force - 1.0).abs() < 1e-5, "{slope} {at:?}");
+                assert!((bend / at.stiffness - 1.0).abs() < 1e-3, "{bend} {at:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn force_times_distance_of_the_surfaces_is_the_barrier() {
+        let law = Law::new(1e-13, 1e-6, 0.05);
+        for gap in [-1e-3, -1e-9, 1e-9, 1e-2] {
+            let force = law.at(gap).force;
+            let product = force * (gap + law.compliance * force);
+            // What is left of a gap of 1 mm that a force closes is rounded.
+            assert!(
+                (product - 1e-13).abs() < 1e-15 + 4e-16 * force * gap.abs(),
+                "{product:e}"
+            );
+        }
+    }
+
+    #[test]
+    fn pressed_in_the_contact_is_a_spring_and_away_it_is_nothing() {
+        let law = Law::new(1e-15, 1e-6, 0.05);
+        let pressed = law.at(-1e-5);
+        assert!((pressed.force - 10.0).abs() < 1e-9);
+        assert!((law.energy(-1e-5) - 5e-5).abs() < 1e-12);
+        assert!(law.at(1e-3).force < 1e-11);
+    }
+}

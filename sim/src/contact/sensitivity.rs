@@ -1,0 +1,261 @@
+//! Derivatives of an equilibrium among obstacles.
+//!
+//! The force `F` of a contact on a point `p` changes with the obstacle's motion, a displacement `d` of its origin `o` and a rotation
+//! `r`, by `S u + r x F`, `u = d + r x (p - o)`: `S` is what a displacement of the point diminishes the force by. A motion of the base
+//! is the opposite motion of everything else: obstacles, weights, loads. The implicit function theorem does the rest, as in
+//! [`crate::sensitivity`].
+
+use nalgebra::{DMatrix, Matrix3, Vector3};
+
+use super::equations::Equations;
+use crate::chain::Chain;
+use crate::energy::{DeadForces, twist};
+use crate::pose::{PoseTangent, levers};
+use crate::robot::{Command, Loads};
+use crate::sensitivity::{Sensitivity, SensitivityError};
+use crate::statics::Equilibrium;
+
+/// The factorised system of an equilibrium among obstacles, with which it is differentiated.
+///
+/// Where a contact is only just touching ([`super::Activity::Weak`]) derivatives differ from one side to the other; these are in
+/// between.
+#[derive(Clone, Debug)]
+pub struct ContactSensitivity {
+    sensitivity: Sensitivity,
+    chain: Chain,
+    base: Vector3<f64>,
+    contacts: Vec<Pressed>,
+    /// Of each disc the force that keeps its direction (N), and its couples (N m): [`DeadForces::wrenches`].
+    dead: Vec<(Vector3<f64>, Matrix3<f64>)>,
+    /// Origin of each obstacle (m).
+    origins: Vec<Vector3<f64>>,
+}
+
+/// One contact, as derivatives take it.
+#[derive(Clone, Debug)]
+struct Pressed {
+    disc: usize,
+    obstacle: usize,
+    /// Where it acts (m), and its force on the robot (N), world axes.
+    point: Vector3<f64>,
+    force: Vector3<f64>,
+    /// By what a displacement of the point diminishes the force (N/m).
+    stiffness: Matrix3<f64>,
+    /// Change of the force by the compliance (N²/m).
+    by_compliance: Vector3<f64>,
+}
+
+/// Derivatives of a cost by what is around a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneGradient {
+    /// By a displacement (m) of the robot's base and a rotation about its origin (rad), world axes.
+    pub base: PoseTangent,
+    /// Of each obstacle of the scene.
+    pub obstacles: Vec<ObstacleGradient>,
+}
+
+/// Derivatives of a cost by one obstacle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ObstacleGradient {
+    /// By a displacement of its origin (m) and a rotation about it (rad), world axes.
+    pub pose: PoseTangent,
+    /// By its compliance (m/N).
+    pub compliance: f64,
+}
+
+impl ContactSensitivity {
+    /// Of the equilibrium that was found by these equations.
+    pub(super) fn new(
+        equations: &Equations,
+        command: &Command,
+        loads: &Loads,
+        found: &Equilibrium,
+    ) -> Result<Self, SensitivityError> {
+        let (robot, scene) = (&equations.robot, &equations.scene);
+        let pressing = &equations.pressing;
+        let sensitivity = Sensitivity::pressed(robot, command, loads, found, pressing)?;
+        // Not the iterate's, which without obstacles has not moved.
+        let mut chain = Chain::new(robot);
+        chain.place(robot, &found.configuration);
+        let contacts = (equations.neighbourhood.near.iter())
+            .map(|near| {
+                let response = equations.law(near).at(near.gap);
+                Pressed {
+                    disc: near.bead.disc,
+                    obstacle: near.obstacle,
+                    point: chain.centres[near.bead.disc] + near.arm,
+                    force: near.normal * response.force,
+                    stiffness: near.stiffness(&response),
+                    by_compliance: near.normal * response.by_compliance,
+                }
+            })
+            .collect();
+        let mut dead = DeadForces::new(robot);
+        dead.set(robot, loads);
+        Ok(Self {
+            sensitivity,
+            base: robot.base(),
+            contacts,
+            dead: dead.wrenches(&chain),
+            origins: (scene.obstacles().iter())
+                .map(|obstacle| obstacle.pose.translation.vector)
+                .collect(),
+            chain,
+        })
+    }
+
+    /// Derivatives by the command, loads, and the robot's own parameters.
+    pub fn parameters(&self) -> &Sensitivity {
+        &self.sensitivity
+    }
+
+    /// Change of all disc poses when an obstacle moves: its origin by `motion.position` (m), and about it by
+    /// `motion.rotation` (rad).
+    ///
+    /// # Panics
+    /// For an obstacle that the scene does not have.
+    pub fn by_obstacle(&self, obstacle: usize, motion: &PoseTangent) -> Vec<PoseTangent> {
+        let origin = self.origins[obstacle];
+        self.moved(|contact| {
+            (contact.obstacle == obstacle).then(|| contact.carried(motion, &origin))
+        })
+    }
+
+    /// Change of all disc poses by an obstacle's compliance (per m/N).
+    pub fn by_compliance(&self, obstacle: usize) -> Vec<PoseTangent> {
+        self.moved(|contact| (contact.obstacle == obstacle).then_some(contact.by_compliance))
+    }
+
+    /// Change of all disc poses when the base moves: its origin by `motion.position` (m), and about it by
+    /// `motion.rotation` (rad). The command stays: tendons move with the base.
+    pub fn by_base(&self, motion: &PoseTangent) -> Vec<PoseTangent> {
+        let mut wrenches = self.wrenches(|contact| Some(-contact.carried(motion, &self.base)));
+        for (wrench, (force, couple)) in wrenches.iter_mut().zip(self.turned_dead(motion)) {
+            wrench.position -= force;
+            wrench.rotation -= couple;
+        }
+        let mut poses = self.settle(&wrenches);
+        for (pose, position) in poses.iter_mut().zip(&self.chain.positions) {
+            pose.position += motion.position + motion.rotation.cross(&(position - self.base));
+            pose.rotation += motion.rotation;
+        }
+        poses
+    }
+
+    /// Jacobian of all disc poses by the motion of an obstacle, its origin (m) and its rotation (rad): `6 n` rows as
+    /// [`Sensitivity::jacobian`] has them, 6 columns.
+    pub fn obstacle_jacobian(&self, obstacle: usize) -> DMatrix<f64> {
+        jacobian(self.chain.positions.len(), |motion| {
+            self.by_obstacle(obstacle, motion)
+        })
+    }
+
+    /// The same by the motion of the base.
+    pub fn base_jacobian(&self) -> DMatrix<f64> {
+        jacobian(self.chain.positions.len(), |motion| self.by_base(motion))
+    }
+
+    /// Derivatives of a cost by the base and all obstacles, given those by each disc's pose: one solve.
+    ///
+    /// # Panics
+    /// If there is not one cotangent for each disc.
+    pub fn vjp(&self, cotangents: &[PoseTangent]) -> SceneGradient {
+        assert_eq!(
+            cotangents.len(),
+            self.chain.positions.len(),
+            "one for each disc"
+        );
+        let motions = self.sensitivity.adjoint_motions(cotangents);
+        let mut gradient = SceneGradient {
+            base: PoseTangent::default(),
+            obstacles: vec![ObstacleGradient::default(); self.origins.len()],
+        };
+        for contact in &self.contacts {
+            let motion = &motions[contact.disc];
+            let arm = contact.point - self.chain.positions[contact.disc];
+            let moved = motion.position + motion.rotation.cross(&arm);
+            let force = contact.stiffness * moved;
+            let couple = contact.force.cross(&moved);
+            let own = &mut gradient.obstacles[contact.obstacle];
+            let from = contact.point - self.origins[contact.obstacle];
+            own.pose.position += force;
+            own.pose.rotation += from.cross(&force) + couple;
+            own.compliance += contact.by_compliance.dot(&moved);
+            gradient.base.position -= force;
+            gradient.base.rotation -= (contact.point - self.base).cross(&force) + couple;
+        }
+        for (motion, (force, couples)) in motions.iter().zip(&self.dead) {
+            gradient.base.rotation -= force.cross(&motion.position)
+                + motion.rotation * couples.trace()
+                - couples.tr_mul(&motion.rotation);
+        }
+        for (cotangent, position) in cotangents.iter().zip(&self.chain.positions) {
+            gradient.base.position += cotangent.position;
+            gradient.base.rotation +=
+                (position - self.base).cross(&cotangent.position) + cotangent.rotation;
+        }
+        gradient
+    }
+
+    /// Change of the disc poses when the forces of contacts change.
+    fn moved(&self, change: impl Fn(&Pressed) -> Option<Vector3<f64>>) -> Vec<PoseTangent> {
+        self.settle(&self.wrenches(change))
+    }
+
+    /// Changes of the contacts' forces, on the discs' origins.
+    fn wrenches(&self, change: impl Fn(&Pressed) -> Option<Vector3<f64>>) -> Vec<PoseTangent> {
+        let mut wrenches = vec![PoseTangent::default(); self.chain.positions.len()];
+        for contact in &self.contacts {
+            if let Some(force) = change(contact) {
+                let wrench = &mut wrenches[contact.disc];
+                wrench.position += force;
+                wrench.rotation +=
+                    (contact.point - self.chain.positions[contact.disc]).cross(&force);
+            }
+        }
+        wrenches
+    }
+
+    /// Change of the discs' poses by wrenches on their origins.
+    fn settle(&self, wrenches: &[PoseTangent]) -> Vec<PoseTangent> {
+        self.sensitivity.yielding(&levers(&self.chain, wrenches))
+    }
+
+    /// Change of the dead forces and couples when all of them turn.
+    fn turned_dead(
+        &self,
+        motion: &PoseTangent,
+    ) -> impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> {
+        let turn = motion.rotation;
+        self.dead.iter().map(move |(force, couples)| {
+            let turned = turn.cross_matrix() * couples;
+            (turn.cross(force), -twist(&turned))
+        })
+    }
+}
+
+impl Pressed {
+    /// Change of the force when the obstacle moves about a point as `motion` says.
+    fn carried(&self, motion: &PoseTangent, about: &Vector3<f64>) -> Vector3<f64> {
+        let displacement = motion.position + motion.rotation.cross(&(self.point - about));
+        self.stiffness * displacement + motion.rotation.cross(&self.force)
+    }
+}
+
+fn jacobian(discs: usize, poses: impl Fn(&PoseTangent) -> Vec<PoseTangent>) -> DMatrix<f64> {
+    let mut jacobian = DMatrix::zeros(6 * discs, 6);
+    for column in 0..6 {
+        let mut motion = PoseTangent::default();
+        match column {
+            0..3 => motion.position[column] = 1.0,
+            _ => motion.rotation[column - 3] = 1.0,
+        }
+        for (disc, pose) in poses(&motion).iter().enumerate() {
+            for axis in 0..3 {
+                jacobian[(6 * disc + axis, column)] = pose.position[axis];
+                jacobian[(6 * disc + 3 + axis, column)] = pose.rotation[axis];
+            }
+        }
+    }
+    jacobian
+}

@@ -1,0 +1,67 @@
+//! Forces on points of discs that change as the points move: contacts.
+//!
+//! In one configuration a contact is a dead force `f` on a point `p` of a disc, which the gradient and a part of the Hessian follow
+//! from ([`super::DeadForces`]). The rest of the Hessian is a form of the disc's motion `z_k`, its turn and the displacement of
+//! its joint's centre: `-P' (df/dp) P`, `P` being the point's displacement by it.
+
+use nalgebra::{Matrix3, Matrix6, Vector3};
+
+use super::DeadForces;
+use crate::tendon::Posture;
+
+/// The contacts of a robot in one configuration, as the potential takes them.
+#[derive(Clone, Debug)]
+pub(crate) struct Pressing {
+    /// Disc, point from its origin in its frame (m), force in world axes (N).
+    forces: Vec<(usize, Vector3<f64>, Vector3<f64>)>,
+    /// Of each disc the form of its motion, symmetric.
+    pub forms: Vec<Matrix6<f64>>,
+}
+
+impl Pressing {
+    /// No contacts of a robot of so many discs.
+    pub fn none(discs: usize) -> Self {
+        Self {
+            forces: Vec::new(),
+            forms: vec![Matrix6::zeros(); discs],
+        }
+    }
+
+    pub fn clear(&mut self) {
+        self.forces.clear();
+        self.forms.fill(Matrix6::zeros());
+    }
+
+    /// Adds a force (N, world axes) on a point of a disc, from its origin in its frame (m), that a displacement `u` of the point
+    /// changes by `-stiffness u`, a symmetric matrix (N/m).
+    pub fn push(
+        &mut self,
+        posture: &Posture,
+        (disc, point): (usize, Vector3<f64>),
+        force: Vector3<f64>,
+        stiffness: &Matrix3<f64>,
+    ) {
+        self.forces.push((disc, point, force));
+        let chain = &posture.chain;
+        let arm = chain.positions[disc] + chain.disc(disc) * point - chain.centres[disc];
+        // The point moves by `v - [arm]x Omega`.
+        let arm = arm.cross_matrix();
+        let levered = stiffness * arm;
+        let form = &mut self.forms[disc];
+        let mut block = form.fixed_view_mut::<3, 3>(3, 3);
+        block += stiffness;
+        let mut block = form.fixed_view_mut::<3, 3>(3, 0);
+        block -= levered;
+        let mut block = form.fixed_view_mut::<3, 3>(0, 3);
+        block -= levered.transpose();
+        let mut block = form.fixed_view_mut::<3, 3>(0, 0);
+        block += arm.transpose() * levered;
+    }
+
+    /// Adds the forces as they are in this configuration to dead ones.
+    pub fn add_to(&self, dead: &mut DeadForces) {
+        for (disc, point, force) in &self.forces {
+            dead.push(*disc, point, force);
+        }
+    }
+}
