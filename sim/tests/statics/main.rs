@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 mod cases;
+mod contact;
 mod cosserat;
 mod equilibria;
 mod limits;

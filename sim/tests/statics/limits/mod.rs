@@ -6,6 +6,7 @@
 
 mod buckling;
 mod cantilever;
+mod contact;
 mod continuous;
 mod convergence;
 mod elastica;

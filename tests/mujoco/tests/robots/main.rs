@@ -1,10 +1,13 @@
 //! Settled poses against MuJoCo: its forces vanish there, and its own way leads there.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod contacts;
 mod hinges;
 mod paper;
 mod probe;
 mod random;
+#[path = "../../../../sim/tests/statics/contact/scenes.rs"]
+mod scenes;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

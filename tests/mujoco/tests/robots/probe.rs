@@ -45,6 +45,13 @@ impl<'a> Probe<'a> {
             .unwrap();
     }
 
+    /// Pushes a disc at its origin with a force (N) and a moment (N m), world axes.
+    pub fn push(&mut self, disc: usize, force: Vector3<f64>, moment: Vector3<f64>) {
+        (self.data)
+            .set_xfrc_applied(&disc_name(disc), force, moment)
+            .unwrap();
+    }
+
     /// Gives other commands to the tendons.
     pub fn command(&mut self, command: &Command) {
         self.data.ctrl_mut().copy_from_slice(command.as_slice());

@@ -1,0 +1,250 @@
+//! Derivatives beside central differences, where all contacts bear force.
+
+use nalgebra::{DVector, Isometry3, UnitQuaternion, Vector3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use tdcr_sim::contact::{Activity, ContactEquilibrium, ContactSensitivity, ContactSettler};
+use tdcr_sim::pose::PoseTangent;
+use tdcr_sim::robot::{Command, Loads, Robot};
+use tdcr_sim::scene::{Obstacle, Scene};
+
+use super::scenes::scene;
+
+/// Poses that derivatives are checked at.
+const POSES: usize = 500;
+/// Motions of obstacles and the base: about two axes at once, and along two.
+const SHIFT: PoseTangent = PoseTangent {
+    position: Vector3::new(0.8, -0.5, 0.3),
+    rotation: Vector3::new(0.0, 0.0, 0.0),
+};
+const TURN: PoseTangent = PoseTangent {
+    position: Vector3::new(0.0, 0.0, 0.0),
+    rotation: Vector3::new(0.8, -0.5, 0.3),
+};
+
+/// An equilibrium whose derivatives are asked for.
+struct Case {
+    robot: Robot,
+    scene: Scene,
+    command: Command,
+    found: ContactEquilibrium,
+    sensitivity: ContactSensitivity,
+}
+
+impl Case {
+    /// The next pair of a command and a scene in which all contacts bear force.
+    fn next(rng: &mut ChaCha8Rng, robot: &Robot) -> Self {
+        loop {
+            let scene = scene(rng, robot);
+            let command = robot.random_command(rng);
+            let mut settler = ContactSettler::new(robot, &scene);
+            let Ok(found) = settler.settle(&command, &Loads::default()).cloned() else {
+                continue;
+            };
+            let strict = |found: &ContactEquilibrium| {
+                (found.contacts.iter()).all(|contact| contact.activity == Activity::Strict)
+            };
+            if found.equilibrium.converged && !found.contacts.is_empty() && strict(&found) {
+                let sensitivity = settler.sensitivity(&command, &Loads::default()).unwrap();
+                let (robot, scene) = (robot.clone(), scene.clone());
+                return Self {
+                    robot,
+                    scene,
+                    command,
+                    found,
+                    sensitivity,
+                };
+            }
+        }
+    }
+
+    /// Positions of all discs in a changed world, from the equilibrium; `None` where other contacts bear.
+    fn positions(&self, robot: &Robot, scene: &Scene, command: &Command) -> Option<DVector<f64>> {
+        let mut settler = ContactSettler::new(robot, scene);
+        let start = &self.found.equilibrium.configuration;
+        let found = settler
+            .settle_from(start, command, &Loads::default())
+            .ok()?;
+        let same = found.contacts.len() == self.found.contacts.len()
+            && (found.contacts.iter()).all(|contact| contact.activity == Activity::Strict);
+        (same && found.equilibrium.converged).then(|| flat(&found.equilibrium.positions))
+    }
+
+    /// Largest difference from a central one, as a share of 1 + the largest change, and how much that one changes where the step is
+    /// half as long; `None` where contacts change within the step.
+    fn error(
+        &self,
+        ours: &[PoseTangent],
+        step: f64,
+        moved: impl Fn(f64) -> (Robot, Scene, Command),
+    ) -> Option<[f64; 2]> {
+        let at = |step: f64| {
+            let (robot, scene, command) = moved(step);
+            self.positions(&robot, &scene, &command)
+        };
+        let difference = |step: f64| Some((at(step)? - at(-step)?) / (2.0 * step));
+        let (coarse, fine) = (difference(step)?, difference(0.5 * step)?);
+        // Without its error of second order (Richardson).
+        let limit = (&fine * 4.0 - &coarse) / 3.0;
+        let ours: Vec<_> = ours.iter().map(|pose| pose.position).collect();
+        let ours = flat(&ours);
+        let size = 1.0 + ours.amax();
+        Some([(limit - &ours).amax() / size, (fine - coarse).amax() / size])
+    }
+
+    fn with_obstacle(&self, index: usize, change: impl Fn(&mut Obstacle)) -> Scene {
+        let mut obstacles = self.scene.obstacles().to_vec();
+        change(&mut obstacles[index]);
+        Scene::new(obstacles).unwrap()
+    }
+
+    fn with_base(&self, motion: &PoseTangent, step: f64) -> Robot {
+        let mut spec = self.robot.spec().clone();
+        let [w, x, y, z] = spec.base.orientation;
+        let turn = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
+        let turned = UnitQuaternion::from_scaled_axis(motion.rotation * step) * turn;
+        spec.base.orientation = [turned.w, turned.i, turned.j, turned.k];
+        spec.base.position = (Vector3::from(spec.base.position) + motion.position * step).into();
+        Robot::new(spec).unwrap()
+    }
+
+    fn command_by(&self, tendon: usize, step: f64) -> Option<Command> {
+        let mut values = self.command.as_slice().to_vec();
+        values[tendon] += step;
+        self.robot.command(&values).ok()
+    }
+}
+
+fn flat(positions: &[Vector3<f64>]) -> DVector<f64> {
+    DVector::from_iterator(3 * positions.len(), positions.iter().flatten().copied())
+}
+
+fn moved(pose: &Isometry3<f64>, motion: &PoseTangent, step: f64) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(motion.rotation * step);
+    let position = pose.translation.vector + motion.position * step;
+    Isometry3::from_parts(position.into(), turn * pose.rotation)
+}
+
+#[test]
+fn derivatives_are_those_of_differences() {
+    let robot = Robot::load("2m").unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let mut worst = [0.0_f64; 6];
+    let (mut checked, mut exact) = (0, 0);
+    for _ in 0..POSES {
+        let case = Case::next(&mut rng, &robot);
+        let touched = case.found.contacts[0].obstacle;
+        let sensitivity = &case.sensitivity;
+        let (here, scene, command) = (&case.robot, &case.scene, &case.command);
+        let obstacle = |motion: &PoseTangent| {
+            case.error(&sensitivity.by_obstacle(touched, motion), 2e-6, |step| {
+                let scene =
+                    case.with_obstacle(touched, |own| own.pose = moved(&own.pose, motion, step));
+                (here.clone(), scene, command.clone())
+            })
+        };
+        let base = |motion: &PoseTangent| {
+            case.error(&sensitivity.by_base(motion), 2e-6, |step| {
+                (case.with_base(motion, step), scene.clone(), command.clone())
+            })
+        };
+        // Of the compliance as a share of it.
+        let per_share = sensitivity.by_compliance(touched);
+        let per_share: Vec<_> = (per_share.iter())
+            .map(|pose| PoseTangent {
+                position: pose.position * 1e-6,
+                rotation: pose.rotation * 1e-6,
+            })
+            .collect();
+        let compliance = case.error(&per_share, 1e-2, |step| {
+            let scene = case.with_obstacle(touched, |own| own.compliance *= 1.0 + step);
+            (here.clone(), scene, command.clone())
+        });
+        let jacobian = sensitivity.parameters().command_jacobian();
+        let by_command: Vec<_> = (0..here.discs().len())
+            .map(|disc| PoseTangent {
+                position: jacobian.fixed_view::<3, 1>(6 * disc, 0).into(),
+                rotation: Vector3::zeros(),
+            })
+            .collect();
+        let pulled = (case.command_by(0, -1e-6))
+            .zip(case.command_by(0, 1e-6))
+            .and_then(|_| {
+                case.error(&by_command, 1e-6, |step| {
+                    let command = case.command_by(0, step).unwrap();
+                    (here.clone(), scene.clone(), command)
+                })
+            });
+        let errors = [
+            obstacle(&SHIFT),
+            obstacle(&TURN),
+            base(&SHIFT),
+            base(&TURN),
+            compliance,
+            pulled,
+        ];
+        for (worst, error) in worst.iter_mut().zip(errors) {
+            if let Some([error, change]) = error {
+                checked += 1;
+                exact += usize::from(error < 1e-6);
+                // A difference that is not one of a smooth function says nothing.
+                *worst = worst.max(error - change);
+            }
+        }
+    }
+    eprintln!(
+        "{exact} of {checked} derivatives within 1e-6; beyond the differences' own error {worst:?}"
+    );
+    assert!(checked > 5 * POSES && exact as f64 > 0.99 * checked as f64);
+    assert!(worst.iter().all(|error| *error < 1e-6), "{worst:?}");
+}
+
+/// The gradient of a cost is the transpose of what moves the poses.
+#[test]
+fn gradients_are_transposed_derivatives() {
+    let robot = Robot::load("3m").unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    for _ in 0..20 {
+        let case = Case::next(&mut rng, &robot);
+        let cotangent = |disc: usize| {
+            let number = disc as f64;
+            PoseTangent {
+                position: Vector3::new(number.sin(), number.cos(), 0.3),
+                rotation: Vector3::new(0.1 * number, -0.2, number.sin()),
+            }
+        };
+        let cotangents: Vec<_> = (0..robot.discs().len()).map(cotangent).collect();
+        let cost = |poses: &[PoseTangent]| -> f64 {
+            let terms = poses.iter().zip(&cotangents);
+            let term = |(pose, own): (&PoseTangent, &PoseTangent)| {
+                pose.position.dot(&own.position) + pose.rotation.dot(&own.rotation)
+            };
+            terms.map(term).sum()
+        };
+        let gradient = case.sensitivity.vjp(&cotangents);
+        let close = |found: f64, expected: f64| {
+            assert!(
+                (found - expected).abs() < 1e-6 * (1.0 + expected.abs()),
+                "{found} {expected}"
+            );
+        };
+        for motion in [SHIFT, TURN] {
+            let along = |own: &PoseTangent| {
+                own.position.dot(&motion.position) + own.rotation.dot(&motion.rotation)
+            };
+            close(
+                along(&gradient.base),
+                cost(&case.sensitivity.by_base(&motion)),
+            );
+            for (index, own) in gradient.obstacles.iter().enumerate() {
+                close(
+                    along(&own.pose),
+                    cost(&case.sensitivity.by_obstacle(index, &motion)),
+                );
+            }
+        }
+        for (index, own) in gradient.obstacles.iter().enumerate() {
+            close(own.compliance, cost(&case.sensitivity.by_compliance(index)));
+        }
+    }
+}
