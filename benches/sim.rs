@@ -8,11 +8,13 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr::sim::cloud::{Observer, VoxelGrid};
+use tdcr::sim::contact::ContactSettler;
 use tdcr::sim::dynamics::{
     Integrator, Lineariser, Rollout, State, StateCotangent, Stepper, rollout_gradient,
 };
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::{Command, Loads, Parameter, Robot};
+use tdcr::sim::scene::{Obstacle, Scene};
 use tdcr::sim::statics::Settler;
 
 /// Steps of the motions whose gradients are timed.
@@ -33,6 +35,59 @@ fn settle(criterion: &mut Criterion) {
             bencher.iter(|| {
                 let command = commands.next().expect("an endless cycle");
                 black_box(settler.settle(&command, &Loads::default()).residual)
+            });
+        });
+    }
+}
+
+/// Two posts and a wall beside the robot, which a third of the commands or more lean on.
+fn obstacles() -> Scene {
+    let post = |name: &str, x: f64, y: f64| {
+        let post = Obstacle::cylinder(name, 0.01, 0.6).expect("a valid post");
+        post.at([x, y, 0.3])
+    };
+    let wall = Obstacle::cuboid("wall", [0.02, 1.0, 1.0]).expect("a valid box");
+    let all = vec![
+        post("left", -0.05, 0.03),
+        post("right", 0.03, 0.05),
+        wall.at([0.08, 0.0, 0.3]),
+    ];
+    Scene::new(all).expect("a valid scene")
+}
+
+fn touch(criterion: &mut Criterion) {
+    for name in ["2m", "3m", "5m"] {
+        let robot = Robot::load(name).expect("a standard robot");
+        let mut settler = ContactSettler::new(&robot, &obstacles());
+        let touching = |settler: &mut ContactSettler, command: &Command| {
+            let found = settler.settle(command, &Loads::default());
+            found.is_ok_and(|found| found.equilibrium.converged && !found.contacts.is_empty())
+        };
+        let mut commands = commands(&robot);
+        commands.retain(|command| touching(&mut settler, command));
+        let mut cycle = commands.clone().into_iter().cycle();
+        let name = format!("{name} in contact, {} commands", commands.len());
+        criterion.bench_function(&format!("settle {name}"), |bencher| {
+            bencher.iter(|| {
+                let command = cycle.next().expect("an endless cycle");
+                let found = settler.settle(&command, &Loads::default());
+                black_box(found.map(|found| found.complementarity).ok())
+            });
+        });
+        // To and fro about one of the commands.
+        let command = &commands[0];
+        let mut step = 0;
+        let _ = settler.settle(command, &Loads::default());
+        criterion.bench_function(&format!("follow a path of {name}"), |bencher| {
+            bencher.iter(|| {
+                step += 1;
+                let along = 1e-4 * (f64::from(step % 40) - 20.0).abs();
+                let values: Vec<f64> = (command.as_slice().iter())
+                    .map(|value| (value + along).clamp(0.0, 0.04))
+                    .collect();
+                let command = robot.command(&values).expect("within the range");
+                let found = settler.follow(&command, &Loads::default());
+                black_box(found.map(|found| found.complementarity).ok())
             });
         });
     }
@@ -115,5 +170,5 @@ fn step(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, settle, step, observe);
+criterion_group!(benches, settle, touch, step, observe);
 criterion_main!(benches);

@@ -38,6 +38,7 @@ mod scan;
 mod scene;
 mod servo_sim;
 mod settle;
+mod settle_contacts;
 mod settle_many;
 mod signals;
 mod simulate;

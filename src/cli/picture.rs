@@ -12,6 +12,7 @@ use tdcr::sim::geometry::Instance;
 use tdcr::sim::pose::Pose;
 use tdcr::sim::render::{BaseVisibility, RgbdFrame, Visuals};
 use tdcr::sim::robot::{Aim, CameraSpec, Lens, Loads, Robot};
+use tdcr::sim::scene::Scene;
 
 use super::film::{FRAME_TIME, Film};
 use super::output;
@@ -84,10 +85,11 @@ fn cameras(robot: &Robot) -> [Camera; 2] {
 }
 
 /// What a camera sees of the robot, row by row; white where there is nothing.
-fn view(robot: &Robot, pose: Pose, loads: &Loads, camera: &Camera) -> Vec<[u8; 3]> {
+fn view(robot: &Robot, pose: Pose, loads: &Loads, scene: &Scene, camera: &Camera) -> Vec<[u8; 3]> {
     let mut visuals = Visuals::of_robot(robot, pose, BaseVisibility::Shown);
     visuals.add_tendons(robot, pose);
     visuals.add_payload(robot, pose, &loads.tip_payload());
+    visuals.add_scene(scene);
     let mut frames: Vec<RgbdFrame> = Vec::new();
     visuals.render_all_into(std::slice::from_ref(camera), &mut frames);
     let frame = &frames[0];
@@ -105,11 +107,12 @@ pub(super) fn of_robot(
     robot: &Robot,
     pose: Pose,
     loads: &Loads,
+    scene: &Scene,
 ) -> anyhow::Result<()> {
     match format {
         Format::Svg => output::write(path, side_views(robot, pose).to_svg()),
         Format::Png | Format::Mp4 => {
-            let views = cameras(robot).map(|camera| view(robot, pose, loads, &camera));
+            let views = cameras(robot).map(|camera| view(robot, pose, loads, scene, &camera));
             let rows = views[0]
                 .chunks(EDGE as usize)
                 .zip(views[1].chunks(EDGE as usize));
@@ -274,7 +277,13 @@ impl<'a> MotionPicture<'a> {
         match &mut self.film {
             None => self.tips.push((time, pose.tip().translation.vector)),
             Some(film) if step.is_multiple_of(self.stride) => {
-                let seen = view(self.robot, pose, &self.loads, &self.camera);
+                let seen = view(
+                    self.robot,
+                    pose,
+                    &self.loads,
+                    &Scene::default(),
+                    &self.camera,
+                );
                 film.add(seen.as_flattened())?;
             }
             Some(_) => {}

@@ -11,6 +11,7 @@ use tdcr::pipeline::Noise;
 use tdcr::report::counted;
 use tdcr::sim::camera::Camera;
 use tdcr::sim::cloud::{PointCloud, VoxelGrid, write_ply};
+use tdcr::sim::contact::ContactSettler;
 use tdcr::sim::geometry::{Instance, Shape};
 use tdcr::sim::render::{BaseVisibility, RgbdFrame, Sensor, Visuals};
 use tdcr::sim::robot::Robot;
@@ -117,7 +118,8 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
     let command = command_of(args.command.lengths.as_deref(), &robot, "")?;
     let loads = args.loads.on(&robot)?;
     let scene = args.scene.load()?;
-    let equilibrium = robot.settle(&command, &loads);
+    let mut settler = ContactSettler::new(&robot, &scene);
+    let equilibrium = &settler.settle(&command, &loads)?.equilibrium;
     if let Some(failure) = equilibrium.failure(&robot, &command) {
         return Err(failure.into());
     }
@@ -127,15 +129,15 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         true => BaseVisibility::Shown,
         false => BaseVisibility::Hidden,
     };
-    let mut visuals = Visuals::of_robot(&robot, &equilibrium, base);
+    let mut visuals = Visuals::of_robot(&robot, equilibrium, base);
     if let Some(mesh) = mesh {
         visuals.add_base(&robot, mesh);
     }
     if args.show.contains(&Extra::Payload) {
-        visuals.add_payload(&robot, &equilibrium, &loads.tip_payload());
+        visuals.add_payload(&robot, equilibrium, &loads.tip_payload());
     }
     if args.show.contains(&Extra::Tendons) {
-        visuals.add_tendons(&robot, &equilibrium);
+        visuals.add_tendons(&robot, equilibrium);
     }
     visuals.add_scene(&scene);
     let sensor = args.noise.map(Noise::sensor);

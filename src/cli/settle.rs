@@ -14,13 +14,17 @@ use serde_json::Value;
 use tdcr::base::stats::quantile;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
+use tdcr::sim::contact::ContactSettler;
 use tdcr::sim::robot::{Axis, Command, Loads, Parameter, Robot};
+use tdcr::sim::scene::Scene;
 use tdcr::sim::sensitivity::SensitivityError;
-use tdcr::sim::statics::{Equilibrium, Examined, Growth, Settler, Stability};
+use tdcr::sim::statics::{Examined, Growth, Stability};
 
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsJson};
 use super::picture::{PictureArg, of_robot};
+use super::scene::SceneArgs;
+use super::settle_contacts::Surroundings;
 use super::settle_many;
 use super::units::units;
 
@@ -53,6 +57,8 @@ pub(super) struct SettleArgs {
     seed: u64,
     #[command(flatten)]
     loads: LoadArgs,
+    #[command(flatten)]
+    scene: SceneArgs,
     /// Also print the compliance of the tip: its motion per force and moment on it
     #[arg(long, conflicts_with_all = ["random", "commands"])]
     compliance: bool,
@@ -87,6 +93,9 @@ struct Settled {
     /// The small motion that grows fastest, where one does.
     #[serde(skip_serializing_if = "Option::is_none")]
     growth: Option<GrowthJson>,
+    /// What the robot touches, of a scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    surroundings: Option<Surroundings>,
     /// Where asked for, and the robot has settled.
     #[serde(skip_serializing_if = "Option::is_none")]
     tip_compliance: Option<Compliance>,
@@ -133,31 +142,44 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
         bail!("--picture is of one command; expected --command, not --commands or --random");
     }
     let robot = Robot::new(args.robot.load()?)?;
+    let scene = args.scene.load()?;
     if let Some(file) = &args.commands {
-        return settle_many::run(&robot, file, &args.loads, args.out.as_deref(), console);
+        return settle_many::run(
+            &robot,
+            &scene,
+            file,
+            &args.loads,
+            args.out.as_deref(),
+            console,
+        );
     }
     let loads = args.loads.on(&robot)?;
     if let Some(count) = args.random {
-        return survey(&robot, &loads, count, args.seed, console);
+        return survey(&robot, &scene, &loads, count, args.seed, console);
     }
     let others = ", --commands FILE or --random N";
     let command = super::command_of(args.command.as_deref(), &robot, others)?;
-    let equilibrium = robot.settle(&command, &loads);
-    let failure = equilibrium.failure(&robot, &command);
+    let mut settler = ContactSettler::new(&robot, &scene);
+    let found = settler.settle(&command, &loads)?.clone();
+    let failure = found.equilibrium.failure(&robot, &command);
     if let Some(picture) = picture {
-        of_robot(picture, &robot, equilibrium.pose(), &loads)?;
+        of_robot(picture, &robot, found.equilibrium.pose(), &loads, &scene)?;
     }
-    let tip_compliance = match args.compliance && equilibrium.converged {
-        true => Some(tip_compliance(&robot, &command, &loads, &equilibrium)?),
+    let tip_compliance = match args.compliance && found.equilibrium.converged {
+        true => Some(tip_compliance(&settler, &command, &loads)?),
         false => None,
     };
+    let smallest_stiffness = settler.smallest_stiffness(&command, &loads);
+    let surroundings = Surroundings::of(&settler);
+    let equilibrium = found.equilibrium;
     let settled = Settled {
         tdcr_version: env!("CARGO_PKG_VERSION"),
         robot: robot.spec().name.clone(),
         command: command.as_slice().to_vec(),
         loads: LoadsJson::new(&loads),
         units: units(&robot),
-        smallest_stiffness: robot.smallest_stiffness(&command, &loads, &equilibrium),
+        smallest_stiffness,
+        surroundings,
         positions: equilibrium
             .positions
             .iter()
@@ -186,16 +208,18 @@ pub(super) fn run(args: &SettleArgs, console: &Console) -> anyhow::Result<()> {
 }
 
 fn tip_compliance(
-    robot: &Robot,
+    settler: &ContactSettler,
     command: &Command,
     loads: &Loads,
-    equilibrium: &Equilibrium,
 ) -> Result<Compliance, SensitivityError> {
+    let robot = settler.robot();
     let tip = robot.discs().len() - 1;
     let forces = Axis::ALL.map(|axis| Parameter::Force(tip, axis));
     let moments = Axis::ALL.map(|axis| Parameter::Moment(tip, axis));
-    let sensitivity = robot.sensitivity(command, loads, equilibrium)?;
-    let jacobian = sensitivity.jacobian(&[forces, moments].concat())?;
+    let sensitivity = settler.sensitivity(command, loads)?;
+    let jacobian = sensitivity
+        .parameters()
+        .jacobian(&[forces, moments].concat())?;
     let entry = |row, column| jacobian[(6 * tip + row, column)];
     Ok(std::array::from_fn(|row| {
         std::array::from_fn(|column| entry(row, column))
@@ -205,13 +229,14 @@ fn tip_compliance(
 /// Settles random commands one after another and reports figures over all of them.
 fn survey(
     robot: &Robot,
+    scene: &Scene,
     loads: &Loads,
     count: u64,
     seed: u64,
     console: &Console,
 ) -> anyhow::Result<()> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut settler = Settler::new(robot);
+    let mut settler = ContactSettler::new(robot, scene);
     let (mut converged, mut max_residual) = (0, 0.0_f64);
     // Eight bytes a solve: the one thing that grows with their number.
     let mut times: Vec<f64> = Vec::new();
@@ -219,7 +244,7 @@ fn survey(
     for done in 0..count {
         let command = robot.random_command(&mut rng);
         let began = Instant::now();
-        let settled = settler.settle(&command, loads);
+        let settled = &settler.settle(&command, loads)?.equilibrium;
         times.push(began.elapsed().as_nanos() as f64 / 1e3);
         converged += u64::from(settled.converged);
         max_residual = max_residual.max(settled.residual);
@@ -316,6 +341,9 @@ fn table(settled: &Settled) -> String {
                 false => "; without the robot's damping none would",
             }
         );
+    }
+    if let Some(surroundings) = &settled.surroundings {
+        surroundings.write(&mut text);
     }
     if let Some(compliance) = &settled.tip_compliance {
         text.push_str(

@@ -9,13 +9,16 @@ use serde::Serialize;
 use serde_json::Value;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
+use tdcr::sim::contact::{ContactError, ContactSettler};
 use tdcr::sim::robot::{Command, Loads, Robot};
-use tdcr::sim::statics::{Equilibrium, Examined, Settler, Stability};
+use tdcr::sim::scene::Scene;
+use tdcr::sim::statics::{Examined, Stability};
 
 use super::commands::{Row, read_commands};
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsJson};
 use super::output;
+use super::settle_contacts::Surroundings;
 use super::units::{command_columns, units};
 
 /// Commands settled between two safe points.
@@ -51,32 +54,46 @@ struct Settled {
     /// As of `tdcr settle` with one command.
     stability: Option<Stability>,
     examined: Option<Examined>,
+    /// What the robot touches, of a scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    surroundings: Option<Surroundings>,
 }
 
 impl Settled {
-    fn new(robot: &Robot, command: &Command, loads: &Loads, settled: &Equilibrium) -> Self {
+    /// Settles a command from the straight pose.
+    fn new(
+        settler: &mut ContactSettler,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<Self, ContactError> {
+        settler.settle(command, loads)?;
+        let smallest_stiffness = settler.smallest_stiffness(command, loads);
+        let surroundings = Surroundings::of(settler);
+        let (robot, settled) = (settler.robot(), &settler.found().equilibrium);
         let tip = settled.disc_pose(robot.discs().len() - 1);
         let rotation = tip.rotation;
-        Self {
+        Ok(Self {
             command: command.as_slice().to_vec(),
             payload: loads.tip_payload().mass,
             tip_position: tip.translation.vector.into(),
             tip_orientation: [rotation.w, rotation.i, rotation.j, rotation.k],
             tendon_tensions: settled.tendon_tensions.clone(),
             tendon_lengths: settled.tendon_lengths.clone(),
-            smallest_stiffness: robot.smallest_stiffness(command, loads, settled),
+            smallest_stiffness,
+            surroundings,
             residual: settled.residual,
             iterations: settled.iterations,
             converged: settled.converged,
             stability: settled.stability,
             examined: settled.examined,
-        }
+        })
     }
 }
 
 /// Settles the commands of a file, each from the straight pose, and writes or prints the table.
 pub(super) fn run(
     robot: &Robot,
+    scene: &Scene,
     file: &Path,
     loads: &LoadArgs,
     out: Option<&Path>,
@@ -97,7 +114,7 @@ pub(super) fn run(
         robot: robot.spec().name.clone(),
         loads: LoadsJson::new(&common),
         units: units(robot),
-        settled: settle(robot, &jobs, console)?,
+        settled: settle(robot, scene, &jobs, console)?,
     };
     match out.zip(format) {
         None => console.result(&table, human_readable)?,
@@ -137,6 +154,7 @@ struct Summary {
 
 fn settle(
     robot: &Robot,
+    scene: &Scene,
     jobs: &[(Command, Loads)],
     console: &Console,
 ) -> anyhow::Result<Vec<Settled>> {
@@ -146,11 +164,12 @@ fn settle(
         if console.interrupted() {
             return Err(Interrupted.into());
         }
-        let settle = |settler: &mut Settler, (command, loads): &(Command, Loads)| {
-            Settled::new(robot, command, loads, settler.settle(command, loads))
+        let settle = |settler: &mut ContactSettler, (command, loads): &(Command, Loads)| {
+            Settled::new(settler, command, loads)
         };
-        let settled = (batch.par_iter()).map_init(|| Settler::new(robot), settle);
-        all.par_extend(settled);
+        let settled = (batch.par_iter()).map_init(|| ContactSettler::new(robot, scene), settle);
+        let settled: Result<Vec<_>, _> = settled.collect();
+        all.extend(settled?);
         console.advance(batch.len() as u64);
     }
     console.end();
@@ -187,6 +206,10 @@ fn csv(robot: &Robot, settled: &[Settled]) -> String {
         ]
         .map(str::to_owned),
     );
+    let among_obstacles = settled.iter().any(|row| row.surroundings.is_some());
+    if among_obstacles {
+        header.extend(["contacts", "largest_contact_force (N)"].map(str::to_owned));
+    }
     let mut text = header.join(",") + "\n";
     for row in settled {
         let numbers = (row.command.iter())
@@ -202,11 +225,16 @@ fn csv(robot: &Robot, settled: &[Settled]) -> String {
         }
         let stability = row.stability.map_or("", Stability::name);
         let examined = row.examined.map_or("", Examined::name);
-        let _ = writeln!(
+        let _ = write!(
             text,
             "{},{},{stability},{examined}",
             row.iterations, row.converged
         );
+        if let Some(surroundings) = &row.surroundings {
+            let (count, force) = (surroundings.count(), surroundings.largest_force());
+            let _ = write!(text, ",{count},{force:?}");
+        }
+        text.push('\n');
     }
     text
 }

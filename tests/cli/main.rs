@@ -10,6 +10,7 @@ mod calibrate_wild;
 mod capture;
 mod colors;
 mod compare;
+mod contact;
 mod data;
 mod disks;
 mod distill;
