@@ -15,11 +15,13 @@ use tdcr::learn::train::{FileError, SettingsError};
 use tdcr::pages::PageError;
 use tdcr::pipeline::recording::RecordingFileError;
 use tdcr::pipeline::{CaptureStop, EvalError, PipelineError, TrainRunError};
+use tdcr::sim::contact::ContactError;
 use tdcr::sim::dynamics::DynamicsError;
 use tdcr::sim::formats::{ExportError, ImportError, RobotFileError};
 use tdcr::sim::inverse::calibration::CalibrationError;
 use tdcr::sim::inverse::shape::ShapeControlError;
 use tdcr::sim::robot::{CommandError, LoadsError, ParameterError, SpecError};
+use tdcr::sim::scene::SceneError;
 use tdcr::sim::sensitivity::SensitivityError;
 use tdcr::sim::simulation::SimulationError;
 use tdcr::sim::statics::NotSettled;
@@ -127,6 +129,8 @@ classes! {
     ParameterError => "ParameterError",
     CommandError => "CommandError",
     LoadsError => "LoadsError",
+    SceneError => "SceneError",
+    ContactError => "ContactError",
     NotSettled => "NotSettledError",
     FlowError => "InputError",
     SettingsError => "InputError",

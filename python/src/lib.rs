@@ -8,7 +8,10 @@
 //! | `robot` | `Robot`, from files or text |
 //! | `loads` | `Loads`, and loads by rows |
 //! | `statics` | equilibria, one or by rows |
-//! | `sensitivity` | their derivatives by rows |
+//! | `scene` | `Scene`, from files or text |
+//! | `contact` | equilibria among obstacles, one or by rows |
+//! | `sensitivity` | derivatives of both by rows |
+//! | `scene_gradient` | derivatives of the second by obstacles and base |
 //! | `dynamics` | motions by rows |
 //! | `steps` | how motions are computed |
 //! | `dynamics_gradient` | gradients of motions by rows; linearised steps |
@@ -35,6 +38,7 @@
 
 mod arrays;
 mod command;
+mod contact;
 mod data;
 mod dynamics;
 mod dynamics_gradient;
@@ -54,6 +58,8 @@ mod recordings;
 mod rig;
 mod robot;
 mod run;
+mod scene;
+mod scene_gradient;
 mod scoring;
 mod sensitivity;
 mod stage;
@@ -74,6 +80,10 @@ mod _tdcr {
 
     #[pymodule_export]
     use crate::command::run_command;
+    #[pymodule_export]
+    use crate::contact::{
+        ContactRows, ContactSettler, follow_rows_among, settle_one_among, settle_rows_among,
+    };
     #[pymodule_export]
     use crate::data::{Dataset, check_data, collect, merge};
     #[pymodule_export]
@@ -106,6 +116,10 @@ mod _tdcr {
     use crate::robot::{Robot, parameter_bounds};
     #[pymodule_export]
     use crate::run::{processors, set_threads, threads};
+    #[pymodule_export]
+    use crate::scene::Scene;
+    #[pymodule_export]
+    use crate::scene_gradient::{base_jacobian_rows, obstacle_jacobian_rows, scene_vjp_rows};
     #[pymodule_export]
     use crate::scoring::{compare, evaluate};
     #[pymodule_export]

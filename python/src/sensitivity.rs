@@ -1,4 +1,4 @@
-//! Derivatives of equilibria, by rows.
+//! Derivatives of equilibria, by rows, in scenes or without.
 //!
 //! Quaternions (w, x, y, z) are of unit length, and so is every neighbour that a derivative speaks of: a change of a pose is a
 //! rotation vector `omega` in the world frame, with `dq = 1/2 (0, omega) q`.
@@ -7,11 +7,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use rayon::prelude::*;
+use tdcr::sim::contact::ContactSensitivity;
 use tdcr::sim::pose::{PoseTangent, rotation_cotangent};
 use tdcr::sim::robot::Parameter;
 use tdcr::sim::sensitivity::Sensitivity;
 
 use crate::arrays::{array, contiguous};
+use crate::contact::{Scenes, ScenesArgument};
 use crate::errors::{Failure, Outcome};
 use crate::robot::parameters_of;
 use crate::run;
@@ -19,7 +21,7 @@ use crate::statics::{Batch, RowsArgument, SMALL};
 
 /// What becomes of rows without derivatives: not settled, or on the brink of instability.
 #[derive(Clone, Copy, PartialEq)]
-enum OnFailure {
+pub enum OnFailure {
     /// The call fails, and names the first of them.
     Raise,
     /// Their derivatives are not numbers.
@@ -27,7 +29,7 @@ enum OnFailure {
 }
 
 impl OnFailure {
-    fn of(raises: bool) -> Self {
+    pub fn of(raises: bool) -> Self {
         if raises { Self::Raise } else { Self::Nan }
     }
 }
@@ -43,21 +45,57 @@ pub fn quaternion_change(q: &UnitQuaternion<f64>, rotation: &Vector3<f64>) -> [f
 fn by_rows(
     py: Python<'_>,
     rows: &Batch,
+    scenes: Option<&Scenes>,
     width: usize,
     failures: OnFailure,
     write: impl Fn(usize, &Sensitivity, &[UnitQuaternion<f64>], &mut [f64]) -> Outcome<()> + Sync,
+) -> Outcome<Vec<f64>> {
+    let Some(scenes) = scenes else {
+        return each_row(py, rows, width, failures, |settler, row, out| {
+            let (command, loads) = (&rows.commands[row], &rows.loads[row]);
+            let settled = rows.settler(settler, row).settle(command, loads);
+            let sensitivity = rows.robot(row).sensitivity(command, loads, settled)?;
+            write(row, &sensitivity, &settled.orientations, out)
+        });
+    };
+    by_rows_among(py, rows, scenes, width, failures, |row, among, q, out| {
+        write(row, among.parameters(), q, out)
+    })
+}
+
+/// Computes each row's numbers from its sensitivity among obstacles, in parallel.
+pub fn by_rows_among(
+    py: Python<'_>,
+    rows: &Batch,
+    scenes: &Scenes,
+    width: usize,
+    failures: OnFailure,
+    write: impl Fn(usize, &ContactSensitivity, &[UnitQuaternion<f64>], &mut [f64]) -> Outcome<()> + Sync,
+) -> Outcome<Vec<f64>> {
+    each_row(py, rows, width, failures, |settler, row, out| {
+        let (command, loads) = (&rows.commands[row], &rows.loads[row]);
+        let settler = scenes.settler(rows, settler, row);
+        settler.settle(command, loads)?;
+        let sensitivity = settler.sensitivity(command, loads)?;
+        let settled = &settler.found().equilibrium;
+        write(row, &sensitivity, &settled.orientations, out)
+    })
+}
+
+/// Computes each row's numbers with a settler that each thread keeps, in parallel.
+fn each_row<S>(
+    py: Python<'_>,
+    rows: &Batch,
+    width: usize,
+    failures: OnFailure,
+    write: impl Fn(&mut Option<S>, usize, &mut [f64]) -> Outcome<()> + Sync,
 ) -> Outcome<Vec<f64>> {
     let mut numbers = vec![0.0; width * rows.rows()];
     if width == 0 {
         return Ok(numbers);
     }
-    let differentiate = |settler: &mut Option<_>, row: usize, out: &mut [f64]| {
-        let (command, loads) = (&rows.commands[row], &rows.loads[row]);
-        let settled = rows.settler(settler, row).settle(command, loads);
-        let written = (rows.robot(row).sensitivity(command, loads, settled))
-            .map_err(Failure::from)
-            .and_then(|sensitivity| write(row, &sensitivity, &settled.orientations, out));
-        let failure = written.err()?;
+    let differentiate = |settler: &mut Option<S>, row: usize, out: &mut [f64]| {
+        let failure = write(settler, row, out).err()?;
         out.fill(f64::NAN);
         // What is wrong with the question is told in any case.
         let told =
@@ -84,16 +122,38 @@ fn by_rows(
     }
 }
 
+/// Derivatives of a cost by disc poses, from those by origins (1/m) and quaternions (w, x, y, z).
+pub fn pose_cotangents(
+    cotangents: &[[f64; 7]],
+    turned: &[UnitQuaternion<f64>],
+) -> Vec<PoseTangent> {
+    let of_pose = |(&[px, py, pz, w, x, y, z], q): (&[f64; 7], &UnitQuaternion<f64>)| PoseTangent {
+        position: Vector3::new(px, py, pz),
+        rotation: rotation_cotangent(q, [w, x, y, z]),
+    };
+    cotangents.iter().zip(turned).map(of_pose).collect()
+}
+
+/// The scenes of rows, if there are any.
+fn scenes_of(scenes: Option<&ScenesArgument<'_>>, rows: &Batch) -> Outcome<Option<Scenes>> {
+    scenes
+        .map(|scenes| Scenes::new(scenes, rows.rows()))
+        .transpose()
+}
+
 /// Jacobian of the disc poses by parameters for each row, shape (rows, 6 discs, parameters): for each disc the change of its
 /// origin (m) and its rotation vector (rad), world frame.
 #[pyfunction]
+#[pyo3(signature = (rows, names, raises, scenes=None))]
 pub fn jacobian_rows<'py>(
     py: Python<'py>,
     rows: RowsArgument<'_>,
     names: Vec<String>,
     raises: bool,
+    scenes: Option<ScenesArgument<'_>>,
 ) -> Outcome<Bound<'py, PyArray3<f64>>> {
     let rows = Batch::new(&rows)?;
+    let scenes = scenes_of(scenes.as_ref(), &rows)?;
     let names = parameters_of(rows.robot(0), &names)?;
     let (poses, width) = (6 * rows.discs, names.len());
     let whole_command = (0..rows.tendons)
@@ -111,21 +171,31 @@ pub fn jacobian_rows<'py>(
         }
         Ok(())
     };
-    let numbers = by_rows(py, &rows, poses * width, OnFailure::of(raises), jacobian)?;
+    let numbers = by_rows(
+        py,
+        &rows,
+        scenes.as_ref(),
+        poses * width,
+        OnFailure::of(raises),
+        jacobian,
+    )?;
     Ok(array(py, numbers, [rows.rows(), poses, width])?)
 }
 
 /// Change of the disc poses of each row, shape (rows, discs, 7), when its parameters change at `rates`, shape (rows,
 /// parameters): origins (m), then quaternions.
 #[pyfunction]
+#[pyo3(signature = (rows, names, rates, raises, scenes=None))]
 pub fn jvp_rows<'py>(
     py: Python<'py>,
     rows: RowsArgument<'_>,
     names: Vec<String>,
     rates: PyReadonlyArray2<'_, f64>,
     raises: bool,
+    scenes: Option<ScenesArgument<'_>>,
 ) -> Outcome<Bound<'py, PyArray3<f64>>> {
     let rows = Batch::new(&rows)?;
+    let scenes = scenes_of(scenes.as_ref(), &rows)?;
     let names = parameters_of(rows.robot(0), &names)?;
     let rates = contiguous(&rates, "rates", &[rows.rows(), names.len()])?.to_vec();
     let jvp =
@@ -147,36 +217,48 @@ pub fn jvp_rows<'py>(
             }
             Ok(())
         };
-    let numbers = by_rows(py, &rows, 7 * rows.discs, OnFailure::of(raises), jvp)?;
+    let numbers = by_rows(
+        py,
+        &rows,
+        scenes.as_ref(),
+        7 * rows.discs,
+        OnFailure::of(raises),
+        jvp,
+    )?;
     Ok(array(py, numbers, [rows.rows(), rows.discs, 7])?)
 }
 
 /// Derivative of a cost of each row by its parameters, shape (rows, parameters), from that by its disc poses, shape (rows,
 /// discs, 7): origins (1/m), then quaternions.
 #[pyfunction]
+#[pyo3(signature = (rows, names, cotangents, raises, scenes=None))]
 pub fn vjp_rows<'py>(
     py: Python<'py>,
     rows: RowsArgument<'_>,
     names: Vec<String>,
     cotangents: PyReadonlyArray3<'_, f64>,
     raises: bool,
+    scenes: Option<ScenesArgument<'_>>,
 ) -> Outcome<Bound<'py, PyArray2<f64>>> {
     let rows = Batch::new(&rows)?;
+    let scenes = scenes_of(scenes.as_ref(), &rows)?;
     let names = parameters_of(rows.robot(0), &names)?;
     let cotangents = contiguous(&cotangents, "cotangents", &[rows.rows(), rows.discs, 7])?;
     let cotangents = cotangents.as_chunks::<7>().0.to_vec();
     let vjp =
         |row: usize, sensitivity: &Sensitivity, turned: &[_], out: &mut [f64]| -> Outcome<()> {
             let of_row = &cotangents[row * rows.discs..(row + 1) * rows.discs];
-            let of_pose =
-                |(&[px, py, pz, w, x, y, z], q): (&[f64; 7], &UnitQuaternion<f64>)| PoseTangent {
-                    position: Vector3::new(px, py, pz),
-                    rotation: rotation_cotangent(q, [w, x, y, z]),
-                };
-            let poses: Vec<PoseTangent> = of_row.iter().zip(turned).map(of_pose).collect();
+            let poses = pose_cotangents(of_row, turned);
             out.copy_from_slice(&sensitivity.vjp(&poses, &names)?);
             Ok(())
         };
-    let numbers = by_rows(py, &rows, names.len(), OnFailure::of(raises), vjp)?;
+    let numbers = by_rows(
+        py,
+        &rows,
+        scenes.as_ref(),
+        names.len(),
+        OnFailure::of(raises),
+        vjp,
+    )?;
     Ok(array(py, numbers, [rows.rows(), names.len()])?)
 }

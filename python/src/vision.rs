@@ -17,6 +17,7 @@ use crate::loads::Loads;
 use crate::options::sensor;
 use crate::robot::Robot;
 use crate::run;
+use crate::scene::Scene;
 
 /// Where all discs are, computed from the configuration.
 pub struct Placed {
@@ -70,7 +71,7 @@ pub struct View {
 
 /// Pictures of a robot in a configuration by its own cameras.
 #[pyfunction]
-#[pyo3(signature = (robot, configuration, loads, base, base_mesh, payload, tendons, noise, seed, index))]
+#[pyo3(signature = (robot, configuration, loads, base, base_mesh, payload, tendons, noise, seed, index, scene=None))]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn render(
     py: Python<'_>,
@@ -84,10 +85,12 @@ pub fn render(
     noise: Option<&str>,
     seed: u64,
     index: u64,
+    scene: Option<PyRef<'_, Scene>>,
 ) -> Outcome<Vec<View>> {
     let placed = Placed::new(&robot, &configuration)?;
     let sensor = sensor(noise)?;
     let (robot, loads) = (&robot.0, &loads.0);
+    let scene = scene.map(|scene| scene.0.clone());
     let frames = run::long(py, None, |_| -> Outcome<Vec<RgbdFrame>> {
         let mut visuals = Visuals::of_robot(robot, placed.pose(), visibility(base));
         if let Some(path) = &base_mesh {
@@ -99,6 +102,9 @@ pub fn render(
         }
         if tendons {
             visuals.add_tendons(robot, placed.pose());
+        }
+        if let Some(scene) = &scene {
+            visuals.add_scene(scene);
         }
         let mut frames = Vec::new();
         visuals.render_all_into(&Camera::placed(&robot.spec().cameras), &mut frames);

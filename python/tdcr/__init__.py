@@ -15,6 +15,7 @@ from tdcr._tdcr import __version__
 from tdcr._threads import set_threads, threads
 from tdcr._train_options import TrainOptions
 from tdcr.collecting import collect, export_clouds, import_clouds, merge
+from tdcr.contact import Contacts
 from tdcr.data import Dataset, Normalisation, Sample, Split, data_view
 from tdcr.dynamics import Motion, Motions, State, rollout, simulate
 from tdcr.dynamics_gradient import (
@@ -36,6 +37,8 @@ from tdcr.recordings import RecordingCalibration, calibrate_recording
 from tdcr.rig import Rig
 from tdcr.robot import Robot
 from tdcr.robot_parameters import Parameter, Parameters, parameters
+from tdcr.scene import Obstacle, Scene
+from tdcr.scene_gradient import SceneGradients, base_jacobian, obstacle_jacobian, scene_vjp
 from tdcr.scoring import compare, evaluate
 from tdcr.sensitivity import jacobian, jvp, vjp
 from tdcr.statics import Equilibria, Equilibrium, Settler, follow, settle, settle_batch
@@ -47,6 +50,7 @@ from tdcr.vision import Cloud, View, cloud, clouds, render
 
 __all__ = [
     "Cloud",
+    "Contacts",
     "Dataset",
     "Equilibria",
     "Equilibrium",
@@ -58,6 +62,7 @@ __all__ = [
     "Motions",
     "MovingRobot",
     "Normalisation",
+    "Obstacle",
     "Parameter",
     "Parameters",
     "Prediction",
@@ -70,6 +75,8 @@ __all__ = [
     "RolloutTangents",
     "Run",
     "Sample",
+    "Scene",
+    "SceneGradients",
     "Settler",
     "Split",
     "State",
@@ -79,6 +86,7 @@ __all__ = [
     "View",
     "Wrench",
     "__version__",
+    "base_jacobian",
     "calibrate",
     "calibrate_recording",
     "cloud",
@@ -100,11 +108,13 @@ __all__ = [
     "merge",
     "merge_study",
     "metrics",
+    "obstacle_jacobian",
     "parameters",
     "render",
     "rollout",
     "rollout_jvp",
     "rollout_vjp",
+    "scene_vjp",
     "set_threads",
     "settle",
     "settle_batch",

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr._arrays import Floats, as_float
+from tdcr._arrays import Floats, as_float, as_quaternions
 from tdcr.dynamics import State, rollout
 from tdcr.dynamics_gradient import RolloutRates, rollout_jvp, rollout_vjp
 from tdcr.errors import DynamicsError, InputError, NotSettledError
 from tdcr.robot import Robot
+from tdcr.scene import Scene, as_scene
+from tdcr.scene_gradient import obstacle_jacobian, scene_vjp
 from tdcr.sensitivity import OnFailure, command_names, jvp, vjp
 from tdcr.statics import settle_batch
 
@@ -24,6 +26,29 @@ from tdcr.statics import settle_batch
 def robot_of(text: str) -> Robot:
     """A robot from its JSON text; the robots of the last calls are kept."""
     return Robot.from_json(text)
+
+
+@lru_cache(maxsize=64)
+def scene_of(text: str) -> Scene | None:
+    """A scene from its JSON text, none from an empty one; the scenes of the last calls are kept."""
+    return Scene.from_json(text) if text else None
+
+
+def scene_text(scene: Scene | None) -> str:
+    """The text of a scene for :func:`scene_of`."""
+    return "" if scene is None else as_scene(scene).to_json()
+
+
+def own_poses(scene: Scene | None, asked: bool) -> tuple[Floats, Floats]:
+    """Positions, shape (m, 3), and quaternions, shape (m, 4), of the obstacles whose poses are inputs: all, or none."""
+    if asked and scene is None:
+        raise InputError("poses of obstacles are given without a scene; expected `scene`")
+    obstacles = as_scene(scene).obstacles if asked else ()
+    count = len(obstacles)
+    return (
+        np.array([one.position for one in obstacles]).reshape(count, 3),
+        np.array([one.orientation for one in obstacles]).reshape(count, 4),
+    )
 
 
 def check_parameters(parameters: Sequence[str], values: Any) -> tuple[str, ...]:
@@ -53,21 +78,31 @@ class Problem:
     commands: Floats
     payload: Floats
     wrench: Floats
+    poses: Floats
+    scene: Scene | None
 
     @classmethod
-    def of(cls, text: str, names: Sequence[str], command: Any, payload: Any, wrench: Any, values: Any) -> Problem:
+    def of(
+        cls, text: str, scene: str, names: Sequence[str], command: Any, payload: Any, wrench: Any, values: Any, poses: Any
+    ) -> Problem:
         """Reads a problem.
 
         Args:
             text: The robot as JSON.
+            scene: The scene as JSON, or an empty text.
             names: Names of ``p`` parameters.
             command: Shape (..., tendons) (m or N).
             payload: Shape (...) (kg).
             wrench: Shape (..., n, 6), world frame (N, N m).
             values: Values of the parameters, shape (..., p), or (p,) for all rows.
+            poses: Position (m) and quaternion (w, x, y, z) of each obstacle, shape (..., m, 7); of none, shape (..., 0, 7), where
+                they are those of the scene.
         """
         robot, command = robot_of(text), np.asarray(command)
         leading = command.shape[:-1]
+        among = scene_of(scene)
+        rows_of_poses = _as_rows(poses, "poses of obstacles", leading, np.shape(poses)[-2:])
+        as_quaternions(rows_of_poses[..., 3:], "obstacle_quaternions", (*rows_of_poses.shape[:2], 4))
         return cls(
             _robots(robot, names, values, leading),
             tuple(names),
@@ -75,6 +110,8 @@ class Problem:
             _as_rows(command, "command", leading, (robot.tendons,)),
             _as_rows(payload, "payload", leading, ()),
             _as_rows(wrench, "wrench", leading, (robot.discs, 6)),
+            rows_of_poses,
+            among,
         )
 
     def settle(self, on_failure: OnFailure) -> tuple[Floats, Floats]:
@@ -86,7 +123,7 @@ class Problem:
         if len(self.commands) == 0:
             discs = self.wrench.shape[1]
             return np.zeros((*self.leading, discs, 3)), np.zeros((*self.leading, discs, 4))
-        settled = settle_batch(self.robots, self.commands, self.payload, wrench=self.wrench)
+        settled = settle_batch(self.robots, self.commands, self.payload, wrench=self.wrench, scene=self._scenes(slice(None)))
         failed = np.flatnonzero(~settled.converged)
         if failed.size and on_failure == "raise":
             residual = settled.residual[failed[0]]
@@ -99,13 +136,13 @@ class Problem:
         """Derivatives of a cost by the arguments that are wanted, from those by positions and quaternions.
 
         Returns:
-            By command (..., tendons), payload (...), wrench (..., n, 6) and values (..., p); zeros where not wanted. Rows that
-            have not settled have derivatives that are not numbers, unless the cost does not depend on them.
+            By command (..., tendons), payload (...), wrench (..., n, 6), values (..., p) and poses (..., m, 7); zeros where not
+            wanted. Rows that have not settled have derivatives that are not numbers, unless the cost does not depend on them.
         """
         rows, discs = self.wrench.shape[:2]
         tendons = self.commands.shape[1]
         groups = self._groups()
-        chosen = [names if want else [] for names, want in zip(groups, wanted, strict=True)]
+        chosen = [names if want else [] for names, want in zip(groups, wanted[:4], strict=True)]
         by_positions = np.asarray(by_positions, dtype=np.float64).reshape(rows, discs, 3)
         by_quaternions = np.asarray(by_quaternions, dtype=np.float64).reshape(rows, discs, 4)
         counts = by_positions.any(axis=(1, 2)) | by_quaternions.any(axis=(1, 2))
@@ -119,13 +156,31 @@ class Problem:
                 by_quaternions[counts],
                 self.payload[counts],
                 wrench=self.wrench[counts],
+                scene=self._scenes(counts),
                 on_failure="nan",
             )
         ends = np.cumsum([len(names) for names in chosen])[:-1]
         shapes = [(tendons,), (), (discs, 6), (len(self.names),)]
         parts = zip(np.split(gradient, ends, axis=1), chosen, shapes, strict=True)
+        by_poses = np.zeros(self.poses.shape)
+        if counts.any() and wanted[4] and self.poses.size:
+            by_motions = scene_vjp(
+                _chosen(self.robots, counts),
+                self.commands[counts],
+                by_positions[counts],
+                by_quaternions[counts],
+                self.payload[counts],
+                scene=self._among(counts),
+                wrench=self.wrench[counts],
+                on_failure="nan",
+            )
+            by_poses[counts] = _by_poses(self.poses[counts], by_motions.obstacles)
         return [
-            part.reshape((*self.leading, *shape)) if names else np.zeros((*self.leading, *shape)) for part, names, shape in parts
+            *(
+                part.reshape((*self.leading, *shape)) if names else np.zeros((*self.leading, *shape))
+                for part, names, shape in parts
+            ),
+            by_poses.reshape((*self.leading, *self.poses.shape[1:])),
         ]
 
     def tangent(self, rates: Sequence[Any]) -> tuple[Floats, Floats]:
@@ -134,6 +189,7 @@ class Problem:
         Rows that have not settled have changes that are not numbers, unless nothing of them changes.
         """
         rows, discs = self.wrench.shape[:2]
+        *rates, of_poses = rates
         flat = [np.asarray(rate, dtype=np.float64).reshape(rows, -1) if rows else np.zeros((0, 1)) for rate in rates]
         wanted = [bool(rate.any()) for rate in flat]
         positions, quaternions = np.zeros((rows, discs, 3)), np.zeros((rows, discs, 4))
@@ -148,9 +204,41 @@ class Problem:
                 by[counts],
                 self.payload[counts],
                 wrench=self.wrench[counts],
+                scene=self._scenes(counts),
                 on_failure="nan",
             )
+        of_poses = np.asarray(of_poses, dtype=np.float64).reshape(self.poses.shape)
+        moving: NDArray[np.bool_] = np.asarray(of_poses.any(axis=(1, 2)))
+        if moving.any():
+            by_positions, by_quaternions = self._moved(moving, _motions(self.poses[moving], of_poses[moving]))
+            positions[moving] += by_positions
+            quaternions[moving] += by_quaternions
         return positions.reshape(*self.leading, discs, 3), quaternions.reshape(*self.leading, discs, 4)
+
+    def _moved(self, chosen: NDArray[np.bool_], motions: Floats) -> tuple[Floats, Floats]:
+        """Change of positions and quaternions of some rows when their obstacles move, shape (rows, m, 6)."""
+        robots, scene, given = _chosen(self.robots, chosen), self._among(chosen), self.payload[chosen]
+        commands, wrench = self.commands[chosen], self.wrench[chosen]
+        change = np.zeros((len(commands), wrench.shape[1], 6))
+        for obstacle in range(motions.shape[1]):
+            jacobian = obstacle_jacobian(robots, commands, obstacle, given, scene=scene, wrench=wrench, on_failure="nan")
+            change += np.einsum("rnij,rj->rni", jacobian[..., :6], motions[:, obstacle])
+        turned = settle_batch(robots, commands, given, scene=scene, wrench=wrench).quaternions
+        turning = np.concatenate([np.zeros((*change.shape[:2], 1)), change[..., 3:]], axis=-1)
+        return change[..., :3], 0.5 * _product(turning, turned)
+
+    def _among(self, chosen: Any) -> Scene | list[Scene]:
+        """The scenes of some rows: one for all, or one for each."""
+        scene = self.scene if self.scene is not None else Scene()
+        poses = self.poses[chosen]
+        if poses.shape[1] == 0:
+            return scene
+        if (poses == poses[:1]).all():
+            return scene._placed(poses[0])
+        return [scene._placed(of_row) for of_row in poses]
+
+    def _scenes(self, chosen: Any) -> Scene | list[Scene] | None:
+        return None if self.scene is None else self._among(chosen)
 
     def _groups(self) -> list[list[str]]:
         """Names of the entries of each argument as parameters."""
@@ -161,6 +249,27 @@ class Problem:
             [f"{kind}[{disc}].{axis}" for disc in range(discs) for kind in ("force", "moment") for axis in "xyz"],
             list(self.names),
         ]
+
+
+def _product(a: Floats, b: Floats) -> Floats:
+    """Products of quaternions (w, x, y, z) along the last axis."""
+    scalar = a[..., :1] * b[..., :1] - (a[..., 1:] * b[..., 1:]).sum(axis=-1, keepdims=True)
+    vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate([scalar, vector], axis=-1)
+
+
+def _motions(poses: Floats, rates: Floats) -> Floats:
+    """Motions, shape (..., 6), of poses (..., 7) that change at ``rates``: of a quaternion ``p`` the vector part of
+    ``2 p' p^-1``."""
+    inverse = poses[..., 3:] * [1.0, -1.0, -1.0, -1.0] / (poses[..., 3:] ** 2).sum(axis=-1, keepdims=True)
+    return np.concatenate([rates[..., :3], 2.0 * _product(rates[..., 3:], inverse)[..., 1:]], axis=-1)
+
+
+def _by_poses(poses: Floats, by_motions: Floats) -> Floats:
+    """The adjoint of :func:`_motions`: from derivatives by motions to those by poses."""
+    turning = np.concatenate([np.zeros((*by_motions.shape[:-1], 1)), by_motions[..., 3:]], axis=-1)
+    unit = poses[..., 3:] / (poses[..., 3:] ** 2).sum(axis=-1, keepdims=True)
+    return np.concatenate([by_motions[..., :3], 2.0 * _product(turning, unit)], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 __all__ = [
     "BatchSimulation",
     "Calibration",
+    "ContactRows",
+    "ContactSettler",
     "Dataset",
     "EquilibriumRows",
     "FrictionPath",
@@ -23,6 +25,7 @@ __all__ = [
     "Robot",
     "RolloutGradientRows",
     "RolloutTangentRows",
+    "Scene",
     "Settler",
     "ShapeController",
     "ShapePath",
@@ -30,6 +33,7 @@ __all__ = [
     "Stream",
     "View",
     "__version__",
+    "base_jacobian_rows",
     "calibrate",
     "calibrate_recording",
     "chamfer_rows",
@@ -45,12 +49,14 @@ __all__ = [
     "evaluate",
     "export_clouds",
     "follow_rows",
+    "follow_rows_among",
     "import_clouds",
     "jacobian_rows",
     "jvp_rows",
     "linearise",
     "merge",
     "merge_study",
+    "obstacle_jacobian_rows",
     "parameter_bounds",
     "presets",
     "processors",
@@ -64,11 +70,14 @@ __all__ = [
     "rollout_vjp_rows",
     "run_command",
     "save_ply",
+    "scene_vjp_rows",
     "select_points",
     "set_reduction",
     "set_threads",
     "settle_one",
+    "settle_one_among",
     "settle_rows",
+    "settle_rows_among",
     "start_noise",
     "study",
     "threads",
@@ -184,6 +193,62 @@ class Settler:
     def memory(self) -> _Floats: ...
     def resume(self, memory: _Floats, loads: Loads) -> None: ...
 
+@final
+class Scene:
+    @staticmethod
+    def load(path: str) -> Scene: ...
+    @staticmethod
+    def from_json(text: str) -> Scene: ...
+    def to_json(self) -> str: ...
+    def to_toml(self) -> str: ...
+    def names(self) -> list[str]: ...
+    def moved(self, poses: list[tuple[int, _Vector | None, tuple[float, float, float, float] | None]]) -> Scene: ...
+
+@final
+class ContactRows:
+    @property
+    def row(self) -> NDArray[np.int64]: ...
+    @property
+    def disc(self) -> NDArray[np.int64]: ...
+    @property
+    def obstacle(self) -> NDArray[np.int64]: ...
+    @property
+    def point(self) -> _Floats: ...
+    @property
+    def normal(self) -> _Floats: ...
+    @property
+    def gap(self) -> _Floats: ...
+    @property
+    def force(self) -> _Floats: ...
+    @property
+    def weak(self) -> NDArray[np.bool_]: ...
+    @property
+    def complementarity(self) -> _Floats: ...
+    @property
+    def penetration(self) -> _Floats: ...
+
+@final
+class ContactSettler:
+    def __new__(cls, robot: Robot, scene: Scene) -> ContactSettler: ...
+    def settle(self, command: _Floats, loads: Loads) -> tuple[_One, ContactRows]: ...
+    def follow(self, command: _Floats, loads: Loads) -> tuple[_One, ContactRows]: ...
+    def settle_from(self, command: _Floats, loads: Loads, configuration: _Floats) -> tuple[_One, ContactRows]: ...
+    def memory(self) -> _Floats: ...
+    def resume(self, memory: _Floats, loads: Loads) -> None: ...
+
+def settle_one_among(
+    robot: Robot,
+    scene: Scene,
+    command: _Floats,
+    loads: Loads,
+    payload: float | None = None,
+    wrench: _Floats | None = None,
+) -> tuple[_One, ContactRows]: ...
+def settle_rows_among(rows: _Rows, scenes: list[Scene], progress: _Progress = None) -> tuple[EquilibriumRows, ContactRows]: ...
+def follow_rows_among(rows: _Rows, scene: Scene, progress: _Progress = None) -> tuple[EquilibriumRows, ContactRows]: ...
+def scene_vjp_rows(rows: _Rows, scenes: list[Scene], cotangents: _Floats, raises: bool) -> _Floats: ...
+def obstacle_jacobian_rows(rows: _Rows, scenes: list[Scene], obstacle: int, raises: bool) -> _Floats: ...
+def base_jacobian_rows(rows: _Rows, scenes: list[Scene], raises: bool) -> _Floats: ...
 def settle_one(
     robot: Robot,
     command: _Floats,
@@ -203,18 +268,21 @@ def jacobian_rows(
     rows: _Rows,
     names: list[str],
     raises: bool,
+    scenes: list[Scene] | None = None,
 ) -> _Floats: ...
 def jvp_rows(
     rows: _Rows,
     names: list[str],
     rates: _Floats,
     raises: bool,
+    scenes: list[Scene] | None = None,
 ) -> _Floats: ...
 def vjp_rows(
     rows: _Rows,
     names: list[str],
     cotangents: _Floats,
     raises: bool,
+    scenes: list[Scene] | None = None,
 ) -> _Floats: ...
 
 @final
@@ -340,6 +408,7 @@ def render(
     noise: str | None,
     seed: int,
     index: int,
+    scene: Scene | None = None,
 ) -> list[View]: ...
 def clouds(
     robot: Robot,

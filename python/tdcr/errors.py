@@ -31,6 +31,14 @@ class LoadsError(InputError):
     """A load is not finite, or acts on a disc that the robot does not have."""
 
 
+class SceneError(InputError):
+    """A scene's file or an obstacle does not describe one, or a scene has no such obstacle."""
+
+
+class ContactError(InputError):
+    """A question that is not solved among obstacles: a start inside one, or loads that are moments or turn with their disc."""
+
+
 class ParameterError(InputError):
     """A parameter is unknown, the robot does not have it, or two that are named together stand for the same numbers."""
 

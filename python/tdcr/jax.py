@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from tdcr._arrays import as_count, as_number
-from tdcr._differentiable import MotionProblem, Problem, check_parameters
+from tdcr._differentiable import MotionProblem, Problem, check_parameters, own_poses, scene_text
 from tdcr.errors import InputError, MissingPackageError
 from tdcr.robot import RobotLike, as_robot
+from tdcr.scene import Scene
 from tdcr.sensitivity import OnFailure, check_on_failure
 
 try:
@@ -32,6 +33,9 @@ def settle(
     *,
     parameters: Sequence[str] = (),
     values: Any = None,
+    scene: Scene | None = None,
+    obstacle_positions: Any = None,
+    obstacle_quaternions: Any = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[jax.Array, jax.Array]:
     """Settles rows of commands; gradients flow to the commands, the loads and the values of physical parameters.
@@ -46,6 +50,11 @@ def settle(
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (..., n, 6) or (n, 6).
         parameters: Names of ``p`` physical parameters: see :mod:`tdcr.sensitivity`.
         values: Their values, shape (p,), or (..., p) for a robot of its own for each row.
+        scene: Obstacles around the robots.
+        obstacle_positions: Where the obstacles are in place of the scene's own positions, shape (..., m, 3) or (m, 3) (m), with
+            gradients.
+        obstacle_quaternions: How they are turned (w, x, y, z), in place of the scene's, shape (..., m, 4) or (m, 4), normalised
+            on use, with gradients.
         on_failure: What becomes of rows that do not settle: ``"raise"``, or ``"nan"``.
 
     Returns:
@@ -61,14 +70,22 @@ def settle(
     names = check_parameters(parameters, values)
     robot.check_parameters(names)
     leading, discs = command.shape[:-1], robot.discs
+    own_places, own_turns = own_poses(scene, obstacle_positions is not None or obstacle_quaternions is not None)
+    places = own_places if obstacle_positions is None else obstacle_positions
+    turns = own_turns if obstacle_quaternions is None else obstacle_quaternions
+    poses = (
+        _rows(places, "obstacle_positions", dtype, leading, own_places.shape),
+        _rows(turns, "obstacle_quaternions", dtype, leading, own_turns.shape),
+    )
     arguments = (
         command.astype(dtype),
         _rows(payload, "payload", dtype, leading, ()),
         _rows(wrench, "wrench", dtype, leading, (discs, 6)),
         # One row of values for each command: their gradients are summed by the adjoint of the broadcast.
         _rows(values, "values", dtype, leading, (len(names),)),
+        jnp.concatenate(poses, axis=-1),
     )
-    positions, quaternions = call(_settling(_Settling(robot.to_json(), names, chosen)), *arguments)
+    positions, quaternions = call(_settling(_Settling(robot.to_json(), names, chosen, scene_text(scene))), *arguments)
     return positions, quaternions
 
 
@@ -158,16 +175,17 @@ class _Settling(NamedTuple):
     robot: str
     names: tuple[str, ...]
     on_failure: OnFailure
+    scene: str
 
     def problem(self, arguments: Any) -> Problem:
-        return Problem.of(self.robot, self.names, *arguments)
+        return Problem.of(self.robot, self.scene, self.names, *arguments)
 
     def value(self, arguments: Any) -> Any:
         return self.problem(arguments).settle(self.on_failure)
 
     def adjoint(self, cotangents: Any, arguments: Any) -> Any:
         positions, quaternions = cotangents
-        return self.problem(arguments).adjoint(positions, quaternions, (True, True, True, bool(self.names)))
+        return self.problem(arguments).adjoint(positions, quaternions, (True, True, True, bool(self.names), True))
 
     def tangent(self, changes: Any, arguments: Any) -> Any:
         return self.problem(arguments).tangent(changes)
@@ -196,7 +214,7 @@ class _Moving(NamedTuple):
 
 
 def _shapes_of_settle(shapes: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
-    command, _, wrench, _ = shapes
+    command, _, wrench, *_ = shapes
     return [(*command[:-1], wrench[-2], width) for width in (3, 4)]
 
 

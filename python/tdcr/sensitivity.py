@@ -24,6 +24,7 @@ from tdcr import _tdcr
 from tdcr._arrays import Floats, as_choice, as_float, as_texts
 from tdcr.loads import Loads
 from tdcr.robot import RobotLike
+from tdcr.scene import Scene
 from tdcr.statics import Rows
 
 OnFailure = Literal["raise", "nan"]
@@ -38,6 +39,7 @@ def jacobian(
     *,
     wrench: Any = None,
     loads: Loads | Sequence[Loads] | None = None,
+    scene: Scene | Sequence[Scene] | None = None,
     on_failure: OnFailure = "raise",
 ) -> Floats:
     """Jacobian of all disc poses by parameters; by the command where none are given.
@@ -46,7 +48,8 @@ def jacobian(
         robot: One robot, or one for each row.
         commands: Shape (rows, tendons) (m or N), or (tendons,).
         parameters: Names of ``p`` parameters.
-        payload, wrench, loads: As of :func:`tdcr.settle_batch`.
+        payload, wrench, loads, scene: As of :func:`tdcr.settle_batch`. Where a contact is weak, derivatives differ from one side
+            to the other, and these are in between.
         on_failure: What becomes of a row without derivatives.
 
     Returns:
@@ -57,9 +60,9 @@ def jacobian(
         SensitivityError: For a row that has not settled, or whose equilibrium is on the brink of instability.
         ParameterError: For a parameter that the robot does not have, and for two that overlap.
     """
-    rows = Rows.of(robot, commands, payload, wrench, loads)
+    rows = Rows.of(robot, commands, payload, wrench, loads, scene)
     names = command_names(rows.commands.shape[1]) if parameters is None else as_texts(parameters, "parameters")
-    flat = _tdcr.jacobian_rows(rows.argument(), names, _raises(on_failure))
+    flat = _tdcr.jacobian_rows(rows.argument(), names, raises(on_failure), rows.maybe_scenes())
     by_disc = flat.reshape(len(flat), rows.robots[0].discs, 6, len(names))
     return by_disc[0] if np.ndim(commands) == 1 else by_disc
 
@@ -73,24 +76,25 @@ def jvp(
     *,
     wrench: Any = None,
     loads: Loads | Sequence[Loads] | None = None,
+    scene: Scene | Sequence[Scene] | None = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[Floats, Floats]:
     """Change of the disc poses when parameters change together.
 
     Args:
-        robot, commands, payload, wrench, loads, on_failure: As of :func:`jacobian`, with rows of commands.
+        robot, commands, payload, wrench, loads, scene, on_failure: As of :func:`jacobian`, with rows of commands.
         parameters: Names of ``p`` parameters.
         rates: How fast each changes, shape (rows, p), or (p,) for all rows.
 
     Returns:
         Change of the positions, shape (rows, n, 3) (m), and of the quaternions (w, x, y, z), shape (rows, n, 4).
     """
-    rows = Rows.of(robot, commands, payload, wrench, loads)
+    rows = Rows.of(robot, commands, payload, wrench, loads, scene)
     names = as_texts(parameters, "parameters")
     shape = (len(rows.commands), len(names))
     rates = as_float(rates, "rates", shape[1:] if np.ndim(rates) == 1 else shape)
     rates = np.ascontiguousarray(np.broadcast_to(rates, shape))
-    change = _tdcr.jvp_rows(rows.argument(), names, rates, _raises(on_failure))
+    change = _tdcr.jvp_rows(rows.argument(), names, rates, raises(on_failure), rows.maybe_scenes())
     return change[..., :3], change[..., 3:]
 
 
@@ -104,12 +108,13 @@ def vjp(
     *,
     wrench: Any = None,
     loads: Loads | Sequence[Loads] | None = None,
+    scene: Scene | Sequence[Scene] | None = None,
     on_failure: OnFailure = "raise",
 ) -> Floats:
     """Derivative of a cost by parameters, from its derivative by the disc poses: one linear solve a row for all parameters.
 
     Args:
-        robot, commands, payload, wrench, loads, on_failure: As of :func:`jacobian`, with rows of commands.
+        robot, commands, payload, wrench, loads, scene, on_failure: As of :func:`jacobian`, with rows of commands.
         parameters: Names of ``p`` parameters.
         by_positions: Derivative of the cost by the positions, shape (rows, n, 3).
         by_quaternions: Derivative by the quaternions (w, x, y, z), shape (rows, n, 4); zero where it is not given.
@@ -117,13 +122,21 @@ def vjp(
     Returns:
         Shape (rows, p).
     """
-    rows = Rows.of(robot, commands, payload, wrench, loads)
+    rows = Rows.of(robot, commands, payload, wrench, loads, scene)
+    cotangents = cotangents_of(rows, by_positions, by_quaternions)
+    return _tdcr.vjp_rows(
+        rows.argument(), as_texts(parameters, "parameters"), cotangents, raises(on_failure), rows.maybe_scenes()
+    )
+
+
+def cotangents_of(rows: Rows, by_positions: Any, by_quaternions: Any) -> Floats:
+    """Derivatives by positions and, where they are given, quaternions, as the native functions take them: shape (rows, n, 7)."""
     shape = (len(rows.commands), rows.robots[0].discs)
     cotangents = np.zeros((*shape, 7))
     cotangents[..., :3] = as_float(by_positions, "by_positions", (*shape, 3))
     if by_quaternions is not None:
         cotangents[..., 3:] = as_float(by_quaternions, "by_quaternions", (*shape, 4))
-    return _tdcr.vjp_rows(rows.argument(), as_texts(parameters, "parameters"), cotangents, _raises(on_failure))
+    return cotangents
 
 
 def command_names(tendons: int) -> list[str]:
@@ -137,5 +150,6 @@ def check_on_failure(on_failure: OnFailure) -> OnFailure:
     return on_failure
 
 
-def _raises(on_failure: OnFailure) -> bool:
+def raises(on_failure: OnFailure) -> bool:
+    """Whether a row without derivatives is an exception."""
     return check_on_failure(on_failure) == "raise"

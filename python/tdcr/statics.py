@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, overload
 
 import numpy as np
@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, Progress, as_float, as_quaternions, as_rows
-from tdcr._results import Batch, Result, is_row, row_of
-from tdcr.errors import NotSettledError
+from tdcr._results import Batch, Result, is_row, row_of, rows_of
+from tdcr.contact import Contacts
+from tdcr.errors import InputError, NotSettledError
 from tdcr.loads import NO_LOADS, LoadRows, Loads, native_loads, one_load
 from tdcr.robot import Robot, RobotLike, as_robot, as_robots
+from tdcr.scene import Scene, as_scene, as_scenes
 
 STABILITY = ("unknown", "stable", "neutral", "unstable", "flutter")
 """Names of the codes of :attr:`Equilibria.stability`."""
@@ -42,6 +44,7 @@ class Equilibrium(Result):
             the moments alone, as small motions could not be examined), or ``"unknown"``.
         growth: Rate of the small motion that grows fastest (1/s) and its frequency (Hz), shape (2,): zeros where none was
             found, or not looked for.
+        contacts: What it touches, in a scene; None without one.
     """
 
     positions: Floats
@@ -55,10 +58,17 @@ class Equilibrium(Result):
     stability: str
     examined: str
     growth: Floats
+    contacts: Contacts | None = None
 
     @classmethod
     def _of(cls, found: _tdcr._One) -> Equilibrium:
         return cls(*found[:8], STABILITY[found[8]], EXAMINED[found[9]], found[10])
+
+    @classmethod
+    def _among(cls, found: tuple[_tdcr._One, _tdcr.ContactRows], scene: Scene) -> Equilibrium:
+        one = found[0]
+        contacts = Contacts._of_one(found[1], scene)
+        return cls(*one[:8], STABILITY[one[8]], EXAMINED[one[9]], one[10], contacts)
 
     @property
     def tip(self) -> Floats:
@@ -102,6 +112,7 @@ class Equilibria(Batch):
         stability: Shape (rows,): index into :data:`STABILITY`.
         examined: Shape (rows,): index into :data:`EXAMINED`.
         growth: Shape (rows, 2).
+        contacts: What all rows touch, in a scene; None without one.
     """
 
     positions: Floats
@@ -115,6 +126,7 @@ class Equilibria(Batch):
     stability: NDArray[np.uint8]
     examined: NDArray[np.uint8]
     growth: Floats
+    contacts: Contacts | None = None
 
     _by_rows = (
         "positions",
@@ -131,8 +143,15 @@ class Equilibria(Batch):
     )
 
     @classmethod
-    def _of(cls, rows: _tdcr.EquilibriumRows) -> Equilibria:
-        return cls(**{name: getattr(rows, name) for name in cls.__dataclass_fields__})
+    def _of(cls, rows: _tdcr.EquilibriumRows, contacts: Contacts | None = None) -> Equilibria:
+        return cls(**{name: getattr(rows, name) for name in cls._by_rows}, contacts=contacts)
+
+    def _take(self, rows: Any) -> Equilibria:
+        taken = super()._take(rows)
+        if self.contacts is None:
+            return taken
+        places = np.arange(len(self))[rows_of(rows, len(self))]
+        return replace(taken, contacts=self.contacts._of_rows(places))
 
     @property
     def tips(self) -> Floats:
@@ -165,10 +184,19 @@ class Equilibria(Batch):
             STABILITY[self.stability[row]],
             EXAMINED[self.examined[row]],
             self.growth[row],
+            None if self.contacts is None else self.contacts._of_row(row),
         )
 
 
-def settle(robot: RobotLike, command: Any, payload: Any = None, *, wrench: Any = None, loads: Loads | None = None) -> Equilibrium:
+def settle(
+    robot: RobotLike,
+    command: Any,
+    payload: Any = None,
+    *,
+    wrench: Any = None,
+    loads: Loads | None = None,
+    scene: Scene | None = None,
+) -> Equilibrium:
     """Settles a robot under a command, from the straight pose.
 
     Args:
@@ -177,6 +205,7 @@ def settle(robot: RobotLike, command: Any, payload: Any = None, *, wrench: Any =
         payload: Mass hung from the last disc (kg).
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (n, 6).
         loads: Other loads.
+        scene: Obstacles around the robot, which touches them without friction: the result has its contacts.
 
     Returns:
         The equilibrium; look at its ``converged``, or call its ``check()``.
@@ -184,9 +213,13 @@ def settle(robot: RobotLike, command: Any, payload: Any = None, *, wrench: Any =
     Raises:
         CommandError: For a command that the robot cannot take.
         LoadsError: For loads that it cannot take.
+        ContactError: In a scene, for a straight robot inside an obstacle, and for loads that are moments or turn with their disc.
     """
     robot = as_robot(robot)
     command = as_float(command, "command", (robot.tendons,))
+    if scene is not None:
+        question = robot._native, as_scene(scene)._native, command, *native_loads(loads, payload, wrench, robot.discs)
+        return Equilibrium._among(_tdcr.settle_one_among(*question), scene)
     return Equilibrium._of(_tdcr.settle_one(robot._native, command, *native_loads(loads, payload, wrench, robot.discs)))
 
 
@@ -197,6 +230,7 @@ def settle_batch(
     *,
     wrench: Any = None,
     loads: Loads | Sequence[Loads] | None = None,
+    scene: Scene | Sequence[Scene] | None = None,
     progress: Progress | None = None,
 ) -> Equilibria:
     """Settles rows of commands on all threads, each from the straight pose.
@@ -209,13 +243,18 @@ def settle_batch(
         payload: Mass hung from the last disc (kg): one for all rows, or shape (rows,).
         wrench: Force (N) and moment (N m) on each disc, world frame: shape (n, 6) for all rows, or (rows, n, 6).
         loads: Other loads: for all rows, or one for each row.
+        scene: Obstacles around the robot: for all rows, or one scene for each row, of obstacles of the same names.
         progress: Is called with the number of rows done since its last call, as ``tqdm(total=rows).update``.
 
     Raises:
         CommandError, LoadsError: For a row that the robot cannot take; the message names it.
+        ContactError: As of :func:`settle`; the message names the row.
         InputError: For shapes that do not fit.
     """
-    rows = Rows.of(robot, commands, payload, wrench, loads)
+    rows = Rows.of(robot, commands, payload, wrench, loads, scene)
+    if rows.scenes is not None:
+        found, touched = _tdcr.settle_rows_among(rows.argument(), rows.native_scenes(), progress)
+        return Equilibria._of(found, Contacts._of(touched, rows.scenes))
     return Equilibria._of(_tdcr.settle_rows(rows.argument(), progress))
 
 
@@ -226,13 +265,17 @@ def follow(
     *,
     wrench: Any = None,
     loads: Loads | Sequence[Loads] | None = None,
+    scene: Scene | None = None,
     progress: Progress | None = None,
 ) -> Equilibria:
     """Follows one branch of equilibria along a path of commands: each row starts from the equilibrium of the row before it.
 
-    Arguments as of :func:`settle_batch`, with one robot.
+    Arguments as of :func:`settle_batch`, with one robot and one scene.
     """
-    rows = Rows.of(robot, commands, payload, wrench, loads)
+    rows = Rows.of(robot, commands, payload, wrench, loads, None if scene is None else as_scene(scene))
+    if scene is not None:
+        found, touched = _tdcr.follow_rows_among(rows.argument(), scene._native, progress)
+        return Equilibria._of(found, Contacts._of(touched, [scene]))
     return Equilibria._of(_tdcr.follow_rows(rows.argument(), progress))
 
 
@@ -241,11 +284,17 @@ class Settler:
 
     Args:
         robot: The robot, or what :class:`tdcr.Robot` makes one of.
+        scene: Obstacles around it, if there are any.
     """
 
-    def __init__(self, robot: RobotLike) -> None:
+    def __init__(self, robot: RobotLike, scene: Scene | None = None) -> None:
         self.robot = as_robot(robot)
-        self._native = _tdcr.Settler(self.robot._native)
+        self.scene = None if scene is None else as_scene(scene)
+        self._native: _tdcr.Settler | _tdcr.ContactSettler
+        if self.scene is None:
+            self._native = _tdcr.Settler(self.robot._native)
+        else:
+            self._native = _tdcr.ContactSettler(self.robot._native, self.scene._native)
         self._loads = NO_LOADS
 
     def settle(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> Equilibrium:
@@ -256,25 +305,28 @@ class Settler:
             loads: Loads, or none.
             payload: Mass hung from the last disc (kg), in place of ``loads``.
         """
-        return Equilibrium._of(self._native.settle(self._command(command), self._take(loads, payload)))
+        return self._found(self._native.settle(self._command(command), self._take(loads, payload)))
 
     def follow(self, command: Any, loads: Loads | None = None, *, payload: Any = None) -> Equilibrium:
         """Settles from the last equilibrium; the first time, from the straight pose. Arguments as of :meth:`settle`."""
-        return Equilibrium._of(self._native.follow(self._command(command), self._take(loads, payload)))
+        return self._found(self._native.follow(self._command(command), self._take(loads, payload)))
 
     def settle_from(self, configuration: Any, command: Any, loads: Loads | None = None, *, payload: Any = None) -> Equilibrium:
         """Settles from a configuration: rotations (w, x, y, z) of the joints, shape (n, 4). The others as of :meth:`settle`."""
         start = as_quaternions(configuration, "configuration", (self.robot.discs, 4))
-        return Equilibrium._of(self._native.settle_from(self._command(command), self._take(loads, payload), start))
+        return self._found(self._native.settle_from(self._command(command), self._take(loads, payload), start))
 
     def _command(self, command: Any) -> Floats:
         return as_float(command, "command", (self.robot.tendons,))
 
+    def _found(self, found: Any) -> Equilibrium:
+        return Equilibrium._of(found) if self.scene is None else Equilibrium._among(found, self.scene)
+
     def __getstate__(self) -> dict[str, Any]:
-        return {"robot": self.robot, "memory": self._native.memory(), "loads": self._loads}
+        return {"robot": self.robot, "scene": self.scene, "memory": self._native.memory(), "loads": self._loads}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__init__(saved["robot"])  # type: ignore[misc]
+        self.__init__(saved["robot"], saved.get("scene"))  # type: ignore[misc]
         self._loads = saved["loads"]
         self._native.resume(saved["memory"], self._loads._native)
 
@@ -290,6 +342,7 @@ class Rows:
     robots: list[Robot]
     commands: Floats
     loads: LoadRows
+    scenes: list[Scene] | None = None
 
     @classmethod
     def of(
@@ -299,15 +352,34 @@ class Rows:
         payload: Any,
         wrench: Any,
         loads: Loads | Sequence[Loads] | None,
+        scene: Scene | Sequence[Scene] | None = None,
     ) -> Rows:
         """Reads the arguments of :func:`settle_batch`."""
         robots = as_robots(robot)
         first = robots[0]
         commands = as_rows(commands, "commands", first.tendons, f"one for each tendon of robot {first.name!r}")
         rows = LoadRows.of(loads, payload, wrench, len(commands), first.discs)
-        return cls(robots, commands, rows)
+        return cls(robots, commands, rows, None if scene is None else as_scenes(scene, len(commands)))
 
     def argument(self) -> tuple[list[_tdcr.Robot], Floats, list[_tdcr.Loads], Floats | None, Floats | None]:
         """The rows as the native functions take them."""
         loads = self.loads
         return [robot._native for robot in self.robots], self.commands, loads.base, loads.payload, loads.wrench
+
+    def scenes_given(self) -> list[Scene]:
+        """The scenes: one for all rows, or one for each.
+
+        Raises:
+            InputError: If there are none.
+        """
+        if self.scenes is None:
+            raise InputError("scene is None; expected a tdcr.Scene, or one for each row")
+        return self.scenes
+
+    def native_scenes(self) -> list[_tdcr.Scene]:
+        """The scenes as the native functions take them."""
+        return [scene._native for scene in self.scenes_given()]
+
+    def maybe_scenes(self) -> list[_tdcr.Scene] | None:
+        """The same, where there may be none."""
+        return None if self.scenes is None else self.native_scenes()

@@ -17,6 +17,7 @@ from tdcr._results import Result
 from tdcr.errors import InputError
 from tdcr.loads import Loads
 from tdcr.robot import Robot, RobotLike, as_robot
+from tdcr.scene import Scene, as_scene
 
 
 class Configured(Protocol):
@@ -35,7 +36,8 @@ class View(Result):
         color: Shape (height, width, 3), 8-bit RGB, black on background.
         depth: Along the optical axis, shape (height, width) (m); 0 where there is none.
         mask: What each pixel shows, shape (height, width): 0 background, 1 base, 2 payload, 4 rod, 10,000 and more discs,
-            20,000 and more tendons.
+            20,000 and more tendons,
+            40,000 and more obstacles of a scene.
         matrix: Camera matrix, shape (3, 3) (pixels).
         distortion: Coefficients k1, k2, p1, p2, k3 as OpenCV has them, shape (5,).
         position: Centre of projection, world frame, shape (3,) (m).
@@ -82,6 +84,7 @@ def render(
     noise: Literal["d435"] | None = None,
     seed: int = 0,
     index: int = 0,
+    scene: Scene | None = None,
 ) -> list[View]:
     """Pictures of a robot by its own cameras.
 
@@ -95,6 +98,7 @@ def render(
         noise: Simulates the faults of a real depth camera.
         seed: Seed of the faults.
         index: Number of the picture: pictures of one seed differ by it.
+        scene: Obstacles that are shown, and hide what is behind them.
     """
     robot = as_robot(robot)
     if unknown := set(as_texts(show, "show")) - {"payload", "tendons"}:
@@ -110,6 +114,7 @@ def render(
         maybe_text(noise, "noise"),
         as_count(seed, "seed", 0, 2**64 - 1),
         as_count(index, "index"),
+        None if scene is None else as_scene(scene)._native,
     )
     return [as_view(view) for view in views]
 

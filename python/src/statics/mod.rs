@@ -18,8 +18,7 @@ use crate::run;
 
 pub use batch::{Batch, RowsArgument};
 pub use memory::{read_memory, write_memory};
-pub use numbers::{EquilibriumRows, Numbers};
-use numbers::{One, one};
+pub use numbers::{EquilibriumRows, Numbers, One, Row, one};
 
 /// Most discs of a robot that settles faster than a thread is woken.
 pub const SMALL: usize = 64;

@@ -9,9 +9,10 @@ import torch
 from torch import Tensor
 
 from tdcr._arrays import as_count, as_number
-from tdcr._differentiable import check_parameters
+from tdcr._differentiable import check_parameters, own_poses, scene_text
 from tdcr.errors import InputError
 from tdcr.robot import Robot, RobotLike, as_robot
+from tdcr.scene import Scene
 from tdcr.sensitivity import OnFailure, check_on_failure
 from tdcr.torch import operators
 
@@ -24,6 +25,9 @@ def settle(
     *,
     parameters: Sequence[str] = (),
     values: Tensor | None = None,
+    scene: Scene | None = None,
+    obstacle_positions: Tensor | None = None,
+    obstacle_quaternions: Tensor | None = None,
     on_failure: OnFailure = "raise",
 ) -> tuple[Tensor, Tensor]:
     """Settles rows of commands; gradients flow to the commands, the loads and the values of physical parameters.
@@ -39,6 +43,11 @@ def settle(
         wrench: Force (N) and moment (N m) on each disc, world frame, shape (..., n, 6) or (n, 6).
         parameters: Names of ``p`` physical parameters: see :mod:`tdcr.sensitivity`.
         values: Their values, shape (p,), or (..., p) for a robot of its own for each row.
+        scene: Obstacles around the robots.
+        obstacle_positions: Where the obstacles are in place of the scene's own positions, shape (..., m, 3) or (m, 3) (m), with
+            gradients.
+        obstacle_quaternions: How they are turned (w, x, y, z), in place of the scene's, shape (..., m, 4) or (m, 4), normalised
+            on use, with gradients.
         on_failure: What becomes of rows that do not settle: ``"raise"``, or ``"nan"``, which may be masked: they have no
             influence on gradients where the cost does not depend on them.
 
@@ -48,6 +57,7 @@ def settle(
     Raises:
         InputError: For shapes and options that do not fit, and tensors on another device than the processor.
         ParameterError: For a parameter that the robot does not have, and for two that overlap.
+        ContactError: As of :func:`tdcr.settle_batch`.
         NotSettledError: For a row that does not settle.
         SensitivityError: Where a derivative is differentiated.
     """
@@ -59,14 +69,24 @@ def settle(
     if command.ndim == 0 or command.shape[-1] != robot.tendons:
         raise InputError(f"command has shape {tuple(command.shape)}; expected (..., {robot.tendons})")
     leading, discs = command.shape[:-1], robot.discs
+    own = own_poses(scene, obstacle_positions is not None or obstacle_quaternions is not None)
+    places = torch.from_numpy(own[0]) if obstacle_positions is None else obstacle_positions
+    turns = torch.from_numpy(own[1]) if obstacle_quaternions is None else obstacle_quaternions
     arguments = (
         command,
         _rows(payload, "payload", command, leading, ()),
         _rows(wrench, "wrench", command, leading, (discs, 6)),
         # One row of values for each command: their gradients are summed by the adjoint of the expansion.
         _rows(values, "values", command, leading, (len(names),)),
+        torch.cat(
+            [
+                _rows(places, "obstacle_positions", command, leading, own[0].shape),
+                _rows(turns, "obstacle_quaternions", command, leading, own[1].shape),
+            ],
+            dim=-1,
+        ),
     )
-    return operators.settle(arguments, robot.to_json(), names, chosen)
+    return operators.settle(arguments, robot.to_json(), names, chosen, scene_text(scene))
 
 
 def rollout(

@@ -18,13 +18,14 @@ _SEPARATOR = ","
 """Between names of parameters: an operator takes one text, not a list of them."""
 
 
-def settle(arguments: Tensors, robot: str, names: Sequence[str], on_failure: OnFailure) -> tuple[Tensor, Tensor]:
-    """Positions and quaternions; arguments are commands, payloads, wrenches and values, with the same leading axes."""
+def settle(arguments: Tensors, robot: str, names: Sequence[str], on_failure: OnFailure, scene: str) -> tuple[Tensor, Tensor]:
+    """Positions and quaternions; arguments are commands, payloads, wrenches, values and poses of obstacles, with the same
+    leading axes."""
     text = _SEPARATOR.join(names)
     if _compiling():
-        found: tuple[Tensor, Tensor] = _settle(*arguments, robot, text, on_failure)
+        found: tuple[Tensor, Tensor] = _settle(*arguments, robot, text, on_failure, scene)
         return found
-    positions, quaternions = _settling(robot, text, on_failure)(*arguments)
+    positions, quaternions = _settling(robot, text, on_failure, scene)(*arguments)
     return positions, quaternions
 
 
@@ -55,12 +56,12 @@ def _refuse_forward_mode(function: str) -> None:
         )
 
 
-def _settling(robot: str, names: str, on_failure: OnFailure) -> Differentiable:
+def _settling(robot: str, names: str, on_failure: OnFailure, scene: str) -> Differentiable:
     return Differentiable(
         "tdcr.torch.settle",
-        lambda arguments: _settle(*arguments, robot, names, on_failure),
-        lambda cotangents, arguments, wanted: _settle_backward(*cotangents, *arguments, robot, names, wanted),
-        lambda changes, arguments: _settle_forward(*changes, *arguments, robot, names),
+        lambda arguments: _settle(*arguments, robot, names, on_failure, scene),
+        lambda cotangents, arguments, wanted: _settle_backward(*cotangents, *arguments, robot, names, wanted, scene),
+        lambda changes, arguments: _settle_forward(*changes, *arguments, robot, names, scene),
     )
 
 
@@ -96,8 +97,8 @@ def _split(names: str) -> list[str]:
     return names.split(_SEPARATOR) if names else []
 
 
-def _problem(arguments: Tensors, robot: str, names: str) -> Problem:
-    return Problem.of(robot, _split(names), *_arrays(arguments))
+def _problem(arguments: Tensors, robot: str, names: str, scene: str) -> Problem:
+    return Problem.of(robot, scene, _split(names), *_arrays(arguments))
 
 
 @torch.library.custom_op("tdcr::settle", mutates_args=(), device_types="cpu")
@@ -106,11 +107,13 @@ def _settle(
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
     on_failure: str,
+    scene: str = "",
 ) -> tuple[Tensor, Tensor]:
-    problem = _problem((command, payload, wrench, values), robot, names)
+    problem = _problem((command, payload, wrench, values, poses), robot, names, scene)
     positions, quaternions = _of_type(command, problem.settle("raise" if on_failure == "raise" else "nan"))
     return positions, quaternions
 
@@ -121,13 +124,15 @@ def _(
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
     on_failure: str,
+    scene: str = "",
 ) -> tuple[Tensor, Tensor]:
     _refuse_forward_mode("settle")
-    poses = (*command.shape[:-1], wrench.shape[-2])
-    return command.new_empty(*poses, 3), command.new_empty(*poses, 4)
+    discs = (*command.shape[:-1], wrench.shape[-2])
+    return command.new_empty(*discs, 3), command.new_empty(*discs, 4)
 
 
 @torch.library.custom_op("tdcr::settle_backward", mutates_args=(), device_types="cpu")
@@ -138,15 +143,17 @@ def _settle_backward(
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
     wanted: Sequence[bool],
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    arguments = command, payload, wrench, values
+    scene: str = "",
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    arguments = command, payload, wrench, values, poses
     positions, quaternions = _arrays((by_positions, by_quaternions))
-    found = _problem(arguments, robot, names).adjoint(positions, quaternions, wanted)
-    by_command, by_payload, by_wrench, by_values = _like(arguments, found)
-    return by_command, by_payload, by_wrench, by_values
+    found = _problem(arguments, robot, names, scene).adjoint(positions, quaternions, wanted)
+    by_command, by_payload, by_wrench, by_values, by_poses = _like(arguments, found)
+    return by_command, by_payload, by_wrench, by_values, by_poses
 
 
 @_settle_backward.register_fake
@@ -157,11 +164,13 @@ def _(
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
     wanted: Sequence[bool],
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    return _empty_like(command), _empty_like(payload), _empty_like(wrench), _empty_like(values)
+    scene: str = "",
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    return _empty_like(command), _empty_like(payload), _empty_like(wrench), _empty_like(values), _empty_like(poses)
 
 
 @torch.library.custom_op("tdcr::settle_forward", mutates_args=(), device_types="cpu")
@@ -170,15 +179,18 @@ def _settle_forward(
     of_payload: Tensor,
     of_wrench: Tensor,
     of_values: Tensor,
+    of_poses: Tensor,
     command: Tensor,
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
+    scene: str = "",
 ) -> tuple[Tensor, Tensor]:
-    changes = _arrays((of_command, of_payload, of_wrench, of_values))
-    found = _problem((command, payload, wrench, values), robot, names).tangent(changes)
+    changes = _arrays((of_command, of_payload, of_wrench, of_values, of_poses))
+    found = _problem((command, payload, wrench, values, poses), robot, names, scene).tangent(changes)
     positions, quaternions = _of_type(command, found)
     return positions, quaternions
 
@@ -189,26 +201,29 @@ def _(
     of_payload: Tensor,
     of_wrench: Tensor,
     of_values: Tensor,
+    of_poses: Tensor,
     command: Tensor,
     payload: Tensor,
     wrench: Tensor,
     values: Tensor,
+    poses: Tensor,
     robot: str,
     names: str,
+    scene: str = "",
 ) -> tuple[Tensor, Tensor]:
-    poses = (*command.shape[:-1], wrench.shape[-2])
-    return command.new_empty(*poses, 3), command.new_empty(*poses, 4)
+    discs = (*command.shape[:-1], wrench.shape[-2])
+    return command.new_empty(*discs, 3), command.new_empty(*discs, 4)
 
 
 def _setup(ctx, inputs, output):  # type: ignore[no-untyped-def]
-    command, payload, wrench, values, ctx.robot, ctx.names, _ = inputs
-    ctx.save_for_backward(command, payload, wrench, values)
+    command, payload, wrench, values, poses, ctx.robot, ctx.names, _, ctx.scene = inputs
+    ctx.save_for_backward(command, payload, wrench, values, poses)
 
 
 def _backward(ctx, by_positions, by_quaternions):  # type: ignore[no-untyped-def]
-    wanted = [bool(want) for want in ctx.needs_input_grad[:4]]
-    gradients = _settle_backward(by_positions, by_quaternions, *ctx.saved_tensors, ctx.robot, ctx.names, wanted)
-    return *(g if want else None for g, want in zip(gradients, wanted, strict=True)), None, None, None
+    wanted = [bool(want) for want in ctx.needs_input_grad[:5]]
+    gradients = _settle_backward(by_positions, by_quaternions, *ctx.saved_tensors, ctx.robot, ctx.names, wanted, ctx.scene)
+    return *(g if want else None for g, want in zip(gradients, wanted, strict=True)), None, None, None, None
 
 
 _settle.register_autograd(_backward, setup_context=_setup)

@@ -19,6 +19,8 @@ COMMAND = ROBOT.mean_command
 ROWS = COMMAND[np.newaxis]
 SETTLED = tdcr.settle(ROBOT, COMMAND)
 CLOUD = np.zeros((20, 3))
+BALL = tdcr.Obstacle.sphere("ball", 0.02, position=(0.2, 0.0, 0.2))
+SCENE = tdcr.Scene([BALL])
 
 WRONG = [
     "a",
@@ -69,10 +71,29 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (ROBOT.save, {"path": folder / "robot.toml"}),
         (tdcr.Loads, {"payload": 0.0, "payload_offset": (0, 0, 0), "wrenches": (), "line": (0, 0, 0)}),
         (tdcr.Wrench, {"disc": 0, "force": (0, 0, 0), "moment": (0, 0, 0), "frame": "world", "point": (0, 0, 0)}),
-        (tdcr.settle, {"robot": ROBOT, "command": COMMAND, "payload": 0.0, "wrench": None, "loads": None}),
-        (tdcr.settle_batch, {**batch, "payload": 0.0, "wrench": None, "loads": None, "progress": None}),
-        (tdcr.follow, {**batch, "payload": 0.0, "wrench": None, "loads": None, "progress": None}),
-        (tdcr.Settler, {"robot": ROBOT}),
+        (tdcr.settle, {"robot": ROBOT, "command": COMMAND, "payload": 0.0, "wrench": None, "loads": None, "scene": SCENE}),
+        (tdcr.settle_batch, {**batch, "payload": 0.0, "wrench": None, "loads": None, "progress": None, "scene": SCENE}),
+        (tdcr.follow, {**batch, "payload": 0.0, "wrench": None, "loads": None, "progress": None, "scene": SCENE}),
+        (tdcr.Settler, {"robot": ROBOT, "scene": SCENE}),
+        (tdcr.Scene, {"obstacles": [BALL]}),
+        (tdcr.Scene.load, {"path": missing}),
+        (tdcr.Scene.from_json, {"text": SCENE.to_json()}),
+        (SCENE.find, {"obstacle": "ball"}),
+        (SCENE.moved, {"obstacle": "ball", "position": (0, 0, 0), "orientation": (1, 0, 0, 0)}),
+        (SCENE.save, {"path": folder / "scene.toml"}),
+        (tdcr.Obstacle.half_space, {"name": "floor", "position": (0, 0, 0), "orientation": (1, 0, 0, 0), "compliance": 1e-6}),
+        (tdcr.Obstacle.box, {"name": "box", "size": (1, 1, 1), "friction": 0.1, "color": (1, 2, 3), "mass": 1.0}),
+        (tdcr.Obstacle.sphere, {"name": "ball", "radius": 1.0}),
+        (tdcr.Obstacle.capsule, {"name": "rod", "radius": 1.0, "length": 1.0}),
+        (tdcr.Obstacle.cylinder, {"name": "post", "radius": 1.0, "length": 1.0}),
+        (tdcr.Obstacle.pipe, {"name": "pipe", "radius": 1.0, "length": 1.0, "path": None}),
+        (tdcr.Obstacle.mesh, {"name": "part", "file": missing, "scale": 1.0}),
+        (
+            tdcr.scene_vjp,
+            {**batch, "by_positions": np.zeros((1, 10, 3)), "by_quaternions": None, "payload": None, "scene": SCENE},
+        ),
+        (tdcr.obstacle_jacobian, {**batch, "obstacle": "ball", "payload": None, "scene": SCENE, "on_failure": "raise"}),
+        (tdcr.base_jacobian, {**batch, "payload": None, "wrench": None, "loads": None, "scene": SCENE}),
         (settler.settle, {"command": COMMAND, "loads": None, "payload": None}),
         (settler.follow, {"command": COMMAND, "loads": None, "payload": None}),
         (settler.settle_from, {"configuration": SETTLED.configuration, "command": COMMAND, "loads": None, "payload": None}),

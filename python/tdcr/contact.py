@@ -1,0 +1,93 @@
+"""What a robot touches where it settles in a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr import _tdcr
+from tdcr._arrays import Floats
+from tdcr._results import Result
+from tdcr.scene import Scene
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Contacts(Result):
+    """The ``k`` places where a robot, or the robots of a batch, touch obstacles; vectors are of the world frame.
+
+    Attributes:
+        row: Row of the batch, shape (k,), ascending; None for a single equilibrium.
+        disc: The disc that touches, shape (k,), from 0 at the base.
+        obstacle: Number of the obstacle in the scene, shape (k,).
+        point: Where on the obstacle's surface, shape (k, 3) (m).
+        normal: The obstacle's outward normal there, shape (k, 3).
+        gap: Distance of the undeformed surfaces, shape (k,) (m): below 0 where they are pressed into each other.
+        force: Force on the robot, shape (k, 3) (N).
+        weak: Whether neither force nor gap is clearly above 0, shape (k,): after a small change such a contact may bear more, or
+            none, so that derivatives differ from one side to the other.
+        complementarity: Largest product of a force and the distance of its surfaces after they have given way (J), 0 of exact
+            contact: a number, or shape (rows,).
+        penetration: Deepest overlap of the undeformed shapes (m): a number, or shape (rows,).
+        names: Names of all obstacles of the scene, by their numbers.
+    """
+
+    row: NDArray[np.int64] | None
+    disc: NDArray[np.int64]
+    obstacle: NDArray[np.int64]
+    point: Floats
+    normal: Floats
+    gap: Floats
+    force: Floats
+    weak: NDArray[np.bool_]
+    complementarity: Any
+    penetration: Any
+    names: tuple[str, ...]
+
+    @property
+    def obstacle_names(self) -> tuple[str, ...]:
+        """Name of the obstacle of each contact."""
+        return tuple(self.names[number] for number in self.obstacle.tolist())
+
+    def __len__(self) -> int:
+        return len(self.disc)
+
+    @classmethod
+    def _of(cls, found: _tdcr.ContactRows, scenes: Sequence[Scene]) -> Contacts:
+        """Those of a batch."""
+        by_name = {name: getattr(found, name) for name in cls.__dataclass_fields__ if name != "names"}
+        return cls(**by_name, names=scenes[0].names)
+
+    @classmethod
+    def _of_one(cls, found: _tdcr.ContactRows, scene: Scene) -> Contacts:
+        """Those of a single equilibrium."""
+        return cls._of(found, [scene])._single(slice(None), 0)
+
+    def _of_row(self, row: int) -> Contacts:
+        """Those of one row of a batch."""
+        start, end = np.searchsorted(self.row, (row, row + 1))  # type: ignore[arg-type]
+        return self._single(slice(start, end), row)
+
+    def _single(self, chosen: slice, row: int) -> Contacts:
+        exactness: dict[str, Any] = {name: float(getattr(self, name)[row]) for name in ("complementarity", "penetration")}
+        return replace(self, row=None, **self._chosen(chosen), **exactness)
+
+    def _of_rows(self, rows: NDArray[np.intp]) -> Contacts:
+        """Those of several rows of a batch, which count from 0 again."""
+        starts, ends = np.searchsorted(self.row, rows), np.searchsorted(self.row, rows + 1)  # type: ignore[arg-type]
+        counts = ends - starts
+        chosen = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)] or [starts])
+        return replace(
+            self,
+            row=np.repeat(np.arange(len(rows)), counts),
+            **self._chosen(chosen),
+            complementarity=self.complementarity[rows],
+            penetration=self.penetration[rows],
+        )
+
+    def _chosen(self, chosen: Any) -> dict[str, Any]:
+        each = ("disc", "obstacle", "point", "normal", "gap", "force", "weak")
+        return {name: getattr(self, name)[chosen] for name in each}
