@@ -5,6 +5,9 @@
 #[path = "../examples/calibration.rs"]
 mod calibration;
 #[allow(dead_code, reason = "its `main` is not called here")]
+#[path = "../examples/contact_navigation.rs"]
+mod contact_navigation;
+#[allow(dead_code, reason = "its `main` is not called here")]
 #[path = "../examples/friction_loop.rs"]
 mod friction_loop;
 #[allow(dead_code, reason = "its `main` is not called here")]
@@ -38,6 +41,15 @@ fn shape_control_draws_what_it_reached_and_what_it_did_not() {
     }
     // One dot for each target and each disc of the arc, and one for each of three legends.
     assert_eq!(svg.matches("<circle").count(), 72 + 15 + 3);
+}
+
+#[test]
+fn contact_navigation_draws_the_pipe_and_both_ways_in() {
+    let svg = picture(contact_navigation::run);
+    assert_stands_alone(&svg);
+    for says in ["left alone", "steered", "force of the walls (N)"] {
+        assert!(svg.contains(says), "{says}");
+    }
 }
 
 #[test]
