@@ -4,8 +4,6 @@
 //! the point changes that by `-(s n n' - f K) u`: `s` is the contact's stiffness, `K` the surface's curvature. So the Hessian stays
 //! one block for each joint and each disc, now `6 x 6` ([`Pressing`], [`ChainLu`]), whatever the number of contacts.
 
-use faer::Mat;
-use faer::linalg::solvers::Solve;
 use nalgebra::{Matrix3, Vector3};
 
 use super::ContactError;
@@ -16,7 +14,7 @@ use crate::factor::{ChainLu, ChainMatrix, Curvature, Side};
 use crate::geometry::Beads;
 use crate::robot::Robot;
 use crate::scene::Scene;
-use crate::solve::{Iterate, System};
+use crate::solve::{Iterate, System, correct_rest_lengths};
 
 /// Largest turn of a joint in one step (rad).
 const MAX_TURN: f64 = 0.5;
@@ -95,9 +93,7 @@ impl Equations {
         let stiffest = obstacles
             .map(|obstacle| Law::new(1.0, obstacle.compliance, 1.0).compliance)
             .fold(f64::INFINITY, f64::min);
-        let offsets = self.robot.discs().iter();
-        let length: f64 = offsets.map(|disc| disc.joint_offset.norm()).sum();
-        ROUNDING * length * length / stiffest
+        ROUNDING * self.robot.reach().powi(2) / stiffest
     }
 
     pub fn law(&self, near: &Near) -> Law {
@@ -204,28 +200,13 @@ impl Equations {
         }
     }
 
-    /// Moves the rest lengths of tendons that are longer than they should be by `errors` (tendon, m), as
-    /// `statics::descent` does without contacts: Newton's step on the dual problem.
+    /// Moves the rest lengths of tendons that are longer than they should be by `errors` (tendon, m): see [`correct_rest_lengths`].
     pub fn correct_rest_lengths(&mut self, errors: &[(usize, f64)], rest: &mut [f64]) {
         self.factorise(0.0);
-        let columns = self.expansion.dense_columns();
-        let none = vec![Vector3::zeros(); columns[0].1.len()];
-        // How much each length grows for each tendon's pull (m/N).
-        let mut compliance = Mat::zeros(errors.len(), errors.len());
-        for (j, (pulled, _)) in errors.iter().enumerate() {
-            let turns = &mut self.iterate.step;
-            self.lu
-                .solve(&columns[*pulled].1, &none, Side::Matrix, turns);
-            for (i, (tendon, _)) in errors.iter().enumerate() {
-                let growth = columns[*tendon].1.iter().zip(&*turns);
-                compliance[(i, j)] = growth.map(|(a, w)| a.dot(w)).sum::<f64>();
-            }
-        }
-        let wanted = Mat::from_fn(errors.len(), 1, |i, _| errors[i].1);
-        let pulls = compliance.partial_piv_lu().solve(&wanted);
-        for (i, (tendon, _)) in errors.iter().enumerate() {
-            rest[*tendon] -= pulls[(i, 0)] / self.expansion.weights[*tendon];
-        }
+        let (lu, none) = (&self.lu, vec![Vector3::zeros(); self.joints.len()]);
+        correct_rest_lengths(&self.expansion, errors, rest, |moments, turns| {
+            lu.solve(moments, &none, Side::Matrix, turns);
+        });
     }
 
     /// Shortens the step such that no bead's centre passes a surface: of those in the list none comes nearer than a share of the way
@@ -259,7 +240,7 @@ impl Equations {
 }
 
 /// Turn (rad) of each disc and displacement (m) of the centre of its joint by the step, to first order, world axes.
-pub(super) fn disc_motions(iterate: &Iterate) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+fn disc_motions(iterate: &Iterate) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     let centres = &iterate.posture.chain.centres;
     let (mut turn, mut shift) = (Vector3::zeros(), Vector3::zeros());
     let mut below = centres[0];

@@ -215,31 +215,30 @@ impl ContactSettler {
             .max(robot.load_rounding(loads))
             .max(self.equations.rounding());
         let last = LAST_BARRIER * self.tolerance;
-        let (mut solved, mut iterations) = self.lower_barrier(first * self.tolerance, last);
-        // Tendons whose length is commanded.
-        if solved
-            && self
-                .equations
-                .robot
-                .tendons()
-                .iter()
-                .any(Tendon::holds_length)
-        {
-            let steps;
-            (solved, steps) = self.hold_lengths(command);
-            iterations += steps;
-        }
+        let (solved, mut iterations) = self.rest(command, first * self.tolerance, last);
         // An unstable equilibrium is left as far as a larger barrier reaches.
         let mut stability = solved.then(|| self.equations.stability());
         for _ in 0..MAX_SADDLES {
             if stability != Some(Stability::Unstable) || !self.equations.leave_saddle() {
                 break;
             }
-            let (solved, steps) = self.lower_barrier(NEAR_BARRIER * self.tolerance, last);
+            let (solved, steps) = self.rest(command, NEAR_BARRIER * self.tolerance, last);
             iterations += steps;
             stability = solved.then(|| self.equations.stability());
         }
         Ok(self.report(stability, iterations))
+    }
+
+    /// Solves under barriers (J) from the first to the last, and holds the lengths that are commanded. Whether that is solved, and the
+    /// number of steps.
+    fn rest(&mut self, command: &Command, first: f64, last: f64) -> (bool, usize) {
+        let (solved, iterations) = self.lower_barrier(first, last);
+        let holds = (self.equations.robot.tendons().iter()).any(Tendon::holds_length);
+        if !solved || !holds {
+            return (solved, iterations);
+        }
+        let (solved, steps) = self.hold_lengths(command);
+        (solved, iterations + steps)
     }
 
     /// Solves under barriers (J) from the first to the last. Whether the last is solved, and the number of steps.
@@ -314,8 +313,7 @@ impl ContactSettler {
 
     fn report_contacts(&mut self) {
         let (equations, out) = (&self.equations, &mut self.result);
-        let offsets = equations.robot.discs().iter();
-        let length: f64 = offsets.map(|disc| disc.joint_offset.norm()).sum();
+        let length = equations.robot.reach();
         let chain = &equations.iterate.posture.chain;
         out.contacts.clear();
         (out.complementarity, out.penetration) = (0.0, 0.0);

@@ -15,7 +15,7 @@ mod lengths;
 
 pub(crate) use continuation::Continuation;
 pub(crate) use iterate::{Iterate, largest_turn};
-pub(crate) use lengths::{MAX_CORRECTIONS, length_errors};
+pub(crate) use lengths::{MAX_CORRECTIONS, correct_rest_lengths, length_errors};
 
 use std::iter::successors;
 

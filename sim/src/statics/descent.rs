@@ -4,8 +4,6 @@
 //! multiple of the identity added to the Hessian: Nocedal and Wright, Numerical Optimization, section 3.4). That takes 5.5 to
 //! 6.6 steps on average, and reflecting the negative eigenvalues 9 to 10: bends then spread evenly over the joints.
 
-use faer::Mat;
-use faer::linalg::solvers::Solve;
 use nalgebra::Vector3;
 
 use super::tolerance::moment_tolerance;
@@ -14,7 +12,7 @@ use crate::chain::Configuration;
 use crate::energy::{Expansion, Potential};
 use crate::factor::{Curvature, Factor};
 use crate::robot::{Robot, joints_along};
-use crate::solve::{Iterate, System, newton};
+use crate::solve::{Iterate, System, correct_rest_lengths, newton};
 
 /// Largest turn of a joint in one step (rad).
 const MAX_TURN: f64 = 0.5;
@@ -161,27 +159,13 @@ impl Descent {
         (minimisation.end, steps)
     }
 
-    /// Moves the rest lengths of tendons that are longer than they should be by `errors` (tendon, m),
-    /// such that to first order the errors vanish at the equilibrium that follows: Newton's step on the dual
-    /// problem, whose unknowns are the tensions (Nocedal and Wright, Numerical Optimization, ch. 17).
+    /// Moves the rest lengths of tendons that are longer than they should be by `errors` (tendon, m): see [`correct_rest_lengths`].
     pub fn correct_rest_lengths(&mut self, errors: &[(usize, f64)], rest: &mut [f64]) {
         self.factor.factorise(&self.expansion, 0.0);
-        let columns = self.expansion.dense_columns();
-        // How much each length grows for each tendon's pull (m/N).
-        let mut compliance = Mat::zeros(errors.len(), errors.len());
-        for (j, (pulled, _)) in errors.iter().enumerate() {
-            let turns = &mut self.iterate.step;
-            self.factor.descend(&columns[*pulled].1, &self.none, turns);
-            for (i, (tendon, _)) in errors.iter().enumerate() {
-                let growth = columns[*tendon].1.iter().zip(&*turns);
-                compliance[(i, j)] = growth.map(|(a, w)| -a.dot(w)).sum::<f64>();
-            }
-        }
-        let wanted = Mat::from_fn(errors.len(), 1, |i, _| errors[i].1);
-        let pulls = compliance.partial_piv_lu().solve(&wanted);
-        for (i, (tendon, _)) in errors.iter().enumerate() {
-            rest[*tendon] -= pulls[(i, 0)] / self.expansion.weights[*tendon];
-        }
+        let (factor, none) = (&self.factor, &self.none);
+        correct_rest_lengths(&self.expansion, errors, rest, |moments, turns| {
+            factor.solve(moments, none, turns);
+        });
     }
 
     /// Where the Hessian is not positive definite, factorises it with the joints stiffened alike, in

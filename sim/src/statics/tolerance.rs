@@ -38,7 +38,7 @@ impl Robot {
     }
 
     /// Length of the straight robot from its lowest joint to its last disc's origin (m).
-    fn reach(&self) -> f64 {
+    pub(crate) fn reach(&self) -> f64 {
         let above = self
             .discs()
             .iter()
