@@ -173,6 +173,23 @@ pub(crate) fn add_joint_cotangent(chain: &Chain, cotangents: &[PoseTangent], out
     }
 }
 
+/// Turn (rad) of each disc and displacement (m) of its joint's centre by the joints' turns, to first order, world axes.
+pub(crate) fn motions(
+    centres: &[Vector3<f64>],
+    turns: &[Vector3<f64>],
+) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+    let (mut turn, mut shift) = (Vector3::zeros(), Vector3::zeros());
+    let mut below = centres.first().copied().unwrap_or_default();
+    (turns.iter().zip(centres))
+        .map(|(own, centre): (&Vector3<f64>, _)| {
+            shift += turn.cross(&(centre - below));
+            below = *centre;
+            turn += own;
+            (turn, shift)
+        })
+        .collect()
+}
+
 /// Derivative of a cost by each disc's turn in the world, given those by the poses.
 pub(crate) fn levers(chain: &Chain, cotangents: &[PoseTangent]) -> Vec<Vector3<f64>> {
     let n = cotangents.len();

@@ -9,11 +9,14 @@ use nalgebra::{Matrix3, Vector3};
 use super::ContactError;
 use super::law::Law;
 use super::near::{Near, Neighbourhood};
+use super::near_pairs::{NearPair, PairNeighbourhood};
+use crate::chain::Configuration;
 use crate::energy::{DeadForces, Expansion, Potential, Pressing};
-use crate::factor::{ChainLu, ChainMatrix, Curvature, Side};
+use crate::factor::{ChainMatrix, Curvature, PairedLu};
 use crate::geometry::Beads;
+use crate::pose::motions;
 use crate::robot::Robot;
-use crate::scene::Scene;
+use crate::scene::{Scene, SelfContact};
 use crate::solve::{Iterate, System, correct_rest_lengths};
 
 /// Largest turn of a joint in one step (rad).
@@ -33,6 +36,8 @@ const CLEARANCE: f64 = 0.7;
 
 /// Gap within which a contact counts, as a share of the radius of the largest disc's beads.
 const REACH: f64 = 0.5;
+/// The same of the robot's contacts with itself.
+const OWN_REACH: f64 = 0.1;
 /// Clearance that a step may always use, as a share of the reach: of beads without a radius, and of those that start inside.
 const THIN: f64 = 1e-3;
 
@@ -48,13 +53,16 @@ pub(super) struct Equations {
     pub iterate: Iterate,
     pub expansion: Expansion,
     pub neighbourhood: Neighbourhood,
-    /// Whether that is of the iterate.
+    /// The robot's contacts with itself, where there can be any.
+    pub pairs: Option<PairNeighbourhood>,
+    /// Whether those are of the iterate.
     pub is_found: bool,
-    pub lu: ChainLu,
+    pub lu: PairedLu,
     /// Barrier (J).
     pub barrier: f64,
-    /// Gap within which contacts count (m).
+    /// Gap within which contacts count (m): with obstacles, and with itself.
     pub reach: f64,
+    pub own_reach: f64,
     /// Largest residual (N m) that counts as solved.
     pub tolerance: f64,
     pub pressing: Pressing,
@@ -68,13 +76,20 @@ impl Equations {
         let expansion = Expansion::new(robot);
         let n = robot.discs().len();
         let widest = (0..n).map(|disc| beads.enclosing(disc)).fold(0.0, f64::max);
+        let own_reach = OWN_REACH * widest;
+        let pairs = match scene.self_contact() {
+            SelfContact::Ignored => None,
+            SelfContact::Touching { .. } => Some(PairNeighbourhood::new(robot, &beads, own_reach)),
+        };
         Self {
             robot: robot.clone(),
             scene: scene.clone(),
+            pairs,
+            own_reach,
             iterate: Iterate::new(robot),
             neighbourhood: Neighbourhood::default(),
             is_found: false,
-            lu: ChainLu::new(&expansion),
+            lu: PairedLu::new(&expansion),
             barrier: 0.0,
             reach: REACH * widest,
             tolerance: robot.moment_tolerance(),
@@ -90,8 +105,10 @@ impl Equations {
     /// What rounding of the positions leaves of the moments of contacts (N m).
     pub fn rounding(&self) -> f64 {
         let obstacles = self.scene.obstacles().iter();
-        let stiffest = obstacles
-            .map(|obstacle| Law::new(1.0, obstacle.compliance, 1.0).compliance)
+        let compliances = obstacles.map(|obstacle| obstacle.compliance);
+        let stiffest = compliances
+            .chain(self.own_compliance())
+            .map(|compliance| Law::new(1.0, compliance, 1.0).compliance)
             .fold(f64::INFINITY, f64::min);
         ROUNDING * self.robot.reach().powi(2) / stiffest
     }
@@ -101,11 +118,55 @@ impl Equations {
         Law::new(self.barrier, compliance, self.reach)
     }
 
+    fn own_compliance(&self) -> Option<f64> {
+        match self.scene.self_contact() {
+            SelfContact::Ignored => None,
+            SelfContact::Touching { compliance } => Some(compliance),
+        }
+    }
+
+    /// The law of the robot's contacts with itself.
+    pub fn own_law(&self) -> Law {
+        let compliance = self.own_compliance().unwrap_or_default();
+        Law::new(self.barrier, compliance, self.own_reach)
+    }
+
+    /// The robot's contacts with itself.
+    pub fn near_pairs(&self) -> &[NearPair] {
+        self.pairs.as_ref().map_or(&[], |pairs| &pairs.near)
+    }
+
+    /// Whether nothing is near.
+    pub fn is_alone(&self) -> bool {
+        self.neighbourhood.near.is_empty() && self.near_pairs().is_empty()
+    }
+
+    /// Whether the robot overlaps itself in a configuration.
+    pub fn overlaps_itself(&mut self, configuration: &Configuration) -> bool {
+        let Some(pairs) = &mut self.pairs else {
+            return false;
+        };
+        self.iterate.set(configuration);
+        pairs.overlaps(&self.beads, &self.iterate.posture.chain)
+    }
+
+    /// Forgets all contacts.
+    pub fn clear(&mut self) {
+        self.pressing.clear();
+        self.neighbourhood.near.clear();
+        if let Some(pairs) = &mut self.pairs {
+            pairs.near.clear();
+        }
+    }
+
     /// Finds the contacts at the iterate.
     fn find(&mut self) {
         let chain = &self.iterate.posture.chain;
         self.neighbourhood
             .find(&self.beads, &self.scene, chain, self.reach);
+        if let Some(pairs) = &mut self.pairs {
+            pairs.find(&self.beads, chain, self.own_reach);
+        }
         self.is_found = true;
     }
 
@@ -137,7 +198,9 @@ impl Equations {
         } = &self.iterate;
         let near = self.neighbourhood.near.iter();
         let contacts = near.map(|near| self.law(near).energy(near.gap));
-        potential.energy(configuration, posture) + contacts.sum::<f64>()
+        let own = self.own_law();
+        let pairs = self.near_pairs().iter().map(|pair| own.energy(pair.gap));
+        potential.energy(configuration, posture) + contacts.chain(pairs).sum::<f64>()
     }
 
     /// The contacts at the iterate, and their forces.
@@ -154,6 +217,11 @@ impl Equations {
                 near.normal * response.force,
                 &near.stiffness(&response),
             );
+        }
+        let own = self.own_law();
+        for pair in self.pairs.iter().flat_map(|pairs| &pairs.near) {
+            let response = own.at(pair.gap);
+            self.pressing.push_pair(pair.pressed(&response), response.force);
         }
     }
 
@@ -177,13 +245,14 @@ impl Equations {
     /// Factorises the Hessian with `stiffness` (N m/rad) added to every joint.
     pub fn factorise(&mut self, stiffness: f64) -> Option<Curvature> {
         self.joints.fill(Matrix3::identity() * stiffness);
-        self.lu.factorise(&ChainMatrix {
+        let matrix = ChainMatrix {
             expansion: &self.expansion,
             scale: 1.0,
             centres: &self.iterate.posture.chain.centres,
             joints: &self.joints,
             bodies: &self.pressing.forms,
-        })
+        };
+        self.lu.factorise(&matrix, &self.pressing.pairs)
     }
 
     /// Factorises the Hessian, where it is not positive definite with the joints stiffened alike until it is.
@@ -205,30 +274,44 @@ impl Equations {
         self.factorise(0.0);
         let (lu, none) = (&self.lu, vec![Vector3::zeros(); self.joints.len()]);
         correct_rest_lengths(&self.expansion, errors, rest, |moments, turns| {
-            lu.solve(moments, &none, Side::Matrix, turns);
+            lu.solve(moments, &none, turns);
         });
     }
 
     /// Shortens the step such that no bead's centre passes a surface: of those in the list none comes nearer than a share of the way
     /// along the normal, which is exact for convex obstacles; others are farther away than any bead moves.
     pub fn keep_clear(&mut self) {
-        let motions = disc_motions(&self.iterate);
+        let motions = motions(&self.iterate.posture.chain.centres, &self.iterate.step);
         let mut factor: f64 = 1.0;
-        for (disc, (turn, shift)) in motions.iter().enumerate() {
-            let arm = self.beads.enclosing(disc) + self.robot.discs()[disc].origin.norm();
-            let most = shift.norm() + turn.norm() * arm;
-            let allowed = self.neighbourhood.free[disc];
+        let mut limit = |most: f64, allowed: f64| {
             if most * factor > allowed {
                 factor = allowed / most;
             }
+        };
+        for (disc, (turn, shift)) in motions.iter().enumerate() {
+            let arm = self.beads.enclosing(disc) + self.robot.discs()[disc].origin.norm();
+            let most = shift.norm() + turn.norm() * arm;
+            limit(most, self.neighbourhood.free[disc]);
         }
         for near in &self.neighbourhood.near {
             let (turn, shift) = motions[near.bead.disc];
             let approach = -near.normal.dot(&(shift + turn.cross(&near.arm)));
             let clearance = (near.gap + near.bead.radius).max(THIN * self.reach);
-            if approach * factor > CLEARANCE * clearance {
-                factor = CLEARANCE * clearance / approach;
-            }
+            limit(approach, CLEARANCE * clearance);
+        }
+        for apart in self.pairs.iter().flat_map(|pairs| &pairs.apart) {
+            limit(self.most_apart(&motions, apart.discs), apart.distance);
+        }
+        for near in self.near_pairs() {
+            let [first, second] = [0, 1].map(|i| {
+                let disc = near.beads[i].disc;
+                let (turn, shift) = motions[disc];
+                shift + turn.cross(&(near.centres[i] - self.iterate.posture.chain.centres[disc]))
+            });
+            let approach = near.normal.dot(&(second - first));
+            let within = 0.5 * (near.beads[0].radius + near.beads[1].radius);
+            let clearance = (near.gap + within).max(THIN * self.own_reach);
+            limit(approach, CLEARANCE * clearance);
         }
         if factor < 1.0 {
             self.iterate
@@ -237,21 +320,19 @@ impl Equations {
                 .for_each(|turn| *turn *= factor);
         }
     }
-}
 
-/// Turn (rad) of each disc and displacement (m) of the centre of its joint by the step, to first order, world axes.
-fn disc_motions(iterate: &Iterate) -> Vec<(Vector3<f64>, Vector3<f64>)> {
-    let centres = &iterate.posture.chain.centres;
-    let (mut turn, mut shift) = (Vector3::zeros(), Vector3::zeros());
-    let mut below = centres[0];
-    (iterate.step.iter().zip(centres))
-        .map(|(own, centre): (&Vector3<f64>, _)| {
-            shift += turn.cross(&(centre - below));
-            below = *centre;
-            turn += own;
-            (turn, shift)
-        })
-        .collect()
+    /// The most that a point of one disc is displaced from the other disc (m).
+    fn most_apart(
+        &self,
+        motions: &[(Vector3<f64>, Vector3<f64>)],
+        [below, above]: [usize; 2],
+    ) -> f64 {
+        let centres = &self.iterate.posture.chain.centres;
+        let [(turn, shift), (other_turn, other_shift)] = [motions[below], motions[above]];
+        let carried = shift + turn.cross(&(centres[above] - centres[below]));
+        let arm = self.beads.enclosing(above) + self.robot.discs()[above].origin.norm();
+        (other_shift - carried).norm() + (other_turn - turn).norm() * arm
+    }
 }
 
 /// A minimisation under one potential and barrier.
@@ -304,7 +385,7 @@ impl System for Minimisation<'_> {
         let expansion = &equations.expansion;
         let step = &mut equations.iterate.step;
         let (joint, disc) = (&expansion.joint_gradient, &expansion.disc_gradient);
-        equations.lu.solve(joint, disc, Side::Matrix, step);
+        equations.lu.solve(joint, disc, step);
         step.iter_mut().for_each(|turn| *turn = -*turn);
         equations.iterate.limit_step(MAX_TURN);
         equations.keep_clear();

@@ -12,6 +12,7 @@
 mod equations;
 mod law;
 mod near;
+mod near_pairs;
 mod sensitivity;
 mod settler;
 mod stability;
@@ -25,23 +26,50 @@ use thiserror::Error;
 use crate::robot::Robot;
 use crate::statics::Equilibrium;
 
-/// A place where a robot touches an obstacle.
+/// A place where a robot touches an obstacle, or itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     /// The disc, from 0.
     pub disc: usize,
-    /// The obstacle, by its number in the scene.
-    pub obstacle: usize,
-    /// Where on the obstacle's surface, world frame (m).
+    /// What it touches.
+    pub partner: Partner,
+    /// Where on the partner's surface, world frame (m).
     pub point: Vector3<f64>,
-    /// The obstacle's outward normal there, world axes.
+    /// The partner's outward normal there, world axes.
     pub normal: Vector3<f64>,
     /// Distance of the undeformed surfaces (m), below 0 where they are pressed into each other.
     pub gap: f64,
-    /// Force on the robot, world axes (N).
+    /// Force on the disc, world axes (N).
     pub force: Vector3<f64>,
     /// Whether it bears force.
     pub activity: Activity,
+}
+
+/// What a disc touches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Partner {
+    /// An obstacle, by its number in the scene.
+    Obstacle(usize),
+    /// Another disc of the robot, from 0, farther from the base; the opposite force acts on it.
+    Disc(usize),
+}
+
+impl Partner {
+    /// The number of the obstacle, if it is one.
+    pub fn obstacle(self) -> Option<usize> {
+        match self {
+            Self::Obstacle(obstacle) => Some(obstacle),
+            Self::Disc(_) => None,
+        }
+    }
+
+    /// The number of the disc, if it is one.
+    pub fn disc(self) -> Option<usize> {
+        match self {
+            Self::Disc(disc) => Some(disc),
+            Self::Obstacle(_) => None,
+        }
+    }
 }
 
 /// Whether a contact bears force.
@@ -59,7 +87,7 @@ pub enum Activity {
 pub struct ContactEquilibrium {
     /// Where the robot is, and whether it rests there.
     pub equilibrium: Equilibrium,
-    /// What it touches, by obstacles and discs.
+    /// What it touches: by obstacles and discs, then itself.
     pub contacts: Vec<Contact>,
     /// Largest product of a contact's force and the distance of its surfaces after they have given way (J), 0 of exact contact.
     pub complementarity: f64,

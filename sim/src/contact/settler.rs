@@ -1,7 +1,8 @@
 //! From command to equilibrium among obstacles.
 
 use super::equations::{Equations, Minimisation};
-use super::{Activity, Contact, ContactEquilibrium, ContactError, ContactSensitivity};
+use super::law::{Law, Response};
+use super::{Activity, Contact, ContactEquilibrium, ContactError, ContactSensitivity, Partner};
 use crate::chain::Configuration;
 use crate::energy::following::follows;
 use crate::energy::{DeadForces, Potential};
@@ -114,7 +115,9 @@ impl ContactSettler {
     ) -> Result<&ContactEquilibrium, ContactError> {
         if self.is_free() {
             self.free.settle(command, loads);
-            return Ok(self.take_free());
+            if self.take_free() {
+                return Ok(&self.result);
+            }
         }
         self.equations.iterate.set_straight();
         self.equations.check_outside()?;
@@ -137,7 +140,9 @@ impl ContactSettler {
     ) -> Result<&ContactEquilibrium, ContactError> {
         if self.is_free() {
             self.free.settle_from(start, command, loads);
-            return Ok(self.take_free());
+            if self.take_free() {
+                return Ok(&self.result);
+            }
         }
         self.equations.iterate.set(start);
         self.solve(command, loads, NEAR_BARRIER)
@@ -158,7 +163,11 @@ impl ContactSettler {
         }
         if self.is_free() {
             self.free.follow(command, loads);
-            return Ok(self.take_free());
+            if self.take_free() {
+                return Ok(&self.result);
+            }
+            let before = self.result.equilibrium.configuration.clone();
+            self.equations.iterate.set(&before);
         }
         self.solve(command, loads, NEAR_BARRIER)
     }
@@ -179,7 +188,9 @@ impl ContactSettler {
     /// contacts' stiffness in it (N m/rad): see [`Robot::smallest_stiffness`]. `NaN` if it cannot be computed.
     pub fn smallest_stiffness(&mut self, command: &Command, loads: &Loads) -> f64 {
         let found = &self.result.equilibrium;
-        if self.is_free() {
+        // There the solver without contact has solved, which has no barrier.
+        let found_free = self.result.barrier == 0.0;
+        if found_free {
             return self.robot().smallest_stiffness(command, loads, found);
         }
         if !found.converged {
@@ -192,9 +203,18 @@ impl ContactSettler {
         self.equations.scene.obstacles().is_empty()
     }
 
-    fn take_free(&mut self) -> &ContactEquilibrium {
-        self.result.equilibrium.clone_from(self.free.equilibrium());
-        &self.result
+    /// Takes over where the robot settled without obstacles, if it does not touch itself there: then that is where it settles.
+    fn take_free(&mut self) -> bool {
+        let found = self.free.equilibrium();
+        if found.converged && self.equations.overlaps_itself(&found.configuration) {
+            return false;
+        }
+        self.equations.clear();
+        let out = &mut self.result;
+        out.equilibrium.clone_from(found);
+        out.contacts.clear();
+        (out.complementarity, out.penetration, out.barrier) = (0.0, 0.0, 0.0);
+        true
     }
 
     /// Settles `command` from wherever the iterate stands: the barrier falls from `first` to the last, each solve starting from the one
@@ -248,7 +268,7 @@ impl ContactSettler {
             let loose = self.tolerance.max(LOOSE * barrier);
             iterations += self.descend(barrier, loose).1;
             // Nothing near: the barrier changes nothing.
-            if self.equations.neighbourhood.near.is_empty() {
+            if self.equations.is_alone() {
                 break;
             }
             barrier *= NEXT;
@@ -313,34 +333,62 @@ impl ContactSettler {
 
     fn report_contacts(&mut self) {
         let (equations, out) = (&self.equations, &mut self.result);
-        let length = equations.robot.reach();
-        let chain = &equations.iterate.posture.chain;
+        let touching = TOUCHING * equations.robot.reach();
         out.contacts.clear();
         (out.complementarity, out.penetration) = (0.0, 0.0);
+        let chain = &equations.iterate.posture.chain;
         for near in &equations.neighbourhood.near {
             let law = equations.law(near);
-            let force = law.at(near.gap).force;
-            let (pressed_in, apart) = (law.compliance * force, equations.barrier / force);
-            let product = force * (near.gap + pressed_in);
-            out.complementarity = out.complementarity.max(product.abs());
-            out.penetration = out.penetration.max(-near.gap);
-            if apart > TOUCHING * length {
-                continue;
-            }
+            let response = law.at(near.gap);
             let centre = chain.centres[near.bead.disc] + near.arm;
             let normal = near.normal.try_normalize(0.0).unwrap_or(near.normal);
-            out.contacts.push(Contact {
+            let contact = Contact {
                 disc: near.bead.disc,
-                obstacle: near.obstacle,
+                partner: Partner::Obstacle(near.obstacle),
                 point: centre - normal * (near.gap + near.bead.radius),
                 normal,
                 gap: near.gap,
-                force: near.normal * force,
-                activity: match pressed_in > STRICT * apart {
-                    true => Activity::Strict,
-                    false => Activity::Weak,
-                },
-            });
+                force: near.normal * response.force,
+                activity: Activity::Weak,
+            };
+            out.add(contact, &law, &response, touching);
         }
+        let law = equations.own_law();
+        for near in equations.near_pairs() {
+            let response = law.at(near.gap);
+            let [bead, other] = near.beads;
+            let contact = Contact {
+                disc: bead.disc,
+                partner: Partner::Disc(other.disc),
+                point: near.centres[1] + near.normal * other.radius,
+                normal: near.normal,
+                gap: near.gap,
+                force: near.normal * response.force,
+                activity: Activity::Weak,
+            };
+            out.add(contact, &law, &response, touching);
+        }
+    }
+}
+
+impl ContactEquilibrium {
+    /// Takes a contact into account, and into the list if its surfaces are within `touching` (m) of each other.
+    fn add(&mut self, contact: Contact, law: &Law, response: &Response, touching: f64) {
+        let pressed_in = law.compliance * response.force;
+        let apart = law.barrier / response.force;
+        let product = response.force * (contact.gap + pressed_in);
+        self.complementarity = self.complementarity.max(product.abs());
+        self.penetration = self.penetration.max(-contact.gap);
+        if apart > touching {
+            return;
+        }
+        let activity = match pressed_in > STRICT * apart {
+            true => Activity::Strict,
+            false => Activity::Weak,
+        };
+        self.contacts.push(Contact {
+            activity,
+            ..contact
+        });
     }
 }

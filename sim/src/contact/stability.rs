@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::equations::Equations;
-use crate::factor::{Curvature, HeldLengths, MARGIN, Side, dot, smallest_by_solving};
+use crate::factor::{Curvature, HeldLengths, MARGIN, dot, smallest_by_solving};
 use crate::statics::Stability;
 
 /// Turn of the joint that turns most when a saddle is left (rad).
@@ -42,7 +42,7 @@ impl Equations {
         let n = self.iterate.step.len();
         let none = vec![Vector3::zeros(); n];
         let solve = |rhs: &[Vector3<f64>], solution: &mut [Vector3<f64>]| {
-            self.lu.solve(rhs, &none, Side::Matrix, solution);
+            self.lu.solve(rhs, &none, solution);
         };
         smallest_by_solving(n, &held, solve).unwrap_or(f64::NAN)
     }
@@ -63,8 +63,7 @@ impl Equations {
             .map(|joint| Vector3::new(1.0, -0.6, 0.3) * (1.0 + (joint as f64).sin()))
             .collect();
         for _ in 0..INVERSE_STEPS {
-            self.lu
-                .solve(&mode, &none, Side::Matrix, &mut self.iterate.step);
+            self.lu.solve(&mode, &none, &mut self.iterate.step);
             let length = dot(&self.iterate.step, &self.iterate.step).sqrt();
             for (mode, step) in mode.iter_mut().zip(&self.iterate.step) {
                 *mode = step / length;

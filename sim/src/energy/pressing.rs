@@ -2,12 +2,43 @@
 //!
 //! In one configuration a contact is a dead force `f` on a point `p` of a disc, which the gradient and a part of the Hessian follow
 //! from ([`super::DeadForces`]). The rest of the Hessian is a form of the disc's motion `z_k`, its turn and the displacement of
-//! its joint's centre: `-P' (df/dp) P`, `P` being the point's displacement by it.
+//! its joint's centre: `-P' (df/dp) P`, `P` being the point's displacement by it. Where two discs press each other it is a form of
+//! the displacement of one point from the other ([`Pair`]).
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use super::DeadForces;
 use crate::tendon::Posture;
+
+/// A point of a disc.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DiscPoint {
+    pub disc: usize,
+    /// From the disc's origin, in its frame (m).
+    pub local: Vector3<f64>,
+    /// Where it is (m).
+    pub position: Vector3<f64>,
+}
+
+/// Points of two discs that press each other apart along the line between them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pair {
+    pub points: [DiscPoint; 2],
+    /// From the second point to the first, of length 1.
+    pub normal: Vector3<f64>,
+    /// What a displacement of the first point from the second diminishes the force on the first by (N/m): along the normal, and
+    /// across it.
+    pub stiffness: [f64; 2],
+}
+
+impl Pair {
+    /// By what matrix a displacement of the first point from the second diminishes the force on the first (N/m).
+    pub fn form(&self) -> Matrix3<f64> {
+        let [along, across] = self.stiffness;
+        let normal = self.normal * self.normal.transpose();
+        normal * (along - across) + Matrix3::identity() * across
+    }
+}
 
 /// The contacts of a robot in one configuration, as the potential takes them.
 #[derive(Clone, Debug)]
@@ -16,6 +47,8 @@ pub(crate) struct Pressing {
     forces: Vec<(usize, Vector3<f64>, Vector3<f64>)>,
     /// Of each disc the form of its motion, symmetric.
     pub forms: Vec<Matrix6<f64>>,
+    /// Discs that press each other.
+    pub pairs: Vec<Pair>,
 }
 
 impl Pressing {
@@ -24,12 +57,23 @@ impl Pressing {
         Self {
             forces: Vec::new(),
             forms: vec![Matrix6::zeros(); discs],
+            pairs: Vec::new(),
         }
     }
 
     pub fn clear(&mut self) {
         self.forces.clear();
         self.forms.fill(Matrix6::zeros());
+        self.pairs.clear();
+    }
+
+    /// Adds a force (N) that pushes the points of a pair apart.
+    pub fn push_pair(&mut self, pair: Pair, force: f64) {
+        let pushed = pair.normal * force;
+        for (point, force) in pair.points.iter().zip([pushed, -pushed]) {
+            self.forces.push((point.disc, point.local, force));
+        }
+        self.pairs.push(pair);
     }
 
     /// Adds a force (N, world axes) on a point of a disc, from its origin in its frame (m), that a displacement `u` of the point

@@ -22,6 +22,7 @@ mod contact;
 mod held;
 mod krylov;
 mod loaded;
+mod paired;
 mod softest;
 mod unsymmetric;
 
@@ -29,6 +30,7 @@ pub(crate) use contact::{ContactLu, Inflow};
 pub(crate) use held::HeldLengths;
 pub(crate) use krylov::{Arnoldi, dot, probe};
 pub(crate) use loaded::{LoadedFactor, LoadedMatrix, project};
+pub(crate) use paired::PairedLu;
 pub(crate) use softest::{smallest_by_solving, smallest_eigenvalue, smallest_real_part};
 pub(crate) use unsymmetric::{ChainLu, ChainMatrix, Side};
 

@@ -48,6 +48,7 @@ pub(crate) struct ChainLu {
     /// How the equations of those depend on the joint's turn.
     cols: Vec<Matrix6x3<f64>>,
     col_sums: Vec<Vector3<f64>>,
+    negative: usize,
 }
 
 macro_rules! with_slots {
@@ -75,6 +76,7 @@ impl ChainLu {
             row_sums: sums.clone(),
             cols: vec![Matrix6x3::zeros(); n],
             col_sums: sums,
+            negative: 0,
             columns,
         }
     }
@@ -90,10 +92,17 @@ impl ChainLu {
         with_slots!(self.eliminate(matrix))
     }
 
+    /// How many eigenvalues of the matrix are negative, where it is symmetric: as many as of the pivots (Sylvester's law of
+    /// inertia).
+    pub fn negative_eigenvalues(&self) -> usize {
+        self.negative
+    }
+
     fn eliminate<const A: usize>(&mut self, matrix: &ChainMatrix) -> Option<Curvature> {
         let slots = self.columns.slots;
         let (expansion, scale) = (matrix.expansion, matrix.scale);
         let mut curvature = Curvature::Positive;
+        self.negative = 0;
         // The form of what lies above: by motion and motion, motion and sum, sum and motion, sum and sum.
         let mut bodies = Matrix6::zeros();
         let (mut moment, mut above) = (Vector3::zeros(), Vector3::zeros());
@@ -145,6 +154,8 @@ impl ChainLu {
             let inverse = hinges.map_or(inverse, |hinges| hinges.release(&inverse));
             if !is_positive(&pivot) {
                 curvature = Curvature::Modified;
+                let eigenvalues = pivot.symmetric_eigenvalues();
+                self.negative += eigenvalues.iter().filter(|&&value| value < 0.0).count();
             }
             let twisted = noncommuting(&moment);
             let mut turns = col.fixed_rows_mut::<3>(0);

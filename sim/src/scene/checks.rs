@@ -41,10 +41,15 @@ pub(super) fn point(obstacle: &str, field: &str, value: &[f64; 3]) -> Result<(),
 
 /// A quantity that may be 0.
 pub(super) fn not_negative(obstacle: &str, field: &str, value: f64) -> Result<(), SceneError> {
-    match (0.0..=LARGEST).contains(&value) {
+    match is_compliance(value) {
         true => Ok(()),
         false => Err(refuse(obstacle, field, value, "a number from 0 to 1e15")),
     }
+}
+
+/// Whether a surface may give way so far for each newton (m/N).
+pub(super) fn is_compliance(value: f64) -> bool {
+    (0.0..=LARGEST).contains(&value)
 }
 
 /// A quantity above 0.

@@ -67,6 +67,12 @@ pub enum SceneError {
         /// What would be right.
         expected: &'static str,
     },
+    /// Discs cannot give way so.
+    #[error("`self_contact.compliance` is {compliance}; expected a number from 0 to 1e15 (m/N)")]
+    SelfContact {
+        /// The compliance found (m/N).
+        compliance: f64,
+    },
     /// There is no such shape.
     #[error("{obstacle}: {source}")]
     Shape {

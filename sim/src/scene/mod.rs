@@ -31,7 +31,7 @@ pub use compile::ObstacleShape;
 pub use error::SceneError;
 pub use obstacle::Obstacle;
 pub use shape_spec::ShapeSpec;
-pub use spec::{ObstacleSpec, SceneSpec};
+pub use spec::{ObstacleSpec, SceneSpec, SelfContact};
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -43,9 +43,13 @@ use error::called;
 /// Most obstacles of a scene: pictures label each by a number of its own.
 const MOST_OBSTACLES: usize = 10_000;
 
-/// Obstacles around a robot, valid and with names of their own. Clones share them. The default is the scene without any.
+/// Obstacles around a robot, valid and with names of their own, and whether the robot touches itself. Clones share the obstacles.
+/// The default is the scene without any.
 #[derive(Clone, Debug, Default)]
-pub struct Scene(Arc<[Obstacle]>);
+pub struct Scene {
+    obstacles: Arc<[Obstacle]>,
+    self_contact: SelfContact,
+}
 
 impl Scene {
     /// A scene of obstacles, whose numbers are their places in the list, from 0.
@@ -59,7 +63,22 @@ impl Scene {
             obstacle.check(&called(Some(index), Some(&obstacle.name)))?;
         }
         check_names(obstacles.iter().map(|obstacle| obstacle.name.as_str()))?;
-        Ok(Self(obstacles.into()))
+        Ok(Self {
+            obstacles: obstacles.into(),
+            self_contact: SelfContact::default(),
+        })
+    }
+
+    /// The same scene for robots that touch themselves so.
+    ///
+    /// # Errors
+    /// [`SceneError::SelfContact`] for a compliance below 0 or not finite.
+    pub fn with_self_contact(self, self_contact: SelfContact) -> Result<Self, SceneError> {
+        self_contact.check()?;
+        Ok(Self {
+            self_contact,
+            ..self
+        })
     }
 
     /// The scene that is written as `spec`; meshes with relative paths are in `folder`.
@@ -76,17 +95,26 @@ impl Scene {
             let obstacle = called(Some(index), Some(&spec.name));
             Obstacle::compile(spec, &obstacle, &mut sources)
         });
-        Ok(Self(obstacles.collect::<Result<_, _>>()?))
+        let scene = Self {
+            obstacles: obstacles.collect::<Result<_, _>>()?,
+            self_contact: SelfContact::default(),
+        };
+        scene.with_self_contact(spec.self_contact)
     }
 
     /// The obstacles, by their numbers.
     pub fn obstacles(&self) -> &[Obstacle] {
-        &self.0
+        &self.obstacles
+    }
+
+    /// Whether robots touch themselves.
+    pub fn self_contact(&self) -> SelfContact {
+        self.self_contact
     }
 
     /// The number of the obstacle with a name; `None` if there is none.
     pub fn find(&self, name: &str) -> Option<usize> {
-        self.0.iter().position(|obstacle| obstacle.name == name)
+        self.obstacles.iter().position(|obstacle| obstacle.name == name)
     }
 
     /// What a file says to give this scene. Orientations are normalised; meshes have the names by which they were read.
@@ -94,11 +122,12 @@ impl Scene {
     /// # Errors
     /// [`SceneError::Unwritten`] for a mesh or a pipe that was made in memory.
     pub fn spec(&self) -> Result<SceneSpec, SceneError> {
-        let obstacles = self.0.iter().enumerate();
+        let obstacles = self.obstacles.iter().enumerate();
         let obstacles = obstacles
             .map(|(index, obstacle)| obstacle.spec(&called(Some(index), Some(&obstacle.name))));
         Ok(SceneSpec {
             obstacles: obstacles.collect::<Result<_, _>>()?,
+            self_contact: self.self_contact,
         })
     }
 }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::SceneError;
+use super::checks::is_compliance;
 use super::error::{called, refuse};
 use super::shape_spec::{
     BoxInFile, HalfSpaceInFile, MeshInFile, PipeInFile, RoundInFile, ShapeSpec, SphereInFile,
@@ -23,6 +24,39 @@ const SHAPES: &str = "half_space, box, sphere, capsule, cylinder, pipe, mesh";
 pub struct SceneSpec {
     /// The obstacles, in the order of their numbers.
     pub obstacles: Vec<ObstacleSpec>,
+    /// Whether the robot touches itself.
+    pub self_contact: SelfContact,
+}
+
+/// Whether discs of a robot touch each other. Neighbours never do: those of the paper's robots overlap wherever the robot bends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SelfContact {
+    /// They pass through each other.
+    Ignored,
+    /// They press each other.
+    Touching {
+        /// How far their surfaces give way for each newton (m/N).
+        compliance: f64,
+    },
+}
+
+impl Default for SelfContact {
+    fn default() -> Self {
+        Self::Touching {
+            compliance: COMPLIANCE,
+        }
+    }
+}
+
+impl SelfContact {
+    pub(super) fn check(self) -> Result<(), SceneError> {
+        match self {
+            Self::Touching { compliance } if !is_compliance(compliance) => {
+                Err(SceneError::SelfContact { compliance })
+            }
+            Self::Touching { .. } | Self::Ignored => Ok(()),
+        }
+    }
 }
 
 /// An obstacle, as a file has it.
@@ -66,8 +100,31 @@ impl ObstacleSpec {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SceneInFile {
+    // A value, so that it is written before the tables.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    self_contact: Option<SelfContactInFile>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     obstacle: Vec<ObstacleInFile>,
+}
+
+/// `self_contact = "ignored"`, or a table with the compliance.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(untagged, expecting = "\"ignored\", or { compliance = ... } (m/N)")]
+pub(super) enum SelfContactInFile {
+    Word(SelfContactWord),
+    Table(SelfContactTable),
+}
+
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum SelfContactWord {
+    Ignored,
+}
+
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SelfContactTable {
+    compliance: f64,
 }
 
 /// A table `[[obstacle]]`.
@@ -112,7 +169,28 @@ impl TryFrom<SceneInFile> for SceneSpec {
         let obstacles = obstacles.map(|(index, obstacle)| obstacle.spec(index));
         Ok(Self {
             obstacles: obstacles.collect::<Result<_, _>>()?,
+            self_contact: (file.self_contact).map_or(SelfContact::default(), Into::into),
         })
+    }
+}
+
+impl From<SelfContactInFile> for SelfContact {
+    fn from(file: SelfContactInFile) -> Self {
+        match file {
+            SelfContactInFile::Word(SelfContactWord::Ignored) => Self::Ignored,
+            SelfContactInFile::Table(SelfContactTable { compliance }) => {
+                Self::Touching { compliance }
+            }
+        }
+    }
+}
+
+impl From<SelfContact> for SelfContactInFile {
+    fn from(contact: SelfContact) -> Self {
+        match contact {
+            SelfContact::Ignored => Self::Word(SelfContactWord::Ignored),
+            SelfContact::Touching { compliance } => Self::Table(SelfContactTable { compliance }),
+        }
     }
 }
 
@@ -184,7 +262,9 @@ impl PipeInFile {
 
 impl From<SceneSpec> for SceneInFile {
     fn from(spec: SceneSpec) -> Self {
+        let own = spec.self_contact;
         Self {
+            self_contact: (own != SelfContact::default()).then(|| own.into()),
             obstacle: spec.obstacles.into_iter().map(Into::into).collect(),
         }
     }

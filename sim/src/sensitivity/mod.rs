@@ -29,11 +29,11 @@ mod tool;
 
 use faer::Mat;
 use faer::linalg::solvers::{PartialPivLu, Solve};
-use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 use thiserror::Error;
 
 use crate::energy::{DeadForces, Expansion, Potential, Pressing, following};
-use crate::factor::{ChainLu, ChainMatrix, Curvature, Factor, LoadedFactor, LoadedMatrix, Side};
+use crate::factor::{ChainMatrix, Curvature, Factor, LoadedFactor, LoadedMatrix, PairedLu, Side};
 use crate::model_tangent::{Expanded, ModelTangent, pull_back_centres};
 pub use crate::pose::PoseTangent;
 use crate::pose::levers;
@@ -84,8 +84,8 @@ enum System {
     Chain(Box<Factor>),
     /// With moments or following forces.
     Loaded(Box<LoadedFactor>),
-    /// With contacts, and the forms that they add.
-    Touching(Box<ChainLu>, Vec<Matrix6<f64>>),
+    /// With contacts.
+    Touching(Box<PairedLu>, Pressing),
 }
 
 /// Constraints that tendons keep their commanded lengths.
@@ -128,18 +128,18 @@ impl Sensitivity {
         pressing: &Pressing,
     ) -> Result<Self, SensitivityError> {
         let mut sensitivity = Self::expand(robot, command, loads, equilibrium, Some(pressing))?;
-        let mut lu = ChainLu::new(&sensitivity.expansion);
-        let curvature = lu.factorise(&ChainMatrix {
+        let mut lu = PairedLu::new(&sensitivity.expansion);
+        let matrix = ChainMatrix {
             expansion: &sensitivity.expansion,
             scale: 1.0,
             centres: &sensitivity.posture.chain.centres,
             joints: &vec![Matrix3::zeros(); robot.discs().len()],
             bodies: &pressing.forms,
-        });
-        if curvature != Some(Curvature::Positive) {
+        };
+        if lu.factorise(&matrix, &pressing.pairs) != Some(Curvature::Positive) {
             return Err(SensitivityError::Unstable);
         }
-        sensitivity.system = System::Touching(Box::new(lu), pressing.forms.clone());
+        sensitivity.system = System::Touching(Box::new(lu), pressing.clone());
         sensitivity.hold_lengths();
         Ok(sensitivity)
     }
@@ -255,7 +255,7 @@ impl Sensitivity {
         match &self.system {
             System::Chain(factor) => factor.solve(joint, disc, &mut solution),
             System::Loaded(factor) => factor.solve(joint, disc, side, &mut solution),
-            System::Touching(factor, _) => factor.solve(joint, disc, side, &mut solution),
+            System::Touching(factor, _) => factor.solve(joint, disc, &mut solution),
         }
         solution
     }

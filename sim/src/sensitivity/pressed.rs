@@ -1,30 +1,36 @@
 //! What contacts add where a change of the model displaces the discs and no joint turns.
 
-use nalgebra::{Matrix6, Vector3};
+use nalgebra::Vector3;
 
 use super::{Sensitivity, System};
+use crate::energy::Pressing;
 use crate::factor::Side;
 use crate::model_tangent::ModelTangent;
-use crate::pose::{PoseTangent, levers};
+use crate::pose::{PoseTangent, levers, motions};
 
 impl Sensitivity {
-    fn forms(&self) -> &[Matrix6<f64>] {
+    fn pressing(&self) -> Option<&Pressing> {
         match &self.system {
-            System::Touching(_, forms) => forms,
-            System::Chain(_) | System::Loaded(_) => &[],
+            System::Touching(_, pressing) => Some(pressing),
+            System::Chain(_) | System::Loaded(_) => None,
         }
     }
 
     /// Adds the change of the gradient, as terms of discs, by how the forces change with the displacement of the discs.
     pub(super) fn press(&self, tangent: &ModelTangent, disc: &mut [Vector3<f64>]) {
-        if self.forms().is_empty() {
+        let Some(pressing) = self.pressing() else {
             return;
-        }
+        };
         let chain = &self.posture.chain;
         let mut moved = Vector3::zeros();
-        let terms: Vec<PoseTangent> = (self.forms().iter().enumerate())
-            .map(|(k, form)| {
-                moved += chain.orientations[k] * tangent.joint_offsets[k];
+        let moved: Vec<Vector3<f64>> = (tangent.joint_offsets.iter().zip(&chain.orientations))
+            .map(|(offset, orientation)| {
+                moved += orientation * offset;
+                moved
+            })
+            .collect();
+        let mut terms: Vec<PoseTangent> = (pressing.forms.iter().zip(&moved).enumerate())
+            .map(|(k, (form, moved))| {
                 let (moment, force) = (
                     form.fixed_view::<3, 3>(0, 3) * moved,
                     form.fixed_view::<3, 3>(3, 3) * moved,
@@ -32,6 +38,15 @@ impl Sensitivity {
                 self.about_origin(k, force, moment)
             })
             .collect();
+        for pair in &pressing.pairs {
+            let [first, second] = pair.points.map(|point| point.disc);
+            let force = pair.form() * (moved[first] - moved[second]);
+            for (point, force) in pair.points.iter().zip([force, -force]) {
+                let arm = point.position - chain.positions[point.disc];
+                terms[point.disc].position += force;
+                terms[point.disc].rotation += arm.cross(&force);
+            }
+        }
         for (disc, lever) in disc.iter_mut().zip(levers(chain, &terms)) {
             *disc += lever;
         }
@@ -64,14 +79,23 @@ impl Sensitivity {
     /// Its transpose: adds to a cost's derivatives by the displacement of each disc what those of its gradient, `turns`, give.
     pub(super) fn press_back(&self, turns: &[Vector3<f64>], centres: &mut [Vector3<f64>]) {
         let chain = &self.posture.chain;
-        let (mut turn, mut shift) = (Vector3::zeros(), Vector3::zeros());
-        let mut below = chain.centres.first().copied().unwrap_or_default();
-        for (k, form) in self.forms().iter().enumerate() {
-            shift += turn.cross(&(chain.centres[k] - below));
-            below = chain.centres[k];
-            turn += turns[k];
+        let Some(pressing) = self.pressing() else {
+            return;
+        };
+        let motions = motions(&chain.centres, turns);
+        for (k, form) in pressing.forms.iter().enumerate() {
+            let (turn, shift) = motions[k];
             centres[k] += form.fixed_view::<3, 3>(3, 0) * turn;
             centres[k] += form.fixed_view::<3, 3>(3, 3) * shift;
+        }
+        for pair in &pressing.pairs {
+            let [first, second] = pair.points.map(|point| {
+                let (turn, shift) = motions[point.disc];
+                shift + turn.cross(&(point.position - chain.centres[point.disc]))
+            });
+            let force = pair.form() * (first - second);
+            centres[pair.points[0].disc] += force;
+            centres[pair.points[1].disc] -= force;
         }
     }
 }

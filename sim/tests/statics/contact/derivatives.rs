@@ -133,7 +133,7 @@ fn derivatives_are_those_of_differences() {
     let (mut checked, mut exact) = (0, 0);
     for _ in 0..POSES {
         let case = Case::next(&mut rng, &robot);
-        let touched = case.found.contacts[0].obstacle;
+        let touched = case.found.contacts[0].partner.obstacle().unwrap();
         let sensitivity = &case.sensitivity;
         let (here, scene, command) = (&case.robot, &case.scene, &case.command);
         let obstacle = |motion: &PoseTangent| {

@@ -2,6 +2,7 @@
 
 mod derivatives;
 mod hostile;
+mod itself;
 mod planar;
 mod random;
 mod scenes;

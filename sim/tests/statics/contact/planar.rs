@@ -144,7 +144,7 @@ fn follow(path: &str) -> (f64, usize, usize) {
         let ours: BTreeSet<usize> = found
             .contacts
             .iter()
-            .map(|contact| contact.obstacle)
+            .filter_map(|contact| contact.partner.obstacle())
             .collect();
         apart = apart.max(error);
         alike += usize::from(ours == *theirs);
