@@ -6,14 +6,20 @@
 //! Loan, Matrix Computations, ch. 2.1.4), in O(n) for each pair. The matrix in the middle also tells how many eigenvalues are
 //! negative (Haynsworth, Determination of the inertia of a partitioned Hermitian matrix, 1968).
 
-use faer::Mat;
-use faer::linalg::solvers::{PartialPivLu, Solve};
-use nalgebra::{DMatrix, Vector3};
+use std::cmp::Ordering;
 
+use faer::linalg::solvers::{Lblt, Solve};
+use faer::{Mat, Side as Triangle};
+use nalgebra::Vector3;
+
+use super::Curvature;
 use super::krylov::dot;
 use super::unsymmetric::{ChainLu, ChainMatrix, Side};
-use super::Curvature;
 use crate::energy::{Expansion, Pair};
+
+/// A stiffness (N/m) below this share of the Hessian's size, with the chain's length as lever, changes nothing that is not rounding
+/// elsewhere: beads near each other that a barrier hardly presses.
+const NEGLIGIBLE: f64 = 1e-10;
 
 /// Factors of a symmetric matrix.
 #[derive(Clone, Debug)]
@@ -23,7 +29,7 @@ pub(crate) struct PairedLu {
     /// `A⁻¹ B`.
     responses: Vec<Vec<Vector3<f64>>>,
     /// `D⁻¹ + B' A⁻¹ B`.
-    middle: Option<PartialPivLu<f64>>,
+    middle: Option<Lblt<f64>>,
 }
 
 impl PairedLu {
@@ -48,8 +54,12 @@ impl PairedLu {
             return Some(curvature);
         }
         let mut stiffnesses = Vec::new();
+        let least = NEGLIGIBLE * matrix.expansion.scale() / self.chain.reach().powi(2);
         for pair in pairs {
-            self.add_columns(pair, matrix.centres, &mut stiffnesses);
+            self.add_columns(pair, matrix.centres, least, &mut stiffnesses);
+        }
+        if stiffnesses.is_empty() {
+            return Some(curvature);
         }
         let none = vec![Vector3::zeros(); matrix.centres.len()];
         for column in &self.columns {
@@ -58,16 +68,17 @@ impl PairedLu {
             self.responses.push(response);
         }
         let (count, columns, responses) = (stiffnesses.len(), &self.columns, &self.responses);
-        let middle = DMatrix::from_fn(count, count, |i, j| {
-            let own = if i == j { stiffnesses[i].recip() } else { 0.0 };
-            own + dot(&columns[i], &responses[j])
+        let middle = Mat::from_fn(count, count, |i, j| match i.cmp(&j) {
+            Ordering::Less => 0.0,
+            Ordering::Equal => stiffnesses[i].recip() + dot(&columns[i], &responses[i]),
+            Ordering::Greater => dot(&columns[i], &responses[j]),
         });
-        self.middle = Some(Mat::from_fn(count, count, |i, j| middle[(i, j)]).partial_piv_lu());
-        let eigenvalues = middle.symmetric_eigenvalues();
-        let above = eigenvalues.iter().filter(|&&value| value > 0.0).count();
+        let middle = middle.lblt(Triangle::Lower);
         let stiffening = stiffnesses.iter().filter(|&&value| value > 0.0).count();
         // Of the matrix as many eigenvalues are negative as of the chain's part, and as of the middle more are positive than of `D`.
-        Some(match self.chain.negative_eigenvalues() + above == stiffening {
+        let negative = self.chain.negative_eigenvalues() + positive_eigenvalues(&middle);
+        self.middle = Some(middle);
+        Some(match negative == stiffening {
             true => Curvature::Positive,
             false => Curvature::Modified,
         })
@@ -94,7 +105,14 @@ impl PairedLu {
     }
 
     /// The columns of a pair: how a joint's turn displaces its first point from the second, along each of three directions.
-    fn add_columns(&mut self, pair: &Pair, centres: &[Vector3<f64>], stiffnesses: &mut Vec<f64>) {
+    /// Those with less than the `least` stiffness (N/m) are left out.
+    fn add_columns(
+        &mut self,
+        pair: &Pair,
+        centres: &[Vector3<f64>],
+        least: f64,
+        stiffnesses: &mut Vec<f64>,
+    ) {
         let [along, across] = pair.stiffness;
         let normal = pair.normal;
         let other = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
@@ -105,7 +123,7 @@ impl PairedLu {
         ];
         let [first, second] = &pair.points;
         for (direction, stiffness) in directions {
-            if stiffness == 0.0 {
+            if stiffness.abs() <= least {
                 continue;
             }
             let lever = |disc: usize, point: Vector3<f64>, joint: usize| match joint <= disc {
@@ -119,4 +137,27 @@ impl PairedLu {
             stiffnesses.push(stiffness);
         }
     }
+}
+
+/// How many eigenvalues of a symmetric matrix are positive: as many as of the blocks of its Bunch-Kaufman factors.
+fn positive_eigenvalues(factors: &Lblt<f64>) -> usize {
+    let diagonal = factors.B_diag().column_vector();
+    let below = factors.B_subdiag().column_vector();
+    let (mut row, mut positive) = (0, 0);
+    while row < diagonal.nrows() {
+        let coupled = if row + 1 < diagonal.nrows() { below[row] } else { 0.0 };
+        if coupled == 0.0 {
+            positive += usize::from(diagonal[row] > 0.0);
+            row += 1;
+            continue;
+        }
+        let (first, second) = (diagonal[row], diagonal[row + 1]);
+        let determinant = first * second - coupled * coupled;
+        positive += match determinant < 0.0 {
+            true => 1,
+            false => 2 * usize::from(first + second > 0.0),
+        };
+        row += 2;
+    }
+    positive
 }

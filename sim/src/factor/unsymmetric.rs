@@ -92,6 +92,11 @@ impl ChainLu {
         with_slots!(self.eliminate(matrix))
     }
 
+    /// Length of the chain of joints (m).
+    pub fn reach(&self) -> f64 {
+        self.arms.iter().map(Vector3::norm).sum()
+    }
+
     /// How many eigenvalues of the matrix are negative, where it is symmetric: as many as of the pivots (Sylvester's law of
     /// inertia).
     pub fn negative_eigenvalues(&self) -> usize {
@@ -154,8 +159,7 @@ impl ChainLu {
             let inverse = hinges.map_or(inverse, |hinges| hinges.release(&inverse));
             if !is_positive(&pivot) {
                 curvature = Curvature::Modified;
-                let eigenvalues = pivot.symmetric_eigenvalues();
-                self.negative += eigenvalues.iter().filter(|&&value| value < 0.0).count();
+                self.negative += negative_eigenvalues(&pivot);
             }
             let twisted = noncommuting(&moment);
             let mut turns = col.fixed_rows_mut::<3>(0);
@@ -277,6 +281,22 @@ fn is_positive(m: &Matrix3<f64>) -> bool {
     let symmetric = (m + m.transpose()) * 0.5;
     let minor = symmetric.fixed_view::<2, 2>(0, 0).determinant();
     symmetric[(0, 0)] > 0.0 && minor > 0.0 && symmetric.determinant() > 0.0
+}
+
+/// How many eigenvalues of a symmetric matrix are negative, by its leading minors (Jacobi's signature rule).
+fn negative_eigenvalues(m: &Matrix3<f64>) -> usize {
+    let minors = [
+        m[(0, 0)],
+        m.fixed_view::<2, 2>(0, 0).determinant(),
+        m.determinant(),
+    ];
+    let mut above = true;
+    let changes = minors.iter().filter(|&&minor| {
+        let changed = (minor > 0.0) != above;
+        above = minor > 0.0;
+        changed
+    });
+    changes.count()
 }
 
 /// `X' m X` with the motion `X z` of a point at `arm` from that of `z`: the same turn, displaced by `turn x arm` more.
