@@ -68,6 +68,7 @@ pub struct ContactRows {
     row: Py<PyArray1<i64>>,
     disc: Py<PyArray1<i64>>,
     obstacle: Py<PyArray1<i64>>,
+    other_disc: Py<PyArray1<i64>>,
     point: Py<PyArray2<f64>>,
     normal: Py<PyArray2<f64>>,
     gap: Py<PyArray1<f64>>,
@@ -100,6 +101,7 @@ fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
     let each = || rows.iter().flat_map(|row| &row.contacts);
     let count = each().count();
     let number = |index: usize| index as i64;
+    let or_none = |index: Option<usize>| index.map_or(-1, number);
     let numbers = |values: Vec<i64>| array(py, values, [count]).map(Bound::unbind);
     let vectors = |of: fn(&Contact) -> Vector3<f64>| {
         let vectors: Vec<_> = each().map(of).collect();
@@ -114,7 +116,16 @@ fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
     Ok(ContactRows {
         row: numbers(owner.collect())?,
         disc: numbers(each().map(|contact| number(contact.disc)).collect())?,
-        obstacle: numbers(each().map(|contact| number(contact.obstacle)).collect())?,
+        obstacle: numbers(
+            each()
+                .map(|contact| or_none(contact.partner.obstacle()))
+                .collect(),
+        )?,
+        other_disc: numbers(
+            each()
+                .map(|contact| or_none(contact.partner.disc()))
+                .collect(),
+        )?,
         point: vectors(|contact| contact.point)?,
         normal: vectors(|contact| contact.normal)?,
         gap: array(py, each().map(|contact| contact.gap).collect(), [count])?.unbind(),

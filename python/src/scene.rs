@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf, absolute};
 
 use nalgebra::Translation3;
 use pyo3::prelude::*;
-use tdcr::sim::scene::{SceneError, SceneSpec, ShapeSpec};
+use tdcr::sim::scene::{SceneError, SceneSpec, SelfContact, ShapeSpec};
 
 use crate::arrays::quaternions;
 use crate::errors::{Failure, Outcome};
@@ -21,14 +21,13 @@ impl Scene {
             .iter()
             .flat_map(|one| one.orientation)
             .collect();
-        let mut obstacles = tdcr::sim::scene::Scene::compile(spec, Path::new(""))?
-            .obstacles()
-            .to_vec();
+        let scene = tdcr::sim::scene::Scene::compile(spec, Path::new(""))?;
+        let mut obstacles = scene.obstacles().to_vec();
         // Unit quaternions stay what they are, so that a scene is the same to the last bit when it is read again.
         for (obstacle, turn) in obstacles.iter_mut().zip(quaternions(&turns)) {
             obstacle.pose.rotation = turn;
         }
-        tdcr::sim::scene::Scene::new(obstacles).map(Self)
+        scene.with_obstacles(obstacles).map(Self)
     }
 }
 
@@ -71,6 +70,14 @@ impl Scene {
         Ok(self.0.to_toml()?)
     }
 
+    /// How far discs that touch each other give way (m/N); None where they pass through each other.
+    fn self_contact(&self) -> Option<f64> {
+        match self.0.self_contact() {
+            SelfContact::Ignored => None,
+            SelfContact::Touching { compliance } => Some(compliance),
+        }
+    }
+
     /// Names of the obstacles, by their numbers.
     fn names(&self) -> Vec<String> {
         let obstacles = self.0.obstacles().iter();
@@ -94,7 +101,7 @@ impl Scene {
                 obstacle.pose.rotation = quaternions(&orientation)[0];
             }
         }
-        Ok(Self(tdcr::sim::scene::Scene::new(obstacles)?))
+        Ok(Self(self.0.with_obstacles(obstacles)?))
     }
 }
 

@@ -17,16 +17,18 @@ from tdcr.scene import Scene
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Contacts(Result):
-    """The ``k`` places where a robot, or the robots of a batch, touch obstacles; vectors are of the world frame.
+    """The ``k`` places where a robot, or the robots of a batch, touch obstacles or themselves; vectors are of the world frame.
 
     Attributes:
         row: Row of the batch, shape (k,), ascending; None for a single equilibrium.
         disc: The disc that touches, shape (k,), from 0 at the base.
-        obstacle: Number of the obstacle in the scene, shape (k,).
-        point: Where on the obstacle's surface, shape (k, 3) (m).
-        normal: The obstacle's outward normal there, shape (k, 3).
+        obstacle: Number of the obstacle in the scene, shape (k,); -1 where the robot touches itself.
+        other_disc: The disc that is touched, shape (k,), farther from the base; -1 where it is an obstacle. The opposite force
+            acts on it.
+        point: Where on the surface that is touched, shape (k, 3) (m).
+        normal: The outward normal of that surface there, shape (k, 3).
         gap: Distance of the undeformed surfaces, shape (k,) (m): below 0 where they are pressed into each other.
-        force: Force on the robot, shape (k, 3) (N).
+        force: Force on the disc, shape (k, 3) (N).
         weak: Whether neither force nor gap is clearly above 0, shape (k,): after a small change such a contact may bear more, or
             none, so that derivatives differ from one side to the other.
         complementarity: Largest product of a force and the distance of its surfaces after they have given way (J), 0 of exact
@@ -38,6 +40,7 @@ class Contacts(Result):
     row: NDArray[np.int64] | None
     disc: NDArray[np.int64]
     obstacle: NDArray[np.int64]
+    other_disc: NDArray[np.int64]
     point: Floats
     normal: Floats
     gap: Floats
@@ -48,9 +51,9 @@ class Contacts(Result):
     names: tuple[str, ...]
 
     @property
-    def obstacle_names(self) -> tuple[str, ...]:
-        """Name of the obstacle of each contact."""
-        return tuple(self.names[number] for number in self.obstacle.tolist())
+    def obstacle_names(self) -> tuple[str | None, ...]:
+        """Name of the obstacle of each contact, None where the robot touches itself."""
+        return tuple(self.names[number] if number >= 0 else None for number in self.obstacle.tolist())
 
     def __len__(self) -> int:
         return len(self.disc)
@@ -89,5 +92,5 @@ class Contacts(Result):
         )
 
     def _chosen(self, chosen: Any) -> dict[str, Any]:
-        each = ("disc", "obstacle", "point", "normal", "gap", "force", "weak")
+        each = ("disc", "obstacle", "other_disc", "point", "normal", "gap", "force", "weak")
         return {name: getattr(self, name)[chosen] for name in each}

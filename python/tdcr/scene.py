@@ -223,6 +223,24 @@ class Scene(Sequence[Obstacle]):
         return self._names
 
     @property
+    def self_contact(self) -> float | None:
+        """How far discs of the robot that touch each other give way (m/N), 1e-6 by default; None where they pass through each
+        other. Neighbours always do."""
+        return self._native.self_contact()
+
+    def with_self_contact(self, compliance: float | None) -> Scene:
+        """This scene for robots whose discs give way so far where they touch each other (m/N); None: they pass through each other.
+
+        Raises:
+            SceneError: For a compliance below 0 or not finite.
+        """
+        try:
+            own = "ignored" if compliance is None else {"compliance": as_number(compliance, "compliance")}
+        except InputError as error:
+            raise SceneError(str(error)) from None
+        return Scene.from_json(json.dumps(json.loads(self._text) | {"self_contact": own}))
+
+    @property
     def obstacles(self) -> tuple[Obstacle, ...]:
         """The obstacles, by their numbers."""
         return tuple(Obstacle._of(fields) for fields in json.loads(self._text).get("obstacle", []))

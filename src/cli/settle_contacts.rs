@@ -5,6 +5,7 @@ use std::fmt::Write;
 use serde::Serialize;
 use tdcr::report::counted;
 use tdcr::sim::contact::{Activity, Contact, ContactSettler};
+use tdcr::sim::scene::SelfContact;
 
 /// The contacts of an equilibrium in a scene, and how exact they are.
 #[derive(Serialize)]
@@ -22,21 +23,33 @@ pub(super) struct Surroundings {
 struct ContactJson {
     /// From 0.
     disc: usize,
-    /// Its name.
-    obstacle: String,
-    /// On the obstacle, world frame (m).
+    /// Name of the obstacle, absent where another disc is touched.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    obstacle: Option<String>,
+    /// The disc that is touched, from 0, absent where it is an obstacle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    other_disc: Option<usize>,
+    /// On what is touched, world frame (m).
     point: [f64; 3],
     /// Outward.
     normal: [f64; 3],
     /// Of the undeformed surfaces (m).
     gap: f64,
-    /// On the robot, world axes (N).
+    /// On the disc, world axes (N).
     force: [f64; 3],
     /// `strict`, or `weak` where derivatives are one-sided.
     activity: &'static str,
 }
 
 impl ContactJson {
+    /// What is touched, in words.
+    fn partner(&self) -> String {
+        match (&self.obstacle, self.other_disc) {
+            (None, Some(disc)) => format!("disc {disc}"),
+            (obstacle, _) => obstacle.clone().unwrap_or_default(),
+        }
+    }
+
     /// Size of the force (N).
     fn strength(&self) -> f64 {
         self.force.iter().map(|f| f * f).sum::<f64>().sqrt()
@@ -44,12 +57,14 @@ impl ContactJson {
 }
 
 impl Surroundings {
-    /// Of the last equilibrium; none in a scene without obstacles.
+    /// Of the last equilibrium; none where nothing can be touched.
     pub fn of(settler: &ContactSettler) -> Option<Self> {
         let (scene, found) = (settler.scene(), settler.found());
         let contact = |contact: &Contact| ContactJson {
             disc: contact.disc,
-            obstacle: scene.obstacles()[contact.obstacle].name.clone(),
+            obstacle: (contact.partner.obstacle())
+                .map(|obstacle| scene.obstacles()[obstacle].name.clone()),
+            other_disc: contact.partner.disc(),
             point: contact.point.into(),
             normal: contact.normal.into(),
             gap: contact.gap,
@@ -59,7 +74,9 @@ impl Surroundings {
                 Activity::Weak => "weak",
             },
         };
-        (!scene.obstacles().is_empty()).then(|| Self {
+        let touching =
+            !scene.obstacles().is_empty() || scene.self_contact() != SelfContact::Ignored;
+        touching.then(|| Self {
             contacts: found.contacts.iter().map(contact).collect(),
             complementarity: found.complementarity,
             penetration: found.penetration,
@@ -92,7 +109,7 @@ impl Surroundings {
             return;
         }
         text.push_str(
-            "\ndisc  obstacle              x (m)      y (m)      z (m)   gap (um)  force (N)\n",
+            "\ndisc  touches               x (m)      y (m)      z (m)   gap (um)  force (N)\n",
         );
         for contact in &self.contacts {
             let [x, y, z] = contact.point;
@@ -105,7 +122,7 @@ impl Surroundings {
                 text,
                 "{:4}  {:16} {x:10.6} {y:10.6} {z:10.6} {:10.4} {force:10.5}{weak}",
                 contact.disc,
-                contact.obstacle,
+                contact.partner(),
                 1e6 * contact.gap
             );
         }

@@ -221,7 +221,8 @@ impl Equations {
         let own = self.own_law();
         for pair in self.pairs.iter().flat_map(|pairs| &pairs.near) {
             let response = own.at(pair.gap);
-            self.pressing.push_pair(pair.pressed(&response), response.force);
+            self.pressing
+                .push_pair(pair.pressed(&response), response.force);
         }
     }
 

@@ -95,7 +95,9 @@ impl PairedLu {
         let Some(middle) = &self.middle else {
             return;
         };
-        let along = Mat::from_fn(self.columns.len(), 1, |i, _| dot(&self.columns[i], solution));
+        let along = Mat::from_fn(self.columns.len(), 1, |i, _| {
+            dot(&self.columns[i], solution)
+        });
         let shares = middle.solve(&along);
         for (i, response) in self.responses.iter().enumerate() {
             for (turn, response) in solution.iter_mut().zip(response) {
@@ -131,7 +133,8 @@ impl PairedLu {
                 false => Vector3::zeros(),
             };
             let column = (0..centres.len()).map(|joint| {
-                lever(first.disc, first.position, joint) - lever(second.disc, second.position, joint)
+                lever(first.disc, first.position, joint)
+                    - lever(second.disc, second.position, joint)
             });
             self.columns.push(column.collect());
             stiffnesses.push(stiffness);
@@ -145,7 +148,11 @@ fn positive_eigenvalues(factors: &Lblt<f64>) -> usize {
     let below = factors.B_subdiag().column_vector();
     let (mut row, mut positive) = (0, 0);
     while row < diagonal.nrows() {
-        let coupled = if row + 1 < diagonal.nrows() { below[row] } else { 0.0 };
+        let coupled = if row + 1 < diagonal.nrows() {
+            below[row]
+        } else {
+            0.0
+        };
         if coupled == 0.0 {
             positive += usize::from(diagonal[row] > 0.0);
             row += 1;

@@ -69,6 +69,17 @@ impl Scene {
         })
     }
 
+    /// The same scene with other obstacles.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_obstacles(&self, obstacles: Vec<Obstacle>) -> Result<Self, SceneError> {
+        Ok(Self {
+            self_contact: self.self_contact,
+            ..Self::new(obstacles)?
+        })
+    }
+
     /// The same scene for robots that touch themselves so.
     ///
     /// # Errors
@@ -114,7 +125,9 @@ impl Scene {
 
     /// The number of the obstacle with a name; `None` if there is none.
     pub fn find(&self, name: &str) -> Option<usize> {
-        self.obstacles.iter().position(|obstacle| obstacle.name == name)
+        self.obstacles
+            .iter()
+            .position(|obstacle| obstacle.name == name)
     }
 
     /// What a file says to give this scene. Orientations are normalised; meshes have the names by which they were read.

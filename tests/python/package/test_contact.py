@@ -432,3 +432,27 @@ def test_cameras_see_obstacles() -> None:
     without, among = tdcr.render(ROBOT, found), tdcr.render(ROBOT, found, scene=POSTS)
     assert all((view.mask < 40_000).all() for view in without)
     assert {int(one) for view in among for one in np.unique(view.mask) if one >= 40_000} == {40_000, 40_001, 40_002}
+
+
+def test_a_robot_that_curls_up_touches_itself() -> None:
+    robot = tdcr.Robot("5m")
+    command = np.tile([0.04, 0.0, 0.0], 5)
+    alone = tdcr.Scene()
+    assert alone.self_contact == 1e-6
+    found = tdcr.settle(robot, command, scene=alone)
+    contacts = found.contacts
+    assert contacts is not None and len(contacts) > 0
+    assert (contacts.obstacle == -1).all() and set(contacts.obstacle_names) == {None}
+    assert (contacts.other_disc > contacts.disc + 1).all()
+    # Forces push along the normals, by the compliance times the overlap.
+    np.testing.assert_allclose((contacts.force * contacts.normal).sum(1) * 1e-6, -contacts.gap, rtol=1e-6, atol=1e-10)
+
+    through = alone.with_self_contact(None)
+    assert through.self_contact is None and tdcr.Scene.from_json(through.to_json()) == through
+    passed = tdcr.settle(robot, command, scene=through)
+    assert passed.contacts is not None and len(passed.contacts) == 0
+    np.testing.assert_array_equal(passed.positions, tdcr.settle(robot, command).positions)
+    soft = tdcr.settle(robot, command, scene=alone.with_self_contact(1e-4)).contacts
+    assert soft is not None and soft.penetration > contacts.penetration
+    with pytest.raises(tdcr.SceneError, match=r"self_contact.compliance` is -1"):
+        alone.with_self_contact(-1.0)

@@ -64,10 +64,18 @@ fn a_robot_that_curls_up_touches_itself_and_rests() {
         assert!(found.complementarity <= 1e-12 && found.equilibrium.residual <= 1e-9);
         assert!(clearance(&robot, found) >= -1.01e-6 * most - 1e-9);
         for contact in &found.contacts {
-            assert!(contact.partner.disc().is_some_and(|disc| disc > contact.disc + 1));
+            assert!(
+                contact
+                    .partner
+                    .disc()
+                    .is_some_and(|disc| disc > contact.disc + 1)
+            );
         }
     }
-    eprintln!("{settled} settled, {touching} touch themselves, {} steps each", steps / settled);
+    eprintln!(
+        "{settled} settled, {touching} touch themselves, {} steps each",
+        steps / settled
+    );
     assert!(settled as f64 >= 0.995 * COMMANDS as f64 && touching > COMMANDS / 2);
 }
 
@@ -119,7 +127,8 @@ fn positions(
     let found = settler.settle_from(configuration, &command, loads).ok()?;
     let pairs = |found: &ContactEquilibrium| -> Vec<(usize, Partner)> {
         let each = found.contacts.iter();
-        each.map(|contact| (contact.disc, contact.partner)).collect()
+        each.map(|contact| (contact.disc, contact.partner))
+            .collect()
     };
     (found.equilibrium.converged && pairs(found) == pairs(start)).then(|| {
         let coordinates = found.equilibrium.positions.iter().flatten().copied();
