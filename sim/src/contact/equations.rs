@@ -289,10 +289,11 @@ impl Equations {
                 factor = allowed / most;
             }
         };
+        let mut farthest = vec![0.0; motions.len()];
         for (disc, (turn, shift)) in motions.iter().enumerate() {
             let arm = self.beads.enclosing(disc) + self.robot.discs()[disc].origin.norm();
-            let most = shift.norm() + turn.norm() * arm;
-            limit(most, self.neighbourhood.free[disc]);
+            farthest[disc] = shift.norm() + turn.norm() * arm;
+            limit(farthest[disc], self.neighbourhood.free[disc]);
         }
         for near in &self.neighbourhood.near {
             let (turn, shift) = motions[near.bead.disc];
@@ -301,7 +302,10 @@ impl Equations {
             limit(approach, CLEARANCE * clearance);
         }
         for apart in self.pairs.iter().flat_map(|pairs| &pairs.apart) {
-            limit(self.most_apart(&motions, apart.discs), apart.distance);
+            let [below, above] = apart.discs;
+            if farthest[below] + farthest[above] > apart.distance {
+                limit(self.most_apart(&motions, apart.discs), apart.distance);
+            }
         }
         for near in self.near_pairs() {
             let [first, second] = [0, 1].map(|i| {

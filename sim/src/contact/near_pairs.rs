@@ -134,7 +134,12 @@ impl PairNeighbourhood {
     /// their axes.
     fn lower_bound(&self, beads: &Beads, chain: &Chain, [i, j]: [usize; 2]) -> f64 {
         let between = chain.positions[j] - chain.positions[i];
-        let by_spheres = between.norm() - beads.enclosing(i) - beads.enclosing(j);
+        let enclosing = beads.enclosing(i) + beads.enclosing(j);
+        let by_spheres = between.norm() - enclosing;
+        // Far enough for steps of a usual size.
+        if by_spheres > 0.5 * enclosing {
+            return by_spheres;
+        }
         let axis = |disc: usize| -> Vector3<f64> { chain.disc(disc) * Vector3::z() };
         let axes = [axis(i), axis(j)];
         let Some(across) = (axes[0] + axes[1]).try_normalize(1e-3) else {

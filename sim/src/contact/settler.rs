@@ -18,7 +18,7 @@ const FIRST_BARRIER: f64 = 3e5;
 const LAST_BARRIER: f64 = 1e-5;
 /// The first where a configuration near the equilibrium is given.
 const NEAR_BARRIER: f64 = 1e1;
-/// Share of the barrier that the next one is.
+/// Share of the barrier that the next one is at most.
 const NEXT: f64 = 0.03;
 /// Residual (N m) at which a barrier (J) that is not the last counts as solved.
 const LOOSE: f64 = 100.0;
@@ -271,7 +271,8 @@ impl ContactSettler {
             if self.equations.is_alone() {
                 break;
             }
-            barrier *= NEXT;
+            // The nearer to the solution, the less a step changes it (Nocedal and Wright, ch. 19.3).
+            barrier *= NEXT.min(barrier / (FIRST_BARRIER * self.tolerance));
         }
         let (solved, steps) = self.descend(last, self.tolerance);
         (solved, iterations + steps)
