@@ -7,6 +7,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::ContactError;
+use super::friction::Bristle;
 use super::law::Law;
 use super::near::{Near, Neighbourhood};
 use super::near_pairs::{NearPair, PairNeighbourhood};
@@ -55,6 +56,8 @@ pub(super) struct Equations {
     pub neighbourhood: Neighbourhood,
     /// The robot's contacts with itself, where there can be any.
     pub pairs: Option<PairNeighbourhood>,
+    /// Contacts with obstacles that resist sliding.
+    pub bristles: Vec<Bristle>,
     /// Whether those are of the iterate.
     pub is_found: bool,
     pub lu: PairedLu,
@@ -85,6 +88,7 @@ impl Equations {
             robot: robot.clone(),
             scene: scene.clone(),
             pairs,
+            bristles: Vec::new(),
             own_reach,
             iterate: Iterate::new(robot),
             neighbourhood: Neighbourhood::default(),
@@ -150,10 +154,65 @@ impl Equations {
         pairs.overlaps(&self.beads, &self.iterate.posture.chain)
     }
 
+    /// Whether there is friction.
+    pub fn rubs(&self) -> bool {
+        self.scene
+            .obstacles()
+            .iter()
+            .any(|obstacle| obstacle.friction > 0.0)
+    }
+
+    /// Takes over what the contacts press at the iterate: bristles bear as much as that lets them, and beads that have come to touch get
+    /// one where they are.
+    pub fn press_bristles(&mut self) {
+        let chain = &self.iterate.posture.chain;
+        let mut pressed: Vec<(Bristle, Vector3<f64>)> = Vec::new();
+        for near in &self.neighbourhood.near {
+            let obstacle = &self.scene.obstacles()[near.obstacle];
+            if obstacle.friction == 0.0 {
+                continue;
+            }
+            let force = near.normal * self.law(near).at(near.gap).force;
+            let of_near = |other: &Bristle| other.is_of(&near.bead, near.obstacle);
+            // A bead in a corner of a mesh touches several faces.
+            if let Some((_, sum)) = pressed.iter_mut().find(|(bristle, _)| of_near(bristle)) {
+                *sum += force;
+                continue;
+            }
+            let known = self
+                .bristles
+                .iter()
+                .find(|bristle| of_near(bristle))
+                .copied();
+            let position = chain.centres[near.bead.disc] + near.arm;
+            let new = || Bristle::new(near.bead, near.obstacle, obstacle.compliance, &position);
+            pressed.push((known.unwrap_or_else(new), force));
+        }
+        self.bristles.clear();
+        for (mut bristle, force) in pressed {
+            let Some(normal) = force.try_normalize(0.0) else {
+                continue;
+            };
+            let friction = self.scene.obstacles()[bristle.obstacle].friction;
+            bristle.press(normal, friction * force.norm());
+            self.bristles.push(bristle);
+        }
+    }
+
+    /// Lets what slipped stick where it is.
+    pub fn stick_bristles(&mut self) {
+        let chain = &self.iterate.posture.chain;
+        for bristle in &mut self.bristles {
+            let position = bristle.position(chain);
+            bristle.stick(&position);
+        }
+    }
+
     /// Forgets all contacts.
     pub fn clear(&mut self) {
         self.pressing.clear();
         self.neighbourhood.near.clear();
+        self.bristles.clear();
         if let Some(pairs) = &mut self.pairs {
             pairs.near.clear();
         }
@@ -200,7 +259,10 @@ impl Equations {
         let contacts = near.map(|near| self.law(near).energy(near.gap));
         let own = self.own_law();
         let pairs = self.near_pairs().iter().map(|pair| own.energy(pair.gap));
-        potential.energy(configuration, posture) + contacts.chain(pairs).sum::<f64>()
+        let sliding = self.bristles.iter();
+        let sliding = sliding.map(|bristle| bristle.energy(&bristle.position(&posture.chain)));
+        let touching = contacts.chain(pairs).chain(sliding);
+        potential.energy(configuration, posture) + touching.sum::<f64>()
     }
 
     /// The contacts at the iterate, and their forces.
@@ -217,6 +279,12 @@ impl Equations {
                 near.normal * response.force,
                 &near.stiffness(&response),
             );
+        }
+        for bristle in &self.bristles {
+            let posture = &self.iterate.posture;
+            let (force, stiffness) = bristle.response(&bristle.position(&posture.chain));
+            let point = (bristle.bead.disc, bristle.bead.centre);
+            self.pressing.push(posture, point, force, &stiffness);
         }
         let own = self.own_law();
         for pair in self.pairs.iter().flat_map(|pairs| &pairs.near) {

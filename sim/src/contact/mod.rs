@@ -10,6 +10,7 @@
 //! that no bead passes through an obstacle on the way from the straight pose.
 
 mod equations;
+mod friction;
 mod law;
 mod near;
 mod near_pairs;
@@ -43,6 +44,8 @@ pub struct Contact {
     pub force: Vector3<f64>,
     /// Whether it bears force.
     pub activity: Activity,
+    /// Whether it slides.
+    pub sliding: Sliding,
 }
 
 /// What a disc touches.
@@ -70,6 +73,17 @@ impl Partner {
             Self::Obstacle(_) => None,
         }
     }
+}
+
+/// Whether a contact slides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sliding {
+    /// Nothing resists that: there is no friction, or none is known ([`ContactSettler::follow`]).
+    Free,
+    /// Friction holds it where it is.
+    Sticks,
+    /// It slides along the surface against friction.
+    Slips,
 }
 
 /// Whether a contact bears force.

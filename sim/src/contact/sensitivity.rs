@@ -8,6 +8,7 @@
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use super::equations::Equations;
+use super::friction::Bristle;
 use crate::chain::Chain;
 use crate::energy::{DeadForces, twist};
 use crate::pose::{PoseTangent, levers};
@@ -77,6 +78,18 @@ impl ContactSensitivity {
         // Not the iterate's, which without obstacles has not moved.
         let mut chain = Chain::new(robot);
         chain.place(robot, &found.configuration);
+        let position = |bristle: &Bristle| bristle.position(&chain);
+        let sticking = equations.bristles.iter().map(|bristle| {
+            let (force, stiffness) = bristle.response(&position(bristle));
+            Pressed {
+                disc: bristle.bead.disc,
+                obstacle: bristle.obstacle,
+                point: position(bristle),
+                force,
+                stiffness,
+                by_compliance: force * -bristle.stiffness,
+            }
+        });
         let contacts = (equations.neighbourhood.near.iter())
             .map(|near| {
                 let response = equations.law(near).at(near.gap);
@@ -89,6 +102,7 @@ impl ContactSensitivity {
                     by_compliance: near.normal * response.by_compliance,
                 }
             })
+            .chain(sticking)
             .collect();
         let mut dead = DeadForces::new(robot);
         dead.set(robot, loads);

@@ -1,8 +1,11 @@
 //! From command to equilibrium among obstacles.
 
 use super::equations::{Equations, Minimisation};
+use super::friction::Bristle;
 use super::law::{Law, Response};
-use super::{Activity, Contact, ContactEquilibrium, ContactError, ContactSensitivity, Partner};
+use super::{
+    Activity, Contact, ContactEquilibrium, ContactError, ContactSensitivity, Partner, Sliding,
+};
 use crate::chain::Configuration;
 use crate::energy::following::follows;
 use crate::energy::{DeadForces, Potential};
@@ -12,6 +15,8 @@ use crate::scene::Scene;
 use crate::sensitivity::SensitivityError;
 use crate::solve::{MAX_CORRECTIONS, length_errors, newton};
 use crate::statics::{Examined, Settler, Stability};
+
+use nalgebra::Vector3;
 
 /// The first barrier, and the last (J), for each N m of the tolerance of a robot's moments.
 const FIRST_BARRIER: f64 = 3e5;
@@ -29,6 +34,29 @@ const TOUCHING: f64 = 3e-6;
 const STRICT: f64 = 1e3;
 /// How often an unstable equilibrium is left for another one.
 const MAX_SADDLES: usize = 5;
+/// How often the normal forces are taken over that friction is bounded by.
+const MAX_LAGS: usize = 100;
+
+/// Where a solve starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Start {
+    /// From the straight pose.
+    Straight,
+    /// From a configuration near the equilibrium.
+    Near,
+    /// From the last equilibrium, from which on friction counts.
+    Before,
+}
+
+impl Start {
+    /// The first barrier (J), for each N m of the tolerance.
+    fn barrier(self) -> f64 {
+        match self {
+            Self::Straight => FIRST_BARRIER,
+            Self::Near | Self::Before => NEAR_BARRIER,
+        }
+    }
+}
 
 /// Settles commands of one robot among the obstacles of one scene, one after another. In a scene without obstacles this is
 /// [`Settler`].
@@ -120,8 +148,9 @@ impl ContactSettler {
             }
         }
         self.equations.iterate.set_straight();
+        self.equations.bristles.clear();
         self.equations.check_outside()?;
-        self.solve(command, loads, FIRST_BARRIER)
+        self.solve(command, loads, Start::Straight)
     }
 
     /// Settles the robot from the configuration `start`, near the equilibrium: the way to go on when the base or an obstacle has moved.
@@ -145,11 +174,15 @@ impl ContactSettler {
             }
         }
         self.equations.iterate.set(start);
-        self.solve(command, loads, NEAR_BARRIER)
+        self.equations.bristles.clear();
+        self.solve(command, loads, Start::Near)
     }
 
     /// Settles the robot from its last equilibrium: the way to follow one equilibrium along a path of commands. Before anything has
     /// settled, the same as [`settle`](Self::settle).
+    ///
+    /// Contacts with obstacles of some friction resist sliding from where they were at the last equilibrium, those that are new from
+    /// where they first touch: the path is one of small steps. Where a robot settles otherwise its contacts bear no friction.
     ///
     /// # Errors
     /// As [`settle`](Self::settle) where nothing has settled, else as [`settle_from`](Self::settle_from).
@@ -169,18 +202,27 @@ impl ContactSettler {
             let before = self.result.equilibrium.configuration.clone();
             self.equations.iterate.set(&before);
         }
-        self.solve(command, loads, NEAR_BARRIER)
+        self.solve(command, loads, Start::Before)?;
+        self.equations.stick_bristles();
+        Ok(&self.result)
     }
 
     /// Prepares to differentiate the last equilibrium, of `command` and `loads`.
     ///
     /// # Errors
-    /// [`SensitivityError`] if the robot has not settled, or not stably.
+    /// [`SensitivityError`] if the robot has not settled, or not stably; [`SensitivityError::Slipping`] for a contact that slips.
     pub fn sensitivity(
         &self,
         command: &Command,
         loads: &Loads,
     ) -> Result<ContactSensitivity, SensitivityError> {
+        let slips = |contact: &&Contact| contact.sliding == Sliding::Slips;
+        if let Some(contact) = self.result.contacts.iter().find(slips) {
+            return Err(SensitivityError::Slipping {
+                disc: contact.disc,
+                obstacle: contact.partner.obstacle().unwrap_or_default(),
+            });
+        }
         ContactSensitivity::new(&self.equations, command, loads, &self.result.equilibrium)
     }
 
@@ -217,13 +259,13 @@ impl ContactSettler {
         true
     }
 
-    /// Settles `command` from wherever the iterate stands: the barrier falls from `first` to the last, each solve starting from the one
+    /// Settles `command` from wherever the iterate stands: the barrier falls from the first to the last, each solve starting from the one
     /// before (Nocedal and Wright, Numerical Optimization, ch. 19.1).
     fn solve(
         &mut self,
         command: &Command,
         loads: &Loads,
-        first: f64,
+        start: Start,
     ) -> Result<&ContactEquilibrium, ContactError> {
         if let Some(wrench) = loads.wrenches().iter().find(|wrench| follows(wrench)) {
             return Err(ContactError::Loads { disc: wrench.disc });
@@ -235,23 +277,43 @@ impl ContactSettler {
             .max(robot.load_rounding(loads))
             .max(self.equations.rounding());
         let last = LAST_BARRIER * self.tolerance;
-        let (solved, mut iterations) = self.rest(command, first * self.tolerance, last);
+        let (solved, mut iterations) =
+            self.rest(command, start, [start.barrier() * self.tolerance, last]);
         // An unstable equilibrium is left as far as a larger barrier reaches.
         let mut stability = solved.then(|| self.equations.stability());
         for _ in 0..MAX_SADDLES {
             if stability != Some(Stability::Unstable) || !self.equations.leave_saddle() {
                 break;
             }
-            let (solved, steps) = self.rest(command, NEAR_BARRIER * self.tolerance, last);
+            let (solved, steps) = self.rest(command, start, [NEAR_BARRIER * self.tolerance, last]);
             iterations += steps;
             stability = solved.then(|| self.equations.stability());
         }
         Ok(self.report(stability, iterations))
     }
 
-    /// Solves under barriers (J) from the first to the last, and holds the lengths that are commanded. Whether that is solved, and the
+    /// Solves under barriers (J) from the first to the last, friction and commanded lengths in it. Whether that is solved, and the
     /// number of steps.
-    fn rest(&mut self, command: &Command, first: f64, last: f64) -> (bool, usize) {
+    fn rest(&mut self, command: &Command, start: Start, barriers: [f64; 2]) -> (bool, usize) {
+        let (mut solved, mut iterations) = self.hold(command, barriers);
+        for lag in 0.. {
+            if !solved || start != Start::Before || !self.equations.rubs() {
+                break;
+            }
+            // Until friction is bounded by the normal forces that it leads to.
+            self.equations.press_bristles();
+            let (still, steps) = self.hold(command, [barriers[1]; 2]);
+            iterations += steps;
+            solved = still && lag < MAX_LAGS;
+            if steps == 0 {
+                break;
+            }
+        }
+        (solved, iterations)
+    }
+
+    /// The same with the friction that there is.
+    fn hold(&mut self, command: &Command, [first, last]: [f64; 2]) -> (bool, usize) {
         let (solved, iterations) = self.lower_barrier(first, last);
         let holds = (self.equations.robot.tendons().iter()).any(Tendon::holds_length);
         if !solved || !holds {
@@ -338,6 +400,7 @@ impl ContactSettler {
         out.contacts.clear();
         (out.complementarity, out.penetration) = (0.0, 0.0);
         let chain = &equations.iterate.posture.chain;
+        let mut bristles: Vec<_> = equations.bristles.iter().collect();
         for near in &equations.neighbourhood.near {
             let law = equations.law(near);
             let response = law.at(near.gap);
@@ -351,6 +414,14 @@ impl ContactSettler {
                 gap: near.gap,
                 force: near.normal * response.force,
                 activity: Activity::Weak,
+                sliding: Sliding::Free,
+            };
+            // That of the first of the faces that a bead touches.
+            let own = |bristle: &&Bristle| bristle.is_of(&near.bead, near.obstacle);
+            let bristle = bristles.iter().position(own);
+            let contact = match bristle.map(|own| bristles.swap_remove(own)) {
+                Some(bristle) => contact.rubbed(bristle, &centre),
+                None => contact,
             };
             out.add(contact, &law, &response, touching);
         }
@@ -366,8 +437,23 @@ impl ContactSettler {
                 gap: near.gap,
                 force: near.normal * response.force,
                 activity: Activity::Weak,
+                sliding: Sliding::Free,
             };
             out.add(contact, &law, &response, touching);
+        }
+    }
+}
+
+impl Contact {
+    /// With the force of its bristle, where the bead's centre is at a position.
+    fn rubbed(self, bristle: &Bristle, position: &Vector3<f64>) -> Self {
+        Self {
+            force: self.force + bristle.response(position).0,
+            sliding: match bristle.slips(position) {
+                true => Sliding::Slips,
+                false => Sliding::Sticks,
+            },
+            ..self
         }
     }
 }

@@ -56,6 +56,16 @@ pub enum SensitivityError {
         "the equilibrium has no derivatives: its Hessian is not positive definite; expected a stable one"
     )]
     Unstable,
+    /// A contact slides: the force of friction follows the normal force, which has no potential.
+    #[error(
+        "the contact of disc {disc} with obstacle {obstacle} slips; expected contacts without friction, or that stick, to differentiate"
+    )]
+    Slipping {
+        /// The disc, from 0.
+        disc: usize,
+        /// The obstacle, by its number in the scene.
+        obstacle: usize,
+    },
     /// The robot has no such parameter.
     #[error(transparent)]
     Parameter(#[from] ParameterError),

@@ -1,6 +1,7 @@
 //! Robots that touch obstacles.
 
 mod derivatives;
+mod friction;
 mod hostile;
 mod itself;
 mod planar;
