@@ -11,11 +11,13 @@
 
 mod equations;
 mod law;
+mod motion;
 mod near;
 mod sensitivity;
 mod settler;
 mod stability;
 
+pub use motion::{ContactLaw, ContactStepper, Impedance};
 pub use sensitivity::{ContactSensitivity, ObstacleGradient, SceneGradient};
 pub use settler::ContactSettler;
 
