@@ -79,7 +79,7 @@ pub struct ContactRows {
 
 /// What one robot touches.
 #[derive(Default)]
-struct Touched {
+pub struct Touched {
     contacts: Vec<Contact>,
     complementarity: f64,
     penetration: f64,
@@ -95,8 +95,24 @@ impl Touched {
     }
 }
 
+impl Touched {
+    /// What a robot in motion touches.
+    pub fn in_motion(contacts: &[Contact], scene: &tdcr::sim::scene::Scene) -> Self {
+        let product = |contact: &Contact| {
+            let compliance = scene.obstacles()[contact.obstacle].compliance;
+            let force = contact.force.dot(&contact.normal);
+            (force * (contact.gap + compliance * force)).abs()
+        };
+        Self {
+            complementarity: contacts.iter().map(product).fold(0.0, f64::max),
+            penetration: (contacts.iter().map(|contact| -contact.gap)).fold(0.0, f64::max),
+            contacts: contacts.to_vec(),
+        }
+    }
+}
+
 /// Contacts of rows as arrays.
-fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
+pub fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
     let each = || rows.iter().flat_map(|row| &row.contacts);
     let count = each().count();
     let number = |index: usize| index as i64;

@@ -98,9 +98,10 @@ impl MovingRobot {
     /// Starts anew in `state`, the tendons under `command`.
     ///
     /// # Errors
-    /// [`SimulationError`] where they are not of this robot.
+    /// [`SimulationError`] where they are not of this robot, or the state is inside an obstacle.
     pub fn start_at(&mut self, state: &State, command: &Command) -> Result<(), SimulationError> {
         self.take(state, command)?;
+        self.stepper.check_start(state)?;
         (self.taken, self.phase) = (0, Phase::Started);
         Ok(())
     }

@@ -6,6 +6,7 @@
 
 mod law;
 mod problem;
+mod start;
 
 pub use law::{ContactLaw, Impedance};
 
