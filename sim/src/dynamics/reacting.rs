@@ -57,16 +57,27 @@ impl Stepper {
         &self.equations.posture
     }
 
-    /// Writes the joints' rates in world axes (rad/s) at the end of the step without surroundings, and at its begin.
+    /// Writes the joints' rates in world axes (rad/s) at the end of the step without surroundings, as far as the `resistance` tells, and
+    /// at its begin.
     pub(crate) fn free_rates(
-        &self,
-        state: &State,
+        &mut self,
+        (state, command): (&State, &Command),
+        resistance: Resistance,
         end: &mut [Vector3<f64>],
         begin: &mut [Vector3<f64>],
     ) {
+        let accelerations = match resistance {
+            Resistance::Step => &self.accelerations,
+            Resistance::Inertia => {
+                let (q, v) = (&state.configuration, &state.velocity);
+                let (command, out) = (command.as_slice(), &mut self.inertial);
+                (self.equations).accelerate(q, v, command, &self.bare, out);
+                &self.inertial
+            }
+        };
         let chain = &self.equations.posture.chain;
         let rates = state.velocity.as_chunks::<3>().0.iter();
-        let rates = rates.zip(self.accelerations.as_chunks::<3>().0);
+        let rates = rates.zip(accelerations.as_chunks::<3>().0);
         for (joint, (v, a)) in rates.enumerate() {
             let axes = chain.axes(joint);
             begin[joint] = axes * Vector3::from(*v);
@@ -82,7 +93,8 @@ impl Stepper {
         reactions: &[Reaction],
         out: &mut [Vector3<f64>],
     ) {
-        if let (Scheme::ImplicitEuler(scheme), true) = (&mut self.scheme, self.implicit) {
+        let implicit = self.implicit && resistance == Resistance::Step;
+        if let (Scheme::ImplicitEuler(scheme), true) = (&mut self.scheme, implicit) {
             let h = self.timestep;
             if !scheme.respond(&self.equations, loads, h, reactions, out) {
                 out.fill(Vector3::repeat(f64::NAN));

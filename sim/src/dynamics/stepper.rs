@@ -26,6 +26,8 @@ pub struct Stepper {
     pub(super) implicit: bool,
     /// Accelerations of the joints' coordinates (rad/s²).
     pub(super) accelerations: Vec<f64>,
+    /// The same of the inertias alone, where it is asked for.
+    pub(super) inertial: Vec<f64>,
     pub(super) hinges: HingeReach,
     pub(super) fallbacks: usize,
 }
@@ -85,6 +87,7 @@ impl Stepper {
             scheme,
             implicit: false,
             accelerations: vec![0.0; robot.dof()],
+            inertial: vec![0.0; robot.dof()],
             hinges: HingeReach::new(robot),
             fallbacks: 0,
         })

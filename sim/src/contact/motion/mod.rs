@@ -176,7 +176,8 @@ impl ContactStepper {
             return self.stepper.step(state, command, loads);
         }
         self.stepper.begin(state, command, loads)?;
-        (self.stepper).free_rates(state, &mut self.free, &mut self.rates);
+        let (resistance, free, rates) = (self.resistance(), &mut self.free, &mut self.rates);
+        (self.stepper).free_rates((state, command), resistance, free, rates);
         self.change.fill(Vector3::zeros());
         if self.free.iter().all(|rate| rate.norm_squared().is_finite()) {
             self.touch(loads);
@@ -206,6 +207,14 @@ impl ContactStepper {
             }
         }
         Ok(energy)
+    }
+
+    /// What the velocities are found with. MuJoCo finds the forces with the inertias alone, and then takes the step with them.
+    fn resistance(&self) -> Resistance {
+        match self.law {
+            ContactLaw::Compliant { .. } => Resistance::Step,
+            ContactLaw::Impedance(_) => Resistance::Inertia,
+        }
     }
 
     /// Finds the contacts of the step that was begun, and what they change the rates by.
@@ -296,11 +305,7 @@ impl ContactStepper {
 
     /// Solves the problem, and takes the change of the rates.
     fn solve(&mut self, loads: &Loads) {
-        // MuJoCo finds the forces with the inertias alone, and then takes the step with them.
-        let resistance = match self.law {
-            ContactLaw::Compliant { .. } => Resistance::Step,
-            ContactLaw::Impedance(_) => Resistance::Inertia,
-        };
+        let resistance = self.resistance();
         let stepper = &mut self.stepper;
         let solved = self.problem.solve(&self.centres, |reactions, out| {
             stepper.respond(loads, resistance, reactions, out);

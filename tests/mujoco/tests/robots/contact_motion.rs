@@ -2,8 +2,9 @@
 
 use std::fmt::Write;
 
-use nalgebra::Vector3;
+use nalgebra::{Quaternion, UnitQuaternion};
 use tdcr_mujoco::Model;
+use tdcr_sim::chain::Configuration;
 use tdcr_sim::contact::{ContactLaw, ContactStepper, Impedance};
 use tdcr_sim::dynamics::{Integrator, State, Stepper};
 use tdcr_sim::geometry::{Bead, Beads};
@@ -98,17 +99,13 @@ fn trajectories_with_contacts_are_mujocos_step_by_step() {
                 touched[contact.obstacle] += 1;
                 largest = largest.max(contact.force.norm());
             }
-            let configuration = theirs.qpos().chunks_exact(4).zip(&state.configuration.0);
-            // Both are at the end of the step, while MuJoCo's poses are of its begin.
-            let difference = configuration
-                .map(|(theirs, ours)| {
-                    let turned = Vector3::new(theirs[1], theirs[2], theirs[3]) * theirs[0].signum();
-                    let own = ours.imag() * ours.w.signum();
-                    (turned - own).norm()
-                })
-                .fold(0.0, f64::max);
-            // Turns of joints, times twice the reach: no point is farther away.
-            away = away.max(2.0 * difference * robot.reach() * robot.discs().len() as f64);
+            // MuJoCo's joints are at the end of the step, its poses at the begin.
+            let joints = theirs.qpos().chunks_exact(4);
+            let joints = joints.map(|q| Quaternion::new(q[0], q[1], q[2], q[3]));
+            let there = Configuration(joints.map(UnitQuaternion::from_quaternion).collect());
+            let (here, there) = (state.positions(&robot), there.place(&robot).0);
+            let apart = (here.iter().zip(&there)).map(|(here, there)| (here - there).norm());
+            away = away.max(apart.fold(0.0, f64::max));
         }
         let name = &robot.spec().name;
         eprintln!(
