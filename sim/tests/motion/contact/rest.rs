@@ -93,7 +93,7 @@ fn a_robot_that_leans_on_an_obstacle_comes_to_rest_where_it_settles() {
                     .iter()
                     .fold(0.0_f64, |most, v| most.max(v.abs()))
             };
-            for steps in 0..5_000 {
+            for steps in 0..20_000 {
                 long.step(&mut state, &command, &Loads::default()).unwrap();
                 if steps > 100 && speed(&state) < 1e-10 {
                     break;
