@@ -8,7 +8,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr::sim::cloud::{Observer, VoxelGrid};
-use tdcr::sim::contact::ContactSettler;
+use tdcr::sim::contact::{ContactLaw, ContactSettler, ContactStepper};
 use tdcr::sim::dynamics::{
     Integrator, Lineariser, Rollout, State, StateCotangent, Stepper, rollout_gradient,
 };
@@ -170,5 +170,43 @@ fn step(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, settle, touch, step, observe);
+/// Steps of 2 ms from the straight pose, a wall pressed on every disc, and the same with the wall next to the discs.
+fn touch_in_motion(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("step in contact");
+    for name in ["2m", "3m", "5m"] {
+        let robot = Robot::load(name).expect("a standard robot");
+        let slack = Loads::default();
+        let wall = |distance: f64| {
+            let wall = Obstacle::cuboid("wall", [0.02, 1.0, 2.0]).expect("a valid box");
+            Scene::new(vec![wall.at([0.01 + distance, 0.0, 0.3])]).expect("a valid scene")
+        };
+        // Beads stand out as far as the discs: the wall presses on all of the straight robot.
+        for (what, distance) in [("10 contacts or more", 0.0199), ("near, none", 0.03)] {
+            let stepper = Stepper::new(&robot, 0.002, Integrator::SemiImplicitEuler)
+                .expect("a robot that can move");
+            let mut stepper = ContactStepper::new(stepper, &wall(distance), ContactLaw::default())
+                .expect("an integrator of first order");
+            let start = State::straight(&robot);
+            let mut state = start.clone();
+            let command = robot.mean_command();
+            let (mut steps, mut contacts) = (0_usize, 0_usize);
+            group.bench_function(format!("{name}, {what}"), |bencher| {
+                bencher.iter(|| {
+                    // One step takes the robot off the wall.
+                    state.clone_from(&start);
+                    steps += 1;
+                    let moved = stepper.step(&mut state, &command, &slack);
+                    contacts += stepper.contacts().len();
+                    black_box(moved)
+                });
+            });
+            eprintln!(
+                "{name}: {:.1} contacts in the mean",
+                contacts as f64 / steps as f64
+            );
+        }
+    }
+}
+
+criterion_group!(benches, settle, touch, step, touch_in_motion, observe);
 criterion_main!(benches);

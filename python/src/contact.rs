@@ -5,7 +5,7 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use tdcr::sim::chain::Configuration;
-use tdcr::sim::contact::{Activity, Contact, ContactEquilibrium};
+use tdcr::sim::contact::{Activity, Contact, ContactEquilibrium, Sliding};
 use tdcr::sim::robot::Command;
 
 use crate::arrays::{array, contiguous, flat_points, flat_quaternions, quaternions};
@@ -74,13 +74,14 @@ pub struct ContactRows {
     gap: Py<PyArray1<f64>>,
     force: Py<PyArray2<f64>>,
     weak: Py<PyArray1<bool>>,
+    slips: Py<PyArray1<bool>>,
     complementarity: Py<PyArray1<f64>>,
     penetration: Py<PyArray1<f64>>,
 }
 
 /// What one robot touches.
 #[derive(Default)]
-struct Touched {
+pub struct Touched {
     contacts: Vec<Contact>,
     complementarity: f64,
     penetration: f64,
@@ -96,8 +97,26 @@ impl Touched {
     }
 }
 
+impl Touched {
+    /// What a robot in motion touches.
+    pub fn in_motion(contacts: &[Contact], scene: &tdcr::sim::scene::Scene) -> Self {
+        let product = |contact: &Contact| {
+            let obstacle = contact.partner.obstacle();
+            let compliance =
+                obstacle.map_or(0.0, |obstacle| scene.obstacles()[obstacle].compliance);
+            let force = contact.force.dot(&contact.normal);
+            (force * (contact.gap + compliance * force)).abs()
+        };
+        Self {
+            complementarity: contacts.iter().map(product).fold(0.0, f64::max),
+            penetration: (contacts.iter().map(|contact| -contact.gap)).fold(0.0, f64::max),
+            contacts: contacts.to_vec(),
+        }
+    }
+}
+
 /// Contacts of rows as arrays.
-fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
+pub fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
     let each = || rows.iter().flat_map(|row| &row.contacts);
     let count = each().count();
     let number = |index: usize| index as i64;
@@ -112,6 +131,7 @@ fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
     };
     let owner = (rows.iter().enumerate())
         .flat_map(|(index, row)| std::iter::repeat_n(number(index), row.contacts.len()));
+    let slips = each().map(|contact| contact.sliding == Sliding::Slips);
     let weak = each().map(|contact| contact.activity == Activity::Weak);
     Ok(ContactRows {
         row: numbers(owner.collect())?,
@@ -131,6 +151,7 @@ fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
         gap: array(py, each().map(|contact| contact.gap).collect(), [count])?.unbind(),
         force: vectors(|contact| contact.force)?,
         weak: array(py, weak.collect(), [count])?.unbind(),
+        slips: array(py, slips.collect(), [count])?.unbind(),
         complementarity: by_row(|row| row.complementarity)?,
         penetration: by_row(|row| row.penetration)?,
     })

@@ -10,13 +10,16 @@ use tdcr::sim::robot::Command;
 use tdcr::sim::simulation::{Simulation, SimulationError};
 
 use crate::arrays::{Tape, array, contiguous, quaternions, write_points, write_quaternions};
+use crate::contact::{ContactRows, Touched, arrays};
 use crate::errors::{Failure, Outcome};
 use crate::loads::{LoadRows, Loads};
 use crate::robot::{Robot, of_rows};
 use crate::run::{self, Watch};
+use crate::scene::Scene;
 use crate::steps::Steps;
 
 type SimRobot = tdcr::sim::robot::Robot;
+type SimScene = tdcr::sim::scene::Scene;
 type SimLoads = tdcr::sim::robot::Loads;
 type SimMovingRobot = tdcr::sim::simulation::MovingRobot;
 
@@ -55,6 +58,8 @@ pub struct Motions {
     pub discs: usize,
     pub tendons: usize,
     pub steps: Steps,
+    /// Obstacles around all of them.
+    pub scene: SimScene,
 }
 
 /// What became of the motion of a row.
@@ -132,6 +137,7 @@ impl Motions {
             discs,
             tendons,
             steps,
+            scene: SimScene::default(),
         };
         for row in 0..rows {
             let loads = of_rows
@@ -180,12 +186,7 @@ impl Motions {
         }
         let robot = self.robot(row);
         if at_hand.is_none() {
-            let Steps {
-                timestep,
-                integrator,
-                skip,
-            } = self.steps;
-            *at_hand = Some(SimMovingRobot::new(robot, timestep, integrator, skip)?);
+            *at_hand = Some(self.steps.moving(robot, &self.scene)?);
         }
         let moving = at_hand.as_mut().expect("just made");
         let first = match self.length {
@@ -250,6 +251,8 @@ pub struct MotionRows {
     tensions: Py<PyArray3<f64>>,
     /// How many commands each row was moved by.
     steps: Py<PyArray1<u32>>,
+    /// What is touched after each command, row after row, in a scene.
+    contacts: Py<ContactRows>,
     /// Rows that could not go on: class of the exception, and why.
     failures: Vec<(usize, &'static str, String)>,
 }
@@ -272,6 +275,8 @@ struct Row<'a> {
     lengths: &'a mut [f64],
     tensions: &'a mut [f64],
     steps: &'a mut u32,
+    /// What is touched after each command, in a scene.
+    touched: Vec<Touched>,
 }
 
 impl Row<'_> {
@@ -285,6 +290,9 @@ impl Row<'_> {
         self.velocity[part(3 * n)].copy_from_slice(&moving.state().velocity);
         self.lengths[part(t)].copy_from_slice(pose.tendon_lengths);
         self.tensions[part(t)].copy_from_slice(pose.tendon_tensions);
+        if !of.scene.obstacles().is_empty() {
+            (self.touched).push(Touched::in_motion(moving.contacts(), &of.scene));
+        }
         *self.steps = u32::try_from(step + 1).unwrap_or(u32::MAX);
     }
 }
@@ -302,7 +310,7 @@ pub fn parts<T>(values: &mut [T], rows: usize) -> impl Iterator<Item = &mut [T]>
 
 /// Moves each row through its commands, on all threads. `progress` is told how many more commands are done.
 #[pyfunction]
-#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, progress=None))]
+#[pyo3(signature = (robots, commands, loads, payload, wrench, start, steps, scene=None, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "Python's caller names them")]
 pub fn rollout_rows(
     py: Python<'_>,
@@ -313,9 +321,10 @@ pub fn rollout_rows(
     wrench: Option<PyReadonlyArray3<'_, f64>>,
     start: Start<'_>,
     steps: PyRef<'_, Steps>,
+    scene: Option<PyRef<'_, Scene>>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> Outcome<MotionRows> {
-    let motions = Motions::new(
+    let mut motions = Motions::new(
         &robots,
         &commands,
         &loads,
@@ -324,6 +333,8 @@ pub fn rollout_rows(
         &start,
         *steps,
     )?;
+    motions.scene = scene.map(|scene| scene.0.clone()).unwrap_or_default();
+    let motions = motions;
     let (rows, length) = (motions.rows, motions.length);
     let (n, t) = (motions.discs, motions.tendons);
     let none = |width: usize| vec![f64::NAN; rows * length * width];
@@ -331,7 +342,7 @@ pub fn rollout_rows(
     let [mut quaternions, mut configuration] = [none(4 * n), none(4 * n)];
     let [mut lengths, mut tensions] = [none(t), none(t)];
     let mut taken = vec![0; rows];
-    let ends: Vec<Outcome<End>> = run::long(py, progress.as_ref(), |watch| {
+    let (ends, touched) = run::long(py, progress.as_ref(), |watch| {
         let poses = parts(&mut positions, rows).zip(parts(&mut quaternions, rows));
         let states = parts(&mut configuration, rows).zip(parts(&mut velocity, rows));
         let tendons = parts(&mut lengths, rows).zip(parts(&mut tensions, rows));
@@ -348,17 +359,19 @@ pub fn rollout_rows(
                     lengths,
                     tensions,
                     steps,
+                    touched: Vec::new(),
                 }
             },
         );
         let mut out: Vec<Row<'_>> = out.collect();
-        out.par_iter_mut()
-            .enumerate()
+        let ends: Vec<Outcome<End>> = (out.par_iter_mut().enumerate())
             .map_init(
                 || None,
                 |at_hand, (row, out)| motions.run(at_hand, row, watch, out),
             )
-            .collect()
+            .collect();
+        let touched: Vec<Touched> = out.into_iter().flat_map(|row| row.touched).collect();
+        (ends, touched)
     })?;
     let failures = failures(ends, &motions)?;
     Ok(MotionRows {
@@ -369,6 +382,7 @@ pub fn rollout_rows(
         lengths: array(py, lengths, [rows, length, t])?.unbind(),
         tensions: array(py, tensions, [rows, length, t])?.unbind(),
         steps: array(py, taken, [rows])?.unbind(),
+        contacts: Py::new(py, arrays(py, &touched)?)?,
         failures,
     })
 }

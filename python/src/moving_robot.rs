@@ -6,10 +6,12 @@ use pyo3::prelude::*;
 use tdcr::sim::simulation::Simulation;
 
 use crate::arrays::{array, write_points, write_quaternions};
+use crate::contact::{ContactRows, Touched, arrays};
 use crate::dynamics::{command_of, state, state_as_it_was};
 use crate::errors::Outcome;
 use crate::loads::Loads;
 use crate::robot::Robot;
+use crate::scene::Scene;
 use crate::steps::Steps;
 
 /// One robot in motion.
@@ -19,14 +21,20 @@ pub struct MovingRobot(tdcr::sim::simulation::MovingRobot);
 #[pymethods]
 impl MovingRobot {
     #[new]
-    fn new(robot: PyRef<'_, Robot>, steps: PyRef<'_, Steps>) -> Outcome<Self> {
-        let Steps {
-            timestep,
-            integrator,
-            skip,
-        } = *steps;
-        let moving = tdcr::sim::simulation::MovingRobot::new(&robot.0, timestep, integrator, skip)?;
-        Ok(Self(moving))
+    #[pyo3(signature = (robot, steps, scene=None))]
+    fn new(
+        robot: PyRef<'_, Robot>,
+        steps: PyRef<'_, Steps>,
+        scene: Option<PyRef<'_, Scene>>,
+    ) -> Outcome<Self> {
+        let scene = scene.map(|scene| scene.0.clone()).unwrap_or_default();
+        Ok(Self(steps.moving(&robot.0, &scene)?))
+    }
+
+    /// What the robot touched in the last time step, as rows of one.
+    fn contacts(&self, py: Python<'_>) -> PyResult<ContactRows> {
+        let touched = Touched::in_motion(self.0.contacts(), self.0.scene());
+        arrays(py, &[touched])
     }
 
     /// Starts anew at rest in the equilibrium of a command.

@@ -1,7 +1,11 @@
 //! How motions are computed: time step, integrator, frame skip.
 
 use pyo3::prelude::*;
-use tdcr::sim::dynamics::Integrator;
+use tdcr::sim::contact::{ContactLaw, ContactStepper};
+use tdcr::sim::dynamics::{DynamicsError, Integrator, Stepper};
+use tdcr::sim::robot::Robot;
+use tdcr::sim::scene::Scene;
+use tdcr::sim::simulation::MovingRobot;
 
 use crate::errors::{Failure, Outcome};
 
@@ -47,6 +51,13 @@ impl Steps {
 }
 
 impl Steps {
+    /// A robot that moves in such steps among the obstacles of a scene.
+    pub fn moving(self, robot: &Robot, scene: &Scene) -> Result<MovingRobot, DynamicsError> {
+        let stepper = Stepper::new(robot, self.timestep, self.integrator)?;
+        let stepper = ContactStepper::new(stepper, scene, ContactLaw::default())?;
+        Ok(MovingRobot::among(stepper, self.skip))
+    }
+
     /// Refuses steps that have no adjoint.
     pub fn check_differentiable(self) -> Outcome<()> {
         let (differentiable, name) = (INTEGRATORS[0].1, INTEGRATORS[0].0);

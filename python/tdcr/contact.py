@@ -31,6 +31,7 @@ class Contacts(Result):
         force: Force on the disc, shape (k, 3) (N).
         weak: Whether neither force nor gap is clearly above 0, shape (k,): after a small change such a contact may bear more, or
             none, so that derivatives differ from one side to the other.
+        slips: Whether it slides along the obstacle against friction, shape (k,).
         complementarity: Largest product of a force and the distance of its surfaces after they have given way (J), 0 of exact
             contact: a number, or shape (rows,).
         penetration: Deepest overlap of the undeformed shapes (m): a number, or shape (rows,).
@@ -46,6 +47,7 @@ class Contacts(Result):
     gap: Floats
     force: Floats
     weak: NDArray[np.bool_]
+    slips: NDArray[np.bool_]
     complementarity: Any
     penetration: Any
     names: tuple[str, ...]
@@ -92,5 +94,5 @@ class Contacts(Result):
         )
 
     def _chosen(self, chosen: Any) -> dict[str, Any]:
-        each = ("disc", "obstacle", "other_disc", "point", "normal", "gap", "force", "weak")
+        each = ("disc", "obstacle", "other_disc", "point", "normal", "gap", "force", "weak", "slips")
         return {name: getattr(self, name)[chosen] for name in each}

@@ -8,7 +8,7 @@ motion.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args, overload
 
 import numpy as np
@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from tdcr import _tdcr, errors
 from tdcr._arrays import Floats, Progress, as_array, as_choice, as_count, as_float, as_number, as_quaternions
 from tdcr._results import Batch, Result, is_row, row_of
+from tdcr.contact import Contacts
 from tdcr.errors import InputError
 from tdcr.loads import LoadRows, Loads
 from tdcr.robot import Robot, RobotLike, as_robot, as_robots
+from tdcr.scene import Scene, as_scene
 from tdcr.statics import Equilibria, Equilibrium
 
 Integrator = Literal["semi-implicit-euler", "runge-kutta4", "implicit-euler", "implicit-midpoint"]
@@ -63,6 +65,8 @@ class Motion(Result):
         velocity: Rates of the joints in the discs' own frames, shape (T, n, 3) (rad/s).
         lengths: Length of each tendon, shape (T, t) (m).
         tensions: Tension of each tendon under the command, shape (T, t), positive when it pulls (N).
+        contacts: What the robot touched in the last time step of each command, whose number is a contact's ``row``, in a scene;
+            None without one. Forces are means over the time step and act at its begin; gaps are those at its end.
     """
 
     times: Floats
@@ -72,6 +76,7 @@ class Motion(Result):
     velocity: Floats
     lengths: Floats
     tensions: Floats
+    contacts: Contacts | None = None
 
     @property
     def tip(self) -> Floats:
@@ -179,6 +184,7 @@ def simulate(
     dt: float = 0.002,
     integrator: Integrator = "semi-implicit-euler",
     frame_skip: int = 1,
+    scene: Scene | None = None,
     progress: Progress | None = None,
 ) -> Motion:
     """Moves a robot through a sequence of commands, as ``tdcr simulate`` does.
@@ -193,6 +199,8 @@ def simulate(
         dt: Time step (s).
         integrator: How a step is taken.
         frame_skip: Time steps for which each command holds.
+        scene: Obstacles around the robot, which stay where they are and have friction. The integrator is one of the two of first
+            order.
         progress: Is called with the number of commands done since its last call, as ``tqdm(total=T).update``.
 
     Raises:
@@ -200,14 +208,16 @@ def simulate(
             diverged.
         CommandError: For a command that the robot cannot take; the message names its step.
         NotSettledError: If the start is to be settled and has not.
+        ContactError: In a scene, for a start inside an obstacle.
     """
     robot = as_robot(robot)
     commands = as_float(commands, "commands", ("T", robot.tendons))[np.newaxis]
     question = Question.of(robot, commands, payload, wrench, loads, start, dt, integrator, frame_skip)
-    rows = question.rollout(progress)
+    rows = question.rollout(progress, scene)
     for _, error, why in rows.failures:
         raise getattr(errors, error)(why)
-    return Motions._of(rows, question.times)[0]
+    motion = Motions._of(rows, question.times)[0]
+    return motion if scene is None else replace(motion, contacts=Contacts._of(rows.contacts, [scene]))
 
 
 def rollout(
@@ -308,8 +318,8 @@ class Question:
         robots = [robot._native for robot in self.robots]
         return robots, self.commands, loads.base, loads.payload, loads.wrench, self.start, self.steps
 
-    def rollout(self, progress: Progress | None) -> _tdcr.MotionRows:
-        return _tdcr.rollout_rows(*self.arguments(), progress)
+    def rollout(self, progress: Progress | None, scene: Scene | None = None) -> _tdcr.MotionRows:
+        return _tdcr.rollout_rows(*self.arguments(), None if scene is None else as_scene(scene)._native, progress)
 
 
 def native_steps(dt: float, integrator: str, frame_skip: int) -> _tdcr.Steps:

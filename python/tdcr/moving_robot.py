@@ -6,9 +6,11 @@ from typing import Any
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, as_count, as_float, as_number
+from tdcr.contact import Contacts
 from tdcr.dynamics import Integrator, State, native_steps, one_state
 from tdcr.loads import Loads, one_load
 from tdcr.robot import RobotLike, as_robot
+from tdcr.scene import Scene, as_scene
 
 
 class MovingRobot:
@@ -21,6 +23,8 @@ class MovingRobot:
         dt: Time step (s). One that is too long for the robot is refused by the first :meth:`step`, or by :meth:`reset`.
         integrator: How a step is taken.
         frame_skip: Time steps for which a command holds.
+        scene: Obstacles around the robot, which stay where they are and have friction. The integrator is one of the two of first
+            order.
     """
 
     def __init__(
@@ -29,11 +33,14 @@ class MovingRobot:
         dt: float = 0.002,
         integrator: Integrator = "semi-implicit-euler",
         frame_skip: int = 1,
+        scene: Scene | None = None,
     ) -> None:
         self.robot = robot = as_robot(robot)
         self.dt, self.integrator = as_number(dt, "dt"), integrator
         self.frame_skip = as_count(frame_skip, "frame_skip", 1)
-        self._native = _tdcr.MovingRobot(robot._native, native_steps(dt, integrator, frame_skip))
+        self.scene = None if scene is None else as_scene(scene)
+        native_scene = None if self.scene is None else self.scene._native
+        self._native = _tdcr.MovingRobot(robot._native, native_steps(dt, integrator, frame_skip), native_scene)
         self._command = robot.mean_command
         self.start_at(State.straight(robot))
 
@@ -113,13 +120,19 @@ class MovingRobot:
         """Tension of each tendon, shape (t,), positive when it pulls (N)."""
         return self._native.tensions
 
+    @property
+    def contacts(self) -> Contacts | None:
+        """What the robot touched in the last time step, in a scene; None without one. Forces are means over the time step and act
+        at its begin; gaps are those at its end."""
+        return None if self.scene is None else Contacts._of_one(self._native.contacts(), self.scene)
+
     def _take(self, command: Any) -> Floats:
         self._command = as_float(command, "command", (self.robot.tendons,))
         return self._command
 
     def __getstate__(self) -> dict[str, Any]:
         return {
-            "arguments": (self.robot, self.dt, self.integrator, self.frame_skip),
+            "arguments": (self.robot, self.dt, self.integrator, self.frame_skip, self.scene),
             "state": (self.configuration, self.velocity, self._command),
             "clock": self._native.clock,
         }

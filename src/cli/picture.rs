@@ -225,6 +225,7 @@ pub(super) struct MotionPicture<'a> {
     robot: &'a Robot,
     camera: Camera,
     loads: Loads,
+    scene: Scene,
     /// Steps between two pictures.
     stride: usize,
     /// Of an animated picture.
@@ -238,8 +239,8 @@ impl<'a> MotionPicture<'a> {
         to: (&'a Path, Format),
         robot: &'a Robot,
         loads: &Loads,
-        steps: usize,
-        dt: f64,
+        scene: &Scene,
+        (steps, dt): (usize, f64),
     ) -> anyhow::Result<Self> {
         let stride = ((FRAME_TIME / dt).round() as usize).max(1);
         let [camera, _] = cameras(robot);
@@ -248,6 +249,7 @@ impl<'a> MotionPicture<'a> {
             robot,
             camera,
             loads: loads.clone(),
+            scene: scene.clone(),
             stride,
             film: match to.1 {
                 Format::Png => Some(Film::png(to.0, [EDGE; 2], steps.div_ceil(stride))?),
@@ -277,13 +279,7 @@ impl<'a> MotionPicture<'a> {
         match &mut self.film {
             None => self.tips.push((time, pose.tip().translation.vector)),
             Some(film) if step.is_multiple_of(self.stride) => {
-                let seen = view(
-                    self.robot,
-                    pose,
-                    &self.loads,
-                    &Scene::default(),
-                    &self.camera,
-                );
+                let seen = view(self.robot, pose, &self.loads, &self.scene, &self.camera);
                 film.add(seen.as_flattened())?;
             }
             Some(_) => {}

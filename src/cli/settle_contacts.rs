@@ -1,11 +1,11 @@
-//! What a settled robot touches, as `tdcr settle` says it.
+//! What a robot touches, as `tdcr settle` and `tdcr simulate` say it.
 
 use std::fmt::Write;
 
 use serde::Serialize;
 use tdcr::report::counted;
-use tdcr::sim::contact::{Activity, Contact, ContactSettler};
-use tdcr::sim::scene::SelfContact;
+use tdcr::sim::contact::{Activity, Contact, ContactSettler, Sliding};
+use tdcr::sim::scene::{Scene, SelfContact};
 
 /// The contacts of an equilibrium in a scene, and how exact they are.
 #[derive(Serialize)]
@@ -19,8 +19,9 @@ pub(super) struct Surroundings {
     shape_error: f64,
 }
 
+/// One contact.
 #[derive(Serialize)]
-struct ContactJson {
+pub(super) struct ContactJson {
     /// From 0.
     disc: usize,
     /// Name of the obstacle, absent where another disc is touched.
@@ -37,6 +38,8 @@ struct ContactJson {
     gap: f64,
     /// On the disc, world axes (N).
     force: [f64; 3],
+    /// `free`, `sticks` or `slips`.
+    sliding: &'static str,
     /// `strict`, or `weak` where derivatives are one-sided.
     activity: &'static str,
 }
@@ -50,17 +53,9 @@ impl ContactJson {
         }
     }
 
-    /// Size of the force (N).
-    fn strength(&self) -> f64 {
-        self.force.iter().map(|f| f * f).sum::<f64>().sqrt()
-    }
-}
-
-impl Surroundings {
-    /// Of the last equilibrium; none where nothing can be touched.
-    pub fn of(settler: &ContactSettler) -> Option<Self> {
-        let (scene, found) = (settler.scene(), settler.found());
-        let contact = |contact: &Contact| ContactJson {
+    /// A contact in a scene.
+    pub fn of(contact: &Contact, scene: &Scene) -> Self {
+        Self {
             disc: contact.disc,
             obstacle: (contact.partner.obstacle())
                 .map(|obstacle| scene.obstacles()[obstacle].name.clone()),
@@ -69,15 +64,34 @@ impl Surroundings {
             normal: contact.normal.into(),
             gap: contact.gap,
             force: contact.force.into(),
+            sliding: match contact.sliding {
+                Sliding::Free => "free",
+                Sliding::Sticks => "sticks",
+                Sliding::Slips => "slips",
+            },
             activity: match contact.activity {
                 Activity::Strict => "strict",
                 Activity::Weak => "weak",
             },
-        };
+        }
+    }
+
+    /// Size of the force (N).
+    pub fn strength(&self) -> f64 {
+        self.force.iter().map(|f| f * f).sum::<f64>().sqrt()
+    }
+}
+
+impl Surroundings {
+    /// Of the last equilibrium; none where nothing can be touched.
+    pub fn of(settler: &ContactSettler) -> Option<Self> {
+        let (scene, found) = (settler.scene(), settler.found());
         let touching =
             !scene.obstacles().is_empty() || scene.self_contact() != SelfContact::Ignored;
         touching.then(|| Self {
-            contacts: found.contacts.iter().map(contact).collect(),
+            contacts: (found.contacts.iter())
+                .map(|contact| ContactJson::of(contact, scene))
+                .collect(),
             complementarity: found.complementarity,
             penetration: found.penetration,
             shape_error: settler.beads().shape_error(),

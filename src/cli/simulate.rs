@@ -4,13 +4,14 @@ use std::fmt::Write as _;
 use std::io::{BufWriter, IntoInnerError, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector3};
 use serde::Serialize;
 use tdcr::base::files::AtomicFile;
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
+use tdcr::sim::contact::{ContactLaw, ContactStepper};
 use tdcr::sim::dynamics::{Integrator, Linearisation, Lineariser, State, Stepper};
 use tdcr::sim::robot::{Loads, Robot};
 
@@ -18,6 +19,8 @@ use super::commands::read_commands;
 use super::console::{Console, Interrupted};
 use super::output;
 use super::picture::{MotionPicture, PictureArg};
+use super::scene::SceneArgs;
+use super::settle_contacts::ContactJson;
 
 /// Move a robot through a sequence of commands, from the straight pose at rest
 #[derive(Debug, Args)]
@@ -42,13 +45,15 @@ pub(super) struct SimulateArgs {
         value_name = "KG"
     )]
     payload: f64,
-    /// Write the disc origins (m) after every step to this CSV file
+    /// Write the disc origins (m) after every step to this CSV file; in a scene also the contacts' force on each disc (N)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Write the derivative of a semi-implicit step from the final state under the last command to
     /// this JSON file: matrices a and b, in rows
     #[arg(long, value_name = "FILE")]
     linearise: Option<PathBuf>,
+    #[command(flatten)]
+    scene: SceneArgs,
     #[command(flatten)]
     picture: PictureArg,
 }
@@ -87,6 +92,9 @@ struct Simulated {
     rotations: Vec<[f64; 4]>,
     /// Joint rates at the end, in the discs' own frames (rad/s).
     velocity: Vec<f64>,
+    /// What the robot touches at the end, of a scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    contacts: Option<Vec<ContactJson>>,
 }
 
 pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> {
@@ -99,18 +107,25 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
     let robot = Robot::new(args.robot.load()?)?;
     let commands = read_commands(&args.commands, |row| Ok(robot.command(&row.unloaded()?)?))?;
     let loads = Loads::payload(args.payload)?;
-    let mut stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
+    let scene = args.scene.load()?;
+    let has_obstacles = !scene.obstacles().is_empty();
+    if args.linearise.is_some() && has_obstacles {
+        bail!("--linearise has no contacts: leave out --scene");
+    }
+    let stepper = Stepper::new(&robot, args.dt, args.integrator.into())?;
+    let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default())?;
     let mut path = args
         .out
         .as_deref()
-        .map(|file| PathFile::create(file, &robot))
+        .map(|file| PathFile::create(file, &robot, has_obstacles))
         .transpose()?;
     let mut picture = (args.picture.wanted_of_motion()?)
-        .map(|to| MotionPicture::new(to, &robot, &loads, commands.len(), args.dt))
+        .map(|to| MotionPicture::new(to, &robot, &loads, &scene, (commands.len(), args.dt)))
         .transpose()?;
     let mut state = State::straight(&robot);
     if let Some(first) = commands.first() {
-        stepper.check_stable(&state, first, &loads)?;
+        stepper.check_start(&state)?;
+        (stepper.stepper()).check_stable(&state, first, &loads)?;
     }
     for (step, command) in commands.iter().enumerate() {
         if console.interrupted() {
@@ -119,7 +134,7 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
         (stepper.step(&mut state, command, &loads))
             .with_context(|| format!("step {step}, at {:.6} s", step as f64 * args.dt))?;
         if let Some(path) = &mut path {
-            path.write((step + 1) as f64 * args.dt, &state, &robot)?;
+            path.write((step + 1) as f64 * args.dt, &state, &stepper)?;
         }
         if let Some(picture) = &mut picture {
             picture.add(step, (step + 1) as f64 * args.dt, &state.configuration)?;
@@ -147,6 +162,10 @@ pub(super) fn run(args: &SimulateArgs, console: &Console) -> anyhow::Result<()> 
             .map(|q| [q.w, q.i, q.j, q.k].map(|x| if q.w < 0.0 { -x } else { x }))
             .collect(),
         velocity: state.velocity,
+        contacts: has_obstacles.then(|| {
+            let contacts = stepper.contacts().iter();
+            (contacts.map(|contact| ContactJson::of(contact, &scene))).collect()
+        }),
     };
     console.result(&simulated, table)
 }
@@ -166,29 +185,44 @@ fn write_matrices(file: &Path, linear: &Linearisation) -> anyhow::Result<()> {
 struct PathFile {
     out: BufWriter<AtomicFile>,
     name: PathBuf,
+    /// Whether rows have the contacts' forces.
+    has_forces: bool,
 }
 
 impl PathFile {
-    fn create(file: &Path, robot: &Robot) -> anyhow::Result<Self> {
+    fn create(file: &Path, robot: &Robot, has_forces: bool) -> anyhow::Result<Self> {
         let created = AtomicFile::create(file)
             .with_context(|| format!("cannot create {}", file.display()))?;
         let mut path = Self {
             out: BufWriter::new(created),
             name: file.to_owned(),
+            has_forces,
         };
         let mut header = String::from("time (s)");
         for disc in 0..robot.discs().len() {
             // Writing to a string cannot fail.
             let _ = write!(header, ",x{disc} (m),y{disc} (m),z{disc} (m)");
         }
+        for disc in (0..robot.discs().len()).filter(|_| has_forces) {
+            let _ = write!(header, ",fx{disc} (N),fy{disc} (N),fz{disc} (N)");
+        }
         path.line(&header)?;
         Ok(path)
     }
 
-    fn write(&mut self, time: f64, state: &State, robot: &Robot) -> anyhow::Result<()> {
+    fn write(&mut self, time: f64, state: &State, stepper: &ContactStepper) -> anyhow::Result<()> {
         let mut row = time.to_string();
-        for position in state.positions(robot) {
+        for position in state.positions(stepper.robot()) {
             let _ = write!(row, ",{},{},{}", position.x, position.y, position.z);
+        }
+        if self.has_forces {
+            let mut forces = vec![Vector3::zeros(); stepper.robot().discs().len()];
+            for contact in stepper.contacts() {
+                forces[contact.disc] += contact.force;
+            }
+            for force in forces {
+                let _ = write!(row, ",{},{},{}", force.x, force.y, force.z);
+            }
         }
         self.line(&row)
     }
@@ -221,5 +255,13 @@ fn table(simulated: &Simulated) -> String {
         counted(simulated.steps, "step"),
         simulated.time
     );
+    if let Some(contacts) = &simulated.contacts {
+        let strongest = (contacts.iter().map(ContactJson::strength)).fold(0.0, f64::max);
+        let _ = writeln!(
+            text,
+            "{} in the last step; the largest force is {strongest:.5} N",
+            counted(contacts.len(), "contact")
+        );
+    }
     text
 }

@@ -1,4 +1,4 @@
-//! `tdcr settle --scene`: what the robot touches.
+//! `tdcr settle --scene` and `tdcr simulate --scene`: what the robot touches.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -103,4 +103,51 @@ fn what_cannot_be_settled_among_obstacles_is_refused() {
     let moment = [text(&scene), "--wrench", "tip:0,0,0,0,0,0.01"];
     let said = "the wrench on disc 9 is a moment or turns with its disc; among obstacles";
     refuse(&[&settle[..], &moment].concat(), 1, said);
+}
+
+#[test]
+fn a_moving_robot_says_what_it_touches_and_its_path_has_the_forces() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path(), SCENE);
+    let (commands, path) = (
+        folder.path().join("commands.csv"),
+        folder.path().join("path.csv"),
+    );
+    std::fs::write(&commands, format!("{COMMAND}\n").repeat(1500)).unwrap();
+    let simulate = [
+        "simulate",
+        "--commands",
+        text(&commands),
+        "--scene",
+        text(&scene),
+    ];
+    let simulated = succeed_json(&[&simulate[..], &["--out", text(&path)]].concat());
+    let contacts = simulated["contacts"].as_array().unwrap();
+    assert!(!contacts.is_empty());
+    let sum = |axis: usize| -> f64 {
+        (contacts
+            .iter()
+            .map(|contact| contact["force"][axis].as_f64().unwrap()))
+        .sum()
+    };
+    let rows = std::fs::read_to_string(&path).unwrap();
+    assert!(
+        rows.lines()
+            .next()
+            .unwrap()
+            .ends_with("fx9 (N),fy9 (N),fz9 (N)")
+    );
+    let last: Vec<f64> = (rows.lines().last().unwrap().split(','))
+        .map(|x| x.parse().unwrap())
+        .collect();
+    assert_eq!(last.len(), 61);
+    for axis in 0..3 {
+        let of_discs: f64 = last[31 + axis..].iter().step_by(3).sum();
+        assert!((of_discs - sum(axis)).abs() < 1e-9, "{of_discs}");
+    }
+    // Without a scene there are none, and steps of higher order take no contacts.
+    let free = succeed_json(&simulate[..3]);
+    assert!(free["contacts"].is_null());
+    let higher = [&simulate[..], &["--integrator", "runge-kutta4"]].concat();
+    refuse(&higher, 1, "take no contacts");
 }

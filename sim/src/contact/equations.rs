@@ -36,7 +36,7 @@ const CANCELLING: f64 = 1e7;
 const CLEARANCE: f64 = 0.7;
 
 /// Gap within which a contact counts, as a share of the radius of the largest disc's beads.
-const REACH: f64 = 0.5;
+pub(super) const REACH: f64 = 0.5;
 /// The same of the robot's contacts with itself.
 const OWN_REACH: f64 = 0.1;
 /// Clearance that a step may always use, as a share of the reach: of beads without a radius, and of those that start inside.

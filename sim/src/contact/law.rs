@@ -7,7 +7,7 @@
 //! to 0.
 
 /// Compliances below this count as this (m/N): forces would feel how positions are rounded.
-const STIFFEST: f64 = 1e-8;
+pub(super) const STIFFEST: f64 = 1e-8;
 
 /// The law of one contact.
 #[derive(Clone, Copy, Debug)]

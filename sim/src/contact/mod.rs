@@ -1,8 +1,8 @@
-//! Robots that touch obstacles, at rest.
+//! Robots that touch obstacles, at rest and in motion.
 //!
 //! [`ContactSettler`] settles a robot in a [`Scene`](crate::scene::Scene): where its discs come to rest, what they touch, and with which
 //! forces. [`ContactSensitivity`] differentiates that by the command, the loads, the robot, and by the motion of its base, of
-//! obstacles, and their compliance.
+//! obstacles, and their compliance. [`ContactStepper`] moves it through time.
 //!
 //! The robot touches with its [`Beads`](crate::geometry::Beads). A contact has a normal force without friction that keeps the
 //! distance of the surfaces above 0 after they have given way by the obstacle's compliance; that is a potential, so an equilibrium
@@ -12,12 +12,14 @@
 mod equations;
 mod friction;
 mod law;
+mod motion;
 mod near;
 mod near_pairs;
 mod sensitivity;
 mod settler;
 mod stability;
 
+pub use motion::{ContactLaw, ContactStepper, Impedance};
 pub use sensitivity::{ContactSensitivity, ObstacleGradient, SceneGradient};
 pub use settler::ContactSettler;
 

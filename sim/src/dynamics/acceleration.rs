@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::articulated::ArticulatedBodies;
 use super::forces::Forces;
 use super::links::{Link, Motion, MovingChain, PointMass, set_in_motion};
+use super::reaction::Reaction;
 use super::symmetric::transpose_times;
 use super::{DynamicsError, Energy, State};
 use crate::chain::{Chain, Configuration};
@@ -23,6 +24,8 @@ pub(super) struct EquationsOfMotion {
     pub forces: Forces,
     pub posture: Posture,
     pub motions: Vec<Motion>,
+    /// The same of the chain at rest.
+    still: Vec<Motion>,
     /// Torque on every joint but that of its armature (N m), world axes.
     torques: Vec<Vector3<f64>>,
     bodies: ArticulatedBodies,
@@ -52,6 +55,7 @@ impl EquationsOfMotion {
             forces: Forces::new(robot),
             posture: Posture::new(robot),
             motions: vec![Motion::default(); n],
+            still: vec![Motion::default(); n],
             torques: vec![Vector3::zeros(); n],
             bodies: ArticulatedBodies::new(n),
             accelerations: vec![Vector3::zeros(); n],
@@ -193,6 +197,28 @@ impl EquationsOfMotion {
             hinges: &self.posture.chain.hinges,
         };
         self.bodies.accelerate(&chain, armatures, torques, out);
+    }
+
+    /// Writes the change of the joints' rates by `reactions` (rad/s, world axes), in the posture and with the payload of the last
+    /// state: the solution `w` of `(M + forms) w = impulses`, `armatures` part of the mass matrix `M`. O(n) time.
+    pub fn respond(
+        &mut self,
+        armatures: &[Vector3<f64>],
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
+        let still = self.still.iter_mut().zip(&self.motions);
+        still.for_each(|(still, motion)| still.arm = motion.arm);
+        let chain = MovingChain {
+            links: &self.links,
+            payload: &self.payload,
+            orientations: &self.posture.chain.orientations[1..],
+            motions: &self.still,
+            hinges: &self.posture.chain.hinges,
+        };
+        // The last state's torques have been used: the chain is at rest but for the impulses.
+        self.torques.fill(Vector3::zeros());
+        (self.bodies).react(&chain, armatures, &self.torques, reactions, out);
     }
 
     /// Writes `M a + bias - tau` in the state last entered (N m), armatures in `M` and damping in `tau`, for the joints'

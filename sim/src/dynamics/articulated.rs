@@ -15,6 +15,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::links::{Link, Motion, MovingChain, PointMass};
+use super::reaction::Reaction;
 use super::symmetric::{
     Symmetric, cross_symmetric, symmetric, times, times_cross, transpose_times,
     twice_symmetric_part,
@@ -75,7 +76,19 @@ impl ArticulatedBodies {
         torques: &[Vector3<f64>],
         out: &mut [Vector3<f64>],
     ) {
-        self.gather(chain, armatures, torques);
+        self.react(chain, armatures, torques, &[], out);
+    }
+
+    /// The same with what the surroundings do to each disc, a linear law of its acceleration; an empty list is nothing.
+    pub fn react(
+        &mut self,
+        chain: &MovingChain,
+        armatures: &[Vector3<f64>],
+        torques: &[Vector3<f64>],
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
+        self.gather(chain, armatures, torques, reactions);
         self.spread(chain.motions, out);
     }
 
@@ -85,6 +98,7 @@ impl ArticulatedBodies {
         chain: &MovingChain,
         armatures: &[Vector3<f64>],
         torques: &[Vector3<f64>],
+        reactions: &[Reaction],
     ) {
         let (Some(tip), Some(motion)) = (chain.orientations.last(), chain.motions.last()) else {
             return;
@@ -96,6 +110,9 @@ impl ArticulatedBodies {
         let steps = joints.zip(responses).enumerate().rev();
         for (joint, (((link, armature), (orientation, motion)), (response, torque))) in steps {
             above.add_disc(link, orientation, motion);
+            if let Some(reaction) = reactions.get(joint) {
+                above.add_reaction(reaction);
+            }
             let hinges = chain.hinges.get(joint).and_then(Option::as_ref);
             *response = match hinges {
                 None => above.pass_ball(armature.x, torque, motion),
@@ -144,6 +161,15 @@ impl Above {
         self.mass.xx += body.mass;
         self.mass.yy += body.mass;
         self.mass.zz += body.mass;
+    }
+
+    /// Adds what the surroundings do to that disc.
+    fn add_reaction(&mut self, reaction: &Reaction) {
+        self.inertia = self.inertia.add(&reaction.inertia);
+        self.coupling += reaction.coupling;
+        self.mass = self.mass.add(&reaction.mass);
+        self.moment -= reaction.moment;
+        self.force -= reaction.force;
     }
 
     /// Goes below a ball joint, to the centre of the next.

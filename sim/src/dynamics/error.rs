@@ -109,6 +109,16 @@ pub enum DynamicsError {
         /// The longest that is stable (s).
         longest: f64,
     },
+    /// An integrator whose steps do not take contacts.
+    #[error(
+        "{integrator:?} steps take no contacts; among obstacles expected {:?} or {:?}",
+        Integrator::SemiImplicitEuler,
+        Integrator::ImplicitEuler
+    )]
+    NotAmongObstacles {
+        /// The integrator.
+        integrator: Integrator,
+    },
     /// A state from which a step has no finite derivative.
     #[error(
         "the step from this state has no finite derivative: the joints' accelerations, or the inverse of \

@@ -7,6 +7,7 @@ use nalgebra::{Matrix3, Matrix6, Vector3};
 use super::State;
 use super::acceleration::{EquationsOfMotion, to_coordinates};
 use super::composite::Composite;
+use super::reaction::{Reaction, torques_of};
 use crate::chain::{Chain, Configuration};
 use crate::energy::following::{add_bodies, add_forces, add_moments, add_product, follows};
 use crate::energy::{DeadForces, Expansion, Potential};
@@ -117,6 +118,17 @@ impl ImplicitMatrix {
         loads: &Loads,
         weights: Weights,
     ) -> Option<Curvature> {
+        self.combine_with(equations, loads, weights, &[])
+    }
+
+    /// The same with the forms of what the surroundings do to each disc; an empty list is nothing.
+    pub fn combine_with(
+        &mut self,
+        equations: &EquationsOfMotion,
+        loads: &Loads,
+        weights: Weights,
+        reactions: &[Reaction],
+    ) -> Option<Curvature> {
         let posture = &equations.posture;
         // M and D: each disc's inertia about its joint's centre, and what resists the joint.
         let places = equations.links.iter().zip(equations.orientations());
@@ -140,6 +152,9 @@ impl ImplicitMatrix {
             *tip += equations.payload.body(orientation).spatial() * weights.mass;
         }
         add_bodies(loads, weights.stiffness, posture, &mut self.bodies);
+        for (body, reaction) in self.bodies.iter_mut().zip(reactions) {
+            *body += reaction.spatial();
+        }
         if weights.part == Part::Symmetric {
             for body in &mut self.bodies {
                 *body = (*body + body.transpose()) * 0.5;
@@ -223,6 +238,33 @@ impl ImplicitEuler {
         }
         self.matrix.solve(&self.forces, &mut self.solution);
         to_coordinates(&equations.posture.chain, &self.solution, out);
+        true
+    }
+}
+
+impl ImplicitEuler {
+    /// Writes the change of the joints' rates (rad/s, world axes) by `reactions` after [`ImplicitEuler::accelerate`]: the solution `w`
+    /// of `(M + h D + h² K + forms) w = impulses`; `false` if there is none.
+    pub fn respond(
+        &mut self,
+        equations: &EquationsOfMotion,
+        loads: &Loads,
+        h: f64,
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) -> bool {
+        let weights = Weights::of_step(h, h * h);
+        let matrix = &mut self.matrix;
+        let factorised = matrix.combine_with(equations, loads, weights, reactions);
+        if factorised.is_none() {
+            return false;
+        }
+        torques_of(
+            reactions,
+            &equations.posture.chain.centres,
+            &mut self.forces,
+        );
+        self.matrix.solve(&self.forces, out);
         true
     }
 }

@@ -15,20 +15,26 @@ use crate::robot::{Command, Loads, Robot};
 /// Moves states of one robot through time, reusing its memory.
 #[derive(Clone, Debug)]
 pub struct Stepper {
-    timestep: f64,
-    equations: EquationsOfMotion,
+    pub(super) timestep: f64,
+    pub(super) equations: EquationsOfMotion,
     /// Per joint, what resists its acceleration besides the discs (kg m²): [`Link::armatures`].
-    armatures: Vec<Vector3<f64>>,
-    scheme: Scheme,
+    pub(super) armatures: Vec<Vector3<f64>>,
+    /// The same without what is implicit.
+    pub(super) bare: Vec<Vector3<f64>>,
+    pub(super) scheme: Scheme,
+    /// Whether the step that was begun is implicit in the stiffness.
+    pub(super) implicit: bool,
     /// Accelerations of the joints' coordinates (rad/s²).
-    accelerations: Vec<f64>,
-    hinges: HingeReach,
-    fallbacks: usize,
+    pub(super) accelerations: Vec<f64>,
+    /// The same of the inertias alone, where it is asked for.
+    pub(super) inertial: Vec<f64>,
+    pub(super) hinges: HingeReach,
+    pub(super) fallbacks: usize,
 }
 
 /// An integrator and its workspace.
 #[derive(Clone, Debug)]
-enum Scheme {
+pub(super) enum Scheme {
     SemiImplicitEuler,
     RungeKutta4(Box<RungeKutta>),
     ImplicitEuler(Box<ImplicitEuler>),
@@ -77,8 +83,11 @@ impl Stepper {
             timestep,
             equations,
             armatures,
+            bare: Link::armatures(robot, 0.0),
             scheme,
+            implicit: false,
             accelerations: vec![0.0; robot.dof()],
+            inertial: vec![0.0; robot.dof()],
             hinges: HingeReach::new(robot),
             fallbacks: 0,
         })
@@ -155,12 +164,21 @@ impl Stepper {
             }
             _ => rates,
         };
+        self.check_turn(turn, state)
+    }
+
+    /// Refuses the `state` after a step in which the joint that turned most turned so far (rad).
+    pub(super) fn check_turn(
+        &self,
+        turn: (usize, f64),
+        state: &State,
+    ) -> Result<(), DynamicsError> {
         match turn {
             (_, turn) if turn <= LARGEST_TURN => self.hinges.check(state),
             (joint, turn) => Err(DynamicsError::Diverged {
                 joint,
                 turn,
-                timestep: h,
+                timestep: self.timestep,
                 integrator: self.integrator(),
             }),
         }
@@ -183,7 +201,7 @@ impl Stepper {
 
 /// The joint that turns most at these `rates` in `h`, and by how much (rad); not a number before any
 /// other.
-fn largest_turn(rates: &[f64], h: f64) -> (usize, f64) {
+pub(super) fn largest_turn(rates: &[f64], h: f64) -> (usize, f64) {
     let rates = rates.as_chunks::<3>().0.iter();
     let turns = rates
         .map(|rate| Vector3::from(*rate).norm() * h)
@@ -196,7 +214,7 @@ fn largest_turn(rates: &[f64], h: f64) -> (usize, f64) {
 }
 
 /// `v+ = v + h a`, then `q+ = q exp(h v+)`, or of hinges the angles `t+ = t + h v+`.
-fn advance(robot: &Robot, state: &mut State, accelerations: &[f64], h: f64) {
+pub(super) fn advance(robot: &Robot, state: &mut State, accelerations: &[f64], h: f64) {
     let joints = state
         .configuration
         .0

@@ -9,7 +9,7 @@
 //! | [`Settler`] | to the equilibrium of the command, followed from the last one | the branch of equilibria |
 //! | [`ContactSettler`] | the same among obstacles | the branch of equilibria |
 //! | [`FrictionPath`] | along the straight line of commands, with friction in the holes | slip at every hole |
-//! | [`MovingRobot`] | by a fixed number of time steps | velocities |
+//! | [`MovingRobot`] | by a fixed number of time steps, also among obstacles | velocities |
 //!
 //! ```
 //! use tdcr_sim::dynamics::Integrator;

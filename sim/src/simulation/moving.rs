@@ -3,10 +3,11 @@
 use nalgebra::UnitQuaternion;
 
 use super::{Simulation, SimulationError, check, settled};
+use crate::contact::{Contact, ContactLaw, ContactSettler, ContactStepper};
 use crate::dynamics::{DynamicsError, Integrator, State, Stepper};
 use crate::pose::Pose;
 use crate::robot::{Command, Loads, Robot};
-use crate::statics::Settler;
+use crate::scene::Scene;
 use crate::tendon::Posture;
 
 /// How far a motion has come.
@@ -20,14 +21,14 @@ enum Phase {
     Checked,
 }
 
-/// A robot in motion: a [`Stepper`] with the state that it moves.
+/// A robot in motion, also among obstacles: a [`ContactStepper`] with the state that it moves.
 ///
 /// A time step by which small motions about the start grow is refused, as [`Stepper::check_stable`] does: by
 /// [`Simulation::reset`], and after [`MovingRobot::start_at`] by the first advance.
 #[derive(Clone, Debug)]
 pub struct MovingRobot {
-    stepper: Stepper,
-    settler: Settler,
+    stepper: ContactStepper,
+    settler: ContactSettler,
     /// Time steps of one advance.
     steps: usize,
     state: State,
@@ -50,19 +51,38 @@ impl MovingRobot {
         integrator: Integrator,
         steps: usize,
     ) -> Result<Self, DynamicsError> {
+        let stepper = Stepper::new(robot, timestep, integrator)?;
+        let stepper = ContactStepper::new(stepper, &Scene::default(), ContactLaw::default())?;
+        Ok(Self::among(stepper, steps))
+    }
+
+    /// A robot that moves among obstacles, by `steps` (at least 1) time steps of `stepper` at each advance.
+    pub fn among(stepper: ContactStepper, steps: usize) -> Self {
+        let robot = stepper.robot().clone();
+        let beads = stepper.beads().clone();
         let mut moving = Self {
-            stepper: Stepper::new(robot, timestep, integrator)?,
-            settler: Settler::new(robot),
+            settler: ContactSettler::with_beads(&robot, stepper.scene(), beads),
+            stepper,
             steps: steps.max(1),
-            state: State::straight(robot),
+            state: State::straight(&robot),
             taken: 0,
             phase: Phase::New,
-            posture: Posture::new(robot),
+            posture: Posture::new(&robot),
             orientations: vec![UnitQuaternion::identity(); robot.discs().len()],
             tensions: vec![0.0; robot.tendons().len()],
         };
         moving.place(&robot.mean_command());
-        Ok(moving)
+        moving
+    }
+
+    /// What the robot touched in the last time step: [`ContactStepper::contacts`].
+    pub fn contacts(&self) -> &[Contact] {
+        self.stepper.contacts()
+    }
+
+    /// The obstacles around the robot.
+    pub fn scene(&self) -> &Scene {
+        self.stepper.scene()
     }
 
     /// Configuration and velocities.
@@ -72,15 +92,16 @@ impl MovingRobot {
 
     /// Time since the last reset (s).
     pub fn time(&self) -> f64 {
-        self.taken as f64 * self.stepper.timestep()
+        self.taken as f64 * self.stepper().timestep()
     }
 
     /// Starts anew in `state`, the tendons under `command`.
     ///
     /// # Errors
-    /// [`SimulationError`] where they are not of this robot.
+    /// [`SimulationError`] where they are not of this robot, or the state is inside an obstacle.
     pub fn start_at(&mut self, state: &State, command: &Command) -> Result<(), SimulationError> {
         self.take(state, command)?;
+        self.stepper.check_start(state)?;
         (self.taken, self.phase) = (0, Phase::Started);
         Ok(())
     }
@@ -161,7 +182,7 @@ impl MovingRobot {
 
     /// The time step and how steps are taken.
     pub fn stepper(&self) -> &Stepper {
-        &self.stepper
+        self.stepper.stepper()
     }
 
     /// Time steps of one advance.
@@ -172,7 +193,7 @@ impl MovingRobot {
     /// Refuses, at the start of a motion, a time step by which small motions about it grow.
     fn check_stable(&mut self, command: &Command, loads: &Loads) -> Result<(), DynamicsError> {
         if self.phase == Phase::Started {
-            self.stepper.check_stable(&self.state, command, loads)?;
+            (self.stepper()).check_stable(&self.state, command, loads)?;
             self.phase = Phase::Checked;
         }
         Ok(())
@@ -200,13 +221,13 @@ impl Simulation for MovingRobot {
     /// At rest in the equilibrium.
     fn reset(&mut self, command: &Command, loads: &Loads) -> Result<(), SimulationError> {
         check(self.robot(), command, loads)?;
-        let equilibrium = self.settler.settle(command, loads);
+        let equilibrium = &self.settler.settle(command, loads)?.equilibrium;
         let configuration = &equilibrium.configuration;
         self.state.configuration.0.copy_from_slice(&configuration.0);
         self.state.velocity.fill(0.0);
         (self.taken, self.phase) = (0, Phase::Started);
         self.place(command);
-        settled(self.robot(), command, self.settler.equilibrium())?;
+        settled(self.robot(), command, &self.settler.found().equilibrium)?;
         Ok(self.check_stable(command, loads)?)
     }
 

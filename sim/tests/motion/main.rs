@@ -1,6 +1,7 @@
 //! Robots in motion: dynamics, friction of tendons along a path, and the interface that all simulations share.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod contact;
 mod cosserat_motion;
 mod dynamics;
 mod flutter;

@@ -456,3 +456,37 @@ def test_a_robot_that_curls_up_touches_itself() -> None:
     assert soft is not None and soft.penetration > contacts.penetration
     with pytest.raises(tdcr.SceneError, match=r"self_contact.compliance` is -1"):
         alone.with_self_contact(-1.0)
+
+
+def test_a_motion_in_a_scene_comes_to_rest_where_the_robot_settles() -> None:
+    scene = Scene([Obstacle.cylinder("post", 0.01, 0.4, position=(-0.06, 0.0, 0.25), friction=0.1)])
+    command = np.array([0.034, 0.007, 0.001, 0.026, 0.015, 0.019])
+    options = {"scene": scene, "start": "settled", "integrator": "implicit-euler", "frame_skip": 5}
+    motion = tdcr.simulate("2m", np.tile(command, (20, 1)), **options)
+    settled = tdcr.settle("2m", command, scene=scene)
+    assert motion.contacts is not None and settled.contacts is not None
+    assert np.abs(motion.positions[-1] - settled.positions).max() < 1e-8
+    last = motion.contacts.row == 19
+    assert last.any()
+    assert np.allclose(motion.contacts.force[last].sum(axis=0), settled.contacts.force.sum(axis=0), atol=1e-6)
+    assert set(motion.contacts.obstacle_names) == {"post"}
+
+    moving = tdcr.MovingRobot("2m", integrator="implicit-euler", frame_skip=5, scene=scene)
+    moving.reset(command)
+    for _ in range(20):
+        moving.step(command)
+    assert np.array_equal(moving.positions, motion.positions[-1])
+    assert moving.contacts is not None
+    assert np.array_equal(moving.contacts.force, motion.contacts.force[last])
+    twin = pickle.loads(pickle.dumps(moving))
+    for robot in (moving, twin):
+        robot.step(command * 0.9)
+    assert np.array_equal(twin.positions, moving.positions)
+    assert tdcr.simulate("2m", command[np.newaxis]).contacts is None
+    assert tdcr.MovingRobot("2m").contacts is None
+
+    with pytest.raises(tdcr.errors.DynamicsError, match="take no contacts"):
+        tdcr.simulate("2m", command[np.newaxis], scene=scene, integrator="runge-kutta4")
+    inside = Scene([Obstacle.sphere("ball", 0.05, position=(0.0, 0.0, 0.3))])
+    with pytest.raises(ContactError, match="ball"):
+        tdcr.simulate("2m", command[np.newaxis], scene=inside)

@@ -101,7 +101,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (
             tdcr.simulate,
             {**batch, "payload": None, "wrench": None, "loads": None, "start": "straight", "dt": 0.002, "frame_skip": 1}
-            | {"integrator": "semi-implicit-euler", "progress": None},
+            | {"integrator": "semi-implicit-euler", "scene": None, "progress": None},
         ),
         (tdcr.rollout, {"robot": ROBOT, "commands": ROWS[:, np.newaxis], "start": "straight", "dt": 0.002, "loads": None}),
         (
@@ -116,7 +116,7 @@ def functions(folder: Path) -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (tdcr.parameters, {"robot": ROBOT}),
         (ROBOT.check_parameters, {"parameters": ["gain[0]"]}),
         (tdcr.linearise, {"robot": ROBOT, "state": tdcr.State.straight(ROBOT), "command": COMMAND, "payload": 0.0, "dt": 0.002}),
-        (tdcr.MovingRobot, {"robot": ROBOT, "dt": 0.002, "integrator": "implicit-euler", "frame_skip": 1}),
+        (tdcr.MovingRobot, {"robot": ROBOT, "dt": 0.002, "integrator": "implicit-euler", "frame_skip": 1, "scene": None}),
         (moving.reset, {"command": COMMAND, "loads": None, "payload": None}),
         (moving.start_at, {"state": tdcr.State.straight(ROBOT), "command": None}),
         (moving.step, {"command": COMMAND, "loads": None, "payload": None, "frame_skip": 1}),

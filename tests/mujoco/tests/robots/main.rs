@@ -1,6 +1,7 @@
 //! Settled poses against MuJoCo: its forces vanish there, and its own way leads there.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod contact_motion;
 mod contacts;
 mod hinges;
 mod paper;

@@ -1,0 +1,363 @@
+//! Robots that touch obstacles, in motion.
+//!
+//! A step is one of a [`Stepper`] of first order with the contacts' impulses in it, which depend on the velocities at its end: a convex
+//! problem that Newton's method solves in O(n) an iteration, whatever the number of contacts (`problem`). Gaps are those at the begin of
+//! the step and change with the velocities to first order.
+
+mod law;
+mod problem;
+mod start;
+
+pub use law::{ContactLaw, Impedance};
+
+use nalgebra::{Matrix3, Vector3};
+
+use self::law::Push;
+use self::problem::{DiscVelocities, Problem, Touch};
+use super::equations::REACH;
+use super::law::STIFFEST;
+use super::near::{Near, Neighbourhood};
+use super::{Activity, Contact, Partner};
+use crate::dynamics::{DynamicsError, Energy, Reaction, Resistance, State, Stepper};
+use crate::geometry::Beads;
+use crate::robot::{Command, Loads, Robot};
+use crate::scene::Scene;
+
+/// How often a step is solved again with contacts farther away among its own, where it moved a disc so far.
+const MAX_REACHES: usize = 6;
+
+/// Moves states of one robot among the obstacles of one scene, which stay where they are. In a scene without obstacles this is the
+/// [`Stepper`] that it is made of, to the last bit.
+///
+/// ```
+/// use tdcr_sim::contact::{ContactLaw, ContactStepper};
+/// use tdcr_sim::dynamics::{Integrator, State, Stepper};
+/// use tdcr_sim::robot::{Loads, Robot};
+/// use tdcr_sim::scene::{Obstacle, Scene};
+///
+/// let robot = Robot::load("2m")?;
+/// let post = Obstacle::cylinder("post", 0.01, 0.4)?.at([-0.06, 0.0, 0.25]);
+/// let scene = Scene::new(vec![post])?;
+/// let stepper = Stepper::new(&robot, 0.002, Integrator::SemiImplicitEuler)?;
+/// let mut stepper = ContactStepper::new(stepper, &scene, ContactLaw::default())?;
+/// let mut state = State::straight(&robot);
+/// let command = robot.command(&[0.034, 0.007, 0.001, 0.026, 0.015, 0.019])?;
+/// for _ in 0..1_000 {
+///     stepper.step(&mut state, &command, &Loads::default())?;
+/// }
+/// let force: f64 = stepper.contacts().iter().map(|contact| contact.force.norm()).sum();
+/// assert!(force > 0.1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct ContactStepper {
+    stepper: Stepper,
+    scene: Scene,
+    beads: Beads,
+    law: ContactLaw,
+    /// Gap within which contacts count (m).
+    reach: f64,
+    /// Of each disc, inverse inertance of its centre of mass in the straight pose (1/kg).
+    mobilities: Vec<f64>,
+    neighbourhood: Neighbourhood,
+    problem: Problem,
+    /// Centres of the joints at the begin of the step (m).
+    centres: Vec<Vector3<f64>>,
+    /// The joints' rates at the end of the step without contacts, and what contacts change of them (rad/s, world axes).
+    free: Vec<Vector3<f64>>,
+    change: Vec<Vector3<f64>>,
+    /// Those at the begin, then at the end.
+    rates: Vec<Vector3<f64>>,
+    /// Motions of the discs at the begin, and at the end as far as it is known.
+    starts: DiscVelocities,
+    motions: DiscVelocities,
+    contacts: Vec<Contact>,
+    unsolved: usize,
+}
+
+impl ContactStepper {
+    /// Steps of `stepper` among the obstacles of `scene`, with the collision geometry [`Beads::new`].
+    ///
+    /// # Errors
+    /// [`DynamicsError::NotAmongObstacles`] for an integrator that is not of first order, where there are obstacles.
+    pub fn new(stepper: Stepper, scene: &Scene, law: ContactLaw) -> Result<Self, DynamicsError> {
+        let beads = Beads::new(stepper.robot());
+        Self::with_beads(stepper, scene, law, beads)
+    }
+
+    /// The same with other collision geometry of the robot.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_beads(
+        mut stepper: Stepper,
+        scene: &Scene,
+        law: ContactLaw,
+        beads: Beads,
+    ) -> Result<Self, DynamicsError> {
+        let n = stepper.robot().discs().len();
+        let mut mobilities = Vec::new();
+        if !scene.obstacles().is_empty() {
+            stepper.check_reacting()?;
+            if let ContactLaw::Impedance(_) = law {
+                mobilities = mobilities_of(&mut stepper)?;
+            }
+        }
+        let zeros = vec![Vector3::zeros(); n];
+        Ok(Self {
+            reach: REACH * (0..n).map(|disc| beads.enclosing(disc)).fold(0.0, f64::max),
+            stepper,
+            scene: scene.clone(),
+            beads,
+            law,
+            mobilities,
+            neighbourhood: Neighbourhood::default(),
+            problem: Problem::default(),
+            centres: Vec::with_capacity(n),
+            free: zeros.clone(),
+            change: zeros.clone(),
+            rates: zeros,
+            starts: DiscVelocities::default(),
+            motions: DiscVelocities::default(),
+            contacts: Vec::new(),
+            unsolved: 0,
+        })
+    }
+
+    /// The stepper without obstacles.
+    pub fn stepper(&self) -> &Stepper {
+        &self.stepper
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        self.stepper.robot()
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The robot's collision geometry.
+    pub fn beads(&self) -> &Beads {
+        &self.beads
+    }
+
+    /// How contacts push.
+    pub fn law(&self) -> ContactLaw {
+        self.law
+    }
+
+    /// What the robot touched in the last step, by obstacles and discs: the mean forces over the step, at the points where they acted at
+    /// its begin, and the gaps at its end to first order. Empty before the first.
+    pub fn contacts(&self) -> &[Contact] {
+        &self.contacts
+    }
+
+    /// Number of steps, since this stepper was made, whose contact forces were not found to full precision.
+    pub fn unsolved(&self) -> usize {
+        self.unsolved
+    }
+
+    /// Moves `state` by one time step under `command` and `loads`, both constant meanwhile.
+    ///
+    /// # Errors
+    /// As [`Stepper::step`].
+    pub fn step(
+        &mut self,
+        state: &mut State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<(), DynamicsError> {
+        self.contacts.clear();
+        self.problem.touches.clear();
+        if self.scene.obstacles().is_empty() {
+            return self.stepper.step(state, command, loads);
+        }
+        self.stepper.begin(state, command, loads)?;
+        let (resistance, free, rates) = (self.resistance(), &mut self.free, &mut self.rates);
+        (self.stepper).free_rates((state, command), resistance, free, rates);
+        self.change.fill(Vector3::zeros());
+        if self.free.iter().all(|rate| rate.norm_squared().is_finite()) {
+            self.touch(loads);
+            self.report();
+        }
+        self.stepper.finish(state, &self.change)
+    }
+
+    /// Energy of `state` under `command` and `loads`, with that of pressed surfaces of [`ContactLaw::Compliant`] in the potential.
+    ///
+    /// # Errors
+    /// As [`Stepper::energy`].
+    pub fn energy(
+        &mut self,
+        state: &State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<Energy, DynamicsError> {
+        let mut energy = self.stepper.energy(state, command, loads)?;
+        if let ContactLaw::Compliant { .. } = self.law {
+            let chain = &self.stepper.posture().chain;
+            let (beads, scene) = (&self.beads, &self.scene);
+            self.neighbourhood.find(beads, scene, chain, self.reach);
+            for near in &self.neighbourhood.near {
+                let compliance = self.scene.obstacles()[near.obstacle].compliance;
+                energy.potential += 0.5 * near.gap.min(0.0).powi(2) / compliance.max(STIFFEST);
+            }
+        }
+        Ok(energy)
+    }
+
+    /// What the velocities are found with. MuJoCo finds the forces with the inertias alone, and then takes the step with them.
+    fn resistance(&self) -> Resistance {
+        match self.law {
+            ContactLaw::Compliant { .. } => Resistance::Step,
+            ContactLaw::Impedance(_) => Resistance::Inertia,
+        }
+    }
+
+    /// Finds the contacts of the step that was begun, and what they change the rates by.
+    fn touch(&mut self, loads: &Loads) {
+        let h = self.stepper.timestep();
+        self.centres.clear();
+        let chain = &self.stepper.posture().chain;
+        self.centres.extend_from_slice(&chain.centres);
+        self.starts.set(&self.centres, &self.rates);
+        self.motions.set(&self.centres, &self.free);
+        let mut reach = self.reach.max(self.farthest() * h);
+        for _ in 0..MAX_REACHES {
+            let chain = &self.stepper.posture().chain;
+            let (beads, scene) = (&self.beads, &self.scene);
+            self.neighbourhood.find(beads, scene, chain, reach);
+            self.motions.set(&self.centres, &self.free);
+            self.set_touches();
+            if self.problem.touches.is_empty() {
+                self.change.fill(Vector3::zeros());
+                return;
+            }
+            self.solve(loads);
+            // Contacts may move a disc farther than it would have moved, to where others are.
+            let rates = self.rates.iter_mut().zip(&self.free).zip(&self.change);
+            rates.for_each(|((rate, free), change)| *rate = free + change);
+            self.motions.set(&self.centres, &self.rates);
+            let farthest = self.farthest() * h;
+            if farthest <= reach || !farthest.is_finite() {
+                return;
+            }
+            reach = 2.0 * farthest;
+        }
+    }
+
+    /// Highest speed of a point of a disc's beads at the present motions (m/s).
+    fn farthest(&self) -> f64 {
+        let speeds = self.motions.0.iter().zip(self.robot().discs());
+        let speeds = speeds.enumerate().map(|(disc, ((turn, shift), own))| {
+            let arm = self.beads.enclosing(disc) + own.origin.norm();
+            shift.norm() + turn.norm() * arm
+        });
+        speeds.fold(0.0, f64::max)
+    }
+
+    fn set_touches(&mut self) {
+        self.problem.touches.clear();
+        for near in &self.neighbourhood.near {
+            if let Some(touch) = self.touch_of(near) {
+                self.problem.touches.push(touch);
+            }
+        }
+    }
+
+    /// A bead near an obstacle as the problem has it; none if the law takes no notice of it.
+    fn touch_of(&self, near: &Near) -> Option<Touch> {
+        let h = self.stepper.timestep();
+        let disc = near.bead.disc;
+        let obstacle = &self.scene.obstacles()[near.obstacle];
+        let normal = near.normal.try_normalize(0.0)?;
+        let arm = near.arm - normal * (near.gap + near.bead.radius);
+        let (push, friction) = match self.law {
+            ContactLaw::Compliant { relaxation } => {
+                let push = Push::compliant(near.gap, obstacle.compliance, relaxation, h);
+                (push, obstacle.friction)
+            }
+            ContactLaw::Impedance(_) if near.gap > 0.0 => return None,
+            ContactLaw::Impedance(law) => {
+                let speed = near.normal.dot(&self.starts.of(disc, &arm));
+                (law.push(near.gap, speed, self.mobilities[disc], h), 0.0)
+            }
+        };
+        let free = self.motions.of(disc, &arm);
+        Some(Touch {
+            disc,
+            obstacle: near.obstacle,
+            gap: near.gap,
+            gradient: near.normal,
+            normal,
+            arm,
+            push,
+            friction,
+            bound: 0.0,
+            free,
+            velocity: free,
+            impulse: Vector3::zeros(),
+        })
+    }
+
+    /// Solves the problem, and takes the change of the rates.
+    fn solve(&mut self, loads: &Loads) {
+        let resistance = self.resistance();
+        let stepper = &mut self.stepper;
+        let solved = self.problem.solve(&self.centres, |reactions, out| {
+            stepper.respond(loads, resistance, reactions, out);
+        });
+        self.unsolved += usize::from(!solved);
+        match resistance {
+            Resistance::Step => self.change.copy_from_slice(&self.problem.change),
+            Resistance::Inertia => {
+                let impulses = self.problem.impulses();
+                stepper.respond(loads, Resistance::Step, impulses, &mut self.change);
+            }
+        }
+    }
+
+    fn report(&mut self) {
+        let (h, chain) = (self.stepper.timestep(), &self.stepper.posture().chain);
+        let touches = self.problem.touches.iter().filter(|touch| touch.acts());
+        self.contacts.extend(touches.map(|touch| Contact {
+            disc: touch.disc,
+            partner: Partner::Obstacle(touch.obstacle),
+            point: chain.centres[touch.disc] + touch.arm,
+            normal: touch.normal,
+            gap: touch.gap + h * touch.gradient.dot(&self.motions.of(touch.disc, &touch.arm)),
+            force: touch.impulse / h,
+            activity: Activity::Strict,
+            sliding: touch.sliding(),
+        }));
+    }
+}
+
+/// Of each disc, a third of the trace of the matrix by which an impulse on its centre of mass changes the velocity there, in the
+/// straight pose (1/kg): MuJoCo's `body_invweight0`.
+fn mobilities_of(stepper: &mut Stepper) -> Result<Vec<f64>, DynamicsError> {
+    let robot = stepper.robot().clone();
+    let loads = Loads::default();
+    stepper.begin(&State::straight(&robot), &robot.mean_command(), &loads)?;
+    let chain = stepper.posture().chain.clone();
+    let n = robot.discs().len();
+    let mut change = vec![Vector3::zeros(); n];
+    let mut velocities = DiscVelocities::default();
+    let mobility = |disc: usize| {
+        let own = &robot.discs()[disc];
+        let arm = chain.disc(disc) * (own.origin + own.centre_of_mass);
+        let along = (0..3).map(|axis| {
+            let mut reactions = vec![Reaction::default(); n];
+            let impulse = Vector3::ith(axis, 1.0);
+            reactions[disc].push(&arm, &impulse, &Matrix3::zeros());
+            stepper.respond(&loads, Resistance::Inertia, &reactions, &mut change);
+            velocities.set(&chain.centres, &change);
+            velocities.of(disc, &arm)[axis]
+        });
+        along.sum::<f64>() / 3.0
+    };
+    Ok((0..n).map(mobility).collect())
+}

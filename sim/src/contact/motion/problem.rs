@@ -1,0 +1,301 @@
+//! The velocities at the end of a step among obstacles: a convex problem.
+//!
+//! With `v*` the joints' rates without contacts, `A` the step's matrix and `u = u* + J w` the velocities of the contacts' points, the
+//! rates are `v* + w`, where `w` minimises `w' A w / 2 + sum phi(u)`. A contact's impulse is `p = -dphi/du`: of one-sided springs and
+//! dampers along the normal ([`Push`]), and of friction of a given bound `b` across it, `-b t / max(STICK, |t|)` at the sliding
+//! velocity `t`. (Todorov, ICRA 2014; Castro, Permenter and Han, IEEE Trans. Robotics 2022, for such problems; the bound held during
+//! the solve as by Castro, Han and Masterjohn, A Theory of Irrotational Contact Fields, 2023.) Bounds follow the normal impulses from
+//! solve to solve.
+//!
+//! Newton's method: the next iterate solves `(A + J' H J) w = J' (p + H (u - u*))`, `H = -dp/du`, in O(n) ([`Reaction`]). Every iterate
+//! has `A w = J' F` with known `F`, so that the line search is one of the contacts alone.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::super::Sliding;
+use super::law::Push;
+use crate::dynamics::Reaction;
+
+/// Sliding velocity (m/s) up to which a contact sticks: it creeps by as much at most.
+const STICK: f64 = 1e-6;
+/// Largest difference of impulses, for the largest of them, at which the problem is solved.
+const TOLERANCE: f64 = 1e-10;
+/// Impulse (N s) that is none.
+const NO_IMPULSE: f64 = 1e-16;
+const MAX_ITERATIONS: usize = 60;
+/// How often bounds of friction follow the normal impulses, and the share of them at which they have.
+const MAX_BOUNDS: usize = 12;
+const SAME_BOUND: f64 = 1e-6;
+/// Share of the slope that may be left by a line search.
+const FLAT: f64 = 1e-3;
+const MAX_TRIALS: usize = 60;
+
+/// A point at which a disc touches or soon may.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Touch {
+    pub disc: usize,
+    pub obstacle: usize,
+    /// Gap (m) at the begin of the step, and its gradient by the bead's centre.
+    pub gap: f64,
+    pub gradient: Vector3<f64>,
+    /// That gradient's direction.
+    pub normal: Vector3<f64>,
+    /// The point from the centre of the disc's joint, world axes (m).
+    pub arm: Vector3<f64>,
+    pub push: Push,
+    /// Coefficient of friction, and the bound of its impulse (N s).
+    pub friction: f64,
+    pub bound: f64,
+    /// Velocity without contacts, and with (m/s).
+    pub free: Vector3<f64>,
+    pub velocity: Vector3<f64>,
+    /// The impulse that the velocities are of (N s).
+    pub impulse: Vector3<f64>,
+}
+
+/// What a contact does at its velocity.
+struct Response {
+    impulse: Vector3<f64>,
+    inertance: Matrix3<f64>,
+}
+
+impl Touch {
+    /// Impulse along the gradient at a velocity (N s).
+    fn pressed(&self, velocity: &Vector3<f64>) -> f64 {
+        self.push.inertance * (self.push.speed - self.gradient.dot(velocity)).max(0.0)
+    }
+
+    /// The impulse at a velocity.
+    fn impulse_at(&self, velocity: &Vector3<f64>) -> Vector3<f64> {
+        let mut impulse = self.gradient * self.pressed(velocity);
+        if self.bound > 0.0 {
+            let sliding = velocity - self.normal * self.normal.dot(velocity);
+            impulse -= sliding * (self.bound / sliding.norm().max(STICK));
+        }
+        impulse
+    }
+
+    fn response(&self) -> Response {
+        let velocity = &self.velocity;
+        let mut inertance = Matrix3::zeros();
+        if self.pressed(velocity) > 0.0 {
+            inertance += self.gradient * self.gradient.transpose() * self.push.inertance;
+        }
+        if self.bound > 0.0 {
+            let sliding = velocity - self.normal * self.normal.dot(velocity);
+            let speed = sliding.norm();
+            let mut across = Matrix3::identity() - self.normal * self.normal.transpose();
+            if speed > STICK {
+                let along = sliding / speed;
+                across -= along * along.transpose();
+            }
+            inertance += across * (self.bound / speed.max(STICK));
+        }
+        Response {
+            impulse: self.impulse_at(velocity),
+            inertance,
+        }
+    }
+
+    /// Whether it slides at its velocity.
+    pub fn sliding(&self) -> Sliding {
+        let along = self.velocity - self.normal * self.normal.dot(&self.velocity);
+        match self.friction > 0.0 {
+            true if along.norm() > STICK => Sliding::Slips,
+            true => Sliding::Sticks,
+            false => Sliding::Free,
+        }
+    }
+
+    /// Whether it does anything.
+    pub fn acts(&self) -> bool {
+        self.impulse != Vector3::zeros()
+    }
+}
+
+/// The contacts of a step, and the workspace to solve for their velocities.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Problem {
+    pub touches: Vec<Touch>,
+    /// Change of the joints' rates (rad/s, world axes).
+    pub change: Vec<Vector3<f64>>,
+    reactions: Vec<Reaction>,
+    trial: Vec<Vector3<f64>>,
+    /// Of each contact, what an iteration changes velocity and impulse by.
+    steps: Vec<[Vector3<f64>; 2]>,
+    spatial: DiscVelocities,
+}
+
+/// Turns (rad/s) of discs and velocities of their joints' centres (m/s), world axes.
+#[derive(Clone, Debug, Default)]
+pub(super) struct DiscVelocities(pub Vec<(Vector3<f64>, Vector3<f64>)>);
+
+impl DiscVelocities {
+    /// Sets them to those of the joints' `rates`.
+    pub fn set(&mut self, centres: &[Vector3<f64>], rates: &[Vector3<f64>]) {
+        let (mut turn, mut shift) = (Vector3::zeros(), Vector3::zeros());
+        let mut below = centres.first().copied().unwrap_or_default();
+        self.0.clear();
+        self.0
+            .extend(rates.iter().zip(centres).map(|(rate, centre)| {
+                shift += turn.cross(&(centre - below));
+                below = *centre;
+                turn += rate;
+                (turn, shift)
+            }));
+    }
+
+    /// Velocity of a point of a disc (m/s), at `arm` from its joint's centre.
+    pub fn of(&self, disc: usize, arm: &Vector3<f64>) -> Vector3<f64> {
+        let (turn, shift) = self.0[disc];
+        shift + turn.cross(arm)
+    }
+}
+
+impl Problem {
+    /// Solves the problem, whose contacts stand at the velocities without them: bounds of friction, and the velocities under each.
+    /// `respond` writes the change of the joints' rates by reactions. Whether it is solved.
+    pub fn solve(
+        &mut self,
+        centres: &[Vector3<f64>],
+        mut respond: impl FnMut(&[Reaction], &mut [Vector3<f64>]),
+    ) -> bool {
+        let zero = Vector3::zeros();
+        for buffer in [&mut self.change, &mut self.trial] {
+            buffer.clear();
+            buffer.resize(centres.len(), zero);
+        }
+        self.reactions.resize(centres.len(), Reaction::default());
+        let mut solved = self.minimise(centres, &mut respond);
+        if self.touches.iter().all(|touch| touch.friction == 0.0) {
+            return solved;
+        }
+        for _ in 0..MAX_BOUNDS {
+            if !self.follow_bounds() {
+                return solved;
+            }
+            solved = self.minimise(centres, &mut respond);
+        }
+        solved
+    }
+
+    /// Sets the bounds of friction to those of the normal impulses; whether they differ.
+    fn follow_bounds(&mut self) -> bool {
+        let (mut change, mut largest): (f64, f64) = (0.0, 0.0);
+        for touch in &mut self.touches {
+            let pressed = touch.pressed(&touch.velocity) * touch.gradient.norm();
+            let bound = touch.friction * pressed;
+            change = change.max((bound - touch.bound).abs());
+            largest = largest.max(bound);
+            touch.bound = bound;
+        }
+        change > SAME_BOUND * largest + NO_IMPULSE
+    }
+
+    /// Newton's method from where the contacts stand.
+    fn minimise(
+        &mut self,
+        centres: &[Vector3<f64>],
+        respond: &mut impl FnMut(&[Reaction], &mut [Vector3<f64>]),
+    ) -> bool {
+        for _ in 0..MAX_ITERATIONS {
+            if self.is_solved() {
+                return true;
+            }
+            self.newton_step(centres, respond);
+            let share = self.line_search();
+            if share.is_nan() {
+                return false;
+            }
+            for (touch, [velocity, impulse]) in self.touches.iter_mut().zip(&self.steps) {
+                touch.velocity += velocity * share;
+                touch.impulse += impulse * share;
+            }
+            for (change, trial) in self.change.iter_mut().zip(&self.trial) {
+                *change += (trial - *change) * share;
+            }
+        }
+        self.is_solved()
+    }
+
+    fn is_solved(&self) -> bool {
+        let (mut error, mut largest): (f64, f64) = (0.0, 0.0);
+        for touch in &self.touches {
+            let impulse = touch.impulse_at(&touch.velocity);
+            error = error.max((impulse - touch.impulse).norm_squared());
+            largest = largest.max(impulse.norm_squared());
+        }
+        error.sqrt() <= TOLERANCE * largest.sqrt() + NO_IMPULSE
+    }
+
+    /// Solves the problem with the impulses linearised at their velocities.
+    fn newton_step(
+        &mut self,
+        centres: &[Vector3<f64>],
+        respond: &mut impl FnMut(&[Reaction], &mut [Vector3<f64>]),
+    ) {
+        self.reactions.fill(Reaction::default());
+        self.steps.clear();
+        for touch in &self.touches {
+            let Response { impulse, inertance } = touch.response();
+            let at_rest = impulse + inertance * (touch.velocity - touch.free);
+            self.reactions[touch.disc].push(&touch.arm, &at_rest, &inertance);
+        }
+        respond(&self.reactions, &mut self.trial);
+        self.spatial.set(centres, &self.trial);
+        for touch in &self.touches {
+            let Response { impulse, inertance } = touch.response();
+            let velocity = touch.free + self.spatial.of(touch.disc, &touch.arm) - touch.velocity;
+            let next = impulse - inertance * velocity;
+            self.steps.push([velocity, next - touch.impulse]);
+        }
+    }
+
+    /// The share of the step at which the objective is least. Its slope rises with the share, for the objective is convex.
+    fn line_search(&self) -> f64 {
+        let start = self.slope(0.0);
+        let end = self.slope(1.0);
+        // The whole step, where the objective still falls there or is flat.
+        if end <= FLAT * start.abs() || start >= 0.0 {
+            return if end.is_nan() { f64::NAN } else { 1.0 };
+        }
+        // Regula falsi on the slope (Illinois).
+        let ([mut low, mut high], [mut below, mut above]) = ([0.0, 1.0], [start, end]);
+        let mut share = 1.0;
+        for _ in 0..MAX_TRIALS {
+            share = (low * above - high * below) / (above - below);
+            let slope = self.slope(share);
+            if slope.abs() <= FLAT * start.abs() {
+                break;
+            }
+            if slope > 0.0 {
+                (high, above) = (share, slope);
+                below *= 0.5;
+            } else {
+                (low, below) = (share, slope);
+                above *= 0.5;
+            }
+        }
+        share
+    }
+
+    /// Derivative of the objective by the share of the step (J).
+    fn slope(&self, share: f64) -> f64 {
+        let touches = self.touches.iter().zip(&self.steps);
+        let terms = touches.map(|(touch, [velocity, impulse])| {
+            let there = touch.impulse_at(&(touch.velocity + velocity * share));
+            (touch.impulse + impulse * share - there).dot(velocity)
+        });
+        terms.sum()
+    }
+
+    /// The impulses alone as reactions, one for each disc.
+    pub fn impulses(&mut self) -> &[Reaction] {
+        self.reactions.fill(Reaction::default());
+        for touch in self.touches.iter().filter(|touch| touch.acts()) {
+            let reaction = &mut self.reactions[touch.disc];
+            reaction.push(&touch.arm, &touch.impulse, &Matrix3::zeros());
+        }
+        &self.reactions
+    }
+}

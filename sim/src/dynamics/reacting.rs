@@ -1,0 +1,127 @@
+//! Steps in which the surroundings react to the velocities: a step is begun without them, responds to them, and is finished.
+//!
+//! A first-order step makes the joints' rates `v* = v + h a`, where `A a = ...`. Impulses `p` on the discs change that by `w`,
+//! `A w = J' p`. Where the impulses depend on the velocities, callers linearise them to [`Reaction`]s and ask again.
+
+use nalgebra::Vector3;
+
+use super::stepper::{Scheme, advance, largest_turn};
+use super::{DynamicsError, Integrator, Reaction, State, Stepper};
+use crate::chain::Chain;
+use crate::robot::{Command, Loads};
+use crate::tendon::Posture;
+
+/// What the velocities change by under impulses: the matrix `A`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Resistance {
+    /// That of the step: inertias, and what the integrator takes implicitly.
+    Step,
+    /// Inertias alone, given the joints' armatures.
+    Inertia,
+}
+
+impl Stepper {
+    /// Refuses integrators whose steps do not respond to impulses on the velocities: those that are not of first order.
+    pub(crate) fn check_reacting(&self) -> Result<(), DynamicsError> {
+        match self.integrator() {
+            Integrator::SemiImplicitEuler | Integrator::ImplicitEuler => Ok(()),
+            integrator => Err(DynamicsError::NotAmongObstacles { integrator }),
+        }
+    }
+
+    /// Begins a step from `state`: the accelerations without surroundings.
+    pub(crate) fn begin(
+        &mut self,
+        state: &State,
+        command: &Command,
+        loads: &Loads,
+    ) -> Result<(), DynamicsError> {
+        self.equations.accept(state, command, loads)?;
+        let (h, command) = (self.timestep, command.as_slice());
+        self.hinges.remember(state);
+        let (equations, accelerations) = (&mut self.equations, &mut self.accelerations);
+        self.implicit = false;
+        if let Scheme::ImplicitEuler(scheme) = &mut self.scheme {
+            self.implicit = scheme.accelerate(equations, loads, state, command, h, accelerations);
+            self.fallbacks += usize::from(!self.implicit);
+        }
+        if !self.implicit {
+            let (q, v) = (&state.configuration, &state.velocity);
+            equations.accelerate(q, v, command, &self.armatures, accelerations);
+        }
+        Ok(())
+    }
+
+    /// The posture in which the step was begun.
+    pub(crate) fn posture(&self) -> &Posture {
+        &self.equations.posture
+    }
+
+    /// Writes the joints' rates in world axes (rad/s) at the end of the step without surroundings, as far as the `resistance` tells, and
+    /// at its begin.
+    pub(crate) fn free_rates(
+        &mut self,
+        (state, command): (&State, &Command),
+        resistance: Resistance,
+        end: &mut [Vector3<f64>],
+        begin: &mut [Vector3<f64>],
+    ) {
+        let accelerations = match resistance {
+            Resistance::Step => &self.accelerations,
+            Resistance::Inertia => {
+                let (q, v) = (&state.configuration, &state.velocity);
+                let (command, out) = (command.as_slice(), &mut self.inertial);
+                (self.equations).accelerate(q, v, command, &self.bare, out);
+                &self.inertial
+            }
+        };
+        let chain = &self.equations.posture.chain;
+        let rates = state.velocity.as_chunks::<3>().0.iter();
+        let rates = rates.zip(accelerations.as_chunks::<3>().0);
+        for (joint, (v, a)) in rates.enumerate() {
+            let axes = chain.axes(joint);
+            begin[joint] = axes * Vector3::from(*v);
+            end[joint] = axes * (Vector3::from(*v) + Vector3::from(*a) * self.timestep);
+        }
+    }
+
+    /// Writes the change of the joints' rates by `reactions`, one for each disc (rad/s, world axes). Not finite where there is none.
+    pub(crate) fn respond(
+        &mut self,
+        loads: &Loads,
+        resistance: Resistance,
+        reactions: &[Reaction],
+        out: &mut [Vector3<f64>],
+    ) {
+        let implicit = self.implicit && resistance == Resistance::Step;
+        if let (Scheme::ImplicitEuler(scheme), true) = (&mut self.scheme, implicit) {
+            let h = self.timestep;
+            if !scheme.respond(&self.equations, loads, h, reactions, out) {
+                out.fill(Vector3::repeat(f64::NAN));
+            }
+            return;
+        }
+        let armatures = match resistance {
+            Resistance::Step => &self.armatures,
+            Resistance::Inertia => &self.bare,
+        };
+        self.equations.respond(armatures, reactions, out);
+    }
+
+    /// Ends the step that was begun from `state`, the rates changed by `change` (rad/s, world axes).
+    pub(crate) fn finish(
+        &mut self,
+        state: &mut State,
+        change: &[Vector3<f64>],
+    ) -> Result<(), DynamicsError> {
+        let h = self.timestep;
+        let chain: &Chain = &self.equations.posture.chain;
+        let accelerations = self.accelerations.as_chunks_mut::<3>().0.iter_mut();
+        for (joint, (acceleration, change)) in accelerations.zip(change).enumerate() {
+            let own = chain.dual(joint).tr_mul(change) / h;
+            *acceleration = (Vector3::from(*acceleration) + own).into();
+        }
+        advance(&self.equations.robot, state, &self.accelerations, h);
+        self.check_turn(largest_turn(&state.velocity, h), state)
+    }
+}
