@@ -5,6 +5,7 @@ use std::fmt::Write;
 use serde::Serialize;
 use tdcr::report::counted;
 use tdcr::sim::contact::{Activity, Contact, ContactSettler};
+use tdcr::sim::scene::Scene;
 
 /// The contacts of an equilibrium in a scene, and how exact they are.
 #[derive(Serialize)]
@@ -18,8 +19,9 @@ pub(super) struct Surroundings {
     shape_error: f64,
 }
 
+/// A contact of a robot.
 #[derive(Serialize)]
-struct ContactJson {
+pub(super) struct ContactJson {
     /// From 0.
     disc: usize,
     /// Its name.
@@ -37,17 +39,9 @@ struct ContactJson {
 }
 
 impl ContactJson {
-    /// Size of the force (N).
-    fn strength(&self) -> f64 {
-        self.force.iter().map(|f| f * f).sum::<f64>().sqrt()
-    }
-}
-
-impl Surroundings {
-    /// Of the last equilibrium; none in a scene without obstacles.
-    pub fn of(settler: &ContactSettler) -> Option<Self> {
-        let (scene, found) = (settler.scene(), settler.found());
-        let contact = |contact: &Contact| ContactJson {
+    /// A contact with an obstacle of `scene`.
+    pub fn new(contact: &Contact, scene: &Scene) -> Self {
+        Self {
             disc: contact.disc,
             obstacle: scene.obstacles()[contact.obstacle].name.clone(),
             point: contact.point.into(),
@@ -58,7 +52,20 @@ impl Surroundings {
                 Activity::Strict => "strict",
                 Activity::Weak => "weak",
             },
-        };
+        }
+    }
+
+    /// Size of the force (N).
+    fn strength(&self) -> f64 {
+        self.force.iter().map(|f| f * f).sum::<f64>().sqrt()
+    }
+}
+
+impl Surroundings {
+    /// Of the last equilibrium; none in a scene without obstacles.
+    pub fn of(settler: &ContactSettler) -> Option<Self> {
+        let (scene, found) = (settler.scene(), settler.found());
+        let contact = |contact: &Contact| ContactJson::new(contact, scene);
         (!scene.obstacles().is_empty()).then(|| Self {
             contacts: found.contacts.iter().map(contact).collect(),
             complementarity: found.complementarity,

@@ -26,6 +26,7 @@ mod obstacle;
 mod read;
 mod shape_spec;
 mod spec;
+mod whole;
 
 pub use compile::ObstacleShape;
 pub use error::SceneError;
