@@ -218,8 +218,8 @@ impl Maker<'_> {
         Ok(())
     }
 
-    /// Counts the poses of the samples that are not in the blocks `missing`, in ascending order: they are settled again, which takes a
-    /// small part of the time that making them took.
+    /// Counts the poses of the samples that are not in the blocks `missing`, in ascending order: they are settled again,
+    /// which takes a small part of the time that making them took.
     fn count_kept(&self, missing: &[Range<usize>]) -> Result<PoseCounts, PipelineError> {
         let mut kept: Vec<usize> = self.samples().collect();
         kept.retain(|&index| {

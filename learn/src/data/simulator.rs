@@ -25,7 +25,8 @@ pub struct Subject {
     pub base: BaseVisibility,
     /// The payloads that hang from the tip; `None` where conditions have none.
     pub payload: Option<PayloadRange>,
-    /// Obstacles around the robot: it settles among them, and they hide from the cameras what is behind them. Clouds show the robot alone.
+    /// Obstacles around the robot: it settles among them, and they hide from the cameras what is behind them. Clouds show
+    /// the robot alone.
     #[serde(default, skip_serializing_if = "Scene::is_empty")]
     pub scene: Scene,
 }

@@ -39,8 +39,8 @@ impl Observer {
         }
     }
 
-    /// The same with obstacles around the robot. They hide from the cameras what is behind them; points on themselves are left out of the
-    /// clouds, which show the robot.
+    /// The same with obstacles around the robot. They hide from the cameras what is behind them; points on themselves are
+    /// left out of the clouds, which show the robot.
     #[must_use]
     pub fn among(mut self, scene: &Scene) -> Self {
         self.scene = scene.clone();

@@ -93,8 +93,8 @@ mod tests {
 
     use super::*;
 
-    /// What the paper's robot of five modules, longer than its base is high, goes through where it is turned rigidly about the y axis
-    /// of its base.
+    /// What the paper's robot of five modules, longer than its base is high, goes through where it is turned rigidly
+    /// about the y axis of its base.
     fn turned(angle: f64) -> Overlaps {
         let robot = Robot::load("5m").unwrap();
         let (positions, orientations) = Configuration::straight(&robot).place(&robot);

@@ -77,8 +77,8 @@ pub(super) fn orientation(
     }
 }
 
-/// A quaternion of length 1. One that has it to rounding stays what it is, so that a scene that is written and read again is the same to
-/// the last bit.
+/// A quaternion of length 1. One that has it to rounding stays what it is, so that a scene that is written and read again
+/// is the same to the last bit.
 fn normalised(quaternion: Quaternion<f64>) -> UnitQuaternion<f64> {
     match (quaternion.norm() - 1.0).abs() <= 4.0 * f64::EPSILON {
         true => UnitQuaternion::new_unchecked(quaternion),

@@ -180,14 +180,15 @@ impl ShapeController {
         Self::among(robot, &Scene::default(), loads, search)
     }
 
-    /// The same among the obstacles of `scene`: every pose is settled among them, and slopes are those of the robot that touches them.
+    /// The same among the obstacles of `scene`: every pose is settled among them, and slopes are those of the robot that
+    /// touches them.
     ///
-    /// Where a contact begins or ends slopes change at once, so that a search may come to a halt there ([`Outcome::Stalled`]); others of
-    /// its starts go on from elsewhere.
+    /// Where a contact begins or ends slopes change at once, so that a search may come to a halt there
+    /// ([`Outcome::Stalled`]); others of its starts go on from elsewhere.
     ///
     /// # Errors
-    /// As [`new`](Self::new); [`ShapeControlError::Contact`] for a straight robot inside an obstacle, and for loads without a potential
-    /// where there are obstacles.
+    /// As [`new`](Self::new); [`ShapeControlError::Contact`] for a straight robot inside an obstacle, and for loads
+    /// without a potential where there are obstacles.
     pub fn among(
         robot: &Robot,
         scene: &Scene,

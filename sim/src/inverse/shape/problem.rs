@@ -147,7 +147,8 @@ impl Problem<'_> {
         Some(found.ok()?.clone())
     }
 
-    /// Residuals and Jacobian at an equilibrium, the last of `settler` where there are obstacles; `None` where it is not stable.
+    /// Residuals and Jacobian at an equilibrium, the last of `settler` where there are obstacles; `None` where it is not
+    /// stable.
     pub fn evaluate(
         &self,
         settler: &ContactSettler,
