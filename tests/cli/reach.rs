@@ -115,7 +115,7 @@ fn a_point_is_reached_among_obstacles_with_the_contacts_there() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene.toml");
     let post = "[[obstacle]]\nname = 'post'\ncylinder = { radius = 0.01, length = 0.4 }\nposition = [-0.06, 0.0, 0.25]\n";
-    std::fs::write(&scene, post).unwrap();
+    fs::write(&scene, post).unwrap();
     let place = ["--scene", text(&scene)];
     let settled = succeed_json(&[&["settle", "--command", COMMAND][..], &place].concat());
     let tip = settled["positions"].as_array().unwrap().last().unwrap();
@@ -133,7 +133,7 @@ fn a_point_is_reached_among_obstacles_with_the_contacts_there() {
     let command = command.join(",");
     let again = succeed_json(&[&["settle", "--command", &command][..], &place].concat());
     let (said, settled) = (&found["contacts"], &again["surroundings"]["contacts"]);
-    let names = |contacts: &serde_json::Value| -> Vec<(u64, String)> {
+    let names = |contacts: &Value| -> Vec<(u64, String)> {
         let contacts = contacts.as_array().unwrap().iter();
         contacts
             .map(|one| (one["disc"].as_u64().unwrap(), one["obstacle"].to_string()))
