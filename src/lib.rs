@@ -9,6 +9,7 @@
 //! use tdcr::learn::net::MlpShape;
 //! use tdcr::learn::train::TrainSettings;
 //! use tdcr::sim::robot::RobotSpec;
+//! use tdcr::sim::scene::Scene;
 //! use tdcr::pipeline::{CollectSettings, Silent, TrainingData, collect, train};
 //!
 //! # let folder = tempfile::tempdir()?;
@@ -16,7 +17,7 @@
 //! let (data, run) = (folder.join("data"), folder.join("run"));
 //! let robot = RobotSpec::standard("2m").unwrap();
 //! let settings = CollectSettings { samples: 20, points: 1000, ..CollectSettings::default() };
-//! collect(&robot, &settings, &data, &Silent)?;
+//! collect(&robot, &Scene::default(), &settings, &data, &Silent)?;
 //!
 //! // A toy: good shapes take thousands of steps, and a few minutes.
 //! let shape = MlpShape { width: 32, depth: 3, embedding: 32, ..MlpShape::default() };

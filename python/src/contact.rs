@@ -157,12 +157,16 @@ pub fn arrays(py: Python<'_>, rows: &[Touched]) -> PyResult<ContactRows> {
     })
 }
 
+/// What the robot touches in an equilibrium, as rows of one.
+pub fn touched(py: Python<'_>, found: &ContactEquilibrium) -> PyResult<ContactRows> {
+    arrays(py, &[Touched::of(found)])
+}
+
 /// An equilibrium, and what the robot touches in it, as rows of one.
 type OneAmong<'py> = (One<'py>, ContactRows);
 
 fn one_among<'py>(py: Python<'py>, found: &ContactEquilibrium) -> Outcome<OneAmong<'py>> {
-    let touched = arrays(py, &[Touched::of(found)])?;
-    Ok((one(py, &found.equilibrium)?, touched))
+    Ok((one(py, &found.equilibrium)?, touched(py, found)?))
 }
 
 /// Settles one robot in a scene from the straight pose.

@@ -13,6 +13,7 @@ use crate::errors::{Failure, Outcome};
 use crate::options::options_of;
 use crate::robot::Robot;
 use crate::run;
+use crate::scene::Scene;
 use crate::stage::Stage;
 
 /// Samples that are read at once: what an exception waits for, and the memory beside the arrays.
@@ -160,10 +161,11 @@ pub fn check_data(
 
 /// Makes a data set, or a part of one, in the folder `out`.
 #[pyfunction]
-#[pyo3(signature = (robot, out, options, progress = None))]
+#[pyo3(signature = (robot, scene, out, options, progress = None))]
 pub fn collect(
     py: Python<'_>,
     robot: &Robot,
+    scene: &Scene,
     out: PathBuf,
     options: &str,
     progress: Option<&Bound<'_, PyAny>>,
@@ -172,6 +174,7 @@ pub fn collect(
     run::long(py, progress, |watch| {
         pipeline::collect(
             robot.0.spec(),
+            &scene.0,
             &settings,
             &out,
             &Stage::new(&["collect"], watch),

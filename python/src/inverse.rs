@@ -9,10 +9,12 @@ use tdcr::sim::inverse::shape::{
 };
 
 use crate::arrays::{array, contiguous};
+use crate::contact::{ContactRows, touched};
 use crate::errors::{Failure, Outcome};
 use crate::loads::Loads;
 use crate::robot::{Robot, parameters};
 use crate::run;
+use crate::scene::Scene;
 use crate::statics::{Batch, EquilibriumRows, Numbers, RowsArgument};
 
 /// A target as it comes from Python: disc, "position", "direction" or "orientation", its numbers, lever (m), weight.
@@ -40,7 +42,7 @@ fn target((disc, kind, numbers, lever, weight): TargetTuple) -> Outcome<Target> 
 }
 
 /// The best command found: command, equilibrium, error of each target (m), how the search ended, the tendons that a bound
-/// holds back, the gap (m), steps.
+/// holds back, the gap (m), steps, what it touches among obstacles.
 type Solution<'py> = (
     Bound<'py, PyArray1<f64>>,
     EquilibriumRows,
@@ -49,6 +51,7 @@ type Solution<'py> = (
     Vec<(usize, &'static str)>,
     f64,
     usize,
+    Option<ContactRows>,
 );
 
 fn solution<'py>(py: Python<'py>, found: &ShapeSolution) -> Outcome<Solution<'py>> {
@@ -76,6 +79,7 @@ fn solution<'py>(py: Python<'py>, found: &ShapeSolution) -> Outcome<Solution<'py
         active,
         gap,
         found.steps,
+        (found.among.as_ref().map(|among| touched(py, among))).transpose()?,
     ))
 }
 
@@ -90,6 +94,7 @@ impl ShapeController {
     fn new(
         py: Python<'_>,
         robot: PyRef<'_, Robot>,
+        scene: PyRef<'_, Scene>,
         loads: PyRef<'_, Loads>,
         tolerance: f64,
         samples: usize,
@@ -104,9 +109,9 @@ impl ShapeController {
             starts,
             max_steps,
         };
-        let (robot, loads) = (&robot.0, &loads.0);
+        let (robot, scene, loads) = (&robot.0, &scene.0, &loads.0);
         let made = run::long(py, None, |_| {
-            shape::ShapeController::new(robot, loads, search)
+            shape::ShapeController::among(robot, scene, loads, search)
         })?;
         Ok(Self(made?))
     }

@@ -14,6 +14,7 @@ use crate::options::sensor;
 use crate::robot::Robot;
 use crate::run;
 use tdcr::pipeline::visibility;
+use tdcr::sim::scene::Scene;
 
 /// A condition (D,), points (N, 3) and colours (N, 3).
 type Arrays<'py> = (
@@ -56,6 +57,7 @@ impl Stream {
                 robot: robot.0.spec().clone(),
                 base: visibility(base),
                 payload: payload.map(payload_range),
+                scene: Scene::default(),
             },
             voxel_size: voxel,
             sensor: sensor(noise)?,

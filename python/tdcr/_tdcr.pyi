@@ -296,13 +296,14 @@ class FrictionPath:
     def start(self, command: _Floats, loads: Loads) -> tuple[EquilibriumRows, list[_Profile], _Account]: ...
     def advance(self, command: _Floats, loads: Loads) -> tuple[EquilibriumRows, list[_Profile], _Account]: ...
 
-_Solution = tuple[_Floats, EquilibriumRows, _Floats, str, list[tuple[int, str]], float, int]
+_Solution = tuple[_Floats, EquilibriumRows, _Floats, str, list[tuple[int, str]], float, int, ContactRows | None]
 
 @final
 class ShapeController:
     def __new__(
         cls,
         robot: Robot,
+        scene: Scene,
         loads: Loads,
         tolerance: float,
         samples: int,
@@ -567,7 +568,7 @@ class Dataset:
     def read(self, split: int, start: int, stop: int, progress: _Progress = None) -> tuple[_Floats32, _Floats32, _Bytes]: ...
 
 def check_data(path: str, progress: _Progress = None) -> list[str]: ...
-def collect(robot: Robot, out: str, options: str, progress: _Progress = None) -> None: ...
+def collect(robot: Robot, scene: Scene, out: str, options: str, progress: _Progress = None) -> None: ...
 def merge(parts: list[str], out: str, progress: _Progress = None) -> None: ...
 
 @final

@@ -12,6 +12,7 @@ from tdcr._arrays import Progress, as_count, as_flag, as_number, as_text, maybe_
 from tdcr._files import as_path, as_paths
 from tdcr.data import MOST, Dataset, PathLike, as_payload, as_seed, folder_of
 from tdcr.robot import Robot
+from tdcr.scene import Scene, as_scene
 
 
 def collect(
@@ -27,6 +28,7 @@ def collect(
     design: Literal["uniform", "latin-hypercube", "sobol", "grid"] = "uniform",
     seed: int = 0,
     part: str | None = None,
+    scene: Scene | None = None,
     progress: Progress | None = None,
 ) -> Dataset | None:
     """Makes a data set: settles commands, sees each robot with its cameras, keeps the clouds; as ``tdcr collect``.
@@ -47,6 +49,8 @@ def collect(
         design: How commands and payloads are chosen.
         seed: Seed of commands, samples, faults and splits.
         part: ``"I/N"`` collects the ``I``-th of ``N`` equal parts alone, in a folder of its own, for :func:`merge`.
+        scene: Obstacles around the robot, which settles among them. They hide from the cameras what is behind them; the clouds
+            are of the robot alone. ``meta.json`` holds the scene, meshes included.
         progress: Is called with the number of samples made since its last call, as ``tqdm(total=samples).update``; those that
             were made before count at its first.
 
@@ -68,7 +72,8 @@ def collect(
         "seed": as_seed(seed),
         "part": maybe_text(part, "part"),
     }
-    _tdcr.collect(Robot(robot)._native, as_path(out, "out"), json.dumps(options), progress=progress)
+    around = Scene() if scene is None else as_scene(scene)
+    _tdcr.collect(Robot(robot)._native, around._native, as_path(out, "out"), json.dumps(options), progress=progress)
     return None if part is not None else Dataset(out)
 
 

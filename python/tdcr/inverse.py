@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tdcr import _tdcr
 from tdcr._arrays import Floats, as_count, as_float, as_floats, as_list, as_number, as_place, as_several, as_text, as_texts
 from tdcr._results import Result
+from tdcr.contact import Contacts
 from tdcr.errors import InputError
 from tdcr.loads import Loads, one_load
 from tdcr.robot import Robot, RobotLike, as_robot
+from tdcr.scene import Scene, as_scene
 from tdcr.statics import Equilibria, Equilibrium, Rows
 
 
@@ -54,7 +56,7 @@ class ShapeSolution(Result):
 
     Attributes:
         command: Within the tendons' ranges, shape (tendons,) (m or N).
-        equilibrium: Where the robot settles under it.
+        equilibrium: Where the robot settles under it; in a scene with its contacts.
         errors: Distance left to each target (m).
         outcome: ``"reached"``; ``"unreachable"``, where nothing near the command comes nearer; ``"stalled"`` otherwise.
         active: Tendons that a bound keeps from coming nearer, each with ``"low"`` or ``"high"``.
@@ -101,6 +103,10 @@ class ShapeController:
         seed: Seed of these draws.
         starts: Starts at most.
         max_steps: Steps of one descent at most.
+        scene: Obstacles around the robot, which settles among them: solutions have its contacts.
+
+    Raises:
+        ContactError: In a scene, for a straight robot inside an obstacle, and for loads that are moments or turn with their disc.
     """
 
     def __init__(
@@ -113,10 +119,13 @@ class ShapeController:
         seed: int = 0,
         starts: int = 12,
         max_steps: int = 300,
+        scene: Scene | None = None,
     ) -> None:
         self.robot = as_robot(robot)
+        self.scene = Scene() if scene is None else as_scene(scene)
         self._native = _tdcr.ShapeController(
             self.robot._native,
+            self.scene._native,
             one_load(loads)._native,
             as_number(tolerance, "tolerance"),
             as_count(samples, "samples", 0, 10**7),
@@ -127,7 +136,7 @@ class ShapeController:
 
     def reach(self, targets: Target | Sequence[Target]) -> ShapeSolution:
         """The command under which the robot comes nearest to the targets."""
-        return _solution(self._native.reach(self._targets(targets)))
+        return _solution(self._native.reach(self._targets(targets)), self.scene)
 
     def path(self, start: Any = None) -> ShapePath:
         """A path of targets without jumps; from where the robot settles under the command ``start``, if that is given."""
@@ -148,7 +157,7 @@ class ShapePath:
     def follow(self, targets: Target | Sequence[Target]) -> PathPoint:
         """The command for the path's next targets."""
         solution, arrival, via, command_change, disc_change = self._native.follow(self._controller._targets(targets))
-        return PathPoint(_solution(solution), arrival, via, command_change, disc_change)
+        return PathPoint(_solution(solution, self._controller.scene), arrival, via, command_change, disc_change)
 
 
 def shape(
@@ -161,7 +170,7 @@ def shape(
         targets: Targets for its discs.
         payload: Mass hung from the last disc (kg).
         loads: Other loads, in place of the payload.
-        search: As of :class:`ShapeController`.
+        search: As of :class:`ShapeController`, the ``scene`` among them.
     """
     return ShapeController(robot, one_load(loads, payload), **search).reach(targets)
 
@@ -289,7 +298,11 @@ def _groups(unknowns: Any) -> dict[str, list[str]]:
 
 
 def _solution(
-    found: tuple[Floats, _tdcr.EquilibriumRows, Floats, str, list[tuple[int, str]], float, int],
+    found: tuple[Floats, _tdcr.EquilibriumRows, Floats, str, list[tuple[int, str]], float, int, _tdcr.ContactRows | None],
+    scene: Scene,
 ) -> ShapeSolution:
-    command, equilibrium, errors, outcome, active, gap, steps = found
-    return ShapeSolution(command, Equilibria._of(equilibrium)[0], errors, outcome, tuple(active), gap, steps)
+    command, rows, errors, outcome, active, gap, steps, touched = found
+    equilibrium = Equilibria._of(rows)[0]
+    if touched is not None:
+        equilibrium = replace(equilibrium, contacts=Contacts._of_one(touched, scene))
+    return ShapeSolution(command, equilibrium, errors, outcome, tuple(active), gap, steps)

@@ -155,8 +155,10 @@ def _checked(name: str, value: Any, what: str) -> Any:
     """A number, or what else gives a shape, by its name."""
     if name == "file":
         return value
-    if name == "path":
-        return tuple(tuple(point) for point in as_float(value, f"path {what}", ("points", 3)).tolist())
+    if name in ("path", "vertices"):
+        return tuple(tuple(point) for point in as_float(value, f"{name} {what}", ("points", 3)).tolist())
+    if name == "triangles":
+        return tuple(tuple(int(vertex) for vertex in row) for row in as_float(value, f"{name} {what}", ("triangles", 3)).tolist())
     return _numbers(value, f"size {what}", 3) if name == "size" else as_number(value, f"{name} {what}")
 
 

@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 use tdcr::base::Part;
 use tdcr::learn::data::{Split, split_indices};
-use tdcr::pipeline::{CollectSettings, CollectTimes, collect};
+use tdcr::pipeline::{CollectSettings, CollectTimes, Collected, PoseCounts, collect};
 use tdcr::report::counted;
 
 use super::console::Console;
@@ -21,6 +21,8 @@ pub(super) struct CollectArgs {
     #[command(flatten)]
     robot: super::RobotArg,
     #[command(flatten)]
+    scene: super::scene::SceneArgs,
+    #[command(flatten)]
     settings: CollectSettings,
     /// Folder of the data set, or of the part
     #[arg(long, default_value = "data", value_name = "DIR")]
@@ -28,7 +30,7 @@ pub(super) struct CollectArgs {
 }
 
 #[derive(Serialize)]
-struct Collected {
+struct CollectedSet {
     dir: PathBuf,
     robot: String,
     train: usize,
@@ -39,6 +41,8 @@ struct Collected {
     seconds: f64,
     /// Where the time of this run went (s).
     times: CollectTimes,
+    /// How many poses are in contact or where a real robot may not be.
+    poses: PoseCounts,
 }
 
 #[derive(Serialize)]
@@ -53,6 +57,8 @@ struct CollectedPart {
     seconds: f64,
     /// Where the time of this run went (s).
     times: CollectTimes,
+    /// How many poses are in contact or where a real robot may not be.
+    poses: PoseCounts,
 }
 
 pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
@@ -61,7 +67,8 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
     let splits = split_indices(settings.samples, settings.seed)?;
     let robot = args.robot.load()?;
     let began = Instant::now();
-    let times = collect(&robot, settings, &args.out, console)?;
+    let scene = args.scene.load()?;
+    let Collected { times, poses } = collect(&robot, &scene, settings, &args.out, console)?;
     let CollectTimes {
         settle,
         see,
@@ -85,19 +92,21 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
             points: settings.points,
             seconds: began.elapsed().as_secs_f64(),
             times,
+            poses,
         };
         return console.summary(&collected, |c| {
             format!(
-                "{}: {}, {} of {} points of robot {}",
+                "{}: {}, {} of {} points of robot {}{}",
                 c.dir.display(),
                 c.part,
                 counted(c.samples, "cloud"),
                 c.points,
-                c.robot
+                c.robot,
+                and_poses(&c.poses, c.samples)
             )
         });
     }
-    let collected = Collected {
+    let collected = CollectedSet {
         dir: args.out.clone(),
         robot: robot.name,
         train: splits.of(Split::Train).len(),
@@ -106,16 +115,23 @@ pub(super) fn run(args: &CollectArgs, console: &Console) -> anyhow::Result<()> {
         points: settings.points,
         seconds: began.elapsed().as_secs_f64(),
         times,
+        poses,
     };
     console.summary(&collected, |c| {
         format!(
-            "{}: {} train, {} val and {} test clouds of {} points of robot {}",
+            "{}: {} train, {} val and {} test clouds of {} points of robot {}{}",
             c.dir.display(),
             c.train,
             c.val,
             c.test,
             c.points,
-            c.robot
+            c.robot,
+            and_poses(&c.poses, c.train + c.val + c.test)
         )
     })
+}
+
+/// What is to be said of the poses of so many samples, as the end of a sentence.
+fn and_poses(poses: &PoseCounts, samples: usize) -> String {
+    (poses.phrase(samples)).map_or_else(String::new, |phrase| format!("; {phrase}"))
 }

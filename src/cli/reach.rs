@@ -10,16 +10,19 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use tdcr::pipeline::Monitor;
 use tdcr::report::counted;
+use tdcr::sim::contact::ContactSettler;
 use tdcr::sim::inverse::shape::{
     Arrival, Bound, Outcome, PathPoint, Search, ShapeController, ShapeSolution, Target,
 };
 use tdcr::sim::robot::{Loads, Robot};
-use tdcr::sim::statics::Settler;
+use tdcr::sim::scene::Scene;
 
 use super::commands::read_points;
 use super::console::{Console, Interrupted};
 use super::loads::{LoadArgs, LoadsJson, vector};
 use super::output;
+use super::scene::SceneArgs;
+use super::settle_contacts::ContactJson;
 use super::units::command_columns;
 
 /// Find the command that brings the tip to a point, or along a path of points
@@ -43,6 +46,8 @@ pub(super) struct ReachArgs {
     path: Option<PathBuf>,
     #[command(flatten)]
     loads: LoadArgs,
+    #[command(flatten)]
+    scene: SceneArgs,
     /// Largest distance from a point that counts as reached (m)
     #[arg(long, default_value_t = 1e-6, value_parser = super::positive, value_name = "M")]
     tolerance: f64,
@@ -79,6 +84,9 @@ struct Found {
     /// Distance of that from the point (m).
     error: f64,
     reached: bool,
+    /// What the robot touches; `None` without obstacles.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    contacts: Option<Vec<ContactJson>>,
     /// Why not; `None` where it is reached.
     reason: Option<String>,
     /// How the robot comes here from the point before; `None` for a single point.
@@ -90,7 +98,13 @@ struct Found {
 }
 
 impl Found {
-    fn new(robot: &Robot, target: [f64; 3], solution: &ShapeSolution) -> Self {
+    fn new(robot: &Robot, scene: &Scene, target: [f64; 3], solution: &ShapeSolution) -> Self {
+        let contacts = solution.among.as_ref().map(|among| {
+            let contacts = among.contacts.iter();
+            contacts
+                .map(|contact| ContactJson::of(contact, scene))
+                .collect()
+        });
         let tip = solution.equilibrium.positions[robot.discs().len() - 1];
         Self {
             target,
@@ -98,6 +112,7 @@ impl Found {
             tip_position: tip.into(),
             error: solution.errors[0],
             reached: solution.outcome == Outcome::Reached,
+            contacts,
             reason: reason(&solution.outcome),
             arrival: None,
             via: Vec::new(),
@@ -105,7 +120,7 @@ impl Found {
         }
     }
 
-    fn on_path(robot: &Robot, target: [f64; 3], point: &PathPoint) -> Self {
+    fn on_path(robot: &Robot, scene: &Scene, target: [f64; 3], point: &PathPoint) -> Self {
         let arrival = match point.arrival {
             Arrival::First => "first",
             Arrival::Followed => "followed",
@@ -116,7 +131,7 @@ impl Found {
             arrival: Some(arrival),
             via: via.collect(),
             disc_change: point.disc_change,
-            ..Self::new(robot, target, &point.solution)
+            ..Self::new(robot, scene, target, &point.solution)
         }
     }
 
@@ -168,16 +183,17 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
         seed: args.seed,
         ..Search::default()
     };
-    let controller = ShapeController::new(&robot, &loads, search)?;
+    let scene = args.scene.load()?;
+    let controller = ShapeController::among(&robot, &scene, &loads, search)?;
     let found = match (&args.path, targets.as_slice()) {
         (None, [tip]) => {
             let solution = controller.reach(&[Target::tip(&robot, (*tip).into())])?;
-            vec![Found::new(&robot, *tip, &solution)]
+            vec![Found::new(&robot, &scene, *tip, &solution)]
         }
-        _ => follow(&robot, &controller, &targets, console)?,
+        _ => follow(&robot, &scene, &controller, &targets, console)?,
     };
     if args.path.is_some() {
-        warn(&robot, &loads, args.tolerance, &found)?;
+        warn(&robot, &scene, &loads, args.tolerance, &found)?;
     }
     let command_units: Vec<&str> = robot.tendons().iter().map(|t| t.unit().symbol()).collect();
     let table = Table {
@@ -217,6 +233,7 @@ pub(super) fn run(args: &ReachArgs, console: &Console) -> anyhow::Result<()> {
 /// The commands for targets one after another, on one branch of solutions where there is one.
 fn follow(
     robot: &Robot,
+    scene: &Scene,
     controller: &ShapeController,
     targets: &[[f64; 3]],
     console: &Console,
@@ -229,7 +246,7 @@ fn follow(
             return Err(Interrupted.into());
         }
         let point = path.follow(&[Target::tip(robot, target.into())])?;
-        all.push(Found::on_path(robot, target, &point));
+        all.push(Found::on_path(robot, scene, target, &point));
         console.advance(1);
     }
     console.end();
@@ -238,17 +255,23 @@ fn follow(
 
 /// Says where a path's commands do not tell all: where the robot jumps, and where a command alone, from the straight
 /// pose, leads elsewhere.
-fn warn(robot: &Robot, loads: &Loads, tolerance: f64, path: &[Found]) -> anyhow::Result<()> {
+fn warn(
+    robot: &Robot,
+    scene: &Scene,
+    loads: &Loads,
+    tolerance: f64,
+    path: &[Found],
+) -> anyhow::Result<()> {
     let switches = path.iter().filter(|found| found.switched()).count();
     if switches > 0 {
         let points = counted(switches, "point");
         tracing::warn!("at {points} the robot jumps to another branch of solutions");
     }
-    let mut settler = Settler::new(robot);
+    let mut settler = ContactSettler::new(robot, scene);
     let mut elsewhere = 0;
     for found in path {
-        let settled = settler.settle(&robot.command(&found.command)?, loads);
-        let tip = settled.positions[robot.discs().len() - 1];
+        let settled = settler.settle(&robot.command(&found.command)?, loads)?;
+        let tip = settled.equilibrium.positions[robot.discs().len() - 1];
         let there = (tip - Vector3::from(found.tip_position)).norm() <= tolerance;
         elsewhere += usize::from(!there);
     }
@@ -316,7 +339,7 @@ fn human_readable(table: &Table) -> String {
             found.error,
             match &found.reason {
                 Some(reason) => format!(": {reason}"),
-                None => String::new(),
+                None => touched(found),
             },
             match found.switched() {
                 true => format!("; a JUMP of up to {:.3} m", found.disc_change),
@@ -325,4 +348,13 @@ fn human_readable(table: &Table) -> String {
         );
     }
     text
+}
+
+/// What the robot touches, as the end of a sentence.
+fn touched(found: &Found) -> String {
+    let contacts = found.contacts.as_deref().unwrap_or_default();
+    match contacts {
+        [] => String::new(),
+        contacts => format!("; {}", counted(contacts.len(), "contact")),
+    }
 }

@@ -14,6 +14,7 @@ use tdcr_learn::options::{DataFacts, Resolved, TrainOptions};
 use tdcr_learn::symmetry::SymmetryUse;
 use tdcr_learn::train::{FlowPredictor, TrainError, TrainSettings};
 use tdcr_sim::robot::RobotSpec;
+use tdcr_sim::scene::Scene;
 
 use super::{PageError, evaluation as page, write};
 use crate::pipeline::{
@@ -97,7 +98,7 @@ pub fn demo(settings: &DemoSettings, out: &Path, monitor: &dyn Monitor) -> Resul
     let robot = Recipe::default().subject.robot;
     require_as_many(&data, settings.samples)?;
     clock.time("collect", || {
-        collect(&robot, &collecting, &data, monitor).map(drop)
+        collect(&robot, &Scene::default(), &collecting, &data, monitor).map(drop)
     })?;
 
     let options = TrainOptions {

@@ -10,6 +10,9 @@ use tdcr_sim::robot::CommandUnit;
 use crate::pipeline::{PipelineError, Survey};
 use crate::report::MotorGroup;
 
+/// Obstacles that are named in a phrase.
+const MOST_NAMED: usize = 10;
+
 /// A data set in numbers.
 #[derive(Clone, Debug, Serialize)]
 pub struct SetInfo {
@@ -19,6 +22,8 @@ pub struct SetInfo {
     pub robot: Option<String>,
     /// Whether the base is in view; `None` where the data set does not say.
     pub base: Option<bool>,
+    /// Names of the obstacles around the robot; `None` where the data set does not say.
+    pub obstacles: Option<Vec<String>>,
     /// What the data set was made from.
     pub origin: String,
     /// Samples of the train split.
@@ -95,6 +100,10 @@ impl SetInfo {
             dir: dir.to_owned(),
             robot: robot.map(|robot| robot.name.clone()),
             base: (meta.and_then(Meta::base)).map(|base| base == BaseVisibility::Shown),
+            obstacles: (meta.and_then(Meta::subject)).map(|subject| {
+                let obstacles = subject.scene.obstacles().iter();
+                obstacles.map(|obstacle| obstacle.name.clone()).collect()
+            }),
             origin,
             train,
             val,
@@ -126,6 +135,7 @@ impl SetInfo {
         [
             ("Robot", self.robot.clone().unwrap_or_else(unknown)),
             ("Base", base.map_or_else(unknown, str::to_owned)),
+            ("Obstacles", self.obstacles_phrase().unwrap_or_else(unknown)),
             ("Made from", self.origin.clone()),
             (
                 "Samples",
@@ -150,6 +160,20 @@ impl SetInfo {
 }
 
 impl SetInfo {
+    /// How many obstacles there are, and their names.
+    fn obstacles_phrase(&self) -> Option<String> {
+        let names = self.obstacles.as_ref()?;
+        let (named, more) = names.split_at(names.len().min(MOST_NAMED));
+        let more = match more.len() {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        Some(match names.len() {
+            0 => "none".to_owned(),
+            count => format!("{count}: {}{more}", named.join(", ")),
+        })
+    }
+
     /// Smallest and largest value over the motors of each unit.
     fn motor_ranges(&self) -> String {
         let mut ranges: Vec<(Option<&str>, [f64; 2])> = Vec::new();

@@ -1,6 +1,6 @@
 //! From conditions to a data set of clouds.
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -8,10 +8,12 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 use serde::Serialize;
 use tdcr_learn::data::{
-    self, Collector, Condition, DataSet, ExportFormat, ImportSettings, Imported, Meta, Sample,
+    self, Collector, Condition, DataSet, ExportFormat, ImportSettings, Imported, Meta, Recipe,
     SimulationTimes, Simulator, conditions,
 };
+use tdcr_sim::geometry::Stand;
 use tdcr_sim::robot::{Robot, RobotSpec};
+use tdcr_sim::scene::Scene;
 
 use super::{CollectSettings, Monitor, PipelineError};
 
@@ -30,6 +32,57 @@ pub struct CollectTimes {
     pub shards: f64,
 }
 
+/// How many of the samples have poses that a real robot may not reach, or that obstacles shape. None is refused.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct PoseCounts {
+    /// The robot touches obstacles.
+    pub in_contact: usize,
+    /// It goes through the floor that its base stands on.
+    pub below_ground: usize,
+    /// It goes through the base that cameras may see, in view or not.
+    pub through_base: usize,
+}
+
+impl PoseCounts {
+    /// Counts the pose in which `simulator` last settled.
+    fn count(&mut self, simulator: &Simulator, stand: &Stand) {
+        let pose = simulator.equilibrium().pose();
+        let through = stand.overlaps(pose.positions, pose.orientations);
+        self.in_contact += usize::from(!simulator.contacts().is_empty());
+        self.below_ground += usize::from(through.floor);
+        self.through_base += usize::from(through.base);
+    }
+
+    fn add(&mut self, other: Self) {
+        self.in_contact += other.in_contact;
+        self.below_ground += other.below_ground;
+        self.through_base += other.through_base;
+    }
+
+    /// What there is to say of `samples` samples; `None` where all counts are 0.
+    pub fn phrase(&self, samples: usize) -> Option<String> {
+        let counts = [
+            (self.in_contact, "touch obstacles"),
+            (self.below_ground, "go below the ground"),
+            (self.through_base, "go through the base"),
+        ];
+        let counts = counts.iter().filter(|(count, _)| *count > 0);
+        let counts: Vec<String> = counts
+            .map(|(count, what)| format!("{count} {what}"))
+            .collect();
+        (!counts.is_empty()).then(|| format!("of {samples} poses {}", counts.join(", ")))
+    }
+}
+
+/// What came of collecting.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Collected {
+    /// Time of this run.
+    pub times: CollectTimes,
+    /// Poses of all samples of the data set or the part, those made before included.
+    pub poses: PoseCounts,
+}
+
 impl CollectTimes {
     fn add(&mut self, simulation: SimulationTimes, write: Duration) {
         self.settle += simulation.settle.as_secs_f64();
@@ -39,7 +92,9 @@ impl CollectTimes {
     }
 }
 
-/// Settles the robot under the conditions of a design, sees it, and writes the clouds to the folder `dir`.
+/// Settles the robot in `scene` under the conditions of a design, sees it, and writes the clouds to the folder `dir`.
+///
+/// Obstacles hide from the cameras what is behind them; the clouds are of the robot alone.
 ///
 /// Sample `i` is a function of the settings and `i` alone, so an interrupted collection that is taken
 /// up, on any number of threads, gives the files of an uninterrupted one. So does a set of fewer samples that grows, where the
@@ -53,11 +108,14 @@ impl CollectTimes {
 /// holds something else, or an interruption.
 pub fn collect(
     robot: &RobotSpec,
+    scene: &Scene,
     settings: &CollectSettings,
     dir: &Path,
     monitor: &dyn Monitor,
-) -> Result<CollectTimes, PipelineError> {
-    let meta = settings.meta(robot);
+) -> Result<Collected, PipelineError> {
+    let recipe = settings.recipe(robot, scene);
+    recipe.check()?;
+    let meta = settings.meta(&recipe);
     let robot = Robot::new(robot.clone())?;
     let CollectSettings {
         payload,
@@ -72,57 +130,118 @@ pub fn collect(
         Some(part) => Collector::open_part(dir, &meta, part)?,
     };
     collector.keep_samples(stage("keep samples", monitor))?;
-    let mut times = simulate(settings, &robot, &conditions, &collector, monitor)?;
+    let maker = Maker {
+        settings,
+        stand: Stand::new(&robot),
+        robot,
+        recipe,
+        conditions,
+        monitor,
+    };
+    let missing = collector.missing_blocks();
+    let mut poses = maker.count_kept(&missing)?;
+    let mut collected = maker.simulate(missing, &collector)?;
+    poses.add(collected.poses);
+    collected.poses = poses;
     let began = Instant::now();
     collector.finish(stage("write shards", monitor))?;
-    times.shards = began.elapsed().as_secs_f64();
-    Ok(times)
+    collected.times.shards = began.elapsed().as_secs_f64();
+    Ok(collected)
 }
 
-/// Makes and stores the blocks that are missing.
-fn simulate(
-    settings: &CollectSettings,
-    robot: &Robot,
-    conditions: &[Condition],
-    collector: &Collector,
-    monitor: &dyn Monitor,
-) -> Result<CollectTimes, PipelineError> {
-    let blocks = collector.missing_blocks();
-    let missing: usize = blocks.iter().map(ExactSizeIterator::len).sum();
-    if missing > 0 {
-        let count = match settings.part {
-            None => settings.samples,
-            Some(part) => part.range(settings.samples).len(),
-        };
-        monitor.begin("collect", count as u64, (count - missing) as u64);
+/// What samples are made by.
+struct Maker<'a> {
+    settings: &'a CollectSettings,
+    robot: Robot,
+    stand: Stand,
+    recipe: Recipe,
+    conditions: Vec<Condition>,
+    monitor: &'a dyn Monitor,
+}
+
+impl Maker<'_> {
+    /// The samples of the data set or the part.
+    fn samples(&self) -> Range<usize> {
+        let all = self.settings.samples;
+        self.settings.part.map_or(0..all, |part| part.range(all))
     }
-    let recipe = settings.recipe(robot.spec());
-    let times = Mutex::new(CollectTimes::default());
-    blocks.into_par_iter().try_for_each_init(
-        || Simulator::new(robot, &recipe),
-        |simulator, block| {
-            if monitor.interrupted() {
-                return Err(PipelineError::Interrupted);
-            }
-            let first = block.start;
-            let before = simulator.times();
-            let sample = |index: usize| {
-                let condition = conditions[index].clone();
-                simulator.sample(condition, settings.points, settings.seed, index as u64)
-            };
-            let samples: Vec<Sample> = block.map(sample).collect::<Result<_, _>>()?;
-            let began = Instant::now();
-            collector.write_block(first, &samples)?;
-            let spent = simulator.times() - before;
-            if let Ok(mut times) = times.lock() {
-                times.add(spent, began.elapsed());
-            }
-            monitor.advance(samples.len() as u64);
-            Ok(())
-        },
-    )?;
-    monitor.end();
-    Ok(times.into_inner().unwrap_or_default())
+
+    /// Makes and stores the blocks that are missing.
+    fn simulate(
+        &self,
+        blocks: Vec<Range<usize>>,
+        collector: &Collector,
+    ) -> Result<Collected, PipelineError> {
+        let missing: usize = blocks.iter().map(ExactSizeIterator::len).sum();
+        if missing > 0 {
+            let count = self.samples().len();
+            let made = (count - missing) as u64;
+            self.monitor.begin("collect", count as u64, made);
+        }
+        let collected = Mutex::new(Collected::default());
+        blocks.into_par_iter().try_for_each_init(
+            || Simulator::new(&self.robot, &self.recipe),
+            |simulator, block| self.make_block(simulator, block, collector, &collected),
+        )?;
+        self.monitor.end();
+        Ok(collected.into_inner().unwrap_or_default())
+    }
+
+    fn make_block(
+        &self,
+        simulator: &mut Simulator,
+        block: Range<usize>,
+        collector: &Collector,
+        collected: &Mutex<Collected>,
+    ) -> Result<(), PipelineError> {
+        if self.monitor.interrupted() {
+            return Err(PipelineError::Interrupted);
+        }
+        let first = block.start;
+        let before = simulator.times();
+        let mut poses = PoseCounts::default();
+        let CollectSettings { points, seed, .. } = *self.settings;
+        let mut samples = Vec::with_capacity(block.len());
+        for index in block {
+            let condition = self.conditions[index].clone();
+            samples.push(simulator.sample(condition, points, seed, index as u64)?);
+            poses.count(simulator, &self.stand);
+        }
+        let began = Instant::now();
+        collector.write_block(first, &samples)?;
+        let spent = simulator.times() - before;
+        if let Ok(mut collected) = collected.lock() {
+            collected.times.add(spent, began.elapsed());
+            collected.poses.add(poses);
+        }
+        self.monitor.advance(samples.len() as u64);
+        Ok(())
+    }
+
+    /// Counts the poses of the samples that are not in the blocks `missing`, in ascending order: they are settled again,
+    /// which takes a small part of the time that making them took.
+    fn count_kept(&self, missing: &[Range<usize>]) -> Result<PoseCounts, PipelineError> {
+        let mut kept: Vec<usize> = self.samples().collect();
+        kept.retain(|&index| {
+            let block = missing.partition_point(|block| block.end <= index);
+            missing.get(block).is_none_or(|block| index < block.start)
+        });
+        let poses = Mutex::new(PoseCounts::default());
+        kept.into_par_iter().try_for_each_init(
+            || Simulator::new(&self.robot, &self.recipe),
+            |simulator, index| {
+                if self.monitor.interrupted() {
+                    return Err(PipelineError::Interrupted);
+                }
+                simulator.settle(&self.conditions[index])?;
+                if let Ok(mut poses) = poses.lock() {
+                    poses.count(simulator, &self.stand);
+                }
+                Ok(())
+            },
+        )?;
+        Ok(poses.into_inner().unwrap_or_default())
+    }
 }
 
 /// Puts the parts of a data set in the folders `parts`, in any order, together in the folder `out`: byte for byte the files of

@@ -8,11 +8,12 @@ use tdcr_learn::data::{Design, Meta, Origin, PayloadRange, Recipe, Subject};
 use tdcr_learn::options::cli::{amount, named, positive};
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::RobotSpec;
+use tdcr_sim::scene::Scene;
 
 /// Samples per file on disk.
 const SAMPLES_PER_SHARD: usize = 250;
 
-/// What a data set is made of, beside the robot. The one list of these options: the command line (`tdcr collect`) and Python
+/// What a data set is made of, beside the robot and the obstacles around it. The one list of these options: the command line (`tdcr collect`) and Python
 /// (`tdcr.collect`) take their names and types from it, and the former its documentation. In JSON a field has the name of its
 /// option.
 #[derive(Clone, Debug, PartialEq, Args, Deserialize)]
@@ -68,29 +69,30 @@ impl Default for CollectSettings {
 }
 
 impl CollectSettings {
-    pub(super) fn recipe(&self, robot: &RobotSpec) -> Recipe {
+    pub(super) fn recipe(&self, robot: &RobotSpec, scene: &Scene) -> Recipe {
         Recipe {
             subject: Subject {
                 robot: robot.clone(),
                 base: visibility(self.base),
                 payload: self.payload,
+                scene: scene.clone(),
             },
             voxel_size: self.voxel,
             sensor: self.noise.map(Noise::sensor),
         }
     }
 
-    pub(super) fn meta(&self, robot: &RobotSpec) -> Meta {
+    pub(super) fn meta(&self, recipe: &Recipe) -> Meta {
         Meta {
             format: Meta::FORMAT,
             tdcr_version: env!("CARGO_PKG_VERSION").to_owned(),
             seed: self.seed,
             count: self.samples,
-            motors: robot.tendon_count(),
+            motors: recipe.subject.robot.tendon_count(),
             points_per_cloud: self.points,
             samples_per_shard: SAMPLES_PER_SHARD,
             origin: Origin::Simulated {
-                recipe: self.recipe(robot),
+                recipe: recipe.clone(),
                 design: self.design,
             },
         }

@@ -10,6 +10,7 @@ use tdcr_learn::data::{DataSet, Origin, Recipe, Split, SplitSamples, Subject};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::{Robot, RobotSpec};
+use tdcr_sim::scene::Scene;
 
 use super::compare_settings::CompareSettings;
 use super::eval_settings::{EvalSettings, Scoring};
@@ -147,6 +148,7 @@ fn recipe(origin: &Origin) -> Option<Recipe> {
                 robot: recording.robot.clone(),
                 base: recording.base,
                 payload: None,
+                scene: Scene::default(),
             },
             voxel_size: recording.voxel_size,
             sensor: None,
@@ -203,6 +205,7 @@ impl Side {
                 robot: robot.clone(),
                 base: own.map_or(base, |recipe| recipe.subject.base),
                 payload: own.and_then(|recipe| recipe.subject.payload),
+                scene: own.map_or_else(Scene::default, |recipe| recipe.subject.scene.clone()),
             },
             sensor: None,
             ..own.cloned().unwrap_or_default()

@@ -37,7 +37,7 @@ mod train;
 mod training_data;
 
 pub use capture::{CaptureReport, CaptureSettings, capture};
-pub use collect::{CollectTimes, collect, export, import, merge};
+pub use collect::{CollectTimes, Collected, PoseCounts, collect, export, import, merge};
 pub use collect_settings::{CollectSettings, Noise, visibility};
 pub use compare::{Comparer, Comparison, Configuration, Reference, Spread, TipSource};
 pub use compare_settings::{CompareSettings, Match, Which};

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use tdcr_learn::data::{PayloadRange, Recipe, StreamSpec, Subject};
 use tdcr_learn::options::cli::{amount, positive};
 use tdcr_sim::robot::RobotSpec;
+use tdcr_sim::scene::Scene;
 
 use super::collect_settings::{Noise, noise, payload_range, visibility};
 use super::training_data::StreamSettings;
@@ -72,6 +73,7 @@ impl StreamOptions {
             robot,
             base: visibility(self.base),
             payload: self.payload,
+            scene: Scene::default(),
         };
         let recipe = Recipe {
             subject,

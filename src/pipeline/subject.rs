@@ -18,6 +18,10 @@ pub(super) fn require_same(model: &Subject, data: &Subject) -> Result<(), EvalEr
             data: data.base,
         });
     }
+    if model.scene != data.scene {
+        let [model, data] = [model, data].map(|subject| subject.scene.obstacles().len());
+        return Err(EvalError::OtherScene { model, data });
+    }
     let covered = match (model.payload, data.payload) {
         (Some(model), Some(data)) => model.covers(data),
         (model, data) => model == data,

@@ -113,7 +113,7 @@ fn a_moving_robot_says_what_it_touches_and_its_path_has_the_forces() {
         folder.path().join("commands.csv"),
         folder.path().join("path.csv"),
     );
-    std::fs::write(&commands, format!("{COMMAND}\n").repeat(1500)).unwrap();
+    fs::write(&commands, format!("{COMMAND}\n").repeat(1500)).unwrap();
     let simulate = [
         "simulate",
         "--commands",
@@ -130,7 +130,7 @@ fn a_moving_robot_says_what_it_touches_and_its_path_has_the_forces() {
             .map(|contact| contact["force"][axis].as_f64().unwrap()))
         .sum()
     };
-    let rows = std::fs::read_to_string(&path).unwrap();
+    let rows = fs::read_to_string(&path).unwrap();
     assert!(
         rows.lines()
             .next()

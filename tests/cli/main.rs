@@ -8,6 +8,7 @@ mod calibrate_clouds;
 mod calibrate_priors;
 mod calibrate_wild;
 mod capture;
+mod collect_scene;
 mod colors;
 mod compare;
 mod contact;

@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::Value;
 
-use crate::{refuse, succeed, succeed_json, text};
+use crate::{COMMAND, refuse, succeed, succeed_json, text};
 
 /// Where the tip comes to rest under a command, with more options.
 fn tip(command: &Value, options: &[&str]) -> [f64; 3] {
@@ -108,4 +108,38 @@ fn a_point_out_of_reach_is_an_error_that_says_why() {
     wrong("[]", "path.json has no points");
     refuse(&["reach", "--tip", "1,2"], 2, "expected 3 numbers, found 2");
     refuse(&["reach"], 2, "--tip");
+}
+
+#[test]
+fn a_point_is_reached_among_obstacles_with_the_contacts_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene.toml");
+    let post = "[[obstacle]]\nname = 'post'\ncylinder = { radius = 0.01, length = 0.4 }\nposition = [-0.06, 0.0, 0.25]\n";
+    fs::write(&scene, post).unwrap();
+    let place = ["--scene", text(&scene)];
+    let settled = succeed_json(&[&["settle", "--command", COMMAND][..], &place].concat());
+    let tip = settled["positions"].as_array().unwrap().last().unwrap();
+    let tip: Vec<String> = (tip.as_array().unwrap().iter())
+        .map(ToString::to_string)
+        .collect();
+    let tip = tip.join(",");
+    let reach = ["reach", "--tip", &tip];
+    let found = succeed_json(&[&reach[..], &place].concat());
+    let found = &found["found"][0];
+    assert_eq!(found["reached"], true);
+    let command: Vec<String> = (found["command"].as_array().unwrap().iter())
+        .map(ToString::to_string)
+        .collect();
+    let command = command.join(",");
+    let again = succeed_json(&[&["settle", "--command", &command][..], &place].concat());
+    let (said, settled) = (&found["contacts"], &again["surroundings"]["contacts"]);
+    let names = |contacts: &Value| -> Vec<(u64, String)> {
+        let contacts = contacts.as_array().unwrap().iter();
+        contacts
+            .map(|one| (one["disc"].as_u64().unwrap(), one["obstacle"].to_string()))
+            .collect()
+    };
+    assert_eq!(names(said), names(settled));
+    let alone = succeed_json(&reach);
+    assert!(alone["found"][0].get("contacts").is_none());
 }

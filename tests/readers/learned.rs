@@ -11,6 +11,7 @@ use tdcr::learn::net::{Channels, MlpShape, Network, TimeFeatures};
 use tdcr::learn::symmetry::Reduction;
 use tdcr::learn::train::{Model, Provenance, TrainSettings, Trainer};
 use tdcr::sim::render::BaseVisibility;
+use tdcr::sim::scene::Scene;
 
 use super::files::{json_of, two_modules};
 
@@ -31,6 +32,7 @@ pub fn provenance() -> Provenance {
             robot: two_modules(),
             base: BaseVisibility::Hidden,
             payload: None,
+            scene: Scene::default(),
         }),
         normalisation: Normalisation {
             motor_min: vec![0.0; 6],

@@ -6,9 +6,11 @@ use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tdcr_sim::cloud::{Observer, PointCloud, VoxelGrid};
+use tdcr_sim::contact::{Contact, ContactError, ContactSettler};
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{CommandError, Loads, LoadsError, Robot, RobotSpec};
-use tdcr_sim::statics::{Equilibrium, Settler};
+use tdcr_sim::scene::Scene;
+use tdcr_sim::statics::Equilibrium;
 
 use super::conditions::{PayloadRange, rng};
 use super::{Condition, DataError, Sample};
@@ -23,6 +25,10 @@ pub struct Subject {
     pub base: BaseVisibility,
     /// The payloads that hang from the tip; `None` where conditions have none.
     pub payload: Option<PayloadRange>,
+    /// Obstacles around the robot: it settles among them, and they hide from the cameras what is behind them. Clouds show
+    /// the robot alone.
+    #[serde(default, skip_serializing_if = "Scene::is_empty")]
+    pub scene: Scene,
 }
 
 /// Everything besides its condition that a simulated cloud depends on.
@@ -45,6 +51,7 @@ impl Default for Subject {
             robot: RobotSpec::standard(Self::ROBOT).expect("a standard robot"),
             base: BaseVisibility::Hidden,
             payload: None,
+            scene: Scene::default(),
         }
     }
 }
@@ -69,13 +76,22 @@ impl Recipe {
     /// Refuses what no cloud can be made by.
     ///
     /// # Errors
-    /// [`DataError::InvalidMeta`] for voxels without size and payloads that are no masses.
+    /// [`DataError::InvalidMeta`] for voxels without size, payloads that are no masses, and scenes that cannot be
+    /// written whole.
     pub fn check(&self) -> Result<(), DataError> {
         if !(self.voxel_size.is_finite() && self.voxel_size > 0.0) {
             return Err(DataError::InvalidMeta {
                 field: "voxel_size",
                 found: self.voxel_size.to_string(),
                 expected: "a finite length above 0",
+            });
+        }
+        // Scenes of more than a record holds.
+        if let Err(error) = self.subject.scene.whole_spec() {
+            return Err(DataError::InvalidMeta {
+                field: "scene",
+                found: error.to_string(),
+                expected: "a scene that can be written whole",
             });
         }
         self.subject.payload.map_or(Ok(()), PayloadRange::check)
@@ -92,6 +108,9 @@ pub enum SimulateError {
     /// The payload is no mass.
     #[error(transparent)]
     Load(#[from] LoadsError),
+    /// Among the obstacles there is nothing to settle.
+    #[error(transparent)]
+    Contact(#[from] ContactError),
     /// The robot did not settle.
     #[error("the robot did not settle under {condition:?}: residual {residual:e} N m")]
     NotSettled {
@@ -129,7 +148,7 @@ const PHASES: usize = 8;
 /// Makes samples one after another, on one thread, reusing its memory.
 pub struct Simulator {
     robot: Robot,
-    settler: Settler,
+    settler: ContactSettler,
     observer: Observer,
     sensor: Option<Sensor>,
     times: SimulationTimes,
@@ -140,12 +159,13 @@ impl Simulator {
     pub fn new(robot: &Robot, recipe: &Recipe) -> Self {
         Self {
             robot: robot.clone(),
-            settler: Settler::new(robot),
+            settler: ContactSettler::new(robot, &recipe.subject.scene),
             observer: Observer::new(
                 robot,
                 recipe.subject.base,
                 VoxelGrid::new(recipe.voxel_size),
-            ),
+            )
+            .among(&recipe.subject.scene),
             sensor: recipe.sensor,
             times: SimulationTimes::default(),
         }
@@ -169,14 +189,17 @@ impl Simulator {
     pub fn settle(&mut self, condition: &Condition) -> Result<&Equilibrium, SimulateError> {
         let began = Instant::now();
         let command = condition.command(&self.robot)?;
-        let unloaded = self.settler.settle(&command, &Loads::default());
+        let unloaded = &self
+            .settler
+            .settle(&command, &Loads::default())?
+            .equilibrium;
         let payload = condition.payload.filter(|&mass| mass != 0.0);
         if let (Some(mass), true) = (payload, unloaded.converged) {
             let start = unloaded.configuration.clone();
             let loads = Loads::payload(mass.into())?;
-            self.settler.settle_from(&start, &command, &loads);
+            self.settler.settle_from(&start, &command, &loads)?;
         }
-        let equilibrium = self.settler.equilibrium();
+        let equilibrium = &self.settler.found().equilibrium;
         self.times.settle += began.elapsed();
         if equilibrium.converged {
             return Ok(equilibrium);
@@ -185,6 +208,16 @@ impl Simulator {
             condition: condition.values().collect(),
             residual: equilibrium.residual,
         })
+    }
+
+    /// What the robot touches where it last settled.
+    pub fn contacts(&self) -> &[Contact] {
+        &self.settler.found().contacts
+    }
+
+    /// Where it last settled.
+    pub fn equilibrium(&self) -> &Equilibrium {
+        &self.settler.found().equilibrium
     }
 
     /// The true cloud of the robot under a condition, without the cameras' faults: `points` points (m, world frame),
@@ -221,7 +254,7 @@ impl Simulator {
         let mut union = PointCloud::default();
         for _ in 0..PHASES {
             self.displace(rng);
-            let seen = self.observer.observe(self.settler.equilibrium());
+            let seen = self.observer.observe(&self.settler.found().equilibrium);
             union.points.extend(seen.points);
             union.colors.extend(seen.colors);
         }
@@ -245,7 +278,7 @@ impl Simulator {
     ) -> Result<PointCloud, SimulateError> {
         self.displace(rng);
         self.settle(condition)?;
-        let equilibrium = self.settler.equilibrium();
+        let equilibrium = &self.settler.found().equilibrium;
         let seen = match &self.sensor {
             None => self.observer.observe(equilibrium),
             Some(sensor) => self.observer.measure(equilibrium, sensor, rng.random(), 0),
@@ -268,7 +301,7 @@ impl Simulator {
     ) -> Result<PointCloud, SimulateError> {
         self.settle(condition)?;
         let settled = Instant::now();
-        let seen = look(&mut self.observer, self.settler.equilibrium());
+        let seen = look(&mut self.observer, &self.settler.found().equilibrium);
         let looked = Instant::now();
         let cloud = seen.sample_or_pad(points, rng);
         self.times.see += looked - settled;

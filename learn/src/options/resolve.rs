@@ -2,6 +2,7 @@
 
 use tdcr_sim::formats::RobotFileError;
 use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::scene::Scene;
 use thiserror::Error;
 
 use super::{Net, Preset, TrainOptions};
@@ -12,7 +13,7 @@ use crate::prior::Prior;
 use crate::train::{Refinement, TrainSettings};
 
 /// What a run's settings depend on beside its options.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct DataFacts {
     /// Clouds of the training set; `None` for a stream, which has no end.
     pub clouds: Option<usize>,
@@ -20,6 +21,8 @@ pub struct DataFacts {
     pub base: BaseVisibility,
     /// Edge of the voxels that thinned the clouds (m).
     pub voxel_size: f64,
+    /// Obstacles around the robot.
+    pub scene: Scene,
 }
 
 /// Of a stream that is seen as data sets are by default.
@@ -30,6 +33,7 @@ impl Default for DataFacts {
             clouds: None,
             base: usual.subject.base,
             voxel_size: usual.voxel_size,
+            scene: usual.subject.scene,
         }
     }
 }
@@ -42,9 +46,13 @@ impl DataFacts {
     pub fn of(set: &DataSet) -> Result<Self, DataError> {
         let clouds = Some(set.samples(Split::Train)?.len());
         let origin = set.meta().cloned().map(|meta: Meta| meta.origin);
-        let (base, voxel_size) = match origin {
-            Some(Origin::Simulated { recipe, .. }) => (recipe.subject.base, recipe.voxel_size),
-            Some(Origin::Recorded { recording }) => (recording.base, recording.voxel_size),
+        let (base, voxel_size, scene) = match origin {
+            Some(Origin::Simulated { recipe, .. }) => {
+                (recipe.subject.base, recipe.voxel_size, recipe.subject.scene)
+            }
+            Some(Origin::Recorded { recording }) => {
+                (recording.base, recording.voxel_size, Scene::default())
+            }
             _ => {
                 return Ok(Self {
                     clouds,
@@ -56,6 +64,7 @@ impl DataFacts {
             clouds,
             base,
             voxel_size,
+            scene,
         })
     }
 }
@@ -247,6 +256,7 @@ impl TrainOptions {
             robot: robot.load()?,
             base: data.base,
             payload: None,
+            scene: data.scene.clone(),
         };
         Ok(Prior::Surface(Box::new(Recipe {
             subject,

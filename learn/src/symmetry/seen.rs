@@ -62,6 +62,8 @@ pub enum Loss {
     Robot,
     /// The base in sight has fewer.
     Base,
+    /// There are obstacles around the robot.
+    Scene,
     /// The robot could not be seen under too many conditions.
     Unseen,
     /// The robot whose surface flows start from has fewer.
@@ -80,6 +82,7 @@ impl fmt::Display for Loss {
             }
             Self::Robot => out.write_str("the robot has none"),
             Self::Base => out.write_str("the base in sight is less symmetric than the robot"),
+            Self::Scene => out.write_str("there are obstacles around the robot"),
             Self::Prior => {
                 out.write_str("the robot whose surface flows start from is less symmetric")
             }
@@ -136,6 +139,10 @@ impl Recipe {
             views: Vec::new(),
         };
         if seen.symmetries.is_trivial() {
+            return Ok(seen);
+        }
+        if !self.subject.scene.is_empty() {
+            seen.keep(Loss::Scene, |_| Symmetries::default());
             return Ok(seen);
         }
         if self.subject.base == BaseVisibility::Shown {

@@ -6,15 +6,18 @@ use super::back_project::RowPoints;
 use super::voxels::CellSet;
 use super::{PointCloud, VoxelGrid};
 use crate::camera::Camera;
+use crate::geometry::Instance;
 use crate::pose::Pose;
 use crate::render::{BaseVisibility, RgbdFrame, Sensor, Visuals};
 use crate::robot::Robot;
+use crate::scene::Scene;
 
 /// Sees a robot with several cameras and fuses the frames into one cloud, reusing memory.
 pub struct Observer {
     robot: Robot,
     cameras: Vec<Camera>,
     base: BaseVisibility,
+    scene: Scene,
     grid: VoxelGrid,
     frame: Option<RgbdFrame>,
     row: RowPoints,
@@ -28,11 +31,20 @@ impl Observer {
             robot: robot.clone(),
             cameras: Camera::placed(&robot.spec().cameras),
             base,
+            scene: Scene::default(),
             grid,
             frame: None,
             row: RowPoints::default(),
             occupied: CellSet::default(),
         }
+    }
+
+    /// The same with obstacles around the robot. They hide from the cameras what is behind them; points on themselves are
+    /// left out of the clouds, which show the robot.
+    #[must_use]
+    pub fn among(mut self, scene: &Scene) -> Self {
+        self.scene = scene.clone();
+        self
     }
 
     /// Moves the pixels of each camera, and the voxels, by a random part of one, as `rng` says: what it sees of an
@@ -73,7 +85,8 @@ impl Observer {
 
     /// Fuses what `take` makes of each camera's picture.
     fn fuse(&mut self, pose: Pose, take: impl Fn(usize, RgbdFrame) -> RgbdFrame) -> PointCloud {
-        let visuals = Visuals::of_robot(&self.robot, pose, self.base);
+        let mut visuals = Visuals::of_robot(&self.robot, pose, self.base);
+        visuals.add_scene(&self.scene);
         self.occupied.clear();
         let mut cloud = PointCloud::default();
         for (index, camera) in self.cameras.iter().enumerate() {
@@ -86,7 +99,8 @@ impl Observer {
                 self.row.find_cells(&self.grid);
                 for (k, u) in frame.span(v).enumerate() {
                     let index = frame.index(u, v);
-                    if frame.depth[index] > 0.0 && self.occupied.insert(self.row.cell(k)) {
+                    let seen = frame.depth[index] > 0.0 && !is_obstacle(frame.mask[index]);
+                    if seen && self.occupied.insert(self.row.cell(k)) {
                         cloud.push(self.row.point(k), frame.color[index]);
                     }
                 }
@@ -95,4 +109,8 @@ impl Observer {
         }
         cloud
     }
+}
+
+fn is_obstacle(instance: Instance) -> bool {
+    matches!(instance, Instance::Obstacle(_))
 }

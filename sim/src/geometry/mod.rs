@@ -20,6 +20,7 @@ mod primitives;
 mod robot;
 mod shape;
 mod solid;
+mod stand;
 mod stl;
 
 pub use alpha_shape::AlphaShape;
@@ -34,4 +35,5 @@ pub(crate) use robot::{
 pub(crate) use shape::Kind;
 pub use shape::{Shape, ShapeError};
 pub use solid::{Instance, Solid};
+pub use stand::{Overlaps, Stand};
 pub use stl::StlError;

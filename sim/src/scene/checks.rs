@@ -73,12 +73,21 @@ pub(super) fn orientation(
     let numbers = [w, x, y, z];
     let finite = numbers.iter().all(|x| x.abs() <= LARGEST);
     match finite && numbers.iter().any(|x| x.abs() >= 1e-6) {
-        true => Ok(UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))),
+        true => Ok(normalised(Quaternion::new(w, x, y, z))),
         false => {
             let value = format!("{numbers:?}");
             let expected = "a quaternion (w, x, y, z), not all 0";
             Err(refuse(obstacle, "orientation", value, expected))
         }
+    }
+}
+
+/// A quaternion of length 1. One that has it to rounding stays what it is, so that a scene that is written and read again
+/// is the same to the last bit.
+fn normalised(quaternion: Quaternion<f64>) -> UnitQuaternion<f64> {
+    match (quaternion.norm() - 1.0).abs() <= 4.0 * f64::EPSILON {
+        true => UnitQuaternion::new_unchecked(quaternion),
+        false => UnitQuaternion::from_quaternion(quaternion),
     }
 }
 

@@ -89,6 +89,10 @@ impl Sources {
             ShapeSpec::Mesh { file, scale } => {
                 return Ok(ObstacleShape::Solid(self.mesh(obstacle, file, *scale)?));
             }
+            ShapeSpec::Triangles {
+                vertices,
+                triangles,
+            } => Shape::mesh(vertices, triangles),
         };
         Ok(ObstacleShape::Solid(solid.map_err(refused)?))
     }
@@ -161,6 +165,19 @@ fn scaled(shape: Shape, scale: f64) -> Result<Shape, ShapeError> {
 }
 
 impl ObstacleShape {
+    /// How a file says a mesh by its numbers; `None` for other shapes.
+    pub(super) fn triangles(&self) -> Option<ShapeSpec> {
+        match self {
+            Self::Solid(Shape(Kind::Mesh(mesh))) => Some(ShapeSpec::Triangles {
+                vertices: (mesh.mesh.vertices().iter())
+                    .map(|v| [v.x, v.y, v.z])
+                    .collect(),
+                triangles: mesh.mesh.indices().to_vec(),
+            }),
+            _ => None,
+        }
+    }
+
     /// How a file says it, where the shape itself tells: not of meshes and pipes.
     pub(super) fn spec(&self) -> Option<ShapeSpec> {
         let shape = match self {

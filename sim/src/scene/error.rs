@@ -97,6 +97,14 @@ pub enum SceneError {
         /// The obstacle.
         obstacle: String,
     },
+    /// The meshes have more triangles than are written by their numbers.
+    #[error("meshes of {found} triangles; expected {most} at most to write a scene whole")]
+    Triangles {
+        /// Number of triangles of all meshes.
+        found: usize,
+        /// Largest number.
+        most: usize,
+    },
     /// The scene has what TOML cannot say, such as a file's name that is not UTF-8.
     #[error("the scene cannot be written as TOML: {0}")]
     Write(toml::ser::Error),

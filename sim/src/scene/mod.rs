@@ -26,6 +26,7 @@ mod obstacle;
 mod read;
 mod shape_spec;
 mod spec;
+mod whole;
 
 pub use compile::ObstacleShape;
 pub use error::SceneError;
@@ -44,11 +45,20 @@ use error::called;
 const MOST_OBSTACLES: usize = 10_000;
 
 /// Obstacles around a robot, valid and with names of their own, and whether the robot touches itself. Clones share the obstacles.
-/// The default is the scene without any.
-#[derive(Clone, Debug, Default)]
+/// The default is the scene in which nothing is touched.
+#[derive(Clone, Debug)]
 pub struct Scene {
     obstacles: Arc<[Obstacle]>,
     self_contact: SelfContact,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self {
+            obstacles: Arc::default(),
+            self_contact: SelfContact::Ignored,
+        }
+    }
 }
 
 impl Scene {

@@ -304,7 +304,7 @@ impl Obstacle {
             let pipe = matches!(source, ShapeSpec::Pipe { .. } | ShapeSpec::PipeAlong { .. });
             match &self.shape {
                 ObstacleShape::Pipe(_) => pipe,
-                _ => matches!(source, ShapeSpec::Mesh { .. }),
+                _ => matches!(source, ShapeSpec::Mesh { .. } | ShapeSpec::Triangles { .. }),
             }
         };
         self.shape.spec().or_else(|| source.filter(of_kind))
@@ -312,7 +312,21 @@ impl Obstacle {
 
     /// How a file says it; errors name it `obstacle`.
     pub(super) fn spec(&self, obstacle: &str) -> Result<ObstacleSpec, SceneError> {
-        let shape = self.shape_spec().ok_or_else(|| SceneError::Unwritten {
+        self.spec_of(self.shape_spec(), obstacle)
+    }
+
+    /// How a file says it without another file: a mesh by its numbers. Errors name it `obstacle`.
+    pub(super) fn whole_spec(&self, obstacle: &str) -> Result<ObstacleSpec, SceneError> {
+        let shape = self.shape.triangles().or_else(|| self.shape_spec());
+        self.spec_of(shape, obstacle)
+    }
+
+    fn spec_of(
+        &self,
+        shape: Option<ShapeSpec>,
+        obstacle: &str,
+    ) -> Result<ObstacleSpec, SceneError> {
+        let shape = shape.ok_or_else(|| SceneError::Unwritten {
             obstacle: obstacle.to_owned(),
         })?;
         let rotation = self.pose.rotation;

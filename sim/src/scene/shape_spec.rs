@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use serde::de::value::MapAccessDeserializer;
-use serde::de::{MapAccess, Visitor};
+use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// Shape of an obstacle, in its own frame.
@@ -57,6 +57,13 @@ pub enum ShapeSpec {
         /// What the file's numbers are multiplied with to give metres; 0.001 for millimetres.
         scale: f64,
     },
+    /// A triangle mesh by its numbers.
+    Triangles {
+        /// Its vertices (m).
+        vertices: Vec<[f64; 3]>,
+        /// The vertices of each triangle, by their numbers from 0, counterclockwise as seen from outside.
+        triangles: Vec<[u32; 3]>,
+    },
 }
 
 impl ShapeSpec {
@@ -69,7 +76,7 @@ impl ShapeSpec {
             Self::Capsule { .. } => "capsule",
             Self::Cylinder { .. } => "cylinder",
             Self::Pipe { .. } | Self::PipeAlong { .. } => "pipe",
-            Self::Mesh { .. } => "mesh",
+            Self::Mesh { .. } | Self::Triangles { .. } => "mesh",
         }
     }
 }
@@ -115,21 +122,29 @@ pub(super) struct PipeInFile {
     pub path: Option<Vec<[f64; 3]>>,
 }
 
-/// `mesh = "file.stl"`, or `mesh = { file = "file.stl", scale = s }`.
+/// `mesh = "file.stl"`, `mesh = { file = "file.stl", scale = s }` or `mesh = { vertices = [...], triangles = [...] }`.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct MeshInFile {
-    pub file: PathBuf,
-    #[serde(skip_serializing_if = "is_one")]
-    pub scale: f64,
+#[serde(untagged)]
+pub(super) enum MeshInFile {
+    File {
+        file: PathBuf,
+        #[serde(skip_serializing_if = "is_one")]
+        scale: f64,
+    },
+    Numbers {
+        vertices: Vec<[f64; 3]>,
+        triangles: Vec<[u32; 3]>,
+    },
 }
 
-/// The second form.
+/// The second form and the third.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct MeshTable {
-    file: PathBuf,
-    #[serde(default = "one")]
-    scale: f64,
+    file: Option<PathBuf>,
+    scale: Option<f64>,
+    vertices: Option<Vec<[f64; 3]>>,
+    triangles: Option<Vec<[u32; 3]>>,
 }
 
 impl<'de> Deserialize<'de> for MeshInFile {
@@ -144,22 +159,35 @@ impl<'de> Visitor<'de> for MeshVisitor {
     type Value = MeshInFile;
 
     fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("the name of an STL file, or { file, scale }")
+        f.write_str("the name of an STL file, { file, scale }, or { vertices, triangles }")
     }
 
     fn visit_str<E>(self, file: &str) -> Result<MeshInFile, E> {
         let file = file.into();
-        Ok(MeshInFile { file, scale: 1.0 })
+        Ok(MeshInFile::File { file, scale: 1.0 })
     }
 
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<MeshInFile, A::Error> {
-        let MeshTable { file, scale } = MeshTable::deserialize(MapAccessDeserializer::new(map))?;
-        Ok(MeshInFile { file, scale })
+        let MeshTable {
+            file,
+            scale,
+            vertices,
+            triangles,
+        } = MeshTable::deserialize(MapAccessDeserializer::new(map))?;
+        match (file, scale, vertices, triangles) {
+            (Some(file), scale, None, None) => {
+                let scale = scale.unwrap_or(1.0);
+                Ok(MeshInFile::File { file, scale })
+            }
+            (None, None, Some(vertices), Some(triangles)) => Ok(MeshInFile::Numbers {
+                vertices,
+                triangles,
+            }),
+            _ => Err(A::Error::custom(
+                "expected a mesh with `file` and perhaps `scale`, or one with `vertices` and `triangles`",
+            )),
+        }
     }
-}
-
-fn one() -> f64 {
-    1.0
 }
 
 fn is_one(value: &f64) -> bool {

@@ -222,10 +222,7 @@ impl ObstacleInFile {
             (self.cylinder.as_ref())
                 .map(|&RoundInFile { radius, length }| ShapeSpec::Cylinder { radius, length }),
             pipe.transpose()?,
-            self.mesh.as_ref().map(|mesh| ShapeSpec::Mesh {
-                file: mesh.file.clone(),
-                scale: mesh.scale,
-            }),
+            self.mesh.clone().map(ShapeSpec::from),
         ];
         let mut found: Vec<ShapeSpec> = found.into_iter().flatten().collect();
         match found.pop() {
@@ -235,6 +232,21 @@ impl ObstacleInFile {
                 found: found.iter().chain(&last).map(ShapeSpec::field).collect(),
                 expected: SHAPES.to_owned(),
             }),
+        }
+    }
+}
+
+impl From<MeshInFile> for ShapeSpec {
+    fn from(mesh: MeshInFile) -> Self {
+        match mesh {
+            MeshInFile::File { file, scale } => Self::Mesh { file, scale },
+            MeshInFile::Numbers {
+                vertices,
+                triangles,
+            } => Self::Triangles {
+                vertices,
+                triangles,
+            },
         }
     }
 }
@@ -315,7 +327,16 @@ impl From<ObstacleSpec> for ObstacleInFile {
                 });
             }
             ShapeSpec::Mesh { file: name, scale } => {
-                file.mesh = Some(MeshInFile { file: name, scale });
+                file.mesh = Some(MeshInFile::File { file: name, scale });
+            }
+            ShapeSpec::Triangles {
+                vertices,
+                triangles,
+            } => {
+                file.mesh = Some(MeshInFile::Numbers {
+                    vertices,
+                    triangles,
+                });
             }
         }
         file

@@ -4,4 +4,5 @@
 mod calibration;
 mod calibration_sets;
 mod shape_control;
+mod shape_in_scenes;
 mod shape_path;

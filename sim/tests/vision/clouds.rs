@@ -5,6 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use tdcr_sim::cloud::{Observer, PointCloud, PointProperty, VoxelGrid, write_ply, write_ply_with};
 use tdcr_sim::render::BaseVisibility;
+use tdcr_sim::scene::{Obstacle, Scene};
 
 use crate::{bent_robot, distance_to_disc};
 
@@ -175,4 +176,26 @@ fn ply_files_hold_what_was_written() {
             .to_string()
             .contains("/no/such/folder/x.ply")
     );
+}
+
+#[test]
+fn obstacles_hide_the_robot_and_are_not_in_its_cloud() {
+    let (robot, equilibrium) = bent_robot();
+    let grid = VoxelGrid::new(0.002);
+    let alone = Observer::new(&robot, BaseVisibility::Hidden, grid).observe(&equilibrium);
+    // Between the robot and the cameras on one side.
+    let wall = Obstacle::cuboid("wall", [0.01, 1.0, 1.0]).unwrap();
+    let scene = Scene::new(vec![wall.at([0.25, 0.0, 0.3])]).unwrap();
+    let mut observer = Observer::new(&robot, BaseVisibility::Hidden, grid).among(&scene);
+    let seen = observer.observe(&equilibrium);
+    assert!(
+        seen.len() < alone.len(),
+        "{} of {}",
+        seen.len(),
+        alone.len()
+    );
+    assert!(seen.len() > alone.len() / 3);
+    let farthest = |cloud: &PointCloud| cloud.points.iter().map(|p| p[0]).fold(f32::MIN, f32::max);
+    assert!(farthest(&seen) <= farthest(&alone) + 0.002);
+    assert!(farthest(&seen) < 0.24);
 }

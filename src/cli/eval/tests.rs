@@ -68,6 +68,7 @@ fn collected(folder: &Path) -> std::path::PathBuf {
     };
     collect(
         &tdcr::learn::data::Recipe::default().subject.robot,
+        &tdcr::sim::scene::Scene::default(),
         &settings,
         &data,
         &Silent,

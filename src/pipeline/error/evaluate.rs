@@ -24,6 +24,17 @@ pub enum EvalError {
         /// Whether the data set shows it.
         data: BaseVisibility,
     },
+    /// The model was trained among other obstacles than the data set has.
+    #[error(
+        "the model was trained in a scene of {model} obstacles, the data set was made in another one, of {data}; expected the same \
+         scene"
+    )]
+    OtherScene {
+        /// Number of obstacles around the model's robot.
+        model: usize,
+        /// Number of those around the data set's.
+        data: usize,
+    },
     /// The model was trained with payloads and the data set has none, or the reverse, or heavier or lighter ones.
     #[error("the model was trained {}, the data set was made {}", with_payload(.model), with_payload(.data))]
     OtherPayload {

@@ -18,6 +18,7 @@ use tdcr_sim::robot::Robot;
 use super::Levels;
 use super::variable::{Setting, Variable};
 use crate::pipeline::{Probe, Scoring};
+use crate::report::counted;
 use crate::study::error::Refusal;
 
 /// Most models of a study.
@@ -257,6 +258,7 @@ impl TrainedModel {
             robot,
             base,
             payload,
+            scene,
         } = &self.subject;
         let base = match base {
             BaseVisibility::Shown => "with its base",
@@ -265,7 +267,11 @@ impl TrainedModel {
         let payload = payload.map_or("no payloads".to_owned(), |range| {
             format!("payloads of {} to {} g", 1e3 * range.min, 1e3 * range.max)
         });
-        format!("robot {} {base}, {payload}", robot.name)
+        let scene = match scene.obstacles().len() {
+            0 => String::new(),
+            count => format!(", among {}", counted(count, "obstacle")),
+        };
+        format!("robot {} {base}, {payload}{scene}", robot.name)
     }
 
     /// The model in a file, and the validations in the log beside it.

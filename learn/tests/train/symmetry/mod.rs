@@ -23,6 +23,7 @@ fn recipe(name: &str, base: BaseVisibility) -> Recipe {
             robot,
             base,
             payload: None,
+            ..Subject::default()
         },
         ..Recipe::default()
     }

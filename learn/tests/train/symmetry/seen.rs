@@ -9,6 +9,7 @@ use tdcr_learn::symmetry::{Agreement, Loss};
 use tdcr_sim::cloud::PointCloud;
 use tdcr_sim::render::{BaseVisibility, Sensor};
 use tdcr_sim::robot::{Aim, CameraSpec, Cameras, Holes, Lens, Robot, RobotSpec};
+use tdcr_sim::scene::{Obstacle, Scene};
 
 use super::{recipe, ring};
 
@@ -140,6 +141,7 @@ fn what_perfect_predictors_of_representatives_score() {
                 robot: RobotSpec::standard(name).unwrap(),
                 base,
                 payload: None,
+                ..Subject::default()
             },
             ..Recipe::default()
         };
@@ -195,4 +197,16 @@ fn what_perfect_predictors_of_representatives_score() {
             of_representatives / floor
         );
     }
+}
+
+#[test]
+fn clouds_of_a_robot_among_obstacles_have_no_symmetry() {
+    let mut recipe = recipe("2m", BaseVisibility::Hidden);
+    let floor = Obstacle::half_space("floor").at([0.0, 0.0, -1.0]);
+    recipe.subject.scene = Scene::new(vec![floor]).unwrap();
+    let seen = recipe.symmetries(Channels::Xyz).unwrap();
+    assert!(seen.symmetries.is_trivial());
+    assert_eq!(seen.lost, Some(Loss::Scene));
+    let said = "none, because there are obstacles around the robot";
+    assert_eq!(seen.to_string(), said);
 }

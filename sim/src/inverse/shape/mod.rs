@@ -29,9 +29,12 @@ use std::sync::Arc;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use thiserror::Error;
 
+use crate::contact::{ContactEquilibrium, ContactError, ContactSettler};
 use crate::robot::{Command, Loads, LoadsError, Robot};
+use crate::scene::Scene;
 use crate::statics::Equilibrium;
 use problem::{Place, Problem, shares};
 
@@ -68,6 +71,7 @@ impl Default for Search {
 #[derive(Clone, Debug)]
 pub struct ShapeController {
     robot: Robot,
+    scene: Scene,
     loads: Loads,
     search: Search,
     samples: Arc<[(Command, Equilibrium)]>,
@@ -81,6 +85,8 @@ pub struct ShapeSolution {
     /// Where the robot settles under it: from the straight pose, as by [`Robot::settle`], but for a
     /// [`PathPoint`]'s.
     pub equilibrium: Equilibrium,
+    /// The same with what the robot touches there; `None` without obstacles.
+    pub among: Option<ContactEquilibrium>,
     /// Distance left to each target (m), without weights.
     pub errors: Vec<f64>,
     /// Whether that is enough, and if not, why.
@@ -156,6 +162,9 @@ pub enum ShapeControlError {
     /// A command of another robot.
     #[error(transparent)]
     Command(#[from] crate::robot::CommandError),
+    /// Among the obstacles there is nothing to settle.
+    #[error(transparent)]
+    Contact(#[from] ContactError),
     /// No equilibrium to start from.
     #[error("the robot settles stably under none of the {0} commands tried")]
     Unsettled(usize),
@@ -168,6 +177,24 @@ impl ShapeController {
     /// [`ShapeControlError`] for loads of another robot, a tolerance that is not above 0, and a robot that
     /// settles under no sampled command.
     pub fn new(robot: &Robot, loads: &Loads, search: Search) -> Result<Self, ShapeControlError> {
+        Self::among(robot, &Scene::default(), loads, search)
+    }
+
+    /// The same among the obstacles of `scene`: every pose is settled among them, and slopes are those of the robot that
+    /// touches them.
+    ///
+    /// Where a contact begins or ends slopes change at once, so that a search may come to a halt there
+    /// ([`Outcome::Stalled`]); others of its starts go on from elsewhere.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); [`ShapeControlError::Contact`] for a straight robot inside an obstacle, and for loads
+    /// without a potential where there are obstacles.
+    pub fn among(
+        robot: &Robot,
+        scene: &Scene,
+        loads: &Loads,
+        search: Search,
+    ) -> Result<Self, ShapeControlError> {
         loads.check(robot)?;
         if !(search.tolerance > 0.0 && search.tolerance.is_finite()) {
             return Err(ShapeControlError::Tolerance(search.tolerance));
@@ -175,7 +202,10 @@ impl ShapeController {
         let mut rng = ChaCha8Rng::seed_from_u64(search.seed);
         let mut commands = vec![robot.mean_command()];
         commands.extend((0..search.samples).map(|_| robot.random_command(&mut rng)));
-        let settled = robot.settle_batch(&commands, loads);
+        let settled = match scene.is_empty() {
+            true => robot.settle_batch(&commands, loads),
+            false => settle_among(robot, scene, &commands, loads)?,
+        };
         let tried = commands.len();
         let samples: Arc<[_]> = (commands.into_iter().zip(settled))
             .filter(|(_, equilibrium)| equilibrium.converged)
@@ -185,10 +215,16 @@ impl ShapeController {
         }
         Ok(Self {
             robot: robot.clone(),
+            scene: scene.clone(),
             loads: loads.clone(),
             search,
             samples,
         })
+    }
+
+    /// The obstacles around it.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
     }
 
     /// The robot.
@@ -233,7 +269,7 @@ impl ShapeController {
     /// [`ShapeControlError`] for a command of another robot, or under which it does not settle.
     pub fn path_from(&self, start: &Command) -> Result<ShapePath, ShapeControlError> {
         let start = self.robot.command(start.as_slice())?;
-        let settled = self.robot.settle(&start, &self.loads);
+        let settled = self.settled(&start)?;
         if !settled.converged {
             return Err(ShapeControlError::Unsettled(1));
         }
@@ -253,8 +289,14 @@ impl ShapeController {
     ) -> Result<ShapeSolution, ShapeControlError> {
         let problem = self.problem(targets)?;
         let start = self.robot.command(start.as_slice())?;
-        let settled = self.robot.settle(&start, &self.loads);
+        let settled = self.settled(&start)?;
         problem.best_of(std::iter::once(&(start, settled)))
+    }
+
+    /// Where the robot settles under a command, from the straight pose.
+    fn settled(&self, command: &Command) -> Result<Equilibrium, ShapeControlError> {
+        let mut settler = ContactSettler::new(&self.robot, &self.scene);
+        Ok(settler.settle(command, &self.loads)?.equilibrium.clone())
     }
 
     fn problem<'p>(&'p self, targets: &'p [Target]) -> Result<Problem<'p>, ShapeControlError> {
@@ -272,9 +314,25 @@ impl ShapeController {
         }
         Ok(Problem {
             robot: &self.robot,
+            scene: &self.scene,
             loads: &self.loads,
             search: &self.search,
             targets,
         })
     }
+}
+
+/// Where a robot settles among obstacles under each command, from the straight pose, on all cores.
+fn settle_among(
+    robot: &Robot,
+    scene: &Scene,
+    commands: &[Command],
+    loads: &Loads,
+) -> Result<Vec<Equilibrium>, ContactError> {
+    let settle = |settler: &mut ContactSettler, command: &Command| {
+        Ok(settler.settle(command, loads)?.equilibrium.clone())
+    };
+    (commands.par_iter())
+        .map_init(|| ContactSettler::new(robot, scene), settle)
+        .collect()
 }

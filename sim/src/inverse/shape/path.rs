@@ -12,10 +12,11 @@ use nalgebra::{DMatrix, DVector};
 
 use super::problem::{Place, Problem, gap, shares};
 use super::{Outcome, ShapeControlError, ShapeController, ShapeSolution, Target};
+use crate::contact::ContactSettler;
 use crate::inverse::least_squares::{Evaluation, Limit, minimise};
 use crate::robot::Command;
 use crate::solve::Continuation;
-use crate::statics::{Equilibrium, Settler};
+use crate::statics::Equilibrium;
 
 /// `c` (m): small enough to choose among the commands that meet the targets, not between them and
 /// others.
@@ -52,7 +53,7 @@ const PARTS: [usize; 2] = [4, 64];
 #[derive(Clone, Debug)]
 pub struct ShapePath {
     controller: ShapeController,
-    settler: Settler,
+    settler: ContactSettler,
     last: Option<Place>,
 }
 
@@ -91,7 +92,7 @@ impl ShapePath {
     pub(super) fn new(controller: &ShapeController, last: Option<Place>) -> Self {
         Self {
             controller: controller.clone(),
-            settler: Settler::new(&controller.robot),
+            settler: ContactSettler::new(&controller.robot, &controller.scene),
             last,
         }
     }
@@ -169,7 +170,7 @@ fn disc_change(from: &Equilibrium, to: &Equilibrium) -> f64 {
 /// The way from one target to the next.
 struct Way<'w> {
     problem: &'w Problem<'w>,
-    settler: &'w mut Settler,
+    settler: &'w mut ContactSettler,
     /// Displacement of a disc (m) that is a jump.
     jump: f64,
 }
@@ -179,7 +180,7 @@ impl Way<'_> {
     /// `None` if the start is not stable.
     fn follow(&mut self, start: &Place) -> Option<(ShapeSolution, Vec<Command>)> {
         let mut place = start.clone();
-        let mut at = self.problem.evaluate(&place.x, place.settled.clone())?;
+        let mut at = (self.problem).evaluate_from(self.settler, &place.x, &place.settled)?;
         // The errors at the start. A share of the way on, that share of them is gone.
         let errors = at.residuals.clone();
         let mut continuation = Continuation::new(1.0, LEAST_PART);
@@ -196,7 +197,8 @@ impl Way<'_> {
             }
         }
         via.pop();
-        Some((self.problem.solution(place.x, at, steps), via))
+        let among = self.problem.among(self.settler, &place.x, &at.memory);
+        Some((self.problem.solution(place.x, at, among, steps), via))
     }
 
     /// The place nearest to `from` where the errors are `wanted`, or as near to that as can be. `None`
@@ -215,10 +217,11 @@ impl Way<'_> {
         let mut follow = |x: &DVector<f64>, near: &Equilibrium| {
             let command = problem.command(x);
             let settled = settler.settle_from(&near.configuration, &command, problem.loads);
-            if disc_change(near, settled) > jump {
+            let settled = settled.ok()?.equilibrium.clone();
+            if disc_change(near, &settled) > jump {
                 return None;
             }
-            let mut at = problem.evaluate(x, settled.clone())?;
+            let mut at = problem.evaluate(settler, x, settled)?;
             at.residuals -= wanted;
             Some(at)
         };
@@ -286,6 +289,7 @@ impl Way<'_> {
             let command = self.problem.command(&from.x.lerp(&to.x, share));
             let loads = self.problem.loads;
             let settled = (self.settler).settle_from(&last.configuration, &command, loads);
+            let settled = &settled.ok()?.equilibrium;
             if !settled.converged || disc_change(&last, settled) > self.jump {
                 return None;
             }

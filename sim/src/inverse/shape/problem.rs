@@ -4,9 +4,11 @@ use nalgebra::{DMatrix, DVector, Matrix3xX};
 
 use super::{ActiveBound, Bound, Outcome, Search, ShapeControlError, ShapeSolution, Target};
 use crate::chain::Configuration;
+use crate::contact::{ContactEquilibrium, ContactSettler};
 use crate::inverse::least_squares::{Evaluation, Limit, minimise};
 use crate::robot::{Command, Loads, Robot};
-use crate::statics::{Equilibrium, Settler};
+use crate::scene::Scene;
+use crate::statics::Equilibrium;
 
 /// Times that a descent goes on from the equilibrium that the straight pose leads to, where that is
 /// another one than the descent's.
@@ -15,6 +17,7 @@ const MAX_RETURNS: usize = 4;
 /// The search for one list of targets. Its unknowns are the commands as shares of their ranges.
 pub(super) struct Problem<'a> {
     pub robot: &'a Robot,
+    pub scene: &'a Scene,
     pub loads: &'a Loads,
     pub search: &'a Search,
     pub targets: &'a [Target],
@@ -32,7 +35,7 @@ impl Problem<'_> {
         &self,
         starts: impl Iterator<Item = &'s (Command, Equilibrium)>,
     ) -> Result<ShapeSolution, ShapeControlError> {
-        let mut settler = Settler::new(self.robot);
+        let mut settler = self.settler();
         let mut best: Option<(f64, ShapeSolution)> = None;
         let (mut steps, mut tried) = (0, 0);
         for start in starts {
@@ -59,26 +62,31 @@ impl Problem<'_> {
         &self,
         starts: impl Iterator<Item = &'s (Command, Equilibrium)>,
     ) -> Vec<ShapeSolution> {
-        let mut settler = Settler::new(self.robot);
+        let mut settler = self.settler();
         let found = starts.filter_map(|start| self.descend(&mut settler, start));
         found.map(|(_, found)| found).collect()
+    }
+
+    fn settler(&self) -> ContactSettler {
+        ContactSettler::new(self.robot, self.scene)
     }
 
     /// Descends from one command; also returns the cost reached.
     fn descend(
         &self,
-        settler: &mut Settler,
+        settler: &mut ContactSettler,
         (command, settled): &(Command, Equilibrium),
     ) -> Option<(f64, ShapeSolution)> {
         let limits = vec![Limit::SHARE; self.robot.tendons().len()];
         let mut x = shares(self.robot, command);
-        let mut at = self.evaluate(&x, settled.clone())?;
+        let mut at = self.evaluate_from(settler, &x, settled)?;
         let mut steps = 0;
         for _ in 0..MAX_RETURNS {
             let evaluate = |x: &DVector<f64>, near: &Equilibrium| {
                 let (command, near) = (self.command(x), &near.configuration);
-                let settled = settler.settle_from(near, &command, self.loads).clone();
-                self.evaluate(x, settled)
+                let settled = settler.settle_from(near, &command, self.loads).ok()?;
+                let settled = settled.equilibrium.clone();
+                self.evaluate(settler, x, settled)
             };
             // Aimed at a tenth, so that another way to the same equilibrium is near enough too.
             let enough = 0.1 * self.search.tolerance;
@@ -88,26 +96,76 @@ impl Problem<'_> {
             let found = minimise(x, at, &limits, self.search.max_steps, evaluate, done);
             steps += found.steps;
             let followed = found.at.memory.configuration.clone();
-            let settled = settler.settle(&self.command(&found.x), self.loads).clone();
+            let settled = settler.settle(&self.command(&found.x), self.loads).ok()?;
+            let settled = settled.equilibrium.clone();
             x = found.x;
-            at = self.evaluate(&x, settled)?;
+            at = self.evaluate(settler, &x, settled)?;
             if self.same_place(&followed, &at.memory) {
                 break;
             }
         }
         let cost = at.cost();
-        Some((cost, self.solution(x, at, steps)))
+        let among = (!self.scene.is_empty()).then(|| settler.found().clone());
+        Some((cost, self.solution(x, at, among, steps)))
     }
 
-    /// Residuals and Jacobian at an equilibrium; `None` where it is not stable.
+    /// As [`evaluate`](Self::evaluate), where `settler` has yet to settle to the equilibrium.
+    pub fn evaluate_from(
+        &self,
+        settler: &mut ContactSettler,
+        x: &DVector<f64>,
+        settled: &Equilibrium,
+    ) -> Option<Evaluation<Equilibrium>> {
+        let settled = match self.scene.is_empty() {
+            true => settled.clone(),
+            false => self.settle_again(settler, x, settled)?.equilibrium,
+        };
+        self.evaluate(settler, x, settled)
+    }
+
+    /// An equilibrium with what the robot touches there, which `settler` has yet to settle to; `None` without obstacles.
+    pub fn among(
+        &self,
+        settler: &mut ContactSettler,
+        x: &DVector<f64>,
+        settled: &Equilibrium,
+    ) -> Option<ContactEquilibrium> {
+        match self.scene.is_empty() {
+            true => None,
+            false => self.settle_again(settler, x, settled),
+        }
+    }
+
+    fn settle_again(
+        &self,
+        settler: &mut ContactSettler,
+        x: &DVector<f64>,
+        settled: &Equilibrium,
+    ) -> Option<ContactEquilibrium> {
+        let start = &settled.configuration;
+        let found = settler.settle_from(start, &self.command(x), self.loads);
+        Some(found.ok()?.clone())
+    }
+
+    /// Residuals and Jacobian at an equilibrium, the last of `settler` where there are obstacles; `None` where it is not
+    /// stable.
     pub fn evaluate(
         &self,
+        settler: &ContactSettler,
         x: &DVector<f64>,
         settled: Equilibrium,
     ) -> Option<Evaluation<Equilibrium>> {
         let command = self.command(x);
-        let sensitivity = self.robot.sensitivity(&command, self.loads, &settled);
-        let poses = sensitivity.ok()?.command_jacobian();
+        let poses = match self.scene.is_empty() {
+            true => {
+                let sensitivity = self.robot.sensitivity(&command, self.loads, &settled);
+                sensitivity.ok()?.command_jacobian()
+            }
+            false => {
+                let sensitivity = settler.sensitivity(&command, self.loads).ok()?;
+                sensitivity.parameters().command_jacobian()
+            }
+        };
         let tendons = self.robot.tendons().len();
         let mut residuals = DVector::zeros(3 * self.targets.len());
         let mut jacobian = DMatrix::zeros(3 * self.targets.len(), tendons);
@@ -161,6 +219,7 @@ impl Problem<'_> {
         &self,
         x: DVector<f64>,
         at: Evaluation<Equilibrium>,
+        among: Option<ContactEquilibrium>,
         steps: usize,
     ) -> ShapeSolution {
         let gap = gap(&x, &at);
@@ -176,6 +235,7 @@ impl Problem<'_> {
             command: self.command(&x),
             errors: self.errors(&at.memory),
             equilibrium: at.memory,
+            among,
             outcome,
             steps,
         }

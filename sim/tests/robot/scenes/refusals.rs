@@ -179,11 +179,19 @@ fn unknown_and_wrong_fields_are_named_with_their_obstacle() {
         ("half_space = { height = 1 }", &["unknown field `height`"]),
         (
             "mesh = { file = 'a.stl', sclae = 1 }",
-            &["unknown field `sclae`, expected `file` or `scale`"],
+            &["unknown field `sclae`, expected one of `file`, `scale`, `vertices`, `triangles`"],
+        ),
+        (
+            "mesh = { file = 'a.stl', vertices = [[0, 0, 0]] }",
+            &[
+                "expected a mesh with `file` and perhaps `scale`, or one with `vertices` and `triangles`",
+            ],
         ),
         (
             "mesh = 3",
-            &["invalid type: integer `3`, expected the name of an STL file, or { file, scale }"],
+            &[
+                "invalid type: integer `3`, expected the name of an STL file, { file, scale }, or { vertices, triangles }",
+            ],
         ),
         (
             "color = [256, 0, 0]",

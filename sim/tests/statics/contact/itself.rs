@@ -46,7 +46,7 @@ fn clearance(robot: &Robot, found: &ContactEquilibrium) -> f64 {
 #[test]
 fn a_robot_that_curls_up_touches_itself_and_rests() {
     let robot = Robot::load("5m").unwrap();
-    let scene = Scene::default();
+    let scene = Scene::new(Vec::new()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut settler = ContactSettler::new(&robot, &scene);
     let (mut settled, mut touching, mut steps) = (0, 0, 0);
@@ -82,9 +82,8 @@ fn a_robot_that_curls_up_touches_itself_and_rests() {
 #[test]
 fn ignored_it_passes_through_itself_as_without_a_scene() {
     let robot = Robot::load("5m").unwrap();
-    let scene = Scene::default()
-        .with_self_contact(SelfContact::Ignored)
-        .unwrap();
+    let scene = Scene::default();
+    assert_eq!(scene.self_contact(), SelfContact::Ignored);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let command = curling(&mut rng, &robot);
     let mut settler = ContactSettler::new(&robot, &scene);
@@ -100,7 +99,7 @@ fn far_obstacles_change_nothing_of_how_it_touches_itself() {
     let far = Obstacle::sphere("moon", 1.0).unwrap().at([0.0, 0.0, 50.0]);
     let scene = Scene::new(vec![far]).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let mut alone = ContactSettler::new(&robot, &Scene::default());
+    let mut alone = ContactSettler::new(&robot, &Scene::new(Vec::new()).unwrap());
     let mut among = ContactSettler::new(&robot, &scene);
     for _ in 0..20 {
         let command = curling(&mut rng, &robot);
@@ -140,7 +139,7 @@ fn positions(
 fn derivatives_of_a_robot_that_touches_itself_are_those_of_differences() {
     let robot = Robot::load("5m").unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(7);
-    let mut settler = ContactSettler::new(&robot, &Scene::default());
+    let mut settler = ContactSettler::new(&robot, &Scene::new(Vec::new()).unwrap());
     let (mut checked, mut largest) = (0, 0.0_f64);
     while checked < 30 {
         let command = curling(&mut rng, &robot);

@@ -64,7 +64,7 @@ fn mujoco_finds_no_force_where_our_contacts_press() {
 fn mujoco_finds_no_force_where_a_robot_presses_itself() {
     let robot = Robot::load("5m").unwrap();
     let model = probe::model(&robot);
-    let mut settler = ContactSettler::new(&robot, &Scene::default());
+    let mut settler = ContactSettler::new(&robot, &Scene::new(Vec::new()).unwrap());
     let mut largest = 0.0_f64;
     for step in 0..10 {
         // All modules pull to one side, so that the tip curls onto the discs below.
