@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.utils.checkpoint import checkpoint
 
 from tdcr.torch.baselines._method import Method, Training, load
 
@@ -104,7 +105,12 @@ class Solved(nn.Module):
     def forward(self, s: Tensor, state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
         """Derivatives of the state by s in [0, 1]."""
         length = self.flow.root_time.square()
-        value, slopes = self.flow.velocity(state[0], self.directions, s * length, self.context)
+        inputs = (state[0], self.directions, s * length, self.context)
+        if torch.is_grad_enabled():
+            # The layers' features are computed again in the backward pass: those of all evaluations would fill a GPU.
+            value, slopes = checkpoint(self.flow.velocity, *inputs, use_reentrant=False, preserve_rng_state=False)
+        else:
+            value, slopes = self.flow.velocity(*inputs)
         if len(state) == 1:
             return (length * value,)
         return length * value, length * (slopes * self.directions).sum(dim=(0, -1)) / self.samples
@@ -132,8 +138,8 @@ class PointFlow(Method):
         """Many clouds a step, of few points each, as what has to be learned is mostly the command's part."""
         common = {"learning_rate": 1e-3, "clip_norm": 5.0}
         if device.type == "cuda":
-            return common | {"batch": 128, "points": 256, "precision": "tf32"}
-        return common | {"batch": 32, "points": 64}
+            return common | {"batch": 128, "points": 64, "precision": "tf32"}
+        return common | {"batch": 32, "points": 32}
 
     @classmethod
     def start(cls, training: Training) -> Self:
