@@ -17,7 +17,7 @@ from tdcr import collect, evaluate  # noqa: E402
 from tdcr.errors import DataError, InputError, MissingPackageError, TrainError  # noqa: E402
 from tdcr.torch.baselines import BaselineModel, Run, Settings, method, write_predictions  # noqa: E402
 from tdcr.torch.baselines.__main__ import main  # noqa: E402
-from tdcr.torch.baselines._level import Grid, sample  # noqa: E402
+from tdcr.torch.baselines._level import Grid, sample, uniform  # noqa: E402
 from tdcr.torch.baselines._normals import normals_of  # noqa: E402
 from tdcr.torch.baselines.pointflow import PointFlow  # noqa: E402
 from tdcr.torch.baselines.vsm import OMEGA, Vsm  # noqa: E402
@@ -212,6 +212,21 @@ def test_the_points_of_a_sphere_of_sines_are_on_it_and_uniform():
     angle = np.floor((np.arctan2(from_center[:, 1], from_center[:, 0]) / np.pi + 1.0) * 4.0).clip(0, 7)
     counts = np.bincount((8 * height + angle).astype(int), minlength=80)
     assert scipy.stats.chisquare(counts).pvalue > 1e-3
+
+
+def test_points_of_triangles_are_in_them_and_uniform_by_area():
+    small, large = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[2.0, 0, 0], [5, 0, 0], [2, 1, 0]])
+    points = uniform(np.stack([small, large]), 20_000, np.random.default_rng(0))
+    of_large = points[:, 0] >= 2.0
+    # In units of the legs, corners are (0, 0), (1, 0) and (0, 1).
+    legs = np.where(of_large[:, None], (points[:, :2] - [2.0, 0.0]) / [3.0, 1.0], points[:, :2])
+    assert legs.min() >= 0.0 and legs.sum(axis=1).max() <= 1.0
+    # 1 - (1 - a)^2 of one leg's coordinate is uniform, and so is the other's part of what that leaves.
+    first, second = 1.0 - (1.0 - legs[:, 0]) ** 2, legs[:, 1] / (1.0 - legs[:, 0])
+    bins = np.floor(5 * first).clip(0, 4) * 5 + np.floor(5 * second).clip(0, 4)
+    counts = np.bincount((bins + 25 * of_large).astype(int), minlength=50)
+    expected = 20_000 / 25 * np.repeat([0.25, 0.75], 25)
+    assert scipy.stats.chisquare(counts, expected).pvalue > 1e-3
 
 
 def test_a_part_at_the_boundary_is_no_surface_and_blocks_off_the_level_are_not_evaluated():

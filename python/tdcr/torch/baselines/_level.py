@@ -84,13 +84,16 @@ class Grid:
 def sample(grid: Grid, count: int, seed: int) -> Floats:
     """Points (`count`, 3) of the level, uniform by area; where there is none, the centres of blocks that are closest to one."""
     triangles = grid.triangles()
-    edges = triangles[:, 1:] - triangles[:, :1]
-    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    total = areas.cumsum()
-    if not len(total) or total[-1] <= 0.0:
+    if not len(triangles):
         return np.resize(grid.closest, (count, 3))
-    numbers = np.random.default_rng(seed)
-    which = np.searchsorted(total, numbers.random(count) * total[-1], side="right").clip(max=len(areas) - 1)
+    return uniform(triangles, count, np.random.default_rng(seed))
+
+
+def uniform(triangles: Floats, count: int, numbers: np.random.Generator) -> Floats:
+    """Points (`count`, 3), uniform by area on triangles (T, 3, 3), T at least 1."""
+    edges = triangles[:, 1:] - triangles[:, :1]
+    total = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).cumsum()
+    which = np.searchsorted(total, numbers.random(count) * total[-1], side="right").clip(max=len(total) - 1)
     # Uniform in a parallelogram, folded into its triangle.
     u = numbers.random((count, 2))
     u = np.where(u.sum(axis=1, keepdims=True) > 1.0, 1.0 - u, u)
