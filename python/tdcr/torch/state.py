@@ -1,17 +1,16 @@
 """A run on disk: the state that it is resumed from, and its log."""
 
 import io
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import Tensor
 
 from tdcr._files import write_whole
 from tdcr.errors import TrainError
-from tdcr.torch.schedule import learning_rate_at
-from tdcr.torch.settings import Settings
 
 #: Version of the state's layout.
 FORMAT = 1
@@ -31,8 +30,9 @@ class History:
     #: Step and mean distance (normalised units squared) of every validation.
     validations: list[tuple[int, float]] = field(default_factory=list)
 
-    def write_log(self, path: Path, settings: Settings, area: float) -> None:
-        """Writes the columns of `tdcr train`'s log.csv; `area` is the square of the data's scale (m²)."""
+    def write_log(self, path: Path, rate: Callable[[int], float], area: float) -> None:
+        """Writes the columns of `tdcr train`'s log.csv; `rate` is the learning rate of a step (the first is 1), `area` the
+        square of the data's scale (m²)."""
         validated = dict(self.validations)
         lines = ["step,loss,gradient_norm,learning_rate,validation_cd"]
         start = 0
@@ -41,7 +41,7 @@ class History:
                 continue
             loss, norm = (sum(values[start:step]) / (step - start) for values in (self.losses, self.norms))
             cd = f"{validated[step] * area:.6e}" if step in validated else ""
-            lines.append(f"{step},{loss:.6e},{norm:.6e},{learning_rate_at(settings, step):.6e},{cd}")
+            lines.append(f"{step},{loss:.6e},{norm:.6e},{rate(step):.6e},{cd}")
             start = step
         write_whole(path, ("\n".join(lines) + "\n").encode())
 
@@ -77,7 +77,7 @@ class RunState:
         write_whole(path, buffer.getvalue())
 
     @classmethod
-    def load(cls, path: Path, identity: dict[str, Any]) -> "RunState":
+    def load(cls, path: Path, identity: dict[str, Any]) -> Self:
         """Reads the state of the run `identity`, on the CPU.
 
         Raises:

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -26,7 +27,7 @@ from tdcr.torch.flow import NORMALISED, FlowPath, Sampler, integrate, loss, reac
 from tdcr.torch.layers import Shape
 from tdcr.torch.model import Model
 from tdcr.torch.ranks import group
-from tdcr.torch.schedule import SPIKE_STEPS, Optimizers, average_decay_at, spike_length
+from tdcr.torch.schedule import SPIKE_STEPS, Optimizers, average_decay_at, learning_rate_at, spike_length
 from tdcr.torch.settings import Settings, complete
 from tdcr.torch.state import STEPS_PER_ROW, Best, History, RunState
 
@@ -267,7 +268,7 @@ class Trainer:
             model = self.model()
             if model is not None:
                 model.save(self.out / "model.safetensors")
-            self.history.write_log(self.out / "log.csv", self.settings, self.area)
+            self.history.write_log(self.out / "log.csv", partial(learning_rate_at, self.settings), self.area)
             state = RunState(
                 identity=self.identity,
                 step=self.step,
