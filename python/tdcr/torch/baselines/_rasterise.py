@@ -77,17 +77,16 @@ class Picture:
 def rasterise(gaussians: Gaussians, cameras: Cameras, camera: Tensor) -> Picture:
     """Pictures of Gaussians by cameras (N,), one for each of the N sets of Gaussians."""
     seen = project(gaussians.means, gaussians.covariances, cameras, camera)
-    pictures, count = seen.depths.shape
+    pictures = len(seen.depths)
     pixels = cameras.size[0] * cameras.size[1]
     pairs = pair(seen, gaussians.opacities, cameras.size)
-    # What pairs look up in one table of rows: mean, covariance, opacity, colour.
-    shared = torch.cat([gaussians.opacities[:, None], gaussians.colors], dim=-1)
-    own = torch.cat([seen.means, seen.covariances], dim=-1).flatten(0, 1)
-    looked = own.index_select(0, pairs.row)
-    appearance = shared.index_select(0, pairs.row % count)
-    opacity = footprint(looked, appearance[:, 0], pairs.place)
-    ones = torch.ones_like(appearance[:, :1])
-    channels = torch.cat([appearance[:, 1:], ones], dim=-1)
+    # What pairs look up, in one table: mean, covariance, opacity, colour.
+    shared = torch.cat([gaussians.opacities[:, None], gaussians.colors], dim=-1).expand(pictures, -1, -1)
+    table = torch.cat([seen.means, seen.covariances, shared], dim=-1).flatten(0, 1)
+    looked = table.index_select(0, pairs.row)
+    opacity = footprint(looked[:, :5], looked[:, 5], pairs.place)
+    colors = looked[:, 6:]
+    channels = torch.cat([colors, torch.ones_like(colors[:, :1])], dim=-1)
     found, through = Blend.apply(opacity, channels, pairs.pixel, pictures * pixels)
     depth = median(seen.depths.detach().flatten(), pairs, opacity.detach(), through, pictures * pixels)
     found = found.view(pictures, pixels, -1)
