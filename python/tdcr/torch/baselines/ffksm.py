@@ -178,9 +178,11 @@ class Ffksm(Method):
         directions = self.views.cameras.directions(camera, pixel)
         offsets = torch.rand(*camera.shape, SAMPLES, generator=numbers, device=device)
         found = self.mask(training.clouds.conditions[sample], self.views.cameras.centres[camera], directions, offsets)
-        every, robot = (found - target).square().split(rays[1], dim=1)
+        errors = (found - target).square()
+        every, robot = errors[:, : rays[1]], errors[:, rays[1] :]
         shown = total[:, 0] * self.parts[1]
-        return self.parts[0] * every.mean() + MASK_WEIGHT * (robot.mean(dim=1) * shown).mean()
+        loss: Tensor = self.parts[0] * every.mean() + MASK_WEIGHT * (robot.mean(dim=1) * shown).mean()
+        return loss
 
     @torch.no_grad()
     def opacity(self, condition: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -191,7 +193,7 @@ class Ffksm(Method):
         axes = [torch.arange(count, device=self.device) for count in counts]
         places = torch.stack(torch.meshgrid(*axes, indexing="ij"), dim=-1).reshape(-1, 3)
         found = []
-        for part in places.split(QUERY):
+        for part in torch.split(places, QUERY):
             density, visibility = self.field((self.low + spacing * (part + 0.5))[None], condition[None])
             found.append((visibility * -torch.expm1(-density))[0])
         return torch.cat(found).view(counts), self.low + 0.5 * spacing, spacing

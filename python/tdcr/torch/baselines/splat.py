@@ -304,7 +304,8 @@ def long_range(residual: Tensor, size: tuple[int, int]) -> Tensor:
     if width % 2 == 0:
         twice[-1] = 1.0
     power = spectrum.real.square() + spectrum.imag.square()
-    return (power * (kernel * twice)).sum(dim=(-1, -2)) / (height * width)
+    norms: Tensor = (power * (kernel * twice)).sum(dim=(-1, -2)) / (height * width)
+    return norms
 
 
 def rotation_matrices(quaternions: Tensor) -> Tensor:
@@ -315,7 +316,7 @@ def rotation_matrices(quaternions: Tensor) -> Tensor:
         *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     ]
-    return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
+    return torch.stack(rows, dim=-1).view(*w.shape, 3, 3)
 
 
 def enlarged(cameras: Cameras, factor: float) -> Cameras:

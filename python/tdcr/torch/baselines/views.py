@@ -163,5 +163,5 @@ def of_views(views: list[vision.View], scale: float) -> Cameras:
         rotations.append(axes.T)
         centres.append(view.position / scale)
         lenses.append([view.matrix[0, 0], view.matrix[1, 1], view.matrix[0, 2], view.matrix[1, 2]])
-    found = (torch.from_numpy(np.array(part, dtype=np.float32)) for part in (rotations, centres, lenses))
-    return Cameras(*found, size=(views[0].depth.shape[0], views[0].depth.shape[1]))
+    turned, placed, ground = (torch.from_numpy(np.array(part, dtype=np.float32)) for part in (rotations, centres, lenses))
+    return Cameras(turned, placed, ground, size=(views[0].depth.shape[0], views[0].depth.shape[1]))
