@@ -66,7 +66,7 @@ class Field(nn.Module):
         position = functional.relu(self.position(octaves(points)))
         command = functional.relu(self.command(2 * conditions - 1))
         joined = self.join_position(position) + self.join_command(command)[:, None]
-        raw = self.last(joined).float()
+        raw = self.last(joined).to(points.dtype)
         return functional.softplus(raw[..., 0]), torch.sigmoid(raw[..., 1])
 
 

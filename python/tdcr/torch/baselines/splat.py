@@ -200,7 +200,7 @@ class Splat(Method):
 
     def pose(self, conditions: Tensor) -> Bones:
         """The bones under conditions (B, D)."""
-        raw = self.motion(2 * conditions - 1).float().view(-1, BONES, 9)
+        raw = self.motion(2 * conditions - 1).to(conditions.dtype).view(-1, BONES, 9)
         # Two columns of a rotation, made orthogonal (Zhou et al., "On the continuity of rotation representations", 2019).
         first, second = raw[..., :3] + raw.new_tensor([1.0, 0, 0]), raw[..., 3:6] + raw.new_tensor([0, 1.0, 0])
         x = functional.normalize(first, dim=-1)
