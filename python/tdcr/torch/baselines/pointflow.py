@@ -83,6 +83,7 @@ class Velocity(nn.Module):
         # Values and derivatives go through a layer's product together.
         rows = torch.cat([y[None], directions])
         for k, (layer, gate, bias) in enumerate(zip(self.layers, self.gates, self.biases, strict=True)):
+            assert isinstance(layer, nn.Linear)
             opened = torch.sigmoid(gate(with_time))[:, None]
             shift = layer.bias * opened + bias(with_time)[:, None]
             products = functional.linear(rows, layer.weight) * opened
@@ -185,7 +186,8 @@ class PointFlow(Method):
         z, divergence = self.solve(right, state, (0.0, 1.0), tolerance)
         z, last = self.after(z)
         normal = -0.5 * (z.square() + math.log(2 * math.pi)).sum(dim=-1)
-        return normal + divergence + first + last
+        found: Tensor = normal + divergence + first + last
+        return found
 
     def solve(self, right: Solved, state: tuple[Tensor, ...], ends: tuple[float, float], tolerance: float) -> tuple[Tensor, ...]:
         """The state at the second of two times, by dopri5."""
@@ -201,8 +203,9 @@ class PointFlow(Method):
             [torch.randn(count, 3, generator=numbers, device=self.device, dtype=dtype) for numbers in self.generators(seeds)]
         )
         together = max(1, CHUNK // count)
-        parts = [self.of_noise(z, c) for z, c in zip(noise.split(together), conditions.to(dtype).split(together), strict=True)]
-        return torch.cat(parts)
+        starts = range(0, len(noise), together)
+        conditions = conditions.to(dtype)
+        return torch.cat([self.of_noise(noise[k : k + together], conditions[k : k + together]) for k in starts])
 
     def of_noise(self, z: Tensor, conditions: Tensor, tolerance: float = TOLERANCE) -> Tensor:
         """Points (B, N, 3) of noise (B, N, 3)."""

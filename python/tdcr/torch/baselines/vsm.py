@@ -114,6 +114,7 @@ class Vsm(Method):
         # The product with the joined features is the sum of those with its halves, of which one is the same for a whole cloud.
         half = self.features // 2
         first, *others = self.joined
+        assert isinstance(first, nn.Linear)
         weight = first.weight
         of_command = functional.linear(features, weight[:, half:], first.bias)[:, None]
         hidden = torch.sin(OMEGA * (functional.linear(place, weight[:, :half]) + of_command))
@@ -159,7 +160,7 @@ class Vsm(Method):
 
                 def level(x: Tensor, features: Tensor = features) -> Tensor:
                     x = x.to(self.device, self.last.weight.dtype)
-                    parts = [self.distance(part[None], features[None])[0] for part in x.split(CHUNK)]
+                    parts = [self.distance(x[None, k : k + CHUNK], features[None])[0] for k in range(0, len(x), CHUNK)]
                     return torch.cat(parts).float().cpu()
 
                 grid = Grid.of(level, CUBE)
