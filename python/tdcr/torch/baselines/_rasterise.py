@@ -143,23 +143,22 @@ def pair(seen: Projected, opacities: Tensor, size: tuple[int, int]) -> Pairs:
     sides = (high - low + 1).clamp(min=0) * visible[..., None]
     order = seen.depths.argsort(dim=1, stable=True) + count * torch.arange(pictures, device=bounds.device)[:, None]
     order = order.flatten()
-    sides, low = sides.view(-1, 2)[order], low.view(-1, 2)[order]
+    sides = sides.view(-1, 2).index_select(0, order)
     numbers = sides.prod(dim=-1)
-    ends = numbers.cumsum(dim=0)
     place = torch.arange(order.numel(), device=bounds.device).repeat_interleave(numbers)
-    within = torch.arange(place.numel(), device=bounds.device) - (ends - numbers)[place]
-    columns = sides[place, 0]
+    within = torch.arange(place.numel(), device=bounds.device) - (numbers.cumsum(dim=0) - numbers).index_select(0, place)
+    columns = sides[:, 0].index_select(0, place)
     v = within.div(columns, rounding_mode="floor")
-    u = within - v * columns
-    row = order[place]
-    where = low[place] + torch.stack([u, v], dim=-1)
-    table = torch.cat([seen.means, seen.covariances], dim=-1).view(-1, 5)[row]
-    where_real = where.to(seen.means.dtype)
-    kept = footprint(table, opacities[row % count], where_real) >= LEAST_OPACITY
-    row, where, where_real = row[kept], where[kept], where_real[kept]
+    corners = low.view(-1, 2).index_select(0, order).index_select(0, place)
+    where = corners + torch.stack([within - v * columns, v], dim=-1)
+    row = order.index_select(0, place)
+    table = torch.cat([seen.means, seen.covariances, opacities[:, None].expand(pictures, -1, -1)], dim=-1).view(-1, 6)
+    looked = table.index_select(0, row)
+    kept = (footprint(looked[:, :5], looked[:, 5], where.to(looked.dtype)) >= LEAST_OPACITY).nonzero()[:, 0]
+    row, where = row.index_select(0, kept), where.index_select(0, kept)
     pixel = row.div(count, rounding_mode="floor") * (height * width) + where[:, 1] * width + where[:, 0]
     pixel, by_pixel = pixel.int().sort(stable=True)
-    return Pairs(row[by_pixel], pixel.long(), where_real[by_pixel])
+    return Pairs(row.index_select(0, by_pixel), pixel.long(), where.index_select(0, by_pixel).to(seen.means.dtype))
 
 
 def footprint(table: Tensor, opacities: Tensor, places: Tensor) -> Tensor:
