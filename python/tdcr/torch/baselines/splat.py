@@ -123,7 +123,7 @@ class Splat(Method):
         numbers = torch.Generator(training.device).manual_seed(training.settings.seed)
         method.begin(clouds.rows[canonical, :, :3], numbers)
         training.tell("fits the Gaussians to one pose")
-        method.fit(views, canonical)
+        method.fit(views, canonical, FIT_STEPS)
         method.divide(numbers)
         return method
 
