@@ -231,7 +231,7 @@ class Scene(Sequence[Obstacle]):
         return self._native.self_contact()
 
     def with_self_contact(self, compliance: float | None) -> Scene:
-        """This scene for robots whose discs give way so far where they touch each other (m/N); None: they pass through each other.
+        """This scene for robots whose discs give way so far where they touch each other (m/N); with None they pass through.
 
         Raises:
             SceneError: For a compliance below 0 or not finite.
@@ -351,6 +351,10 @@ class Scene(Sequence[Obstacle]):
         more = ["..."] if len(self) > len(shown) else []
         count = f"{len(self)} obstacle{'' if len(self) == 1 else 's'}"
         return f"Scene({count}{': ' if shown else ''}{', '.join(shown + more)})"
+
+
+NOTHING = Scene().with_self_contact(None)
+"""The scene in which nothing is touched."""
 
 
 def as_scene(scene: Any) -> Scene:

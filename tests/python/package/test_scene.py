@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import copy
+import json
 import pickle
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+import tdcr
 from tdcr import Obstacle, Scene
 
 
@@ -57,3 +61,30 @@ def test_scenes_are_written_read_compared_pickled_and_moved(tmp_path: Path, monk
     turned = scene.moved(1, orientation=(0, 0, 0, 2))
     assert turned["box"].orientation == (0.0, 0.0, 0.0, 1.0) and turned["box"].position == (1, 2, 3)
     assert scene.moved("box") == scene
+
+
+def test_data_sets_hold_the_scene_in_which_they_were_collected(tmp_path: Path) -> None:
+    post = Obstacle.cylinder("post", 0.01, 0.4, position=(-0.06, 0.0, 0.25))
+    scene = Scene([post])
+    for folder, around in {"among": scene, "alone": None}.items():
+        tdcr.collect("2m", tmp_path / folder, samples=10, points=300, voxel=0.004, scene=around)
+
+    def subject(folder: str) -> dict[str, Any]:
+        meta = json.loads((tmp_path / folder / "meta.json").read_text(encoding="utf-8"))
+        found: dict[str, Any] = meta["origin"]["simulated"]["recipe"]["subject"]
+        return found
+
+    assert Scene.from_json(json.dumps(subject("among")["scene"])) == scene
+    assert "scene" not in subject("alone")
+    with pytest.raises(tdcr.TdcrError, match="cylinder.radius"):
+        wider = Scene([Obstacle.cylinder("post", 0.011, 0.4, position=(-0.06, 0.0, 0.25))])
+        tdcr.collect("2m", tmp_path / "among", samples=10, points=300, voxel=0.004, scene=wider)
+
+
+def test_commands_for_targets_are_found_among_obstacles() -> None:
+    wall = Obstacle.half_space("wall", position=(-0.05, 0.0, 0.0), orientation=(np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0))
+    scene = Scene([wall])
+    target = tdcr.Target(position=(0.03, 0.02, 0.33))
+    found = tdcr.shape("2m", target, scene=scene)
+    again = tdcr.settle("2m", found.command, scene=scene)
+    np.testing.assert_allclose(found.equilibrium.positions, again.positions, atol=1e-8)
