@@ -291,6 +291,7 @@ impl From<SimulationError> for Failure {
             SimulationError::Command(error) => error.into(),
             SimulationError::Loads(error) => error.into(),
             SimulationError::NotSettled(error) => error.into(),
+            SimulationError::Contact(error) => error.into(),
             SimulationError::Dynamics(error) => error.into(),
             other => Self::Of("TdcrError", other.to_string()),
         }

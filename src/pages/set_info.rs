@@ -132,10 +132,9 @@ impl SetInfo {
             let share = 100.0 * payload.zeros as f64 / samples as f64;
             format!("{low:.4} to {high:.4} kg, {share:.1} % exactly 0")
         });
-        [
+        let mut facts = vec![
             ("Robot", self.robot.clone().unwrap_or_else(unknown)),
             ("Base", base.map_or_else(unknown, str::to_owned)),
-            ("Obstacles", self.obstacles_phrase().unwrap_or_else(unknown)),
             ("Made from", self.origin.clone()),
             (
                 "Samples",
@@ -153,9 +152,14 @@ impl SetInfo {
             ("Payloads", payload.unwrap_or_else(|| "none".to_owned())),
             ("Scale", format!("{:.4} m", self.scale)),
             ("On disk", format!("{:.1} MB", self.bytes as f64 / 1e6)),
-        ]
-        .map(|(name, value)| (name.to_owned(), value))
-        .into()
+        ];
+        // Recordings and imported sets have no scene.
+        if let Some(obstacles) = self.obstacles_phrase() {
+            facts.insert(2, ("Obstacles", obstacles));
+        }
+        (facts.into_iter())
+            .map(|(name, value)| (name.to_owned(), value))
+            .collect()
     }
 }
 

@@ -464,7 +464,7 @@ impl System for Minimisation<'_> {
         equations.keep_clear();
         equations.expansion.gradient(&mut equations.gradient);
         let turns = equations.iterate.step.iter().zip(&equations.gradient);
-        let cancelling = CANCELLING * equations.robot.moment_tolerance();
+        let cancelling = CANCELLING * equations.tolerance.max(equations.robot.moment_tolerance());
         Slope {
             slope: turns.map(|(step, gradient)| step.dot(gradient)).sum(),
             rounding: ENERGY_ROUNDING * energy.abs().max(cancelling),

@@ -270,6 +270,9 @@ impl ContactSettler {
         if let Some(wrench) = loads.wrenches().iter().find(|wrench| follows(wrench)) {
             return Err(ContactError::Loads { disc: wrench.disc });
         }
+        if start == Start::Before && self.equations.rubs() {
+            self.equations.press_bristles();
+        }
         let robot = &self.equations.robot;
         self.weight.set(robot, loads);
         self.command.copy_from_slice(command.as_slice());

@@ -454,7 +454,7 @@ def test_a_robot_that_curls_up_touches_itself() -> None:
     np.testing.assert_array_equal(passed.positions, tdcr.settle(robot, command).positions)
     soft = tdcr.settle(robot, command, scene=alone.with_self_contact(1e-4)).contacts
     assert soft is not None and soft.penetration > contacts.penetration
-    with pytest.raises(tdcr.SceneError, match=r"self_contact.compliance` is -1"):
+    with pytest.raises(SceneError, match=r"self_contact.compliance` is -1"):
         alone.with_self_contact(-1.0)
 
 

@@ -84,7 +84,7 @@ def test_data_sets_hold_the_scene_in_which_they_were_collected(tmp_path: Path) -
 def test_commands_for_targets_are_found_among_obstacles() -> None:
     wall = Obstacle.half_space("wall", position=(-0.05, 0.0, 0.0), orientation=(np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0))
     scene = Scene([wall])
-    target = tdcr.Target(position=(0.03, 0.02, 0.33))
-    found = tdcr.shape("2m", target, scene=scene)
+    target = tdcr.inverse.Target(position=(0.03, 0.02, 0.33))
+    found = tdcr.inverse.shape("2m", target, scene=scene)
     again = tdcr.settle("2m", found.command, scene=scene)
     np.testing.assert_allclose(found.equilibrium.positions, again.positions, atol=1e-8)

@@ -218,7 +218,7 @@ fn unknown_and_wrong_fields_are_named_with_their_obstacle() {
     let other = said("sphere = { radius = 1 }\n[robot]\nname = '2m'");
     assert!(
         other.starts_with("TOML parse error")
-            && other.contains("unknown field `robot`, expected `obstacle`"),
+            && other.contains("unknown field `robot`, expected `self_contact` or `obstacle`"),
         "{other}"
     );
     let other = scene("friction = 1\n[[obstacle]]\nhalf_space = {}")
