@@ -16,7 +16,7 @@ from tdcr.dynamics import State, rollout
 from tdcr.dynamics_gradient import RolloutRates, rollout_jvp, rollout_vjp
 from tdcr.errors import DynamicsError, InputError, NotSettledError
 from tdcr.robot import Robot
-from tdcr.scene import NOTHING, Scene, as_scene
+from tdcr.scene import Scene, as_scene, nothing
 from tdcr.scene_gradient import obstacle_jacobian, scene_vjp
 from tdcr.sensitivity import OnFailure, command_names, jvp, vjp
 from tdcr.statics import settle_batch
@@ -229,7 +229,7 @@ class Problem:
 
     def _among(self, chosen: Any) -> Scene | list[Scene]:
         """The scenes of some rows: one for all, or one for each."""
-        scene = self.scene if self.scene is not None else NOTHING
+        scene = self.scene if self.scene is not None else nothing()
         poses = self.poses[chosen]
         if poses.shape[1] == 0:
             return scene

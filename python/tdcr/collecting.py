@@ -12,7 +12,7 @@ from tdcr._arrays import Progress, as_count, as_flag, as_number, as_text, maybe_
 from tdcr._files import as_path, as_paths
 from tdcr.data import MOST, Dataset, PathLike, as_payload, as_seed, folder_of
 from tdcr.robot import Robot
-from tdcr.scene import NOTHING, Scene, as_scene
+from tdcr.scene import Scene, as_scene, nothing
 
 
 def collect(
@@ -72,7 +72,7 @@ def collect(
         "seed": as_seed(seed),
         "part": maybe_text(part, "part"),
     }
-    around = NOTHING if scene is None else as_scene(scene)
+    around = nothing() if scene is None else as_scene(scene)
     _tdcr.collect(Robot(robot)._native, around._native, as_path(out, "out"), json.dumps(options), progress=progress)
     return None if part is not None else Dataset(out)
 

@@ -13,7 +13,7 @@ from tdcr.contact import Contacts
 from tdcr.errors import InputError
 from tdcr.loads import Loads, one_load
 from tdcr.robot import Robot, RobotLike, as_robot
-from tdcr.scene import NOTHING, Scene, as_scene
+from tdcr.scene import Scene, as_scene, nothing
 from tdcr.statics import Equilibria, Equilibrium, Rows
 
 
@@ -122,7 +122,7 @@ class ShapeController:
         scene: Scene | None = None,
     ) -> None:
         self.robot = as_robot(robot)
-        self.scene = NOTHING if scene is None else as_scene(scene)
+        self.scene = nothing() if scene is None else as_scene(scene)
         self._native = _tdcr.ShapeController(
             self.robot._native,
             self.scene._native,

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, overload
 
@@ -353,8 +354,10 @@ class Scene(Sequence[Obstacle]):
         return f"Scene({count}{': ' if shown else ''}{', '.join(shown + more)})"
 
 
-NOTHING = Scene().with_self_contact(None)
-"""The scene in which nothing is touched."""
+@cache
+def nothing() -> Scene:
+    """The scene in which nothing is touched."""
+    return Scene().with_self_contact(None)
 
 
 def as_scene(scene: Any) -> Scene:

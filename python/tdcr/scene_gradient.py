@@ -17,7 +17,7 @@ from tdcr._arrays import Floats
 from tdcr._results import Batch
 from tdcr.loads import Loads
 from tdcr.robot import RobotLike
-from tdcr.scene import NOTHING, Scene
+from tdcr.scene import Scene, nothing
 from tdcr.sensitivity import OnFailure, cotangents_of, raises
 from tdcr.statics import Rows
 
@@ -124,7 +124,7 @@ def base_jacobian(
     Returns:
         Shape (rows, n, 6, 6), without the first axis for a single command.
     """
-    rows = Rows.of(robot, commands, payload, wrench, loads, NOTHING if scene is None else scene)
+    rows = Rows.of(robot, commands, payload, wrench, loads, nothing() if scene is None else scene)
     flat = _tdcr.base_jacobian_rows(rows.argument(), rows.native_scenes(), raises(on_failure))
     return _by_disc(flat, rows, commands)
 
