@@ -5,7 +5,7 @@ use std::fmt::Write;
 use serde::Serialize;
 use tdcr::report::counted;
 use tdcr::sim::contact::{Activity, Contact, ContactSettler, Sliding};
-use tdcr::sim::scene::{Scene, SelfContact};
+use tdcr::sim::scene::Scene;
 
 /// The contacts of an equilibrium in a scene, and how exact they are.
 #[derive(Serialize)]
@@ -86,9 +86,7 @@ impl Surroundings {
     /// Of the last equilibrium; none where nothing can be touched.
     pub fn of(settler: &ContactSettler) -> Option<Self> {
         let (scene, found) = (settler.scene(), settler.found());
-        let touching =
-            !scene.obstacles().is_empty() || scene.self_contact() != SelfContact::Ignored;
-        touching.then(|| Self {
+        (!scene.is_empty()).then(|| Self {
             contacts: (found.contacts.iter())
                 .map(|contact| ContactJson::of(contact, scene))
                 .collect(),

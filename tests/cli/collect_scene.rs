@@ -132,7 +132,8 @@ fn a_set_is_not_resumed_in_another_scene() {
         folder.path(),
         &SCENE.replace("-0.06, 0.0, 0.25", "0.0, 0.0, 0.25"),
     );
-    let place = ["--scene", text(&inside), "--out", "elsewhere"];
+    let elsewhere = folder.path().join("elsewhere");
+    let place = ["--scene", text(&inside), "--out", text(&elsewhere)];
     let place = [&SET[..], &place].concat();
     refuse(&place, 1, "starts inside obstacle \"post\"");
 }

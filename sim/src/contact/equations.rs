@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::ContactError;
 use super::friction::Bristle;
 use super::law::Law;
-use super::near::{Near, Neighbourhood};
+use super::near::{Near, Neighbourhood, check_outside};
 use super::near_pairs::{NearPair, PairNeighbourhood};
 use crate::chain::Configuration;
 use crate::energy::{DeadForces, Expansion, Potential, Pressing};
@@ -232,20 +232,9 @@ impl Equations {
     /// Refuses an iterate in which the centre of a bead is inside an obstacle.
     pub fn check_outside(&self) -> Result<(), ContactError> {
         let chain = &self.iterate.posture.chain;
-        // A bead without a radius is where it presses.
-        let beads = self.beads.as_slice().iter();
-        for bead in beads.filter(|bead| bead.radius > 0.0) {
-            let centre = chain.positions[bead.disc] + chain.disc(bead.disc) * bead.centre;
-            let mut obstacles = self.scene.obstacles().iter();
-            if let Some(obstacle) = obstacles.find(|obstacle| obstacle.contains(&centre)) {
-                return Err(ContactError::StartsInside {
-                    disc: bead.disc,
-                    obstacle: obstacle.name.clone(),
-                    position: centre.into(),
-                });
-            }
-        }
-        Ok(())
+        check_outside(&self.beads, &self.scene, |bead| {
+            chain.positions[bead.disc] + chain.disc(bead.disc) * bead.centre
+        })
     }
 
     /// Energy (J) at the iterate, where the contacts have been found.

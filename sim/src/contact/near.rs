@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::ContactError;
 use super::law::Response;
 use crate::chain::Chain;
 use crate::geometry::{Bead, Beads, Nearest};
@@ -82,6 +83,27 @@ impl Neighbourhood {
     }
 }
 
+/// Refuses a posture, given by the beads' centres (m), in which one of these is inside an obstacle.
+pub(super) fn check_outside(
+    beads: &Beads,
+    scene: &Scene,
+    centre: impl Fn(&Bead) -> Vector3<f64>,
+) -> Result<(), ContactError> {
+    // A bead without a radius is where it presses.
+    for bead in beads.as_slice().iter().filter(|bead| bead.radius > 0.0) {
+        let centre = centre(bead);
+        let mut obstacles = scene.obstacles().iter();
+        if let Some(obstacle) = obstacles.find(|obstacle| obstacle.contains(&centre)) {
+            return Err(ContactError::StartsInside {
+                disc: bead.disc,
+                obstacle: obstacle.name.clone(),
+                position: centre.into(),
+            });
+        }
+    }
+    Ok(())
+}
+
 impl Obstacle {
     /// Distance of a point in the world from the obstacle (m), below 0 inside.
     fn distance(&self, point: &Vector3<f64>) -> f64 {
@@ -94,7 +116,7 @@ impl Obstacle {
     }
 
     /// Whether a point in the world is inside.
-    pub(super) fn contains(&self, point: &Vector3<f64>) -> bool {
+    fn contains(&self, point: &Vector3<f64>) -> bool {
         match &self.shape {
             ObstacleShape::Solid(shape) => {
                 let local = self.pose.inverse_transform_point(&(*point).into()).coords;

@@ -2,6 +2,7 @@
 
 use super::ContactStepper;
 use crate::contact::ContactError;
+use crate::contact::near::check_outside;
 use crate::dynamics::State;
 
 impl ContactStepper {
@@ -14,19 +15,8 @@ impl ContactStepper {
     /// If the state is of a robot with another number of discs.
     pub fn check_start(&self, state: &State) -> Result<(), ContactError> {
         let (positions, orientations) = state.configuration.place(self.robot());
-        // A bead without a radius is where it presses.
-        let beads = self.beads.as_slice().iter();
-        for bead in beads.filter(|bead| bead.radius > 0.0) {
-            let centre = positions[bead.disc] + orientations[bead.disc] * bead.centre;
-            let mut obstacles = self.scene.obstacles().iter();
-            if let Some(obstacle) = obstacles.find(|obstacle| obstacle.contains(&centre)) {
-                return Err(ContactError::StartsInside {
-                    disc: bead.disc,
-                    obstacle: obstacle.name.clone(),
-                    position: centre.into(),
-                });
-            }
-        }
-        Ok(())
+        check_outside(&self.beads, &self.scene, |bead| {
+            positions[bead.disc] + orientations[bead.disc] * bead.centre
+        })
     }
 }
