@@ -40,6 +40,7 @@ pub mod report;
 pub mod study;
 
 pub use tdcr_base as base;
+pub use tdcr_control as control;
 pub use tdcr_hw as hw;
 pub use tdcr_learn as learn;
 pub use tdcr_sim as sim;

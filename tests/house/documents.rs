@@ -16,10 +16,11 @@ const DOCUMENTS: [&str; 4] = [
     "CHANGELOG.md",
 ];
 /// What paths of ours begin with.
-const FOLDERS: [&str; 14] = [
+const FOLDERS: [&str; 15] = [
     ".cargo",
     "base",
     "benches",
+    "control",
     "docs",
     "examples",
     "fuzz",
@@ -33,9 +34,10 @@ const FOLDERS: [&str; 14] = [
     "tests",
 ];
 /// Where files of Rust lie.
-const SOURCES: [&str; 9] = [
+const SOURCES: [&str; 10] = [
     "base",
     "benches",
+    "control",
     "examples",
     "fuzz",
     "hw",

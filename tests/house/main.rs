@@ -174,7 +174,7 @@ fn no_text_of_a_library_names_an_option_of_the_command_line() {
         for (module, file, source) in house.sources() {
             let rooms_of_src = ["pipeline", "study", "pages"];
             let is_library = match house.name() {
-                "base" | "sim" | "learn" | "hw" => true,
+                "base" | "sim" | "control" | "learn" | "hw" => true,
                 "" => rooms_of_src.contains(&module[0].as_str()),
                 _ => false,
             };
