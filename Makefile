@@ -9,7 +9,7 @@ WORKSPACE := --workspace --exclude tdcr-mujoco
 # features that tests need too, so tests, documentation and the binary share one build of the dependencies.
 WITH_EXAMPLES := $(WORKSPACE) --examples
 
-.PHONY: demo build check test setup format lint docs supply-chain lint-python wheel site fuzz test-fast test-rust \
+.PHONY: demo build check test setup format lint docs supply-chain lint-python lint-page wheel site fuzz test-fast test-rust \
 	test-mujoco test-python bench clean
 
 demo: build
@@ -25,7 +25,7 @@ check: format lint test-fast
 # the other.
 test:
 	@$(MAKE) setup & setup=$$!; checked=0; $(MAKE) format lint docs || checked=$$?; wait $$setup && exit $$checked
-	$(MAKE) supply-chain lint-python test-rust test-mujoco test-python
+	$(MAKE) supply-chain lint-python lint-page test-rust test-mujoco test-python
 
 setup:
 	@scripts/setup.sh
@@ -50,6 +50,10 @@ lint-python:
 	$(PYTHON) -m ruff format --check
 	$(PYTHON) -m ruff check
 	$(PYTHON) -m mypy
+
+# Types of the scripts of `tdcr view`'s page.
+lint-page:
+	scripts/lint_page.sh
 
 # The Python package as a wheel for this machine, in target/wheels, and in the Python environment. `pip install .` builds the
 # same; here it shares the build of the dependencies with the tests.

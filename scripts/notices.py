@@ -19,6 +19,9 @@ ROOT = Path(__file__).resolve().parent.parent
 FILE = ROOT / "NOTICES"
 PLATFORM = "x86_64-unknown-linux-gnu"
 
+# Scripts that lie in the tree, for the page of `tdcr view`: name, licence, source, and where its text is.
+SCRIPTS = [("three.js 0.180.0", "MIT", "https://github.com/mrdoob/three.js", ROOT / "src/view/page/three/LICENSE")]
+
 PREFERRED = ["MIT", "Apache-2.0"]
 # What the file of a licence is called, where a package has several.
 FILE_OF = {
@@ -82,7 +85,7 @@ def notices():
         "Third-party notices",
         "===================",
         "",
-        "`tdcr` is built with the crates below. Written by scripts/notices.py; do not edit.",
+        "`tdcr` is built with the crates below, and holds the scripts after them. Written by scripts/notices.py; do not edit.",
         "",
     ]
     holders = {}
@@ -97,6 +100,10 @@ def notices():
             authors = ", ".join(package["authors"]) or "its authors"
             text = f"Copyright {authors}. {package['license']}; the package holds no text, LICENSE-* beside this file have it."
             holders.setdefault(text, (text, []))[1].append(name)
+    for name, licence, source, file in SCRIPTS:
+        lines.append(f"- {name}: {licence}, {source}")
+        text = file.read_text(encoding="utf-8").strip()
+        holders.setdefault(" ".join(text.split()), (text, []))[1].append(name)
     for text, names in holders.values():
         lines += ["", "-" * 80, "Of " + ", ".join(names), "", *(line.rstrip() for line in text.splitlines())]
     return "\n".join(lines) + "\n"

@@ -3,7 +3,7 @@
 //! The library behind the `tdcr` command line. [`sim`] settles robots and sees them with virtual
 //! RGB-D cameras; [`hw`] drives servos and RGB-D cameras, real or simulated; [`learn`] turns clouds into a shape predictor; [`pipeline`] joins the two into
 //! stages that resume where they were interrupted; [`base`] has what all of these use; [`report`] shows the result, and [`pages`] joins these two. [`study`]
-//! sweeps designs, loads and commands. [`cli`] is the command line, which the binary and the Python package run.
+//! sweeps designs, loads and commands; [`view`] shows a robot in the browser. [`cli`] is the command line, which the binary and the Python package run.
 //!
 //! ```
 //! use tdcr::learn::net::MlpShape;
@@ -38,6 +38,7 @@ pub mod pages;
 pub mod pipeline;
 pub mod report;
 pub mod study;
+pub mod view;
 
 pub use tdcr_base as base;
 pub use tdcr_control as control;

@@ -70,6 +70,7 @@ mod studies;
 mod tendon_friction;
 mod torch;
 mod training;
+mod viewer;
 mod vision;
 
 /// The native part of the package `tdcr`.
@@ -141,6 +142,8 @@ mod _tdcr {
     };
     #[pymodule_export]
     use crate::training::{distill, train, train_options};
+    #[pymodule_export]
+    use crate::viewer::Viewer;
     #[pymodule_export]
     use crate::vision::{View, clouds, render, save_ply};
 

@@ -46,6 +46,7 @@ from tdcr.stream import Stream
 from tdcr.studies import merge_study, study
 from tdcr.sweeps import sweep
 from tdcr.tendon_friction import FrictionPath
+from tdcr.viewing import Viewer, view
 from tdcr.vision import Cloud, View, cloud, clouds, render
 
 __all__ = [
@@ -84,6 +85,7 @@ __all__ = [
     "TdcrError",
     "TrainOptions",
     "View",
+    "Viewer",
     "Wrench",
     "__version__",
     "base_jacobian",
@@ -123,5 +125,6 @@ __all__ = [
     "sweep",
     "threads",
     "train",
+    "view",
     "vjp",
 ]

@@ -45,6 +45,7 @@ mod simulate;
 mod study;
 mod train;
 mod units;
+mod view;
 
 use std::ffi::OsString;
 use std::num::NonZero;
@@ -111,6 +112,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Export(export::ExportArgs),
     Render(render::RenderArgs),
+    View(view::ViewArgs),
     Calibrate(Box<calibrate::CalibrateArgs>),
     CalibrateCameras(calibrate_cameras::CalibrateCamerasArgs),
     ServoSim(servo_sim::ServoSimArgs),
@@ -288,6 +290,7 @@ fn execute(cli: &Cli, arguments: &[OsString]) -> anyhow::Result<()> {
         Command::Demo(args) => demo::run(args, &console),
         Command::Export(args) => export::run(args, &console),
         Command::Render(args) => render::run(args, &console),
+        Command::View(args) => view::run(args, &console),
         Command::Calibrate(args) => calibrate::run(args, &console),
         Command::CalibrateCameras(args) => calibrate_cameras::run(args, &console),
         Command::ServoSim(args) => servo_sim::run(args, &console),

@@ -151,3 +151,11 @@ fn a_moving_robot_says_what_it_touches_and_its_path_has_the_forces() {
     let higher = [&simulate[..], &["--integrator", "runge-kutta4"]].concat();
     refuse(&higher, 1, "take no contacts");
 }
+
+#[test]
+fn the_example_scene_is_one_that_the_readmes_robot_settles_in() {
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scenes/shelf.toml");
+    let settled = succeed_json(&["settle", "--command", COMMAND, "--scene", scene]);
+    assert_eq!(settled["converged"], true);
+    assert_eq!(settled["contacts"][0]["obstacle"], "rail");
+}

@@ -46,6 +46,7 @@ mod symmetry;
 mod tables;
 mod training;
 mod units;
+mod view;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -27,7 +27,10 @@ pub const STUDY: &str = "want = [\"tip\", \"manipulability\"]\n[[vary]]\nwhat = 
                      range = [0.0, 0.1]\nsteps = 3\n[[vary]]\nwhat = \"command\"\n[sample]\ncount = 4\n";
 
 /// Obstacles of all shapes but meshes.
-pub const SHELF: &str = include_str!("../../examples/scenes/shelf.toml");
+pub const SHELF: &str = concat!(
+    include_str!("../../examples/scenes/shelf.toml"),
+    include_str!("../../examples/scenes/pipes.toml")
+);
 
 /// A text behind a byte order mark.
 pub fn marked(text: &[u8]) -> Vec<u8> {

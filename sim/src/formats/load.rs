@@ -106,6 +106,16 @@ impl RobotSpec {
     }
 }
 
+impl RobotSpec {
+    /// A robot from the text of a TOML file, validated; errors call the file `path`.
+    ///
+    /// # Errors
+    /// [`RobotFileError`] where the text is not a robot specification, or the robot is not valid.
+    pub fn from_toml(text: &str, path: &Path) -> Result<Self, RobotFileError> {
+        parse_text(text, path, from_toml, missing::in_toml)
+    }
+}
+
 impl Robot {
     /// A standard robot by name, or a robot file: [`RobotSpec::load`], compiled.
     ///
@@ -157,11 +167,20 @@ fn parse(
         path: path.to_owned(),
         source,
     })?;
-    let spec = read(&text).map_err(|refusal| {
+    Ok((parse_text(&text, path, read, missing)?, Vec::new()))
+}
+
+fn parse_text(
+    text: &str,
+    path: &Path,
+    read: impl Fn(&str) -> Result<RobotSpec, Refusal>,
+    missing: impl Fn(&str) -> Vec<MissingFields>,
+) -> Result<RobotSpec, RobotFileError> {
+    let spec = read(text).map_err(|refusal| {
         let path = path.to_owned();
         // Of what is missing, reading names only the first.
         let is_first_missing = refusal.message.starts_with("missing field");
-        match is_first_missing.then(|| missing(&text)) {
+        match is_first_missing.then(|| missing(text)) {
             Some(missing) if !missing.is_empty() => RobotFileError::Missing { path, missing },
             _ => RobotFileError::Parse {
                 path,
@@ -170,7 +189,7 @@ fn parse(
         }
     })?;
     spec.validate()?;
-    Ok((spec, Vec::new()))
+    Ok(spec)
 }
 
 /// The tables of a robot file, those that users write most first.

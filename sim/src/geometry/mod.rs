@@ -33,7 +33,7 @@ pub(crate) use robot::{
     BASE_COLOR, base_pose, base_solids, between, disc_solids, rod_pieces, rod_solids,
 };
 pub(crate) use shape::Kind;
-pub use shape::{Shape, ShapeError};
+pub use shape::{Dimensions, Shape, ShapeError};
 pub use solid::{Instance, Solid};
 pub use stand::{Overlaps, Stand};
 pub use stl::StlError;

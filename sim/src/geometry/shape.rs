@@ -100,7 +100,66 @@ pub enum ShapeError {
     },
 }
 
+/// What a shape is, by its dimensions (m).
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Dimensions {
+    /// A cylinder about the z axis.
+    Cylinder {
+        /// Radius.
+        radius: f64,
+        /// Half of the height.
+        half_height: f64,
+    },
+    /// A box along the axes.
+    Cuboid {
+        /// Half of each side.
+        half_sides: [f64; 3],
+    },
+    /// A sphere.
+    Sphere {
+        /// Radius.
+        radius: f64,
+    },
+    /// What is within `radius` of a piece of the z axis.
+    Capsule {
+        /// Radius.
+        radius: f64,
+        /// Half of the piece's length.
+        half_length: f64,
+    },
+    /// Triangles.
+    Mesh {
+        /// Positions.
+        vertices: Vec<[f64; 3]>,
+        /// Vertices of each triangle, counterclockwise as seen from outside.
+        triangles: Vec<[u32; 3]>,
+    },
+}
+
 impl Shape {
+    /// What the shape is, for whoever draws it.
+    pub fn dimensions(&self) -> Dimensions {
+        match &self.0 {
+            Kind::Cylinder(it) => Dimensions::Cylinder {
+                radius: it.radius,
+                half_height: it.half_height,
+            },
+            Kind::Cuboid(it) => Dimensions::Cuboid {
+                half_sides: it.half.into(),
+            },
+            Kind::Sphere(it) => Dimensions::Sphere { radius: it.radius },
+            Kind::Capsule(it) => Dimensions::Capsule {
+                radius: it.radius,
+                half_length: it.half_length,
+            },
+            Kind::Mesh(it) => Dimensions::Mesh {
+                vertices: it.mesh.vertices().iter().map(|v| [v.x, v.y, v.z]).collect(),
+                triangles: it.mesh.indices().to_vec(),
+            },
+        }
+    }
+
     /// A cylinder about the z axis, of a radius and half its height (m).
     ///
     /// # Errors

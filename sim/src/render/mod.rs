@@ -13,7 +13,7 @@ mod visuals;
 
 pub use frame::{FrameError, RgbdFrame};
 pub use sensor::{Edges, ExtrinsicError, Grazing, Sensor};
-pub use visuals::{BaseVisibility, Visuals};
+pub use visuals::{BaseVisibility, Visuals, tendon_holes};
 
 use rayon::prelude::*;
 

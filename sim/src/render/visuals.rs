@@ -68,18 +68,7 @@ impl Visuals {
 
     /// Adds the robot's tendons, as thin lines from hole to hole.
     pub fn add_tendons<'a>(&mut self, robot: &Robot, pose: impl Into<Pose<'a>>) {
-        let robot_pose = pose.into();
-        let spec = robot.spec();
-        let base = base_pose(robot);
-        let hole = |waypoint: &Waypoint| {
-            let [x, y] = spec.hole_position(waypoint.0, waypoint.1)?;
-            Some(match waypoint.0 {
-                Body::Base => base * Point3::new(x, y, spec.base.hole_height),
-                Body::Disc(disc) => robot_pose.disc(disc) * Point3::new(x, y, 0.0),
-            })
-        };
-        for (index, tendon) in robot.tendons().iter().enumerate() {
-            let holes: Vec<Point3<f64>> = tendon.route.iter().filter_map(hole).collect();
+        for (index, holes) in tendon_holes(robot, pose).iter().enumerate() {
             for ends in holes.windows(2) {
                 let (shape, pose) = between([ends[0], ends[1]], TENDON_RADIUS);
                 self.solids.push(Solid {
@@ -144,6 +133,24 @@ impl Visuals {
         let is_obstacle = |solid: &&Solid| matches!(solid.instance, Instance::Obstacle(_));
         self.solids.iter().filter(is_obstacle).count()
     }
+}
+
+/// The holes that each tendon goes through, from the servo to where it is fastened, world frame (m).
+pub fn tendon_holes<'a>(robot: &Robot, pose: impl Into<Pose<'a>>) -> Vec<Vec<Point3<f64>>> {
+    let robot_pose = pose.into();
+    let spec = robot.spec();
+    let base = base_pose(robot);
+    let hole = |waypoint: &Waypoint| {
+        let [x, y] = spec.hole_position(waypoint.0, waypoint.1)?;
+        Some(match waypoint.0 {
+            Body::Base => base * Point3::new(x, y, spec.base.hole_height),
+            Body::Disc(disc) => robot_pose.disc(disc) * Point3::new(x, y, 0.0),
+        })
+    };
+    let tendons = robot.tendons().iter();
+    tendons
+        .map(|tendon| tendon.route.iter().filter_map(hole).collect())
+        .collect()
 }
 
 /// The label of an obstacle; those beyond the largest share it.

@@ -1,0 +1,113 @@
+//! `tdcr view`.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::Duration;
+
+use clap::Args;
+use serde::Serialize;
+use tdcr::pipeline::Monitor;
+use tdcr::sim::robot::{Robot, RobotSpec};
+use tdcr::view::{Exhibit, Source, View};
+
+use super::commands::read_commands;
+use super::console::Console;
+use super::loads::LoadArgs;
+use super::scene::SceneArgs;
+use super::{CommandArg, RobotArg};
+
+/// How often it is seen whether the command is to end.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// Show a robot in the browser that follows the hand
+///
+/// The page is served on this machine alone, at an address with a random token; nothing is fetched from elsewhere. Drag a disc, and the
+/// robot follows; with Shift it is pushed. A robot file is watched, and shown again when it changes. Ctrl-C ends it.
+#[derive(Debug, Args)]
+pub(super) struct ViewArgs {
+    #[command(flatten)]
+    robot: RobotArg,
+    #[command(flatten)]
+    command: CommandArg,
+    /// Commands that the page can play: CSV, one per line, optionally with a header, or JSON, a list of lists
+    #[arg(long, value_name = "FILE")]
+    commands: Option<PathBuf>,
+    #[command(flatten)]
+    loads: LoadArgs,
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Port of 127.0.0.1; 0 for any free one
+    #[arg(long, default_value_t = 0)]
+    port: u16,
+    /// Print the address as the first line on stdout instead of opening a browser
+    #[arg(long)]
+    no_browser: bool,
+}
+
+/// Where the page is.
+#[derive(Serialize)]
+struct Served {
+    address: String,
+}
+
+pub(super) fn run(args: &ViewArgs, console: &Console) -> anyhow::Result<()> {
+    let spec = args.robot.load()?;
+    let robot = Robot::new(spec.clone())?;
+    let start = args.command.lengths.as_deref();
+    let start = start.map(|start| robot.command(start)).transpose()?;
+    let recorded = match &args.commands {
+        Some(file) => read_commands(file, |row| Ok(robot.command(&row.command)?))?,
+        None => Vec::new(),
+    };
+    let exhibit = Exhibit {
+        scene: args.scene.load()?,
+        loads: args.loads.on(&robot)?,
+        start: start.map(|start| start.as_slice().to_vec()),
+        recorded: recorded
+            .iter()
+            .map(|command| command.as_slice().to_vec())
+            .collect(),
+        source: source(&args.robot.name_or_path),
+        robot: spec,
+    };
+    let view = View::open(exhibit, args.port)?;
+    let served = Served {
+        address: view.address().to_owned(),
+    };
+    if args.no_browser || console.is_json() {
+        console.result(&served, |served| served.address.clone())?;
+    } else if open(&served.address) {
+        tracing::info!("opened {}; Ctrl-C ends it", served.address);
+    } else {
+        tracing::warn!("no browser could be started; open {}", served.address);
+    }
+    while !console.interrupted() {
+        thread::sleep(PATIENCE);
+    }
+    Ok(())
+}
+
+/// Where the robot of a name or a path is from.
+fn source(name_or_path: &str) -> Source {
+    match RobotSpec::STANDARD.contains(&name_or_path) {
+        true => Source::Memory,
+        false => Source::File(Path::new(name_or_path).to_owned()),
+    }
+}
+
+/// Opens an address in the browser; whether there is one.
+fn open(address: &str) -> bool {
+    let program = match std::env::consts::OS {
+        "macos" => "open",
+        "windows" => "explorer",
+        _ => "xdg-open",
+    };
+    let started = Command::new(program)
+        .arg(address)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn();
+    started.is_ok()
+}
