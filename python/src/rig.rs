@@ -333,10 +333,11 @@ fn locked(
 }
 
 fn grid(voxel: f64) -> Outcome<VoxelGrid> {
-    if voxel.is_finite() && voxel > 0.0 {
+    if VoxelGrid::is_size(voxel) {
         return Ok(VoxelGrid::new(voxel));
     }
-    let message = format!("the voxels' edge is {voxel} m; expected a finite number above 0");
+    let expected = VoxelGrid::EXPECTED_SIZE;
+    let message = format!("the voxels' edge is {voxel} m; expected {expected}");
     Err(Failure::input(message))
 }
 

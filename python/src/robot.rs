@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use tdcr::base::files::without_mark;
 use tdcr::sim::chain::Configuration;
 use tdcr::sim::formats::mjcf::Integrator;
-use tdcr::sim::formats::{mjcf, urdf};
+use tdcr::sim::formats::{mjcf, urdf, with_table};
 use tdcr::sim::render::BaseVisibility;
 use tdcr::sim::robot::{ActsOn, Parameter, Payload, RobotSpec};
 
@@ -63,8 +63,10 @@ impl Robot {
     /// A robot from the JSON text of a robot file.
     #[staticmethod]
     fn from_json(text: &str) -> Outcome<Self> {
-        let spec: RobotSpec = serde_json::from_str(without_mark(text))
-            .map_err(|error| Failure::Of("RobotError", format!("not a robot: {error}")))?;
+        let spec: RobotSpec = serde_json::from_str(without_mark(text)).map_err(|error| {
+            let message = with_table(&error.to_string());
+            Failure::Of("RobotError", format!("not a robot: {message}"))
+        })?;
         spec.validate()?;
         Self::new(spec)
     }

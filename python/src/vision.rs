@@ -153,8 +153,9 @@ pub fn clouds<'py>(
     first: u64,
     progress: Option<Bound<'_, PyAny>>,
 ) -> Outcome<Vec<Cloud<'py>>> {
-    if !(voxel.is_finite() && voxel > 0.0) {
-        let message = format!("the voxels' edge is {voxel} m; expected a finite number above 0");
+    if !VoxelGrid::is_size(voxel) {
+        let expected = VoxelGrid::EXPECTED_SIZE;
+        let message = format!("the voxels' edge is {voxel} m; expected {expected}");
         return Err(Failure::input(message));
     }
     let placed: Vec<Placed> = configurations

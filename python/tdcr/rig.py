@@ -139,13 +139,17 @@ def _release_all() -> None:
                 rig.release()
 
 
-#: Signals that end a process without a word: from the keyboard (Ctrl-\\), by ``kill``, and where a window is closed.
-_ENDING = ("SIGTERM", "SIGHUP", "SIGQUIT")
+#: Signals that end a process without a word: by ``kill``, where a window is closed, from the keyboard (Ctrl-\\), by timers, by
+#: schedulers of clusters, and where its processor time is used up.
+_ENDING = ("SIGTERM", "SIGHUP", "SIGQUIT", "SIGALRM", "SIGUSR1", "SIGUSR2", "SIGXCPU")
+
+#: Signals that stop a process: from the keyboard (Ctrl-Z), and for a background process that uses its terminal.
+_STOPPING = ("SIGTSTP", "SIGTTIN", "SIGTTOU")
 
 
 def _end_by_exception() -> None:
     """Has signals that would end the process without a word raise ``SystemExit``, so that ``with`` blocks come to their end, and
-    Ctrl-Z, which would stop it, too while motors are on."""
+    those that would stop it, as Ctrl-Z, too while motors are on."""
     if threading.current_thread() is not threading.main_thread():
         return
     for name, handler in _handlers():
@@ -155,7 +159,8 @@ def _end_by_exception() -> None:
 
 def _handlers() -> list[tuple[int, Callable[[int, FrameType | None], None]]]:
     ending = [(name, _exit) for name in _ENDING]
-    named = [*ending, ("SIGTSTP", _stop)]
+    stopping = [(name, _stop) for name in _STOPPING]
+    named = [*ending, *stopping]
     return [(getattr(signal, name), handler) for name, handler in named if hasattr(signal, name)]
 
 
@@ -165,7 +170,9 @@ def _exit(number: int, _frame: FrameType | None) -> None:
 
 def _stop(number: int, frame: FrameType | None) -> None:
     if not _tdcr.while_released(lambda: os.kill(os.getpid(), signal.SIGSTOP)):
-        print("motors are on, which nobody would look after while this process is stopped, so it ends", file=sys.stderr)
+        # A background process that writes to its terminal may be stopped for that.
+        if number == signal.SIGTSTP:
+            print("motors are on, which nobody would look after while this process is stopped, so it ends", file=sys.stderr)
         _exit(number, frame)
 
 
@@ -184,9 +191,10 @@ class Rig:
     """A robot with servos and cameras: simulated, recorded or real, as its file says; the same calls on each.
 
     Nothing moves before the servos are homed and :meth:`engage` is called. The tension is released where something goes wrong,
-    where a call is interrupted, at the end of a ``with`` block, and at the end of the process. SIGTERM, SIGQUIT and SIGHUP (a
-    window that is closed, a connection that is lost) raise ``SystemExit`` once a rig was opened in the main thread, where they
-    had their default action; so does SIGTSTP (Ctrl-Z) while motors are on, as a stopped process cannot look after them::
+    where a call is interrupted, at the end of a ``with`` block, and at the end of the process. SIGTERM, SIGQUIT, SIGHUP (a
+    window that is closed, a connection that is lost), SIGUSR1, SIGUSR2, SIGALRM and SIGXCPU raise ``SystemExit`` once a rig was
+    opened in the main thread, where they had their default action; so do SIGTSTP (Ctrl-Z), SIGTTIN and SIGTTOU while motors are
+    on, as a stopped process cannot look after them::
 
         with tdcr.Rig("rig-sim.toml") as rig:
             rig.engage()

@@ -114,6 +114,10 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> anyhow::Result<()> {
         &args.out,
         "a folder for the pictures of all cameras",
     )?;
+    if !VoxelGrid::is_size(args.voxel) {
+        let expected = VoxelGrid::EXPECTED_SIZE;
+        anyhow::bail!("--voxel is {} m; expected {expected}", args.voxel);
+    }
     let robot = Robot::new(args.robot.load()?)?;
     let command = command_of(args.command.lengths.as_deref(), &robot, "")?;
     let loads = args.loads.on(&robot)?;

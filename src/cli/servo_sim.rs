@@ -44,9 +44,9 @@ pub(super) struct ServoSimArgs {
     /// How the robot follows its tendons
     #[arg(long, value_enum, default_value_t = Motion::AtRest)]
     physics: Motion,
-    /// Coefficient of friction in the holes, with --physics friction
-    #[arg(long, default_value_t = 0.1, value_name = "MU", value_parser = within(FRICTIONS))]
-    friction: f64,
+    /// Coefficient of friction in the holes, with --physics friction [default: 0.1]
+    #[arg(long, value_name = "MU", value_parser = within(FRICTIONS))]
+    friction: Option<f64>,
     /// Latency timer of the simulated USB adapter (ms); 0 for none
     #[arg(long, default_value_t = 1, value_name = "MS", value_parser = clap::value_parser!(u64).range(0..=255))]
     latency: u64,
@@ -79,6 +79,9 @@ impl From<ServoModel> for Model {
         }
     }
 }
+
+/// Coefficient of friction in the holes where none is given.
+const FRICTION: f64 = 0.1;
 
 /// Time step (s) of robots in motion.
 const TIMESTEP: f64 = 0.005;
@@ -113,12 +116,13 @@ pub(super) fn run(args: &ServoSimArgs, console: &Console) -> anyhow::Result<()> 
     }
     let mut setup = SimulatorSetup::of_robot(robot);
     setup.plant.stiffness = args.stiffness;
-    setup.plant.physics = match args.physics {
-        Motion::AtRest => Physics::AtRest,
-        Motion::Friction => Physics::WithFriction {
-            coefficient: args.friction,
+    setup.plant.physics = match (args.physics, args.friction) {
+        (Motion::Friction, friction) => Physics::WithFriction {
+            coefficient: friction.unwrap_or(FRICTION),
         },
-        Motion::Dynamic => Physics::InMotion { timestep: TIMESTEP },
+        (_, Some(_)) => anyhow::bail!("--friction acts with --physics friction alone"),
+        (Motion::AtRest, None) => Physics::AtRest,
+        (Motion::Dynamic, None) => Physics::InMotion { timestep: TIMESTEP },
     };
     for servo in &mut setup.servos {
         servo.model = args.model.into();

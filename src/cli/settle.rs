@@ -304,7 +304,8 @@ fn table(settled: &Settled) -> String {
         .zip(&settled.tendon_tensions)
         .enumerate()
     {
-        let _ = writeln!(text, "{tendon:6}  {length:10.6}  {tension:11.4}");
+        let number = tendon + 1;
+        let _ = writeln!(text, "{number:6}  {length:10.6}  {tension:11.4}");
     }
     let _ = writeln!(
         text,

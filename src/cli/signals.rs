@@ -3,6 +3,8 @@
 //! A program that is stopped ([`SIGTSTP`], Ctrl-Z) cannot look after servos, so while a motor is on this signal ends the work as
 //! Ctrl-C does. That is simpler than releasing the tension and stopping: the work could not go on from there, and one that waits
 //! for `fg` only to end would keep its folder locked meanwhile. Where no motor is on, Ctrl-Z works as everywhere.
+//!
+//! Who starts the command under `nohup` wants it to outlive the terminal: [`SIGHUP`], which is ignored then, stays ignored.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -45,7 +47,9 @@ impl Signals {
     /// Where the operating system refuses.
     pub fn listen() -> anyhow::Result<Arc<Self>> {
         let signals = Arc::new(Self::default());
+        let outlives_terminal = is_ignored(SIGHUP);
         let listened = ENDING.iter().chain(&STOPPING).chain(&[SIGXFSZ]);
+        let listened = listened.filter(|&&signal| !(signal == SIGHUP && outlives_terminal));
         let mut incoming = Incoming::new(listened).context("cannot listen for signals")?;
         let heard = signals.clone();
         thread::spawn(move || {
@@ -102,6 +106,15 @@ impl Signals {
         }
         say("\nstopping at the next safe point; press Ctrl-C again to stop at once");
     }
+}
+
+/// Whether whoever started this process has it ignore a signal, where Linux says so.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    // Signals count from 1, and bits from 0.
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok())
+        .is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
 /// Whether there is a terminal to say to what became of the motors.

@@ -86,6 +86,8 @@ pub struct DemoMetrics {
 /// [`PageError::OtherCount`] where the folder holds a demo of another size, [`PageError::Stage`] where a stage fails or is
 /// interrupted.
 pub fn demo(settings: &DemoSettings, out: &Path, monitor: &dyn Monitor) -> Result<Demo, PageError> {
+    // Before the folder is made, which would be left behind.
+    split_indices(settings.samples, settings.seed).map_err(PipelineError::from)?;
     let _lock = lock_folder(out)?;
     let (data, run) = (out.join("data"), out.join("run"));
     let mut clock = StageClock::open(out.join("stages.json"));

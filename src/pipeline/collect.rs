@@ -129,7 +129,6 @@ pub fn collect(
         None => Collector::open(dir, &meta)?,
         Some(part) => Collector::open_part(dir, &meta, part)?,
     };
-    collector.keep_samples(stage("keep samples", monitor))?;
     let maker = Maker {
         settings,
         stand: Stand::new(&robot),
@@ -138,11 +137,15 @@ pub fn collect(
         conditions,
         monitor,
     };
-    let missing = collector.missing_blocks();
-    let mut poses = maker.count_kept(&missing)?;
-    let mut collected = maker.simulate(missing, &collector)?;
-    poses.add(collected.poses);
-    collected.poses = poses;
+    let mut collected = match maker.make_missing(&collector) {
+        Ok(collected) => collected,
+        Err(error) => {
+            if let Err(left) = collector.abandon() {
+                tracing::warn!("{left}");
+            }
+            return Err(error);
+        }
+    };
     let began = Instant::now();
     collector.finish(stage("write shards", monitor))?;
     collected.times.shards = began.elapsed().as_secs_f64();
@@ -164,6 +167,17 @@ impl Maker<'_> {
     fn samples(&self) -> Range<usize> {
         let all = self.settings.samples;
         self.settings.part.map_or(0..all, |part| part.range(all))
+    }
+
+    /// Makes and stores the samples that are missing.
+    fn make_missing(&self, collector: &Collector) -> Result<Collected, PipelineError> {
+        collector.keep_samples(stage("keep samples", self.monitor))?;
+        let missing = collector.missing_blocks();
+        let mut poses = self.count_kept(&missing)?;
+        let mut collected = self.simulate(missing, collector)?;
+        poses.add(collected.poses);
+        collected.poses = poses;
+        Ok(collected)
     }
 
     /// Makes and stores the blocks that are missing.

@@ -136,6 +136,7 @@ fn a_set_is_not_resumed_in_another_scene() {
     let place = ["--scene", text(&inside), "--out", text(&elsewhere)];
     let place = [&SET[..], &place].concat();
     refuse(&place, 1, "starts inside obstacle \"post\"");
+    assert!(!elsewhere.exists(), "nothing stays behind");
 }
 
 #[test]

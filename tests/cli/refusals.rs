@@ -86,6 +86,13 @@ fn wrong_numbers_and_sizes_are_named() {
     );
     collect("--voxel", "-0.002", 2, "expected a finite number above 0");
     collect("--voxel", "NaN", 2, "expected a finite number above 0");
+    collect("--voxel", "1e-12", 1, "from 0.000001 to 1 m");
+    collect("--voxel", "1e300", 1, "from 0.000001 to 1 m");
+    refuse(
+        &["servo-sim", "--friction", "0.3"],
+        1,
+        "--friction acts with --physics friction alone",
+    );
     refuse(
         &["settle", "--command", COMMAND, "--threads", "0"],
         2,

@@ -43,6 +43,22 @@ fn a_result_says_what_it_is_of_and_in_which_units() {
     assert!(number(&settled["smallest_stiffness"]) > 0.0);
 }
 
+/// As in all that people read; discs have the numbers that loads name them by.
+#[test]
+fn the_tables_tendons_count_from_one_and_its_discs_from_zero() {
+    let printed = tdcr(&["settle", "--command", COMMAND]).output().unwrap();
+    let printed = String::from_utf8(printed.stdout).unwrap();
+    let (discs, tendons) = printed.split_once("\ntendon ").unwrap();
+    let numbers = |table: &str| -> Vec<usize> {
+        let first = table
+            .lines()
+            .filter_map(|line| line.split_whitespace().next());
+        first.filter_map(|cell| cell.parse().ok()).collect()
+    };
+    assert_eq!(numbers(discs), (0..10).collect::<Vec<_>>());
+    assert_eq!(numbers(tendons), (1..=6).collect::<Vec<_>>());
+}
+
 #[test]
 fn a_table_has_for_each_command_what_settling_it_alone_gives() {
     let folder = tempfile::tempdir().unwrap();

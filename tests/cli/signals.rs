@@ -71,6 +71,28 @@ fn ends_soon(child: &mut Child) -> std::process::ExitStatus {
     panic!("the signal was not heard");
 }
 
+/// What outlives a terminal that is closed.
+#[test]
+fn a_command_under_nohup_goes_on_after_a_hangup_and_ends_when_told() {
+    let mut child = Command::new("nohup")
+        .args([env!("CARGO_BIN_EXE_tdcr"), "servo-sim"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut port = String::new();
+    BufReader::new(child.stdout.take().unwrap())
+        .read_line(&mut port)
+        .unwrap();
+    assert!(port.starts_with("/dev/"), "{port}");
+    signal(&child, "-HUP");
+    sleep(Duration::from_millis(500));
+    assert_eq!(child.try_wait().unwrap(), None, "it ended");
+    signal(&child, "-TERM");
+    ends_soon(&mut child);
+}
+
 /// A prediction that would take hours.
 fn endless_prediction(folder: &Path) -> Child {
     let (data, run) = (folder.join("data"), folder.join("run"));

@@ -146,6 +146,14 @@ impl RigFile {
             );
             return Err(RigError::field("safety.current", current, expected));
         }
+        let spans = servos.limits.iter();
+        let widest = (spans.map(|[low, high]| high.saturating_sub(*low))).fold(0, i32::max);
+        if safety.lag >= widest {
+            let expected = format!(
+                "below {widest}, the farthest that servos.limits let a goal be from a position"
+            );
+            return Err(RigError::field("safety.lag", safety.lag, expected));
+        }
         let radii = || servos.spool_radius.iter().copied();
         let largest = radii().fold(0.0, f64::max);
         if motion.slew > FASTEST * largest {

@@ -129,6 +129,21 @@ pub enum RigError {
         /// What it should pull with (A).
         current: f64,
     },
+    /// A servo winds and lets out in turn, and never pulls as it should.
+    #[error(
+        "servo {id} wound and let out {reversals} times and did not pull with {current} A within {} %; expected a current above what \
+         its gear's friction takes, and steps short enough for it", 100.0 * .tolerance
+    )]
+    Unsteady {
+        /// Which servo.
+        id: ServoId,
+        /// How often it turned back.
+        reversals: usize,
+        /// What it should pull with (A).
+        current: f64,
+        /// Share of that it may be off by.
+        tolerance: f64,
+    },
     /// Tendons were not tensioned in time.
     #[error("not all tendons were tensioned in time: {}", .0.join("; "))]
     Untensioned(

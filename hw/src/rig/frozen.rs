@@ -4,13 +4,15 @@
 //! and one that does not see the robot at all may always see the same. So a picture that comes again, its colours or its depth to the
 //! last bit, is only that of a frozen camera where the robot has moved in sight meanwhile: where the simulated robot, under the commands
 //! that the servos' positions stood for at the first and at the last of these pictures, covers other pixels. While the motors are off,
-//! nobody knows where the robot is, and nothing is found.
+//! nobody knows where the robot is, and nothing is found. Nor is it of a recording that is played beside other servos than its own:
+//! what it shows is not the robot that they move.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use tdcr_sim::render::{BaseVisibility, RgbdFrame, Visuals};
 use tdcr_sim::robot::{Loads, Robot};
 
+use super::file::{CameraLink, RigCameraSpec, ServoLink};
 use super::{Rig, RigError};
 use crate::camera::{CameraError, Stamped};
 
@@ -99,6 +101,9 @@ impl Rig {
         };
         let command: Vec<f64> = states.iter().map(|state| state.command).collect();
         for (index, frame) in frames.iter().enumerate() {
+            if !self.sees_its_robot(index) {
+                continue;
+            }
             let [color, depth] = fingerprints(&frame.value);
             let last = &mut self.last_images[index];
             let repeated = [
@@ -116,6 +121,14 @@ impl Rig {
             }
         }
         Ok(())
+    }
+
+    /// Whether a camera sees the robot that the servos move.
+    fn sees_its_robot(&self, camera: usize) -> bool {
+        let spec = &self.file.spec;
+        let played = |camera: &RigCameraSpec| matches!(camera.link, CameraLink::Recorded(_));
+        let servos_played = matches!(spec.servos.link, ServoLink::Recorded(_));
+        servos_played || !spec.cameras.get(camera).is_some_and(played)
     }
 }
 

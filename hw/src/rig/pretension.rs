@@ -5,6 +5,10 @@ use std::ops::ControlFlow;
 use super::{Rig, RigError, WinchState};
 use crate::servo::{ServoId, Ticks};
 
+/// How often a servo may turn back before its current counts as one that it cannot be brought to: below what its gear's friction takes,
+/// or finer than steps are.
+const MOST_REVERSALS: usize = 20;
+
 /// How tendons are tensioned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PretensionSettings {
@@ -49,8 +53,8 @@ impl Rig {
     /// for home. The robot has to stand straight. `show` sees the states after each step and says whether to go on.
     ///
     /// # Errors
-    /// [`RigError::Pretension`] where a servo winds all it may before it pulls so; [`RigError::Interrupted`]; as
-    /// [`engage`](Self::engage) and [`step`](Self::step). The motors are off then, and homes as they were found.
+    /// [`RigError::Pretension`] where a servo winds all it may before it pulls so; [`RigError::Unsteady`] where it winds back and forth
+    /// and never does; [`RigError::Interrupted`]; as [`engage`](Self::engage) and [`step`](Self::step). The motors are off then, and homes as they were found.
     pub fn pretension(
         &mut self,
         settings: &PretensionSettings,
@@ -106,7 +110,9 @@ impl Rig {
         settings: &PretensionSettings,
         show: &mut dyn FnMut(&[WinchState]) -> ControlFlow<()>,
     ) -> Result<Vec<Pretensioned>, RigError> {
-        let mut goals = vec![Ticks(0); self.winches().len()];
+        let servos = self.winches().len();
+        let mut goals = vec![Ticks(0); servos];
+        let (mut ways, mut reversals) = (vec![0; servos], vec![0; servos]);
         loop {
             let states = self.mean_states(&goals, settings.looks)?;
             if show(&states).is_break() {
@@ -135,9 +141,24 @@ impl Rig {
                 }
             };
             let winch = &self.winches()[index];
+            let way = std::mem::replace(&mut ways[index], ticks.signum());
+            reversals[index] += usize::from(way == -ticks.signum());
+            if reversals[index] > MOST_REVERSALS {
+                return Err(RigError::Unsteady {
+                    id: winch.id,
+                    reversals: MOST_REVERSALS,
+                    current: settings.current,
+                    tolerance: settings.tolerance,
+                });
+            }
             let direction = i32::from(winch.spool.direction);
             goals[index].0 += direction * ticks;
-            if goals[index].0.abs() > settings.most.min(winch.limits[1].abs()) {
+            let [low, high] = winch.limits;
+            let room = match goals[index].0 < 0 {
+                true => low.saturating_abs(),
+                false => high,
+            };
+            if goals[index].0.abs() > settings.most.min(room) {
                 return Err(RigError::Pretension {
                     id: winch.id,
                     wound: goals[index].0.abs(),

@@ -56,7 +56,7 @@ pub(super) enum State {
 
 impl Collector {
     /// Opens the data set `meta` in the folder `dir`, which is made if it is not there, or resumed where collecting
-    /// was interrupted, or where the set was smaller.
+    /// was interrupted, or where the set was smaller. One that was given up before it had a sample is begun anew, whatever its meta.
     ///
     /// # Errors
     /// [`DataError::InvalidMeta`] and [`DataError::TooFewSamples`]; [`DataError::OtherSet`] if `dir` holds a data set
@@ -77,7 +77,11 @@ impl Collector {
         } else {
             match Meta::load(&staging.join(META_FILE))? {
                 Some(staged) => {
-                    meta.grows_from(&staged, dir)?;
+                    if let Err(other) = meta.grows_from(&staged, dir)
+                        && is_begun(&staging)?
+                    {
+                        return Err(other);
+                    }
                 }
                 None if complete.is_none() => require_fresh(dir)?,
                 None => {}
@@ -168,6 +172,32 @@ impl Collector {
         self.finish_of(&[blocks], progress)
     }
 
+    /// Gives up what is being made. Where no sample is stored, what was put into the folder is removed, and the folder itself where
+    /// nothing is left in it; else all stays to be resumed.
+    ///
+    /// # Errors
+    /// [`DataError::Io`] where it cannot be removed.
+    pub fn abandon(self) -> Result<(), DataError> {
+        let staging = &self.blocks.dir;
+        let (lock, is_part) = match self.state {
+            State::Complete => return Ok(()),
+            State::Collecting { _lock: lock, .. } => (lock, false),
+            State::Part { _lock: lock } => (lock, true),
+        };
+        if holds_blocks(staging)? {
+            return Ok(());
+        }
+        // Not every system removes an open file, and the lock is one.
+        drop(lock);
+        remove_folder(staging)?;
+        if is_part {
+            PartFolder::remove(&self.dir)?;
+        }
+        // Who has something else in it keeps it.
+        let _ = fs::remove_dir(&self.dir);
+        Ok(())
+    }
+
     /// [`finish`](Self::finish) of samples that lie in `sources`, in index order and all of them.
     pub(super) fn finish_of(
         self,
@@ -182,6 +212,20 @@ impl Collector {
         drop(lock);
         remove_folder(&self.blocks.dir)
     }
+}
+
+/// Whether a staging folder holds more than what tells whose it is.
+fn holds_blocks(staging: &Path) -> Result<bool, DataError> {
+    let unwritten = format!("{META_FILE}.{TEMPORARY}");
+    let own = [LOCK_FILE.to_owned(), META_FILE.to_owned(), unwritten];
+    Ok(foreign_entry(staging, &own)?.is_some())
+}
+
+/// Whether it does, or a collector has it open.
+fn is_begun(staging: &Path) -> Result<bool, DataError> {
+    let path = staging.join(LOCK_FILE);
+    let lock = try_lock(&path).map_err(DataError::io("create", &path))?;
+    Ok(lock.is_none() || holds_blocks(staging)?)
 }
 
 /// Refuses a folder that holds anything, except what an interrupted [`Collector::open`] leaves.

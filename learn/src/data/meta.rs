@@ -14,6 +14,7 @@ use super::split::{require_count, split_size};
 use super::{Split, SplitIndices, split_indices};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use tdcr_sim::cloud::VoxelGrid;
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::RobotSpec;
 
@@ -182,9 +183,9 @@ impl Meta {
             return invalid("split", &problem, "every sample in one split, none empty");
         }
         if let Origin::Recorded { recording } = &self.origin
-            && !(recording.voxel_size.is_finite() && recording.voxel_size > 0.0)
+            && !VoxelGrid::is_size(recording.voxel_size)
         {
-            let expected = "a finite length above 0";
+            let expected = VoxelGrid::EXPECTED_SIZE;
             return invalid("voxel_size", &recording.voxel_size, expected);
         }
         self.origin.recipe().map_or(Ok(()), Recipe::check)

@@ -18,7 +18,7 @@ use tdcr_base::lock::try_lock;
 
 use super::DataError;
 use super::blocks::Blocks;
-use super::folder::{STAGING, foreign_entry};
+use super::folder::{STAGING, foreign_entry, remove_file};
 use super::meta::{META_FILE, Meta, Version, save_json};
 
 /// File that makes a folder a part's.
@@ -105,6 +105,12 @@ impl PartFolder {
         let blocks = &folder.blocks.dir;
         fs::create_dir_all(blocks).map_err(DataError::io("create", blocks))?;
         Ok((folder, lock))
+    }
+
+    /// Removes what tells that a folder is one of a part.
+    pub(super) fn remove(dir: &Path) -> Result<(), DataError> {
+        remove_file(&dir.join(PART_FILE))?;
+        remove_file(&dir.join(LOCK_FILE))
     }
 
     fn save(&self) -> Result<(), DataError> {

@@ -76,14 +76,14 @@ impl Recipe {
     /// Refuses what no cloud can be made by.
     ///
     /// # Errors
-    /// [`DataError::InvalidMeta`] for voxels without size, payloads that are no masses, and scenes that cannot be
+    /// [`DataError::InvalidMeta`] for voxels without size or larger than robots, payloads that are no masses, and scenes that cannot be
     /// written whole.
     pub fn check(&self) -> Result<(), DataError> {
-        if !(self.voxel_size.is_finite() && self.voxel_size > 0.0) {
+        if !VoxelGrid::is_size(self.voxel_size) {
             return Err(DataError::InvalidMeta {
                 field: "voxel_size",
                 found: self.voxel_size.to_string(),
-                expected: "a finite length above 0",
+                expected: VoxelGrid::EXPECTED_SIZE,
             });
         }
         // Scenes of more than a record holds.

@@ -3,6 +3,7 @@
 use std::fs;
 use std::ops::ControlFlow::Continue;
 
+use tdcr_base::Part;
 use tdcr_learn::data::{Collector, DataError, Meta, Origin, PayloadRange, Recipe, Sample};
 use tdcr_sim::render::BaseVisibility;
 use tempfile::tempdir;
@@ -47,6 +48,34 @@ fn another_set_in_the_folder_is_refused_by_the_field_that_differs() {
             );
         }
     }
+}
+
+/// What was given up before it had a sample leaves nothing behind, and bars the way of nothing.
+#[test]
+fn a_set_without_a_sample_is_begun_anew_by_another() {
+    let parent = tempdir().unwrap();
+    let dir = parent.path().join("set");
+    drop(Collector::open(&dir, &meta()).unwrap());
+    let other = Meta { seed: 8, ..meta() };
+    let collector = Collector::open(&dir, &other).unwrap();
+    collector.abandon().unwrap();
+    assert!(!dir.exists());
+    let part = Part::new(1, 2).unwrap();
+    let collector = Collector::open_part(&dir, &meta(), part).unwrap();
+    collector.abandon().unwrap();
+    assert!(!dir.exists());
+    // Where there is a sample, all stays.
+    let collector = Collector::open(&dir, &meta()).unwrap();
+    let block = collector.missing_blocks().remove(0);
+    let samples: Vec<Sample> = block.clone().map(sample).collect();
+    collector.write_block(block.start, &samples).unwrap();
+    let kept = files(&dir);
+    collector.abandon().unwrap();
+    assert_eq!(files(&dir), kept);
+    let refused = Collector::open(&dir, &other);
+    assert!(matches!(refused, Err(DataError::OtherSet { .. })));
+    let left = Collector::open(&dir, &meta()).unwrap().missing_blocks();
+    assert_eq!(left.first().unwrap().start, block.end);
 }
 
 #[test]
@@ -131,6 +160,12 @@ fn settings_of_which_no_data_set_can_be_made_are_refused_by_name() {
             "voxel_size",
         ),
         (with_recipe(|recipe| recipe.voxel_size = 0.0), "voxel_size"),
+        // A robot in so many cubes that their numbers overflow, and in one.
+        (
+            with_recipe(|recipe| recipe.voxel_size = 1e-12),
+            "voxel_size",
+        ),
+        (with_recipe(|recipe| recipe.voxel_size = 1e9), "voxel_size"),
         (
             with_recipe(|recipe| {
                 recipe.subject.payload = Some(PayloadRange { min: 0.2, max: 0.1 });

@@ -14,6 +14,19 @@ pub struct VoxelGrid {
 }
 
 impl VoxelGrid {
+    /// Smallest and largest edge (m) of cubes that thin clouds of robots: smaller ones than a depth camera tells apart are not counted
+    /// beyond some kilometres, and in larger ones a robot is one point.
+    pub const SIZES: [f64; 2] = [1e-6, 1.0];
+
+    /// [`SIZES`](Self::SIZES), for messages.
+    pub const EXPECTED_SIZE: &str = "a finite length above 0, from 0.000001 to 1 m";
+
+    /// Whether cubes of this edge (m) thin clouds of robots.
+    pub fn is_size(size: f64) -> bool {
+        let [smallest, largest] = Self::SIZES;
+        (smallest..=largest).contains(&size)
+    }
+
     /// A grid with a corner at the world's origin.
     pub fn new(size: f64) -> Self {
         Self {

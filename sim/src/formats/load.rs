@@ -184,12 +184,17 @@ fn parse_text(
             Some(missing) if !missing.is_empty() => RobotFileError::Missing { path, missing },
             _ => RobotFileError::Parse {
                 path,
-                reason: with_place(&refusal.reason, &tables()),
+                reason: with_table(&refusal.reason),
             },
         }
     })?;
     spec.validate()?;
     Ok(spec)
+}
+
+/// The message of an error that refuses a field of a robot, with the table of a robot file that has such a field.
+pub fn with_table(message: &str) -> String {
+    with_place(message, &tables())
 }
 
 /// The tables of a robot file, those that users write most first.

@@ -38,5 +38,5 @@ mod xml;
 pub use exchange::{ExportError, ImportError, Imported, Note, Place};
 pub(crate) use exchange::{is_inertia, negative};
 pub(crate) use layout::{DiscLayout, DiscMass, Layout, ring_around};
-pub use load::RobotFileError;
+pub use load::{RobotFileError, with_table};
 pub use missing::MissingFields;

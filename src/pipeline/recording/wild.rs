@@ -4,6 +4,8 @@
 //! A single such cell would spoil a fit. What a column says is held against its own median, so that zeros and frames that nobody
 //! has given do not count.
 
+use std::ops::Range;
+
 use nalgebra::Vector3;
 use tdcr_base::stats::{median, sorted};
 use tdcr_sim::chain::Configuration;
@@ -14,8 +16,11 @@ use super::{BadRow, Columns, RecordingFile};
 
 /// Tensions above the largest of a tendon's range, and of nearly all rows, by this factor cannot be.
 const TENSION: f64 = 10.0;
-/// Places of markers on a robot of length 1 lie in a ball of radius 1; none is farther than this from their median.
-const REACH: f64 = 3.0;
+/// Places of markers on a robot of length 1 lie in a ball of radius 1, and a little outside where they stand off it; none is farther
+/// than this from their median.
+const REACH: f64 = 2.25;
+/// Rows that a wild value lasts for at the most, where it is no longer than its tendon.
+const RUN: usize = 3;
 /// A servo alone that far from both neighbours, in distances of these from each other, has jumped.
 const JUMP: f64 = 5.0;
 /// And as far as this share of what the servos usually range over.
@@ -170,10 +175,12 @@ fn wild_servo(recording: &Recording, servos: &[Column], range: f64, row: usize) 
         let (name, away) = (&column.name, pull - column.median);
         let of_length = column.drive != Drive::Tension;
         if away.is_finite() && away.abs() <= column.most {
-            let jump = of_length.then(|| jump(recording, servo, range, row))??;
-            let jump = millimetres(jump);
+            let (jump, run) = of_length.then(|| jump(recording, servo, range, row))??;
+            let is_at_end = run.start == 0 || run.end == recording.len();
             return Some(format!(
-                "{name} jumps by {jump} and back, and no marker moves by half as much"
+                "{name} jumps by {}{}, and no marker moves by half as much",
+                millimetres(jump),
+                if is_at_end { "" } else { " and back" }
             ));
         }
         let found = match of_length {
@@ -184,19 +191,55 @@ fn wild_servo(recording: &Recording, servos: &[Column], range: f64, row: usize) 
     })
 }
 
-/// By how much a servo is alone far from where it is before and after (m), while no marker is.
-fn jump(recording: &Recording, servo: usize, range: f64, row: usize) -> Option<f64> {
-    let near = [row.checked_sub(1)?, row, row + 1];
-    recording.pulls.get(row + 1)?;
-    let [a, b, c] = near.map(|row| recording.pulls[row][servo]);
-    let alone = (b - a).abs().min((b - c).abs());
-    let moved = |marker: usize| match near.map(|row| recording.points[row][marker]) {
-        [Some(a), Some(b), Some(c)] => (b - (a + c) / 2.0).norm() >= FOLLOWED * alone,
-        _ => true,
+/// By how much a servo is far from where it is before and after (m), in how many rows, up to [`RUN`], while no marker is. Where the
+/// recording begins or ends, what is on the other side counts.
+fn jump(
+    recording: &Recording,
+    servo: usize,
+    range: f64,
+    row: usize,
+) -> Option<(f64, Range<usize>)> {
+    let runs = (1..=RUN).flat_map(|rows| {
+        let first = (row + 1).saturating_sub(rows);
+        (first..=row).map(move |first| first..first + rows)
+    });
+    let mut runs = runs.filter(|run| run.end <= recording.len());
+    runs.find_map(|run| Some((jump_of(recording, servo, range, run.clone())?, run)))
+}
+
+/// The same of the rows `run`, the least of them.
+fn jump_of(recording: &Recording, servo: usize, range: f64, run: Range<usize>) -> Option<f64> {
+    let [before, after] = beside(recording.len(), &run)?;
+    let pull = |row: usize| recording.pulls[row][servo];
+    let away = |row: usize| {
+        (pull(row) - pull(before))
+            .abs()
+            .min((pull(row) - pull(after)).abs())
     };
-    let mut markers = 0..recording.points[row].len();
-    let jumped = range > 0.0 && alone > JUMP * (c - a).abs() + FAR * range;
+    let alone = run.clone().map(away).fold(f64::INFINITY, f64::min);
+    let moved = |marker: usize| {
+        let place = |row: usize| recording.points[row][marker];
+        let (Some(a), Some(c)) = (place(before), place(after)) else {
+            return true;
+        };
+        let far = |row| place(row).is_none_or(|b| (b - (a + c) / 2.0).norm() >= FOLLOWED * alone);
+        run.clone().any(far)
+    };
+    let mut markers = 0..recording.points[run.start].len();
+    let steady = (pull(after) - pull(before)).abs();
+    let jumped = range > 0.0 && alone > JUMP * steady + FAR * range;
     (jumped && !markers.is_empty() && !markers.any(moved)).then_some(alone)
+}
+
+/// The rows with which rows are compared: those before and after them, where they are at an end the two next to them.
+fn beside(rows: usize, run: &Range<usize>) -> Option<[usize; 2]> {
+    let after = |row: usize| (row < rows).then_some(row);
+    match (run.start.checked_sub(1), after(run.end)) {
+        (Some(before), Some(after)) => Some([before, after]),
+        (None, Some(next)) => Some([next, after(next + 1)?]),
+        (Some(last), None) => Some([last.checked_sub(1)?, last]),
+        (None, None) => None,
+    }
 }
 
 /// Keeps the elements of a list that is empty or has one for each row.
@@ -301,10 +344,11 @@ mod tests {
             (1.0, "pulls by 1000.0 mm"),
             (-0.4, "pulls by -400.0 mm"),
             (0.006, "jumps by 6.0 mm and back, and no marker moves"),
+            (0.016, "jumps by "),
         ] {
-            // The first and the last row have no neighbours to jump from.
-            for row in [0, 25, 119] {
-                if row != 25 && pull == 0.006 {
+            for row in [0, 1, 25, 118, 119] {
+                // At an end there is nothing to tell how the marker would have gone on.
+                if [0, 119].contains(&row) && pull == 0.006 {
                     continue;
                 }
                 let (bad, left) = refused(|recording| recording.pulls[row][4] = pull);
@@ -317,9 +361,29 @@ mod tests {
     }
 
     #[test]
+    fn a_wild_value_that_lasts_for_some_rows_takes_all_of_them_out() {
+        for rows in [0..2, 24..26, 50..53, 117..120] {
+            let (bad, left) = refused(|recording| {
+                for (row, pulls) in recording.pulls[rows.clone()].iter_mut().enumerate() {
+                    pulls[4] = 0.03 + 0.001 * row as f64;
+                }
+            });
+            let lines: Vec<usize> = bad.iter().map(|(line, _)| *line - 2).collect();
+            assert_eq!(lines, rows.clone().collect::<Vec<_>>(), "{bad:?}");
+            assert_eq!(left, 120 - rows.len());
+        }
+        // A servo that stays where it went moved, though no marker followed.
+        let moved = refused(|recording| {
+            let rest = &mut recording.pulls[60..];
+            rest.iter_mut().for_each(|row| row[4] += 0.006);
+        });
+        assert_eq!(moved, (Vec::new(), 120));
+    }
+
+    #[test]
     fn a_marker_out_of_reach_is_taken_out_and_its_row_stays() {
-        for row in [0, 30, 119] {
-            let far = Some(Vector3::new(0.0, 1e300, 0.0));
+        for (row, y) in [(0, 1e300), (30, 1e300), (119, 1e300), (0, 0.4), (119, -0.4)] {
+            let far = Some(Vector3::new(0.0, y, 0.0));
             let (bad, left) = refused(|recording| recording.points[row][0] = far);
             assert_eq!((bad.len(), left), (1, 120), "{bad:?}");
             assert!(bad[0].1.starts_with("x, y, z is "), "{}", bad[0].1);

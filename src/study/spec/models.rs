@@ -12,6 +12,7 @@ use tdcr_base::rows::Splitter;
 use tdcr_learn::data::Subject;
 use tdcr_learn::predict::Predictor;
 use tdcr_learn::train::{FlowPredictor, Model};
+use tdcr_sim::cloud::VoxelGrid;
 use tdcr_sim::render::BaseVisibility;
 use tdcr_sim::robot::Robot;
 
@@ -140,11 +141,11 @@ impl ModelsInFile {
 
 impl Models {
     fn check(&self) -> Result<(), Refusal> {
-        if !(self.voxel.is_finite() && self.voxel > 0.0) {
+        if !VoxelGrid::is_size(self.voxel) {
             return Err(Refusal::value(
                 "model.voxel",
                 self.voxel,
-                "a finite length above 0 (m)",
+                VoxelGrid::EXPECTED_SIZE,
             ));
         }
         if self.points == 0 {

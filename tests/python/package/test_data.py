@@ -192,6 +192,9 @@ def test_arguments_that_make_no_data_set_are_named(dataset: tdcr.Dataset, folder
     refused(InputError, "points is 0; expected 1 to 10000000", points=0)
     refused(InputError, "samples is 2.5; expected a whole number", samples=2.5)
     refused(InputError, "`voxel_size` is -0.1, expected a finite length above 0", voxel=-0.1)
+    # Cubes whose numbers overflow, so that a cloud is a few points, and one cube for all of a robot.
+    refused(InputError, "expected a finite length above 0, from 0.000001 to 1 m", voxel=1e-12)
+    refused(InputError, "expected a finite length above 0, from 0.000001 to 1 m", voxel=1e9)
     refused(InputError, r"payload has shape \(3,\); expected \(2,\)", payload=(0.0, 0.1, 0.2))
     refused(InputError, "`payload` is 0.03:0, expected MIN:MAX", payload=(0.03, 0.0))
     refused(InputError, 'design is "random"; expected one of "uniform"', design="random")

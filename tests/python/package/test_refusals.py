@@ -249,6 +249,7 @@ def changed(*keys: Any, value: Any) -> dict[str, Any]:
         (changed("modules", value=5), r"^modules: .*`5`, expected a list$"),
         (changed("base", "position", 2, value=[]), r"^base\.position\[2\]: .*expected a number$"),
         (changed("modules", 0, "colour", value=1), r"^modules\[0\].*unknown field `colour`"),
+        (changed("tendons", value={}), r"unknown field `tendons`.*; `tendons` belongs in \[\[modules\]\]$"),
         (changed("modules", 0, "radius", value=np.float64("nan")), r"the robot: modules\[0\]\.radius is nan; expected a finite"),
         (changed("modules", 0, "radius", value=object()), r"the robot: modules\[0\]\.radius is <object"),
         (changed("modules", 0, 3, value=1), r"the robot: modules\[0\] has the key 3; expected texts"),

@@ -3,6 +3,7 @@
 use super::*;
 use crate::camera::CameraError;
 use crate::capture::{CaptureError, Session, SessionSettings};
+use crate::rig::file::{CameraLink, ServoLink};
 use crate::simulated::camera::CameraFault;
 
 #[test]
@@ -71,6 +72,31 @@ fn a_camera_that_shows_a_robot_as_it_was_ends_the_motion_and_is_named() {
             "{error}"
         );
         assert_eq!(torques(&mut rig), [Some(Torque::Off); 6]);
+    }
+}
+
+/// A recording shows the robot of its own servos. Beside others it may show one picture for ever.
+#[test]
+fn a_recording_may_repeat_a_picture_but_beside_its_own_servos() {
+    let log = || "log.mcap".into();
+    for (servos, is_frozen) in [
+        (ServoLink::Serial("/dev/ttyUSB0".into()), false),
+        (ServoLink::Simulated, false),
+        (ServoLink::Recorded(log()), true),
+    ] {
+        let mut rig = two_cameras(NOISE, AT_THE_ROBOT);
+        rig.file.spec.cameras[1].link = CameraLink::Recorded(log());
+        rig.file.spec.servos.link = servos.clone();
+        rig.engage().unwrap();
+        bend(&mut rig, 0);
+        rig.grab().unwrap();
+        freeze(&rig, 1);
+        rig.grab().unwrap();
+        bend(&mut rig, 1);
+        let seen = rig.grab().map(drop);
+        let frozen = matches!(seen, Err(RigError::Camera(CameraError::Frozen { .. })));
+        assert_eq!(frozen, is_frozen, "{servos:?}: {seen:?}");
+        assert_eq!(rig.is_engaged(), !is_frozen);
     }
 }
 

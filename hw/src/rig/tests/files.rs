@@ -130,6 +130,11 @@ fn a_wrong_file_is_refused_with_line_field_and_reason() {
             "safety.lag is 2147483647; expected 1 to 2048",
         ),
         (
+            "limits = [[-1300, 2400], [-1300, 2400], [-1300, 2400], [-1300, 6800], [-1300, 6800], [-1300, 6800]]",
+            "limits = [[-100, 150]]",
+            "safety.lag is 300; expected below 250",
+        ),
+        (
             "release = \"home\"",
             "drift = 1e300",
             "safety.drift is 1000",

@@ -346,6 +346,57 @@ fn tendons_that_snap_or_jam_are_found_in_a_few_samples() {
     }
 }
 
+/// A current below what the gear's friction takes, which no step leads to.
+#[test]
+fn tendons_that_are_wound_and_let_out_in_turn_end_by_a_word() {
+    let mut rig = rig();
+    let settings = PretensionSettings {
+        current: 0.01,
+        ..PretensionSettings::default()
+    };
+    let mut looks = 0;
+    let mut show = |_: &[WinchState]| {
+        looks += 1;
+        match looks < 10_000 {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
+        }
+    };
+    let ended = rig.pretension(&settings, &mut show);
+    let said = ended.as_ref().map_err(ToString::to_string);
+    assert!(
+        matches!(ended, Err(RigError::Unsteady { .. })),
+        "{said:?} after {looks} looks"
+    );
+    assert!(!rig.is_engaged());
+}
+
+/// Servos that wind by counting down have their room below home.
+#[test]
+fn tendons_are_wound_as_far_as_the_limits_of_their_side() {
+    for (limits, expected) in [("[-60, 400]", 61..=70), ("[-400, 60]", 71..=410)] {
+        let text = SIMULATED.replace("directions = [1]", "directions = [-1]");
+        let list = text
+            .lines()
+            .find(|line| line.starts_with("limits"))
+            .unwrap();
+        let text = text.replace(list, &format!("limits = [{limits}]"));
+        let mut rig = Rig::open_file(file(&text).unwrap(), Pace::Computed).unwrap();
+        let settings = PretensionSettings {
+            current: 0.7,
+            ..PretensionSettings::default()
+        };
+        let mut show = |_: &[WinchState]| ControlFlow::Continue(());
+        let ended = rig.pretension(&settings, &mut show);
+        let far = match &ended {
+            Err(RigError::Pretension { wound, .. }) => *wound,
+            Ok(found) => found.iter().map(|servo| servo.wound.abs()).max().unwrap(),
+            Err(error) => panic!("{limits}: {error}"),
+        };
+        assert!(expected.contains(&far), "{limits}: {ended:?}");
+    }
+}
+
 /// Currents that a servo cannot come to are refused before anything winds.
 #[test]
 fn tendons_are_not_wound_to_currents_that_servos_cannot_have() {

@@ -125,6 +125,15 @@ pub fn import(
     mut read: impl FnMut(usize, usize) -> ControlFlow<()>,
     write: impl FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<Imported, DataError> {
+    if let Some(size) = settings.voxel_size
+        && !VoxelGrid::is_size(size)
+    {
+        return Err(DataError::InvalidMeta {
+            field: "voxel_size",
+            found: size.to_string(),
+            expected: VoxelGrid::EXPECTED_SIZE,
+        });
+    }
     let Found { clouds, others } = cloud_files(dir, settings.split.as_deref())?;
     if clouds.is_empty() {
         return Err(DataError::NoClouds {
@@ -158,16 +167,40 @@ pub fn import(
         },
     };
     let collector = Collector::open(out, &meta)?;
+    let read = read_missing(&collector, &clouds, motors, settings, &mut read);
+    let grey = match read {
+        Ok(grey) => grey,
+        Err(error) => {
+            // What is wrong with the clouds says more than what cannot be removed.
+            let _ = collector.abandon();
+            return Err(error);
+        }
+    };
+    collector.finish(write)?;
+    Ok(Imported {
+        clouds: meta.count,
+        notes: grey.note().into_iter().chain(note_of(&others)).collect(),
+    })
+}
+
+/// Reads and stores the clouds that are missing; those without colours.
+fn read_missing(
+    collector: &Collector,
+    clouds: &[PathBuf],
+    motors: usize,
+    settings: &ImportSettings,
+    progress: &mut impl FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<Grey, DataError> {
     let mut grey = Grey::default();
     let missing = collector.missing_blocks();
     let count = missing.iter().map(ExactSizeIterator::len).sum();
     let mut done = 0;
-    go_on(&mut read, done, count)?;
+    go_on(progress, done, count)?;
     for block in missing {
         let sample = |index: usize| {
             let sample = read_sample(&clouds[index], index, motors, settings, &mut grey)?;
             done += 1;
-            go_on(&mut read, done, count)?;
+            go_on(progress, done, count)?;
             Ok(sample)
         };
         let samples: Vec<Sample> = block
@@ -176,11 +209,7 @@ pub fn import(
             .collect::<Result<_, DataError>>()?;
         collector.write_block(block.start, &samples)?;
     }
-    collector.finish(write)?;
-    Ok(Imported {
-        clouds: meta.count,
-        notes: grey.note().into_iter().chain(note_of(&others)).collect(),
-    })
+    Ok(grey)
 }
 
 /// Tells `progress` how many of how many are done, and whether it lets go on.

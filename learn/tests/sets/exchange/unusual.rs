@@ -150,6 +150,14 @@ fn folders_are_imported_by_endings_in_any_case_and_what_is_passed_over_is_noted(
         let motors = format!("\u{feff}{{\"ctrl\": [{k}]}}");
         fs::write(clouds.join(format!("{k:02}.{ending}")), motors).unwrap();
     }
+    // Of clouds that are refused nothing stays behind.
+    let damaged = clouds.join("05.PLY");
+    let whole = fs::read(&damaged).unwrap();
+    fs::write(&damaged, "no cloud").unwrap();
+    let said = import(&clouds, &out, &SETTINGS, go_on, go_on).unwrap_err();
+    assert!(said.to_string().contains("05.PLY"), "{said}");
+    assert!(!out.exists());
+    fs::write(&damaged, whole).unwrap();
     let imported = import(&clouds, &out, &SETTINGS, go_on, go_on).unwrap();
     assert_eq!(imported.clouds, 12);
     let [grey, others] = &imported.notes[..] else {
