@@ -34,10 +34,10 @@ BONES = 7
 COUNT = 2000
 
 #: Steps of the fit to the canonical pose, of all its pictures.
-FIT_STEPS = 600
+FIT_STEPS = 1500
 
 #: Learning rates of the fit for means (in the data's units), logarithms of scales, rotations, opacities, colours and their
-#: slopes: above those of Kerbl et al. but for opacities, as it has 50 times fewer steps, which see all pictures.
+#: slopes: above those of Kerbl et al. but for opacities, as it has 20 times fewer steps, which see all pictures.
 RATES = {"means": 5e-4, "scales": 1e-2, "rotations": 2e-3, "opacities": 5e-2, "colors": 2e-2, "shades": 2e-2}
 
 #: Largest standard deviation of a Gaussian, relative to the mean distance of neighbours.
